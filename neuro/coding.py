@@ -1,0 +1,71 @@
+"""Numbers to spike times and counts."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+
+def intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, window: float) -> Floats:
+    """Linear intensity-to-latency code (I2L): the largest value spikes at 0, the smallest at ``window``.
+
+    ``t = window (r_max - r) / (r_max - r_min)``
+
+    Args:
+        r: values between ``r_min`` and ``r_max``, any shape and unit.
+        r_min: the value that spikes last.
+        r_max: the value that spikes first.
+        window: length of the code, in the unit wanted for the times (ms).
+
+    Returns:
+        Spike times, shape of ``r``, in [0, window].
+
+    Raises:
+        ValueError: not ``r_min < r_max``, ``window`` not positive, or a value outside of the range.
+
+    Source: thesis eq. 14, line 689, with its misprint corrected: as printed it gives late spikes to high
+        values, against the sentence before it.
+    """
+    values = _checked(r, r_min, r_max, window)
+    latency: Floats = window * (r_max - values) / (r_max - r_min)
+    return latency
+
+
+def log_intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, window: float) -> Floats:
+    """Logarithmic intensity-to-latency code (log I2L).
+
+    ``t = window (ln r_max - ln r) / (ln r_max - ln r_min)``: equal ratios give equal delays.
+
+    Args:
+        r: values between ``r_min`` and ``r_max``, any shape and unit.
+        r_min: the value that spikes last; more than 0.
+        r_max: the value that spikes first.
+        window: length of the code, in the unit wanted for the times (ms).
+
+    Returns:
+        Spike times, shape of ``r``, in [0, window].
+
+    Raises:
+        ValueError: not ``0 < r_min < r_max``, ``window`` not positive, or a value outside of the range.
+
+    Source: thesis eq. 15, line 693.
+    """
+    if not r_min > 0:
+        raise ValueError(f"r_min is {r_min}, expected more than 0 for a logarithmic code")
+    values = _checked(r, r_min, r_max, window)
+    latency: Floats = window * (np.log(r_max) - np.log(values)) / (np.log(r_max) - np.log(r_min))
+    return latency
+
+
+def _checked(r: npt.ArrayLike, r_min: float, r_max: float, window: float) -> Floats:
+    if not r_min < r_max:
+        raise ValueError(f"r_min is {r_min} and r_max {r_max}, expected r_min < r_max")
+    if not window > 0:
+        raise ValueError(f"window is {window}, expected more than 0")
+    values = np.asarray(r, np.float64)
+    outside = ~((values >= r_min) & (values <= r_max))
+    if outside.any():
+        raise ValueError(f"value {values[outside][0]} is outside of [{r_min}, {r_max}]")
+    return values

@@ -1,0 +1,128 @@
+"""The events of one recording: four arrays, a sensor size and the file's own remarks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+EVENT = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
+"""One event as a packed record of 13 bytes: us, px, px, 1 = ON."""
+
+Index = slice | npt.NDArray[np.integer[Any]] | npt.NDArray[np.bool_]
+
+
+def first_fault(
+    t: npt.NDArray[Any],
+    x: npt.NDArray[Any],
+    y: npt.NDArray[Any],
+    p: npt.NDArray[Any],
+    sensor_size: tuple[int, int],
+) -> tuple[int, str] | None:
+    """The first event that no recording of this sensor can contain.
+
+    Args:
+        t: (n,) time, us; may not decrease.
+        x: (n,) column, px, 0 at the left.
+        y: (n,) row, px, 0 at the top.
+        p: (n,) polarity, 0 or 1.
+        sensor_size: width and height, px.
+
+    Returns:
+        The event's index and what is wrong with it, or None where all events are right.
+    """
+    width, height = sensor_size
+    faults: list[tuple[int, str]] = []
+    for name, values, limit in (("x", x, width - 1), ("y", y, height - 1), ("p", p, 1)):
+        bad = (values < 0) | (values > limit)
+        if bad.any():
+            k = int(bad.argmax())
+            faults.append((k, f"{name} is {values[k]}, expected 0 to {limit} (sensor {width}x{height})"))
+    back = t[1:] < t[:-1]
+    if back.any():
+        k = int(back.argmax()) + 1
+        faults.append((k, f"time runs back from {t[k - 1]} to {t[k]} us"))
+    return min(faults, default=None, key=lambda fault: fault[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Events:
+    """Events of one sensor in the order of time.
+
+    Arrays of other integer types are converted; values that do not fit are refused.
+    ``events[mask_or_slice_or_indices]`` gives a part, with the same sensor and metadata.
+
+    Attributes:
+        t: (n,) int64, us, non-decreasing.
+        x: (n,) uint16, column, px, 0 at the left.
+        y: (n,) uint16, row, px, 0 at the top.
+        p: (n,) uint8, 1 = ON (brighter), 0 = OFF (darker).
+        sensor_size: width and height, px.
+        metadata: what else the source says of the recording.
+
+    Raises:
+        ValueError: lengths differ, values are not integers, or an event is impossible; the first
+            such event is named.
+    """
+
+    t: npt.NDArray[np.int64]
+    x: npt.NDArray[np.uint16]
+    y: npt.NDArray[np.uint16]
+    p: npt.NDArray[np.uint8]
+    sensor_size: tuple[int, int]
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        width, height = self.sensor_size
+        if not (1 <= width <= 65536 and 1 <= height <= 65536):
+            raise ValueError(f"sensor size is {width}x{height}, expected 1x1 to 65536x65536 px")
+        arrays = t, x, y, p = [np.asarray(a) for a in (self.t, self.x, self.y, self.p)]
+        for name, a in zip("txyp", arrays, strict=True):
+            if a.ndim != 1 or len(a) != len(arrays[0]):
+                raise ValueError(f"{name} has shape {a.shape}, expected ({len(arrays[0])},) like t")
+            if a.dtype.kind not in "iub" and len(a):
+                raise ValueError(f"{name} has type {a.dtype}, expected integers")
+        if fault := first_fault(t, x, y, p, (width, height)):
+            raise ValueError(f"event {fault[0]}: {fault[1]}")
+        for name, a in zip("txyp", arrays, strict=True):
+            object.__setattr__(self, name, np.ascontiguousarray(a, EVENT[name]))
+        object.__setattr__(self, "sensor_size", (int(width), int(height)))
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def __getitem__(self, index: Index) -> Events:
+        parts = (self.t[index], self.x[index], self.y[index], self.p[index])
+        return Events(*parts, self.sensor_size, self.metadata)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Events):
+            return NotImplemented
+        same = self.sensor_size == other.sensor_size and len(self) == len(other)
+        return same and bool(np.array_equal(self.records(), other.records()))
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        width, height = self.sensor_size
+        span = f", {self.t[0]} to {self.t[-1]} us" if len(self) else ""
+        return f"<Events {len(self)} of {width}x{height}{span}>"
+
+    def between(self, start_us: int, stop_us: int) -> Events:
+        """The events with ``start_us <= t < stop_us``.
+
+        Args:
+            start_us: first time, us.
+            stop_us: time after the last, us.
+        """
+        first, last = np.searchsorted(self.t, (start_us, stop_us))
+        return self[first:last]
+
+    def records(self) -> npt.NDArray[np.void]:
+        """The events as one structured array of type `EVENT` (n,), packed little-endian."""
+        out = np.empty(len(self), EVENT)
+        out["t"], out["x"], out["y"], out["p"] = self.t, self.x, self.y, self.p
+        return out

@@ -1,0 +1,25 @@
+"""What is raised for an event file that cannot be read or written."""
+
+from __future__ import annotations
+
+
+class EventFileError(ValueError):
+    """An event file is damaged, unknown, missing, or cannot hold what should be saved.
+
+    The message reads ``PATH: byte OFFSET: what is wrong, and what was expected``.
+
+    Attributes:
+        path: the file, as the user named it; ``<bytes>`` for data without a name.
+        what: the message without the place.
+        offset: the byte at which the fault was seen; None where no byte is to blame.
+    """
+
+    def __init__(self, path: str, what: str, offset: int | None = None) -> None:
+        place = path if offset is None else f"{path}: byte {offset}"
+        super().__init__(f"{place}: {what}")
+        self.path = path
+        self.what = what
+        self.offset = offset
+
+    def __reduce__(self) -> tuple[type[EventFileError], tuple[str, str, int | None]]:
+        return (EventFileError, (self.path, self.what, self.offset))
