@@ -1,0 +1,118 @@
+"""Describe a spiking network once; run it on a fast simulator or on an emulated chip."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from neuro import coding, events
+    from neuro.distributions import lognormal, normal, uniform
+    from neuro.errors import ModelError
+    from neuro.language import load
+    from neuro.network import Network, Trials, dropout, labels, reward, winner_take_all
+    from neuro.neurons import (
+        dc_generator,
+        iaf_psc_alpha,
+        iaf_psc_delta,
+        iaf_psc_exp,
+        izhikevich,
+        parrot_neuron,
+        poisson_generator,
+        spike_generator,
+    )
+    from neuro.rules import (
+        all_to_all,
+        fixed_indegree,
+        fixed_outdegree,
+        grid,
+        one_to_one,
+        pairs,
+        pairwise_bernoulli,
+    )
+    from neuro.simulation import Simulation, compile
+    from neuro.synapses import r_stdp, static, stdp, stdp_dopa
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "neuro.distributions": ("lognormal", "normal", "uniform"),
+    "neuro.errors": ("ModelError",),
+    "neuro.language": ("load",),
+    "neuro.network": ("Network", "Trials", "dropout", "labels", "reward", "winner_take_all"),
+    "neuro.neurons": (
+        "dc_generator",
+        "iaf_psc_alpha",
+        "iaf_psc_delta",
+        "iaf_psc_exp",
+        "izhikevich",
+        "parrot_neuron",
+        "poisson_generator",
+        "spike_generator",
+    ),
+    "neuro.rules": (
+        "all_to_all",
+        "fixed_indegree",
+        "fixed_outdegree",
+        "grid",
+        "one_to_one",
+        "pairs",
+        "pairwise_bernoulli",
+    ),
+    "neuro.simulation": ("Simulation", "compile"),
+    "neuro.synapses": ("r_stdp", "static", "stdp", "stdp_dopa"),
+}
+_MODULES = ("coding", "events")
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "ModelError",
+    "Network",
+    "Simulation",
+    "Trials",
+    "__version__",
+    "all_to_all",
+    "coding",
+    "compile",
+    "dc_generator",
+    "dropout",
+    "events",
+    "fixed_indegree",
+    "fixed_outdegree",
+    "grid",
+    "iaf_psc_alpha",
+    "iaf_psc_delta",
+    "iaf_psc_exp",
+    "izhikevich",
+    "labels",
+    "load",
+    "lognormal",
+    "normal",
+    "one_to_one",
+    "pairs",
+    "pairwise_bernoulli",
+    "parrot_neuron",
+    "poisson_generator",
+    "r_stdp",
+    "reward",
+    "spike_generator",
+    "static",
+    "stdp",
+    "stdp_dopa",
+    "uniform",
+    "winner_take_all",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return import_module(f"neuro.{name}")
+    if name not in _HOME:
+        raise AttributeError(f"module 'neuro' has no attribute '{name}'")
+    value = getattr(import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

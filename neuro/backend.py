@@ -1,0 +1,187 @@
+"""What a backend is: a package that turns a `Program` into an engine, registered as `neuro.backends`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.errors import ModelError, Where, nearest
+from neuro.program import Floats, Ints, Program
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Something that a backend cannot run as described.
+
+    Attributes:
+        refused: True if it cannot run at all, False if it is approximated.
+        what: the part and the property, e.g. "population 'exc': 1500 neurons".
+        why: the limit, and what is done instead where it is approximated.
+        way_out: what the author can do.
+        origin: the place in the description.
+    """
+
+    refused: bool
+    what: str
+    why: str
+    way_out: str = ""
+    origin: Where | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spikes:
+    """Spikes of one population, by step, then id. A multiplicity above 1 is several spikes in one step."""
+
+    steps: Ints
+    ids: Ints
+    multiplicity: NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """One presentation.
+
+    Attributes:
+        ticks, ids: input spikes, sorted by tick, then id; an input fires at most once if a rule learns.
+        silenced: maps of the output that must not fire, shape (maps,), bool.
+    """
+
+    ticks: Ints
+    ids: Ints
+    silenced: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """How a trial ended.
+
+    Attributes:
+        winner: the neuron that decided, or -1.
+        tick: the tick of the decision, or -1.
+        potential: largest V_m of each map at the decision (before the reset) or at the end, shape (maps,).
+        best: the neuron of each map that has it, shape (maps,).
+        ticks: ticks that were run.
+    """
+
+    winner: int
+    tick: int
+    potential: Floats
+    best: Ints
+    ticks: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EngineCounts:
+    """Raw counts since the start.
+
+    Attributes:
+        steps: steps run.
+        events: spike events of each population (a multiplicity counts once), per neuron.
+        spikes: spikes of each population with their multiplicity, per neuron.
+        active: neuron-steps of each population with an arrival or a spike.
+        trial_updates: weights changed at the end of trials, per projection.
+    """
+
+    steps: int
+    events: tuple[Ints, ...]
+    spikes: tuple[Ints, ...]
+    active: Ints
+    trial_updates: Ints
+
+
+class Engine(Protocol):
+    """A program in execution. Times are steps; populations and projections are indices."""
+
+    @property
+    def step(self) -> int:
+        """The last finished step."""
+
+    def run(self, steps: int) -> None:
+        """Advance."""
+
+    def present(self, trial: Trial) -> Outcome:
+        """Run one trial: clear what is under way, reset, present, decide. Advances the clock by its ticks."""
+
+    def learn(self, projection: int, neuron: int, decided: int, won: bool) -> None:
+        """Apply the trial rule to the inputs of `neuron`, of the trial just presented, decided at tick `decided`."""
+
+    def encourage(self, projection: int, maps: Ints) -> None:
+        """Apply eq. 128 to every weight of the given maps."""
+
+    def inject(self, population: int, steps: Ints, ids: Ints) -> None:
+        """Add spikes of a spike_generator, at steps after the present one."""
+
+    def signal(self, signal: int, values: Floats) -> None:
+        """Set the dopamine concentration of every synapse that listens to a signal, one value per post neuron."""
+
+    def get(self, population: int, name: str) -> Floats:
+        """A state or parameter, shape (size,)."""
+
+    def set(self, population: int, name: str, values: Floats) -> None:
+        """Change a state or parameter; acts from the next step on. `values` has the shape (1,) or (size,)."""
+
+    def get_synapses(self, projection: int, name: str) -> Floats:
+        """A state of the synapses: "weight" (stored, as NEST's), a state of the model such as "c", "K_plus", "n"."""
+
+    def set_rule(self, projection: int, parameters: Floats) -> None:
+        """Change the numbers of a synapse model, all of them, in the order of `Synapse.vector`."""
+
+    def set_weights(self, projection: int, weights: Floats) -> None:
+        """Replace all weights."""
+
+    def spikes(self, population: int, since: int) -> Spikes:
+        """Recorded spikes with step > since."""
+
+    def forget(self, before: int) -> None:
+        """Drop recorded spikes with step <= before."""
+
+    def counts(self) -> EngineCounts:
+        """Counts since the start or the last reset."""
+
+    def memory(self) -> dict[str, int]:
+        """Bytes by what they hold, e.g. {"synapses": ..., "neurons": ...}."""
+
+    def reset(self, weights: bool) -> None:
+        """Back to step 0 and the initial states, and to the initial weights if asked."""
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Everything that `restore` needs to continue bit for bit."""
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Continue from a snapshot of the same program."""
+
+
+class Backend(Protocol):
+    """How a program gets to run."""
+
+    name: str
+    description: str
+
+    def problems(self, program: Program) -> Sequence[Problem]:
+        """What of the program is refused or approximated."""
+
+    def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
+        """Make an engine at step 0."""
+
+
+def installed() -> dict[str, Backend]:
+    """All installed backends by name."""
+    return {entry.name: entry.load() for entry in sorted(entry_points(group="neuro.backends"), key=lambda e: e.name)}
+
+
+def find(name: str) -> Backend:
+    """The backend of that name.
+
+    Raises:
+        ModelError: there is none.
+    """
+    entries = {entry.name: entry for entry in entry_points(group="neuro.backends")}
+    if name not in entries:
+        raise ModelError(f"unknown backend '{name}'", hint=nearest(name, entries))
+    backend: Backend = entries[name].load()
+    return backend

@@ -1,0 +1,57 @@
+"""Randomness as a function of a key, so that nothing else can change it.
+
+A draw depends on (seed, purpose, name of the part, neuron, step) alone: it is the same on every backend, for
+any number of threads, for any cutting of a run, and when another part is added to the network.
+The mixing function is the finaliser of SplitMix64: Steele, Lea & Flood, OOPSLA 2014, figure 16.
+"""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+STEP_STRIDE = 0x9E3779B97F4A7C15
+NEURON_STRIDE = 0xD1B54A32D192ED03
+LARGEST_MEAN = 500.0
+
+
+def key(seed: int, purpose: str, name: str) -> int:
+    """A 64-bit key for one purpose of one named part."""
+    text = f"{seed}/{purpose}/{name}".encode()
+    return int.from_bytes(hashlib.blake2b(text, digest_size=8).digest(), "little")
+
+
+def generator(seed: int, purpose: str, name: str) -> np.random.Generator:
+    """A NumPy generator for what is drawn once, while compiling (connections, weights, initial states)."""
+    return np.random.Generator(np.random.PCG64(key(seed, purpose, name)))
+
+
+def mix(z: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Scramble 64-bit words."""
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+def uniform(part_key: int, step: int, neurons: NDArray[np.int64]) -> NDArray[np.float64]:
+    """One number in [0, 1) per neuron, with 53 random bits, for one step."""
+    base = mix(np.array([(part_key + step * STEP_STRIDE) & 0xFFFFFFFFFFFFFFFF], dtype=np.uint64))
+    words = mix(base + neurons.astype(np.uint64) * np.uint64(NEURON_STRIDE))
+    return (words >> np.uint64(11)).astype(np.float64) * 2.0**-53
+
+
+def poisson_table(mean: float) -> NDArray[np.float64]:
+    """Cumulative probabilities of a Poisson variable, up to where they stop growing.
+
+    The number drawn for a uniform u is the count of entries <= u. `mean` must not exceed `LARGEST_MEAN`.
+    """
+    term = total = float(np.exp(-mean))
+    table = [total]
+    while True:
+        term = term * (mean / len(table))
+        if total + term == total and len(table) > mean:
+            return np.array(table)
+        total += term
+        table.append(total)

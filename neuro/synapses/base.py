@@ -1,0 +1,60 @@
+"""What a synapse model is: parameters and, where it learns, a few plain functions.
+
+A pairwise rule reads two traces that the backend keeps: K+ of the source (decays with `tau_plus`, grows by
+1 at each pre spike) and K- of the target (decays with the target's `tau_minus`, grows by 1 at each post
+spike). A post spike reaches the synapse after the synapse's delay. At one instant dopamine comes first, then
+post, then pre. Synapse `e` has the states `y[:, e]`; the first is the weight; `c` holds the rule's constants.
+
+    constants(p, h, c)                        fill `c` from the parameters `p` (numbers only, in order of definition)
+    on_post(y, e, c, k_plus)                  a post spike arrives; K+ there, from strictly earlier pre spikes
+    on_pre(y, e, c, k_minus)                  a pre spike; K- there, from strictly earlier post arrivals
+    advance(y, e, c, begin, end, n, grid)     what happens between events (steps), for rules with `modulated`:
+                                              n is the dopamine concentration at `begin`, `grid` the delivery grid
+
+A rule for trials has `constants` and
+
+    reward(w, before, won, c)                 new weight of an input of the deciding neuron, see `r_stdp`
+    encourage(w, c)                           new weight of an input of a neuron that should have decided
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import ModuleType
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.neurons.base import State
+from neuro.quantities import Choice
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Synapse(Choice):
+    """Base of every synapse model.
+
+    Class attributes:
+        learns: "" (static), "pairs" (spike pairs) or "trials" (at the end of a trial).
+        modulated: whether a dopamine concentration acts on it.
+        states: the states of a synapse beside its weight.
+        arithmetic: the module with the functions above.
+    """
+
+    kind: ClassVar[str] = "synapse"
+    equation: ClassVar[str] = ""
+    source: ClassVar[str] = ""
+    learns: ClassVar[str] = ""
+    modulated: ClassVar[bool] = False
+    states: ClassVar[tuple[State, ...]] = ()
+    arithmetic: ClassVar[ModuleType]
+
+    @classmethod
+    def numbers(cls) -> tuple[str, ...]:
+        """Words of the numeric parameters, in the order in which `constants` reads them."""
+        return tuple(w for w, q in cls.quantities().items() if q.kind in ("number", "integer", "boolean"))
+
+    def vector(self) -> NDArray[np.float64]:
+        """The numeric parameters as one vector."""
+        values = self.parameters()
+        return np.array([float(values[word]) for word in self.numbers()], dtype=np.float64)
