@@ -106,10 +106,12 @@ def c1_spikes(
 
 
 def _compute(data: Recordings, front: FrontEnd, progress: bool) -> Spikes:
+    from rich.console import Console
     from rich.progress import track
 
+    console = Console(stderr=True)
     times, ids, counts, frames = [], [], [], []
-    for item in track(data, "C1 spikes", transient=True, disable=not progress):
+    for item in track(data, "C1 spikes", console=console, transient=True, disable=not progress):
         events = item.load()
         try:
             t, i, offsets = front.spikes(events)

@@ -110,9 +110,7 @@ class FrontEnd:
         c1_responses(events.x, events.y, bounds, self.bank, sizes, height, width, out)
         return out
 
-    def spikes(
-        self, events: Events
-    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    def spikes(self, events: Events) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         """C1 spikes of every pseudo-frame; of the scales at one place the earliest spike is kept.
 
         Args:

@@ -152,10 +152,13 @@ Job = tuple[Path, npt.NDArray[np.uint8], Saccades, int]
 
 
 def _run(jobs: list[Job], workers: int, progress: bool) -> None:
+    from rich.console import Console
     from rich.progress import track
 
+    console = Console(stderr=True)
+
     def show(done: Iterator[None]) -> None:
-        for _ in track(done, "recordings", total=len(jobs), transient=True, disable=not progress):
+        for _ in track(done, "recordings", len(jobs), console=console, transient=True, disable=not progress):
             pass
 
     if min(workers, len(jobs)) <= 1:

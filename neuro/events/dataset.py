@@ -193,9 +193,7 @@ def _by_folder(where: str, files: Files) -> dict[str, str]:
     endings = tuple(suffix for f in FORMATS for suffix in f.suffixes)
     events = [name for name in files if name.lower().endswith(endings)]
     if not events:
-        raise EventFileError(
-            where, f"no recordings, expected class folders with {' or '.join(endings)} files"
-        )
+        raise EventFileError(where, f"no recordings, expected class folders with {' or '.join(endings)} files")
     folders = {name: PurePosixPath(name).parent.name for name in events}
     if flat := [name for name, folder in folders.items() if not folder]:
         raise EventFileError(

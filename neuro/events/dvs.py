@@ -77,9 +77,7 @@ class DVS:
         array([298, 597, 896])
     """
 
-    def __init__(
-        self, sensor_size: tuple[int, int], parameters: DVSParameters | None = None, *, seed: int = 0
-    ) -> None:
+    def __init__(self, sensor_size: tuple[int, int], parameters: DVSParameters | None = None, *, seed: int = 0) -> None:
         self.sensor_size = (int(sensor_size[0]), int(sensor_size[1]))
         self.parameters = parameters or DVSParameters()
         self.seed = seed
@@ -175,9 +173,7 @@ def dvs_events(
     """
     stack = np.asarray(images)
     if stack.ndim != 3 or len(stack) != len(np.asarray(t_us)):
-        raise ValueError(
-            f"images have shape {stack.shape}, expected ({len(np.asarray(t_us))}, height, width)"
-        )
+        raise ValueError(f"images have shape {stack.shape}, expected ({len(np.asarray(t_us))}, height, width)")
     camera = DVS((stack.shape[2], stack.shape[1]), parameters, seed=seed)
     parts = [camera.feed(int(t), image).records() for t, image in zip(np.asarray(t_us), stack, strict=True)]
     out = np.concatenate(parts) if parts else np.empty(0, EVENT)

@@ -12,7 +12,7 @@ from neuro.events._events import Events, first_fault
 from neuro.events.errors import EventFileError
 from neuro.events.formats import FORMATS, Damage, Decoded, Format, Unsavable
 
-Source = str | os.PathLike[str] | bytes | BinaryIO
+Source = str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO
 
 
 def load(
@@ -87,8 +87,8 @@ def save(events: Events, path: str | os.PathLike[str]) -> None:
 
 
 def _contents(source: Source, name: str | None) -> tuple[str, bytes]:
-    if isinstance(source, bytes):
-        return name or "<bytes>", source
+    if isinstance(source, bytes | bytearray | memoryview):
+        return name or "<bytes>", bytes(source)
     if isinstance(source, str | os.PathLike):
         path = os.fspath(source)
         try:

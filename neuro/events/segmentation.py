@@ -6,9 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 
-def msd_segments(
-    t: npt.NDArray[np.int64], *, tau: float = 0.02, threshold: float = 150.0
-) -> npt.NDArray[np.int64]:
+def msd_segments(t: npt.NDArray[np.int64], *, tau: float = 0.02, threshold: float = 150.0) -> npt.NDArray[np.int64]:
     """Segment events with a motion symbol detector.
 
     A leaky integrate-and-fire neuron adds 1 at every event and decays in between. When it reaches

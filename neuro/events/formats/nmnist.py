@@ -59,9 +59,7 @@ def write(events: Events) -> bytes:
     if bad.any():
         k = int(bad.argmax())
         t, x, y = events.t[k], events.x[k], events.y[k]
-        what = (
-            f"t {t}, x {x}, y {y}; expected t 0 to {T_LIMIT - 1} us, x and y 0 to 255, y not {OVERFLOW_ROW}"
-        )
+        what = f"t {t}, x {x}, y {y}; expected t 0 to {T_LIMIT - 1} us, x and y 0 to 255, y not {OVERFLOW_ROW}"
         raise Unsavable(what, k)
     words = np.empty((len(events), WORD), np.uint8)
     words[:, 0], words[:, 1] = events.x, events.y

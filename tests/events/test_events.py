@@ -1,0 +1,61 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from neuro.events import EVENT, Events
+
+
+def make(t=(1, 2, 3), x=(0, 1, 2), y=(0, 1, 1), p=(0, 1, 0), size=(3, 2)):
+    return Events(np.array(t), np.array(x), np.array(y), np.array(p), size)
+
+
+def test_types_and_length():
+    events = make()
+    assert (events.t.dtype, events.x.dtype, events.y.dtype, events.p.dtype) == ("i8", "u2", "u2", "u1")
+    assert len(events) == 3
+    assert repr(events) == "<Events 3 of 3x2, 1 to 3 us>"
+
+
+def test_parts():
+    events = make()
+    assert events[1:].t.tolist() == [2, 3]
+    assert events[events.p == 1].x.tolist() == [1]
+    assert events[np.array([0, 2])].t.tolist() == [1, 3]
+    assert events.between(2, 3).t.tolist() == [2]
+    assert events[:0] == make((), (), (), ())
+    assert events != make(p=(0, 1, 1))
+    assert events != make(size=(4, 2))
+
+
+def test_records_are_packed():
+    records = make().records()
+    assert records.dtype == EVENT
+    assert records.tobytes()[:13] == bytes([1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"x": (0, 3, 9)}, "event 1: x is 3, expected 0 to 2 (sensor 3x2)"),
+        ({"x": (0, -1, 9)}, "event 1: x is -1, expected 0 to 2 (sensor 3x2)"),
+        ({"y": (0, 1, 2)}, "event 2: y is 2, expected 0 to 1 (sensor 3x2)"),
+        ({"p": (2, 1, 1)}, "event 0: p is 2, expected 0 to 1 (sensor 3x2)"),
+        ({"t": (1, 2, 1)}, "event 2: time runs back from 2 to 1 us"),
+        ({"t": (3, 2, 1), "x": (0, 0, 7)}, "event 1: time runs back from 3 to 2 us"),
+        ({"y": (0, 1)}, "y has shape (2,), expected (3,) like t"),
+        ({"t": (0.0, 0.5, 1.0)}, "t has type float64, expected integers"),
+        ({"size": (0, 2)}, "sensor size is 0x2, expected 1x1 to 65536x65536 px"),
+    ],
+)
+def test_impossible_events(change, message):
+    with pytest.raises(ValueError) as error:  # noqa: PT011 (the text is compared below)
+        make(**change)
+    assert str(error.value) == message
+
+
+def test_import_is_light():
+    code = "import sys, neuro.events; print([m for m in ('numba', 'scipy', 'h5py') if m in sys.modules])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
