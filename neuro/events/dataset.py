@@ -98,7 +98,7 @@ def recordings(
         part: of data with folders for parts, such as ``Train`` and ``Test``, only this one; upper and
             lower case are the same. Data without such folders is taken whole.
         classes: class names in the order of their labels, of the data trained on for example; None
-            takes the names found, numbers by value.
+            takes those found: folders by name (numbers by value), those of a manifest by its labels.
 
     Returns:
         The recordings, sorted by name (numbers by value).
@@ -112,9 +112,10 @@ def recordings(
     if labelled is None:
         labelled = _by_folder(where, files)
     names = _of_part(where, sorted(labelled, key=_natural), part)
-    found = list(dict.fromkeys(labelled[name] for name in names))
+    present = {labelled[name] for name in names}
+    found = [c for c in dict.fromkeys(labelled.values()) if c in present]
     if classes is None:
-        classes = sorted(found, key=_natural)
+        classes = found
     if missing := [c for c in found if c not in classes]:
         raise EventFileError(where, f"class {missing[0]!r} is new, expected one of {', '.join(classes)}")
     index = {c: k for k, c in enumerate(classes)}
@@ -190,6 +191,7 @@ def _natural(name: str) -> tuple[tuple[int, int, str], ...]:
 
 
 def _by_folder(where: str, files: Files) -> dict[str, str]:
+    """Class of every recording, classes in order."""
     endings = tuple(suffix for f in FORMATS for suffix in f.suffixes)
     events = [name for name in files if name.lower().endswith(endings)]
     if not events:
@@ -200,11 +202,11 @@ def _by_folder(where: str, files: Files) -> dict[str, str]:
             where, f"{flat[0]} lies in no class folder, and there is no {MANIFEST} with "
             f"the columns {', '.join(MANIFEST_COLUMNS)}"
         )  # fmt: skip
-    return folders
+    return dict(sorted(folders.items(), key=lambda item: _natural(item[1])))
 
 
 def _by_manifest(where: str, files: Files) -> dict[str, str] | None:
-    """Class of every file that the manifest lists; None where it is not such a list."""
+    """Class of every file that the manifest lists, classes in order; None where it is not such a list."""
     rows = list(csv.DictReader(io.StringIO(files[MANIFEST]().decode("utf-8-sig", "replace"))))
     if not rows or not set(MANIFEST_COLUMNS) <= set(rows[0]):
         return None

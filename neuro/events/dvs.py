@@ -66,7 +66,7 @@ class DVS:
     Args:
         sensor_size: width and height, px.
         parameters: of the pixels; None takes the defaults.
-        seed: of thresholds and noise.
+        seed: of thresholds and noise, not negative.
 
     Example:
         >>> import numpy as np
@@ -78,6 +78,8 @@ class DVS:
     """
 
     def __init__(self, sensor_size: tuple[int, int], parameters: DVSParameters | None = None, *, seed: int = 0) -> None:
+        if seed < 0:
+            raise ValueError(f"seed is {seed}, expected 0 or more")
         self.sensor_size = (int(sensor_size[0]), int(sensor_size[1]))
         self.parameters = parameters or DVSParameters()
         self.seed = seed

@@ -61,8 +61,9 @@ def test_part_and_classes(folder):
 
 def test_manifest(tmp_path):
     root = write(tmp_path / "set", "a.bin", "b.bin", "c.bin")
-    (root / "MANIFEST.csv").write_text("file,label,class,extra\na.bin,1,zebra,\nb.bin,0,lion,\n")
+    (root / "MANIFEST.csv").write_text("file,label,class,extra\nb.bin,1,lion,\na.bin,0,zebra,\n")
     found = recordings(root, classes=None)
+    assert found.classes == ("zebra", "lion")
     assert [(r.name, found.classes[r.label]) for r in found] == [("a.bin", "zebra"), ("b.bin", "lion")]
     (root / "MANIFEST.csv").write_text("file,label,class\na.bin,1,zebra\nd.bin,0,lion\n")
     with pytest.raises(EventFileError) as error:

@@ -136,6 +136,7 @@ def test_integer_images_have_a_full_scale():
         (lambda c: c.feed(6, np.ones((2, 3))), "image has shape (2, 3), expected (2, 2)"),
         (lambda c: c.feed(6, -np.ones((2, 2))), BAD_LIGHT),
         (lambda c: c.feed(6, np.full((2, 2), np.nan)), BAD_LIGHT),
+        (lambda c: DVS((2, 2), seed=-1), "seed is -1, expected 0 or more"),
         (lambda c: DVSParameters(leak=-1.0), "leak is -1.0, expected a number of at least 0.0"),
         (lambda c: DVSParameters(threshold_on=0.0), "threshold_on is 0.0, expected a number of at least 0.01"),
         (lambda c: dvs_events([0], np.ones((2, 2, 2))), "images have shape (2, 2, 2), expected (1, height, width)"),

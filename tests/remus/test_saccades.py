@@ -105,6 +105,11 @@ def test_dataset_layout_and_resume(digits, tmp_path):
     assert len(load(sorted(before)[0])) > 100
 
 
+def test_negative_numbers(tmp_path):
+    with pytest.raises(ValueError, match="n_test is -1, expected 0 or more"):
+        make_dataset(tmp_path / "set", 0, -1)
+
+
 def test_no_image_twice(digits, tmp_path, monkeypatch):
     seeds = []
     monkeypatch.setattr("neuro_remus.saccades._record", lambda job: seeds.append(job[3]))
