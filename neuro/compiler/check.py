@@ -1,0 +1,231 @@
+"""What a network must satisfy as a whole. Each check raises a `ModelError` that says what to mend."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import NoReturn, TypeAlias
+
+import numpy as np
+
+from neuro.clock import Clock
+from neuro.compiler.shapes import Shape, size
+from neuro.compiler.values import plain
+from neuro.distributions import Distribution
+from neuro.errors import ModelError, nearest, unknown
+from neuro.keyed import LARGEST_MEAN
+from neuro.network import Group, Network, Population, Probe, Projection, Signal
+from neuro.neurons import Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.program import Floats
+from neuro.rules import grid
+from neuro.synapses import stdp_dopa
+from neuro.synapses.stdp import stdp
+
+AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe
+
+
+def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
+    """Everything but trials and the values of arrays, which are checked where they are resolved.
+
+    Args:
+        net: the network.
+        shapes: of all populations, resolved.
+
+    Raises:
+        ModelError: the first thing that is wrong, with its place and the way out.
+    """
+    if not net.populations:
+        raise ModelError(f"network '{net.name}' has no population: expected at least one")
+    for name in net.projections:
+        if name in net.populations:
+            refuse(net.projections[name], "a population has the same name: expected a name of its own")
+    clock = Clock(net.resolution)
+    for population in net.populations.values():
+        _check_population(population, shapes[population.name])
+    for projection in net.projections.values():
+        _check_ends(net, projection)
+        _check_synapse(net, projection, shapes)
+    _check_groups(net)
+    _check_probes(net, clock)
+
+
+def refuse(part: AnyPart, message: str, hint: str = "") -> NoReturn:
+    """Raise the error for a part that cannot be as it is."""
+    raise ModelError(f"{part.word} '{part.name}': {message}", where=part.origin, hint=hint)
+
+
+def recordable(population: Population) -> list[str]:
+    """The states of a population's model that can be read."""
+    return [state.name for state in population.model.states if not state.hidden]
+
+
+@contextmanager
+def telling(part: AnyPart) -> Iterator[None]:
+    """Tell an error that is raised inside with the part's name and place."""
+    try:
+        yield
+    except ModelError as error:
+        raise error.at(part.origin, f"{part.word} '{part.name}'") from None
+
+
+def _check_population(part: Population, shape: Shape) -> None:
+    model = part.model
+    if isinstance(model, spike_generator) and len(model.spike_times) not in (0, size(shape)):
+        refuse(
+            part,
+            f"spike_generator.spike_times has {len(model.spike_times)} lists: "
+            f"expected {size(shape)}, one for each neuron",
+        )
+
+
+def check_values(part: Population, parameters: Mapping[str, Floats], clock: Clock) -> None:
+    """What the resolved parameters of one population must satisfy together.
+
+    Args:
+        part: the population, for messages.
+        parameters: one value for all neurons or one for each, by word.
+        clock: of the network.
+    """
+    name = part.model.name
+    if "rate" in parameters and isinstance(part.model, poisson_generator):
+        rate, limit = parameters["rate"].max(), LARGEST_MEAN * 1000.0 / clock.resolution
+        if rate > limit:
+            refuse(part, f"{name}.rate = {rate:g} Hz: expected at most {limit:g} Hz, {LARGEST_MEAN:g} spikes a step")
+    if "V_reset" in parameters and "V_th" in parameters:
+        v_reset, v_th = np.broadcast_arrays(parameters["V_reset"], parameters["V_th"])
+        bad = np.flatnonzero(v_reset >= v_th)
+        if bad.size:
+            where = f"[{bad[0]}]" if v_reset.size > 1 else ""
+            refuse(
+                part,
+                f"{name}.V_reset{where} = {v_reset[bad[0]]:g} mV: expected less than V_th = {v_th[bad[0]]:g} mV",
+                "lower V_reset or raise V_th",
+            )
+    if "t_ref" in parameters:
+        with telling(part):
+            clock.steps(parameters["t_ref"], f"{name}.t_ref")
+
+
+def _check_ends(net: Network, part: Projection) -> None:
+    source, target = net.populations[part.source].model, net.populations[part.target].model
+    if not isinstance(target, Neuron):
+        refuse(
+            part, f"its target '{part.target}' is a {target.name}, which takes no input: expected neurons", _swap(part)
+        )
+    if isinstance(source, dc_generator):
+        if not target.states:
+            refuse(
+                part, f"a current from '{part.source}' into '{part.target}', a {target.name}: expected neurons with V_m"
+            )
+        if part.synapse.learns:
+            refuse(
+                part,
+                f"{part.synapse.name} on a current from '{part.source}': expected a static synapse",
+                "only spikes teach",
+            )
+        if isinstance(part.rule, grid):
+            refuse(part, f"a grid on a current from '{part.source}': expected another rule")
+
+
+def _swap(part: Projection) -> str:
+    return f"is it meant from '{part.target}' to '{part.source}'?"
+
+
+def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) -> None:
+    synapse = part.synapse
+    if isinstance(part.rule, grid) and synapse.learns == "pairs":
+        refuse(
+            part, f"{synapse.name} on a shared kernel: expected static or r_stdp", "all_to_all gives each pair a weight"
+        )
+    if synapse.learns == "trials" and net.trials_section is None:
+        refuse(part, f"{synapse.name} learns at the end of trials: expected a section 'trials'", "add one, or use stdp")
+    if synapse.learns == "pairs" and net.trials_section is not None:
+        refuse(
+            part,
+            f"{synapse.name} in a network with trials: expected static or r_stdp",
+            "a trial drops what is under way, which would cut the traces of spike pairs",
+        )
+    _check_weight(part)
+    if isinstance(synapse, stdp_dopa):
+        _check_dopamine(net, part, synapse, shapes)
+
+
+def _check_weight(part: Projection) -> None:
+    """A weight said as a number lies within the bounds of its rule."""
+    limits = part.synapse.parameters()
+    weight = plain(part.weight)
+    if "Wmax" not in limits or isinstance(weight, Distribution) or np.ndim(weight):
+        return
+    low, high = (0.0 if isinstance(part.synapse, stdp) else limits["Wmin"]), limits["Wmax"]
+    if not low <= weight <= high:
+        refuse(
+            part,
+            f"weight = {weight:g}: expected {low:g} to {high:g}, the bounds of {part.synapse.name}",
+            f"change the weight or {part.synapse.name}.Wmax",
+        )
+
+
+def _check_dopamine(net: Network, part: Projection, synapse: stdp_dopa, shapes: Mapping[str, Shape]) -> None:
+    if synapse.signal is not None:
+        if synapse.signal not in net.signals:
+            error = unknown("signal", synapse.signal, net.signals)
+            refuse(part, f"stdp_dopa.signal: {error.message}", error.hint)
+        to = net.signals[synapse.signal].to
+        if to != part.target:
+            refuse(
+                part,
+                f"stdp_dopa.signal '{synapse.signal}' goes to '{to}': expected one to '{part.target}', the target",
+            )
+    if synapse.dopamine is None:
+        return
+    if synapse.dopamine not in net.populations:
+        error = unknown("population", synapse.dopamine, net.populations)
+        refuse(part, f"stdp_dopa.dopamine: {error.message}", error.hint)
+    if isinstance(net.populations[synapse.dopamine].model, dc_generator):
+        refuse(part, f"stdp_dopa.dopamine '{synapse.dopamine}' is a dc_generator: expected a population that spikes")
+    n, m = size(shapes[synapse.dopamine]), size(shapes[part.target])
+    if synapse.dopamine_rule == "one_to_one" and n != m:
+        refuse(
+            part,
+            f"stdp_dopa.dopamine_rule one_to_one from '{synapse.dopamine}' of {n} neurons "
+            f"to '{part.target}' of {m}: expected as many",
+        )
+
+
+def _check_groups(net: Network) -> None:
+    members: dict[str, str] = {}
+    for part in net.groups.values():
+        of = part.choice.of
+        if of not in net.populations:
+            error = unknown("population", of, net.populations)
+            refuse(part, f"winner_take_all.of: {error.message}", error.hint)
+        model = net.populations[of].model
+        if "V_m" not in recordable(net.populations[of]) or "V_th" not in model.quantities():
+            refuse(part, f"winner_take_all of '{of}', a {model.name}: expected neurons with V_m and V_th")
+        if of in members:
+            refuse(part, f"'{of}' is already in group '{members[of]}': expected one group for each population")
+        members[of] = part.name
+
+
+def _check_probes(net: Network, clock: Clock) -> None:
+    for part in net.probes.values():
+        population = net.populations[part.of]
+        if part.record == "spikes":
+            if isinstance(population.model, dc_generator):
+                refuse(part, f"spikes of '{part.of}', a dc_generator: it emits a current")
+            if part.every is not None:
+                refuse(part, "every is for states: spikes are all recorded", "leave 'every' out")
+            continue
+        known = recordable(population)
+        if part.record not in known:
+            refuse(
+                part,
+                f"'{part.of}', a {population.model.name}, has no state '{part.record}'",
+                nearest(part.record, [*known, "spikes"]),
+            )
+        if part.every is None:
+            continue
+        with telling(part):
+            every = clock.step(part.every, "every")
+        if every < 1:
+            refuse(part, f"every = {part.every:g} ms: expected at least the resolution, {clock.resolution:g} ms")

@@ -1,0 +1,134 @@
+"""What a section 'trials' must satisfy, and its resolved form."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NoReturn
+
+from neuro import program as resolved
+from neuro.clock import Clock
+from neuro.compiler.check import recordable
+from neuro.compiler.shapes import Shape
+from neuro.errors import ModelError, nearest, unknown
+from neuro.network import Network, Trials
+from neuro.network import dropout as Dropout
+from neuro.network import labels as Labels
+from neuro.network import reward as Reward
+from neuro.neurons import spike_generator
+
+
+def resolve_trials(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> resolved.Trials | None:
+    """The trials of a network in ticks and indices, or None.
+
+    Raises:
+        ModelError: a part they need is missing or does not fit.
+    """
+    section = net.trials_section
+    if section is None:
+        return None
+    names = list(net.populations)
+    output = _output(net, section)
+    group = _group(net, output)
+    shape = shapes[output]
+    labels: Labels | None = section.labels
+    maps_per_label = 0 if labels is None else labels.maps_per_label
+    if maps_per_label and shape[0] % maps_per_label:
+        _refuse(
+            net, f"labels.maps_per_label = {maps_per_label}: expected a divisor of {shape[0]}, the maps of '{output}'"
+        )
+    reward: Reward = section.reward or Reward()
+    if reward.silent != 0.0:
+        _refuse(
+            net,
+            f"reward.silent = {reward.silent:g}: expected 0, as no neuron decided that could be rewarded",
+            "r_stdp.epsilon and r_stdp.rescue say what silence teaches",
+        )
+    dropout: Dropout | None = section.dropout
+    _check_reset(net, output, section)
+    _check_learners(net, output, labels)
+    return resolved.Trials(
+        input=names.index(_input(net, section)),
+        output=names.index(output),
+        group=group,
+        duration=_duration(net, section, clock),
+        stop_at_decision=section.stop == "at_decision",
+        maps=shape[0],
+        maps_per_label=maps_per_label,
+        reward=(reward.correct, reward.wrong, reward.silent),
+        dropout=0.0 if dropout is None else dropout.p,
+        dropout_decay=1.0 if dropout is None else dropout.decay,
+        dropout_per_trial=dropout is not None and dropout.every == "trial",
+        reset=section.reset,
+        origin=net.trials_origin,
+    )
+
+
+def _refuse(net: Network, message: str, hint: str = "") -> NoReturn:
+    raise ModelError(f"trials: {message}", where=net.trials_origin, hint=hint)
+
+
+def _known(net: Network, name: str, word: str) -> str:
+    if name not in net.populations:
+        error = unknown("population", name, net.populations)
+        _refuse(net, f"{word}: {error.message}", error.hint)
+    return name
+
+
+def _input(net: Network, section: Trials) -> str:
+    name = _known(net, section.input, "input")
+    model = net.populations[name].model
+    if not isinstance(model, spike_generator):
+        _refuse(net, f"input '{name}' is a {model.name}: expected a spike_generator")
+    return name
+
+
+def _output(net: Network, section: Trials) -> str:
+    """The population that decides: the one with labels, else with dropout, else the one with a group."""
+    said = {word: part.of for word, part in (("labels", section.labels), ("dropout", section.dropout)) if part}
+    for word, name in said.items():
+        _known(net, name, f"{word}.of")
+    if len(set(said.values())) > 1:
+        _refuse(net, f"labels of '{said['labels']}' but dropout of '{said['dropout']}': expected one population")
+    if said:
+        return str(next(iter(said.values())))
+    members = [group.choice.of for group in net.groups.values()]
+    if len(members) != 1:
+        _refuse(net, f"{len(members)} winner_take_all groups and no labels: expected labels that name the output")
+    return members[0]
+
+
+def _group(net: Network, output: str) -> int:
+    for index, group in enumerate(net.groups.values()):
+        if group.choice.of == output:
+            if not group.choice.first_to_fire:
+                _refuse(net, f"group '{group.name}' decides at each step: expected first_to_fire: true")
+            return index
+    _refuse(net, f"no group decides in '{output}'", f"add a group winner_take_all of '{output}'")
+
+
+def _duration(net: Network, section: Trials, clock: Clock) -> int:
+    try:
+        ticks = clock.step(section.duration, "duration")
+    except ModelError as error:
+        raise error.at(net.trials_origin, "trials") from None
+    if ticks < 1:
+        _refuse(net, f"duration = {section.duration:g} ms: expected at least the resolution, {clock.resolution:g} ms")
+    return ticks
+
+
+def _check_reset(net: Network, output: str, section: Trials) -> None:
+    known = recordable(net.populations[output])
+    for state in section.reset:
+        if state not in known:
+            _refuse(net, f"reset: '{output}' has no state '{state}'", nearest(state, known))
+
+
+def _check_learners(net: Network, output: str, labels: Labels | None) -> None:
+    for part in net.projections.values():
+        if part.synapse.learns != "trials":
+            continue
+        what = f"projection '{part.name}': {part.synapse.name}"
+        if part.target != output:
+            raise ModelError(f"{what} onto '{part.target}': expected '{output}', which decides", where=part.origin)
+        if labels is None:
+            _refuse(net, f"{part.synapse.name} of '{part.name}' needs 'labels', as rewards depend on them")

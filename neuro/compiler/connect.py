@@ -1,0 +1,161 @@
+"""Connection rules as arrays: which synapses exist, in the order of the source, then the target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.errors import ModelError
+from neuro.program import Grid, Ints
+from neuro.rules import (
+    Rule,
+    all_to_all,
+    fixed_indegree,
+    fixed_outdegree,
+    grid,
+    one_to_one,
+    pairs,
+    pairwise_bernoulli,
+)
+
+_DRAWS = 1 << 22
+NO_ROWS: Ints = np.zeros(0, dtype=np.int64)
+NO_TARGETS: NDArray[np.int32] = np.zeros(0, dtype=np.int32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Connections:
+    """Synapses of one projection.
+
+    Attributes:
+        layout, row_ends, targets, size: as in `neuro.program.Projection`.
+        order: for listed pairs that were not sorted: which listed pair each synapse is, else None.
+        listed: the shapes that an array of weights may have; empty where synapses are drawn at random.
+    """
+
+    layout: str
+    size: int
+    row_ends: Ints = field(default_factory=lambda: NO_ROWS)
+    targets: NDArray[np.int32] = field(default_factory=lambda: NO_TARGETS)
+    order: Ints | None = None
+    listed: tuple[tuple[int, ...], ...] = ()
+
+
+def connect(
+    rule: Rule, n_pre: int, n_post: int, same: bool, sizes: Grid | None, rng: np.random.Generator
+) -> Connections:
+    """The synapses that a rule makes.
+
+    Args:
+        rule: the rule.
+        n_pre: neurons of the source.
+        n_post: neurons of the target.
+        same: whether source and target are one population, so that autapses are possible.
+        sizes: of a grid.
+        rng: for rules that draw.
+
+    Raises:
+        ModelError: the rule does not fit the sizes.
+    """
+    match rule:
+        case one_to_one():
+            if n_pre != n_post:
+                raise ModelError(
+                    f"one_to_one from {n_pre} to {n_post} neurons: expected populations of equal size",
+                    hint="all_to_all connects populations of any size",
+                )
+            return Connections("one_to_one", n_pre, listed=((n_pre,),))
+        case all_to_all():
+            if same and not rule.autapses:
+                return _all_but_self(n_pre)
+            return Connections("dense", n_pre * n_post, listed=((n_pre, n_post), (n_pre * n_post,)))
+        case fixed_indegree():
+            drawn = _draw(rule.n, n_post, n_pre, same and not rule.autapses, rule.multapses, rng, "sources")
+            return _by_source(drawn, n_pre)
+        case fixed_outdegree():
+            drawn = _draw(rule.n, n_pre, n_post, same and not rule.autapses, rule.multapses, rng, "targets")
+            drawn.sort(axis=1)
+            return _rows(np.arange(n_pre + 1, dtype=np.int64) * rule.n, drawn.reshape(-1))
+        case pairwise_bernoulli():
+            return _bernoulli(rule.p, n_pre, n_post, same and not rule.autapses, rng)
+        case pairs():
+            return _listed(rule, n_pre, n_post)
+        case grid():
+            assert sizes is not None
+            shape = (sizes.maps, sizes.channels, sizes.kernel_height, sizes.kernel_width)
+            n = int(np.prod(shape))
+            return Connections("grid", n, listed=(shape, (n,), *(((shape[0], *shape[2:]),) if shape[1] == 1 else ())))
+    raise ModelError(f"rule '{rule.name}' is not known to the compiler")
+
+
+def _rows(row_ends: Ints, targets: NDArray[np.int32]) -> Connections:
+    return Connections("csr", len(targets), row_ends, targets)
+
+
+def _all_but_self(n: int) -> Connections:
+    targets = np.tile(np.arange(n, dtype=np.int32), (n, 1))
+    others = targets[~np.eye(n, dtype=bool)]
+    size = n * (n - 1)
+    order = np.flatnonzero(~np.eye(n, dtype=bool).reshape(-1))
+    return Connections("csr", size, np.arange(n + 1, dtype=np.int64) * (n - 1), others, order, ((n, n), (n * n,)))
+
+
+def _draw(
+    n: int, rows: int, among: int, but_self: bool, repeats: bool, rng: np.random.Generator, what: str
+) -> NDArray[np.int32]:
+    """For each of `rows` neurons n partners `among` so many, shape (rows, n)."""
+    choices = among - but_self
+    if choices < 1 or (not repeats and n > choices):
+        raise ModelError(
+            f"n = {n} {what} of each neuron: expected at most {choices}, as many as there are",
+            hint="multapses: true allows a pair to be drawn twice" if choices > 0 else "",
+        )
+    if repeats:
+        drawn = rng.integers(0, choices, size=(rows, n), dtype=np.int32)
+    else:
+        drawn = np.empty((rows, n), dtype=np.int32)
+        for row in drawn:
+            row[:] = rng.choice(choices, n, replace=False, shuffle=False)
+    if but_self:
+        drawn += drawn >= np.arange(rows, dtype=np.int32)[:, None]
+    return drawn
+
+
+def _by_source(sources: NDArray[np.int32], n_pre: int) -> Connections:
+    """Sort (target, its sources) by source; a transposition, in which targets stay ascending."""
+    from scipy.sparse import csc_array
+
+    n_post, n = sources.shape
+    flat = sources.reshape(-1)
+    ends = np.arange(n_post + 1, dtype=np.int64) * n
+    if flat.size < 2**31 - 1:
+        ends = ends.astype(np.int32)
+    table = csc_array((np.zeros(flat.size, dtype=np.int8), flat, ends), shape=(n_pre, n_post)).tocsr()
+    return _rows(table.indptr.astype(np.int64), table.indices.astype(np.int32, copy=False))
+
+
+def _bernoulli(p: float, n_pre: int, n_post: int, but_self: bool, rng: np.random.Generator) -> Connections:
+    block = max(1, _DRAWS // n_post)
+    degrees, targets = [np.zeros(1, dtype=np.int64)], [NO_TARGETS]
+    for first in range(0, n_pre, block):
+        last = min(first + block, n_pre)
+        hit = rng.random((last - first, n_post)) < p
+        if but_self:
+            hit[np.arange(last - first), np.arange(first, last)] = False
+        degrees.append(np.count_nonzero(hit, axis=1))
+        targets.append((np.flatnonzero(hit) % n_post).astype(np.int32))
+    return _rows(np.cumsum(np.concatenate(degrees), dtype=np.int64), np.concatenate(targets))
+
+
+def _listed(rule: pairs, n_pre: int, n_post: int) -> Connections:
+    for word, ids, n in (("pre", rule.pre, n_pre), ("post", rule.post, n_post)):
+        if len(ids) and ids.max() >= n:
+            bad = int(np.flatnonzero(ids >= n)[0])
+            raise ModelError(f"pairs.{word}[{bad}] = {ids[bad]}: expected a neuron below {n}, the population's size")
+    place = rule.pre * n_post + rule.post
+    order = None if np.all(place[1:] >= place[:-1]) else np.argsort(place, kind="stable")
+    targets = (rule.post if order is None else rule.post[order]).astype(np.int32)
+    row_ends = np.concatenate(([0], np.cumsum(np.bincount(rule.pre, minlength=n_pre)))).astype(np.int64)
+    return Connections("csr", len(targets), row_ends, targets, order, ((len(targets),),))

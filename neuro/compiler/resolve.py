@@ -1,0 +1,193 @@
+"""From a `Network` to a `Program`: check, then resolve each part to flat arrays, steps and indices."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from neuro import program as resolved
+from neuro.clock import NEVER, Clock
+from neuro.compiler.check import check_network, check_values, refuse, telling
+from neuro.compiler.check_trials import resolve_trials
+from neuro.compiler.connect import connect
+from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
+from neuro.compiler.values import delay_steps, one_delay, per_neuron, per_synapse
+from neuro.errors import ModelError
+from neuro.keyed import generator
+from neuro.network import Network, Population, Projection
+from neuro.neurons import Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.program import Floats, Ints
+from neuro.rules import grid
+from neuro.synapses import stdp_dopa
+from neuro.synapses.stdp import stdp
+
+
+def compile_network(net: Network, seed: int) -> resolved.Program:
+    """Check a network and resolve it.
+
+    Args:
+        net: the network; it is not changed.
+        seed: of everything random, in the network and while it runs.
+
+    Raises:
+        ModelError: the network cannot be run by any backend.
+    """
+    clock = Clock(net.resolution)
+    shapes = resolve_shapes(net)
+    check_network(net, shapes)
+    trials = resolve_trials(net, shapes, clock)
+    populations = tuple(_population(net, part, shapes[part.name], clock, seed) for part in net.populations.values())
+    projections = tuple(_projection(net, part, shapes, clock, seed) for part in net.projections.values())
+    names = list(net.populations)
+    return resolved.Program(
+        name=net.name,
+        resolution=net.resolution,
+        seed=seed,
+        min_delay=min((d for p in projections for d in _delays(p)), default=1),
+        populations=populations,
+        projections=projections,
+        signals=tuple(resolved.Signal(s.name, names.index(s.to), s.origin) for s in net.signals.values()),
+        groups=tuple(
+            resolved.Group(g.name, names.index(g.choice.of), g.choice.first_to_fire, g.origin)
+            for g in net.groups.values()
+        ),
+        probes=tuple(
+            resolved.Probe(
+                p.name, names.index(p.of), p.record, 1 if p.every is None else clock.step(p.every, "every"), p.origin
+            )
+            for p in net.probes.values()
+        ),
+        trials=trials,
+    )
+
+
+def _delays(part: resolved.Projection) -> tuple[int, ...]:
+    if not part.size:
+        return ()
+    shortest = int(part.delay.min())
+    return (shortest, part.dopamine_delay) if part.dopamine >= 0 else (shortest,)
+
+
+def _population(net: Network, part: Population, shape: Shape, clock: Clock, seed: int) -> resolved.Population:
+    model = part.model
+    parameters: dict[str, Floats] = {}
+    start, stop = 0, NEVER
+    for word, quantity in model.quantities().items():
+        if quantity.kind not in ("number", "integer", "boolean") or word in ("start", "stop"):
+            continue
+        rng = generator(seed, "parameter", f"{part.name}.{word}")
+        with telling(part):
+            parameters[word] = per_neuron(model.parameters()[word], shape, f"{model.name}.{word}", rng)
+    check_values(part, parameters, clock)
+    with telling(part):
+        if isinstance(model, (poisson_generator, dc_generator)):
+            start, stop = clock.step(model.start, f"{model.name}.start"), clock.step(model.stop, f"{model.name}.stop")
+        steps, ids = _listed_spikes(model, clock)
+    return resolved.Population(
+        name=part.name,
+        model=model,
+        shape=shape,
+        size=size(shape),
+        parameters=parameters,
+        initial=_initial(part, shape, parameters, seed),
+        spike_steps=steps,
+        spike_ids=ids,
+        start=start,
+        stop=stop,
+        records=_records(net, part),
+        origin=part.origin,
+    )
+
+
+def _records(net: Network, part: Population) -> bool:
+    if isinstance(part.model, dc_generator):
+        return False
+    asked = any(p.of == part.name and p.record == "spikes" for p in net.probes.values())
+    return asked or not isinstance(part.model, poisson_generator)
+
+
+def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], seed: int) -> dict[str, Floats]:
+    start: dict[str, Floats] = {state.name: np.zeros(1) for state in part.model.states}
+    if isinstance(part.model, Neuron):
+        for name, value in part.model.initial(parameters).items():
+            start[name] = np.asarray(value, dtype=np.float64).reshape(-1) + 0.0
+    for name, value in part.initial.items():
+        rng = generator(seed, "initial", f"{part.name}.{name}")
+        with telling(part):
+            start[name] = per_neuron(value, shape, f"initial.{name}", rng)
+    return start
+
+
+def _listed_spikes(model: object, clock: Clock) -> tuple[Ints, Ints]:
+    none = np.zeros(0, dtype=np.int64)
+    if not isinstance(model, spike_generator) or not model.spike_times:
+        return none, none
+    steps = [clock.steps(t, f"spike_generator.spike_times[{i}]") for i, t in enumerate(model.spike_times)]
+    ids = np.repeat(np.arange(len(steps), dtype=np.int64), [len(s) for s in steps])
+    together = np.concatenate(steps)
+    order = np.lexsort((ids, together))
+    return together[order], ids[order]
+
+
+def _projection(
+    net: Network, part: Projection, shapes: Mapping[str, Shape], clock: Clock, seed: int
+) -> resolved.Projection:
+    n_pre, n_post = size(shapes[part.source]), size(shapes[part.target])
+    sizes = grid_of(part, shapes) if isinstance(part.rule, grid) else None
+    if sizes is not None and not isinstance(part.delay, float):
+        refuse(part, "delay: a shared kernel has one delay: expected a number")
+    same = part.source == part.target
+    with telling(part):
+        found = connect(part.rule, n_pre, n_post, same, sizes, generator(seed, "connect", part.name))
+        weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name))
+        delay = delay_steps(part.delay, found, clock, "delay", generator(seed, "delay", part.name))
+    if sizes is not None and weight.size == 1:
+        weight = np.repeat(weight, found.size)
+    check_stdp_weights(part, weight)
+    names = list(net.populations)
+    rule = part.synapse
+    signal, dopamine, one_to_one, later = -1, -1, False, 1
+    if isinstance(rule, stdp_dopa):
+        signal = -1 if rule.signal is None else list(net.signals).index(rule.signal)
+        dopamine = -1 if rule.dopamine is None else names.index(rule.dopamine)
+        one_to_one = rule.dopamine_rule == "one_to_one"
+        if rule.dopamine_delay is not None:
+            with telling(part):
+                later = int(one_delay(rule.dopamine_delay, clock, "stdp_dopa.dopamine_delay")[0])
+    return resolved.Projection(
+        name=part.name,
+        source=names.index(part.source),
+        target=names.index(part.target),
+        layout=found.layout,
+        row_ends=found.row_ends,
+        targets=found.targets,
+        weight=weight,
+        delay=delay,
+        size=found.size,
+        grid=sizes,
+        synapse=rule,
+        signal=signal,
+        dopamine=dopamine,
+        dopamine_one_to_one=one_to_one,
+        dopamine_delay=later,
+        origin=part.origin,
+    )
+
+
+def check_stdp_weights(part: Projection, weight: Floats) -> None:
+    """Weights of stdp lie in [0, Wmax], as its powers have no meaning elsewhere.
+
+    Raises:
+        ModelError: one does not; the first such is named.
+    """
+    if not isinstance(part.synapse, stdp):
+        return
+    bad = np.flatnonzero((weight < 0.0) | (weight > part.synapse.Wmax))
+    if bad.size:
+        raise ModelError(
+            f"projection '{part.name}': weight[{bad[0]}] = {weight[bad[0]]:g}: "
+            f"expected 0 to {part.synapse.Wmax:g}, the bounds of stdp",
+            where=part.origin,
+            hint="give the distribution 'low' and 'high', or raise stdp.Wmax",
+        )

@@ -1,0 +1,116 @@
+"""Shapes of populations: sizes that are `auto` follow from the one grid projection onto the population."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from neuro.errors import ModelError
+from neuro.network import AUTO, Network, Projection
+from neuro.program import Grid
+from neuro.rules import grid
+
+Shape = tuple[int, ...]
+
+
+def resolve_shapes(net: Network) -> dict[str, Shape]:
+    """The shape of every population, with `auto` resolved along chains of grids.
+
+    Raises:
+        ModelError: an `auto` has no grid projection that decides it, or several.
+    """
+    shapes: dict[str, Shape] = {}
+    for name in net.populations:
+        _shape(net, name, shapes, ())
+    return shapes
+
+
+def size(shape: Shape) -> int:
+    """The number of neurons."""
+    return math.prod(shape)
+
+
+def grid_of(part: Projection, shapes: Mapping[str, Shape]) -> Grid:
+    """The sizes of a grid projection.
+
+    Raises:
+        ModelError: the kernel does not fit, or the target's shape is not what the grid gives.
+    """
+    channels, height, width = _sheet(part, shapes[part.source])
+    rows, columns = _outcome(part, height, width)
+    target = shapes[part.target]
+    rule = part.rule
+    assert isinstance(rule, grid)
+    if len(target) != 3 or target[1:] != (rows, columns):
+        raise ModelError(
+            f"projection '{part.name}': grid onto '{part.target}' of shape {list(target)}: "
+            f"expected [maps, {rows}, {columns}]",
+            where=part.origin,
+            hint=f"give '{part.target}' the shape [maps, auto, auto]",
+        )
+    return Grid(
+        channels=channels,
+        height=height,
+        width=width,
+        maps=target[0],
+        rows=rows,
+        columns=columns,
+        kernel_height=rule.kernel[0],
+        kernel_width=rule.kernel[1],
+        stride=rule.stride,
+        padding=rule.padding,
+    )
+
+
+def _shape(net: Network, name: str, known: dict[str, Shape], under_way: tuple[str, ...]) -> Shape:
+    if name in known:
+        return known[name]
+    part = net.populations[name]
+    if AUTO not in part.shape:
+        known[name] = tuple(int(s) for s in part.shape)
+        return known[name]
+    what = f"population '{name}': shape {list(part.shape)}"
+    if name in under_way:
+        raise ModelError(f"{what}: its grids form a circle: expected numbers in one shape of it", where=part.origin)
+    deciding = [p for p in net.projections.values() if p.target == name and isinstance(p.rule, grid)]
+    if len(deciding) != 1:
+        found = ", ".join(f"'{p.name}'" for p in deciding) or "none"
+        raise ModelError(
+            f"{what}: 'auto' needs exactly one grid projection onto it, found {found}",
+            where=part.origin,
+            hint="write the numbers",
+        )
+    if len(part.shape) != 3 or part.shape[0] == AUTO:
+        raise ModelError(f"{what}: expected [maps, auto, auto] with a number of maps", where=part.origin)
+    source = _shape(net, deciding[0].source, known, (*under_way, name))
+    _, height, width = _sheet(deciding[0], source)
+    sizes = _outcome(deciding[0], height, width)
+    written = part.shape[1:]
+    known[name] = (int(part.shape[0]), *(n if w == AUTO else int(w) for n, w in zip(sizes, written, strict=True)))
+    return known[name]
+
+
+def _sheet(part: Projection, source: Shape) -> Shape:
+    if len(source) == 2:
+        return (1, *source)
+    if len(source) != 3:
+        raise ModelError(
+            f"projection '{part.name}': grid from '{part.source}' of shape {list(source)}: "
+            "expected [height, width] or [channels, height, width]",
+            where=part.origin,
+        )
+    return source
+
+
+def _outcome(part: Projection, height: int, width: int) -> tuple[int, int]:
+    rule = part.rule
+    assert isinstance(rule, grid)
+    high, wide = (n + 2 * rule.padding for n in (height, width))
+    if rule.kernel[0] > high or rule.kernel[1] > wide:
+        raise ModelError(
+            f"projection '{part.name}': grid.kernel = {list(rule.kernel)}: expected at most [{high}, {wide}], "
+            f"the size of '{part.source}' with its padding",
+            where=part.origin,
+            hint="a smaller kernel or more padding",
+        )
+    return (high - rule.kernel[0]) // rule.stride + 1, (wide - rule.kernel[1]) // rule.stride + 1

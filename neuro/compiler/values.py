@@ -1,0 +1,101 @@
+"""Numbers, arrays, files and distributions as flat arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.clock import Clock
+from neuro.compiler.connect import Connections
+from neuro.distributions import Distribution
+from neuro.errors import ModelError
+from neuro.program import Floats
+from neuro.quantities import FromFile
+
+
+def plain(value: Any) -> Any:
+    """A number, an array or a distribution: what a `FromFile` holds, and all else as it is."""
+    return value.values if isinstance(value, FromFile) else value
+
+
+def per_neuron(value: Any, shape: tuple[int, ...], what: str, rng: np.random.Generator) -> Floats:
+    """One value for each neuron of a population, or one for all (shape (1,)).
+
+    Args:
+        value: a number, an array of the population's shape or flat, or a distribution.
+        shape: the population's.
+        what: its name in messages.
+        rng: draws from a distribution.
+    """
+    size = int(np.prod(shape))
+    value = plain(value)
+    if isinstance(value, Distribution):
+        return value.sample(rng, size)
+    array = np.asarray(value, dtype=np.float64)
+    if array.ndim == 0:
+        return array.reshape(1) + 0.0
+    if array.shape not in (shape, (size,)):
+        raise ModelError(
+            f"{what}: an array of shape {list(array.shape)}: expected {_one_of({shape, (size,)})}",
+            hint="one value for each neuron, or one number for all",
+        )
+    return array.reshape(-1) + 0.0
+
+
+def per_synapse(value: Any, found: Connections, what: str, rng: np.random.Generator) -> Floats:
+    """One value for each synapse in the program's order, or one for all (shape (1,)).
+
+    Args:
+        value: a number, an array in the order of the rule, or a distribution.
+        found: the synapses.
+        what: its name in messages.
+        rng: draws from a distribution.
+    """
+    value = plain(value)
+    if isinstance(value, Distribution):
+        return value.sample(rng, found.size) + 0.0
+    array = np.asarray(value, dtype=np.float64)
+    if array.ndim == 0:
+        return array.reshape(1) + 0.0
+    if not found.listed:
+        raise ModelError(
+            f"{what}: an array of shape {list(array.shape)} for synapses that are drawn at random: "
+            "expected a number or a distribution",
+            hint="neuro.pairs lists synapses that can have a value each",
+        )
+    if array.shape not in found.listed:
+        raise ModelError(f"{what}: an array of shape {list(array.shape)}: expected {_one_of(set(found.listed))}")
+    flat = array.reshape(-1)
+    return (flat if found.order is None else flat[found.order]) + 0.0
+
+
+def delay_steps(value: Any, found: Connections, clock: Clock, what: str, rng: np.random.Generator) -> NDArray[np.int32]:
+    """Delays in steps. Drawn delays are rounded to the grid and are at least one step; given ones must lie on it."""
+    value = plain(value)
+    if isinstance(value, Distribution):
+        drawn = np.rint(value.sample(rng, found.size) / clock.resolution)
+        return np.maximum(drawn, 1.0).astype(np.int32)
+    steps = clock.steps(per_synapse(value, found, what, rng), what) if np.ndim(value) else one_delay(value, clock, what)
+    early = np.flatnonzero(steps < 1)
+    if early.size:
+        raise ModelError(
+            f"{what}[{early[0]}] = 0 ms: expected at least the resolution, {clock.resolution:g} ms",
+        )
+    return steps.astype(np.int32)
+
+
+def one_delay(value: Any, clock: Clock, what: str) -> NDArray[np.int64]:
+    """One delay in steps, shape (1,)."""
+    step = clock.step(value, what)
+    if step < 1:
+        raise ModelError(
+            f"{what} = {value:g} ms: expected at least the resolution, {clock.resolution:g} ms",
+            hint=f"the smallest is {clock.ms(1):g} ms",
+        )
+    return np.array([step], dtype=np.int64)
+
+
+def _one_of(shapes: set[tuple[int, ...]]) -> str:
+    return " or ".join(str(list(s)) for s in sorted(shapes, key=len, reverse=True))
