@@ -1,0 +1,42 @@
+"""The backend object; numba is imported only when it builds."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import Any
+
+from neuro.backend import Engine, Problem
+from neuro.errors import ModelError
+from neuro.program import Program
+
+
+class EventBackend:
+    """Float64, event-driven, compiled; runs everything that the language can say."""
+
+    name = "event"
+    description = "float64, event-driven, compiled by numba; any number of threads gives the same result"
+    unsupported: dict[str, str] = {}
+
+    def problems(self, program: Program) -> Sequence[Problem]:
+        """None: every program runs as described."""
+        return ()
+
+    def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
+        """Make an engine at step 0.
+
+        Args:
+            program: what to run.
+            threads: how many threads share the neurons.
+            options: none are known.
+
+        Raises:
+            ModelError: an option is unknown or `threads` is not a whole number >= 1.
+        """
+        if options:
+            raise ModelError(f"backend 'event' has no option '{next(iter(options))}'", hint="known: threads")
+        if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
+            raise ModelError(f"threads = {threads!r}: expected a whole number >= 1, e.g. {os.cpu_count()}")
+        from neuro_event.engine import EventEngine
+
+        return EventEngine(program, threads)

@@ -1,0 +1,423 @@
+"""The engine: holds the arrays, calls the loop, and translates between ids and internal places."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from neuro.backend import EngineCounts, Outcome, Spikes, Trial
+from neuro.errors import ModelError
+from neuro.neurons import Neuron, poisson_generator
+from neuro.program import Floats, Ints, Program
+from numpy.typing import NDArray
+
+from neuro_event import build, layout, loop, reading, rewards
+from neuro_event import tables as t
+from neuro_event.currents import Currents
+from neuro_event.record import Record
+from neuro_event.threads import Threads
+
+_FIXED = frozenset(
+    "edges rows targets delays order map_of initial calm x bits awake_groups due_groups keys group_keys scratch "
+    "found found_arrived fired resets incoming at_emission".split()
+)
+"""Arrays that a snapshot leaves out: they follow from the program, or hold nothing between two runs."""
+
+
+class EventEngine:
+    """A program in execution on the compiled loop; see `neuro.backend.Engine`."""
+
+    def __init__(self, program: Program, threads: int) -> None:
+        self._program = program
+        self._n_threads = threads
+        self._start_over(None)
+
+    def _start_over(self, weights: dict[int, Floats] | None) -> None:
+        self._a = build.build(self._program, self._n_threads)
+        self._step = 0
+        self._changed: dict[int, Floats] = {}
+        self._rules = {q: p.synapse.vector() for q, p in enumerate(self._program.projections)}
+        self._record = Record(self._program, self._a.places)
+        self._currents = Currents(self._program, self._a)
+        self._threads = Threads(self._n_threads)
+        self._listed: dict[int, tuple[Ints, Ints]] = {
+            k: (p.spike_steps, p.spike_ids)
+            for k, p in enumerate(self._program.populations)
+            if layout.kind(p) == t.LISTED
+        }
+        self._list_begin: dict[int, int] = {}
+        self._list_room: dict[int, int] = {}
+        self._kept_weights: dict[int, Floats] = {}
+        self._list_spikes()
+        self._trial = Trial(_NOTHING, _NOTHING, np.zeros(0, bool))
+        self._trial_start = 0
+        self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
+        self._pack()
+        for q, w in (weights or {}).items():
+            self._write_weights(q, w)
+
+    def _pack(self) -> None:
+        """Gather the arrays for the kernels; needed whenever one is replaced by another."""
+        net = self._a.net
+        net["awake_groups"] = net["awake"].view(np.uint64)
+        net["due_groups"] = net["due"].view(np.uint64)
+        from neuro_event.plastic import Plastic
+
+        self._net = loop.Net(**net, plastic=Plastic(**self._a.plastic))
+
+    @property
+    def step(self) -> int:
+        """The last finished step."""
+        return self._step
+
+    def run(self, steps: int) -> None:
+        """Advance; stops at the steps where a current changes and where the record must be emptied."""
+        end = self._step + steps
+        while self._step < end:
+            changed = self._currents.apply(self._net, self._step)
+            if changed:
+                self._pack()
+            self._run_to(min(end, self._currents.next_change(self._step)))
+        self._record.drain(self._net)
+
+    def _run_to(self, end: int) -> None:
+        first = self._step + 1
+        while first <= end:
+            reached = self._threads.run(
+                self._net, first, end + 1, self._a.longest_slice, self._a.reach, self._program.resolution
+            )
+            if reached <= end:
+                self._record.drain(self._net)
+                if reached == first:
+                    self._grow_log()
+            first = int(reached)
+        self._step = end
+
+    def _grow_log(self) -> None:
+        """Twice the room for spikes under way."""
+        net = self._a.net
+        old = net["log_ids"].shape[1]
+        for name in ("log_ids", "log_counts"):
+            bigger = np.zeros((net[name].shape[0], 2 * old), dtype=np.int32)
+            for thread in range(bigger.shape[0]):
+                places = np.arange(max(0, int(net["log_at"][thread]) - old), int(net["log_at"][thread]))
+                bigger[thread, places & (2 * old - 1)] = net[name][thread, places & (old - 1)]
+            net[name] = bigger
+        self._pack()
+
+    # --- spikes -------------------------------------------------------------------------------------------
+
+    def inject(self, population: int, steps: Ints, ids: Ints) -> None:
+        """Add spikes of a spike_generator, at steps after the present one."""
+        old_steps, old_ids = self._listed[population]
+        ahead = old_steps > self._step
+        steps = np.concatenate([old_steps[ahead], steps])
+        ids = np.concatenate([old_ids[ahead], ids])
+        order = np.lexsort((ids, steps))
+        self._listed[population] = (steps[order], ids[order])
+        self._list_spikes()
+        self._pack()
+
+    def _list_spikes(self) -> None:
+        """Write the listed spikes of all generators, equal ones joined, into the arrays that the loop reads."""
+        a, net = self._a, self._a.net
+        n_threads = net["edges"].size - 1
+        net["cursor"] = np.zeros((n_threads + 1, len(self._program.populations)), dtype=np.int64)
+        columns, at = [np.zeros((0, 3), dtype=np.int64)], 0
+        for k, (when, who) in self._listed.items():
+            ahead = when > self._step
+            rows = _joined(when[ahead], a.places[k].begin + who[ahead])
+            self._list_begin[k] = at
+            net["cursor"][:-1, k] = at
+            net["cursor"][-1, k] = at + rows.shape[0]
+            room = max(rows.shape[0], self._list_room.get(k, 0))
+            columns.append(np.pad(rows, ((0, room - rows.shape[0]), (0, 0))))
+            at += room
+        table = np.concatenate(columns)
+        net["list_steps"], net["list_ids"], net["list_counts"] = (np.ascontiguousarray(c) for c in table.T)
+
+    def spikes(self, population: int, since: int) -> Spikes:
+        """Recorded spikes with step > since."""
+        return self._record.spikes(population, since)
+
+    def forget(self, before: int) -> None:
+        """Drop recorded spikes with step <= before."""
+        self._record.forget(before)
+
+    # --- trials -------------------------------------------------------------------------------------------
+
+    def present(self, trial: Trial) -> Outcome:
+        """Run one trial."""
+        spec = self._program.trials
+        assert spec is not None
+        place = self._a.places[spec.output]
+        self._enter_trial(spec.input, trial)
+        self._net.muted[place.begin : place.end] = trial.silenced[self._net.map_of]
+        self._make_room(spec.duration)
+        net, start = self._net, self._step
+        ticks = loop.present(
+            net, spec.output, spec.group, start, spec.duration, spec.stop_at_decision, self._program.resolution
+        )
+        self._trial, self._trial_start = trial, start
+        self._step = start + ticks
+        best = net.order[net.best]
+        winner = int(net.groups[spec.group, loop.WINNER])
+        if winner < 0:
+            return Outcome(-1, -1, net.potential.copy(), best, ticks)
+        tick = int(net.groups[spec.group, loop.DECIDED]) - start - 1
+        return Outcome(int(net.order[winner]), tick, net.potential.copy(), best, ticks)
+
+    def _enter_trial(self, population: int, trial: Trial) -> None:
+        """Let the trial's spikes be all that the input generator has listed."""
+        n = trial.ticks.size
+        if self._listed[population][0].size or n > self._list_room.get(population, 0):
+            self._listed[population] = (_NOTHING, _NOTHING)
+            self._list_room[population] = 2 * n + 64
+            self._list_spikes()
+            self._pack()
+        net, first = self._net, self._list_begin[population]
+        net.list_steps[first : first + n] = trial.ticks + (self._step + 1)
+        net.list_ids[first : first + n] = trial.ids + self._a.places[population].begin
+        net.list_counts[first : first + n] = 1
+        net.cursor[:-1, population] = first
+        net.cursor[-1, population] = first + n
+
+    def _make_room(self, steps: int) -> None:
+        """Empty the record, and widen the log, until they have room for some steps in which all neurons fire."""
+        if loop.has_room(self._net, self._step + 1, steps, self._a.reach) < steps:
+            self._record.drain(self._net)
+        while loop.has_room(self._net, self._step + 1, steps, self._a.reach) < steps:
+            self._grow_log()
+
+    def learn(self, projection: int, neuron: int, decided: int, won: bool) -> None:
+        """Apply the trial rule to the inputs of `neuron`, of the trial just presented, decided at tick `decided`."""
+        p = self._program.projections[projection]
+        inside = self._a.places[p.target].inside
+        local = neuron if inside is None else int(inside[neuron])
+        delay = int(p.delay[0])
+        self._trial_updates[projection] += rewards.learn(
+            self._net, projection, self._rewarded(projection), self._trial.ticks, self._trial.ids,
+            decided - delay, neuron, local, won, self._program.populations[p.source].size,
+        )  # fmt: skip
+
+    def encourage(self, projection: int, maps: Ints) -> None:
+        """Apply eq. 128 to every weight of the given maps."""
+        p = self._program.projections[projection]
+        spec = self._program.trials
+        assert spec is not None
+        chosen = np.zeros(spec.maps, dtype=np.bool_)
+        chosen[maps] = True
+        size = self._program.populations[p.target].size
+        self._trial_updates[projection] += rewards.encourage(
+            self._net, projection, self._rewarded(projection), chosen, size // spec.maps, self._a.places[p.target].outside
+        )
+
+    def _rewarded(self, projection: int) -> Floats:
+        """The constants of a rule for trials."""
+        c = np.zeros(t.CONSTANTS)
+        synapse = self._program.projections[projection].synapse
+        synapse.arithmetic.constants(self._rules[projection], self._program.resolution, c)
+        return c
+
+    # --- states, parameters, weights ----------------------------------------------------------------------
+
+    def get(self, population: int, name: str) -> Floats:
+        """A state or parameter, shape (size,); sleeping neurons are brought up in a copy."""
+        p, place = self._program.populations[population], self._a.places[population]
+        if isinstance(p.model, Neuron):
+            states = [s.name for s in type(p.model).states]
+            if name in states:
+                return place.told(reading.state(self, population)[states.index(name), place.begin : place.end].copy())
+        return self._parameter(population, name)
+
+    def _parameter(self, population: int, name: str) -> Floats:
+        p, place = self._program.populations[population], self._a.places[population]
+        if isinstance(p.model, poisson_generator) and name == "rate":
+            return self._a.net["mean"][place.begin : place.end] / (self._program.resolution * 1e-3)
+        if isinstance(p.model, Neuron):
+            rows = self._changed.get(population, layout.parameter_rows(p, place))
+            column = rows[:, layout.numeric_words(type(p.model)).index(name)]
+            return np.broadcast_to(place.told(column) if column.size > 1 else column, p.size).copy()
+        value = self._currents.amplitude(population) if name == "amplitude" else p.parameters[name]
+        return np.broadcast_to(value, p.size).astype(np.float64)
+
+    def set(self, population: int, name: str, values: Floats) -> None:
+        """Change a state or parameter; acts from the next step on."""
+        p, place = self._program.populations[population], self._a.places[population]
+        if isinstance(p.model, poisson_generator):
+            build.set_rate(self._a, population, values)
+            return
+        if not isinstance(p.model, Neuron):
+            self._currents.set_amplitude(population, values)
+            return
+        loop.wake_population(self._net, population, self._step, self._program.resolution)
+        inner = place.taken(values) if values.size > 1 else values
+        states = [s.name for s in type(p.model).states]
+        if name in states:
+            self._a.net["state"][states.index(name), place.begin : place.end] = inner
+            return
+        rows = self._changed.get(population, layout.parameter_rows(p, place))
+        column = layout.numeric_words(type(p.model)).index(name)
+        if inner.size > 1 and rows.shape[0] == 1:
+            rows = np.repeat(rows, p.size, axis=0)
+        rows = rows.copy()
+        rows[:, column] = inner
+        self._changed[population] = rows
+        if name == "tau_minus":
+            self._a.net["tau_minus"][place.begin : place.end] = inner
+        build.rebuild_constants(self._a, self._changed)
+        self._pack()
+
+    def signal(self, signal: int, values: Floats) -> None:
+        """Set the dopamine concentration of every synapse that listens to a signal."""
+        for q, k in self._a.plastic_of.items():
+            p = self._program.projections[q]
+            if p.signal == signal:
+                inner = np.ascontiguousarray(self._a.places[p.target].taken(values), dtype=np.float64)
+                reading.write_signal(self._net, k, inner, self._step, self._program.resolution)
+
+    def get_synapses(self, projection: int, name: str) -> Floats:
+        """A state of the synapses, in the order of the program's weights."""
+        return reading.synapses(self, projection, name)
+
+    def set_rule(self, projection: int, parameters: Floats) -> None:
+        """Change the numbers of a synapse model."""
+        p = self._program.projections[projection]
+        if projection in self._a.plastic_of:
+            k = self._a.plastic_of[projection]
+            if p.synapse.modulated:
+                reading.bring(self._net, k, self._step, self._program.resolution)
+            plastic = self._a.plastic
+            build.set_rule_constants(
+                plastic["rule"][k], plastic["tau"][k], plastic["table"][k], parameters, p.synapse, self._program
+            )
+        self._rules[projection] = parameters.copy()
+
+    def set_weights(self, projection: int, weights: Floats) -> None:
+        """Replace all weights; spikes under way keep the old ones."""
+        row = self._a.net["projections"][projection]
+        if self._step > 0 and projection not in self._a.plastic_of and row[t.LAG] > 0 and row[t.DENSE_COUNTS] == 0:
+            self._deliver_ahead(projection)
+        self._write_weights(projection, weights)
+
+    def _deliver_ahead(self, projection: int) -> None:
+        """Put what is under way into a ring, with the weights of now."""
+        lag = int(self._a.net["projections"][projection, t.LAG])
+        build.give_ring(self._a, projection)
+        self._pack()
+        reading.deliver_between(self._net, projection, self._step - lag + 1, self._step - 1)
+
+    def _write_weights(self, projection: int, weights: Floats) -> None:
+        p, row = self._program.projections[projection], self._a.net["projections"][projection]
+        order = self._a.synapses[projection].order
+        inner = weights[order] if order is not None and weights.size > 1 else weights
+        if projection in self._a.plastic_of:
+            k = self._a.plastic_of[projection]
+            if p.synapse.modulated:
+                reading.bring(self._net, k, self._step, self._program.resolution)
+            first = self._a.plastic["table"][k, t.FIRST_SYNAPSE]
+            self._a.plastic["y"][0, first : first + p.size] = inner
+            self._a.plastic["sent"][first : first + p.size] = inner
+            return
+        if self._a.net["pops"][p.target, t.RELAY] == 1:
+            self._kept_weights[projection] = weights.copy()
+            return
+        first, stride = int(row[t.WEIGHT]), int(row[t.WEIGHT_STRIDE])
+        if inner.size > 1 and stride == 0 and p.size > 1:
+            row[t.WEIGHT], row[t.WEIGHT_STRIDE] = self._a.net["weights"].size, 1
+            self._a.net["weights"] = np.concatenate([self._a.net["weights"], inner])
+            self._pack()
+        else:
+            self._a.net["weights"][first : first + (p.size if stride else 1)] = inner
+        row[t.SIGN] = layout.sign(inner)
+
+    # --- accounts and persistence -------------------------------------------------------------------------
+
+    def counts(self) -> EngineCounts:
+        """Counts since the start or the last reset."""
+        net = self._a.net
+        events = tuple(p.told(net["events"][p.begin : p.end]) for p in self._a.places)
+        spikes = tuple(p.told(net["spikes"][p.begin : p.end]) for p in self._a.places)
+        return EngineCounts(self._step, events, spikes, net["active"].sum(axis=0), self._trial_updates.copy())
+
+    def memory(self) -> dict[str, int]:
+        """Bytes by what they hold."""
+        net, plastic = self._a.net, self._a.plastic
+        static = ("rows", "targets", "weights", "delays")
+        learning = ("y", "sent", "reached", "in_synapse", "in_source", "incoming")
+        logs = ("log_ids", "log_counts", "log_ends", "rec_steps", "rec_ids", "rec_counts")
+        views = ("x", "bits", "awake_groups", "due_groups", "initial")
+        rest = [k for k in net if k not in (*static, *logs, *views)]
+        return {
+            "synapses": sum(net[k].nbytes for k in static) + sum(plastic[k].nbytes for k in learning),
+            "neurons": sum(net[k].nbytes for k in rest) + sum(plastic[k].nbytes for k in plastic if k not in learning),
+            "spikes": sum(net[k].nbytes for k in logs) + self._record.nbytes(),
+        }
+
+    def reset(self, weights: bool) -> None:
+        """Back to step 0 and the initial states, and to the initial weights if asked."""
+        kept = None
+        if not weights:
+            kept = {q: reading.synapses(self, q, "weight") for q in range(len(self._program.projections))}
+        self._start_over(kept)
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Everything that `restore` needs to continue bit for bit."""
+        net = {f"net.{k}": v.copy() for k, v in self._a.net.items() if k not in _FIXED}
+        plastic = {f"plastic.{k}": v.copy() for k, v in self._a.plastic.items()}
+        own = {"engine.step": np.array(self._step), "engine.trial_updates": self._trial_updates.copy()}
+        own["engine.edges"] = self._a.net["edges"].copy()
+        for q, rule in self._rules.items():
+            own[f"rule.{q}"] = rule.copy()
+        for k, rows in self._changed.items():
+            own[f"changed.{k}"] = rows.copy()
+        for q, kept in self._kept_weights.items():
+            own[f"kept.{q}"] = kept.copy()
+        for k, (steps, ids) in self._listed.items():
+            own[f"listed.{k}"] = np.stack([steps, ids])
+        return {**net, **plastic, **own, **self._record.snapshot(), **self._currents.snapshot()}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Continue from a snapshot of the same program.
+
+        Raises:
+            ModelError: it was taken with another number of threads.
+        """
+        if not np.array_equal(arrays["engine.edges"], self._a.net["edges"]):
+            n = arrays["engine.edges"].size - 1
+            raise ModelError(f"the state was saved with threads={n}: expected the same to continue")
+        self._start_over(None)
+        for name, value in arrays.items():
+            part, _, rest = name.partition(".")
+            if part == "net":
+                self._a.net[rest] = value.copy()
+            elif part == "plastic":
+                self._a.plastic[rest] = value.copy()
+            elif part == "rule":
+                self._rules[int(rest)] = value.copy()
+            elif part == "changed":
+                self._changed[int(rest)] = value.copy()
+            elif part == "kept":
+                self._kept_weights[int(rest)] = value.copy()
+            elif part == "listed":
+                self._listed[int(rest)] = (value[0].copy(), value[1].copy())
+        self._step = int(arrays["engine.step"])
+        self._trial_updates = arrays["engine.trial_updates"].copy()
+        self._record.restore(arrays)
+        self._currents.restore(arrays)
+        rings = [q for q in range(len(self._program.projections)) if self._a.net["projections"][q, t.LAG] == 0]
+        self._a.net["at_emission"] = np.array([q for q in rings if q not in self._a.plastic_of], dtype=np.int64)
+        build.set_buffer(self._a, self._a.net["buf"])
+        build.list_incoming(self._a)
+        self._list_spikes()
+        self._pack()
+
+
+_NOTHING = np.zeros(0, dtype=np.int64)
+
+
+def _joined(steps: Ints, neurons: Ints) -> Ints:
+    """Rows (step, neuron, multiplicity) of listed spikes, sorted; equal ones joined."""
+    pairs, counts = np.unique(np.stack([steps, neurons], axis=1).reshape(-1, 2), axis=0, return_counts=True)
+    return np.column_stack([pairs, counts]).astype(np.int64).reshape(-1, 3)

@@ -1,0 +1,74 @@
+"""How this backend compiles: once, into a cache of its own that a change of any kernel leaves behind."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import numba
+import platformdirs
+
+
+@cache
+def folder() -> str:
+    """Where compiled kernels are kept: named by a hash of all sources that they are made of.
+
+    numba looks only at the file of the function that is cached, not at those of the functions it calls.
+    """
+    digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
+    here = Path(__file__).parent
+    neuro = Path(sys.modules["neuro"].__file__ or "").parent
+    for source in sorted([*here.glob("*.py"), *neuro.glob("neurons/*.py"), *neuro.glob("synapses/*.py")]):
+        digest.update(source.name.encode() + source.read_bytes())
+    name = Path("kernels") / digest.hexdigest()[:16]
+    for root in (Path(platformdirs.user_cache_dir("neuro")), Path(tempfile.gettempdir()) / f"neuro-{os.getuid()}"):
+        try:
+            (root / name).mkdir(parents=True, exist_ok=True)
+        except OSError:
+            continue
+        if os.access(root / name, os.W_OK):
+            return str(root / name)
+    return ""
+
+
+@contextmanager
+def _own_cache() -> Iterator[None]:
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = folder()
+    try:
+        yield
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """Compile an entry point; its machine code is kept on disk."""
+    if function is None:
+        return lambda f: kernel(f, **options)
+    with _own_cache():
+        return numba.njit(cache=bool(folder()), error_model="numpy", nogil=True, **options)(function)
+
+
+def inner(function: Callable[..., Any]) -> Any:
+    """Compile a function that only other kernels call."""
+    return numba.njit(error_model="numpy")(function)
+
+
+@cache
+def compiled(function: FunctionType) -> Any:
+    """Compile a model's plain function together with the plain functions that it calls."""
+    scope = dict(function.__globals__)
+    for name in function.__code__.co_names:
+        called = scope.get(name)
+        if isinstance(called, FunctionType):
+            scope[name] = compiled(called)
+    twin = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
+    return numba.njit(error_model="numpy")(twin)

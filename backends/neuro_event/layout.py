@@ -1,0 +1,200 @@
+"""From a program to the arrays of the compiled loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from neuro.neurons import NEURONS, Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.program import Floats, Ints, Population, Program, Projection
+from numpy.typing import NDArray
+
+from neuro_event import tables as t
+
+WORD = t.BLOCK * t.GROUPED
+"""Neurons of a group of blocks; populations begin at multiples of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where a population lies.
+
+    Attributes:
+        begin, end: its neurons among all.
+        inside: internal place of each neuron, or None where it is the id; grids are kept with the maps innermost.
+        outside: id at each internal place.
+    """
+
+    begin: int
+    end: int
+    inside: Ints | None
+    outside: Ints
+
+    def taken(self, values: NDArray[Any]) -> NDArray[Any]:
+        """One value per neuron, from ids to internal places."""
+        return values if self.inside is None else values[self.outside]
+
+    def told(self, values: NDArray[Any]) -> NDArray[Any]:
+        """One value per neuron, from internal places to ids."""
+        return values if self.inside is None else values[self.inside]
+
+
+def places(program: Program) -> list[Place]:
+    """Lay the populations side by side."""
+    sources_of_grids = {p.source for p in program.projections if p.grid is not None}
+    grids = {p.target: p.grid for p in program.projections if p.grid is not None}
+    found, at = [], 0
+    for index, population in enumerate(program.populations):
+        outside = np.arange(population.size, dtype=np.int64)
+        inside = None
+        grid = grids.get(index)
+        if grid is not None and index not in sources_of_grids:
+            outside = np.ascontiguousarray(outside.reshape(grid.maps, grid.rows * grid.columns).T).ravel()
+            inside = np.empty_like(outside)
+            inside[outside] = np.arange(population.size)
+        found.append(Place(at, at + population.size, inside, outside))
+        at += -(-population.size // WORD) * WORD
+    return found
+
+
+def total(program: Program) -> int:
+    """Neurons of all populations, with the gaps between them."""
+    return max(WORD, sum(-(-p.size // WORD) * WORD for p in program.populations))
+
+
+def kind(population: Population) -> int:
+    """Which branch of the loop a population takes."""
+    if isinstance(population.model, poisson_generator):
+        return t.POISSON
+    if isinstance(population.model, spike_generator):
+        return t.LISTED
+    return t.CURRENT if isinstance(population.model, dc_generator) else t.NEURON
+
+
+def numeric_words(model: type[Any]) -> list[str]:
+    """The parameters that constants are computed from, in order."""
+    return [word for word, q in model.quantities().items() if q.kind in ("number", "integer", "boolean")]
+
+
+def parameter_rows(population: Population, place: Place) -> Floats:
+    """Parameters of a population of neurons: one row, or one per neuron where they differ."""
+    columns = [np.atleast_1d(population.parameters[w]) for w in numeric_words(type(population.model))]
+    n = max(c.size for c in columns)
+    return np.stack([np.broadcast_to(place.taken(c) if c.size > 1 else c, n) for c in columns], axis=1).astype(np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Synapses:
+    """A projection in internal order.
+
+    Attributes:
+        layout: as in `tables`.
+        row_ends, targets: of a CSR projection; empty otherwise.
+        order: internal weight k is the program's weight order[k]; None where they are the same.
+    """
+
+    layout: int
+    row_ends: Ints
+    targets: NDArray[np.int32]
+    order: Ints | None
+
+
+_NO_INTS = np.zeros(0, dtype=np.int64)
+_NO_TARGETS = np.zeros(0, dtype=np.int32)
+
+
+def own_delays(p: Projection) -> bool:
+    """Whether the synapses of a projection differ in delay."""
+    return p.delay.size > 1 and bool(np.any(p.delay != p.delay[0]))
+
+
+def learns_pairs(p: Projection) -> bool:
+    """Whether spike pairs change its weights."""
+    return p.synapse.learns == "pairs"
+
+
+def synapses(program: Program, index: int, where: list[Place]) -> Synapses:
+    """Arrange a projection for the kernels: CSR where it learns, has delays of its own, or its ends are permuted."""
+    p = program.projections[index]
+    source, target = where[p.source], where[p.target]
+    permuted = source.inside is not None or target.inside is not None
+    if p.layout == "grid":
+        assert p.grid is not None
+        g = p.grid
+        k = np.arange(p.size, dtype=np.int64).reshape(g.maps, g.channels * g.kernel_height * g.kernel_width)
+        return Synapses(t.GRID, _NO_INTS, _NO_TARGETS, np.ascontiguousarray(k.T).ravel())
+    plain = not (permuted or own_delays(p) or learns_pairs(p))
+    if plain and p.layout in ("dense", "one_to_one"):
+        return Synapses(t.DENSE if p.layout == "dense" else t.ONE_TO_ONE, _NO_INTS, _NO_TARGETS, None)
+    if p.layout == "csr" and not permuted:
+        return Synapses(t.CSR, p.row_ends, p.targets, None)
+    pre, post = program.connections(index)
+    pre = pre if source.inside is None else source.inside[pre]
+    post = post if target.inside is None else target.inside[post]
+    order = np.lexsort((post, pre)) if permuted else None
+    if order is not None:
+        pre, post = pre[order], post[order]
+    n = program.populations[p.source].size
+    row_ends = np.concatenate([[0], np.cumsum(np.bincount(pre, minlength=n))]).astype(np.int64)
+    return Synapses(t.CSR, row_ends, post.astype(np.int32), order)
+
+
+def split_rows(row_ends: Ints, targets: NDArray[np.int32], edges: Ints) -> Ints:
+    """Row ends cut at the threads' edges (local target ids): synapses of source s for thread k are rows[s T + k] on."""
+    threads = edges.size - 1
+    if threads == 1:
+        return row_ends
+    rows = np.empty((row_ends.size - 1) * threads + 1, dtype=np.int64)
+    rows[-1] = row_ends[-1]
+    for k in range(threads):
+        below = np.concatenate([[0], np.cumsum(targets < edges[k], dtype=np.int64)]) if k else np.zeros(1, np.int64)
+        count = below[row_ends[1:]] - below[row_ends[:-1]] if k else 0
+        rows[k:-1:threads] = row_ends[:-1] + count
+    return rows
+
+
+def thread_edges(program: Program, where: list[Place], threads: int) -> Ints:
+    """Blocks at which the threads' neurons begin, so that their work is even and groups stay whole."""
+    words = total(program) // WORD
+    load = np.zeros(words)
+    whole = np.zeros(words, dtype=bool)
+    grouped = {g.population for g in program.groups}
+    for index, (population, place) in enumerate(zip(program.populations, where, strict=True)):
+        first, last = place.begin // WORD, -(-place.end // WORD)
+        incoming = sum(_count(p, program) for p in program.projections if p.target == index)
+        load[first:last] = (population.size + incoming / 50.0) / (last - first)
+        if index in grouped:
+            whole[first + 1 : last] = True
+    ends = np.concatenate([[0.0], np.cumsum(load)])
+    allowed = np.flatnonzero(np.concatenate([~whole, [True]]))
+    edges = [0]
+    for k in range(1, threads):
+        nearest = allowed[np.argmin(np.abs(ends[allowed] - ends[-1] * k / threads))]
+        edges.append(max(edges[-1], int(nearest)))
+    return np.array([*edges, words], dtype=np.int64) * t.GROUPED
+
+
+def _count(p: Projection, program: Program) -> int:
+    if p.layout == "grid":
+        assert p.grid is not None
+        return p.grid.maps * p.grid.rows * p.grid.columns * p.grid.kernel_height * p.grid.kernel_width
+    return p.size
+
+
+def model_number(population: Population) -> int:
+    """The number of a neuron model in the dispatch."""
+    assert isinstance(population.model, Neuron)
+    return NEURONS.index(type(population.model))
+
+
+def power_of_two(n: int) -> int:
+    """The smallest power of two that is at least n."""
+    return 1 << max(0, int(n - 1).bit_length())
+
+
+def sign(weights: Floats) -> int:
+    """Whether all weights go to one receptor."""
+    if weights.size == 0 or weights.min() >= 0.0:
+        return t.POSITIVE
+    return t.NEGATIVE if weights.max() < 0.0 else t.MIXED

@@ -1,0 +1,104 @@
+"""Rules for trials, applied to the shared kernel or the synapses of one neuron."""
+
+# mypy: ignore-errors
+import numpy as np
+from neuro.synapses import r_stdp
+
+from neuro_event import tables as t
+from neuro_event.jit import compiled, kernel
+
+_reward = compiled(r_stdp.arithmetic.reward)
+_encourage = compiled(r_stdp.arithmetic.encourage)
+
+
+@kernel
+def learn(net, q, c, ticks, ids, latest, neuron, local, won, n_source):
+    """Reward or punish the inputs of one neuron; return how many weights it has.
+
+    An input counts as before the decision if its first spike was emitted up to tick `latest`. `neuron` is the
+    id of the neuron, `local` its internal place.
+    """
+    before = np.zeros(n_source, dtype=np.bool_)
+    for k in range(ticks.shape[0]):
+        if ticks[k] <= latest:
+            before[ids[k]] = True
+    row = net.projections[q]
+    w = net.weights
+    changed = 0
+    if row[t.LAYOUT] == t.GRID:
+        columns, maps = row[t.COLUMNS], row[t.MAPS]
+        at = neuron // (row[t.ROWS] * columns)
+        r = neuron // columns % row[t.ROWS] * row[t.STRIDE] - row[t.PADDING]
+        s = neuron % columns * row[t.STRIDE] - row[t.PADDING]
+        height, width = row[t.CHANNEL_HEIGHT], row[t.CHANNEL_WIDTH]
+        for channel in range(n_source // (height * width)):
+            for i in range(row[t.KERNEL_HEIGHT]):
+                for j in range(row[t.KERNEL_WIDTH]):
+                    inside = 0 <= r + i < height and 0 <= s + j < width
+                    came = inside and before[(channel * height + r + i) * width + s + j]
+                    place = (channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j
+                    e = row[t.WEIGHT] + place * maps + at
+                    w[e] = _reward(w[e], came, won, c)
+                    changed += 1
+        return changed
+    threads = net.edges.shape[0] - 1
+    n_target = net.pops[row[t.TARGET], t.END] - net.pops[row[t.TARGET], t.BEGIN]
+    for source in range(n_source):
+        if row[t.LAYOUT] == t.DENSE:
+            e = row[t.WEIGHT] + source * n_target + local
+            w[e] = _reward(w[e], before[source], won, c)
+            changed += 1
+        elif row[t.LAYOUT] == t.ONE_TO_ONE:
+            if source == local:
+                w[row[t.WEIGHT] + source] = _reward(w[row[t.WEIGHT] + source], before[source], won, c)
+                changed += 1
+        else:
+            first = row[t.ROW] + source * threads
+            for s in range(net.rows[first], net.rows[first + threads]):
+                if net.targets[s] == local:
+                    e = row[t.WEIGHT] + s - row[t.SYNAPSE]
+                    w[e] = _reward(w[e], before[source], won, c)
+                    changed += 1
+    return changed
+
+
+@kernel
+def encourage(net, q, c, chosen, per_map, outside):
+    """Raise every weight of the chosen maps; return how many there are."""
+    row = net.projections[q]
+    w = net.weights
+    changed = 0
+    if row[t.LAYOUT] == t.GRID:
+        maps = row[t.MAPS]
+        n = row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH]
+        source = net.pops[row[t.SOURCE]]
+        n *= (source[t.END] - source[t.BEGIN]) // (row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH])
+        for place in range(n):
+            for m in range(maps):
+                if chosen[m]:
+                    e = row[t.WEIGHT] + place * maps + m
+                    w[e] = _encourage(w[e], c)
+                    changed += 1
+        return changed
+    source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
+    n_source, n_target = source[t.END] - source[t.BEGIN], target[t.END] - target[t.BEGIN]
+    threads = net.edges.shape[0] - 1
+    for s in range(n_source):
+        if row[t.LAYOUT] == t.DENSE:
+            for k in range(n_target):
+                if chosen[outside[k] // per_map]:
+                    e = row[t.WEIGHT] + s * n_target + k
+                    w[e] = _encourage(w[e], c)
+                    changed += 1
+        elif row[t.LAYOUT] == t.ONE_TO_ONE:
+            if chosen[outside[s] // per_map]:
+                w[row[t.WEIGHT] + s] = _encourage(w[row[t.WEIGHT] + s], c)
+                changed += 1
+        else:
+            first = row[t.ROW] + s * threads
+            for k in range(net.rows[first], net.rows[first + threads]):
+                if chosen[outside[net.targets[k]] // per_map]:
+                    e = row[t.WEIGHT] + k - row[t.SYNAPSE]
+                    w[e] = _encourage(w[e], c)
+                    changed += 1
+    return changed

@@ -1,0 +1,90 @@
+"""Columns of the tables that describe a program to the kernels. Neurons are counted through all populations.
+
+A population begins at a multiple of `BLOCK * GROUPED` neurons, so that blocks and groups of blocks belong to one.
+"""
+
+BLOCK = 64
+GROUPED = 8
+CONSTANTS = 20
+NONE = -1
+
+POISSON, LISTED, CURRENT, NEURON = range(4)
+ONE_TO_ONE, DENSE, CSR, GRID = range(4)
+POSITIVE, NEGATIVE, MIXED = range(3)
+
+# populations
+(
+    KIND,
+    MODEL,
+    BEGIN,
+    END,
+    FIRST_BLOCK,
+    LAST_BLOCK,
+    CONSTANT,
+    CONSTANT_STRIDE,
+    RECEPTORS,
+    RELAY,
+    LINEAR,
+    RECORD,
+    GROUP,
+    HISTORY,
+    ARRIVALS,
+    ARRIVALS_END,
+    RINGS,
+    RINGS_END,
+    COUNTS,
+    COUNTS_STEPS,
+    TABLE,
+    START,
+    STOP,
+    POPULATION_COLUMNS,
+) = range(24)
+
+# projections
+(
+    SOURCE,
+    TARGET,
+    LAYOUT,
+    LAG,
+    RING,
+    RING_MASK,
+    RING_SIZE,
+    ROW,
+    SYNAPSE,
+    WEIGHT,
+    WEIGHT_STRIDE,
+    DELAY,
+    DELAY_STRIDE,
+    SIGN,
+    WAKE_ALL,
+    DENSE_COUNTS,
+    CHANNEL_HEIGHT,
+    CHANNEL_WIDTH,
+    MAPS,
+    ROWS,
+    COLUMNS,
+    KERNEL_HEIGHT,
+    KERNEL_WIDTH,
+    STRIDE,
+    PADDING,
+    MAP_STEP,
+    PLACE_STEP,
+    PROJECTION_COLUMNS,
+) = range(28)
+
+# plastic projections
+(
+    PROJECTION,
+    RULE,
+    MODULATED,
+    FIRST_SYNAPSE,
+    FIRST_SOURCE,
+    FIRST_TARGET,
+    INCOMING,
+    DOPAMINE,
+    DOPAMINE_ONE_TO_ONE,
+    DOPAMINE_DELAY,
+    GRID_STEPS,
+    LONGEST,
+    PLASTIC_COLUMNS,
+) = range(13)
