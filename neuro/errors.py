@@ -8,11 +8,14 @@ ValueError
 
 from __future__ import annotations
 
-import difflib
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+
+from neuro.hints import nearest
+
+__all__ = ["ModelError", "Where", "here", "nearest", "unknown"]
 
 _PACKAGES = ("neuro", "neuro_event", "neuro_reference", "dataclasses", "contextlib")
 
@@ -37,7 +40,8 @@ class ModelError(ValueError):
         message: what was found and what was expected, one sentence.
         where: the place in the YAML file or the Python source, if known.
         hint: the nearest right name or the way out, if there is one.
-        path: the words that lead to the value inside the part, e.g. `("model", "tau_m")`.
+        path: the words (and positions in lists) that lead to the value inside the part,
+            e.g. `("initial", "V_m", "3")`.
     """
 
     def __init__(self, message: str, *, where: Where | None = None, hint: str = "", path: tuple[str, ...] = ()) -> None:
@@ -50,17 +54,9 @@ class ModelError(ValueError):
 
     def at(self, where: Where | None, context: str = "") -> ModelError:
         """The same error with a place, and with `context` before the message, where it had none."""
-        message = f"{context}: {self.message}" if context else self.message
+        fresh = context and not self.message.startswith(context)
+        message = f"{context}: {self.message}" if fresh else self.message
         return ModelError(message, where=self.where or where, hint=self.hint, path=self.path)
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """A hint that names the nearest of `known`, or all of them when none is near."""
-    names = sorted(known)
-    near = difflib.get_close_matches(name, names, n=1)
-    if near:
-        return f"did you mean '{near[0]}'?"
-    return "known: " + ", ".join(names) if names else "none is defined"
 
 
 def unknown(

@@ -5,23 +5,28 @@ The parts are frozen; the network only gathers them. It knows no backend, no arr
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
+from neuro.checks import LARGEST, check
 from neuro.errors import ModelError, Where, here, unknown
 from neuro.neurons import Model
-from neuro.quantities import Choice, Quantity, Value, check, quantity, same
+from neuro.quantities import Choice, Quantity, Value, quantity, same
 from neuro.rules import Rule
 from neuro.synapses import Synapse, static
+from neuro.values import shown
 
 AUTO = "auto"
 WEIGHT = Quantity(doc="weight: mV or pA by the target's model", arrays=True)
 DELAY = Quantity(unit="ms", doc="delay, a multiple of the resolution", above=0, arrays=True)
 INITIAL = Quantity(doc="state at time 0", arrays=True)
 RESOLUTION = Quantity(unit="ms", doc="length of a step", above=0)
-EVERY = Quantity(unit="ms", doc="interval between two records", above=0)
+EVERY = Quantity(unit="ms", doc="interval between two records; each step if not given", above=0, optional=True)
+RECORD = Quantity(doc="spikes, or a state of the population's model", kind="name")
+SIZE = Quantity(doc="size of an axis", kind="integer", at_least=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +40,7 @@ class Part:
         if type(self) is not type(other):
             return NotImplemented
         mine, theirs = vars(self), vars(other)
-        return all(_same(mine[k], theirs[k]) for k in mine if k != "origin")
+        return all(same(mine[k], theirs[k]) for k in mine if k != "origin")
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -157,6 +162,7 @@ class Trials(Choice):
     """
 
     kind: ClassVar[str] = "trials"
+    word: ClassVar[str] = "trials"
     input: str = quantity(doc="the spike_generator that receives the trials' spikes", kind="name")
     duration: float = quantity(doc="length of a trial", unit="ms", above=0)
     stop: str = quantity("at_decision", "", "when a trial ends", kind="word", words=("at_decision", "full"))
@@ -183,8 +189,9 @@ class Network:
     """
 
     def __init__(self, name: str = "network", *, resolution: float = 0.1) -> None:
-        self.name = _check_name(name, "network")
-        self.resolution: float = check(RESOLUTION, resolution, "resolution")
+        self.name = _check_name(name, "network", here())
+        self.place: Where | None = None
+        self.resolution: float = self._checked(RESOLUTION, resolution, "resolution", ("resolution",))
         self.populations: dict[str, Population] = {}
         self.projections: dict[str, Projection] = {}
         self.signals: dict[str, Signal] = {}
@@ -192,7 +199,6 @@ class Network:
         self.probes: dict[str, Probe] = {}
         self.trials_section: Trials | None = None
         self.trials_origin: Where | None = None
-        self.place: Where | None = None
 
     def population(
         self,
@@ -213,24 +219,16 @@ class Network:
         Returns:
             The part, to be passed to `connect` and others.
         """
-        sizes = (shape,) if isinstance(shape, (int, str)) else tuple(shape)
-        for size in sizes:
-            if size != AUTO and (isinstance(size, (bool, str)) or int(size) != size or int(size) < 1):
-                raise ModelError(
-                    f"population '{name}': shape {list(sizes)}: expected whole numbers >= 1 or 'auto'",
-                    where=self._where(),
-                    path=("shape",),
-                )
-        if not sizes:
-            raise ModelError(f"population '{name}': expected at least one axis in its shape", path=("shape",))
-        _expect(model, Model, f"population '{name}'", "a model such as neuro.iaf_psc_exp()")
-        states = {s.name for s in model.states if not s.hidden}
+        what = f"population '{name}'"
+        sizes = self._sizes(shape, what)
+        self._expect(model, Model, what, "a model such as neuro.iaf_psc_exp()")
+        states = [s.name for s in model.states if not s.hidden]
         start = {}
         for state, value in (initial or {}).items():
+            path = ("initial", str(state))
             if state not in states:
-                raise unknown(f"state of {model.name}", state, states, self._where(), ("initial", str(state)))
-            start[state] = check(INITIAL, value, f"population '{name}': initial.{state}")
-        sizes = tuple(s if isinstance(s, str) else int(s) for s in sizes)
+                raise unknown(f"state of {model.name}", state, states, path=path).at(self._where(), what)
+            start[state] = self._checked(INITIAL, value, f"{what}: initial.{state}", path)
         return self._add(self.populations, Population(name, sizes, model, start, self._where()))
 
     def connect(
@@ -255,36 +253,38 @@ class Network:
             delay: the same, in ms.
             name: a new name; `source_target` if not given.
         """
-        pre, post = self._name_of(source, "source"), self._name_of(target, "target")
-        label = name if name is not None else f"{pre}_{post}"
+        label = name if name is not None else f"{getattr(source, 'name', source)}_{getattr(target, 'name', target)}"
         what = f"projection '{label}'"
-        _expect(rule, Rule, what, "a rule such as neuro.all_to_all()")
-        _expect(synapse or static(), Synapse, what, "a synapse such as neuro.static()")
+        pre, post = self._name_of(source, what, "from"), self._name_of(target, what, "to")
+        self._expect(rule, Rule, what, "a rule such as neuro.all_to_all()")
+        self._expect(synapse or static(), Synapse, what, "a synapse such as neuro.static()")
         part = Projection(
             label,
             pre,
             post,
             rule,
             synapse or static(),
-            check(WEIGHT, weight, f"{what}: weight"),
-            check(DELAY, delay, f"{what}: delay"),
+            self._checked(WEIGHT, weight, f"{what}: weight", ("weight",)),
+            self._checked(DELAY, delay, f"{what}: delay", ("delay",)),
             self._where(),
         )
         return self._add(self.projections, part)
 
     def signal(self, name: str, *, to: Population | str) -> Signal:
         """Add a signal: one value per neuron of `to`, set while running by `sim.signal`."""
-        return self._add(self.signals, Signal(name, self._name_of(to, "to"), self._where()))
+        return self._add(self.signals, Signal(name, self._name_of(to, f"signal '{name}'", "to"), self._where()))
 
     def group(self, name: str, choice: winner_take_all) -> Group:
         """Add a group, e.g. `net.group("choice", neuro.winner_take_all(of="s2"))`."""
-        _expect(choice, winner_take_all, f"group '{name}'", "a group such as neuro.winner_take_all(of='out')")
+        self._expect(choice, winner_take_all, f"group '{name}'", "a group such as neuro.winner_take_all(of='out')")
         return self._add(self.groups, Group(name, choice, self._where()))
 
     def probe(self, name: str, of: Population | str, record: str = "spikes", *, every: float | None = None) -> Probe:
         """Record the spikes of a population, or one of its states every `every` ms (each step if not given)."""
-        interval = None if every is None else check(EVERY, every, f"probe '{name}': every")
-        return self._add(self.probes, Probe(name, self._name_of(of, "of"), record, interval, self._where()))
+        what = f"probe '{name}'"
+        interval = self._checked(EVERY, every, f"{what}: every", ("every",))
+        record = self._checked(RECORD, record, f"{what}: record", ("record",))
+        return self._add(self.probes, Probe(name, self._name_of(of, what, "of"), record, interval, self._where()))
 
     def trials(self, **words: Any) -> Trials:
         """Say how trials go; the words are those of `neuro.Trials`."""
@@ -306,7 +306,7 @@ class Network:
             return NotImplemented
         skip = ("trials_origin", "place")
         mine, theirs = vars(self), vars(other)
-        return all(_same(mine[k], theirs[k]) for k in mine if k not in skip)
+        return all(same(mine[k], theirs[k]) for k in mine if k not in skip)
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -317,7 +317,7 @@ class Network:
         )
 
     def _add(self, table: dict[str, P], part: P) -> P:
-        _check_name(part.name, part.word)
+        _check_name(part.name, part.word, self._where())
         if part.name in table:
             raise ModelError(f"{part.word} '{part.name}' is defined twice", where=self._where(), path=(part.name,))
         table[part.name] = part
@@ -326,31 +326,53 @@ class Network:
     def _where(self) -> Where | None:
         return self.place or here()
 
-    def _name_of(self, population: Population | str, role: str) -> str:
+    def _checked(self, q: Quantity, value: Any, what: str, path: tuple[str, ...]) -> Any:
+        try:
+            return check(q, value, what, path)
+        except ModelError as error:
+            raise error.at(self._where()) from None
+
+    def _sizes(self, shape: int | Iterable[int | str], what: str) -> tuple[int | str, ...]:
+        given = list(shape) if isinstance(shape, Iterable) and not isinstance(shape, (str, Mapping)) else [shape]
+        sizes: list[int | str] = []
+        for k, size in enumerate(given):
+            try:
+                sizes.append(AUTO if isinstance(size, str) and size == AUTO else check(SIZE, size, f"{what}: shape"))
+            except ModelError:
+                raise ModelError(
+                    f"{what}: shape = {shown(shape)}: expected whole numbers >= 1 or auto",
+                    where=self._where(),
+                    path=("shape", str(k)),
+                ) from None
+        if not sizes:
+            raise ModelError(f"{what}: shape = []: expected at least one axis", where=self._where(), path=("shape",))
+        if math.prod(size for size in sizes if isinstance(size, int)) > LARGEST:
+            raise ModelError(
+                f"{what}: shape = {shown(sizes)}: expected at most {LARGEST} neurons",
+                where=self._where(),
+                path=("shape",),
+            )
+        return tuple(sizes)
+
+    def _name_of(self, population: Population | str, what: str, role: str) -> str:
         name = population.name if isinstance(population, Population) else population
+        if not isinstance(name, str):
+            raise ModelError(f"{what}: {role} = {shown(name)}: expected a name", where=self._where(), path=(role,))
         if name not in self.populations:
-            raise unknown("population", name, self.populations, self._where(), (role,))
+            raise unknown("population", name, self.populations, path=(role,)).at(self._where(), what)
         return name
 
-
-def _check_name(name: Any, what: str) -> str:
-    if not isinstance(name, str) or not name or not all(c.isalnum() or c in "_-." for c in name):
-        raise ModelError(f"{what} name {name!r}: expected letters, digits, '_', '-' or '.'", where=here())
-    return name
-
-
-def _expect(value: object, kind: type, what: str, expected: str) -> None:
-    if not isinstance(value, kind):
+    def _expect(self, value: object, kind: type, what: str, expected: str) -> None:
         if isinstance(value, type) and issubclass(value, kind):
-            raise ModelError(
-                f"{what}: {value.__name__} is a class: expected {expected}",
-                where=here(),
-                hint=f"write {value.__name__}()",
-            )
-        raise ModelError(f"{what}: found {value!r}: expected {expected}", where=here())
+            message, hint = f"{value.__name__} is a class", f"write {value.__name__}()"
+        elif not isinstance(value, kind):
+            message, hint = f"found {shown(value)}", ""
+        else:
+            return
+        raise ModelError(f"{what}: {message}: expected {expected}", where=self._where(), hint=hint)
 
 
-def _same(a: Any, b: Any) -> bool:
-    if isinstance(a, Mapping) and isinstance(b, Mapping):
-        return list(a) == list(b) and all(_same(a[k], b[k]) for k in a)
-    return same(a, b)
+def _check_name(name: Any, what: str, where: Where | None) -> str:
+    if not isinstance(name, str) or not name or not all(c.isalnum() or c in "_-." for c in name):
+        raise ModelError(f"{what} name {shown(name)}: expected letters, digits, '_', '-' or '.'", where=where)
+    return name

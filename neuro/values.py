@@ -1,0 +1,61 @@
+"""Values of parameters: how they are kept, compared and shown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_LONGEST = 60
+
+
+@dataclass(frozen=True, slots=True)
+class FromFile:
+    """Values read from an HDF5 (`key` names the data set) or NPY file beside the YAML file."""
+
+    file: str
+    key: str
+    values: NDArray[np.float64]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, FromFile) and same(self.values, other.values)
+
+
+def same(a: Any, b: Any) -> bool:
+    """Equality that compares arrays by value and looks through `FromFile`."""
+    a = a.values if isinstance(a, FromFile) else a
+    b = b.values if isinstance(b, FromFile) else b
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        return type(a) is type(b) and a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=True))
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        return len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
+    if isinstance(a, Mapping) and isinstance(b, Mapping):
+        return list(a) == list(b) and all(same(a[k], b[k]) for k in a)
+    return bool(a == b)
+
+
+def shown(value: Any) -> str:
+    """A value as the language writes it, cut when it is long; for messages."""
+    text = _text(value)
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, FromFile):
+        return f"{{file: {value.file}}}"
+    if isinstance(value, np.ndarray):
+        return f"array of shape {value.shape}"
+    if isinstance(value, np.generic):
+        return _text(value.item())
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return repr(value).removesuffix(".0")
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_text(item) for item in value[:_LONGEST]) + "]"
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key}: {_text(item)}" for key, item in value.items()) + "}"
+    return repr(value)
