@@ -42,6 +42,13 @@ def uniform(part_key: int, step: int, neurons: NDArray[np.int64]) -> NDArray[np.
     return (words >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
 
+def uniform_table(part_key: int, steps: NDArray[np.int64], neurons: int) -> NDArray[np.float64]:
+    """The numbers of `uniform` for many steps and the first `neurons` neurons, shape (steps, neurons)."""
+    base = mix(np.uint64(part_key) + steps.astype(np.uint64) * np.uint64(STEP_STRIDE))
+    words = mix(base[:, None] + np.arange(neurons, dtype=np.uint64) * np.uint64(NEURON_STRIDE))
+    return (words >> np.uint64(11)).astype(np.float64) * 2.0**-53
+
+
 def poisson_table(mean: float) -> NDArray[np.float64]:
     """Cumulative probabilities of a Poisson variable, up to where they stop growing.
 

@@ -1,0 +1,36 @@
+"""The reference backend: what a `Program` means, written to be read.
+
+It is `docs/design.md`, section "What a program means", as plain Python and NumPy, with the models' own
+functions. It is slow, runs everything, and every float backend is tested against it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from neuro.backend import Problem
+from neuro.errors import ModelError, nearest
+from neuro.program import Program
+from neuro_reference.engine import ReferenceEngine
+
+
+class ReferenceBackend:
+    """Plain NumPy; defines the meaning."""
+
+    name = "reference"
+    description = "plain NumPy, slow, written to be read: defines what a program means"
+
+    def problems(self, program: Program) -> Sequence[Problem]:
+        """None: every program runs."""
+        return ()
+
+    def build(self, program: Program, *, threads: int = 1, **options: Any) -> ReferenceEngine:
+        """Make an engine at step 0; `threads` is accepted and ignored."""
+        for name in options:
+            raise ModelError(f"backend 'reference' has no option '{name}'", hint=nearest(name, ["threads"]))
+        return ReferenceEngine(program)
+
+
+backend = ReferenceBackend()
+__all__ = ["backend"]

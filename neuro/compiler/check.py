@@ -15,7 +15,7 @@ from neuro.distributions import Distribution
 from neuro.errors import ModelError, nearest, unknown
 from neuro.keyed import LARGEST_MEAN
 from neuro.network import Group, Network, Population, Probe, Projection, Signal
-from neuro.neurons import Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.neurons import Model, Neuron, dc_generator, poisson_generator, spike_generator
 from neuro.program import Floats
 from neuro.rules import grid
 from neuro.synapses import stdp_dopa
@@ -78,32 +78,31 @@ def _check_population(part: Population, shape: Shape) -> None:
         )
 
 
-def check_values(part: Population, parameters: Mapping[str, Floats], clock: Clock) -> None:
+def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -> None:
     """What the resolved parameters of one population must satisfy together.
 
     Args:
-        part: the population, for messages.
-        parameters: one value for all neurons or one for each, by word.
+        model: its model.
+        parameters: one value for all neurons or one for each, by word; what is not given is not checked.
         clock: of the network.
     """
-    name = part.model.name
-    if "rate" in parameters and isinstance(part.model, poisson_generator):
+    if "rate" in parameters and isinstance(model, poisson_generator):
         rate, limit = parameters["rate"].max(), LARGEST_MEAN * 1000.0 / clock.resolution
         if rate > limit:
-            refuse(part, f"{name}.rate = {rate:g} Hz: expected at most {limit:g} Hz, {LARGEST_MEAN:g} spikes a step")
+            raise ModelError(
+                f"{model.name}.rate = {rate:g} Hz: expected at most {limit:g} Hz, {LARGEST_MEAN:g} spikes a step"
+            )
     if "V_reset" in parameters and "V_th" in parameters:
         v_reset, v_th = np.broadcast_arrays(parameters["V_reset"], parameters["V_th"])
         bad = np.flatnonzero(v_reset >= v_th)
         if bad.size:
             where = f"[{bad[0]}]" if v_reset.size > 1 else ""
-            refuse(
-                part,
-                f"{name}.V_reset{where} = {v_reset[bad[0]]:g} mV: expected less than V_th = {v_th[bad[0]]:g} mV",
-                "lower V_reset or raise V_th",
+            raise ModelError(
+                f"{model.name}.V_reset{where} = {v_reset[bad[0]]:g} mV: expected less than V_th = {v_th[bad[0]]:g} mV",
+                hint="lower V_reset or raise V_th",
             )
     if "t_ref" in parameters:
-        with telling(part):
-            clock.steps(parameters["t_ref"], f"{name}.t_ref")
+        clock.steps(parameters["t_ref"], f"{model.name}.t_ref")
 
 
 def _check_ends(net: Network, part: Projection) -> None:

@@ -79,8 +79,8 @@ def _population(net: Network, part: Population, shape: Shape, clock: Clock, seed
         rng = generator(seed, "parameter", f"{part.name}.{word}")
         with telling(part):
             parameters[word] = per_neuron(model.parameters()[word], shape, f"{model.name}.{word}", rng)
-    check_values(part, parameters, clock)
     with telling(part):
+        check_values(model, parameters, clock)
         if isinstance(model, (poisson_generator, dc_generator)):
             start, stop = clock.step(model.start, f"{model.name}.start"), clock.step(model.stop, f"{model.name}.stop")
         steps, ids = _listed_spikes(model, clock)

@@ -1,0 +1,108 @@
+"""The neurons and generators of one population."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro import keyed
+from neuro.neurons import Neuron, dc_generator, poisson_generator
+from neuro.program import Floats, Ints, Population
+
+_CONSTANTS = 32
+
+
+class Cells:
+    """States and parameters of a population, and one step of them.
+
+    Args:
+        part: the population.
+        resolution: length of a step in ms.
+        seed: of the Poisson draws.
+    """
+
+    kept: ClassVar[tuple[str, ...]] = ("states", "injected_steps", "injected_ids")
+
+    def __init__(self, part: Population, resolution: float, seed: int) -> None:
+        self.part, self.size, self.resolution = part, part.size, resolution
+        self.parameters = {name: values.copy() for name, values in part.parameters.items()}
+        self.names = [state.name for state in part.model.states]
+        self.states: Floats = np.zeros((len(self.names), self.size))
+        self.key = keyed.key(seed, "poisson", part.name)
+        self.injected_steps: Ints = part.spike_steps.copy()
+        self.injected_ids: Ints = part.spike_ids.copy()
+        self.start_anew(self.names)
+        self.refresh()
+
+    def start_anew(self, names: list[str]) -> None:
+        """Put the named states where they are at step 0."""
+        for name in names:
+            self.states[self.names.index(name)] = self.part.initial[name]
+
+    def start_trial(self, names: tuple[str, ...]) -> None:
+        """Put the named states where they are at step 0; with V_m, refractoriness ends."""
+        hidden = [s.name for s in self.part.model.states if s.hidden] if "V_m" in names else []
+        self.start_anew([*names, *hidden])
+
+    def refresh(self) -> None:
+        """Work out the constants after a change of parameters."""
+        model = self.part.model
+        if not isinstance(model, Neuron):
+            return
+        values = [np.broadcast_to(v, self.size) for v in self.parameters.values()]
+        self.constants: Floats = np.zeros((self.size, _CONSTANTS))
+        for i in range(self.size):
+            model.arithmetic.constants([float(v[i]) for v in values], self.resolution, self.constants[i])
+        alike = bool((self.constants == self.constants[0]).all())
+        self.runs = [(0, self.size)] if alike else [(i, i + 1) for i in range(self.size)]
+
+    def update(self, x: Floats, i_0: Floats) -> NDArray[np.bool_]:
+        """Step every neuron; return which reached the threshold.
+
+        Args:
+            x: arrived input by receptor, shape (receptors, size).
+            i_0: external current in pA.
+        """
+        fired = np.zeros(self.size, dtype=bool)
+        model = self.part.model
+        assert isinstance(model, Neuron)
+        for lo, hi in self.runs:
+            model.arithmetic.step(self.states, self.constants[lo], x, i_0, lo, hi, fired)
+        return fired
+
+    def fire(self, ids: Ints) -> None:
+        """What a spike does to the neurons that spiked."""
+        model = self.part.model
+        assert isinstance(model, Neuron)
+        for i in ids:
+            model.arithmetic.fire(self.states, self.constants[i], i)
+
+    def generate(self, step: int) -> Ints:
+        """Number of spikes of each neuron of a generator in a step."""
+        if isinstance(self.part.model, poisson_generator):
+            return self._draw(step)
+        due = self.injected_ids[self.injected_steps == step]
+        return np.bincount(due, minlength=self.size).astype(np.int64)
+
+    def _draw(self, step: int) -> Ints:
+        numbers: Ints = np.zeros(self.size, dtype=np.int64)
+        if self.part.start < step <= self.part.stop:
+            u = keyed.uniform(self.key, step, np.arange(self.size))
+            means = np.broadcast_to(self.parameters["rate"] * self.resolution / 1000.0, self.size)
+            for mean in np.unique(means):
+                here = means == mean
+                numbers[here] = np.searchsorted(keyed.poisson_table(float(mean)), u[here], side="right")
+        return numbers
+
+    def current(self, step: int) -> Floats | None:
+        """Current of each neuron of a dc_generator in a step, or None while it is off."""
+        if not isinstance(self.part.model, dc_generator) or not self.part.start <= step < self.part.stop:
+            return None
+        return np.broadcast_to(self.parameters["amplitude"], self.size)
+
+    def inject(self, steps: Ints, ids: Ints) -> None:
+        """Add spikes of a spike_generator."""
+        self.injected_steps = np.concatenate((self.injected_steps, steps))
+        self.injected_ids = np.concatenate((self.injected_ids, ids))

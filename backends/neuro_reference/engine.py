@@ -1,0 +1,184 @@
+"""The engine of the reference backend: steps, trials, and reading and writing between them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.backend import EngineCounts, Outcome, Spikes, Trial
+from neuro.clock import NEVER
+from neuro.program import Floats, Ints, Program
+from neuro_reference import snapshots
+from neuro_reference.net import Net
+
+
+class ReferenceEngine:
+    """A program in execution; `neuro.backend.Engine` says what each method does."""
+
+    def __init__(self, program: Program) -> None:
+        self.program, self.net = program, Net(program)
+        self._first: list[Ints] = []
+
+    @property
+    def step(self) -> int:
+        """The last finished step."""
+        return self.net.step
+
+    def run(self, steps: int) -> None:
+        """Advance."""
+        for _ in range(steps):
+            self.net.advance()
+
+    def present(self, trial: Trial) -> Outcome:
+        """Run one trial."""
+        net, section = self.net, self.program.trials
+        assert section is not None
+        output = net.cells[section.output]
+        per_map = output.size // section.maps
+        net.drop()
+        net.silenced[section.output] = np.repeat(trial.silenced, per_map)
+        output.start_trial(section.reset)
+        self._first = [np.full(cells.size, NEVER) for cells in net.cells]
+        winner = decided = -1
+        potential = net.potentials[section.output][0]
+        tick = 0
+        for tick in range(section.duration):
+            net.advance(trial.ids[trial.ticks == tick])
+            for first, ids in zip(self._first, net.ids, strict=True):
+                first[ids] = np.minimum(first[ids], tick)
+            if winner < 0:
+                potential = net.potentials[section.output][0]
+                if len(net.ids[section.output]):
+                    winner, decided = int(net.ids[section.output][0]), tick
+                    if section.stop_at_decision:
+                        break
+        net.silenced[section.output][:] = False
+        by_map = potential.reshape(section.maps, per_map)
+        best = by_map.argmax(axis=1) + np.arange(section.maps) * per_map
+        return Outcome(winner, decided, by_map.max(axis=1), best, tick + 1)
+
+    def learn(self, projection: int, neuron: int, decided: int, won: bool) -> None:
+        """Apply the trial rule to the inputs of one neuron."""
+        wires = self.net.wires[projection]
+        inputs = np.flatnonzero(wires.target == neuron)
+        before = self._first[wires.part.source][wires.source[inputs]] + wires.delay[inputs] <= decided
+        for e, early in zip(inputs, before, strict=True):
+            slot = wires.slot[e]
+            wires.weights[slot] = wires.part.synapse.arithmetic.reward(
+                wires.weights[slot], bool(early), won, self._rule(projection)
+            )
+        self.net.trial_updates[projection] += len(inputs)
+
+    def encourage(self, projection: int, maps: Ints) -> None:
+        """Let every weight of some maps grow."""
+        wires, section = self.net.wires[projection], self.program.trials
+        assert section is not None
+        per_map = self.net.cells[section.output].size // section.maps
+        slots = np.unique(wires.slot[np.isin(wires.target // per_map, maps)])
+        for slot in slots:
+            wires.weights[slot] = wires.part.synapse.arithmetic.encourage(wires.weights[slot], self._rule(projection))
+        self.net.trial_updates[projection] += len(slots)
+
+    def _rule(self, projection: int) -> Floats:
+        c: Floats = np.zeros(32)
+        part = self.program.projections[projection]
+        part.synapse.arithmetic.constants(self.net.rules[projection], self.program.resolution, c)
+        return c
+
+    def inject(self, population: int, steps: Ints, ids: Ints) -> None:
+        """Add spikes of a spike_generator."""
+        self.net.cells[population].inject(steps, ids)
+
+    def signal(self, signal: int, values: Floats) -> None:
+        """Set the dopamine of every synapse that listens."""
+        for pairs in self.net.pairs.values():
+            if pairs.part.signal == signal:
+                pairs.signal(values, self.step)
+
+    def get(self, population: int, name: str) -> Floats:
+        """A state or parameter of every neuron."""
+        cells = self.net.cells[population]
+        values = cells.states[cells.names.index(name)] if name in cells.names else cells.parameters[name]
+        return np.broadcast_to(values, cells.size).copy()
+
+    def set(self, population: int, name: str, values: Floats) -> None:
+        """Change a state or parameter."""
+        cells = self.net.cells[population]
+        if name in cells.names:
+            cells.states[cells.names.index(name)] = values
+        else:
+            cells.parameters[name] = values.copy()
+            cells.refresh()
+
+    def get_synapses(self, projection: int, name: str) -> Floats:
+        """A state of every synapse."""
+        pairs = self.net.pairs.get(projection)
+        return self.net.wires[projection].weights.copy() if pairs is None else pairs.read(name, self.step)
+
+    def set_rule(self, projection: int, parameters: Floats) -> None:
+        """Change the numbers of a synapse model."""
+        if projection in self.net.pairs:
+            self.net.pairs[projection].set_rule(parameters, self.step)
+        else:
+            self.net.rules[projection] = parameters.copy()
+
+    def set_weights(self, projection: int, weights: Floats) -> None:
+        """Replace all weights."""
+        self.net.wires[projection].weights[:] = weights
+        if projection in self.net.pairs:
+            self.net.pairs[projection].set_weights(self.net.wires[projection].weights, self.step)
+
+    def spikes(self, population: int, since: int) -> Spikes:
+        """Recorded spikes after a step."""
+        return self.net.records[population].since(since)
+
+    def forget(self, before: int) -> None:
+        """Drop recorded spikes up to a step."""
+        for record in self.net.records:
+            record.forget(before)
+
+    def counts(self) -> EngineCounts:
+        """Counts since the start or the last reset."""
+        records = self.net.records
+        return EngineCounts(
+            steps=self.step,
+            events=tuple(record.events.copy() for record in records),
+            spikes=tuple(record.spikes.copy() for record in records),
+            active=np.array([record.active for record in records], dtype=np.int64),
+            trial_updates=self.net.trial_updates.copy(),
+        )
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of states, synapses and recorded spikes."""
+        net = self.net
+        return {
+            "neurons": sum(cells.states.nbytes for cells in net.cells),
+            "synapses": sum(w.weights.nbytes + w.source.nbytes + w.target.nbytes + w.slot.nbytes for w in net.wires),
+            "spikes": sum(24 * len(record.steps) for record in net.records),
+        }
+
+    def reset(self, weights: bool) -> None:
+        """Back to step 0."""
+        before = self.net
+        self.net = Net(self.program)
+        for old, new in zip(before.cells, self.net.cells, strict=True):
+            new.parameters = old.parameters
+            new.refresh()
+        self.net.rules = before.rules
+        for index, plastic in before.pairs.items():
+            self.net.pairs[index].set_rule(plastic.rule, 0)
+        if not weights:
+            for index, wires in enumerate(before.wires):
+                pairs = before.pairs.get(index)
+                self.set_weights(index, wires.weights if pairs is None else pairs.read("weight", before.step))
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Everything that `restore` needs."""
+        return snapshots.take(self.net)
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Continue from a snapshot."""
+        snapshots.put(self.net, arrays)

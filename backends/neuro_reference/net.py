@@ -1,0 +1,162 @@
+"""All parts of a program side by side, and one step of them."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro import keyed
+from neuro.neurons import Neuron, dc_generator
+from neuro.program import Floats, Ints, Program
+from neuro_reference.cells import Cells
+from neuro_reference.pairs import Pairs
+from neuro_reference.record import Record
+from neuro_reference.wires import Wires
+
+NOBODY: Ints = np.zeros(0, dtype=np.int64)
+Bools = NDArray[np.bool_]
+
+
+class Net:
+    """A program's parts and the step they have reached.
+
+    Attributes:
+        step: the last finished step.
+        ids, multiplicity: what each population emitted in that step; it teaches and sets out when the next begins.
+        potentials: the first state of each population in that step, before spikes reset it.
+        closed: whether each group has decided.
+        silenced: neurons of each population that must not fire.
+        rules: numbers of the rules for trials, by projection.
+        trial_updates: weights changed at the end of trials, for each projection.
+    """
+
+    kept: ClassVar[tuple[str, ...]] = ("step", "closed", "trial_updates")
+
+    def __init__(self, program: Program) -> None:
+        self.program, self.step = program, 0
+        self.cells = [Cells(p, program.resolution, program.seed) for p in program.populations]
+        self.wires = [Wires(program, i) for i in range(len(program.projections))]
+        self.pairs = {
+            i: Pairs(program, wires, self.cells[wires.part.target].parameters["tau_minus"])
+            for i, wires in enumerate(self.wires)
+            if wires.part.synapse.learns == "pairs"
+        }
+        self.rules = {i: w.part.synapse.vector() for i, w in enumerate(self.wires) if w.part.synapse.learns == "trials"}
+        self.records = [Record(p.size, p.records) for p in program.populations]
+        self.ties = [keyed.key(program.seed, "tie", group.name) for group in program.groups]
+        self.silenced = [np.zeros(p.size, dtype=bool) for p in program.populations]
+        self.trial_updates: Ints = np.zeros(len(self.wires), dtype=np.int64)
+        self.potentials: list[Floats] = [c.states[:1].copy() for c in self.cells]
+        self.drop()
+
+    def drop(self) -> None:
+        """Drop what is under way: spikes in flight and the decisions of groups; currents go on."""
+        for wires in self.wires:
+            if not self._carries_current(wires):
+                wires.start_anew()
+        self.ids: list[Ints] = [NOBODY for _ in self.cells]
+        self.multiplicity: list[Ints] = [NOBODY for _ in self.cells]
+        self.closed: Bools = np.zeros(len(self.program.groups), dtype=bool)
+
+    def advance(self, presented: Ints = NOBODY) -> None:
+        """One step.
+
+        Args:
+            presented: neurons of the trials' input that emit in it, beside what they emit anyway.
+        """
+        self._send()
+        step = self.step + 1
+        inputs = [self._arrivals(index, step) for index in range(len(self.cells))]
+        reached = [self._update(cells, *found[:2]) for cells, found in zip(self.cells, inputs, strict=True)]
+        self.potentials = [cells.states[:1].copy() for cells in self.cells]
+        for index in range(len(self.program.groups)):
+            self._decide(index, reached, step)
+        for index, (x, _, heard) in enumerate(inputs):
+            self._emit(index, step, reached[index], x, presented)
+            self._record(index, step, heard)
+        for wires in self.wires:
+            amplitude = self.cells[wires.part.source].current(step)
+            if amplitude is not None:
+                wires.send_current(amplitude, step)
+        for pairs in self.pairs.values():
+            pairs.arrive(step)
+            pairs.emit_post(self.ids[pairs.part.target], step)
+            if pairs.part.dopamine >= 0:
+                pairs.emit_dopamine(self.ids[pairs.part.dopamine], self.multiplicity[pairs.part.dopamine], step)
+        self.step = step
+
+    def _carries_current(self, wires: Wires) -> bool:
+        return isinstance(self.cells[wires.part.source].part.model, dc_generator)
+
+    def _send(self) -> None:
+        """The spikes of the last step teach and set out."""
+        for index, wires in enumerate(self.wires):
+            model = self.cells[wires.part.target].part.model
+            assert isinstance(model, Neuron)
+            origin = wires.part.source
+            for source, multiplicity in zip(self.ids[origin], self.multiplicity[origin], strict=True):
+                if index in self.pairs:
+                    weights = self.pairs[index].spike(source, self.step)
+                else:
+                    weights = wires.weights[wires.slot[wires.row(source)]]
+                wires.send(source, multiplicity, self.step, weights, model.relay, model.receptors)
+
+    def _arrivals(self, index: int, step: int) -> tuple[Floats, Floats, Bools]:
+        """Input by receptor, external current, and which neurons hear a spike, of one population."""
+        size = self.cells[index].size
+        x, current, heard = np.zeros((2, size)), np.zeros(size), np.zeros(size, dtype=bool)
+        for wires in self.wires:
+            if wires.part.target == index:
+                amount, some = wires.arrive(step)
+                if self._carries_current(wires):
+                    current += amount[0]
+                else:
+                    x += amount
+                    heard |= some
+        return x, current, heard
+
+    def _update(self, cells: Cells, x: Floats, current: Floats) -> Bools:
+        if isinstance(cells.part.model, Neuron):
+            return cells.update(x, current)
+        return np.zeros(cells.size, dtype=bool)
+
+    def _decide(self, index: int, reached: list[Bools], step: int) -> None:
+        """Of the candidates of a group leave the best, if it may still decide."""
+        group = self.program.groups[index]
+        cells = self.cells[group.population]
+        candidates = np.flatnonzero(reached[group.population] & ~self.silenced[group.population])
+        reached[group.population][:] = False
+        if self.closed[index] or not len(candidates):
+            return
+        above = cells.states[0, candidates] - cells.constants[candidates, 0]
+        drawn = keyed.uniform(self.ties[index], step, candidates)
+        best = candidates[np.lexsort((candidates, -drawn, -above))[0]]
+        reached[group.population][best] = True
+        if group.first_to_fire:
+            self.closed[index] = True
+        else:
+            cells.fire(candidates[candidates != best])
+
+    def _emit(self, index: int, step: int, reached: Bools, x: Floats, presented: Ints) -> None:
+        """What one population emits; neurons that spike are reset."""
+        cells = self.cells[index]
+        if isinstance(cells.part.model, Neuron):
+            self.ids[index] = np.flatnonzero(reached & ~self.silenced[index])
+            cells.fire(self.ids[index])
+            relayed = x[0] if cells.part.model.relay else np.ones(cells.size)
+            self.multiplicity[index] = relayed[self.ids[index]].astype(np.int64)
+            return
+        numbers = cells.generate(step)
+        if self.program.trials is not None and index == self.program.trials.input:
+            numbers = numbers + np.bincount(presented, minlength=cells.size)
+        self.ids[index] = np.flatnonzero(numbers)
+        self.multiplicity[index] = numbers[self.ids[index]]
+
+    def _record(self, index: int, step: int, heard: Bools) -> None:
+        record = self.records[index]
+        record.add(step, self.ids[index], self.multiplicity[index])
+        if isinstance(self.cells[index].part.model, Neuron):
+            heard[self.ids[index]] = True
+            record.active += int(heard.sum())

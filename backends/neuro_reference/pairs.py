@@ -1,0 +1,169 @@
+"""Pairwise learning of one projection, eagerly: every synapse follows every event that concerns it.
+
+A synapse hears the spikes of its target after its delay, so it keeps a K- of its own: the trace of the
+post spikes that have reached it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar
+
+import numpy as np
+
+from neuro.program import Floats, Ints, Program
+from neuro_reference.wires import Wires
+
+
+class Pairs:
+    """States of the plastic synapses of one projection.
+
+    Attributes:
+        rule: the numbers of the synapse model.
+        y: weight and states of every synapse.
+        sent: weight at the last pre spike, which `stdp` shows.
+        reached: step up to which a modulated synapse is integrated.
+        k_plus, k_plus_step: trace of each source just after its last spike, and that spike's step.
+        k_minus, k_minus_before, heard: trace of each synapse after and before the post spike that came last, its step.
+        n, n_step: dopamine of each target at a step.
+        posts: post spikes on their way, (steps, synapse); doses: dopamine spikes on their way, (steps, target).
+    """
+
+    kept: ClassVar[tuple[str, ...]] = (
+        *("rule", "y", "sent", "reached", "k_plus", "k_plus_step", "k_minus", "k_minus_before", "heard"),
+        *("n", "n_step", "posts", "doses"),
+    )
+
+    def __init__(self, program: Program, wires: Wires, tau_minus: Floats) -> None:
+        part = wires.part
+        self.wires, self.part, self.h = wires, part, program.resolution
+        self.arithmetic, self.modulated = part.synapse.arithmetic, part.synapse.modulated
+        self.n_source = program.populations[part.source].size
+        self.tau_minus: Floats = np.broadcast_to(tau_minus, wires.n_target)[wires.target]
+        names = part.synapse.numbers()
+        self._tau_plus = names.index("tau_plus")
+        self._tau_n = names.index("tau_n") if self.modulated else -1
+        self.grid = program.min_delay * int(part.synapse.parameters().get("deliver_interval", 1))
+        self.y: Floats = np.zeros((1 + len(part.synapse.states), len(wires.target)))
+        self.sent = wires.weights.copy()
+        self.y[0] = self.sent
+        self.rule = part.synapse.vector()
+        self.refresh()
+        n, n_target = len(wires.target), wires.n_target
+        self.reached: Ints = np.zeros(n, dtype=np.int64)
+        self.k_plus: Floats = np.zeros(self.n_source)
+        self.k_plus_step: Ints = np.zeros(self.n_source, dtype=np.int64)
+        self.k_minus: Floats = np.zeros(n)
+        self.k_minus_before: Floats = np.zeros(n)
+        self.heard: Ints = np.zeros(n, dtype=np.int64)
+        self.n: Floats = np.zeros(n_target)
+        self.n_step: Ints = np.zeros(n_target, dtype=np.int64)
+        self.posts = np.zeros((self.wires.slots, n), dtype=bool)
+        self.doses: Ints = np.zeros((self.part.dopamine_delay + 1, n_target), dtype=np.int64)
+
+    def emit_post(self, ids: Ints, step: int) -> None:
+        """Spikes of the target set out for the synapses."""
+        to = np.flatnonzero(np.isin(self.wires.target, ids))
+        self.posts[(step + self.wires.delay[to]) % len(self.posts), to] = True
+
+    def emit_dopamine(self, ids: Ints, multiplicity: Ints, step: int) -> None:
+        """Spikes of the dopamine population set out for the targets."""
+        place = (step + self.part.dopamine_delay) % len(self.doses)
+        if self.part.dopamine_one_to_one:
+            self.doses[place, ids] += multiplicity
+        else:
+            self.doses[place] += multiplicity.sum()
+
+    def arrive(self, step: int) -> None:
+        """What arrives in a step: dopamine first, then post spikes."""
+        place = step % len(self.doses)
+        for target in np.flatnonzero(self.doses[place]).tolist():
+            for e in np.flatnonzero(self.wires.target == target).tolist():
+                self._integrate(e, step)
+            dose = self.doses[place, target] / self.rule[self._tau_n]
+            self.n[target], self.n_step[target] = self._dopamine(target, step) + dose, step
+        self.doses[place] = 0
+        for e in np.flatnonzero(self.posts[step % len(self.posts)]).tolist():
+            self._integrate(e, step)
+            self.arithmetic.on_post(self.y, e, self.c, self._k_plus(self.wires.source[e], step))
+            self.k_minus_before[e] = self._k_minus(e, step)
+            self.k_minus[e], self.heard[e] = 1.0 + self.k_minus_before[e], step
+        self.posts[step % len(self.posts)] = False
+
+    def spike(self, source: int, step: int) -> Floats:
+        """A pre spike emitted in `step`: the rule acts, then K+ grows; return the weights that are sent."""
+        row = self.wires.row(source)
+        for e in range(row.start, row.stop):
+            self._integrate(e, step)
+            k_minus = self.k_minus_before[e] if self.heard[e] == step else self._k_minus(e, step)
+            self.arithmetic.on_pre(self.y, e, self.c, k_minus)
+        self.k_plus[source], self.k_plus_step[source] = 1.0 + self._k_plus(source, step), step
+        self.sent[row] = self.y[0, row]
+        return self.sent[row]
+
+    def signal(self, values: Floats, step: int) -> None:
+        """Set the dopamine of every target at the end of a step."""
+        self._bring(step)
+        self.n[:], self.n_step[:] = values, step
+
+    def set_rule(self, rule: Floats, step: int) -> None:
+        """Change the rule's numbers at the end of a step; what came before keeps the old ones."""
+        self._bring(step)
+        self.k_plus = np.array([self._k_plus(i, step) for i in range(self.n_source)])
+        self.k_plus_step[:] = step
+        self.n = np.array([self._dopamine(j, step) for j in range(self.wires.n_target)])
+        self.n_step[:] = step
+        self.rule = rule.copy()
+        self.refresh()
+
+    def set_weights(self, weights: Floats, step: int) -> None:
+        """Replace all weights at the end of a step."""
+        self._bring(step)
+        self.y[0] = weights
+        self.sent = weights.copy()
+
+    def read(self, name: str, step: int) -> Floats:
+        """A state of every synapse at the end of a step; nothing is changed by it."""
+        if name == "K_plus":
+            return np.array([self._k_plus(i, step) for i in self.wires.source])
+        if name == "n":
+            return np.array([self._dopamine(j, step) for j in self.wires.target])
+        if not self.modulated and name == "weight":
+            return self.sent.copy()
+        y, reached = self.y.copy(), self.reached.copy()
+        self._bring(step)
+        row = 0 if name == "weight" else 1 + [s.name for s in self.part.synapse.states].index(name)
+        values: Floats = self.y[row].copy()
+        self.y, self.reached = y, reached
+        return values
+
+    def refresh(self) -> None:
+        """Work out the constants after a change of the rule."""
+        self.c: Floats = np.zeros(32)
+        self.arithmetic.constants(self.rule, self.h, self.c)
+
+    def _bring(self, step: int) -> None:
+        for e in range(len(self.wires.target)):
+            self._integrate(e, step)
+
+    def _integrate(self, e: int, step: int) -> None:
+        """Let dopamine act on a synapse from where it was left up to a step."""
+        if not self.modulated or self.reached[e] == step:
+            return
+        begin = int(self.reached[e])
+        n = self._dopamine(self.wires.target[e], begin)
+        self.arithmetic.advance(self.y, e, self.c, begin, step, n, self.grid)
+        self.reached[e] = step
+
+    def _k_plus(self, source: int, step: int) -> float:
+        passed = (step - self.k_plus_step[source]) * self.h
+        return float(self.k_plus[source] * math.exp(-passed / self.rule[self._tau_plus]))
+
+    def _k_minus(self, e: int, step: int) -> float:
+        return float(self.k_minus[e] * math.exp(-(step - self.heard[e]) * self.h / self.tau_minus[e]))
+
+    def _dopamine(self, target: int, step: int) -> float:
+        if not self.modulated:
+            return 0.0
+        passed = (step - self.n_step[target]) * self.h
+        return float(self.n[target] * math.exp(-passed / self.rule[self._tau_n]))

@@ -1,0 +1,55 @@
+"""The state of a net as named arrays, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro_reference.net import Net
+
+Arrays = Mapping[str, NDArray[Any]]
+
+
+def take(net: Net) -> dict[str, NDArray[Any]]:
+    """Copies of everything that changes while a net runs."""
+    arrays = {}
+    for path, part in _parts(net):
+        for name in part.kept:
+            arrays[f"{path}/{name}"] = np.array(getattr(part, name))
+    for index, cells in enumerate(net.cells):
+        arrays[f"emitted/{index}/ids"] = net.ids[index].copy()
+        arrays[f"emitted/{index}/multiplicity"] = net.multiplicity[index].copy()
+        for name, values in cells.parameters.items():
+            arrays[f"parameter/{index}/{name}"] = values.copy()
+    for index, rule in net.rules.items():
+        arrays[f"rule/{index}"] = rule.copy()
+    return arrays
+
+
+def put(net: Net, arrays: Arrays) -> None:
+    """Set a net of the same program to what `take` gave."""
+    for path, part in _parts(net):
+        for name in part.kept:
+            value = arrays[f"{path}/{name}"]
+            now = getattr(part, name)
+            setattr(part, name, value.copy() if isinstance(now, np.ndarray) else type(now)(value.tolist()))
+    for index, cells in enumerate(net.cells):
+        net.ids[index] = arrays[f"emitted/{index}/ids"].copy()
+        net.multiplicity[index] = arrays[f"emitted/{index}/multiplicity"].copy()
+        cells.parameters = {name: arrays[f"parameter/{index}/{name}"].copy() for name in cells.parameters}
+        cells.refresh()
+    net.rules = {index: arrays[f"rule/{index}"].copy() for index in net.rules}
+    for pairs in net.pairs.values():
+        pairs.refresh()
+
+
+def _parts(net: Net) -> Iterator[tuple[str, Any]]:
+    yield "net", net
+    for label, parts in (("cells", net.cells), ("wires", net.wires), ("records", net.records)):
+        for index, part in enumerate(parts):
+            yield f"{label}/{index}", part
+    for number, pairs in net.pairs.items():
+        yield f"pairs/{number}", pairs

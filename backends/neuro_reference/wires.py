@@ -1,0 +1,96 @@
+"""The synapses of one projection and what travels along them."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.program import Floats, Ints, Program, Projection
+
+
+class Wires:
+    """A projection with every synapse spelt out, and its input to come.
+
+    Attributes:
+        source, target, delay: of every synapse, sorted by source, then target.
+        slot: which weight a synapse has (the weights of a grid are shared).
+        weights: all weights.
+        row_ends: synapses of source i are row_ends[i] : row_ends[i + 1].
+        due: input that is to arrive, (steps modulo the longest delay + 2, receptor, target).
+        heard: whether anything is to arrive, (steps, target).
+
+    Args:
+        program: the whole network.
+        index: which projection.
+    """
+
+    kept: ClassVar[tuple[str, ...]] = ("weights", "due", "heard")
+
+    def __init__(self, program: Program, index: int) -> None:
+        self.part = part = program.projections[index]
+        n_source = program.populations[part.source].size
+        self.n_target = program.populations[part.target].size
+        if part.grid is None:
+            self.source, self.target = program.connections(index)
+            self.slot: Ints = np.arange(part.size)
+        else:
+            self.source, self.target, self.slot = _spell_out(part)
+        self.delay: Ints = np.broadcast_to(part.delay, len(self.source)).astype(np.int64)
+        self.weights: Floats = np.broadcast_to(part.weight, part.size).copy()
+        self.row_ends = np.searchsorted(self.source, np.arange(n_source + 1))
+        self.slots = int(part.delay.max(initial=1)) + 2
+        self.start_anew()
+
+    def start_anew(self) -> None:
+        """Nothing is under way."""
+        self.due: Floats = np.zeros((self.slots, 2, self.n_target))
+        self.heard = np.zeros((self.slots, self.n_target), dtype=bool)
+
+    def row(self, source: int) -> slice:
+        """The synapses of one source."""
+        return slice(int(self.row_ends[source]), int(self.row_ends[source + 1]))
+
+    def send(self, source: int, multiplicity: int, step: int, weights: Floats, relay: bool, receptors: int) -> None:
+        """Send a spike of one source, emitted in `step`, with the given weights of its synapses."""
+        row = self.row(source)
+        at, to = (step + self.delay[row]) % self.slots, self.target[row]
+        amount = np.full(len(to), float(multiplicity)) if relay else weights * multiplicity
+        receptor = ((amount < 0.0) & (receptors == 2)).astype(np.int64)
+        np.add.at(self.due, (at, receptor, to), amount)
+        self.heard[at, to] = True
+
+    def send_current(self, amplitude: Floats, step: int) -> None:
+        """Send a current; what is delivered at a step is used from the next on."""
+        amount = amplitude[self.source] * self.weights[self.slot]
+        np.add.at(self.due[:, 0], ((step + self.delay + 1) % self.slots, self.target), amount)
+
+    def arrive(self, step: int) -> tuple[Floats, NDArray[np.bool_]]:
+        """Take what arrives in a step: the input (receptor, target) and which targets hear something."""
+        place = step % self.slots
+        x, heard = self.due[place].copy(), self.heard[place].copy()
+        self.due[place], self.heard[place] = 0.0, False
+        return x, heard
+
+
+def _spell_out(part: Projection) -> tuple[Ints, Ints, Ints]:
+    """Source, target and weight of every synapse of a grid, sorted by source, then target."""
+    g = part.grid
+    assert g is not None
+    m, r, c, k, i, j = np.meshgrid(
+        np.arange(g.maps),
+        np.arange(g.rows),
+        np.arange(g.columns),
+        np.arange(g.channels),
+        np.arange(g.kernel_height),
+        np.arange(g.kernel_width),
+        indexing="ij",
+    )
+    y, x = r * g.stride + i - g.padding, c * g.stride + j - g.padding
+    inside = (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
+    source = ((k * g.height + y) * g.width + x)[inside]
+    target = ((m * g.rows + r) * g.columns + c)[inside]
+    slot = (((m * g.channels + k) * g.kernel_height + i) * g.kernel_width + j)[inside]
+    order = np.lexsort((target, source))
+    return source[order], target[order], slot[order]
