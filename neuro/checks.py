@@ -102,7 +102,7 @@ def _array(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     """A list, nested evenly, or an array of numbers as doubles that cannot be written."""
     if isinstance(value, (list, tuple)):
         _leaves(q, value, what)
-    elif not isinstance(value, np.ndarray) or value.ndim == 0 or value.dtype.kind not in "iuf":
+    elif isinstance(value, (str, bytes)) or np.ndim(value) == 0 or np.asarray(value).dtype.kind not in "iuf":
         raise wrong(q, value, what)
     try:
         array = np.array(value, dtype=np.float64)

@@ -58,6 +58,8 @@ def with_parameters(cls: type[Choice], node: Node) -> Choice:
 
 def value(q: Quantity, node: Node, what: str) -> Any:
     """The value of one parameter; whether it is accepted is checked where it is used."""
+    if q.arrays and isinstance(node.value, str) and node.value in DISTRIBUTIONS:
+        return choice(node, DISTRIBUTIONS, "distribution")
     if not isinstance(node.value, dict):
         return plain(node)
     if q.part is not None:
