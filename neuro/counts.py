@@ -156,7 +156,8 @@ def _grid_fan_out(g: Grid) -> Ints:
 
     def covering(length: int, kernel: int, places: int) -> Ints:
         offset = np.arange(length)[:, None] + g.padding - np.arange(places)[None, :] * g.stride
-        return np.count_nonzero((offset >= 0) & (offset < kernel), axis=1).astype(np.int64)
+        covered: Ints = ((offset >= 0) & (offset < kernel)).sum(axis=1)
+        return covered
 
     rows = covering(g.height, g.kernel_height, g.rows)
     columns = covering(g.width, g.kernel_width, g.columns)

@@ -1,0 +1,147 @@
+"""`neuro.verify`: NEST's traces come out on every float backend, and a wrong value is found."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neuro.errors import ModelError
+from neuro.verify import Result, verify
+
+BACKENDS = ("reference", "event")
+
+
+@pytest.fixture(scope="session")
+def traces(shared: Path) -> Path:
+    return shared / "reference" / "nest"
+
+
+@pytest.fixture
+def one(traces: Path, tmp_path: Path):
+    """Copy one case, whose json and arrays may be changed on the way."""
+
+    def copy(case: str, arrays=lambda a: None, facts=lambda f: None) -> Path:
+        told = json.loads((traces / f"{case}.json").read_text())
+        with np.load(traces / f"{case}.npz") as stored:
+            values = {name: stored[name].copy() for name in stored.files}
+        facts(told)
+        arrays(values)
+        (tmp_path / f"{case}.json").write_text(json.dumps(told))
+        np.savez(tmp_path / f"{case}.npz", **values)
+        return tmp_path
+
+    return copy
+
+
+def wrong(results: list[Result]) -> dict[str, str]:
+    return {result.quantity: result.message for result in results if not result.ok}
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_every_trace_of_nest_comes_out(traces: Path, backend: str):
+    results = verify(traces, backend)
+    assert [f"{r.case} {r.quantity}: {r.message}" for r in results if not r.ok] == []
+    assert {r.case[0] for r in results} >= set("abcd")
+    assert {r.quantity for r in results} >= {"spikes", "V_m", "I_syn_ex", "w_after", "final", "w", "c", "n", "Kplus"}
+
+
+def test_an_altered_spike_is_found(one):
+    def later(arrays):
+        arrays["spikes_ms"][3] += 0.1
+
+    assert list(wrong(verify(one("a1_iaf_psc_exp", later), "reference"))) == ["spikes"]
+
+
+def test_a_missing_spike_is_found(one):
+    def shorten(arrays):
+        arrays["spikes_ms"] = arrays["spikes_ms"][1:]
+
+    found = wrong(verify(one("a1_iaf_psc_exp", shorten), "reference"))
+    assert found == {"spikes": "1 differ, first: neuron 0 at 11.1 ms is not expected"}
+
+
+@pytest.mark.parametrize(
+    ("case", "array", "quantity"),
+    [
+        ("a1_iaf_psc_exp", "V_m", "V_m"),
+        ("a3_iaf_psc_alpha", "I_syn_in", "I_syn_in"),
+        ("b1_stdp_multiplicative", "w_after", "w_after"),
+        ("b2_stdp_additive", "final", "final"),
+        ("c2_stdp_dopamine", "w_after", "w_after"),
+        ("d1_recurrent100", "V_sample", "V_m"),
+    ],
+)
+def test_an_altered_value_is_found(one, case: str, array: str, quantity: str):
+    def alter(arrays):
+        arrays[array].flat[1] += 1e-8
+
+    found = wrong(verify(one(case, alter), "reference"))
+    assert list(found) == [quantity]
+    assert ": expected " in found[quantity]
+
+
+@pytest.mark.parametrize(("column", "quantity"), [(1, "w"), (2, "c"), (3, "n"), (4, "Kplus")])
+def test_an_altered_trace_is_found(one, column: int, quantity: str):
+    def alter(arrays):
+        arrays["trace"][2999, column] += 1e-8
+
+    assert list(wrong(verify(one("c1_stdp_dopamine", alter), "reference"))) == [quantity]
+
+
+def test_a_spike_of_the_network_by_another_neuron_is_found(one):
+    def alter(arrays):
+        arrays["spike_id"][10] = (arrays["spike_id"][10] + 1) % 100
+
+    assert list(wrong(verify(one("d1_recurrent100", alter), "event"))) == ["spikes"]
+
+
+def test_a_value_that_is_no_number_is_found(one):
+    def alter(arrays):
+        arrays["V_m"][5] = np.nan
+
+    assert wrong(verify(one("a2_iaf_psc_delta", alter), "reference"))["V_m"].endswith("expected nan")
+
+
+def test_files_that_are_no_cases_get_a_message(one, traces: Path):
+    folder = one("a6_iaf_psc_exp_dc_generator")
+    (folder / "broken.json").write_text("{")
+    (folder / "foreign.json").write_text('{"what": "something else"}')
+    np.savez(folder / "foreign.npz", x=np.zeros(1))
+    (folder / "list.json").write_text("[]")
+    (folder / "lonely.json").write_text("{}")
+    shutil.copy(traces / "b1_stdp_multiplicative.json", folder / "torn.json")
+    (folder / "torn.npz").write_bytes(b"PK\x03\x04torn")
+    results = verify(folder, "reference")
+    messages = {result.case: result.message for result in results if not result.ok}
+    assert messages["foreign"] == (
+        "a case of no known kind: expected 'neuron' with 'inputs', 'neuron' with 'src', or 'synapse'"
+    )
+    assert messages["list"] == "list.json: expected an object that describes a case"
+    assert messages["lonely"] == "lonely.npz is missing"
+    assert messages["broken"].startswith("broken.json cannot be read: Expecting property name")
+    assert messages["torn"].startswith("torn.npz cannot be read: ")
+    assert {r.case for r in results if r.ok} == {"a6_iaf_psc_exp_dc_generator"}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: f["neuron"].update(model="aeif"), "a neuron of model 'aeif', which is not known"),
+        (lambda f: f["neuron"].pop("params"), "'params' is missing"),
+        (lambda f: f["inputs"]["exc"].update(delay_ms="soon"), "projection 'input_0_neurons': delay = 'soon'"),
+        (lambda f: f["inputs"].update(exc=3), "it is not of the expected form: "),
+    ],
+)
+def test_a_case_that_cannot_be_built_gets_a_message(one, change, message: str):
+    found = wrong(verify(one("a1_iaf_psc_exp", facts=change), "reference"))
+    assert list(found) == ["case"]
+    assert message in found["case"]
+
+
+def test_a_folder_without_cases_is_an_error(tmp_path: Path):
+    with pytest.raises(ModelError, match="no case in it: expected files NAME"):
+        verify(tmp_path)
+    with pytest.raises(ModelError, match="no such folder: expected one with cases"):
+        verify(tmp_path / "nowhere")
