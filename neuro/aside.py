@@ -1,0 +1,32 @@
+"""Files that are whole or not there at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def aside(path: Path) -> Iterator[Path]:
+    """A new empty file beside `path` to write into; it takes the name `path` when the block ends well.
+
+    If the block fails or is interrupted nothing is left and what stood at `path` stays as it was. That the
+    folder can be written to shows at once, before the work of the block begins.
+
+    Raises:
+        OSError: there is no such folder, it cannot be written to, or `path` is a folder.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(21, "is a folder, expected the name of a file")
+        part.touch()
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
+    try:
+        yield part
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)

@@ -1,0 +1,36 @@
+"""All commands in one table; what they compute with is imported when one of them runs."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+import neuro
+from neuro.cli.backends import backends
+from neuro.cli.check import check
+from neuro.cli.commands import Commands
+from neuro.cli.models import models
+from neuro.cli.plot import plot
+from neuro.cli.run import run
+from neuro.cli.schema import schema
+from neuro.cli.show import show
+from neuro.cli.verify import verify
+
+COMMANDS = (run, plot, check, show, schema, verify, models, backends)
+
+app = typer.Typer(cls=Commands, name="neuro", add_completion=False, pretty_exceptions_enable=False)
+for command in COMMANDS:
+    app.command()(command)
+
+
+@app.callback(invoke_without_command=True)
+def root(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and leave.")] = False,
+) -> None:
+    """Describe a spiking network once; run it on a fast simulator or on an emulated chip."""
+    if version:
+        typer.echo(f"neuro {neuro.__version__}")
+    elif context.invoked_subcommand is None:
+        typer.echo(context.get_help())

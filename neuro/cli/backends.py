@@ -1,0 +1,12 @@
+"""`neuro backends`."""
+
+from __future__ import annotations
+
+
+def backends() -> None:
+    """List what networks can run on."""
+    from neuro.backend import installed
+    from neuro.cli.tables import console, table
+
+    rows = [(name, backend.description) for name, backend in installed().items()]
+    console().print(table(("backend", "what it is"), rows))

@@ -1,0 +1,83 @@
+"""The group of all commands: ours, and those of apps (entry points of the group `neuro.commands`)."""
+
+from __future__ import annotations
+
+import ast
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from neuro.errors import ModelError, unknown
+
+GROUP = "neuro.commands"
+
+
+class Commands(TyperGroup):
+    """Lists apps without importing them, so that a slow or broken one troubles only those who call it."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Our own commands, then those of apps."""
+        ours = super().list_commands(ctx)
+        return ours + sorted(apps().keys() - set(ours))
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """A command as help shows it; None if there is none of that name."""
+        entry = apps().get(cmd_name)
+        return super().get_command(ctx, cmd_name) or (placeholder(entry) if entry else None)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        """The command to run, which is imported now.
+
+        Raises:
+            ModelError: there is none of that name, or its app cannot be imported.
+        """
+        name, known = args[0], self.list_commands(ctx)
+        if name not in known:
+            raise unknown("command", name, known)
+        command = super().get_command(ctx, name) or load(apps()[name])
+        return name, command, args[1:]
+
+    def invoke(self, ctx: Any) -> None:
+        """Run; what a command returns is not an exit status."""
+        super().invoke(ctx)
+
+
+def apps() -> dict[str, EntryPoint]:
+    """The commands of installed apps."""
+    return {entry.name: entry for entry in entry_points(group=GROUP)}
+
+
+def load(entry: EntryPoint) -> Any:
+    """Import the command of an app.
+
+    Raises:
+        ModelError: its import fails.
+    """
+    try:
+        command = typer.main.get_command(entry.load())
+    except Exception as error:
+        raise ModelError(
+            f"command '{entry.name}' cannot be loaded from {entry.value}: {type(error).__name__}: {error}",
+            hint="install again the package that brings it",
+        ) from error
+    command.name = entry.name
+    return command
+
+
+def placeholder(entry: EntryPoint) -> TyperCommand:
+    """A command that can only be listed; its help is the first line of its module's docstring."""
+    return TyperCommand(entry.name, help=summary(entry.module))
+
+
+def summary(module: str) -> str:
+    """The first line of a module's docstring, read without running the module; "" if it cannot be had."""
+    try:
+        spec = find_spec(module)
+        text = Path(spec.origin).read_text("utf-8") if spec and spec.origin else ""
+        return (ast.get_docstring(ast.parse(text)) or "").partition("\n")[0]
+    except Exception:
+        return ""

@@ -1,0 +1,49 @@
+"""Telling users their mistakes: one message on stderr, exit status 2, no traceback."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import typer
+
+UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # typer has no public name for it
+
+
+@contextmanager
+def telling() -> Iterator[None]:
+    """Turn the mistakes of users that are raised inside into a message and exit status 2."""
+    try:
+        yield
+    except BrokenPipeError:  # the reader, say `head`, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except Exception as error:
+        message = mistake(error)
+        if message is None:
+            raise
+        typer.echo(f"error: {message}", err=True)
+        sys.exit(2)
+
+
+def mistake(error: Exception) -> str | None:
+    """What to tell the user; None if it is our bug and not the user's mistake."""
+    from neuro.errors import ModelError
+    from neuro.events.errors import EventFileError
+
+    if isinstance(error, (ModelError, EventFileError)):
+        return str(error)
+    if isinstance(error, UsageError):
+        return usage(error)
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    return None
+
+
+def usage(error: Exception) -> str:
+    """The message of a misused option, and where to read more."""
+    text = getattr(error, "format_message")().rstrip(".")  # noqa: B009
+    context = getattr(error, "ctx", None)
+    return f"{text}\n  hint: see '{context.command_path} --help'" if context else text

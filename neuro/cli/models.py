@@ -1,0 +1,111 @@
+"""`neuro models`."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from neuro.quantities import Choice, Quantity
+
+
+def models(name: Annotated[str, typer.Argument(metavar="[NAME]", help="Only this one.")] = "") -> None:
+    """Describe every model, synapse, rule and distribution: parameters, units, defaults, bounds, equation, source."""
+    from neuro.cli.tables import console
+    from neuro.errors import unknown
+
+    sections = catalogue()
+    known = {word: choice for section in sections.values() for word, choice in section.items()}
+    out = console()
+    if name:
+        if name not in known:
+            raise unknown("model", name, known)
+        describe(known[name], out)
+        return
+    for title, section in sections.items():
+        out.rule(f"[bold]{title}")
+        for choice in section.values():
+            describe(choice, out)
+
+
+def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
+    """Everything that can be named in a network, by section."""
+    from neuro.distributions import DISTRIBUTIONS
+    from neuro.network import dropout, labels, reward, winner_take_all
+    from neuro.neurons import GENERATORS, NEURONS
+    from neuro.rules import RULES
+    from neuro.synapses import SYNAPSES
+
+    return {
+        "Generators": {model.__name__: model for model in GENERATORS},
+        "Neurons": {model.__name__: model for model in NEURONS},
+        "Synapses": SYNAPSES,
+        "Connection rules": RULES,
+        "Distributions": DISTRIBUTIONS,
+        "Groups and trials": {part.__name__: part for part in (winner_take_all, labels, reward, dropout)},
+    }
+
+
+def describe(choice: type[Choice], out: Any) -> None:
+    """Print one of them."""
+    from rich.padding import Padding
+    from rich.text import Text
+
+    from neuro.cli.tables import table
+
+    out.print(Text(choice.__name__, style="bold cyan"))
+    for text in filter(None, (body(choice), said(choice, "equation"), said(choice, "source"))):
+        out.print(Padding(Text(text), (0, 0, 0, 2)))
+    defaults = choice.defaults()
+    rows = [
+        (
+            word,
+            shown(defaults[word]) if word in defaults else "required",
+            q.unit,
+            bounds(q),
+            "yes" if q.arrays else "",
+            q.doc,
+        )
+        for word, q in choice.quantities().items()
+    ]
+    if rows:
+        columns = ("parameter", ">default", "unit", "accepts", "array", "meaning")
+        out.print(Padding(table(columns, rows), (0, 0, 0, 2)))
+    states = [(s.name, s.unit, s.doc) for s in getattr(choice, "states", ()) if not s.hidden]
+    if states:
+        out.print(Padding(table(("state", "unit", "meaning"), states), (0, 0, 0, 2)))
+    out.print()
+
+
+def body(choice: type[Choice]) -> str:
+    """The description without its source, which is told apart; paragraphs on lines of their own."""
+    text = inspect.cleandoc(choice.__doc__ or "")
+    if getattr(choice, "source", ""):
+        text = text.partition("Source:")[0]
+    return "\n".join(" ".join(paragraph.split()) for paragraph in text.strip().split("\n\n"))
+
+
+def said(choice: type[Choice], what: str) -> str:
+    """The line of a class attribute that some kinds have."""
+    text = getattr(choice, what, "")
+    return f"{what}: {text}" if text else ""
+
+
+def bounds(q: Quantity) -> str:
+    """What is accepted, e.g. "a number > 0, also .inf"."""
+    text = q.expected().removesuffix(f" {q.unit}" if q.unit else "")
+    return text + (", also .inf" if q.infinite else "")
+
+
+def shown(value: object) -> str:
+    """A default as YAML says it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:g}".replace("inf", ".inf")
+    if value is None:
+        return "-"
+    return "[" + ", ".join(map(str, value)) + "]" if isinstance(value, tuple) else str(value)

@@ -1,0 +1,72 @@
+"""Options that several commands share, and what their text may be."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+
+def milliseconds(text: str) -> float:
+    """A time > 0 ms."""
+    try:
+        ms = float(text)
+    except ValueError:
+        ms = math.nan
+    if not 0 < ms < math.inf:
+        raise typer.BadParameter(f"'{text}': expected a time > 0 ms")
+    return ms
+
+
+def whole(text: str, least: int) -> int:
+    """A whole number >= least."""
+    try:
+        number = int(text)
+    except ValueError:
+        number = least - 1
+    if number < least:
+        raise typer.BadParameter(f"'{text}': expected a whole number >= {least}")
+    return number
+
+
+def seed(text: str) -> int:
+    """A whole number >= 0."""
+    return whole(text, 0)
+
+
+def threads(text: str) -> int:
+    """A whole number >= 1."""
+    return whole(text, 1)
+
+
+def assignments(texts: list[str]) -> dict[str, Any]:
+    """Parameters from `name=value` texts; a value is read as in the YAML file."""
+    import yaml
+
+    values: dict[str, Any] = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or not name:
+            raise typer.BadParameter(f"'{text}': expected NAME=VALUE", param_hint="'--set'")
+        try:
+            values[name] = number(yaml.safe_load(value))
+        except yaml.YAMLError:
+            raise typer.BadParameter(f"'{text}': its value is not YAML", param_hint="'--set'") from None
+    return values
+
+
+def number(value: Any) -> Any:
+    """The number that a word such as 1e-3 is to everyone but YAML 1.1; anything else as it is."""
+    try:
+        return float(value) if isinstance(value, str) and value[-1:].isdigit() else value
+    except ValueError:
+        return value
+
+
+NetworkFile = Annotated[Path, typer.Argument(metavar="FILE", help="A network, as YAML.")]
+Set = Annotated[list[str], typer.Option("--set", metavar="NAME=VALUE", help="Override a parameter; may be repeated.")]
+Backend = Annotated[str, typer.Option("--backend", metavar="NAME", help="What to run on; see 'neuro backends'.")]
+Seed = Annotated[int, typer.Option("--seed", metavar="N", parser=seed, help="Seed of everything random.")]
+Threads = Annotated[int, typer.Option("--threads", metavar="N", parser=threads, help="Threads to compute with.")]

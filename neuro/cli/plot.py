@@ -1,0 +1,32 @@
+"""`neuro plot`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+File = Annotated[Path, typer.Argument(metavar="FILE", help="Results that 'neuro run' wrote.")]
+Folder = Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Where to; beside FILE if not given.")]
+
+
+def plot(file: File, out: Folder = None) -> None:
+    """Draw the spikes, rates and traces of a run as PNG files."""
+    from neuro import plots
+    from neuro.aside import aside
+    from neuro.errors import ModelError
+    from neuro.results import read
+
+    results = read(file)
+    folder = file.parent if out is None else out
+    folder.mkdir(parents=True, exist_ok=True)
+    spikes = any(train.recorded for train in results.populations.values())
+    pictures = [plots.raster, plots.rates] * spikes + [plots.traces] * bool(results.traces)
+    if not pictures:
+        raise ModelError(f"{file}: holds neither spikes nor traces", hint="'neuro run --record NAME' keeps spikes")
+    for draw in pictures:
+        path = folder / f"{file.stem}-{draw.__name__}.png"
+        with aside(path) as part:
+            draw(results).savefig(part, format="png")
+        typer.echo(path)

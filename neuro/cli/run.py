@@ -1,0 +1,89 @@
+"""`neuro run`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from neuro.cli.options import Backend, NetworkFile, Seed, Set, Threads, assignments, milliseconds
+
+if TYPE_CHECKING:
+    from neuro.network import Network
+    from neuro.results import Results
+
+Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]
+Record = Annotated[list[str], typer.Option(metavar="NAME", help="Keep only this population's spikes; repeatable.")]
+Out = Annotated[Path, typer.Option(metavar="FILE", help="The HDF5 file to write.")]
+AllWeights = Annotated[bool, typer.Option("--all-weights", help="Keep also static weights above a million synapses.")]
+
+
+def run(
+    file: NetworkFile,
+    duration: Duration = 1000.0,
+    backend: Backend = "event",
+    seed: Seed = 0,
+    threads: Threads = 1,
+    set: Set = [],  # noqa: B006
+    record: Record = [],  # noqa: B006
+    out: Out = Path("out.h5"),
+    all_weights: AllWeights = False,
+) -> None:
+    """Run a network and write its spikes, traces and weights, and the network itself, to one HDF5 file."""
+    import neuro
+    from neuro.aside import aside
+    from neuro.cli.progress import Bar, advance
+    from neuro.clock import Clock
+    from neuro.collect import collect
+    from neuro.results import write
+
+    net = neuro.load(file, params=assignments(set))
+    steps = Clock(net.resolution).step(duration, "--for")
+    keep_spikes(net, record)
+    with Bar() as bar, aside(out) as part:
+        try:
+            bar.say("preparing")
+            sim = neuro.compile(net, backend=backend, seed=seed, threads=threads)
+            advance(sim, steps, bar)
+            bar.say("writing")
+            results = collect(sim, net, threads=threads, record=record, all_weights=all_weights)
+            write(results, part)
+        except KeyboardInterrupt:
+            bar.stop()
+            typer.echo(f"interrupted: {out} is not written", err=True)
+            raise typer.Exit(130) from None
+    report(results, out)
+
+
+def keep_spikes(net: Network, names: list[str]) -> None:
+    """Ask for the spikes of the named populations; those of Poisson generators are not kept of themselves."""
+    from neuro.errors import ModelError, Where, unknown
+    from neuro.neurons import dc_generator, poisson_generator
+
+    net.place = Where("--record")
+    probed = {probe.of for probe in net.probes.values() if probe.record == "spikes"}
+    for name in names:
+        if name not in net.populations:
+            raise unknown("population", name, net.populations, net.place)
+        if isinstance(net.populations[name].model, dc_generator):
+            raise ModelError(f"'{name}' is a dc_generator, which has no spikes", where=net.place)
+        if name not in probed and isinstance(net.populations[name].model, poisson_generator):
+            net.probe(f"{name}.spikes", name)
+    net.place = None
+
+
+def report(results: Results, out: Path) -> None:
+    """Print a row for each population."""
+    from neuro.cli.tables import console, table
+
+    seconds = results.duration_ms / 1000.0
+    rows = []
+    for name, train in results.populations.items():
+        spikes = train.counts["spikes"]
+        rows.append((name, train.model, f"{train.size:,}", f"{spikes:,}", f"{spikes / train.size / seconds:.2f}"))
+    console().print(table(("population", "model", ">neurons", ">spikes", ">rate Hz"), rows))
+    left_out = [name for name, part in results.projections.items() if part.weight is None]
+    if left_out:
+        typer.echo(f"left out the static weights of {', '.join(left_out)}; --all-weights keeps them")
+    typer.echo(f"{out}: {results.duration_ms:g} ms")
