@@ -19,6 +19,7 @@ from neuro.program import Floats, Ints, Program
 from neuro.synapses import Synapse
 
 Bools = NDArray[np.bool_]
+_CHUNK = 1 << 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +67,16 @@ class TrialLoop:
         self, program: Program, engine: Engine, clock: Clock, tally: Tally, rules: Mapping[int, Synapse]
     ) -> None:
         assert program.trials is not None
-        self.section = section = program.trials
+        self.program, self.section = program, program.trials
+        section = program.trials
         self.engine, self.clock, self.tally, self.rules = engine, clock, tally, rules
         self.inputs = program.populations[section.input].size
         output = program.populations[section.output]
         self.per_map = output.size // section.maps
         self.per_label = max(section.maps_per_label, 1)
-        self.learners = [i for i, p in enumerate(program.projections) if p.synapse.learns == "trials"]
+        self.per_label_neurons = self.per_map * self.per_label
+        self.maps_of = np.arange(section.maps // self.per_label * self.per_label).reshape(-1, self.per_label)
+        self.learners: list[tuple[int, bool, float]] = []
         self.key = keyed.key(program.seed, "dropout", output.name)
         self.start_anew()
 
@@ -105,6 +109,7 @@ class TrialLoop:
         right = self._labels(labels, n, learn)
         silenced = self._dropout(samples, n, int(epoch)) if learn else np.zeros((1, self.section.maps), dtype=bool)
         teach = learn and right is not None
+        self.learners = self._learners()
         winner, step, ran = (np.full(n, -1, dtype=np.int64) for _ in range(3))
         potential = np.empty((n, self.section.maps))
         before = self.engine.counts()
@@ -116,31 +121,40 @@ class TrialLoop:
             winner[i], step[i], ran[i], potential[i] = outcome.winner, outcome.tick, outcome.ticks, outcome.potential
             if teach:
                 self._teach(outcome, int(right[i]), mute)  # type: ignore[index,arg-type]
-        label = np.where(winner >= 0, winner // (self.per_map * self.per_label), -1)
+        label = np.where(winner >= 0, winner // self.per_label_neurons, -1)
         return TrialResults(winner, label, step, potential, ran, self.tally, before, self.engine.counts())
 
     def _teach(self, outcome: Outcome, right: int, silenced: Bools) -> None:
         """Reward or punish the neuron that decided; after a mistake or silence help the right label's maps."""
-        correct, wrong, _ = self.section.reward
         decided = outcome.winner >= 0
-        hit = decided and outcome.winner // (self.per_map * self.per_label) == right
-        reward = (correct if hit else wrong) if decided else 0.0
-        for projection in self.learners:
+        hit = decided and outcome.winner // self.per_label_neurons == right
+        reward = (self.section.reward[0] if hit else self.section.reward[1]) if decided else 0.0
+        for projection, rescue, epsilon in self.learners:
             if reward != 0.0:
                 self.engine.learn(projection, outcome.winner, outcome.tick, reward > 0.0)
-            if not hit:
-                self._help(projection, outcome, right, silenced)
+            if hit:
+                continue
+            if rescue:
+                self._rescue(projection, outcome, right, silenced)
+            elif epsilon > 0.0:
+                self.engine.encourage(projection, self.maps_of[right])
 
-    def _help(self, projection: int, outcome: Outcome, right: int, silenced: Bools) -> None:
-        maps = np.arange(right * self.per_label, (right + 1) * self.per_label)
-        rule = self.rules[projection].parameters()
-        if rule["rescue"]:
-            awake = maps[~silenced[maps]]
-            if len(awake):
-                best = outcome.best[awake[outcome.potential[awake].argmax()]]
-                self.engine.learn(projection, int(best), outcome.tick if outcome.tick >= 0 else outcome.ticks - 1, True)
-        elif rule["epsilon"] > 0.0:
-            self.engine.encourage(projection, maps)
+    def _rescue(self, projection: int, outcome: Outcome, right: int, silenced: Bools) -> None:
+        """Reward the best-excited neuron of the right label, as if it had decided."""
+        maps = self.maps_of[right]
+        awake = maps[~silenced[maps]]
+        if len(awake):
+            best = int(outcome.best[awake[outcome.potential[awake].argmax()]])
+            self.engine.learn(projection, best, outcome.tick if outcome.tick >= 0 else outcome.ticks - 1, True)
+
+    def _learners(self) -> list[tuple[int, bool, float]]:
+        """The projections that learn, whether they rescue, and epsilon."""
+        found = []
+        for index, part in enumerate(self.program.projections):
+            if part.synapse.learns == "trials":
+                rule = self.rules[index].parameters()
+                found.append((index, bool(rule["rescue"]), float(rule["epsilon"])))
+        return found
 
     def _offsets(self, offsets: ArrayLike, total: int) -> Ints:
         array = np.asarray(offsets)
@@ -179,14 +193,20 @@ class TrialLoop:
 
     def _refuse_repeats(self, trial: Ints, neurons: Ints) -> None:
         """First-spike rules know one spike of each input in a trial."""
-        who = np.sort(trial * self.inputs + neurons)
-        twice = np.flatnonzero(who[1:] == who[:-1])
-        if twice.size:
-            number, neuron = divmod(int(who[twice[0]]), self.inputs)
-            raise ModelError(
-                f"trials: input {neuron} spikes twice in trial {number}: expected at most once while learning",
-                hint="keep the first spike of each input",
-            )
+        n = int(trial[-1]) + 1 if trial.size else 0
+        chunk = min(n, max(1, _CHUNK // self.inputs))
+        for first in range(0, n, max(chunk, 1)):
+            a, b = np.searchsorted(trial, (first, first + chunk))
+            who = (trial[a:b] - first) * self.inputs + neurons[a:b]
+            seen = np.zeros(chunk * self.inputs, dtype=np.uint8)
+            seen[who] = 1
+            if np.count_nonzero(seen) < len(who):
+                number, neuron = divmod(int(np.argmax(np.bincount(who) > 1)), self.inputs)
+                raise ModelError(
+                    f"trials: input {neuron} spikes twice in trial {number + first}: "
+                    "expected at most once while learning",
+                    hint="keep the first spike of each input",
+                )
 
     def _labels(self, labels: ArrayLike | None, n: int, learn: bool) -> Ints | None:
         if labels is None:
