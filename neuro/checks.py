@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.errors import ModelError, nearest
-from neuro.hints import notation
+from neuro.hints import axes, notation
 from neuro.values import FromFile, shown
 
 if TYPE_CHECKING:
@@ -46,7 +46,10 @@ def wrong(q: Quantity, value: Any, what: str, *index: int) -> ModelError:
     """The error for a value, or the element of it at `index`, that a quantity does not accept."""
     place = f"{what}[{', '.join(map(str, index))}]" if index else what
     found = f"{place} has no value" if value is None else f"{place} = {shown(value)}"
-    return ModelError(f"{found}: expected {q.expected()}", hint=_hint(q, value), path=tuple(map(str, index)))
+    expected = q.expected()
+    if isinstance(value, float) and not math.isfinite(value):
+        expected = expected.replace("a number", "a finite number", 1)
+    return ModelError(f"{found}: expected {expected}", hint=_hint(q, value), path=tuple(map(str, index)))
 
 
 def _hint(q: Quantity, value: Any) -> str:
@@ -56,6 +59,8 @@ def _hint(q: Quantity, value: Any) -> str:
         return nearest(value, q.words)
     if q.kind == "boolean":
         return f"write {_BOOLEANS[value.lower()]}" if value.lower() in _BOOLEANS else ""
+    if q.kind == "shape":
+        return axes(value)
     return notation(value, q.unit) if q.kind not in ("name", "names", "part") else ""
 
 

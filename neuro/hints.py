@@ -183,11 +183,22 @@ def notation(text: str, unit: str) -> str:
     number = _NUMBER.match(word)
     if number is None:
         return ""
-    rest = word[number.end() :].strip(" *")
+    rest = word[number.end() :].strip()
+    if rest == "%":
+        return f"write {float(number[0]) / 100!r}"
+    if re.search(r"[-+*/()\d]", rest.lstrip("* ")):
+        return "formulas are not evaluated: write the result"
+    rest = rest.lstrip("* ")
     if rest in _UNITS and _UNITS[rest][0] == unit:
         return f"write {float(number[0]) * _UNITS[rest][1]!r}: numbers here are in {unit}"
     if rest in _UNITS:
         return f"write a number without its unit{', in ' + unit if unit else ''}"
-    if re.search(r"[-+*/()]", rest):
-        return "formulas are not evaluated: write the result"
+    return ""
+
+
+def axes(text: str) -> str:
+    """How to write the sizes that a piece of text seems to mean, e.g. "8x8", or ""."""
+    sizes = re.findall(r"\d+", text)
+    if sizes and re.fullmatch(r"[\s\d(),x*]+", text):
+        return f"write [{', '.join(sizes)}]"
     return ""

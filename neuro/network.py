@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 from neuro.checks import LARGEST, check
-from neuro.errors import ModelError, Where, here, unknown
+from neuro.errors import ModelError, Where, here, nearest, unknown
+from neuro.hints import axes
 from neuro.neurons import Model
 from neuro.quantities import Choice, Quantity, Value, quantity, same
 from neuro.rules import Rule
@@ -189,7 +190,7 @@ class Network:
     """
 
     def __init__(self, name: str = "network", *, resolution: float = 0.1) -> None:
-        self.name = _check_name(name, "network", here())
+        self.name = check_name(name, "network", here())
         self.place: Where | None = None
         self.resolution: float = self._checked(RESOLUTION, resolution, "resolution", ("resolution",))
         self.populations: dict[str, Population] = {}
@@ -317,7 +318,7 @@ class Network:
         )
 
     def _add(self, table: dict[str, P], part: P) -> P:
-        _check_name(part.name, part.word, self._where())
+        check_name(part.name, part.word, self._where())
         if part.name in table:
             raise ModelError(f"{part.word} '{part.name}' is defined twice", where=self._where(), path=(part.name,))
         table[part.name] = part
@@ -339,9 +340,11 @@ class Network:
             try:
                 sizes.append(AUTO if isinstance(size, str) and size == AUTO else check(SIZE, size, f"{what}: shape"))
             except ModelError:
+                near = nearest(size, [AUTO]) if isinstance(size, str) else ""
                 raise ModelError(
                     f"{what}: shape = {shown(shape)}: expected whole numbers >= 1 or auto",
                     where=self._where(),
+                    hint=axes(size) or near if isinstance(size, str) and not near.startswith("known") else "",
                     path=("shape", str(k)),
                 ) from None
         if not sizes:
@@ -372,7 +375,8 @@ class Network:
         raise ModelError(f"{what}: {message}: expected {expected}", where=self._where(), hint=hint)
 
 
-def _check_name(name: Any, what: str, where: Where | None) -> str:
+def check_name(name: Any, what: str, where: Where | None) -> str:
+    """Return the name of a network or a part if it can be one."""
     if not isinstance(name, str) or not name or not all(c.isalnum() or c in "_-." for c in name):
         raise ModelError(f"{what} name {shown(name)}: expected letters, digits, '_', '-' or '.'", where=where)
     return name

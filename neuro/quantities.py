@@ -55,11 +55,11 @@ class Quantity:
             "integer": "a whole number",
             "boolean": "true or false",
             "name": "a name",
-            "shape": "a list of whole numbers",
+            "shape": "whole numbers",
             "times": "a list of spike times in ms for each neuron",
-            "ids": "a list of whole numbers",
+            "ids": "whole numbers >= 0",
             "delay": "a time > 0 ms",
-            "names": "a list of names",
+            "names": "names",
             "part": f"the words of {self.part.__name__}" if self.part else "",
         }[self.kind]
         bounds = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -39,7 +40,7 @@ def same(a: Any, b: Any) -> bool:
 
 def shown(value: Any) -> str:
     """A value as the language writes it, cut when it is long; for messages."""
-    text = _text(value)
+    text = repr(value) if isinstance(value, str) else _text(value)
     return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
 
 
@@ -53,9 +54,10 @@ def _text(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float):
-        return repr(value).removesuffix(".0")
+        text = repr(value).removesuffix(".0")
+        return text if math.isfinite(value) else {"inf": ".inf", "-inf": "-.inf"}.get(text, ".nan")
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(_text(item) for item in value[:_LONGEST]) + "]"
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key}: {_text(item)}" for key, item in value.items()) + "}"
-    return repr(value)
+    return value if isinstance(value, str) else repr(value)

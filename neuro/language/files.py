@@ -38,7 +38,8 @@ def inside(node: Node, name: str) -> Path:
     if leads_out:
         raise mistake(node, f"file '{name}' is a link out of the folder of the description: expected a file inside it")
     if not there:
-        beside = [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
+        this = Path(node.where.file).name
+        beside = [p.name for p in path.parent.iterdir() if p.name != this] if path.parent.is_dir() else []
         near = nearest(path.name, beside)
         raise mistake(node, f"no file '{name}' beside the description", near if near.startswith("did") else "")
     return path
@@ -53,20 +54,15 @@ def array(node: Node) -> FromFile:
     name, ending = said["file"].value, PurePosixPath(said["file"].value).suffix
     if ending not in ENDINGS:
         raise mistake(said["file"], f"file '{name}': expected a name ending in {', '.join(ENDINGS)}")
+    if ending == ".npy" and "key" in said:
+        raise mistake(said["key"], f"a key for '{name}': expected none, an NPY file holds one array")
+    if ending != ".npy" and "key" not in said:
+        raise mistake(node, f"file '{name}' needs 'key', the data set in it")
     path = inside(said["file"], name)
-    if ending == ".npy":
-        if "key" in said:
-            raise mistake(said["key"], f"a key for '{name}': expected none, an NPY file holds one array")
-        values = _npy(path, said["file"])
-        key = ""
-    else:
-        if "key" not in said:
-            raise mistake(node, f"file '{name}' needs 'key', the data set in it")
-        key = said["key"].value
-        values = _hdf5(path, said["file"], said["key"])
+    values = _hdf5(path, said["file"], said["key"]) if "key" in said else _npy(path, said["file"])
     out = values.astype(np.float64)
     out.flags.writeable = False
-    return FromFile(name, key, out)
+    return FromFile(name, said["key"].value if "key" in said else "", out)
 
 
 def _npy(path: Path, node: Node) -> NDArray[Any]:

@@ -7,18 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from neuro.errors import Where, unknown
-from neuro.language.choices import choice, value, with_parameters
+from neuro.language.choices import choice, part, value, with_parameters
 from neuro.language.nodes import about, follow, plain, within, words
 from neuro.language.parameters import resolve
 from neuro.language.reader import Node
 from neuro.language.sources import gather
-from neuro.network import DELAY, INITIAL, WEIGHT, Network, Trials, winner_take_all
-from neuro.neurons import MODELS
+from neuro.network import DELAY, INITIAL, WEIGHT, Network, Trials, check_name
 from neuro.quantities import Choice
-from neuro.rules import RULES
-from neuro.synapses import SYNAPSES, static
-
-GROUPS: dict[str, type[winner_take_all]] = {"winner_take_all": winner_take_all}
+from neuro.synapses import static
 
 VALUES = {"weight": WEIGHT, "delay": DELAY}
 
@@ -71,25 +67,26 @@ class _Builder:
             return
         for name, node in self.sections[section].value.items():
             self.net.place = node.label
+            check_name(name, section.removesuffix("s"), node.label)
             with within(f"{section.removesuffix('s')} '{name}'"):
                 add(name, node)
 
     def population(self, name: str, node: Node) -> None:
-        said = words(node, ("model", "shape", "initial"), "a population", needs=("model", "shape"))
-        model = choice(said["model"], MODELS, "model")
+        said = part(node, ("model", "shape", "initial"), "a population", ("model", "shape"))
+        model = choice(said["model"], "model")
         initial = {}
         if "initial" in said:
             known = [state.name for state in model.states if not state.hidden]
-            states = words(said["initial"], known, f"the states of {model.name}")
+            states = words(said["initial"], known, "initial", kind=f"state of {model.name}")
             initial = {word: value(INITIAL, inner, f"initial.{word}") for word, inner in states.items()}
         with about(node):
             self.net.population(name, plain(said["shape"]), model, initial=initial)
 
     def projection(self, name: str, node: Node) -> None:
         known = ("from", "to", "rule", "weight", "delay", "synapse")
-        said = words(node, known, "a projection", needs=("from", "to", "rule"))
-        rule = choice(said["rule"], RULES, "rule")
-        synapse = choice(said["synapse"], SYNAPSES, "synapse") if "synapse" in said else static()
+        said = part(node, known, "a projection", ("from", "to", "rule"))
+        rule = choice(said["rule"], "rule")
+        synapse = choice(said["synapse"], "synapse") if "synapse" in said else static()
         values = {
             word: value(q, said[word], word) for word, q in (("weight", WEIGHT), ("delay", DELAY)) if word in said
         }
@@ -103,7 +100,7 @@ class _Builder:
             self.net.signal(name, to=plain(said["to"]))
 
     def group(self, name: str, node: Node) -> None:
-        group = choice(node, GROUPS, "group")
+        group = choice(node, "group")
         with about(node):
             self.net.group(name, group)
 
@@ -123,9 +120,9 @@ class _Builder:
         for name, group in self.net.groups.items():
             node = follow(self.sections["groups"], (name, group.choice.name))
             self.names(group.choice, node, f"group '{name}'")
-        for name, part in self.net.projections.items():
-            node = follow(self.sections["projections"], (name, "synapse", part.synapse.name))
-            self.names(part.synapse, node, f"projection '{name}'")
+        for name, projection in self.net.projections.items():
+            node = follow(self.sections["projections"], (name, "synapse", projection.synapse.name))
+            self.names(projection.synapse, node, f"projection '{name}'")
         if self.net.trials_section is not None:
             self.names(self.net.trials_section, self.sections["trials"], "trials")
 
@@ -138,5 +135,7 @@ class _Builder:
                 kind = "signal" if word == "signal" else "population"
                 known = self.net.signals if kind == "signal" else self.net.populations
                 if name not in known:
+                    error = unknown(kind, name, known, path=(word,))
+                    error.hint = error.hint if known else f"add it to the section '{kind}s'"
                     with about(node, context):
-                        raise unknown(kind, name, known, path=(word,))
+                        raise error

@@ -37,7 +37,7 @@ def found(node: Node) -> str:
     return f"found {shown(plain(node))}"
 
 
-def words(node: Node, known: Iterable[str], what: str, needs: Iterable[str] = ()) -> dict[str, Node]:
+def words(node: Node, known: Iterable[str], what: str, needs: Iterable[str] = (), kind: str = "") -> dict[str, Node]:
     """The words of a mapping, of which only `known` ones are accepted.
 
     Args:
@@ -45,6 +45,7 @@ def words(node: Node, known: Iterable[str], what: str, needs: Iterable[str] = ()
         known: all words that have a meaning here.
         what: what the mapping describes, for messages.
         needs: the words that must be there.
+        kind: what a word is, for messages; "word of ..." if not given.
     """
     names = list(known)
     if not isinstance(node.value, dict):
@@ -52,26 +53,21 @@ def words(node: Node, known: Iterable[str], what: str, needs: Iterable[str] = ()
         raise mistake(node, f"{found(node)}: expected the words of {what}: {listed}")
     for word, value in node.value.items():
         if word not in names:
-            raise _unknown_word(word, value, names, what)
+            raise _unknown_word(word, value, names, kind or f"word of {what}")
         if value.value is None:
-            raise mistake(value, f"{word} has no value", "write it after ': '")
+            raise mistake(value, f"{word} has no value", "write it after the ':'")
     for word in needs:
         if word not in node.value:
-            raise ModelError(f"{what} needs '{word}'", where=node.label, hint=_other_words(node.value, names))
+            raise ModelError(f"{what} needs '{word}'", where=node.label)
     return node.value
 
 
-def _unknown_word(word: str, value: Node, names: list[str], what: str) -> ModelError:
-    error = unknown(f"word of {what}", word, names, value.label)
+def _unknown_word(word: str, value: Node, names: list[str], kind: str) -> ModelError:
+    error = unknown(kind, word, names, value.label)
     before, colon, after = word.partition(":")
     if colon and before in names and value.value is None:
         return ModelError(error.message, where=value.label, hint=f"write '{before}: {after}', with a space after ':'")
     return error
-
-
-def _other_words(given: dict[str, Node], names: list[str]) -> str:
-    left = [name for name in names if name not in given]
-    return "write " + " and ".join(f"'{left[0]}: ...'" for _ in left[:1]) if len(left) == 1 else ""
 
 
 @contextmanager

@@ -84,7 +84,8 @@ class _Names:
         if name not in self.values:
             if name in self.given:
                 raise mistake(node, f"${name} is used before it is set", f"set it above, see {self.given[name].label}")
-            raise unknown("parameter", f"${name}", (f"${known}" for known in self.given), node.where)
+            error = unknown("parameter", f"${name}", (f"${known}" for known in self.given))
+            raise mistake(node, error.message, error.hint if self.given else f"add parameters: {{{name}: ...}}")
         self.used.add(name)
         value, source = self.values[name]
         return _moved(value, node, source)

@@ -107,7 +107,9 @@ class _Reader:
     def document(self) -> Node:
         self.next()
         if isinstance(self.next(), yaml.StreamEndEvent):
-            raise ModelError("the file is empty: expected a network", where=Where(self.file), hint="begin: neuro: 1")
+            raise ModelError(
+                "the file is empty: expected a network", where=Where(self.file, 1, 1), hint="begin: neuro: 1"
+            )
         root = self.node(self.next(), 0)
         self.next()
         after = self.next()
@@ -178,7 +180,7 @@ class _Reader:
             return ModelError(f"not YAML: {error.problem}", where=Where(self.file))
         where = self.place(mark)
         line = self.lines[mark.line] if mark.line < len(self.lines) else ""
-        found = line[mark.column : mark.column + 1]
+        found = (re.match(r"\w+|.?", line[mark.column :]) or "")[0]
         problem = str(error.problem)
         if found == "\t" or "tab character" in problem:
             return ModelError("found a tab: expected spaces", where=where, hint="YAML is indented by spaces only")

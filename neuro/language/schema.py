@@ -8,8 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import MISSING
 from typing import Any
 
-from neuro.distributions import DISTRIBUTIONS
-from neuro.language.loader import GROUPS
+from neuro.language.choices import TABLES
 from neuro.language.sources import VERSION
 from neuro.network import (
     DELAY,
@@ -28,19 +27,10 @@ from neuro.network import (
 from neuro.network import Population as PopulationPart
 from neuro.neurons import MODELS
 from neuro.quantities import Choice, Quantity
-from neuro.rules import RULES
-from neuro.synapses import SYNAPSES
 
 Schema = dict[str, Any]
 _NAME = r"^[\w.-]+$"
 _PARAMETER: Schema = {"$ref": "#/$defs/parameter"}
-_TABLES: dict[str, Mapping[str, type[Choice]]] = {
-    "model": MODELS,
-    "rule": RULES,
-    "synapse": SYNAPSES,
-    "group": GROUPS,
-    "distribution": DISTRIBUTIONS,
-}
 
 
 def schema() -> Schema:
@@ -88,8 +78,8 @@ def schema() -> Schema:
                 **_closed({"file": {"type": "string"}, "key": {"type": "string"}}, ["file"]),
                 "description": "an array in an HDF5 file (key: the data set) or NPY file in this folder",
             },
-            **{kind: _choice(table) for kind, table in _TABLES.items()},
-            **{f"{kind}.{name}": _words(cls) for kind, table in _TABLES.items() for name, cls in table.items()},
+            **{kind: _choice(table) for kind, table in TABLES.items()},
+            **{f"{kind}.{name}": _words(cls) for kind, table in TABLES.items() for name, cls in table.items()},
         },
     }
 

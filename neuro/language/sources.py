@@ -6,13 +6,13 @@ from pathlib import Path
 
 from neuro.errors import ModelError
 from neuro.language.files import inside
-from neuro.language.nodes import found, mistake, within, words
+from neuro.language.nodes import found, mistake, plain, within, words
 from neuro.language.reader import Node, read
+from neuro.values import shown
 
-GATHERED = ("parameters", "populations", "projections", "signals", "groups", "probes")
-ONCE = ("resolution", "trials")
 OWN = ("neuro", "name", "include")
-SECTIONS = (*OWN, *GATHERED, *ONCE)
+GATHERED = ("parameters", "populations", "projections", "signals", "groups", "probes")
+SECTIONS = (*OWN, "resolution", *GATHERED[:-1], "trials", "probes")
 VERSION = 1
 
 
@@ -36,10 +36,9 @@ def gather(path: Path) -> dict[str, Node]:
 
 def _sections(root: Node, chain: list[Path], seen: set[Path]) -> dict[str, Node]:
     own = words(root, SECTIONS, "a network")
-    if "neuro" in own and (type(own["neuro"].value), own["neuro"].value) != (int, VERSION):
-        raise mistake(
-            own["neuro"], f"neuro = {found(own['neuro'])[6:]}: expected {VERSION}, the version of the language"
-        )
+    version = own.get("neuro")
+    if version is not None and (type(version.value) is not int or version.value != VERSION):
+        raise mistake(version, f"neuro = {shown(plain(version))}: expected {VERSION}, the version of the language")
     merged: dict[str, Node] = {}
     for node in _included(own):
         for section, part in _included_sections(node, chain, seen).items():
