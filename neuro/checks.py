@@ -60,7 +60,8 @@ def _hint(q: Quantity, value: Any) -> str:
     if q.kind == "boolean":
         return f"write {_BOOLEANS[value.lower()]}" if value.lower() in _BOOLEANS else ""
     if q.kind == "shape":
-        return axes(value)
+        near = nearest(value, q.words)
+        return axes(value) or (near if near.startswith("did") else "")
     return notation(value, q.unit) if q.kind not in ("name", "names", "part") else ""
 
 
@@ -181,14 +182,17 @@ def _word(q: Quantity, value: Any, what: str) -> str:
     return value
 
 
-def _shape(q: Quantity, value: Any, what: str) -> tuple[int, ...]:
-    items = [value] if is_number(value) else value
+def _shape(q: Quantity, value: Any, what: str) -> tuple[int | str, ...]:
+    items = [value] if is_number(value) or (isinstance(value, str) and value in q.words) else value
     if not isinstance(items, (list, tuple, np.ndarray)) or len(items) == 0:
         raise wrong(q, value, what)
     for k, item in enumerate(items):
-        if not _is_whole(item) or not _within(q, float(item)):
+        if not (isinstance(item, str) and item in q.words) and not (_is_whole(item) and _within(q, float(item))):
             raise wrong(q, item, what, *([k] if items is value else []))
-    return tuple(int(item) for item in items)
+    sizes = tuple(item if isinstance(item, str) else int(item) for item in items)
+    if math.prod(size for size in sizes if isinstance(size, int)) > LARGEST:
+        raise ModelError(f"{what} = {shown(sizes)}: expected at most {LARGEST} elements")
+    return sizes
 
 
 def _ids(q: Quantity, value: Any, what: str) -> NDArray[np.int64]:

@@ -5,15 +5,13 @@ The parts are frozen; the network only gathers them. It knows no backend, no arr
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-from neuro.checks import LARGEST, check
-from neuro.errors import ModelError, Where, here, nearest, unknown
-from neuro.hints import axes
+from neuro.checks import check
+from neuro.errors import ModelError, Where, here, unknown
 from neuro.neurons import Model
 from neuro.quantities import Choice, Quantity, Value, quantity, same
 from neuro.rules import Rule
@@ -27,7 +25,9 @@ INITIAL = Quantity(doc="state at time 0", arrays=True)
 RESOLUTION = Quantity(unit="ms", doc="length of a step", above=0)
 EVERY = Quantity(unit="ms", doc="interval between two records; each step if not given", above=0, optional=True)
 RECORD = Quantity(doc="spikes, or a state of the population's model", kind="name")
-SIZE = Quantity(doc="size of an axis", kind="integer", at_least=1)
+SHAPE = Quantity(
+    doc="number of neurons, or sizes of the axes; auto where a grid decides", kind="shape", at_least=1, words=(AUTO,)
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +221,7 @@ class Network:
             The part, to be passed to `connect` and others.
         """
         what = f"population '{name}'"
-        sizes = self._sizes(shape, what)
+        sizes = self._checked(SHAPE, shape, f"{what}: shape", ("shape",))
         self._expect(model, Model, what, "a model such as neuro.iaf_psc_exp()")
         states = [s.name for s in model.states if not s.hidden]
         start = {}
@@ -332,30 +332,6 @@ class Network:
             return check(q, value, what, path)
         except ModelError as error:
             raise error.at(self._where()) from None
-
-    def _sizes(self, shape: int | Iterable[int | str], what: str) -> tuple[int | str, ...]:
-        given = list(shape) if isinstance(shape, Iterable) and not isinstance(shape, (str, Mapping)) else [shape]
-        sizes: list[int | str] = []
-        for k, size in enumerate(given):
-            try:
-                sizes.append(AUTO if isinstance(size, str) and size == AUTO else check(SIZE, size, f"{what}: shape"))
-            except ModelError:
-                near = nearest(size, [AUTO]) if isinstance(size, str) else ""
-                raise ModelError(
-                    f"{what}: shape = {shown(shape)}: expected whole numbers >= 1 or auto",
-                    where=self._where(),
-                    hint=axes(size) or near if isinstance(size, str) and not near.startswith("known") else "",
-                    path=("shape", str(k)),
-                ) from None
-        if not sizes:
-            raise ModelError(f"{what}: shape = []: expected at least one axis", where=self._where(), path=("shape",))
-        if math.prod(size for size in sizes if isinstance(size, int)) > LARGEST:
-            raise ModelError(
-                f"{what}: shape = {shown(sizes)}: expected at most {LARGEST} neurons",
-                where=self._where(),
-                path=("shape",),
-            )
-        return tuple(sizes)
 
     def _name_of(self, population: Population | str, what: str, role: str) -> str:
         name = population.name if isinstance(population, Population) else population

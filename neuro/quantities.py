@@ -29,7 +29,7 @@ class Quantity:
         infinite: whether an infinite value has a meaning.
         arrays: whether one value per element (an array or a distribution) is accepted.
         optional: whether it may be left out for good (None).
-        words: the accepted words of kind "word".
+        words: the accepted words of kind "word", and those accepted beside numbers in a "shape".
         part: the class of kind "part".
     """
 
@@ -73,6 +73,8 @@ class Quantity:
             if bound is not None
         ]
         text = " ".join([noun, " and ".join(bounds)]) if bounds else noun
+        if self.kind == "shape" and self.words:
+            text += " or " + " or ".join(self.words)
         unit = f" {self.unit}" if self.unit and self.kind == "number" else ""
         return text + unit
 

@@ -112,7 +112,8 @@ def _named(name: str, node: Node, kind: str) -> type[Choice]:
     if name in table:
         return table[name]
     error = unknown(kind, name, table)
-    hint = error.hint
+    others = [f"'{name}' is a {other}, not a {kind}" for other, names in TABLES.items() if name in names]
+    hint = others[0] if others else error.hint
     call = _CALL.fullmatch(name)
     if call and call[1] in table:
         hint = f"write {{{call[1]}: {{{call[2].replace('=', ': ')}}}}}"

@@ -16,6 +16,7 @@ from neuro.network import (
     INITIAL,
     RECORD,
     RESOLUTION,
+    SHAPE,
     WEIGHT,
     Group,
     Network,
@@ -85,14 +86,11 @@ def schema() -> Schema:
 
 
 def _population() -> Schema:
-    size: Schema = {"anyOf": [{"type": "integer", "minimum": 1}, {"const": "auto"}, _PARAMETER]}
-    shape = {
-        "anyOf": [*size["anyOf"], {"type": "array", "items": size, "minItems": 1}],
-        "description": "number of neurons, or sizes of the axes; auto where a grid decides",
-    }
     states = sorted({state.name for model in MODELS.values() for state in model.states if not state.hidden})
     initial = {**_closed({state: _quantity(INITIAL) for state in states}), "description": INITIAL.doc}
-    return _closed({"model": {"$ref": "#/$defs/model"}, "shape": shape, "initial": initial}, ["model", "shape"])
+    return _closed(
+        {"model": {"$ref": "#/$defs/model"}, "shape": _quantity(SHAPE), "initial": initial}, ["model", "shape"]
+    )
 
 
 def _projection() -> Schema:
@@ -196,8 +194,8 @@ def _accepted(q: Quantity) -> list[Schema]:
         case "word":
             return [{"enum": list(q.words)}, _PARAMETER]
         case "shape":
-            items = {"anyOf": [integer, _PARAMETER]}
-            return [{"type": "array", "items": items, "minItems": 1}, integer, _PARAMETER]
+            sizes = [integer, *({"const": word} for word in q.words), _PARAMETER]
+            return [{"type": "array", "items": {"anyOf": sizes}, "minItems": 1}, *sizes]
         case "names":
             return [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
         case "ids" | "times":
