@@ -291,7 +291,10 @@ class Network:
         """Say how trials go; the words are those of `neuro.Trials`."""
         if self.trials_section is not None:
             raise ModelError("trials: said twice", where=self._where())
-        section = Trials.from_words(words)
+        try:
+            section = Trials.from_words(words)
+        except ModelError as error:
+            raise error.at(self._where(), "trials") from None
         assert isinstance(section, Trials)
         self.trials_section, self.trials_origin = section, self._where()
         return section

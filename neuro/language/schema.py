@@ -194,7 +194,7 @@ def _accepted(q: Quantity) -> list[Schema]:
         case "word":
             return [{"enum": list(q.words)}, _PARAMETER]
         case "shape":
-            sizes = [integer, *({"const": word} for word in q.words), _PARAMETER]
+            sizes: list[Schema] = [integer, *({"const": word} for word in q.words), _PARAMETER]
             return [{"type": "array", "items": {"anyOf": sizes}, "minItems": 1}, *sizes]
         case "names":
             return [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
