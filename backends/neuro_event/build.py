@@ -329,7 +329,7 @@ def _logs(a: Arrays) -> None:
         "rec_counts": np.zeros((threads, capacity), dtype=np.int32),
         "rec_at": np.zeros(threads, dtype=np.int64),
         "found": np.zeros((threads, n), dtype=np.int64),
-        "found_arrived": np.zeros((threads, n), dtype=np.bool_),
+        "found_arrived": np.zeros((threads, n), dtype=np.uint8),
         "clock": np.zeros((threads, 3), dtype=np.int64),
         "scratch": np.zeros((threads, t.CONSTANTS)),
     }

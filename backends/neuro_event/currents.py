@@ -58,20 +58,19 @@ class Currents:
         later = self._changes[self._changes > step + 1]
         return int(later[0]) - 1 if later.size else NEVER
 
-    def apply(self, net: Any, step: int) -> bool:
-        """Set the current that holds from step + 1 on; tell whether any array was replaced (never)."""
+    def apply(self, view: Ints, step: int) -> None:
+        """Set the current that holds from step + 1 on."""
         self._step = step
         if not self._history:
-            return False
+            return
         current = np.zeros_like(self._a.net["current"])
         for q, p in enumerate(self._program.projections):
             if p.source in self._history:
                 self._add(current, q, step + 1)
         if not np.array_equal(current, self._a.net["current"]):
             for target in {p.target for p in self._program.projections if p.source in self._history}:
-                loop.wake_population(net, target, step, self._program.resolution)
+                loop.wake_population(view, target, step, self._program.resolution)
             self._a.net["current"][:] = current
-        return False
 
     def _add(self, current: Floats, q: int, step: int) -> None:
         p = self._program.projections[q]

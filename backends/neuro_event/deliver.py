@@ -46,6 +46,7 @@ from neuro_event.tables import (
     WEIGHT,
     WEIGHT_STRIDE,
 )
+from neuro_event.views import net_of
 
 _BLOCK = 6
 assert 1 << _BLOCK == BLOCK
@@ -60,8 +61,9 @@ def receptor(weight, receptors):
 @inner
 def csr_alike(targets, first, last, value, buf, out, due, mark):
     """Add one value to the targets first:last and mark their blocks."""
-    for e in range(first, last):
-        buf[out + np.int64(targets[e])] += value
+    begin = np.uint64(out)
+    for e in range(np.uint64(first), np.uint64(last)):
+        buf[begin + np.uint64(targets[e])] += value
     if mark >= 0:
         for e in range(first, last):
             due[mark + (np.int64(targets[e]) >> _BLOCK)] = 1
@@ -83,17 +85,19 @@ def csr_own(targets, first, last, weights, w, m, receptors, stride, buf, out, du
 
 
 @inner
-def csr_delayed(row, source_id, m, step, thread, threads, receptors, mark, slots, blocks, rows, targets, weights, delays, buf, due):
+def csr_delayed(view, row, source_id, m, step, thread, receptors, mark, slots):
     """One spike over a projection whose synapses have delays of their own, into its ring."""
-    place = row[ROW] + source_id * threads + thread
+    net = net_of(view)
+    blocks = net.awake.shape[0]
+    place = row[ROW] + source_id * (net.edges.shape[0] - 1) + thread
     size = row[RING_SIZE]
-    for e in range(rows[place], rows[place + 1]):
+    for e in range(net.rows[place], net.rows[place + 1]):
         s = e - row[SYNAPSE]
-        at = step + np.int64(delays[row[DELAY] + s * row[DELAY_STRIDE]])
-        weight = weights[row[WEIGHT] + s * row[WEIGHT_STRIDE]] * m
-        target = np.int64(targets[e])
-        buf[row[RING] + ((at & row[RING_MASK]) * receptors + receptor(weight, receptors)) * size + target] += weight
-        due[(at & slots) * blocks + mark + (target >> _BLOCK)] = 1
+        at = step + np.int64(net.delays[row[DELAY] + s * row[DELAY_STRIDE]])
+        weight = net.weights[row[WEIGHT] + s * row[WEIGHT_STRIDE]] * m
+        target = np.int64(net.targets[e])
+        net.buf[row[RING] + ((at & row[RING_MASK]) * receptors + receptor(weight, receptors)) * size + target] += weight
+        net.due[(at & slots) * blocks + mark + (target >> _BLOCK)] = 1
 
 
 @inner
@@ -138,22 +142,24 @@ def grid_signed(row, source, m, weights, buf, out, between):
 
 
 @inner
-def scatter(row, source_id, m, thread, threads, lo, hi, n, receptors, out, between, mark, rows, targets, weights, buf, due):
+def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between, mark):
     """One spike of multiplicity m over a projection with one delay, to this thread's targets lo:hi of n.
 
     `out` is the place of target 0 in `buf`, `between` the distance to the second receptor, and `mark` the
     place of the targets' first block in `due`, or -1 where all blocks are marked at once.
     """
+    net = net_of(view)
+    buf, weights = net.buf, net.weights
     layout = row[LAYOUT]
     if layout == CSR:
-        place = row[ROW] + source_id * threads + thread
-        first, last = rows[place], rows[place + 1]
+        place = row[ROW] + source_id * (net.edges.shape[0] - 1) + thread
+        first, last = net.rows[place], net.rows[place + 1]
         if row[WEIGHT_STRIDE] == 0:
             weight = weights[row[WEIGHT]] * m
-            csr_alike(targets, first, last, weight, buf, out + receptor(weight, receptors) * between, due, mark)
+            csr_alike(net.targets, first, last, weight, buf, out + receptor(weight, receptors) * between, net.due, mark)
         else:
             w = row[WEIGHT] + first - row[SYNAPSE]
-            csr_own(targets, first, last, weights, w, m, receptors, between, buf, out, due, mark)
+            csr_own(net.targets, first, last, weights, w, m, receptors, between, buf, out, net.due, mark)
     elif layout == DENSE:
         w = row[WEIGHT] + source_id * n
         if row[WEIGHT_STRIDE] == 0:
@@ -174,7 +180,7 @@ def scatter(row, source_id, m, thread, threads, lo, hi, n, receptors, out, betwe
             weight = weights[row[WEIGHT] + source_id * row[WEIGHT_STRIDE]] * m
             buf[out + source_id + receptor(weight, receptors) * between] += weight
             if mark >= 0:
-                due[mark + (source_id >> _BLOCK)] = 1
+                net.due[mark + (source_id >> _BLOCK)] = 1
     elif row[SIGN] == MIXED and receptors == 2:
         grid_signed(row, source_id, m, weights, buf, out, between)
     else:
@@ -182,44 +188,50 @@ def scatter(row, source_id, m, thread, threads, lo, hi, n, receptors, out, betwe
 
 
 @inner
-def log_delivery(q, j, k, thread, threads, edges, pops, row, log_ids, log_counts, log_ends, ring, rows, targets, weights, delays, buf, due, slots, blocks, n_all):
-    """Deliver the spikes that projection q's source emitted in step j.
+def log_delivery(view, q, j, k, thread, ring):
+    """Deliver the spikes that projection q's source emitted in step j, to this thread's targets.
 
     With `ring` they go into the projection's ring, for the step in which they arrive; else to the input of
     step k, the present one.
     """
-    source, target = pops[row[SOURCE]], pops[row[TARGET]]
-    first_block = max(target[FIRST_BLOCK], edges[thread])
-    last_block = min(target[LAST_BLOCK], edges[thread + 1])
-    if first_block >= last_block:
+    net = net_of(view)
+    row = net.projections[q]
+    source, target = net.pops[row[SOURCE]], net.pops[row[TARGET]]
+    threads = net.edges.shape[0] - 1
+    first_block = max(target[FIRST_BLOCK], net.edges[thread])
+    last_block = min(target[LAST_BLOCK], net.edges[thread + 1])
+    step_slot = j & (net.log_ends.shape[1] - 1)
+    some = False
+    for t in range(threads):
+        some |= net.log_ends[t, step_slot, row[SOURCE]] < net.log_ends[t, step_slot, row[SOURCE] + 1]
+    if first_block >= last_block or not some:
         return
+    blocks = net.awake.shape[0]
+    slots = net.due.shape[0] // blocks - 1
     n = target[END] - target[BEGIN]
     receptors = target[RECEPTORS]
     lo = first_block * BLOCK - target[BEGIN]
     hi = min(last_block * BLOCK - target[BEGIN], n)
     own_delays = ring and row[DELAY_STRIDE] == 1
     if ring:
-        at = j + np.int64(delays[row[DELAY]])
+        at = j + np.int64(net.delays[row[DELAY]])
         out = row[RING] + (at & row[RING_MASK]) * receptors * row[RING_SIZE]
         between = row[RING_SIZE]
     else:
         at = k
         out = target[BEGIN]
-        between = n_all
+        between = net.x.shape[1]
     slot = (at & slots) * blocks
-    mark = slot + target[FIRST_BLOCK]
-    some = False
     wide = row[WAKE_ALL] == 1 and not own_delays
-    mask = log_ids.shape[1] - 1
-    step_slot = j & (log_ends.shape[1] - 1)
+    mark = -1 if wide else slot + target[FIRST_BLOCK]
+    mask = net.log_ids.shape[1] - 1
     for t in range(threads):
-        for at_log in range(log_ends[t, step_slot, row[SOURCE]], log_ends[t, step_slot, row[SOURCE] + 1]):
-            source_id = np.int64(log_ids[t, at_log & mask]) - source[BEGIN]
-            m = np.float64(log_counts[t, at_log & mask])
-            some = True
+        for place in range(net.log_ends[t, step_slot, row[SOURCE]], net.log_ends[t, step_slot, row[SOURCE] + 1]):
+            source_id = np.int64(net.log_ids[t, place & mask]) - source[BEGIN]
+            m = np.float64(net.log_counts[t, place & mask])
             if own_delays:
-                csr_delayed(row, source_id, m, j, thread, threads, receptors, target[FIRST_BLOCK], slots, blocks, rows, targets, weights, delays, buf, due)
+                csr_delayed(view, row, source_id, m, j, thread, receptors, target[FIRST_BLOCK], slots)
             else:
-                scatter(row, source_id, m, thread, threads, lo, hi, n, receptors, out, between, -1 if wide else mark, rows, targets, weights, buf, due)
-    if some and wide:
-        due[slot + first_block : slot + last_block] = 1
+                scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between, mark)
+    if wide:
+        net.due[slot + first_block : slot + last_block] = 1

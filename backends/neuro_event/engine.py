@@ -17,6 +17,7 @@ from neuro_event import tables as t
 from neuro_event.currents import Currents
 from neuro_event.record import Record
 from neuro_event.threads import Threads
+from neuro_event.views import table_of
 
 _FIXED = frozenset(
     "edges rows targets delays order map_of initial calm x bits awake_groups due_groups keys group_keys scratch "
@@ -58,13 +59,11 @@ class EventEngine:
             self._write_weights(q, w)
 
     def _pack(self) -> None:
-        """Gather the arrays for the kernels; needed whenever one is replaced by another."""
+        """Tell the kernels where the arrays are; needed whenever one is replaced by another."""
         net = self._a.net
         net["awake_groups"] = net["awake"].view(np.uint64)
         net["due_groups"] = net["due"].view(np.uint64)
-        from neuro_event.plastic import Plastic
-
-        self._net = loop.Net(**net, plastic=Plastic(**self._a.plastic))
+        self._view = table_of(net, self._a.plastic)
 
     @property
     def step(self) -> int:
@@ -75,20 +74,18 @@ class EventEngine:
         """Advance; stops at the steps where a current changes and where the record must be emptied."""
         end = self._step + steps
         while self._step < end:
-            changed = self._currents.apply(self._net, self._step)
-            if changed:
-                self._pack()
+            self._currents.apply(self._view, self._step)
             self._run_to(min(end, self._currents.next_change(self._step)))
-        self._record.drain(self._net)
+        self._record.drain(self._a.net)
 
     def _run_to(self, end: int) -> None:
         first = self._step + 1
         while first <= end:
             reached = self._threads.run(
-                self._net, first, end + 1, self._a.longest_slice, self._a.reach, self._program.resolution
+                self._view, first, end + 1, self._a.longest_slice, self._a.reach, self._program.resolution
             )
             if reached <= end:
-                self._record.drain(self._net)
+                self._record.drain(self._a.net)
                 if reached == first:
                     self._grow_log()
             first = int(reached)
@@ -153,20 +150,20 @@ class EventEngine:
         assert spec is not None
         place = self._a.places[spec.output]
         self._enter_trial(spec.input, trial)
-        self._net.muted[place.begin : place.end] = trial.silenced[self._net.map_of]
+        self._a.net["muted"][place.begin : place.end] = trial.silenced[self._a.net["map_of"]]
         self._make_room(spec.duration)
-        net, start = self._net, self._step
+        net, start = self._a.net, self._step
         ticks = loop.present(
-            net, spec.output, spec.group, start, spec.duration, spec.stop_at_decision, self._program.resolution
+            self._view, spec.output, spec.group, start, spec.duration, spec.stop_at_decision, self._program.resolution
         )
         self._trial, self._trial_start = trial, start
         self._step = start + ticks
-        best = net.order[net.best]
-        winner = int(net.groups[spec.group, loop.WINNER])
+        best = net["order"][net["best"]]
+        winner = int(net["groups"][spec.group, loop.WINNER])
         if winner < 0:
-            return Outcome(-1, -1, net.potential.copy(), best, ticks)
-        tick = int(net.groups[spec.group, loop.DECIDED]) - start - 1
-        return Outcome(int(net.order[winner]), tick, net.potential.copy(), best, ticks)
+            return Outcome(-1, -1, net["potential"].copy(), best, ticks)
+        tick = int(net["groups"][spec.group, loop.DECIDED]) - start - 1
+        return Outcome(int(net["order"][winner]), tick, net["potential"].copy(), best, ticks)
 
     def _enter_trial(self, population: int, trial: Trial) -> None:
         """Let the trial's spikes be all that the input generator has listed."""
@@ -176,18 +173,18 @@ class EventEngine:
             self._list_room[population] = 2 * n + 64
             self._list_spikes()
             self._pack()
-        net, first = self._net, self._list_begin[population]
-        net.list_steps[first : first + n] = trial.ticks + (self._step + 1)
-        net.list_ids[first : first + n] = trial.ids + self._a.places[population].begin
-        net.list_counts[first : first + n] = 1
-        net.cursor[:-1, population] = first
-        net.cursor[-1, population] = first + n
+        net, first = self._a.net, self._list_begin[population]
+        net["list_steps"][first : first + n] = trial.ticks + (self._step + 1)
+        net["list_ids"][first : first + n] = trial.ids + self._a.places[population].begin
+        net["list_counts"][first : first + n] = 1
+        net["cursor"][:-1, population] = first
+        net["cursor"][-1, population] = first + n
 
     def _make_room(self, steps: int) -> None:
         """Empty the record, and widen the log, until they have room for some steps in which all neurons fire."""
-        if loop.has_room(self._net, self._step + 1, steps, self._a.reach) < steps:
-            self._record.drain(self._net)
-        while loop.has_room(self._net, self._step + 1, steps, self._a.reach) < steps:
+        if loop.has_room(self._view, self._step + 1, steps, self._a.reach) < steps:
+            self._record.drain(self._a.net)
+        while loop.has_room(self._view, self._step + 1, steps, self._a.reach) < steps:
             self._grow_log()
 
     def learn(self, projection: int, neuron: int, decided: int, won: bool) -> None:
@@ -195,11 +192,11 @@ class EventEngine:
         p = self._program.projections[projection]
         inside = self._a.places[p.target].inside
         local = neuron if inside is None else int(inside[neuron])
-        delay = int(p.delay[0])
+        before = np.zeros(self._program.populations[p.source].size, dtype=np.bool_)
+        before[self._trial.ids[self._trial.ticks <= decided - int(p.delay[0])]] = True
         self._trial_updates[projection] += rewards.learn(
-            self._net, projection, self._rewarded(projection), self._trial.ticks, self._trial.ids,
-            decided - delay, neuron, local, won, self._program.populations[p.source].size,
-        )  # fmt: skip
+            self._view, projection, self._rewarded(projection), before, neuron, local, won
+        )
 
     def encourage(self, projection: int, maps: Ints) -> None:
         """Apply eq. 128 to every weight of the given maps."""
@@ -210,7 +207,7 @@ class EventEngine:
         chosen[maps] = True
         size = self._program.populations[p.target].size
         self._trial_updates[projection] += rewards.encourage(
-            self._net, projection, self._rewarded(projection), chosen, size // spec.maps, self._a.places[p.target].outside
+            self._view, projection, self._rewarded(projection), chosen, size // spec.maps, self._a.places[p.target].outside
         )
 
     def _rewarded(self, projection: int) -> Floats:
@@ -251,7 +248,7 @@ class EventEngine:
         if not isinstance(p.model, Neuron):
             self._currents.set_amplitude(population, values)
             return
-        loop.wake_population(self._net, population, self._step, self._program.resolution)
+        loop.wake_population(self._view, population, self._step, self._program.resolution)
         inner = place.taken(values) if values.size > 1 else values
         states = [s.name for s in type(p.model).states]
         if name in states:
@@ -275,7 +272,7 @@ class EventEngine:
             p = self._program.projections[q]
             if p.signal == signal:
                 inner = np.ascontiguousarray(self._a.places[p.target].taken(values), dtype=np.float64)
-                reading.write_signal(self._net, k, inner, self._step, self._program.resolution)
+                reading.write_signal(self._view, k, inner, self._step, self._program.resolution)
 
     def get_synapses(self, projection: int, name: str) -> Floats:
         """A state of the synapses, in the order of the program's weights."""
@@ -287,7 +284,7 @@ class EventEngine:
         if projection in self._a.plastic_of:
             k = self._a.plastic_of[projection]
             if p.synapse.modulated:
-                reading.bring(self._net, k, self._step, self._program.resolution)
+                reading.bring_all(self, k)
             plastic = self._a.plastic
             build.set_rule_constants(
                 plastic["rule"][k], plastic["tau"][k], plastic["table"][k], parameters, p.synapse, self._program
@@ -306,7 +303,7 @@ class EventEngine:
         lag = int(self._a.net["projections"][projection, t.LAG])
         build.give_ring(self._a, projection)
         self._pack()
-        reading.deliver_between(self._net, projection, self._step - lag + 1, self._step - 1)
+        reading.deliver_between(self._view, projection, self._step - lag + 1, self._step - 1)
 
     def _write_weights(self, projection: int, weights: Floats) -> None:
         p, row = self._program.projections[projection], self._a.net["projections"][projection]
@@ -315,7 +312,7 @@ class EventEngine:
         if projection in self._a.plastic_of:
             k = self._a.plastic_of[projection]
             if p.synapse.modulated:
-                reading.bring(self._net, k, self._step, self._program.resolution)
+                reading.bring_all(self, k)
             first = self._a.plastic["table"][k, t.FIRST_SYNAPSE]
             self._a.plastic["y"][0, first : first + p.size] = inner
             self._a.plastic["sent"][first : first + p.size] = inner

@@ -49,17 +49,18 @@ def _own_cache() -> Iterator[None]:
         numba.config.CACHE_DIR = before
 
 
-def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """Compile an entry point; its machine code is kept on disk."""
-    if function is None:
-        return lambda f: kernel(f, **options)
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile an entry point; its machine code is kept on disk.
+
+    Kernels allocate nothing, so numba's reference counting, which costs more than a small network, is off.
+    """
     with _own_cache():
-        return numba.njit(cache=bool(folder()), error_model="numpy", nogil=True, **options)(function)
+        return numba.njit(cache=bool(folder()), error_model="numpy", nogil=True, _nrt=False)(function)
 
 
 def inner(function: Callable[..., Any]) -> Any:
     """Compile a function that only other kernels call."""
-    return numba.njit(error_model="numpy")(function)
+    return numba.njit(error_model="numpy", _nrt=False)(function)
 
 
 @cache
@@ -71,4 +72,4 @@ def compiled(function: FunctionType) -> Any:
         if isinstance(called, FunctionType):
             scope[name] = compiled(called)
     twin = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
-    return numba.njit(error_model="numpy")(twin)
+    return numba.njit(error_model="numpy", _nrt=False)(twin)

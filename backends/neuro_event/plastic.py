@@ -6,7 +6,6 @@ synapses onto that neuron are caught up to what has been processed, and what nob
 
 # mypy: ignore-errors
 import math
-from collections import namedtuple
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from neuro_event.dispatch import advance, on_post, on_pre
 from neuro_event.jit import inner
 from neuro_event.tables import (
     BEGIN,
+    BLOCK,
     DELAY,
     DELAY_STRIDE,
     DOPAMINE,
@@ -40,24 +40,13 @@ from neuro_event.tables import (
     SYNAPSE,
     TARGET,
 )
-
-Plastic = namedtuple(
-    "Plastic",
-    "table rule tau y sent reached k_plus k_time n n_time incoming in_synapse in_source times traces head tail",
-)
-"""Arrays of the plastic projections.
-
-table: (projections, columns); rule: constants of each rule; tau: tau_plus and tau_n of each.
-y: (states, synapses); sent: weight at the last pre spike; reached: step up to which a synapse has learnt.
-k_plus, k_time: (threads, sources), trace of each source at its last spike; each thread keeps its own copy.
-n, n_time: dopamine of each target at a step. incoming, in_synapse, in_source: synapses by target.
-times, traces, head, tail: history of the post spikes.
-"""
+from neuro_event.views import net_of, plastic_of
 
 
 @inner
-def dopamine_at(p, q, target, step, h):
+def dopamine_at(view, q, target, step, h):
     """n of one target of a modulated projection."""
+    p = plastic_of(view)
     place = p.table[q, FIRST_TARGET] + target
     if p.n[place] == 0.0:
         return 0.0
@@ -65,68 +54,76 @@ def dopamine_at(p, q, target, step, h):
 
 
 @inner
-def catch_up(p, q, y, z, thread, source, target, row, since, upto, delay, h):
-    """Apply to synapse z the post spikes that arrive after `since` and up to `upto`, and what flows between."""
+def catch_up(view, q, z, thread, source, target, history, upto, delay, h):
+    """Apply to synapse z the post spikes that arrive in its steps up to `upto`, and what flows between."""
+    p = plastic_of(view)
     table = p.table[q]
-    rule, modulated, c = table[RULE], table[MODULATED], p.rule[q]
+    modulated, c = table[MODULATED], p.rule[q]
     place = table[FIRST_SOURCE] + source
     k_plus, k_time = p.k_plus[thread, place], p.k_time[thread, place]
     mask = p.times.shape[1] - 1
-    head, tail = p.head[row], p.tail[row]
+    head, tail = p.head[history], p.tail[history]
+    since = p.reached[z]
     i = head
-    while i > tail and p.times[row, (i - 1) & mask] + delay > since:
+    while i > tail and p.times[history, (i - 1) & mask] + delay > since:
         i -= 1
     while i < head:
-        arrival = p.times[row, i & mask] + delay
+        arrival = p.times[history, i & mask] + delay
         if arrival > upto:
             break
         if modulated >= 0:
-            advance(modulated, y, z, c, since, arrival, dopamine_at(p, q, target, since, h), table[GRID_STEPS])
+            advance(modulated, p.y, z, c, since, arrival, dopamine_at(view, q, target, since, h), table[GRID_STEPS])
             since = arrival
         if k_plus != 0.0:
-            on_post(rule, y, z, c, k_plus * math.exp(-(arrival - k_time) * h / p.tau[q, 0]))
+            on_post(table[RULE], p.y, z, c, k_plus * math.exp(-(arrival - k_time) * h / p.tau[q, 0]))
         i += 1
     if modulated >= 0 and since < upto:
-        advance(modulated, y, z, c, since, upto, dopamine_at(p, q, target, since, h), table[GRID_STEPS])
+        advance(modulated, p.y, z, c, since, upto, dopamine_at(view, q, target, since, h), table[GRID_STEPS])
+    p.reached[z] = upto
 
 
 @inner
-def post_trace(p, row, before, h, tau_minus):
+def post_trace(view, history, before, h, tau_minus):
     """K- of a neuron from its spikes strictly before a step."""
+    p = plastic_of(view)
     mask = p.times.shape[1] - 1
-    i = p.head[row] - 1
-    while i >= p.tail[row]:
-        time = p.times[row, i & mask]
+    i = p.head[history] - 1
+    while i >= p.tail[history]:
+        time = p.times[history, i & mask]
         if time < before:
-            return p.traces[row, i & mask] * math.exp(-(before - time) * h / tau_minus)
+            return p.traces[history, i & mask] * math.exp(-(before - time) * h / tau_minus)
         i -= 1
     return 0.0
 
 
 @inner
-def pre_spike(p, q, row, target_row, source, m, step, thread, threads, h, rows, targets, delays, tau_minus, buf, due, slots, blocks):
-    """A pre spike: each synapse of this thread catches up, learns and sends."""
+def pre_spike(view, q, source, m, step, thread, h):
+    """A pre spike: each synapse of this thread catches up, learns and sends; then K+ grows."""
+    net, p = net_of(view), plastic_of(view)
     table = p.table[q]
+    row = net.projections[table[PROJECTION]]
+    target_row = net.pops[row[TARGET]]
     receptors = target_row[RECEPTORS]
-    place = row[ROW] + source * threads + thread
-    for e in range(rows[place], rows[place + 1]):
+    blocks = net.awake.shape[0]
+    slots = net.due.shape[0] // blocks - 1
+    place = row[ROW] + source * (net.edges.shape[0] - 1) + thread
+    for e in range(net.rows[place], net.rows[place + 1]):
         s = e - row[SYNAPSE]
         z = table[FIRST_SYNAPSE] + s
-        target = np.int64(targets[e])
-        delay = np.int64(delays[row[DELAY] + s * row[DELAY_STRIDE]])
+        target = np.int64(net.targets[e])
+        delay = np.int64(net.delays[row[DELAY] + s * row[DELAY_STRIDE]])
         history = target_row[HISTORY] + target
-        catch_up(p, q, p.y, z, thread, source, target, history, p.reached[z], step, delay, h)
-        p.reached[z] = step
-        k_minus = post_trace(p, history, step - delay, h, tau_minus[target_row[BEGIN] + target])
+        catch_up(view, q, z, thread, source, target, history, step, delay, h)
+        k_minus = post_trace(view, history, step - delay, h, net.tau_minus[target_row[BEGIN] + target])
         on_pre(table[RULE], p.y, z, p.rule[q], k_minus)
         weight = p.y[0, z]
         p.sent[z] = weight
         second = 1 if receptors == 2 and weight < 0.0 else 0
         at = step + delay
-        buf[row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE] + target] += weight * m
-        due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
-    trace = 1.0
+        net.buf[row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE] + target] += weight * m
+        net.due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
     own = table[FIRST_SOURCE] + source
+    trace = 1.0
     if p.k_plus[thread, own] != 0.0:
         trace += p.k_plus[thread, own] * math.exp(-(step - p.k_time[thread, own]) * h / p.tau[q, 0])
     p.k_plus[thread, own] = trace
@@ -134,112 +131,106 @@ def pre_spike(p, q, row, target_row, source, m, step, thread, threads, h, rows, 
 
 
 @inner
-def bring_target(p, q, row, target_row, thread, target, step, delays, h):
-    """Catch up every modulated synapse onto one target."""
+def bring_target(view, q, thread, target, step, h):
+    """Catch up every synapse of a projection onto one target."""
+    net, p = net_of(view), plastic_of(view)
     table = p.table[q]
+    row = net.projections[table[PROJECTION]]
+    history = net.pops[row[TARGET], HISTORY] + target
     begin = table[INCOMING] + target
     for i in range(p.incoming[begin], p.incoming[begin + 1]):
         z = p.in_synapse[i]
         if p.reached[z] < step:
-            delay = np.int64(delays[row[DELAY] + (z - table[FIRST_SYNAPSE]) * row[DELAY_STRIDE]])
-            source = np.int64(p.in_source[i])
-            history = target_row[HISTORY] + target
-            catch_up(p, q, p.y, z, thread, source, target, history, p.reached[z], step, delay, h)
-            p.reached[z] = step
+            delay = np.int64(net.delays[row[DELAY] + (z - table[FIRST_SYNAPSE]) * row[DELAY_STRIDE]])
+            catch_up(view, q, z, thread, np.int64(p.in_source[i]), target, history, step, delay, h)
 
 
 @inner
-def release(p, q, row, target_row, thread, target, step, amount, delays, h):
+def release(view, q, thread, target, step, amount, h):
     """Dopamine arrives at one target."""
-    bring_target(p, q, row, target_row, thread, target, step, delays, h)
+    bring_target(view, q, thread, target, step, h)
+    p = plastic_of(view)
     place = p.table[q, FIRST_TARGET] + target
-    p.n[place] = dopamine_at(p, q, target, step, h) + amount
+    p.n[place] = dopamine_at(view, q, target, step, h) + amount
     p.n_time[place] = step
 
 
 @inner
-def dopamine_arrivals(p, q, step, row, target_row, begin, lo, hi, thread, threads, log_ids, log_counts, log_ends, delays, h):
-    """The dopamine spikes that arrive in a step, at this thread's targets lo:hi; `begin` is their population's."""
+def dopamine_arrivals(view, q, step, thread, h):
+    """The dopamine spikes that arrive in a step at this thread's targets."""
+    net, p = net_of(view), plastic_of(view)
     table = p.table[q]
     j = step - table[DOPAMINE_DELAY]
-    if j < 1:
+    if j <= net.clock[thread, 2]:
         return
-    slot = j & (log_ends.shape[1] - 1)
-    mask = log_ids.shape[1] - 1
+    target_row = net.pops[net.projections[table[PROJECTION], TARGET]]
+    lo = max(net.edges[thread] * BLOCK - target_row[BEGIN], 0)
+    hi = min(net.edges[thread + 1] * BLOCK, target_row[END]) - target_row[BEGIN]
+    population = table[DOPAMINE]
+    slot = j & (net.log_ends.shape[1] - 1)
+    mask = net.log_ids.shape[1] - 1
     each = 1.0 / p.tau[q, 1]
     total = 0.0
-    for t in range(threads):
-        for place in range(log_ends[t, slot, table[DOPAMINE]], log_ends[t, slot, table[DOPAMINE] + 1]):
-            m = log_counts[t, place & mask]
+    for t in range(net.edges.shape[0] - 1):
+        for place in range(net.log_ends[t, slot, population], net.log_ends[t, slot, population + 1]):
+            m = net.log_counts[t, place & mask]
             if table[DOPAMINE_ONE_TO_ONE] == 1:
-                target = np.int64(log_ids[t, place & mask]) - begin
+                target = np.int64(net.log_ids[t, place & mask]) - net.pops[population, BEGIN]
                 if lo <= target < hi:
-                    release(p, q, row, target_row, thread, target, step, m * each, delays, h)
+                    release(view, q, thread, target, step, m * each, h)
             else:
                 total += m
     if total > 0.0:
         for target in range(lo, hi):
-            release(p, q, row, target_row, thread, target, step, total * each, delays, h)
+            release(view, q, thread, target, step, total * each, h)
 
 
 @inner
-def flush(p, pop, thread, local, history, done, projections, delays, h):
+def flush(view, pop, thread, local, history, done, h):
     """The history of one neuron is full: let its synapses use it, and drop what none needs any more."""
+    net, p = net_of(view), plastic_of(view)
     longest = 0
     for q in range(p.table.shape[0]):
-        table = p.table[q]
-        row = projections[table[PROJECTION]]
-        if row[TARGET] != pop:
-            continue
-        longest = max(longest, table[LONGEST])
-        begin = table[INCOMING] + local
-        for i in range(p.incoming[begin], p.incoming[begin + 1]):
-            z = p.in_synapse[i]
-            delay = np.int64(delays[row[DELAY] + (z - table[FIRST_SYNAPSE]) * row[DELAY_STRIDE]])
-            if p.reached[z] < done:
-                source = np.int64(p.in_source[i])
-                catch_up(p, q, p.y, z, thread, source, local, history, p.reached[z], done, delay, h)
-                p.reached[z] = done
+        if net.projections[p.table[q, PROJECTION], TARGET] == pop:
+            longest = max(longest, p.table[q, LONGEST])
+            bring_target(view, q, thread, local, done, h)
     mask = p.times.shape[1] - 1
     while p.tail[history] < p.head[history] - 1 and p.times[history, (p.tail[history] + 1) & mask] + longest <= done:
         p.tail[history] += 1
 
 
 @inner
-def post_spike(p, pop, target_row, thread, local, step, done, projections, delays, h, tau_minus):
+def post_spike(view, pop, thread, local, step, done, h):
     """Enter a spike of a neuron into its history."""
-    history = target_row[HISTORY] + local
+    net, p = net_of(view), plastic_of(view)
+    history = net.pops[pop, HISTORY] + local
     mask = p.times.shape[1] - 1
     if p.head[history] - p.tail[history] == mask + 1:
-        flush(p, pop, thread, local, history, done, projections, delays, h)
+        flush(view, pop, thread, local, history, done, h)
     head = p.head[history]
     trace = 1.0
     if head > p.tail[history]:
         last = (head - 1) & mask
-        trace += p.traces[history, last] * math.exp(-(step - p.times[history, last]) * h / tau_minus)
+        age = (step - p.times[history, last]) * h
+        trace += p.traces[history, last] * math.exp(-age / net.tau_minus[net.pops[pop, BEGIN] + local])
     p.times[history, head & mask] = step
     p.traces[history, head & mask] = trace
     p.head[history] = head + 1
 
 
 @inner
-def learn_step(p, step, done_dopamine, thread, threads, edges, pops, projections, log_ids, log_counts, log_ends, rows, targets, delays, tau_minus, buf, due, slots, blocks, h, dopamine_only):
+def learn_step(view, step, done_dopamine, thread, h, dopamine_only):
     """All pairwise learning of one step: dopamine that arrives in it, then the pre spikes emitted in it."""
+    net, p = net_of(view), plastic_of(view)
     for q in range(p.table.shape[0]):
-        table = p.table[q]
-        row = projections[table[PROJECTION]]
-        target_row, source_row = pops[row[TARGET]], pops[row[SOURCE]]
-        lo = max(edges[thread] * 64 - target_row[BEGIN], 0)
-        hi = min(edges[thread + 1] * 64, target_row[END]) - target_row[BEGIN]
-        if table[DOPAMINE] >= 0 and step > done_dopamine:
-            begin = pops[table[DOPAMINE], BEGIN]
-            dopamine_arrivals(p, q, step, row, target_row, begin, lo, hi, thread, threads, log_ids, log_counts, log_ends, delays, h)
-        if dopamine_only or step < 1:
+        if p.table[q, DOPAMINE] >= 0 and step > done_dopamine:
+            dopamine_arrivals(view, q, step, thread, h)
+        if dopamine_only:
             continue
-        slot = step & (log_ends.shape[1] - 1)
-        mask = log_ids.shape[1] - 1
-        for t in range(threads):
-            for place in range(log_ends[t, slot, row[SOURCE]], log_ends[t, slot, row[SOURCE] + 1]):
-                source = np.int64(log_ids[t, place & mask]) - source_row[BEGIN]
-                m = np.float64(log_counts[t, place & mask])
-                pre_spike(p, q, row, target_row, source, m, step, thread, threads, h, rows, targets, delays, tau_minus, buf, due, slots, blocks)
+        source = net.projections[p.table[q, PROJECTION], SOURCE]
+        slot = step & (net.log_ends.shape[1] - 1)
+        mask = net.log_ids.shape[1] - 1
+        for t in range(net.edges.shape[0] - 1):
+            for place in range(net.log_ends[t, slot, source], net.log_ends[t, slot, source + 1]):
+                local = np.int64(net.log_ids[t, place & mask]) - net.pops[source, BEGIN]
+                pre_spike(view, q, local, np.float64(net.log_counts[t, place & mask]), step, thread, h)

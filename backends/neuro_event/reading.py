@@ -8,63 +8,59 @@ from neuro_event import tables as t
 from neuro_event.deliver import log_delivery
 from neuro_event.jit import kernel
 from neuro_event.plastic import bring_target, dopamine_at
+from neuro_event.views import net_of, plastic_of, table_of
 
 
 def state(engine, population):
     """All state rows, those of one population as of now; a copy where some of its neurons sleep."""
-    net = engine._net
-    row = net.pops[population]
-    if net.awake[row[t.FIRST_BLOCK] : row[t.LAST_BLOCK]].all():
-        return net.state
-    copied = {name: getattr(net, name).copy() for name in ("state", "awake", "busy", "fired", "scratch")}
-    loop.wake_population(net._replace(**copied), population, engine.step, engine._program.resolution)
+    net = engine._a.net
+    row = net["pops"][population]
+    if net["awake"][row[t.FIRST_BLOCK] : row[t.LAST_BLOCK]].all():
+        return net["state"]
+    copied = {name: net[name].copy() for name in ("state", "awake", "busy", "fired", "scratch")}
+    view = table_of({**net, **copied}, engine._a.plastic)
+    loop.wake_population(view, population, engine.step, engine._program.resolution)
     return copied["state"]
 
 
 @kernel
-def bring(net, q, step, h):
-    """Catch up every synapse of a modulated projection."""
-    p = net.plastic
-    row = net.projections[p.table[q, t.PROJECTION]]
-    target_row = net.pops[row[t.TARGET]]
-    for target in range(target_row[t.END] - target_row[t.BEGIN]):
-        bring_target(p, q, row, target_row, 0, target, step, net.delays, h)
+def bring(view, q, n_targets, step, h):
+    """Catch up every synapse of a projection."""
+    for target in range(n_targets):
+        bring_target(view, q, 0, target, step, h)
 
 
 @kernel
-def write_signal(net, q, values, step, h):
+def write_signal(view, q, values, step, h):
     """Catch up a modulated projection, then set n."""
-    p = net.plastic
-    row = net.projections[p.table[q, t.PROJECTION]]
-    target_row = net.pops[row[t.TARGET]]
+    p = plastic_of(view)
     for target in range(values.shape[0]):
-        bring_target(p, q, row, target_row, 0, target, step, net.delays, h)
+        bring_target(view, q, 0, target, step, h)
         p.n[p.table[q, t.FIRST_TARGET] + target] = values[target]
         p.n_time[p.table[q, t.FIRST_TARGET] + target] = step
 
 
 @kernel
-def concentrations(net, q, n, step, h):
-    """n of every target at a step."""
-    out = np.empty(n)
-    for target in range(n):
-        out[target] = dopamine_at(net.plastic, q, target, step, h)
-    return out
+def concentrations(view, q, out, step, h):
+    """Fill `out` with n of every target at a step."""
+    for target in range(out.shape[0]):
+        out[target] = dopamine_at(view, q, target, step, h)
 
 
 @kernel
-def deliver_between(net, q, first, last):
+def deliver_between(view, q, first, last):
     """Put the spikes that a projection's source emitted in the steps first..last into its ring."""
-    blocks = net.awake.shape[0]
-    slots = net.due.shape[0] // blocks - 1
-    threads = net.edges.shape[0] - 1
-    for thread in range(threads):
+    net = net_of(view)
+    for thread in range(net.edges.shape[0] - 1):
         for step in range(max(first, net.clock[thread, loop.HORIZON] + 1), last + 1):
-            log_delivery(
-                q, step, 0, thread, threads, net.edges, net.pops, net.projections[q], net.log_ids, net.log_counts,
-                net.log_ends, True, net.rows, net.targets, net.weights, net.delays, net.buf, net.due, slots, blocks,
-                net.x.shape[1],
-            )  # fmt: skip
+            log_delivery(view, q, step, 0, thread, True)
+
+
+def bring_all(engine, k):
+    """Catch up every synapse of the plastic projection number k to the present."""
+    p = engine._program.projections[engine._a.plastic["table"][k, t.PROJECTION]]
+    n = engine._program.populations[p.target].size
+    bring(engine._view, k, n, engine.step, engine._program.resolution)
 
 
 def synapses(engine, projection, name):
@@ -74,32 +70,34 @@ def synapses(engine, projection, name):
     if projection not in a.plastic_of:
         return _static_weights(engine, projection)
     k = a.plastic_of[projection]
-    net, plastic = engine._net, engine._net.plastic
-    row = plastic.table[k]
+    plastic = a.plastic
+    row = plastic["table"][k]
     here = slice(row[t.FIRST_SYNAPSE], row[t.FIRST_SYNAPSE] + p.size)
     if name in ("n", "K_plus"):
         values = _trace(engine, k, name)
         found = values[arranged.targets] if name == "n" else np.repeat(values, np.diff(arranged.row_ends))
     elif p.synapse.modulated:
-        copied = plastic._replace(y=plastic.y.copy(), reached=plastic.reached.copy())
-        bring(net._replace(plastic=copied), k, engine.step, h)
+        copied = {"y": plastic["y"].copy(), "reached": plastic["reached"].copy()}
+        view = table_of(a.net, {**plastic, **copied})
+        bring(view, k, program.populations[p.target].size, engine.step, h)
         states = ["weight", *(s.name for s in type(p.synapse).states)]
-        found = copied.y[states.index(name), here]
+        found = copied["y"][states.index(name), here]
     else:
-        found = plastic.sent[here]
+        found = plastic["sent"][here]
     return _told(found, arranged)
 
 
 def _trace(engine, k, name):
-    program, plastic = engine._program, engine._net.plastic
-    row = plastic.table[k]
+    program, plastic = engine._program, engine._a.plastic
+    row = plastic["table"][k]
     p = program.projections[row[t.PROJECTION]]
     if name == "n":
-        n = program.populations[p.target].size
-        return concentrations(engine._net, k, n, engine.step, program.resolution)
+        out = np.empty(program.populations[p.target].size)
+        concentrations(engine._view, k, out, engine.step, program.resolution)
+        return out
     here = slice(row[t.FIRST_SOURCE], row[t.FIRST_SOURCE] + program.populations[p.source].size)
-    age = (engine.step - plastic.k_time[0, here]) * program.resolution
-    return plastic.k_plus[0, here] * np.exp(-age / plastic.tau[k, 0])
+    age = (engine.step - plastic["k_time"][0, here]) * program.resolution
+    return plastic["k_plus"][0, here] * np.exp(-age / plastic["tau"][k, 0])
 
 
 def _told(values, arranged):

@@ -24,13 +24,13 @@ class Record:
     def drain(self, net: Any) -> None:
         """Take over what the loop has recorded."""
         parts = []
-        for thread in range(net.rec_at.size):
-            n = int(net.rec_at[thread])
+        for thread in range(net["rec_at"].size):
+            n = int(net["rec_at"][thread])
             if n:
                 parts.append(
-                    (net.rec_steps[thread, :n].copy(), net.rec_ids[thread, :n].copy(), net.rec_counts[thread, :n].copy())
+                    (net["rec_steps"][thread, :n].copy(), net["rec_ids"][thread, :n].copy(), net["rec_counts"][thread, :n].copy())
                 )
-                net.rec_at[thread] = 0
+                net["rec_at"][thread] = 0
         if len(parts) == 1:
             self._chunks.append(parts[0])
         elif parts:

@@ -1,27 +1,25 @@
 """Rules for trials, applied to the shared kernel or the synapses of one neuron."""
 
 # mypy: ignore-errors
-import numpy as np
 from neuro.synapses import r_stdp
 
 from neuro_event import tables as t
 from neuro_event.jit import compiled, kernel
+from neuro_event.views import net_of
 
 _reward = compiled(r_stdp.arithmetic.reward)
 _encourage = compiled(r_stdp.arithmetic.encourage)
 
 
 @kernel
-def learn(net, q, c, ticks, ids, latest, neuron, local, won, n_source):
+def learn(view, q, c, before, neuron, local, won):
     """Reward or punish the inputs of one neuron; return how many weights it has.
 
-    An input counts as before the decision if its first spike was emitted up to tick `latest`. `neuron` is the
-    id of the neuron, `local` its internal place.
+    `before` tells of each input whether it came before the decision; `neuron` is the id of the neuron, `local`
+    its internal place.
     """
-    before = np.zeros(n_source, dtype=np.bool_)
-    for k in range(ticks.shape[0]):
-        if ticks[k] <= latest:
-            before[ids[k]] = True
+    net = net_of(view)
+    n_source = before.shape[0]
     row = net.projections[q]
     w = net.weights
     changed = 0
@@ -63,8 +61,9 @@ def learn(net, q, c, ticks, ids, latest, neuron, local, won, n_source):
 
 
 @kernel
-def encourage(net, q, c, chosen, per_map, outside):
+def encourage(view, q, c, chosen, per_map, outside):
     """Raise every weight of the chosen maps; return how many there are."""
+    net = net_of(view)
     row = net.projections[q]
     w = net.weights
     changed = 0

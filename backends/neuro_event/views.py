@@ -1,0 +1,157 @@
+"""How the kernels see the arrays: as one table of addresses and shapes.
+
+A kernel that takes seventy arrays spends more time on receiving them, and on counting references to them, than
+on a small network. So the engine passes one integer table, and each function makes the views that it needs.
+The engine keeps the arrays alive.
+"""
+
+# mypy: ignore-errors
+from collections import namedtuple
+
+import numpy as np
+from numba import types
+from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
+
+NET = """
+pops i8 2          columns of `tables`, a row per population
+projections i8 2   likewise, a row per projection
+incoming i8 1      projections by target: those delivered on arrival, then those with a ring
+at_emission i8 1   static projections that are delivered into a ring at emission
+edges i8 1         first block of each thread, and the end
+parameters f8 2    of each population, or of each neuron where they differ
+constants f8 2     computed from them for one step
+scratch f8 2       constants of another interval, a row per thread
+state f8 2         (states, neurons)
+initial f8 2       the states at step 0
+x f8 2             (receptors, neurons) input of the present step; -0.0 where nothing arrived
+bits i8 2          the same memory as integers
+calm f8 2          no input
+buf f8 1           the memory of x, then the rings
+current f8 1       external current of the present step, pA
+fired u1 1         who reached threshold in the present step
+muted u1 1         who must not fire
+events i8 1        spike events of each neuron
+spikes i8 1        with their multiplicity
+active i8 2        (threads, populations) neuron-steps with an arrival or a spike
+order i8 1         id of each neuron in its population
+awake u1 1         whether a block is stepped
+awake_groups u8 1  the same memory, eight blocks at a time
+due u1 1           (slots, blocks) flat: where input arrives
+due_groups u8 1    the same memory, eight blocks at a time
+slept i8 1         last step of a sleeping block
+busy i8 1          last step in which a block had input or a spike
+mean f8 1          of a poisson_generator's neurons, per step
+nothing f8 1       exp(-mean)
+guides u2 2        where to begin in `cumulative`
+cumulative f8 2    Poisson tables
+counts u2 1        rings of multiplicities of generators that keep them
+keys u8 1          of the generators' draws
+list_steps i8 1    listed spikes of the generators
+list_ids i8 1
+list_counts i8 1
+cursor i8 2        (threads + 1, populations) next listed spike; the last row holds the ends
+rows i8 1          ends of the CSR rows, cut at the threads' edges
+targets i4 1       local targets of all CSR synapses
+weights f8 1       of all projections
+delays i4 1        of all projections, steps
+tau_minus f8 1     of each neuron
+log_ids i4 2       (threads, capacity) spikes under way, a ring
+log_counts i4 2
+log_ends i8 3      (threads, steps, populations + 1) where each population's spikes of a step begin
+log_at i8 1        where each thread writes next
+rec_steps i8 2     recorded spikes of each thread
+rec_ids i4 2
+rec_counts i4 2
+rec_at i8 1
+found i8 2         who of a group reached threshold
+found_arrived u1 2
+groups i8 2        columns of `loop`, a row per group
+group_keys u8 1
+closed u1 1        whether a group has decided
+clock i8 2         (threads, columns of `loop`)
+map_of i8 1        map of each neuron of the trials' output
+potential f8 1     largest V_m of each map
+best i8 1          the neuron that has it
+resets i8 1        state rows that a trial starts anew
+"""
+
+PLASTIC = """
+table i8 2         columns of `tables`, a row per plastic projection
+rule f8 2          constants of each rule
+tau f8 2           tau_plus and tau_n of each
+y f8 2             (states, synapses)
+sent f8 1          weight at the last pre spike
+reached i8 1       step up to which a synapse has learnt
+k_plus f8 2        (threads, sources) trace of each source at its last spike; each thread has its own copy
+k_time i8 2        the step of that spike
+n f8 1             dopamine of each target at a step
+n_time i8 1        that step
+incoming i8 1      synapses by target: ends
+in_synapse i8 1    the synapses
+in_source i4 1     their sources
+times i8 2         (neurons, capacity) history of the post spikes, a ring
+traces f8 2        K- just after each
+head i8 1          one past the newest
+tail i8 1          the oldest that is kept
+"""
+
+_TYPES = {"i8": "int64", "f8": "float64", "i4": "int32", "u1": "uint8", "u2": "uint16", "u8": "uint64"}
+
+
+def _fields(text):
+    return [line.split()[:3] for line in text.strip().splitlines()]
+
+
+NET_FIELDS = [name for name, _, _ in _fields(NET)]
+PLASTIC_FIELDS = [name for name, _, _ in _fields(PLASTIC)]
+Net = namedtuple("Net", NET_FIELDS)
+Plastic = namedtuple("Plastic", PLASTIC_FIELDS)
+
+
+def table_of(net, plastic):
+    """The table for some arrays, by name. The caller keeps the arrays alive."""
+    rows = []
+    for text, arrays in ((NET, net), (PLASTIC, plastic)):
+        for name, dtype, ndim in _fields(text):
+            array = arrays[name]
+            assert array.dtype == np.dtype(_TYPES[dtype]) and array.ndim == int(ndim) and array.flags.c_contiguous, name
+            rows.append([array.ctypes.data, *array.shape, *[0] * (3 - array.ndim)])
+    return np.array(rows, dtype=np.int64)
+
+
+def _viewer(kind, text, first):
+    """A compiled function from the table to views of all fields; those that are not used cost nothing."""
+    fields = _fields(text)
+    arrays = [types.Array(getattr(types, _TYPES[dtype]), int(ndim), "C") for _, dtype, ndim in fields]
+    result = types.NamedTuple(arrays, kind)
+
+    def codegen(context, builder, signature, arguments):
+        table = context.make_array(signature.args[0])(context, builder, arguments[0])
+
+        def entry(row, column):
+            place = builder.gep(table.data, [context.get_constant(types.intp, 4 * row + column)])
+            return builder.load(place)
+
+        views = []
+        for row, array in enumerate(arrays, first):
+            view = context.make_array(array)(context, builder)
+            data = builder.inttoptr(entry(row, 0), context.get_data_type(array.dtype).as_pointer())
+            shape = [entry(row, 1 + d) for d in range(array.ndim)]
+            size = context.get_constant(types.intp, array.dtype.bitwidth // 8)
+            strides = [size]
+            for extent in reversed(shape[1:]):
+                strides.insert(0, builder.mul(strides[0], extent))
+            populate_array(view, data=data, shape=shape, strides=strides, itemsize=size, meminfo=None)
+            views.append(view._getvalue())
+        return context.make_tuple(builder, result, views)
+
+    @intrinsic
+    def viewer(typingctx, table):
+        return result(table), codegen
+
+    return viewer
+
+
+net_of = _viewer(Net, NET, 0)
+plastic_of = _viewer(Plastic, PLASTIC, len(NET_FIELDS))
