@@ -102,6 +102,10 @@ class Cells:
             return None
         return np.broadcast_to(self.parameters["amplitude"], self.size)
 
+    def drop_listed(self) -> None:
+        """Forget the spikes that are listed."""
+        self.injected_steps = self.injected_ids = np.zeros(0, dtype=np.int64)
+
     def inject(self, steps: Ints, ids: Ints) -> None:
         """Add spikes of a spike_generator."""
         self.injected_steps = np.concatenate((self.injected_steps, steps))

@@ -39,6 +39,7 @@ class ReferenceEngine:
         output = net.cells[section.output]
         per_map = output.size // section.maps
         net.drop()
+        net.cells[section.input].drop_listed()
         net.silenced[section.output] = np.repeat(trial.silenced, per_map)
         output.start_trial(section.reset)
         self._first = [np.full(cells.size, NEVER) for cells in net.cells]

@@ -1,0 +1,120 @@
+"""What a conformance case is, and how two outcomes are compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.network import Network
+from neuro.simulation import Simulation
+
+Found = dict[str, NDArray[Any]]
+Start = Callable[..., Simulation]
+LIMIT = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One feature of the language.
+
+    Attributes:
+        name: the name of the function that defines it.
+        about: what it shows, one line.
+        run: makes a simulation by calling `start(net, seed=..., threads=...)`, uses it, and returns what to compare.
+        exact: whether `run` returns two outcomes that must agree bit for bit, instead of one that is
+            compared with the reference.
+    """
+
+    name: str
+    about: str
+    run: Callable[[Start], Any]
+    exact: bool = False
+
+
+CASES: dict[str, Case] = {}
+
+
+def case(function: Callable[[Start], Found]) -> Callable[[Start], Found]:
+    """Enter a function as a case that is compared with the reference."""
+    CASES[function.__name__] = Case(function.__name__, _about(function), function)
+    return function
+
+
+def law(function: Callable[[Start], tuple[Found, Found]]) -> Callable[[Start], tuple[Found, Found]]:
+    """Enter a function as a case whose two outcomes must agree bit for bit."""
+    CASES[function.__name__] = Case(function.__name__, _about(function), function, exact=True)
+    return function
+
+
+def _about(function: Callable[..., Any]) -> str:
+    return (function.__doc__ or "").strip().partition("\n")[0]
+
+
+def network(resolution: float = 0.1) -> Network:
+    """An empty network."""
+    return Network("case", resolution=resolution)
+
+
+def observe(sim: Simulation) -> Found:
+    """All that can be read: spikes, states, weights, traces and counts."""
+    found: Found = {"time": np.array(round(sim.time / sim.program.resolution))}
+    for population in sim.program.populations:
+        name = population.name
+        if population.records:
+            times, ids = sim.spikes(name)
+            found[f"spikes of {name}: steps"] = np.rint(times / sim.program.resolution).astype(np.int64)
+            found[f"spikes of {name}: neurons"] = ids
+        for state in population.model.states:
+            if not state.hidden:
+                found[f"{state.name} of {name}"] = sim.get(name, state.name)
+    for projection in sim.program.projections:
+        name = projection.name
+        found[f"weight of {name}"] = sim.get(name, "weight")
+        for state in projection.synapse.states:
+            found[f"{state.name} of {name}"] = sim.get(name, state.name)
+        if projection.synapse.learns == "pairs":
+            found[f"K_plus of {name}"] = sim.get(name, "K_plus")
+        if projection.synapse.modulated:
+            found[f"n of {name}"] = sim.get(name, "n")
+    for probe in sim.program.probes:
+        if probe.record != "spikes":
+            found[f"trace of {probe.name}: times"], found[f"trace of {probe.name}"] = sim.trace(probe.name)
+    return found | _counts(sim)
+
+
+def _counts(sim: Simulation) -> Found:
+    counts = sim.counts()
+    found: Found = {"steps": np.array(counts.steps)}
+    for name, cells in counts.populations.items():
+        found[f"counts of {name}"] = np.array([cells.spikes, cells.neuron_updates, cells.neuron_updates_active])
+    for name, wires in counts.projections.items():
+        found[f"counts of {name}"] = np.array([wires.synaptic_ops, wires.learning_updates])
+    return found
+
+
+def differences(expected: Mapping[str, NDArray[Any]], found: Mapping[str, NDArray[Any]], exact: bool) -> list[str]:
+    """What two outcomes differ in: whole numbers must be equal, others within 1e-9 (or equal where `exact`)."""
+    told = [f"'{name}' is missing" for name in expected if name not in found]
+    told += [f"'{name}' is not expected" for name in found if name not in expected]
+    for name in expected:
+        if name in found:
+            told += _difference(name, np.asarray(expected[name]), np.asarray(found[name]), exact)
+    return told
+
+
+def _difference(name: str, expected: NDArray[Any], found: NDArray[Any], exact: bool) -> list[str]:
+    if expected.shape != found.shape:
+        return [f"{name}: {found.size} values, expected {expected.size}"]
+    if exact or expected.dtype.kind != "f":
+        bad = (expected != found) & ~((expected != expected) & (found != found))
+    else:
+        bad = ~(np.abs(found - expected) <= LIMIT)
+    if not bad.any():
+        return []
+    first = int(np.flatnonzero(bad.ravel())[0])
+    value, right = found.ravel()[first].item(), expected.ravel()[first].item()
+    return [f"{name}: {int(bad.sum())} differ, first [{first}] = {value!r}, expected {right!r}"]

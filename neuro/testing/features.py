@@ -1,0 +1,432 @@
+"""Cases of neurons, generators, connection rules, weights, delays, groups and probes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from neuro.distributions import lognormal, normal, uniform
+from neuro.network import Network, winner_take_all
+from neuro.neurons import (
+    Model,
+    dc_generator,
+    iaf_psc_alpha,
+    iaf_psc_delta,
+    iaf_psc_exp,
+    izhikevich,
+    parrot_neuron,
+    poisson_generator,
+    spike_generator,
+)
+from neuro.rules import (
+    Rule,
+    all_to_all,
+    fixed_indegree,
+    fixed_outdegree,
+    grid,
+    one_to_one,
+    pairs,
+    pairwise_bernoulli,
+)
+from neuro.testing.case import Found, Start, case, network, observe
+
+INF = float("inf")
+
+
+def driven(model: Model, n: int = 3, weight: float = 300.0) -> Network:
+    """Neurons of one model under excitatory and inhibitory spikes."""
+    net = network()
+    net.population("plus", n, poisson_generator(rate=2000.0))
+    net.population("minus", n, poisson_generator(rate=800.0))
+    net.population("cells", n, model)
+    net.connect("plus", "cells", one_to_one(), weight=weight, delay=0.3)
+    net.connect("minus", "cells", one_to_one(), weight=-weight, delay=1.1)
+    net.probe("spikes_plus", "plus")
+    for state in model.states:
+        if not state.hidden:
+            net.probe(f"probe_{state.name}", "cells", state.name, every=0.5)
+    return net
+
+
+def after(start: Start, net: Network, ms: float = 60.0) -> Found:
+    """Run for a while and read everything."""
+    sim = start(net)
+    sim.run(ms)
+    return observe(sim)
+
+
+# neurons
+
+
+@case
+def delta_neuron(start: Start) -> Found:
+    """iaf_psc_delta, leaky, with a lower bound."""
+    return after(start, driven(iaf_psc_delta(V_min=-75.0, I_e=120.0), weight=3.0))
+
+
+@case
+def delta_neuron_without_leak(start: Start) -> Found:
+    """iaf_psc_delta with an infinite tau_m."""
+    return after(start, driven(iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=9.0), weight=1.0))
+
+
+@case
+def delta_neuron_keeps_refractory_input(start: Start) -> Found:
+    """iaf_psc_delta with refractory_input."""
+    return after(start, driven(iaf_psc_delta(refractory_input=True, t_ref=4.0), weight=5.0))
+
+
+@case
+def exponential_neuron(start: Start) -> Found:
+    """iaf_psc_exp."""
+    return after(start, driven(iaf_psc_exp(I_e=250.0, tau_syn_in=5.0)))
+
+
+@case
+def exponential_neuron_equal_time_constants(start: Start) -> Found:
+    """iaf_psc_exp with tau_syn equal to tau_m, and without refractoriness."""
+    return after(start, driven(iaf_psc_exp(tau_syn_ex=10.0, tau_m=10.0, t_ref=0.0)))
+
+
+@case
+def exponential_neuron_without_leak(start: Start) -> Found:
+    """iaf_psc_exp with an infinite tau_m."""
+    return after(start, driven(iaf_psc_exp(tau_m=INF)))
+
+
+@case
+def alpha_neuron(start: Start) -> Found:
+    """iaf_psc_alpha."""
+    return after(start, driven(iaf_psc_alpha(I_e=300.0, V_min=-80.0)))
+
+
+@case
+def alpha_neuron_equal_time_constants(start: Start) -> Found:
+    """iaf_psc_alpha with tau_syn equal to tau_m, and with an infinite tau_m beside it."""
+    return after(start, driven(iaf_psc_alpha(tau_syn_ex=10.0, tau_m=np.array([10.0, 20.0, INF]))))
+
+
+@case
+def izhikevich_neuron(start: Start) -> Found:
+    """Izhikevich neurons of three kinds: regular, fast, chattering."""
+    kinds = izhikevich(
+        a=np.array([0.02, 0.1, 0.02]), c=np.array([-65.0, -65.0, -50.0]), d=np.array([8.0, 2.0, 2.0]), I_e=10.0
+    )
+    return after(start, driven(kinds, weight=2.0), 120.0)
+
+
+@case
+def parrots_keep_multiplicity(start: Start) -> Found:
+    """Parrots repeat every spike with its multiplicity, whatever the weight."""
+    net = network(1.0)
+    net.population("source", 2, poisson_generator(rate=1500.0))
+    net.population("first", 2, parrot_neuron())
+    net.population("second", 3, parrot_neuron())
+    net.population("cells", 3, iaf_psc_delta(V_th=-50.0))
+    net.connect("source", "first", one_to_one(), weight=0.25)
+    net.connect("first", "second", all_to_all(), weight=-2.0, delay=3.0)
+    net.connect("second", "cells", one_to_one(), weight=1.5)
+    return after(start, net)
+
+
+@case
+def parameters_of_each_neuron(start: Start) -> Found:
+    """Parameters as arrays and as distributions."""
+    model = iaf_psc_exp(tau_m=uniform(low=8.0, high=30.0), V_th=np.array([-55.0, -54.0, -53.5]), I_e=400.0)
+    return after(start, driven(model))
+
+
+@case
+def initial_states(start: Start) -> Found:
+    """Initial states as number, array and distribution."""
+    net = network()
+    net.population("a", 4, iaf_psc_exp(), initial={"V_m": np.linspace(-70, -56, 4), "I_syn_ex": 500.0})
+    net.population("b", (2, 2), izhikevich(), initial={"V_m": uniform(low=-70.0, high=-50.0)})
+    net.population("c", 3, iaf_psc_delta(E_L=np.array([-70.0, -60.0, -54.0]), V_reset=-75.0))
+    return after(start, net, 10.0)
+
+
+# generators
+
+
+@case
+def poisson_window(start: Start) -> Found:
+    """A Poisson generator emits in start < t <= stop, with a rate for each neuron."""
+    net = network()
+    net.population("source", 4, poisson_generator(rate=np.array([0.0, 500.0, 20000.0, 9.0]), start=2.0, stop=9.0))
+    net.probe("spikes", "source")
+    return after(start, net, 12.0)
+
+
+@case
+def poisson_rates_change(start: Start) -> Found:
+    """Rates that are set between runs."""
+    net = driven(iaf_psc_exp())
+    sim = start(net)
+    for rate in (0.0, 5000.0, np.array([100.0, 0.0, 9000.0])):
+        sim.set("plus", rate=rate)
+        sim.run(15.0)
+    return observe(sim)
+
+
+@case
+def listed_spikes(start: Start) -> Found:
+    """A spike_generator with listed spikes, two of them at one time."""
+    net = network()
+    net.population("source", 2, spike_generator(spike_times=[[0.1, 0.1, 3.0], [0.1, 2.0, 3.0]]))
+    net.population("cells", 2, iaf_psc_delta())
+    net.connect("source", "cells", all_to_all(), weight=4.0, delay=0.1)
+    return after(start, net, 6.0)
+
+
+@case
+def injected_spikes(start: Start) -> Found:
+    """Spikes injected between runs, beside listed ones."""
+    net = network()
+    net.population("source", 3, spike_generator(spike_times=[[4.0], [], [5.0]]))
+    net.population("cells", 3, iaf_psc_exp())
+    net.connect("source", "cells", one_to_one(), weight=2500.0, delay=1.0)
+    sim = start(net)
+    sim.inject("source", [1.0, 0.2, 4.0, 7.5], [2, 0, 0, 1])
+    sim.run(3.0)
+    sim.inject("source", [3.1, 3.1, 7.5], [1, 1, 1])
+    sim.run(12.0)
+    return observe(sim)
+
+
+@case
+def currents(start: Start) -> Found:
+    """Currents switched on and off, scaled by weights, with several delays, and set while they flow."""
+    net = network()
+    net.population("source", 2, dc_generator(amplitude=np.array([300.0, 500.0]), start=2.0, stop=40.0))
+    net.population("always", 1, dc_generator(amplitude=50.0))
+    net.population("cells", 3, iaf_psc_exp())
+    net.population("others", 2, izhikevich())
+    delays = np.array([[1.0, 0.1, 2.5], [0.3, 1.0, 1.0]])
+    net.connect("source", "cells", all_to_all(), weight=1.5, delay=delays)
+    net.connect("always", "cells", all_to_all(), weight=np.array([[1.0, -1.0, 0.5]]))
+    net.connect("source", "others", one_to_one(), weight=0.04, delay=0.1)
+    net.probe("V_m", "cells", "V_m")
+    sim = start(net)
+    sim.run(20.0)
+    sim.set("source", amplitude=np.array([0.0, 800.0]))
+    sim.run(30.0)
+    return observe(sim)
+
+
+# connections
+
+
+def connected(rule: Rule, n_pre: int = 6, n_post: int = 5, resolution: float = 0.1) -> Network:
+    """Neurons that receive Poisson spikes by one rule with drawn weights and delays."""
+    net = network(resolution)
+    net.population("source", n_pre, poisson_generator(rate=1500.0))
+    net.population("cells", n_post, iaf_psc_exp(I_e=300.0))
+    delay = uniform(low=0.1, high=2.0)
+    net.connect("source", "cells", rule, weight=normal(mean=200.0, std=300.0), delay=delay)
+    net.connect("cells", "cells", all_to_all(autapses=False), weight=-150.0, delay=1.5)
+    return net
+
+
+@case
+def rule_one_to_one(start: Start) -> Found:
+    """one_to_one with weights and delays of their own."""
+    return after(start, connected(one_to_one(), 5, 5))
+
+
+@case
+def rule_all_to_all(start: Start) -> Found:
+    """all_to_all with weights and delays of their own."""
+    return after(start, connected(all_to_all()))
+
+
+@case
+def rule_fixed_indegree(start: Start) -> Found:
+    """fixed_indegree."""
+    return after(start, connected(fixed_indegree(n=4)))
+
+
+@case
+def rule_fixed_outdegree(start: Start) -> Found:
+    """fixed_outdegree without multapses."""
+    return after(start, connected(fixed_outdegree(n=3, multapses=False)))
+
+
+@case
+def rule_pairwise_bernoulli(start: Start) -> Found:
+    """pairwise_bernoulli."""
+    return after(start, connected(pairwise_bernoulli(p=0.4)))
+
+
+@case
+def rule_pairs(start: Start) -> Found:
+    """Listed pairs in any order, some twice, with weights and delays of their own."""
+    net = network()
+    net.population("source", 3, poisson_generator(rate=1500.0))
+    net.population("cells", 4, iaf_psc_exp())
+    pre, post = [2, 0, 1, 0, 2, 0], [1, 3, 0, 0, 1, 3]
+    weight, delay = np.array([900.0, 300.0, -200.0, 700.0, -100.0, 50.0]), np.array([0.4, 0.1, 3.0, 1.0, 0.4, 2.0])
+    net.connect("source", "cells", pairs(pre=pre, post=post), weight=weight, delay=delay)
+    return after(start, net)
+
+
+@case
+def rule_grid(start: Start) -> Found:
+    """A shared kernel with channels, stride and padding; weights of both signs."""
+    net = network(1.0)
+    net.population("sheet", (2, 6, 7), poisson_generator(rate=60.0))
+    net.population("maps", (3, "auto", "auto"), iaf_psc_exp(tau_syn_in=4.0))
+    kernel = normal(mean=150.0, std=200.0)
+    net.connect("sheet", "maps", grid(kernel=(3, 4), stride=2, padding=1), weight=kernel, delay=2.0)
+    return after(start, net)
+
+
+@case
+def rule_grid_of_one_channel(start: Start) -> Found:
+    """A grid from a sheet of one channel with listed kernels, and a second one on top of it."""
+    net = network(1.0)
+    net.population("sheet", (5, 5), poisson_generator(rate=150.0))
+    net.population("maps", (2, "auto", "auto"), iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=2.0, t_ref=0.0))
+    net.population("top", (2, "auto", "auto"), iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=3.0))
+    kernels = np.linspace(-0.5, 1.5, 18).reshape(2, 3, 3)
+    net.connect("sheet", "maps", grid(kernel=(3, 3)), weight=kernels)
+    net.connect("maps", "top", grid(kernel=(2, 2)), weight=0.75)
+    return after(start, net, 100.0)
+
+
+@case
+def drawn_weights(start: Start) -> Found:
+    """Weights drawn lognormally, clipped; delays drawn and rounded to at least one step."""
+    net = connected(fixed_indegree(n=5))
+    weight = lognormal(mean=5.0, std=1.0, high=900.0)
+    net.connect("source", "cells", fixed_indegree(n=2), weight=weight, delay=normal(mean=0.2, std=0.3), name="more")
+    return after(start, net)
+
+
+@case
+def no_synapse_at_all(start: Start) -> Found:
+    """A projection without synapses."""
+    net = connected(pairwise_bernoulli(p=0.0))
+    net.connect("source", "cells", pairs(pre=[], post=[]), name="empty")
+    return after(start, net, 10.0)
+
+
+@case
+def long_delays(start: Start) -> Found:
+    """Delays of many steps beside one of a single step."""
+    net = network()
+    net.population("cells", 4, iaf_psc_exp(I_e=450.0), initial={"V_m": uniform(low=-70.0, high=-56.0)})
+    net.connect("cells", "cells", all_to_all(), weight=300.0, delay=20.0, name="far")
+    net.connect("cells", "cells", one_to_one(), weight=-400.0, delay=0.1, name="near")
+    return after(start, net, 100.0)
+
+
+@case
+def networks_of_all_models(start: Start) -> Found:
+    """Every model in one recurrent network."""
+    net = network()
+    net.population("noise", 8, poisson_generator(rate=900.0))
+    models: tuple[Model, ...] = (
+        iaf_psc_delta(V_th=-60.0),
+        iaf_psc_exp(),
+        iaf_psc_alpha(),
+        izhikevich(),
+        parrot_neuron(),
+    )
+    for model in models:
+        net.population(model.name, 8, model)
+    scale = {"iaf_psc_delta": 2.0, "izhikevich": 4.0, "parrot_neuron": 1.0}
+    for post in models:
+        weight = scale.get(post.name, 400.0)
+        net.connect("noise", post.name, one_to_one(), weight=weight, delay=0.5, name=f"noise_{post.name}")
+        for pre in models:
+            if post.name != "parrot_neuron":
+                net.connect(
+                    pre.name, post.name, fixed_indegree(n=2), weight=0.5 * weight, delay=uniform(low=0.1, high=3)
+                )
+    return after(start, net)
+
+
+# groups
+
+
+@case
+def best_of_each_step(start: Start) -> Found:
+    """winner_take_all without first_to_fire: the losers of a step are reset."""
+    net = network(1.0)
+    net.population("noise", 5, poisson_generator(rate=700.0))
+    net.population("cells", 5, iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=3.0, t_ref=0.0))
+    net.connect("noise", "cells", one_to_one(), weight=1.0)
+    net.group("choice", winner_take_all(of="cells", first_to_fire=False))
+    return after(start, net, 100.0)
+
+
+@case
+def first_to_fire(start: Start) -> Found:
+    """winner_take_all with first_to_fire: one decision, ties drawn, until a reset."""
+    net = network(1.0)
+    net.population("tick", 1, spike_generator(spike_times=[[2.0, 4.0, 6.0]]))
+    net.population("cells", 6, iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=3.0))
+    net.connect("tick", "cells", all_to_all(), weight=2.0)
+    net.group("choice", winner_take_all(of="cells"))
+    sim = start(net, seed=3)
+    sim.run(10.0)
+    found = observe(sim)
+    sim.reset()
+    sim.run(10.0)
+    return found | {f"after reset: {name}": values for name, values in observe(sim).items()}
+
+
+# calls
+
+
+@case
+def states_and_parameters_change(start: Start) -> Found:
+    """States and parameters that are set between runs."""
+    sim = start(driven(iaf_psc_exp()))
+    sim.run(7.0)
+    sim.set("cells", V_m=np.array([-56.0, -80.0, -60.0]), I_syn_ex=800.0)
+    sim.run(7.0)
+    sim.set("cells", tau_m=np.array([5.0, 10.0, 40.0]), I_e=300.0)
+    sim.run(7.0)
+    sim.set("cells", V_th=-50.0, V_reset=-52.0, t_ref=1.0)
+    sim.run(20.0)
+    return observe(sim) | {"tau_m": sim.get("cells", "tau_m"), "V_th": sim.get("cells", "V_th")}
+
+
+@case
+def static_weights_change(start: Start) -> Found:
+    """Weights that are set act on spikes sent from then on; those under way keep theirs."""
+    net = network()
+    net.population("source", 2, spike_generator(spike_times=[[0.1, 1.0, 2.0], [0.1, 1.0, 2.0]]))
+    net.population("cells", 2, iaf_psc_delta(V_th=0.0))
+    net.connect("source", "cells", all_to_all(), weight=1.0, delay=1.5, name="shared")
+    net.connect("source", "cells", all_to_all(), weight=np.array([[1.0, 2.0], [3.0, 4.0]]), delay=0.8, name="own")
+    sim = start(net)
+    sim.run(1.5)
+    sim.set_weights("shared", 5.0)
+    sim.set_weights("own", [0.0, -1.0, 2.0, 10.0])
+    sim.run(0.9)
+    found = observe(sim)
+    sim.set_weights("shared", [1.0, 2.0, 3.0, 4.0])
+    sim.run(3.0)
+    return found | {f"later: {name}": values for name, values in observe(sim).items()}
+
+
+@case
+def forgotten_spikes(start: Start) -> Found:
+    """Spikes that are forgotten, and spikes since a time."""
+    sim = start(driven(iaf_psc_exp(I_e=500.0)))
+    sim.run(40.0)
+    sim.forget(before=20.0)
+    times, ids = sim.spikes("cells", since=30.0)
+    return observe(sim) | {"since": np.rint(times * 10).astype(int), "who": ids}
+
+
+@case
+def learnt_network_runs_alike(start: Start) -> Found:
+    """`network()` of a run, compiled again with another seed of its own."""
+    sim = start(connected(fixed_indegree(n=4)))
+    sim.run(5.0)
+    again = start(sim.network(), seed=1)
+    again.run(30.0)
+    return observe(again)

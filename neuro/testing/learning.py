@@ -1,0 +1,147 @@
+"""Cases of pairwise learning: stdp and stdp_dopa."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from neuro.distributions import uniform
+from neuro.network import Network
+from neuro.neurons import iaf_psc_delta, iaf_psc_exp, izhikevich, parrot_neuron, poisson_generator, spike_generator
+from neuro.rules import Rule, all_to_all, fixed_indegree, one_to_one, pairs, pairwise_bernoulli
+from neuro.synapses import Synapse, stdp, stdp_dopa
+from neuro.testing.case import Found, Start, case, network, observe
+from neuro.testing.features import after
+
+
+def learner(synapse: Synapse, rule: Rule | None = None, delay: object = 1.0, weight: object = 60.0) -> Network:
+    """Poisson spikes onto neurons over plastic synapses; the neurons are driven, too."""
+    net = network()
+    net.population("source", 6, poisson_generator(rate=120.0))
+    net.population("drive", 4, poisson_generator(rate=400.0))
+    net.population("cells", 4, iaf_psc_exp(tau_minus=np.array([20.0, 20.0, 15.0, 30.0])))
+    net.connect("source", "cells", rule or all_to_all(), synapse, weight=weight, delay=delay, name="plastic")
+    net.connect("drive", "cells", one_to_one(), weight=900.0, delay=0.5)
+    return net
+
+
+@case
+def stdp_multiplicative(start: Start) -> Found:
+    """Stdp with mu = 1."""
+    return after(start, learner(stdp(lambda_=0.05)), 200.0)
+
+
+@case
+def stdp_additive(start: Start) -> Found:
+    """Stdp with mu = 0, up to both bounds."""
+    return after(start, learner(stdp(lambda_=0.2, mu_plus=0.0, mu_minus=0.0, alpha=1.2)), 200.0)
+
+
+@case
+def stdp_between(start: Start) -> Found:
+    """Stdp with powers between, drawn delays and weights, over listed random pairs."""
+    rule = stdp(lambda_=0.1, mu_plus=0.4, mu_minus=0.3, tau_plus=12.0)
+    net = learner(rule, fixed_indegree(n=5), uniform(low=0.1, high=4.0), uniform(low=0.0, high=100.0))
+    return after(start, net, 200.0)
+
+
+@case
+def stdp_within_a_population(start: Start) -> Found:
+    """Recurrent stdp, where every neuron is pre and post, with spikes at equal times."""
+    net = network()
+    net.population("drive", 5, poisson_generator(rate=600.0))
+    net.population("cells", 5, iaf_psc_delta(t_ref=0.5))
+    net.connect("drive", "cells", one_to_one(), weight=6.0, delay=0.1)
+    net.connect("cells", "cells", pairwise_bernoulli(p=0.7), stdp(Wmax=3.0, lambda_=0.1), weight=1.0, delay=0.3)
+    net.connect("cells", "cells", all_to_all(), stdp(Wmax=2.0, lambda_=0.1), weight=0.2, delay=0.1, name="dense")
+    return after(start, net, 150.0)
+
+
+@case
+def stdp_onto_parrots(start: Start) -> Found:
+    """Plastic synapses from spikes of multiplicity above one, which count once in traces, onto parrots."""
+    net = network(1.0)
+    net.population("source", 3, poisson_generator(rate=900.0))
+    net.population("cells", 3, parrot_neuron())
+    net.population("end", 3, iaf_psc_delta(V_th=0.0))
+    net.connect("source", "cells", one_to_one(), stdp(lambda_=0.1), weight=10.0, delay=2.0)
+    net.connect("source", "end", all_to_all(), stdp(Wmax=2.0), weight=1.0, delay=3.0)
+    return after(start, net, 80.0)
+
+
+@case
+def stdp_changes(start: Start) -> Found:
+    """The rule's numbers and the weights are set between runs."""
+    sim = start(learner(stdp(lambda_=0.05)))
+    sim.run(60.0)
+    sim.set("plastic", lambda_=0.2, alpha=0.5)
+    sim.run(60.0)
+    sim.set_weights("plastic", np.linspace(0.0, 100.0, 24))
+    sim.run(60.0)
+    sim.set("plastic", tau_plus=40.0)
+    sim.run(60.0)
+    return observe(sim)
+
+
+@case
+def dopamine_by_signal(start: Start) -> Found:
+    """stdp_dopa with n written by a signal, of both signs, one for each neuron."""
+    net = learner(stdp_dopa(signal="reward", tau_c=200.0, tau_n=50.0, A_plus=0.5, A_minus=0.6, Wmax=120.0))
+    net.signal("reward", to="cells")
+    sim = start(net)
+    for values in (0.0, 0.02, np.array([-0.03, 0.0, 0.05, 0.01]), -0.01):
+        sim.signal("reward", values)
+        sim.run(50.0)
+    return observe(sim)
+
+
+@case
+def dopamine_by_spikes(start: Start) -> Found:
+    """stdp_dopa with the spikes of a population, with a baseline that n crosses, clipped."""
+    rule = stdp_dopa(dopamine="dopa", b=0.02, tau_c=300.0, tau_n=40.0, Wmin=40.0, Wmax=80.0, dopamine_delay=1.2)
+    net = learner(rule, fixed_indegree(n=4), uniform(low=0.5, high=3.0))
+    net.population("dopa", 2, poisson_generator(rate=40.0))
+    return after(start, net, 250.0)
+
+
+@case
+def dopamine_one_to_one(start: Start) -> Found:
+    """stdp_dopa with one dopamine neuron for each post neuron, several spikes at a time, and a coarse grid."""
+    rule = stdp_dopa(
+        dopamine="dopa", dopamine_rule="one_to_one", b=0.01, tau_n=30.0, Wmin=20.0, Wmax=90.0, deliver_interval=50
+    )
+    net = learner(rule)
+    times = [[5.0, 5.0, 80.0], [40.0, 40.1], [], [1.0, 199.9]]
+    net.population("dopa", 4, spike_generator(spike_times=times))
+    return after(start, net, 200.0)
+
+
+@case
+def dopamine_without_a_source(start: Start) -> Found:
+    """stdp_dopa with neither signal nor dopamine: n stays 0, the baseline acts."""
+    return after(start, learner(stdp_dopa(b=0.005, A_minus=1.0), delay=0.7), 150.0)
+
+
+@case
+def dopamine_from_the_target(start: Start) -> Found:
+    """The post neurons release the dopamine themselves, over listed pairs."""
+    net = network()
+    net.population("source", 3, poisson_generator(rate=300.0))
+    net.population("cells", 2, izhikevich(I_e=8.0))
+    rule = stdp_dopa(dopamine="cells", A_plus=0.2, A_minus=0.1, Wmax=20.0)
+    net.connect("source", "cells", pairs(pre=[0, 1, 2, 2], post=[1, 0, 0, 1]), rule, weight=5.0, delay=[2.0, 1, 1, 0.1])
+    return after(start, net, 150.0)
+
+
+@case
+def dopamine_changes(start: Start) -> Found:
+    """The rule's numbers and the weights are set while dopamine acts."""
+    net = learner(stdp_dopa(signal="reward", tau_c=200.0, tau_n=50.0, Wmax=150.0))
+    net.signal("reward", to="cells")
+    sim = start(net)
+    sim.signal("reward", 0.02)
+    sim.run(60.0)
+    sim.set("plastic", A_plus=0.2, tau_n=20.0, b=0.001)
+    sim.run(60.0)
+    sim.set_weights("plastic", 75.0)
+    sim.run(60.0)
+    return observe(sim)

@@ -1,0 +1,176 @@
+"""Cases of trials: decisions, rewards, dropout, reset."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from neuro.distributions import normal, uniform
+from neuro.network import Network, winner_take_all
+from neuro.neurons import iaf_psc_delta, iaf_psc_exp, spike_generator
+from neuro.rules import Rule, all_to_all, fixed_indegree, grid, one_to_one
+from neuro.simulation import Simulation
+from neuro.synapses import r_stdp
+from neuro.testing.case import Found, Start, case, network, observe
+from neuro.trials import TrialResults
+
+INF = float("inf")
+
+
+def recogniser(synapse: r_stdp | None = None, rule: Rule | None = None, **words: Any) -> Network:
+    """Six maps of two labels each over a small sheet; the first to fire decides."""
+    net = network(1.0)
+    net.population("sheet", (2, 6, 6), spike_generator())
+    shape = (6, "auto", "auto") if rule is None else (6, 2)
+    model = iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=5.0)
+    net.population("maps", shape, model)
+    weight = normal(mean=0.5, std=0.1, low=0.0, high=1.0)
+    net.connect("sheet", "maps", rule or grid(kernel=(4, 4)), synapse or r_stdp(), weight=weight, delay=2.0, name="s2")
+    net.group("choice", winner_take_all(of="maps"))
+    told = {"labels": {"of": "maps", "maps_per_label": 2}, "reset": ["V_m"], "duration": 20.0}
+    net.trials(input="sheet", **(told | words))
+    return net
+
+
+def batch(n: int, spikes: int = 24) -> tuple[Any, Any, Any, Any]:
+    """Random first spikes for n trials: times, ids, offsets, labels."""
+    rng = np.random.default_rng(5)
+    ids = np.concatenate([rng.permutation(72)[:spikes] for _ in range(n)])
+    times = rng.integers(0, 15, n * spikes).astype(np.float64)
+    return times, ids, np.arange(n + 1) * spikes, rng.integers(0, 3, n)
+
+
+def told(results: TrialResults, name: str = "trials") -> Found:
+    """What a batch returned."""
+    counts = results.counts
+    return {
+        f"{name}: winner": results.winner,
+        f"{name}: label": results.label,
+        f"{name}: step": results.step,
+        f"{name}: ticks": results.ticks,
+        f"{name}: potential": results.potential,
+        f"{name}: counts": np.array([counts.steps, counts.spikes, counts.synaptic_ops, counts.learning_updates]),
+    }
+
+
+def taught(start: Start, net: Network, epochs: int = 2) -> Found:
+    """Teach for some epochs, then test."""
+    sim = start(net)
+    times, ids, offsets, labels = batch(24)
+    found: Found = {}
+    for epoch in range(epochs):
+        results = sim.trials(times, ids, offsets, labels, learn=True, samples=np.arange(24) // 3, epoch=epoch)
+        found |= told(results, f"epoch {epoch}")
+    return found | told(sim.trials(times, ids, offsets), "test") | observe(sim)
+
+
+@case
+def trials_decide(start: Start) -> Found:
+    """Decisions, ties, potentials; a trial ends at its decision."""
+    sim = start(recogniser())
+    times, ids, offsets, _ = batch(20)
+    return told(sim.trials(times, ids, offsets)) | observe(sim)
+
+
+@case
+def trials_run_to_their_end(start: Start) -> Found:
+    """`stop: full`: the potential is still that of the decision."""
+    sim = start(recogniser(stop="full"))
+    times, ids, offsets, _ = batch(20)
+    return told(sim.trials(times, ids, offsets)) | observe(sim)
+
+
+@case
+def silent_trials(start: Start) -> Found:
+    """Trials without enough spikes, one of them without any."""
+    sim = start(recogniser())
+    found = sim.trials([3.0, 3.0, 4.0], [0, 40, 7], [0, 2, 2, 3], labels=[0, 1, 2], learn=True)
+    return told(found) | observe(sim)
+
+
+@case
+def rewarded_learning(start: Start) -> Found:
+    """r_stdp on shared kernels: reward, punishment and the growth of the right label's maps."""
+    return taught(start, recogniser(r_stdp(epsilon=0.002)))
+
+
+@case
+def rescued_learning(start: Start) -> Found:
+    """r_stdp with rescue and dropout for each sample, which decays."""
+    return taught(start, recogniser(r_stdp(rescue=True), dropout={"of": "maps", "p": 0.4, "decay": 0.5}))
+
+
+@case
+def dropout_of_each_trial(start: Start) -> Found:
+    """Dropout drawn for each trial; rates set between epochs."""
+    net = recogniser(dropout={"of": "maps", "p": 0.5, "every": "trial"}, reward={"correct": 1, "wrong": 0})
+    sim = start(net)
+    times, ids, offsets, labels = batch(12)
+    found = told(sim.trials(times, ids, offsets, labels, learn=True), "first")
+    sim.set("s2", Ar_plus=0.3, Ar_minus=-0.1, epsilon=0.01)
+    return found | told(sim.trials(times, ids, offsets, labels, learn=True, epoch=1), "second") | observe(sim)
+
+
+@case
+def rewarded_learning_with_padding(start: Start) -> Found:
+    """r_stdp on a padded grid with a stride: inputs beyond the border do not learn."""
+    net = recogniser(r_stdp(epsilon=0.002), grid(kernel=(3, 3), stride=2, padding=1))
+    net.populations.pop("maps")
+    net.population("maps", (6, 3, 3), iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=3.0))
+    return taught(start, net)
+
+
+@case
+def rewarded_learning_of_all_pairs(start: Start) -> Found:
+    """r_stdp where every pair has a weight, with bounds of its own."""
+    return taught(start, recogniser(r_stdp(Wmin=-0.2, Wmax=1.4, rescue=True), all_to_all()))
+
+
+@case
+def rewarded_learning_with_delays(start: Start) -> Found:
+    """r_stdp over random synapses with drawn delays: what counts is the arrival."""
+    net = recogniser(r_stdp(epsilon=0.003), fixed_indegree(n=30, multapses=False))
+    part = net.projections.pop("s2")
+    net.connect("sheet", "maps", part.rule, part.synapse, weight=part.weight, delay=uniform(low=1, high=6), name="s2")
+    return taught(start, net)
+
+
+@case
+def rewarded_learning_from_a_layer(start: Start) -> Found:
+    """r_stdp from neurons between the input and the output, which may spike more than once."""
+    net = network(1.0)
+    net.population("sheet", 12, spike_generator())
+    net.population("layer", 12, iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=1.0, t_ref=0.0))
+    net.population("out", (4, 3), iaf_psc_delta(tau_m=20.0, E_L=0.0, V_reset=0.0, V_th=2.0))
+    net.connect("sheet", "layer", one_to_one(), weight=2.0, name="into")
+    net.connect("layer", "layer", one_to_one(), weight=0.6, delay=3.0, name="again")
+    net.connect("layer", "out", all_to_all(), r_stdp(epsilon=0.01), weight=uniform(low=0.2, high=0.8), name="s2")
+    net.group("choice", winner_take_all(of="out"))
+    net.trials(input="sheet", duration=20.0, labels={"of": "out", "maps_per_label": 2})
+    sim = start(net)
+    times, ids, offsets, labels = batch(10, 8)
+    results = sim.trials(times, ids % 12, offsets, labels % 2)
+    some = np.concatenate([np.random.default_rng(k).permutation(12)[:8] for k in range(10)])
+    return told(results) | told(sim.trials(times, some, offsets, labels % 2, learn=True), "learn") | observe(sim)
+
+
+@case
+def states_that_go_on(start: Start) -> Found:
+    """Only the states named in `reset` begin anew; the currents of iaf_psc_exp go on here."""
+    net = network(1.0)
+    net.population("source", 4, spike_generator())
+    net.population("cells", (2, 2), iaf_psc_exp(tau_syn_ex=15.0))
+    net.connect("source", "cells", one_to_one(), weight=250.0)
+    net.group("choice", winner_take_all(of="cells"))
+    net.trials(input="source", duration=12.0, labels={"of": "cells"}, reset=["V_m"])
+    sim = start(net)
+    found = told(sim.trials([0.0, 1.0, 2.0, 0.0, 5.0], [0, 0, 1, 3, 3], [0, 3, 5]))
+    sim.run(10.0)
+    return found | observe(sim)
+
+
+def simulation_after_trials(sim: Simulation) -> Found:
+    """Teach a little and read everything."""
+    times, ids, offsets, labels = batch(12)
+    return told(sim.trials(times, ids, offsets, labels, learn=True, samples=np.arange(12) // 2)) | observe(sim)

@@ -1,0 +1,13 @@
+"""Every feature of the language, on every installed backend, against the reference."""
+
+import pytest
+
+from neuro.backend import installed
+from neuro.testing import CASES, check_case
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("backend", installed())
+def test_conformance(backend: str, name: str):
+    if reason := check_case(backend, name):
+        pytest.xfail(reason)
