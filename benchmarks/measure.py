@@ -1,0 +1,92 @@
+"""How a figure is taken: after a warm-up, in the units of the peers' scripts."""
+
+from __future__ import annotations
+
+import resource
+import time
+from typing import Any
+
+import numpy as np
+
+import neuro
+
+WARM_UP_MS = 100.0
+STEP_MS = 50.0
+
+
+def seconds(work: Any, *args: Any) -> float:
+    """How long a call takes."""
+    began = time.perf_counter()
+    work(*args)
+    return time.perf_counter() - began
+
+
+def running(net: neuro.Network, ms: float, threads: int = 1) -> dict[str, Any]:
+    """Time a network that runs by itself, after a warm-up of 100 ms."""
+    began = time.perf_counter()
+    sim = neuro.compile(net, seed=12345, threads=threads)
+    sim.run(net.resolution)
+    build = time.perf_counter() - began
+    sim.run(WARM_UP_MS - net.resolution)
+    before, cpu = emitted(sim), time.process_time()
+    taken = seconds(sim.run, ms)
+    cpu = time.process_time() - cpu
+    spikes = emitted(sim) - before
+    neurons = sum(p.size for p in sim.program.populations if p.model.states)
+    synapses = sum(p.size for p in sim.program.projections)
+    return {
+        "build_s": build,
+        "sim_s_per_bio_s": taken / ms * 1e3,
+        "cpu_s_per_bio_s": cpu / ms * 1e3,
+        "spikes": spikes,
+        "rate_hz": spikes / neurons / ms * 1e3,
+        "synapses": synapses,
+        "bytes_per_synapse": sim.memory()["synapses"] / synapses,
+        "rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }
+
+
+def emitted(sim: neuro.Simulation) -> int:
+    """Spikes of all neurons, without those of generators."""
+    counts = sim.counts().populations
+    return sum(counts[p.name].spikes for p in sim.program.populations if p.model.states)
+
+
+class ClosedLoop:
+    """The closed loop as a robot would drive it: each step sets rates and dopamine, runs, reads spikes and weights."""
+
+    def __init__(self, net: neuro.Network) -> None:
+        self.sim = neuro.compile(net, seed=12345)
+        self.rng = np.random.default_rng(3)
+
+    def step(self) -> tuple[Any, Any]:
+        """One step of 50 ms."""
+        sim, now = self.sim, self.sim.time
+        sim.set("noise", rate=self.rng.uniform(0.0, 80.0, 64))
+        sim.signal("reward", self.rng.uniform(-0.02, 0.02, 4))
+        sim.run(STEP_MS)
+        _, ids = sim.spikes("out", since=now)
+        counts = np.bincount(ids, minlength=4)
+        sim.forget(before=sim.time)
+        return counts, sim.weights("learnt")[2]
+
+    def steps(self, count: int) -> None:
+        """Many of them."""
+        for _ in range(count):
+            self.step()
+
+
+def looping(net: neuro.Network, steps: int) -> dict[str, Any]:
+    """Time a closed loop after 20 steps."""
+    began = time.perf_counter()
+    loop = ClosedLoop(net)
+    build = time.perf_counter() - began
+    loop.steps(20)
+    taken = seconds(loop.steps, steps)
+    return {
+        "build_s": build,
+        "steps_per_s": steps / taken,
+        "ms_per_step": taken / steps * 1e3,
+        "sim_s_per_bio_s": taken / steps / STEP_MS * 1e3,
+        "rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }

@@ -1,0 +1,129 @@
+"""The networks that are timed; the first four are those of NEST's and Brian2's scripts, see `peers.py`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import neuro
+
+
+def brunel() -> neuro.Network:
+    """Brunel 2000, model A at g = 5, eta = 2: 10,000 neurons, 10 M static synapses."""
+    return _balanced("brunel", inputs=(800, 200), weight=0.1, excitatory=neuro.static())
+
+
+def stdp() -> neuro.Network:
+    """The same neurons with a tenth of the synapses, of which 640,000 learn by additive STDP."""
+    rule = neuro.stdp(Wmax=1.0, lambda_=0.01, alpha=1.1, mu_plus=0.0, mu_minus=0.0, tau_plus=20.0)
+    return _balanced("stdp", inputs=(80, 20), weight=0.5, excitatory=rule)
+
+
+def _balanced(
+    name: str, inputs: tuple[int, int], weight: float, excitatory: neuro.static | neuro.stdp
+) -> neuro.Network:
+    """8,000 excitatory and 2,000 inhibitory neurons, `excitatory` among the former, at twice the threshold rate."""
+    net = neuro.Network(name, resolution=0.1)
+    cell = neuro.iaf_psc_delta(C_m=1.0, tau_m=20.0, t_ref=2.0, E_L=0.0, V_reset=0.0, V_th=20.0, tau_minus=20.0)
+    noise = neuro.poisson_generator(rate=2.0 * 20.0 / (weight * 20.0) * 1000.0)
+    for kind, size in (("exc", 8000), ("inh", 2000)):
+        net.population(kind, size, cell)
+        net.population(f"noise_{kind}", size, noise)
+        net.connect(f"noise_{kind}", kind, neuro.one_to_one(), weight=weight, delay=1.5)
+    for source, target, count, strength, synapse in (
+        ("exc", "exc", inputs[0], weight, excitatory),
+        ("exc", "inh", inputs[0], weight, neuro.static()),
+        ("inh", "exc", inputs[1], -5.0 * weight, neuro.static()),
+        ("inh", "inh", inputs[1], -5.0 * weight, neuro.static()),
+    ):
+        net.connect(source, target, neuro.fixed_indegree(count), synapse, weight=strength, delay=1.5)
+    return net
+
+
+def cuba() -> neuro.Network:
+    """The CUBA benchmark (Brette et al. 2007; Vogels & Abbott 2005): 4,000 neurons, 2 % connected."""
+    net = neuro.Network("cuba", resolution=0.1)
+    cell = neuro.iaf_psc_exp(
+        C_m=200.0, tau_m=20.0, tau_syn_ex=5.0, tau_syn_in=10.0, t_ref=5.0, E_L=-49.0, V_reset=-60.0, V_th=-50.0
+    )
+    v = np.random.default_rng(1).uniform(-60.0, -50.0, 4000)
+    net.population("exc", 3200, cell, initial={"V_m": v[:3200]})
+    net.population("inh", 800, cell, initial={"V_m": v[3200:]})
+    for source, weight in (("exc", 16.2), ("inh", -90.0)):
+        for target in ("exc", "inh"):
+            net.connect(source, target, neuro.pairwise_bernoulli(0.02), weight=weight, delay=0.1)
+    return net
+
+
+def loop(resolution: float = 0.1) -> neuro.Network:
+    """A closed loop: 64 Poisson -> 64 parrots -> 4 neurons by 256 `stdp_dopa`; rates and dopamine come from outside."""
+    net = neuro.Network("loop", resolution=resolution)
+    noise = net.population("noise", 64, neuro.poisson_generator())
+    parrots = net.population("parrots", 64, neuro.parrot_neuron())
+    out = net.population("out", 4, neuro.iaf_psc_exp(tau_minus=20.0))
+    net.signal("reward", to=out)
+    rule = neuro.stdp_dopa(
+        A_plus=0.5, A_minus=0.6, tau_c=200.0, tau_n=50.0, Wmax=300.0, deliver_interval=10, signal="reward"
+    )
+    net.connect(noise, parrots, neuro.one_to_one(), delay=resolution)
+    net.connect(parrots, out, neuro.all_to_all(), rule, weight=120.0, delay=1.0, name="learnt")
+    return net
+
+
+def learning(plastic: bool) -> neuro.Network:
+    """100,000 synapses between 1,000 and 1,000 neurons at 20 Hz, too weak to matter; `plastic` ones learn."""
+    net = neuro.Network("learning", resolution=0.1)
+    pre = net.population("pre", 1000, neuro.parrot_neuron())
+    post = net.population("post", 1000, neuro.iaf_psc_delta(C_m=1.0, t_ref=0.1, E_L=0.0, V_reset=0.0, V_th=20.0))
+    for target in (pre, post):
+        noise = net.population(f"noise_{target.name}", 1000, neuro.poisson_generator(rate=20.0))
+        net.connect(noise, target, neuro.one_to_one(), weight=100.0, delay=1.0)
+    rule = neuro.stdp(Wmax=1e-12, mu_plus=0.0, mu_minus=0.0) if plastic else neuro.static()
+    net.connect(pre, post, neuro.fixed_indegree(100), rule, weight=neuro.uniform(low=0.0, high=1e-12), delay=1.0)
+    return net
+
+
+def silent(where: str, active: int = 1000, times: int = 100) -> neuro.Network:
+    """Busy neurons, and `times` as many that nothing reaches.
+
+    Args:
+        where: "nowhere" (busy ones only), "beside" (after them in their population), "between" (each busy
+            one among `times` silent ones) or "elsewhere" (in a population of their own).
+        active: number of busy neurons.
+        times: silent neurons for each.
+    """
+    net = neuro.Network(f"silent {where}".replace(" ", "_"), resolution=0.1)
+    cell = neuro.iaf_psc_exp()
+    inside = where in ("beside", "between")
+    net.population("noise", active, neuro.poisson_generator(rate=1000.0))
+    net.population("cells", active * (times + 1) if inside else active, cell)
+    if where == "elsewhere":
+        net.population("others", active * times, cell)
+    busy = np.arange(active) * (times + 1 if where == "between" else 1)
+    for shift in range(10):
+        post = np.roll(busy, shift)
+        net.connect(
+            "noise", "cells", neuro.pairs(np.arange(active), post), weight=60.0, delay=1.0, name=f"drive{shift}"
+        )
+    return net
+
+
+def digits() -> neuro.Network:
+    """A shared-kernel layer that decides by its first spike and learns by reward, as object recognition uses it."""
+    net = neuro.Network("digits", resolution=1.0)
+    net.population("c1", (4, 17, 17), neuro.spike_generator())
+    cell = neuro.iaf_psc_delta(tau_m=float("inf"), E_L=0.0, V_reset=0.0, V_th=30.0)
+    net.population("s2", (20, "auto", "auto"), cell)
+    weight = neuro.normal(mean=0.8, std=0.05)
+    net.connect("c1", "s2", neuro.grid((11, 11)), neuro.r_stdp(), weight=weight, delay=1.0)
+    net.group("choice", neuro.winner_take_all(of="s2"))
+    net.trials(
+        input="c1",
+        duration=64.0,
+        labels=neuro.labels(of="s2", maps_per_label=2),
+        reward=neuro.reward(),
+        dropout=neuro.dropout(of="s2", p=0.25),
+    )
+    return net
+
+
+NETWORKS = {"brunel": brunel, "cuba": cuba, "stdp": stdp}

@@ -1,0 +1,32 @@
+"""Seconds a biological second of the large networks, on one core and on two."""
+
+import pytest
+from measure import WARM_UP_MS
+from networks import NETWORKS
+
+import neuro
+
+AIMS = {"brunel": "at most 0.9", "cuba": "at most 0.05", "stdp": "at most 1/8 of NEST's"}
+MS = {"brunel": 500.0, "cuba": 1000.0, "stdp": 500.0}
+SLOWEST = {}
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("case", NETWORKS)
+def test_network(benchmark, figure, case, threads):
+    sim = neuro.compile(NETWORKS[case](), seed=12345, threads=threads)
+    sim.run(WARM_UP_MS)
+    benchmark.pedantic(sim.run, args=(MS[case],), rounds=3)
+    rate = benchmark.stats.stats.min / MS[case] * 1e3
+    benchmark.extra_info["sim_s_per_bio_s"] = rate
+    if threads == 1:
+        SLOWEST[case] = rate
+        synapses = sum(p.size for p in sim.program.projections)
+        figure(f"{case}", rate, "s/bio s", AIMS[case])
+        figure(
+            f"{case}: memory of synapses", sim.memory()["synapses"] / synapses, "bytes a synapse", "at most 8 static"
+        )
+    else:
+        figure(f"{case} on two threads", rate, "s/bio s")
+        if case in SLOWEST:
+            figure(f"{case}: two threads against one", SLOWEST[case] / rate, "times faster", "at least 1.5 (brunel)")
