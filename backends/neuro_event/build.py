@@ -393,8 +393,6 @@ def _plastic(a: Arrays, learning: list[int]) -> None:
         if pops[p.target, t.HISTORY] < 0:
             pops[p.target, t.HISTORY] = n_history
             n_history += n_target
-    longest = max([1, *(int(row[t.LONGEST]) for row in table)])
-    capacity = layout.power_of_two(max(16, 2 * longest + 4))
     modulated = any(program.projections[q].synapse.modulated for q in learning)
     states = np.zeros((2 if modulated else 1, n_synapses))
     states[0] = np.concatenate([np.zeros(0), *y])
@@ -412,11 +410,18 @@ def _plastic(a: Arrays, learning: list[int]) -> None:
         "incoming": np.concatenate(incoming[1:] or incoming),
         "in_synapse": np.concatenate([np.zeros(0, dtype=np.int64), *in_synapse]),
         "in_source": np.concatenate([np.zeros(0, dtype=np.int32), *in_source]),
-        "times": np.zeros((max(1, n_history), capacity), dtype=np.int64),
-        "traces": np.zeros((max(1, n_history), capacity)),
-        "head": np.zeros(max(1, n_history), dtype=np.int64),
-        "tail": np.zeros(max(1, n_history), dtype=np.int64),
+        "past": np.zeros((max(1, n_history), 2 + 2 * _history_capacity(program, learning))),
     }
+
+
+def _history_capacity(program: Program, learning: list[int]) -> int:
+    """Entries that a history needs: all post spikes that can be under way to a synapse, and a few more."""
+    capacity = 16
+    for q in learning:
+        p = program.projections[q]
+        hold = np.min(program.populations[p.target].parameters.get("t_ref", np.zeros(1))) / program.resolution
+        capacity = max(capacity, int(2 * p.delay.max() / (int(hold) + 1)) + 4 if p.delay.size else 0)
+    return layout.power_of_two(capacity)
 
 
 def set_rule_constants(rule: Floats, tau: Floats, row: Ints, vector: Floats, synapse: Any, program: Program) -> None:

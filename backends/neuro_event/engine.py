@@ -103,6 +103,13 @@ class EventEngine:
             net[name] = bigger
         self._pack()
 
+    def _widen_record(self) -> None:
+        """Make the emptied record as large as the log."""
+        net = self._a.net
+        for name in ("rec_steps", "rec_ids", "rec_counts"):
+            net[name] = np.zeros(net["log_ids"].shape, dtype=net[name].dtype)
+        self._pack()
+
     # --- spikes -------------------------------------------------------------------------------------------
 
     def inject(self, population: int, steps: Ints, ids: Ints) -> None:
@@ -181,11 +188,12 @@ class EventEngine:
         net["cursor"][-1, population] = first + n
 
     def _make_room(self, steps: int) -> None:
-        """Empty the record, and widen the log, until they have room for some steps in which all neurons fire."""
+        """Empty the record, and widen it and the log, until they have room for some steps in which all neurons fire."""
         if loop.has_room(self._view, self._step + 1, steps, self._a.reach) < steps:
             self._record.drain(self._a.net)
         while loop.has_room(self._view, self._step + 1, steps, self._a.reach) < steps:
             self._grow_log()
+            self._widen_record()
 
     def learn(self, projection: int, neuron: int, decided: int, won: bool) -> None:
         """Apply the trial rule to the inputs of `neuron`, of the trial just presented, decided at tick `decided`."""

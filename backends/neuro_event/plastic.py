@@ -1,7 +1,7 @@
 """Pairwise learning: lazy, one synapse at a time, at the events that concern it.
 
-Post spikes are kept in a short history per neuron (`times`, and K- just after each). When it is full, the
-synapses onto that neuron are caught up to what has been processed, and what nobody needs any more is dropped.
+Post spikes are kept in a short history per neuron. When it is full, the synapses onto that neuron are caught up
+to what has been processed, and what nobody needs any more is dropped.
 """
 
 # mypy: ignore-errors
@@ -27,6 +27,7 @@ from neuro_event.tables import (
     GRID_STEPS,
     HISTORY,
     INCOMING,
+    LAST_BLOCK,
     LONGEST,
     MODULATED,
     PROJECTION,
@@ -39,8 +40,12 @@ from neuro_event.tables import (
     SOURCE,
     SYNAPSE,
     TARGET,
+    WAKE_ALL,
 )
 from neuro_event.views import net_of, plastic_of
+
+HEAD, TAIL, FIRST_ENTRY = range(3)
+"""A history is a row: one past the newest entry, the oldest kept, then a ring of pairs (step, K- just after)."""
 
 
 @inner
@@ -60,22 +65,24 @@ def catch_up(view, q, z, thread, source, target, history, upto, delay, h):
     table = p.table[q]
     modulated, c = table[MODULATED], p.rule[q]
     place = table[FIRST_SOURCE] + source
-    k_plus, k_time = p.k_plus[thread, place], p.k_time[thread, place]
-    mask = p.times.shape[1] - 1
-    head, tail = p.head[history], p.tail[history]
+    past = p.past[history]
+    mask = (past.size - FIRST_ENTRY) // 2 - 1
+    head, tail = np.int64(past[HEAD]), np.int64(past[TAIL])
     since = p.reached[z]
     i = head
-    while i > tail and p.times[history, (i - 1) & mask] + delay > since:
+    while i > tail and np.int64(past[FIRST_ENTRY + 2 * ((i - 1) & mask)]) + delay > since:
         i -= 1
     while i < head:
-        arrival = p.times[history, i & mask] + delay
+        arrival = np.int64(past[FIRST_ENTRY + 2 * (i & mask)]) + delay
         if arrival > upto:
             break
         if modulated >= 0:
             advance(modulated, p.y, z, c, since, arrival, dopamine_at(view, q, target, since, h), table[GRID_STEPS])
             since = arrival
+        k_plus = p.k_plus[thread, place]
         if k_plus != 0.0:
-            on_post(table[RULE], p.y, z, c, k_plus * math.exp(-(arrival - k_time) * h / p.tau[q, 0]))
+            age = (arrival - p.k_time[thread, place]) * h
+            on_post(table[RULE], p.y, z, c, k_plus * math.exp(-age / p.tau[q, 0]))
         i += 1
     if modulated >= 0 and since < upto:
         advance(modulated, p.y, z, c, since, upto, dopamine_at(view, q, target, since, h), table[GRID_STEPS])
@@ -85,13 +92,13 @@ def catch_up(view, q, z, thread, source, target, history, upto, delay, h):
 @inner
 def post_trace(view, history, before, h, tau_minus):
     """K- of a neuron from its spikes strictly before a step."""
-    p = plastic_of(view)
-    mask = p.times.shape[1] - 1
-    i = p.head[history] - 1
-    while i >= p.tail[history]:
-        time = p.times[history, i & mask]
-        if time < before:
-            return p.traces[history, i & mask] * math.exp(-(before - time) * h / tau_minus)
+    past = plastic_of(view).past[history]
+    mask = (past.size - FIRST_ENTRY) // 2 - 1
+    i, tail = np.int64(past[HEAD]) - 1, np.int64(past[TAIL])
+    while i >= tail:
+        entry = FIRST_ENTRY + 2 * (i & mask)
+        if past[entry] < before:
+            return past[entry + 1] * math.exp(-(before - past[entry]) * h / tau_minus)
         i -= 1
     return 0.0
 
@@ -107,6 +114,7 @@ def pre_spike(view, q, source, m, step, thread, h):
     blocks = net.awake.shape[0]
     slots = net.due.shape[0] // blocks - 1
     place = row[ROW] + source * (net.edges.shape[0] - 1) + thread
+    wide = row[WAKE_ALL] == 1 and row[DELAY_STRIDE] == 0
     for e in range(net.rows[place], net.rows[place + 1]):
         s = e - row[SYNAPSE]
         z = table[FIRST_SYNAPSE] + s
@@ -121,7 +129,12 @@ def pre_spike(view, q, source, m, step, thread, h):
         second = 1 if receptors == 2 and weight < 0.0 else 0
         at = step + delay
         net.buf[row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE] + target] += weight * m
-        net.due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
+        if not wide:
+            net.due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
+    if wide and net.rows[place] < net.rows[place + 1]:
+        mark = ((step + np.int64(net.delays[row[DELAY]])) & slots) * blocks
+        lo, hi = max(target_row[FIRST_BLOCK], net.edges[thread]), min(target_row[LAST_BLOCK], net.edges[thread + 1])
+        net.due[mark + lo : mark + hi] = 1
     own = table[FIRST_SOURCE] + source
     trace = 1.0
     if p.k_plus[thread, own] != 0.0:
@@ -194,9 +207,12 @@ def flush(view, pop, thread, local, history, done, h):
         if net.projections[p.table[q, PROJECTION], TARGET] == pop:
             longest = max(longest, p.table[q, LONGEST])
             bring_target(view, q, thread, local, done, h)
-    mask = p.times.shape[1] - 1
-    while p.tail[history] < p.head[history] - 1 and p.times[history, (p.tail[history] + 1) & mask] + longest <= done:
-        p.tail[history] += 1
+    past = p.past[history]
+    mask = (past.size - FIRST_ENTRY) // 2 - 1
+    head, tail = np.int64(past[HEAD]), np.int64(past[TAIL])
+    while tail < head - 1 and past[FIRST_ENTRY + 2 * ((tail + 1) & mask)] + longest <= done:
+        tail += 1
+    past[TAIL] = tail
 
 
 @inner
@@ -204,18 +220,20 @@ def post_spike(view, pop, thread, local, step, done, h):
     """Enter a spike of a neuron into its history."""
     net, p = net_of(view), plastic_of(view)
     history = net.pops[pop, HISTORY] + local
-    mask = p.times.shape[1] - 1
-    if p.head[history] - p.tail[history] == mask + 1:
+    past = p.past[history]
+    mask = (past.size - FIRST_ENTRY) // 2 - 1
+    if past[HEAD] - past[TAIL] == mask + 1:
         flush(view, pop, thread, local, history, done, h)
-    head = p.head[history]
+    head = np.int64(past[HEAD])
     trace = 1.0
-    if head > p.tail[history]:
-        last = (head - 1) & mask
-        age = (step - p.times[history, last]) * h
-        trace += p.traces[history, last] * math.exp(-age / net.tau_minus[net.pops[pop, BEGIN] + local])
-    p.times[history, head & mask] = step
-    p.traces[history, head & mask] = trace
-    p.head[history] = head + 1
+    if past[HEAD] > past[TAIL]:
+        last = FIRST_ENTRY + 2 * ((head - 1) & mask)
+        age = (step - past[last]) * h
+        trace += past[last + 1] * math.exp(-age / net.tau_minus[net.pops[pop, BEGIN] + local])
+    entry = FIRST_ENTRY + 2 * (head & mask)
+    past[entry] = step
+    past[entry + 1] = trace
+    past[HEAD] = head + 1
 
 
 @inner

@@ -8,7 +8,7 @@ from neuro_event import tables as t
 from neuro_event.deliver import log_delivery
 from neuro_event.jit import kernel
 from neuro_event.plastic import bring_target, dopamine_at
-from neuro_event.views import net_of, plastic_of, table_of
+from neuro_event.views import net_of, plastic_of, table_of, with_plastic
 
 
 def state(engine, population):
@@ -78,7 +78,7 @@ def synapses(engine, projection, name):
         found = values[arranged.targets] if name == "n" else np.repeat(values, np.diff(arranged.row_ends))
     elif p.synapse.modulated:
         copied = {"y": plastic["y"].copy(), "reached": plastic["reached"].copy()}
-        view = table_of(a.net, {**plastic, **copied})
+        view = with_plastic(engine._view, **copied)
         bring(view, k, program.populations[p.target].size, engine.step, h)
         states = ["weight", *(s.name for s in type(p.synapse).states)]
         found = copied["y"][states.index(name), here]

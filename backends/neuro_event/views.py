@@ -90,10 +90,7 @@ n_time i8 1        that step
 incoming i8 1      synapses by target: ends
 in_synapse i8 1    the synapses
 in_source i4 1     their sources
-times i8 2         (neurons, capacity) history of the post spikes, a ring
-traces f8 2        K- just after each
-head i8 1          one past the newest
-tail i8 1          the oldest that is kept
+past f8 2          history of each neuron's spikes, see `plastic`
 """
 
 _TYPES = {"i8": "int64", "f8": "float64", "i4": "int32", "u1": "uint8", "u2": "uint16", "u8": "uint64"}
@@ -118,6 +115,14 @@ def table_of(net, plastic):
             assert array.dtype == np.dtype(_TYPES[dtype]) and array.ndim == int(ndim) and array.flags.c_contiguous, name
             rows.append([array.ctypes.data, *array.shape, *[0] * (3 - array.ndim)])
     return np.array(rows, dtype=np.int64)
+
+
+def with_plastic(table, **arrays):
+    """The same table with other arrays of the same shapes for some plastic fields."""
+    other = table.copy()
+    for name, array in arrays.items():
+        other[len(NET_FIELDS) + PLASTIC_FIELDS.index(name), 0] = array.ctypes.data
+    return other
 
 
 def _viewer(kind, text, first):

@@ -106,9 +106,9 @@ def advance(y, e, c, begin, end, n, grid):
 def drift(y, e, c, duration, n):
     """Integrate over `duration` ms in which n - b keeps its sign; return n at its end."""
     eligibility = y[1, e]
-    fading = math.exp(-duration / c[TAU_C])
-    left = math.exp(-duration / c[TAU_N])
+    left = 1.0 if n == 0.0 else math.exp(-duration / c[TAU_N])
     if eligibility != 0.0:
+        fading = math.exp(-duration / c[TAU_C])
         gain = n * c[TAU] * (1.0 - fading * left) - c[B] * c[TAU_C] * (1.0 - fading)
         y[0, e] = min(c[W_MAX], max(c[W_MIN], y[0, e] + eligibility * gain))
         y[1, e] = eligibility * fading
