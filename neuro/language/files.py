@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from neuro.errors import ModelError, nearest
 from neuro.language.nodes import mistake, words
 from neuro.language.reader import Node
-from neuro.values import FromFile
+from neuro.values import FromFile, shown
 
 MAX_ELEMENTS = 2**28
 ENDINGS = (".h5", ".hdf5", ".npy")
@@ -27,21 +27,25 @@ def inside(node: Node, name: str) -> Path:
     folder = Path(node.where.file).parent
     parts = PurePosixPath(name).parts
     if PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive or "\\" in name or ".." in parts:
-        raise mistake(node, f"file '{name}': expected a path inside the folder of the description, without '..'")
+        raise mistake(node, f"file {shown(name)}: expected a path inside the folder of the description, without '..'")
     path = folder / name
     try:
         real = path.resolve()
         leads_out = not real.is_relative_to(folder.resolve())
         there = real.is_file()
     except (OSError, ValueError, RuntimeError):
-        raise mistake(node, f"file '{name}': expected the name of a file") from None
+        raise mistake(node, f"file {shown(name)}: expected the name of a file") from None
     if leads_out:
-        raise mistake(node, f"file '{name}' is a link out of the folder of the description: expected a file inside it")
+        raise mistake(
+            node, f"file {shown(name)} is a link out of the folder of the description: expected a file inside it"
+        )
     if not there:
         this = Path(node.where.file).name
-        beside = [p.name for p in path.parent.iterdir() if p.name != this] if path.parent.is_dir() else []
+        beside = (
+            [p.name for p in path.parent.iterdir() if p.is_file() and p.name != this] if path.parent.is_dir() else []
+        )
         near = nearest(path.name, beside)
-        raise mistake(node, f"no file '{name}' beside the description", near if near.startswith("did") else "")
+        raise mistake(node, f"no file {shown(name)} beside the description", near if near.startswith("did") else "")
     return path
 
 
@@ -53,11 +57,11 @@ def array(node: Node) -> FromFile:
             raise mistake(said[word], f"{word} = {said[word].value!r}: expected a name")
     name, ending = said["file"].value, PurePosixPath(said["file"].value).suffix
     if ending not in ENDINGS:
-        raise mistake(said["file"], f"file '{name}': expected a name ending in {', '.join(ENDINGS)}")
+        raise mistake(said["file"], f"file {shown(name)}: expected a name ending in {', '.join(ENDINGS)}")
     if ending == ".npy" and "key" in said:
         raise mistake(said["key"], f"a key for '{name}': expected none, an NPY file holds one array")
     if ending != ".npy" and "key" not in said:
-        raise mistake(node, f"file '{name}' needs 'key', the data set in it")
+        raise mistake(node, f"file {shown(name)} needs 'key', the data set in it")
     path = inside(said["file"], name)
     values = _hdf5(path, said["file"], said["key"]) if "key" in said else _npy(path, said["file"])
     out = values.astype(np.float64)
@@ -84,12 +88,12 @@ def _hdf5(path: Path, file: Node, key: Node) -> NDArray[Any]:
             for part in [p for p in key.value.split("/") if p]:
                 link = data.get(part, getlink=True) if isinstance(data, h5py.Group) else None
                 if link is None:
-                    raise mistake(key, f"no data set {what}", nearest(key.value, _data_sets(opened)))
+                    raise mistake(key, f"no data set {what}", nearest(key.value, _names(opened)))
                 if not isinstance(link, h5py.HardLink):
                     raise mistake(key, f"{what} is a link: expected a data set of the file itself")
                 data = data[part]
             if not isinstance(data, h5py.Dataset):
-                raise mistake(key, f"{what} is a group: expected a data set", nearest("", _data_sets(opened)))
+                raise mistake(key, f"{what} is a group: expected a data set", nearest("", _names(data)))
             if data.is_virtual or data.external:
                 raise mistake(key, f"{what} is kept in other files: expected a data set of the file itself")
             _check(data, key, what)
@@ -100,9 +104,9 @@ def _hdf5(path: Path, file: Node, key: Node) -> NDArray[Any]:
         raise mistake(file, f"file '{file.value}': expected an HDF5 file that can be read") from None
 
 
-def _data_sets(opened: Any) -> list[str]:
-    """Names of what lies at the top, for hints."""
-    return [str(name) for name in opened][:100]
+def _names(group: Any) -> list[str]:
+    """Names of what lies in a group, for hints."""
+    return [str(name) for name in group][:100]
 
 
 def _check(data: Any, node: Node, what: str) -> None:

@@ -11,6 +11,8 @@ from neuro.language.nodes import mistake
 from neuro.language.reader import Node
 from neuro.values import shown
 
+MAX_PLACED = 1_000_000
+
 _NAME = re.compile(r"[^\W\d]\w*")
 _USE = re.compile(r"\$([^\W\d]\w*)")
 
@@ -45,7 +47,6 @@ def resolve(sections: Mapping[str, Node], overrides: Mapping[str, Any], where: W
             node = _as_node(overrides[name], node)
             source = f"${name} is set by params"
         names.values[name] = names.put(node), source
-    names.complete = True
     out = {section: names.put(node) for section, node in sections.items() if section != "parameters"}
     for name in overrides:
         if name not in names.used:
@@ -61,7 +62,7 @@ class _Names:
         self.given = given
         self.values: dict[str, tuple[Node, str]] = {}
         self.used: set[str] = set()
-        self.complete = False
+        self.placed = 0
 
     def put(self, node: Node) -> Node:
         """The node with values in place of names."""
@@ -88,17 +89,19 @@ class _Names:
             raise mistake(node, error.message, error.hint if self.given else f"add parameters: {{{name}: ...}}")
         self.used.add(name)
         value, source = self.values[name]
-        return _moved(value, node, source)
+        return self._moved(value, node, source)
 
-
-def _moved(value: Node, to: Node, source: str) -> Node:
-    """The value as if it stood where it is used."""
-    inner = value.value
-    if isinstance(inner, list):
-        inner = [_moved(item, to, source) for item in inner]
-    elif isinstance(inner, dict):
-        inner = {word: _moved(item, Node(None, to.where, to.where), source) for word, item in inner.items()}
-    return Node(inner, to.where, to.label, source)
+    def _moved(self, value: Node, to: Node, source: str) -> Node:
+        """The value as if it stood where it is used."""
+        self.placed += 1
+        if self.placed > MAX_PLACED:
+            raise mistake(to, f"parameters stand for more than {MAX_PLACED} values: expected fewer")
+        inner = value.value
+        if isinstance(inner, list):
+            inner = [self._moved(item, to, source) for item in inner]
+        elif isinstance(inner, dict):
+            inner = {word: self._moved(item, Node(None, to.where, to.where), source) for word, item in inner.items()}
+        return Node(inner, to.where, to.label, source)
 
 
 def _as_node(value: Any, at: Node) -> Node:

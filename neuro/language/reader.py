@@ -59,26 +59,29 @@ def read(path: Path) -> Node:
     return _Reader(text, str(path)).document()
 
 
-def _text(path: Path) -> str:
+def _bytes(path: Path) -> bytes:
     where = Where(str(path))
     try:
-        if path.is_dir():
-            raise ModelError("found a folder: expected a YAML file", where=where)
         if path.exists() and not path.is_file():
-            raise ModelError("found neither file nor folder: expected a YAML file", where=where)
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
+            kind = "a folder" if path.is_dir() else "neither file nor folder"
+        else:
+            with path.open("rb") as file:
+                return file.read(MAX_BYTES + 1)
     except FileNotFoundError:
-        folder = path.parent
-        beside = [p.name for p in folder.glob("*.y*ml")] if folder.is_dir() else []
+        beside = [p.name for p in path.parent.glob("*.y*ml")] if path.parent.is_dir() else []
         raise ModelError("no such file", where=where, hint=nearest(path.name, beside) if beside else "") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ModelError(f"cannot be read: {reason}", where=where) from None
+    raise ModelError(f"found {kind}: expected a YAML file", where=where)
+
+
+def _text(path: Path) -> str:
+    data = _bytes(path)
     if len(data) > MAX_BYTES:
         raise ModelError(
             f"found more than {MAX_BYTES // 2**20} MiB: expected a shorter description",
-            where=where,
+            where=Where(str(path)),
             hint="put large arrays into an HDF5 file: {file: w.h5, key: name}",
         )
     try:
@@ -205,7 +208,8 @@ class _Reader:
                 hint="do the words of a part begin in the same column, and do brackets match?",
             )
         if "end of stream" in problem:
-            return ModelError("found the end of the file inside quotes", where=where)
+            begin = self.place(error.context_mark) if error.context_mark else where
+            return ModelError("found the end of the file inside quotes", where=begin)
         return ModelError(f"not YAML: {problem}", where=where)
 
 

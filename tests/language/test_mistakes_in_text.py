@@ -139,7 +139,7 @@ CASES = [
     ),
     (
         "neuro: 1\nname: 'x\n",
-        "net.yaml:3:1: found the end of the file inside quotes",
+        "net.yaml:2:7: found the end of the file inside quotes",
     ),
     (
         "neuro: 1\nname: @x\n",

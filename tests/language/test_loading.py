@@ -1,0 +1,256 @@
+"""What a description means: the documented examples, values, defaults, parameters and includes."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro.distributions import normal, uniform
+
+FOLLOWER = """\
+neuro: 1
+name: follower
+resolution: 1.0                                   # ms
+parameters: {w_init: 1500.0, w_max: 3000.0}
+populations:
+  cells:  {model: poisson_generator, shape: [8, 8]}
+  motors: {model: {iaf_psc_exp: {tau_m: 10.0, t_ref: 2.0}}, shape: [2, 2]}
+projections:
+  cells_motors:
+    from: cells
+    to: motors
+    rule: all_to_all
+    weight: $w_init
+    delay: 1.0
+    synapse: {stdp_dopa: {tau_c: 1000.0, tau_n: 200.0, Wmax: $w_max, signal: reward}}
+signals:
+  reward: {to: motors}
+probes:
+  steering: {of: motors, record: spikes}
+"""
+
+GRIDS = """\
+neuro: 1
+parameters: {classes: 10, per_class: 2, maps: 20}
+populations:
+  c1: {model: spike_generator, shape: [4, 17, 17]}
+  s2: {model: {iaf_psc_delta: {tau_m: .inf, E_L: 0.0, V_reset: 0.0, V_th: 30.0}}, shape: [$maps, auto, auto]}
+projections:
+  c1_s2: {from: c1, to: s2, rule: {grid: {kernel: [11, 11], stride: 1}}, weight: {normal: {mean: 0.8, std: 0.05}}, delay: 1.0,
+          synapse: {r_stdp: {Ar_plus: 0.075, Ar_minus: -0.025, Ap_plus: 0.005, Ap_minus: -0.04, epsilon: 0.0002}}}
+groups:
+  choice: {winner_take_all: {of: s2, first_to_fire: true}}
+trials:
+  input: c1
+  duration: 64.0
+  stop: at_decision
+  labels: {of: s2, maps_per_label: $per_class}
+  reward: {correct: 1, wrong: -1, silent: 0}
+  dropout: {of: s2, axis: map, p: 0.25, every: sample, decay: 0.7}
+  reset: [V_m]
+"""  # noqa: E501
+
+
+@pytest.fixture
+def load(folder):
+    def load(text, params=None, **others):
+        for name, other in others.items():
+            (folder / f"{name}.yaml").write_text(other)
+        (folder / "net.yaml").write_text(text)
+        return neuro.load("net.yaml", params)
+
+    return load
+
+
+def test_the_same_network_in_yaml_and_python(load):
+    net = neuro.Network("follower", resolution=1.0)
+    cells = net.population("cells", (8, 8), neuro.poisson_generator())
+    motors = net.population("motors", (2, 2), neuro.iaf_psc_exp(tau_m=10.0, t_ref=2.0))
+    net.signal("reward", to=motors)
+    synapse = neuro.stdp_dopa(Wmax=3000.0, signal="reward")
+    net.connect(cells, motors, neuro.all_to_all(), synapse, weight=1500.0, delay=1.0)
+    net.probe("steering", motors)
+    assert load(FOLLOWER) == net
+
+
+def test_the_same_trials_in_yaml_and_python(load):
+    net = neuro.Network()
+    c1 = net.population("c1", (4, 17, 17), neuro.spike_generator())
+    neurons = neuro.iaf_psc_delta(tau_m=math.inf, E_L=0.0, V_reset=0.0, V_th=30.0)
+    s2 = net.population("s2", (20, "auto", "auto"), neurons)
+    net.connect(c1, s2, neuro.grid((11, 11)), neuro.r_stdp(), weight=normal(mean=0.8, std=0.05))
+    net.group("choice", neuro.winner_take_all(of=s2))
+    net.trials(
+        input="c1",
+        duration=64.0,
+        labels=neuro.labels(of="s2", maps_per_label=2),
+        reward=neuro.reward(),
+        dropout=neuro.dropout(of="s2", decay=0.7),
+    )
+    assert load(GRIDS) == net
+
+
+def test_parts_know_their_place(load):
+    net = load(FOLLOWER)
+    assert str(net.populations["motors"].origin) == "net.yaml:7:3"
+    assert str(net.projections["cells_motors"].origin) == "net.yaml:9:3"
+    assert str(load(GRIDS).trials_origin) == "net.yaml:11:1"
+
+
+def test_a_small_file_loads_at_once(load):
+    load(FOLLOWER)
+    begin = time.perf_counter()
+    neuro.load("net.yaml")
+    assert time.perf_counter() - begin < 0.02
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1", 1.0),
+        ("-1.5", -1.5),
+        ("1e-3", 0.001),
+        ("1E3", 1000.0),
+        (".5", 0.5),
+        ("+2.", 2.0),
+        ("007", 7.0),
+        ("123456789012345678901234567890", 123456789012345678901234567890.0),
+        ("[1, 2.5]", [1.0, 2.5]),
+        ("[[1], [2]]", [[1.0], [2.0]]),
+        ("uniform", uniform()),
+        ("{normal: {mean: 1, low: -.inf}}", normal(mean=1.0)),
+    ],
+)
+def test_weights(load, text, value):
+    head = "neuro: 1\npopulations: {a: {model: parrot_neuron, shape: 1}}\n"
+    weight = (
+        load(f"{head}projections: {{p: {{from: a, to: a, rule: one_to_one, weight: {text}}}}}").projections["p"].weight
+    )
+    assert np.array_equal(weight, value) if isinstance(value, list) else weight == value
+
+
+def test_defaults(load):
+    head = "neuro: 1\npopulations: {a: {model: parrot_neuron, shape: 1}}\n"
+    net = load(head + "projections: {p: {from: a, to: a, rule: one_to_one}}\nprobes: {v: {of: a}}")
+    assert (net.name, net.resolution) == ("network", 0.1)
+    part = net.projections["p"]
+    assert (part.weight, part.delay, part.synapse) == (1.0, 1.0, neuro.static())
+    assert (net.probes["v"].record, net.probes["v"].every) == ("spikes", None)
+
+
+def test_words_that_other_readers_take_for_booleans(load):
+    net = load("neuro: 1\nname: on\npopulations: {no: {model: parrot_neuron, shape: 1}}\nprobes: {yes: {of: no}}")
+    assert (net.name, list(net.populations), net.probes["yes"].of) == ("on", ["no"], "no")
+
+
+def test_parameters_stand_anywhere(load):
+    text = """\
+neuro: 1
+name: $name
+parameters: {name: x, n: 3, also: $n, kind: parrot_neuron, w: [1.0, $n], spread: {uniform: {low: 0.0, high: $n}}}
+populations: {a: {model: $kind, shape: [$also, $n]}}
+projections:
+  p: {from: a, to: a, rule: one_to_one, weight: $w, delay: $spread}
+"""
+    net = load(text)
+    assert net.name == "x"
+    assert net.populations["a"].shape == (3, 3)
+    assert net.populations["a"].model == neuro.parrot_neuron()
+    assert net.projections["p"].weight.tolist() == [1.0, 3.0]
+    assert net.projections["p"].delay == uniform(high=3.0)
+
+
+@pytest.mark.parametrize("value", [2000.0, 2000, np.float64(2000.0), np.array(2000)])
+def test_overrides(load, value):
+    assert load(FOLLOWER, {"w_max": value}).projections["cells_motors"].synapse.Wmax == 2000.0
+
+
+@pytest.mark.parametrize("value", [[1.0, 2.0], (1.0, 2.0), np.array([1.0, 2.0])])
+def test_overrides_by_arrays(load, value):
+    assert load(FOLLOWER, {"w_init": value}).projections["cells_motors"].weight.tolist() == [1.0, 2.0]
+
+
+@pytest.mark.parametrize("value", [uniform(high=2.0), {"uniform": {"high": 2.0}}])
+def test_overrides_by_distributions(load, value):
+    assert load(FOLLOWER, {"w_init": value}).projections["cells_motors"].weight == uniform(high=2.0)
+
+
+def test_messages_about_overrides(message):
+    assert message(FOLLOWER, {"wmax": 1.0}) == "net.yaml: unknown parameter 'wmax'\n  hint: did you mean 'w_max'?"
+    assert message(FOLLOWER, {"w_init": "high"}) == (
+        "net.yaml:13:13: projection 'cells_motors': weight = 'high': expected a number\n"
+        "  hint: $w_init is set by params"
+    )
+    assert message(GRIDS, {"classes": 9}) == (
+        "net.yaml:2:14: the override of 'classes' has no effect: nothing uses $classes"
+    )
+
+
+NEURONS = "populations: {b: {model: parrot_neuron, shape: $n}}\nparameters: {n: 2}\n"
+WHOLE = """\
+neuro: 1
+include: [part.yaml]
+populations: {a: {model: parrot_neuron, shape: $n}}
+projections: {p: {from: a, to: b, rule: one_to_one}}
+"""
+
+
+def test_includes(load):
+    net = load(WHOLE, part=NEURONS)
+    assert [(p.name, p.shape) for p in net.populations.values()] == [("b", (2,)), ("a", (2,))]
+    assert str(net.populations["b"].origin) == "part.yaml:1:15"
+    assert load(WHOLE, {"n": 5}).populations["b"].shape == (5,)
+
+
+def test_includes_of_includes_are_relative_to_the_including_file(load, folder):
+    (folder / "sub").mkdir()
+    (folder / "sub" / "inner.yaml").write_text(NEURONS)
+    (folder / "sub" / "part.yaml").write_text("include: [inner.yaml]\n")
+    net = load(WHOLE.replace("part.yaml", "sub/part.yaml"))
+    assert str(net.populations["b"].origin) == "sub/inner.yaml:1:15"
+
+
+def test_an_included_file_may_be_a_network_of_its_own(load):
+    assert load(WHOLE, part="neuro: 1\nname: other\n" + NEURONS).name == "network"
+
+
+@pytest.mark.parametrize(
+    ("part", "expected"),
+    [
+        (
+            "include: [net.yaml]\n",
+            "part.yaml:1:11: include: 'net.yaml' includes itself: net.yaml -> part.yaml -> net.yaml",
+        ),
+        ("include: [part.yaml]\n", "part.yaml:1:11: include: 'part.yaml' includes itself: part.yaml -> part.yaml"),
+        (
+            "populations: {a: {model: parrot_neuron, shape: 1}}\n",
+            "net.yaml:3:15: populations: 'a' is defined twice\n  hint: first at part.yaml:1:15",
+        ),
+        ("populations: {a: {model: parrot, shape: 1}}\n", None),
+        ("- a\n", None),
+        ("neuro: 3\n", "part.yaml:1:8: neuro = 3: expected 1, the version of the language"),
+        ("populations: {b: {model: parot_neuron, shape: 1}}\n", None),
+    ],
+)
+def test_mistakes_in_included_files(message, folder, part, expected):
+    (folder / "part.yaml").write_text(part)
+    text = message(WHOLE.replace("$n", "1"))
+    assert text == expected if expected else text.startswith(("part.yaml:", "net.yaml:3:15: populations: 'a'"))
+
+
+def test_a_file_included_twice(message, folder):
+    (folder / "part.yaml").write_text(NEURONS)
+    assert message(WHOLE.replace("[part.yaml]", "[part.yaml, ./part.yaml]")) == (
+        "net.yaml:2:22: include: './part.yaml' is included twice\n"
+        "  hint: include it once; its parts are seen everywhere"
+    )
+
+
+def test_settings_given_by_two_files(message, folder):
+    (folder / "part.yaml").write_text("resolution: 1.0\n")
+    assert (
+        message(WHOLE + "resolution: 0.1\n")
+        == "net.yaml:5:1: 'resolution' is said twice\n  hint: first at part.yaml:1:1"
+    )

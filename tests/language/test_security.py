@@ -1,0 +1,204 @@
+"""A description from a stranger runs no code, reads nothing outside its folder, and ends in time."""
+
+# ruff: noqa: E501
+
+import os
+import time
+
+import h5py
+import numpy as np
+import pytest
+
+import neuro
+
+HEAD = "neuro: 1\npopulations: {a: {model: parrot_neuron, shape: 3}}\n"
+
+
+def weight(text):
+    return f"{HEAD}projections:\n  p: {{from: a, to: a, rule: one_to_one, weight: {text}}}\n"
+
+
+def from_file(name, key=None):
+    return weight(f"{{file: {name}}}" if key is None else f"{{file: {name}, key: {key}}}")
+
+
+@pytest.fixture
+def files(folder):
+    """A folder of a description, with an HDF5 file in it and one outside that holds a secret."""
+    inner = folder / "inner"
+    inner.mkdir()
+    with h5py.File(folder / "secret.h5", "w") as secret:
+        secret["w"] = np.ones(3)
+    with h5py.File(inner / "w.h5", "w") as file:
+        file["w"] = np.arange(3.0)
+        file["ints"] = np.arange(3, dtype=np.int8)
+        file["deep/w"] = np.arange(3.0)
+        file["one"] = 1.0
+        file["text"] = "abc"
+        file["flags"] = np.array([True, False])
+        file["external"] = h5py.ExternalLink("../secret.h5", "w")
+        file["soft"] = h5py.SoftLink("/w")
+        file["outside"] = h5py.ExternalLink("../secret.h5", "/")
+        layout = h5py.VirtualLayout(shape=(3,), dtype="f8")
+        layout[:] = h5py.VirtualSource("../secret.h5", "w", shape=(3,))
+        file.create_virtual_dataset("virtual", layout)
+        file.create_dataset("stored", (3,), "f8", external=[("../secret.h5", 0, 24)])
+        file.create_dataset("huge", (2**40,), "f8", chunks=(1024,))
+        file["nan"] = np.array([1.0, np.nan, 1.0])
+    os.chdir(inner)
+    return inner
+
+
+def test_arrays_in_files(files):
+    np.save(files / "w.npy", np.arange(3))
+    for text in (from_file("w.h5", "w"), from_file("w.h5", "deep/w"), from_file("w.h5", "ints"), from_file("w.npy")):
+        (files / "net.yaml").write_text(text)
+        values = neuro.load("net.yaml").projections["p"].weight.values
+        assert values.tolist() == [0.0, 1.0, 2.0]
+        assert values.dtype == np.float64
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (from_file("w.h5", "external"), "4:67: projection 'p': 'external' in 'w.h5' is a link: expected a data set of the file itself"),
+        (from_file("w.h5", "soft"), "4:67: projection 'p': 'soft' in 'w.h5' is a link: expected a data set of the file itself"),
+        (from_file("w.h5", "outside/w"), "4:67: projection 'p': 'outside/w' in 'w.h5' is a link: expected a data set of the file itself"),
+        (from_file("w.h5", "virtual"), "4:67: projection 'p': 'virtual' in 'w.h5' is kept in other files: expected a data set of the file itself"),
+        (from_file("w.h5", "stored"), "4:67: projection 'p': 'stored' in 'w.h5' is kept in other files: expected a data set of the file itself"),
+        (from_file("w.h5", "deep"), "4:67: projection 'p': 'deep' in 'w.h5' is a group: expected a data set\n  hint: known: w"),
+        (from_file("w.h5", "/"), "4:67: projection 'p': '/' in 'w.h5' is a group: expected a data set\n  hint: known: deep, external, flags, huge, ints, nan, one, outside, soft, stored, text, virtual, ..."),
+        (from_file("w.h5", "vitual"), "4:67: projection 'p': no data set 'vitual' in 'w.h5'\n  hint: did you mean 'virtual'?"),
+        (from_file("w.h5", "w/x"), "4:67: projection 'p': no data set 'w/x' in 'w.h5'\n  hint: known: deep, external, flags, huge, ints, nan, one, outside, soft, stored, text, virtual, ..."),
+        (from_file("w.h5", "one"), "4:67: projection 'p': 'one' in 'w.h5' holds one number: expected an array of numbers"),
+        (from_file("w.h5", "text"), "4:67: projection 'p': 'text' in 'w.h5' holds one number: expected an array of numbers"),
+        (from_file("w.h5", "flags"), "4:67: projection 'p': 'flags' in 'w.h5' holds elements of type bool: expected an array of numbers"),
+        (from_file("w.h5", "huge"), "4:67: projection 'p': 'huge' in 'w.h5' holds 1099511627776 numbers: expected at most 268435456"),
+        (from_file("w.h5", "nan"), "4:49: projection 'p': weight[1] = .nan: expected a finite number"),
+        (from_file("../secret.h5", "w"), "4:56: projection 'p': file '../secret.h5': expected a path inside the folder of the description, without '..'"),
+        (from_file("x/../../secret.h5", "w"), "4:56: projection 'p': file 'x/../../secret.h5': expected a path inside the folder of the description, without '..'"),
+        (from_file("/etc/passwd.h5", "w"), "4:56: projection 'p': file '/etc/passwd.h5': expected a path inside the folder of the description, without '..'"),
+        (from_file("C:/w.h5", "w"), "4:56: projection 'p': file 'C:/w.h5': expected a path inside the folder of the description, without '..'"),
+        (from_file("link.h5", "w"), "4:56: projection 'p': file 'link.h5' is a link out of the folder of the description: expected a file inside it"),
+        (from_file("up/secret.h5", "w"), "4:56: projection 'p': file 'up/secret.h5' is a link out of the folder of the description: expected a file inside it"),
+        (from_file("bad.h5", "w"), "4:56: projection 'p': file 'bad.h5': expected an HDF5 file that can be read"),
+        (from_file("objects.npy"), "4:56: projection 'p': file 'objects.npy': expected an NPY file with an array of numbers"),
+        (from_file("bad.npy"), "4:56: projection 'p': file 'bad.npy': expected an NPY file with an array of numbers"),
+        (from_file("cut.npy"), "4:56: projection 'p': file 'cut.npy': expected an NPY file with an array of numbers"),
+        (from_file("pipe.npy"), "4:56: projection 'p': no file 'pipe.npy' beside the description"),
+        (HEAD + "include: [up/other.yaml]\n", "3:11: include: file 'up/other.yaml' is a link out of the folder of the description: expected a file inside it"),
+        (HEAD + "include: [..]\n", "3:11: include: file '..': expected a path inside the folder of the description, without '..'"),
+        (HEAD + 'include: ["a\\0b"]\n', "3:11: include: file 'a\\x00b': expected the name of a file"),
+    ],
+)  # fmt: skip
+def test_files_that_are_refused(files, text, expected):
+    (files / "link.h5").symlink_to(files.parent / "secret.h5")
+    (files / "up").symlink_to(files.parent)
+    (files.parent / "other.yaml").write_text("neuro: 1\n")
+    (files / "bad.h5").write_text("no HDF5")
+    (files / "bad.npy").write_text("no NPY")
+    np.save(files / "objects.npy", np.array([print], dtype=object), allow_pickle=True)
+    np.save(files / "cut.npy", np.zeros(1000))
+    os.truncate(files / "cut.npy", 500)
+    os.mkfifo(files / "pipe.npy")
+    (files / "net.yaml").write_text(text)
+    with pytest.raises(neuro.ModelError) as caught:
+        neuro.load("net.yaml")
+    assert str(caught.value) == "net.yaml:" + expected
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        "!!python/object/apply:os.system ['touch ran']",
+        "!!python/object/new:os.system ['touch ran']",
+        "!!python/name:os.system",
+        "!!python/module:os",
+        "!!binary aGVsbG8=",
+        "!!set {a, b}",
+        "!mine 3",
+        "! 3",
+    ],
+)
+def test_tags_are_refused(message, folder, value):
+    assert "found the tag" in message(f"neuro: 1\nname: {value}\n")
+    assert not (folder / "ran").exists()
+
+
+def test_billion_laughs(message):
+    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
+    lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 10)]
+    assert message("\n".join(lines)).startswith("net.yaml:1:5: found the anchor '&a0'")
+
+
+def test_parameters_that_multiply(message):
+    names = ["a0: [x, x, x, x, x, x, x, x, x]"]
+    names += [f"a{n}: [{', '.join([f'$a{n - 1}'] * 9)}]" for n in range(1, 10)]
+    begin = time.perf_counter()
+    text = message(f"neuro: 1\nname: $a9\nparameters: {{{', '.join(names)}}}")
+    assert text.endswith("parameters stand for more than 1000000 values: expected fewer")
+    assert time.perf_counter() - begin < 20
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["[" * 100_000, "{a: " * 100_000, "- " * 100_000, "\n".join(" " * n + "a:" for n in range(3000)), "? " * 50_000],
+)
+def test_deep_nesting(message, text):
+    begin = time.perf_counter()
+    assert "net.yaml:" in message(text)
+    assert time.perf_counter() - begin < 10
+
+
+@pytest.mark.parametrize("number", ["1e400", "-1e400", "9" * 400, "1" + "0" * 5000, "1e999999999999"])
+def test_numbers_beyond_double_precision(message, number):
+    assert "expected a number below 1.8e308" in message(weight(number))
+
+
+@pytest.mark.parametrize("size", ["9" * 18, "9" * 30, "1e300", "2147483648"])
+def test_sizes_beyond_memory(message, size):
+    assert "expected" in message(HEAD.replace("shape: 3", f"shape: {size}"))
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (b"neuro: 1\nname: \xff\n", "net.yaml:2:7: found the byte 0xff: expected UTF-8 text"),
+        ("neuro: 1\n".encode("utf-16"), "net.yaml:1:1: found the byte 0xff: expected UTF-8 text"),
+        (b"neuro: 1\nname: a\x00b\n", "net.yaml:2:8: found the character U+0000: expected text"),
+        (b"\x89HDF\r\n\x1a\n", "net.yaml:1:1: found the byte 0x89: expected UTF-8 text"),
+        (b"PK\x03\x04", "net.yaml:1:3: found the character U+0003: expected text"),
+    ],
+)
+def test_bytes_that_are_no_text(message, data, expected):
+    assert message(data) == expected
+
+
+def test_a_byte_order_mark_is_no_mistake(folder):
+    (folder / "net.yaml").write_bytes(b"\xef\xbb\xbf" + HEAD.encode())
+    assert list(neuro.load("net.yaml").populations) == ["a"]
+
+
+def test_a_text_that_is_too_long(message):
+    assert message("#" * (33 * 2**20)) == (
+        "net.yaml: found more than 32 MiB: expected a shorter description\n"
+        "  hint: put large arrays into an HDF5 file: {file: w.h5, key: name}"
+    )
+
+
+def error_of(path):
+    with pytest.raises(neuro.ModelError) as caught:
+        neuro.load(path)
+    return str(caught.value)
+
+
+def test_files_that_are_not_there(folder):
+    (folder / "follower.yaml").write_text(HEAD)
+    (folder / "sub.yaml").mkdir()
+    os.mkfifo(folder / "pipe.yaml")
+    assert error_of("folower.yaml") == "folower.yaml: no such file\n  hint: did you mean 'follower.yaml'?"
+    assert error_of("none/net.yaml") == "none/net.yaml: no such file"
+    assert error_of("sub.yaml") == "sub.yaml: found a folder: expected a YAML file"
+    assert error_of("pipe.yaml") == "pipe.yaml: found neither file nor folder: expected a YAML file"
+    assert "cannot be read" in error_of("a\0b")
+    assert "cannot be read" in error_of("x" * 5000)
