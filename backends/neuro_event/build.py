@@ -45,6 +45,8 @@ def build(program: Program, threads: int) -> Arrays:
         program, where, arranged, {q: k for k, q in enumerate(learning)}, net, {}, max(1, program.min_delay), 0
     )
     arrays.reach = _longest_delay(program) + arrays.longest_slice
+    if program.trials is not None:
+        arrays.reach = max(arrays.reach, program.trials.duration + 1)
     _neurons(arrays, slots)
     _populations(arrays)
     _projections(arrays)
@@ -286,6 +288,7 @@ def _keeps_counts(a: Arrays, k: int) -> bool:
         and float(a.program.populations[k].parameters["rate"].max()) * a.program.resolution > 50.0
         and all(
             a.synapses[q].layout == t.ONE_TO_ONE
+            and not a.program.projections[q].synapse.learns
             and a.net["projections"][q, t.LAG] > 0
             and a.net["projections"][q, t.WEIGHT_STRIDE] == 0
             for q in outgoing

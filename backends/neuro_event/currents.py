@@ -32,13 +32,11 @@ class Currents:
         """The amplitude that is set now."""
         return self._history[population][-1][1]
 
-    def set_amplitude(self, population: int, values: Floats) -> None:
-        """Set it; what is emitted from the next step on has it."""
+    def set_amplitude(self, population: int, values: Floats, step: int) -> None:
+        """Set it; what is emitted after `step` has it."""
         n = self._program.populations[population].size
-        self._history[population].append((self._step + 1, np.broadcast_to(values, n).astype(np.float64).copy()))
+        self._history[population].append((step, np.broadcast_to(values, n).astype(np.float64).copy()))
         self._changes = self._steps_of_change()
-
-    _step = 0
 
     def _steps_of_change(self) -> Ints:
         """Steps whose current differs from that of the step before."""
@@ -60,7 +58,6 @@ class Currents:
 
     def apply(self, view: Ints, step: int) -> None:
         """Set the current that holds from step + 1 on."""
-        self._step = step
         if not self._history:
             return
         current = np.zeros_like(self._a.net["current"])

@@ -51,7 +51,6 @@ class EventEngine:
         self._list_room: dict[int, int] = {}
         self._kept_weights: dict[int, Floats] = {}
         self._list_spikes()
-        self._trial = Trial(_NOTHING, _NOTHING, np.zeros(0, bool))
         self._trial_start = 0
         self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
         self._pack()
@@ -143,10 +142,12 @@ class EventEngine:
 
     def spikes(self, population: int, since: int) -> Spikes:
         """Recorded spikes with step > since."""
+        self._record.drain(self._a.net)
         return self._record.spikes(population, since)
 
     def forget(self, before: int) -> None:
         """Drop recorded spikes with step <= before."""
+        self._record.drain(self._a.net)
         self._record.forget(before)
 
     # --- trials -------------------------------------------------------------------------------------------
@@ -163,7 +164,7 @@ class EventEngine:
         ticks = loop.present(
             self._view, spec.output, spec.group, start, spec.duration, spec.stop_at_decision, self._program.resolution
         )
-        self._trial, self._trial_start = trial, start
+        self._trial_start = start
         self._step = start + ticks
         best = net["order"][net["best"]]
         winner = int(net["groups"][spec.group, loop.WINNER])
@@ -200,10 +201,17 @@ class EventEngine:
         p = self._program.projections[projection]
         inside = self._a.places[p.target].inside
         local = neuron if inside is None else int(inside[neuron])
-        before = np.zeros(self._program.populations[p.source].size, dtype=np.bool_)
-        before[self._trial.ids[self._trial.ticks <= decided - int(p.delay[0])]] = True
+        first = np.full(self._program.populations[p.source].size, _NEVER)
+        rewards.first_spikes(self._view, p.source, self._trial_start, self._step, first)
         self._trial_updates[projection] += rewards.learn(
-            self._view, projection, self._rewarded(projection), before, neuron, local, won
+            self._view,
+            projection,
+            self._rewarded(projection),
+            first,
+            self._trial_start + 1 + decided,
+            neuron,
+            local,
+            won,
         )
 
     def encourage(self, projection: int, maps: Ints) -> None:
@@ -215,7 +223,12 @@ class EventEngine:
         chosen[maps] = True
         size = self._program.populations[p.target].size
         self._trial_updates[projection] += rewards.encourage(
-            self._view, projection, self._rewarded(projection), chosen, size // spec.maps, self._a.places[p.target].outside
+            self._view,
+            projection,
+            self._rewarded(projection),
+            chosen,
+            size // spec.maps,
+            self._a.places[p.target].outside,
         )
 
     def _rewarded(self, projection: int) -> Floats:
@@ -254,7 +267,7 @@ class EventEngine:
             build.set_rate(self._a, population, values)
             return
         if not isinstance(p.model, Neuron):
-            self._currents.set_amplitude(population, values)
+            self._currents.set_amplitude(population, values, self._step)
             return
         loop.wake_population(self._view, population, self._step, self._program.resolution)
         inner = place.taken(values) if values.size > 1 else values
@@ -291,8 +304,7 @@ class EventEngine:
         p = self._program.projections[projection]
         if projection in self._a.plastic_of:
             k = self._a.plastic_of[projection]
-            if p.synapse.modulated:
-                reading.bring_all(self, k)
+            reading.bring_all(self, k)
             plastic = self._a.plastic
             build.set_rule_constants(
                 plastic["rule"][k], plastic["tau"][k], plastic["table"][k], parameters, p.synapse, self._program
@@ -319,8 +331,7 @@ class EventEngine:
         inner = weights[order] if order is not None and weights.size > 1 else weights
         if projection in self._a.plastic_of:
             k = self._a.plastic_of[projection]
-            if p.synapse.modulated:
-                reading.bring_all(self, k)
+            reading.bring_all(self, k)
             first = self._a.plastic["table"][k, t.FIRST_SYNAPSE]
             self._a.plastic["y"][0, first : first + p.size] = inner
             self._a.plastic["sent"][first : first + p.size] = inner
@@ -342,8 +353,8 @@ class EventEngine:
     def counts(self) -> EngineCounts:
         """Counts since the start or the last reset."""
         net = self._a.net
-        events = tuple(p.told(net["events"][p.begin : p.end]) for p in self._a.places)
-        spikes = tuple(p.told(net["spikes"][p.begin : p.end]) for p in self._a.places)
+        events = tuple(p.told(net["events"][p.begin : p.end].copy()) for p in self._a.places)
+        spikes = tuple(p.told(net["spikes"][p.begin : p.end].copy()) for p in self._a.places)
         return EngineCounts(self._step, events, spikes, net["active"].sum(axis=0), self._trial_updates.copy())
 
     def memory(self) -> dict[str, int]:
@@ -369,6 +380,7 @@ class EventEngine:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs to continue bit for bit."""
+        self._record.drain(self._a.net)
         net = {f"net.{k}": v.copy() for k, v in self._a.net.items() if k not in _FIXED}
         plastic = {f"plastic.{k}": v.copy() for k, v in self._a.plastic.items()}
         own = {"engine.step": np.array(self._step), "engine.trial_updates": self._trial_updates.copy()}
@@ -420,6 +432,7 @@ class EventEngine:
 
 
 _NOTHING = np.zeros(0, dtype=np.int64)
+_NEVER = np.iinfo(np.int64).max // 2
 
 
 def _joined(steps: Ints, neurons: Ints) -> Ints:

@@ -81,7 +81,9 @@ def parameter_rows(population: Population, place: Place) -> Floats:
     """Parameters of a population of neurons: one row, or one per neuron where they differ."""
     columns = [np.atleast_1d(population.parameters[w]) for w in numeric_words(type(population.model))]
     n = max(c.size for c in columns)
-    return np.stack([np.broadcast_to(place.taken(c) if c.size > 1 else c, n) for c in columns], axis=1).astype(np.float64)
+    return np.stack([np.broadcast_to(place.taken(c) if c.size > 1 else c, n) for c in columns], axis=1).astype(
+        np.float64
+    )
 
 
 @dataclass(frozen=True, eq=False)

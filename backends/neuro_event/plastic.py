@@ -32,6 +32,7 @@ from neuro_event.tables import (
     MODULATED,
     PROJECTION,
     RECEPTORS,
+    RELAY,
     RING,
     RING_MASK,
     RING_SIZE,
@@ -126,9 +127,10 @@ def pre_spike(view, q, source, m, step, thread, h):
         on_pre(table[RULE], p.y, z, p.rule[q], k_minus)
         weight = p.y[0, z]
         p.sent[z] = weight
+        value = m if target_row[RELAY] == 1 else weight * m
         second = 1 if receptors == 2 and weight < 0.0 else 0
         at = step + delay
-        net.buf[row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE] + target] += weight * m
+        net.buf[row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE] + target] += value
         if not wide:
             net.due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
     if wide and net.rows[place] < net.rows[place + 1]:

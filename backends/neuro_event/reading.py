@@ -1,6 +1,8 @@
 """Reading what is computed lazily, and writing to it, between two runs."""
 
 # mypy: ignore-errors
+import math
+
 import numpy as np
 
 from neuro_event import loop
@@ -31,6 +33,21 @@ def bring(view, q, n_targets, step, h):
 
 
 @kernel
+def bring_traces(view, q, n_sources, n_targets, step, h):
+    """Let K+ and n decay to the present."""
+    p = plastic_of(view)
+    for target in range(n_targets):
+        place = p.table[q, t.FIRST_TARGET] + target
+        p.n[place] = dopamine_at(view, q, target, step, h)
+        p.n_time[place] = step
+    for thread in range(p.k_plus.shape[0]):
+        for source in range(n_sources):
+            place = p.table[q, t.FIRST_SOURCE] + source
+            p.k_plus[thread, place] *= math.exp(-(step - p.k_time[thread, place]) * h / p.tau[q, 0])
+            p.k_time[thread, place] = step
+
+
+@kernel
 def write_signal(view, q, values, step, h):
     """Catch up a modulated projection, then set n."""
     p = plastic_of(view)
@@ -57,10 +74,12 @@ def deliver_between(view, q, first, last):
 
 
 def bring_all(engine, k):
-    """Catch up every synapse of the plastic projection number k to the present."""
-    p = engine._program.projections[engine._a.plastic["table"][k, t.PROJECTION]]
-    n = engine._program.populations[p.target].size
-    bring(engine._view, k, n, engine.step, engine._program.resolution)
+    """Catch up the plastic projection number k to the present, before something of it is set."""
+    program = engine._program
+    p = program.projections[engine._a.plastic["table"][k, t.PROJECTION]]
+    n_sources, n_targets = program.populations[p.source].size, program.populations[p.target].size
+    bring(engine._view, k, n_targets, engine.step, program.resolution)
+    bring_traces(engine._view, k, n_sources, n_targets, engine.step, program.resolution)
 
 
 def synapses(engine, projection, name):

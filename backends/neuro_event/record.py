@@ -28,7 +28,11 @@ class Record:
             n = int(net["rec_at"][thread])
             if n:
                 parts.append(
-                    (net["rec_steps"][thread, :n].copy(), net["rec_ids"][thread, :n].copy(), net["rec_counts"][thread, :n].copy())
+                    (
+                        net["rec_steps"][thread, :n].copy(),
+                        net["rec_ids"][thread, :n].copy(),
+                        net["rec_counts"][thread, :n].copy(),
+                    )
                 )
                 net["rec_at"][thread] = 0
         if len(parts) == 1:

@@ -1,6 +1,7 @@
 """Rules for trials, applied to the shared kernel or the synapses of one neuron."""
 
 # mypy: ignore-errors
+import numpy as np
 from neuro.synapses import r_stdp
 
 from neuro_event import tables as t
@@ -12,16 +13,29 @@ _encourage = compiled(r_stdp.arithmetic.encourage)
 
 
 @kernel
-def learn(view, q, c, before, neuron, local, won):
+def first_spikes(view, pop, start, end, first):
+    """Fill `first` with the step of the first spike of each neuron of a population in the steps start + 1 to end."""
+    net = net_of(view)
+    mask = net.log_ids.shape[1] - 1
+    for step in range(end, start, -1):
+        slot = step & (net.log_ends.shape[1] - 1)
+        for thread in range(net.edges.shape[0] - 1):
+            for place in range(net.log_ends[thread, slot, pop], net.log_ends[thread, slot, pop + 1]):
+                first[np.int64(net.log_ids[thread, place & mask]) - net.pops[pop, t.BEGIN]] = step
+
+
+@kernel
+def learn(view, q, c, first, decided, neuron, local, won):
     """Reward or punish the inputs of one neuron; return how many weights it has.
 
-    `before` tells of each input whether it came before the decision; `neuron` is the id of the neuron, `local`
-    its internal place.
+    `first` holds the step of each input's first spike, `decided` the step of the decision: an input counts as
+    before it if it arrived up to then. `neuron` is the id of the neuron, `local` its internal place.
     """
     net = net_of(view)
-    n_source = before.shape[0]
+    n_source = first.shape[0]
     row = net.projections[q]
     w = net.weights
+    delay = np.int64(net.delays[row[t.DELAY]])
     changed = 0
     if row[t.LAYOUT] == t.GRID:
         columns, maps = row[t.COLUMNS], row[t.MAPS]
@@ -32,8 +46,9 @@ def learn(view, q, c, before, neuron, local, won):
         for channel in range(n_source // (height * width)):
             for i in range(row[t.KERNEL_HEIGHT]):
                 for j in range(row[t.KERNEL_WIDTH]):
-                    inside = 0 <= r + i < height and 0 <= s + j < width
-                    came = inside and before[(channel * height + r + i) * width + s + j]
+                    if not (0 <= r + i < height and 0 <= s + j < width):
+                        continue
+                    came = first[(channel * height + r + i) * width + s + j] + delay <= decided
                     place = (channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j
                     e = row[t.WEIGHT] + place * maps + at
                     w[e] = _reward(w[e], came, won, c)
@@ -44,18 +59,20 @@ def learn(view, q, c, before, neuron, local, won):
     for source in range(n_source):
         if row[t.LAYOUT] == t.DENSE:
             e = row[t.WEIGHT] + source * n_target + local
-            w[e] = _reward(w[e], before[source], won, c)
+            w[e] = _reward(w[e], first[source] + delay <= decided, won, c)
             changed += 1
         elif row[t.LAYOUT] == t.ONE_TO_ONE:
             if source == local:
-                w[row[t.WEIGHT] + source] = _reward(w[row[t.WEIGHT] + source], before[source], won, c)
+                w[row[t.WEIGHT] + source] = _reward(w[row[t.WEIGHT] + source], first[source] + delay <= decided, won, c)
                 changed += 1
         else:
-            first = row[t.ROW] + source * threads
-            for s in range(net.rows[first], net.rows[first + threads]):
+            begin = row[t.ROW] + source * threads
+            for s in range(net.rows[begin], net.rows[begin + threads]):
                 if net.targets[s] == local:
-                    e = row[t.WEIGHT] + s - row[t.SYNAPSE]
-                    w[e] = _reward(w[e], before[source], won, c)
+                    k = s - row[t.SYNAPSE]
+                    own = np.int64(net.delays[row[t.DELAY] + k * row[t.DELAY_STRIDE]])
+                    e = row[t.WEIGHT] + k
+                    w[e] = _reward(w[e], first[source] + own <= decided, won, c)
                     changed += 1
     return changed
 
