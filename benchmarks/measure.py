@@ -82,11 +82,14 @@ def looping(net: neuro.Network, steps: int) -> dict[str, Any]:
     loop = ClosedLoop(net)
     build = time.perf_counter() - began
     loop.steps(20)
+    cpu = time.process_time()
     taken = seconds(loop.steps, steps)
+    cpu = time.process_time() - cpu
     return {
         "build_s": build,
         "steps_per_s": steps / taken,
         "ms_per_step": taken / steps * 1e3,
         "sim_s_per_bio_s": taken / steps / STEP_MS * 1e3,
+        "cpu_s_per_bio_s": cpu / steps / STEP_MS * 1e3,
         "rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }

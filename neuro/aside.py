@@ -18,7 +18,7 @@ def aside(path: Path) -> Iterator[Path]:
     Raises:
         OSError: there is no such folder, it cannot be written to, or `path` is a folder.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part = path.parent / f".{path.name}.{os.getpid()}.part"
     try:
         if path.is_dir():
             raise IsADirectoryError(21, "is a folder, expected the name of a file")

@@ -158,11 +158,13 @@ def read(path: str | PathLike[str]) -> Results:
         raise ModelError(f"{path}: no such file")
     try:
         with h5py.File(path, "r") as file:
-            if file.attrs.get("format") != FORMAT:
-                raise ModelError(f"{path}: expected a file of the format '{FORMAT}', as 'neuro run' writes it")
-            return _read(file)
-    except (OSError, KeyError) as error:
-        raise ModelError(f"{path}: not a file of results, or damaged: {error}") from None
+            if file.attrs.get("format") == FORMAT:
+                return _read(file)
+    except OSError:
+        pass
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ModelError(f"{path}: damaged: {error}") from None
+    raise ModelError(f"{path}: not a file of results, as 'neuro run' writes it")
 
 
 def _read(file: h5py.File) -> Results:

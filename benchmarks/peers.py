@@ -1,0 +1,78 @@
+"""Time NEST, Brian2 and neuro with the same networks, one after the other, and print the ratios.
+
+`python benchmarks/peers.py --scripts FOLDER --python PEERS_PYTHON`: FOLDER holds bench_nest.py and bench_brian2.py,
+PEERS_PYTHON has nest-simulator and brian2 installed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+CASES = ("brunel", "cuba", "stdp", "loop")
+PEERS = {
+    "NEST": ("bench_nest.py",),
+    "Brian2": ("bench_brian2.py", "--target", "cpp"),
+    "Brian2 loop": ("bench_brian2.py", "--target", "cython"),
+}
+OURS = Path(__file__).with_name("run.py")
+
+
+def main() -> int:
+    """Print a table and one JSON line for each run; 0 also where the scripts are missing, which is said."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--scripts", type=Path, required=True)
+    options.add_argument("--python", default=sys.executable)
+    asked = options.parse_args()
+    missing = [script for script, *_ in PEERS.values() if not (asked.scripts / script).is_file()]
+    if missing:
+        print(f"skipped: {asked.scripts / missing[0]} is not there; the peers' scripts come with the reference data")
+        return 0
+    print(f"load {os.getloadavg()[0]:.2f} on {os.cpu_count()} cores; run alone for figures worth keeping", flush=True)
+    rows = [row for case in CASES for row in compared(case, asked.scripts, asked.python)]
+    print(f"\n{'case':<8}{'simulator':<10}{'core s / bio s':>18}{'neuro is faster by':>20}")
+    for case, name, cost, ratio in rows:
+        print(f"{case:<8}{name:<10}{cost:>18.4g}{ratio:>20}")
+    return 0
+
+
+def compared(case: str, scripts: Path, peers_python: str) -> list[tuple[str, str, float, str]]:
+    """One case on all: its name, the simulator, seconds of one core a biological second and the ratio to ours."""
+    ours = timed([sys.executable, str(OURS), case])
+    if ours is None:
+        return []
+    rows = [(case, "neuro", cost(ours), "")]
+    brian = "Brian2 loop" if case == "loop" else "Brian2"
+    for name in ("NEST", brian):
+        script, *more = PEERS[name]
+        theirs = timed([peers_python, str(scripts / script), case, *more])
+        if theirs is not None:
+            rows.append((case, name.split()[0], cost(theirs), f"{cost(theirs) / cost(ours):.1f}"))
+    return rows
+
+
+def cost(figures: dict[str, Any]) -> float:
+    """Seconds of the processor where they are known, which other work on the machine disturbs less."""
+    return float(figures.get("cpu_s_per_bio_s", figures["sim_s_per_bio_s"]))
+
+
+def timed(command: list[str]) -> dict[str, Any] | None:
+    """The JSON line that a script prints last, which is echoed; None, and the reason told, if it fails."""
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    lines = done.stdout.strip().splitlines()
+    if done.returncode or not lines:
+        reason = (done.stderr.strip().splitlines() or ["no output"])[-1]
+        print(f"failed: {' '.join(command)}: {reason}", flush=True)
+        return None
+    print(lines[-1], flush=True)
+    figures: dict[str, Any] = json.loads(lines[-1])
+    return figures
+
+
+if __name__ == "__main__":
+    sys.exit(main())

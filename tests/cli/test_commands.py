@@ -1,0 +1,114 @@
+"""The list of commands, and those that apps add."""
+
+import subprocess
+import sys
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from neuro import __version__
+from neuro.cli import commands
+
+OURS = ("run", "plot", "check", "show", "schema", "verify", "models", "backends")
+
+
+@pytest.fixture
+def app(tmp_path, monkeypatch):
+    """Install an app of one module under the name `extra`."""
+
+    def install(source):
+        (tmp_path / "extra_app.py").write_text(source)
+        monkeypatch.syspath_prepend(tmp_path)
+        monkeypatch.delitem(sys.modules, "extra_app", raising=False)
+        entry = EntryPoint("extra", "extra_app:app", commands.GROUP)
+        monkeypatch.setattr(commands, "entry_points", lambda group: (entry,))
+
+    return install
+
+
+def test_help_lists_all(neuro):
+    answer = neuro("--help")
+    assert (answer.status, answer.err) == (0, "")
+    assert [name for name in OURS if f" {name} " not in answer.out] == []
+    assert neuro().out == answer.out
+
+
+def test_version(neuro):
+    assert neuro("--version").out == f"neuro {__version__}\n"
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys; sys.argv = ['neuro', '--help']\n"
+        "from neuro.cli import main\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "heavy = {'numpy', 'numba', 'h5py', 'matplotlib', 'yaml', 'scipy'} & set(sys.modules)\n"
+        "sys.exit(str(sorted(heavy)) if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+GOOD = '''"""Count to a number. More of it."""
+import typer
+app = typer.Typer(help="Longer help.")
+
+@app.command()
+def count(to: int) -> None:
+    """Count."""
+    typer.echo("counted to " + str(to))
+
+@app.command()
+def model() -> None:
+    """Fail."""
+    from neuro import ModelError
+    raise ModelError("tau is wrong", hint="mend it")
+'''
+
+
+def test_an_app_is_listed_without_being_imported(neuro, app):
+    app(GOOD)
+    assert "extra     Count to a number. More of it." in neuro("--help").out
+    assert "extra_app" not in sys.modules
+
+
+def test_an_app_runs(neuro, app):
+    app(GOOD)
+    assert neuro("extra", "count", "3").out == "counted to 3\n"
+    assert "Longer help." in neuro("extra", "--help").out
+    answer = neuro("extra", "model")
+    assert (answer.status, answer.err) == (2, "error: tau is wrong\n  hint: mend it\n")
+    answer = neuro("extra", "count", "x")
+    assert answer.status == 2
+    assert answer.err.endswith("hint: see 'neuro extra count --help'\n")
+
+
+@pytest.mark.parametrize("source", ["import no_such_module", "x = (", "1 / 0", "app = 3"])
+def test_a_broken_app_troubles_only_its_callers(neuro, app, source):
+    app(source)
+    assert " extra " in neuro("--help").out
+    assert neuro("--version").status == 0
+    answer = neuro("extra")
+    assert (answer.status, answer.out) == (2, "")
+    assert answer.err.startswith("error: command 'extra' cannot be loaded from extra_app:app: ")
+    assert answer.err.endswith("\n  hint: install again the package that brings it\n")
+
+
+def test_an_app_cannot_take_our_names(neuro, app, monkeypatch):
+    app(GOOD)
+    entry = EntryPoint("schema", "extra_app:app", commands.GROUP)
+    monkeypatch.setattr(commands, "entry_points", lambda group: (entry,))
+    assert neuro("schema").out.startswith("{")
+
+
+def test_a_near_name_of_an_app_is_told(neuro, app):
+    app(GOOD)
+    assert neuro("extr").err == "error: unknown command 'extr'\n  hint: did you mean 'extra'?\n"
+
+
+def test_a_reader_that_leaves_early_is_no_error():
+    code = "from neuro.cli import main; import sys; sys.argv = ['neuro', 'models']; main()"
+    command = f'{sys.executable} -c "{code}" | head -n 1'
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+    assert done.stderr == ""

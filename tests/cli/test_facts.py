@@ -1,0 +1,109 @@
+"""Commands that only tell: check, schema, models, backends, verify."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neuro.backend import Problem
+from neuro.cli.models import catalogue
+
+
+def test_check(neuro, network):
+    answer = neuro("check", network)
+    assert (answer.status, answer.err) == (0, "")
+    assert answer.out == (
+        "net.yaml: ok on event: 30 neurons in 4 populations, 170 synapses in 3 projections, resolution 0.1 ms\n"
+    )
+
+
+def test_check_tells_what_a_backend_refuses(neuro, network, monkeypatch):
+    class Small:
+        def problems(self, program):
+            size = program.populations[0]
+            return (
+                Problem(False, "population 'one'", "7 bits of weight", origin=program.populations[3].origin),
+                Problem(True, "population 'noise': 20 neurons", "the limit is 10", "split it", size.origin),
+            )
+
+    monkeypatch.setattr("neuro.backend.find", lambda name: Small())
+    answer = neuro("check", network)
+    assert (answer.status, answer.out) == (2, "")
+    assert answer.err == (
+        "net.yaml:9:3: approximated: population 'one': 7 bits of weight\n"
+        "net.yaml:6:3: refused: population 'noise': 20 neurons: the limit is 10\n  hint: split it\n"
+    )
+
+
+def test_schema(neuro):
+    assert json.loads(neuro("schema").out)["title"] == "neuro network"
+
+
+def test_models_tells_everything(neuro):
+    text = " ".join(neuro("models").out.split())
+    for section, choices in catalogue().items():
+        assert section in text
+        for name, choice in choices.items():
+            assert f" {name} " in text
+            for word, q in choice.quantities().items():
+                assert f" {word} " in text, (name, word)
+                assert q.doc, (name, word)
+
+
+def test_one_model(neuro):
+    text = neuro("models", "izhikevich").out
+    assert "equation: V_m' = 0.04 V_m^2 + 5 V_m + 140 - U_m + I" in text
+    assert "source: Izhikevich, IEEE Trans. Neural Networks 14:1569, 2003" in text
+    row = next(line.split() for line in text.splitlines() if line.split()[:1] == ["c"])
+    assert row == ["c", "-65", "mV", "a", "number", "yes", "V_m", "after", "a", "spike"]
+    assert "stdp" not in text
+
+
+def test_a_required_parameter(neuro):
+    rows = [line.split() for line in neuro("models", "pairwise_bernoulli").out.splitlines()]
+    assert ["p", "required", "a", "number", ">=", "0", "and", "<=", "1", "probability"] in rows
+
+
+def test_backends(neuro):
+    text = neuro("backends").out
+    assert " event " in text
+    assert " reference " in text
+
+
+@pytest.fixture
+def golden(shared, tmp_path) -> Path:
+    for file in (shared / "reference" / "nest").glob("a1_*"):
+        shutil.copy(file, tmp_path)
+    return tmp_path
+
+
+def test_verify(neuro, golden):
+    answer = neuro("verify", golden)
+    assert (answer.status, answer.err) == (0, "")
+    assert answer.out.endswith("1 of 1 cases agree\n")
+
+
+def test_verify_a_wrong_value(neuro, golden):
+    file = golden / "a1_iaf_psc_exp.npz"
+    arrays = dict(np.load(file))
+    arrays["V_m"][100] += 1e-6
+    np.savez(file, **arrays)
+    answer = neuro("verify", golden)
+    assert answer.status == 1
+    assert "WRONG" in answer.out
+    assert answer.out.endswith("0 of 1 cases agree\n")
+    answer = neuro("verify", golden, "--json")
+    assert answer.status == 1
+    wrong = [row for row in json.loads(answer.out) if not row["ok"]]
+    assert [(row["case"], row["quantity"]) for row in wrong] == [("a1_iaf_psc_exp", "V_m")]
+    assert wrong[0]["error"] == pytest.approx(1e-6, rel=1e-3)
+
+
+def test_verify_json_has_no_infinity(neuro, tmp_path):
+    (tmp_path / "case.json").write_text("{}")
+    answer = neuro("verify", tmp_path, "--json")
+    assert answer.status == 1
+    assert "Infinity" not in answer.out
+    assert json.loads(answer.out)[0]["error"] is None

@@ -1,0 +1,89 @@
+"""Every mistake on the command line: exit status 2 and this text on stderr, nothing on stdout."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+RUN = "\n  hint: see 'neuro run --help'"
+
+RUN_MISTAKES = {
+    "--for abc": "Invalid value for '--for': 'abc': expected a time > 0 ms" + RUN,
+    "--for -5": "Invalid value for '--for': '-5': expected a time > 0 ms" + RUN,
+    "--for 0": "Invalid value for '--for': '0': expected a time > 0 ms" + RUN,
+    "--for nan": "Invalid value for '--for': 'nan': expected a time > 0 ms" + RUN,
+    "--for inf": "Invalid value for '--for': 'inf': expected a time > 0 ms" + RUN,
+    "--for 0.05": "--for = 0.05 ms: expected a multiple of the resolution, 0.1 ms\n  hint: the nearest are 0 or 0.1 ms",
+    "--seed x": "Invalid value for '--seed': 'x': expected a whole number >= 0" + RUN,
+    "--seed -1": "Invalid value for '--seed': '-1': expected a whole number >= 0" + RUN,
+    "--threads 0": "Invalid value for '--threads': '0': expected a whole number >= 1" + RUN,
+    "--threads 1.5": "Invalid value for '--threads': '1.5': expected a whole number >= 1" + RUN,
+    "--backend evnt": "unknown backend 'evnt'\n  hint: did you mean 'event'?",
+    "--set w": "Invalid value for '--set': 'w': expected NAME=VALUE" + RUN,
+    "--set =3": "Invalid value for '--set': '=3': expected NAME=VALUE" + RUN,
+    "--set w=[": "Invalid value for '--set': 'w=[': its value is not YAML" + RUN,
+    "--set v=3": "net.yaml: unknown parameter 'v'\n  hint: known: rate, w",
+    "--record ex": "--record: unknown population 'ex'\n  hint: did you mean 'exc'?",
+    "--record current": "--record: 'current' is a dc_generator, which has no spikes",
+    "--out nowhere/out.h5": "nowhere/out.h5: No such file or directory",
+    "--out .": ".: is a folder, expected the name of a file",
+}
+
+
+@pytest.mark.parametrize("words", RUN_MISTAKES)
+def test_run(neuro, network, words):
+    answer = neuro("run", network, *words.split())
+    assert (answer.status, answer.out, answer.err) == (2, "", f"error: {RUN_MISTAKES[words]}\n")
+    assert os.listdir() == ["net.yaml"]
+
+
+OTHERS = {
+    "rnu": "unknown command 'rnu'\n  hint: did you mean 'run'?",
+    "run": "Missing argument 'FILE'\n  hint: see 'neuro run --help'",
+    "run nope.yaml": "nope.yaml: no such file\n  hint: did you mean 'net.yaml'?",
+    "check nope.yaml": "nope.yaml: no such file\n  hint: did you mean 'net.yaml'?",
+    "check net.yaml --backend refrence": "unknown backend 'refrence'\n  hint: did you mean 'reference'?",
+    "plot nope.h5": "nope.h5: no such file",
+    "plot net.yaml": "net.yaml: not a file of results, as 'neuro run' writes it",
+    "verify nope": "nope: no such folder: expected one with cases NAME.json and NAME.npz",
+    "verify .": ".: no case in it: expected files NAME.json and NAME.npz",
+    "verify . --backend evnt": "unknown backend 'evnt'\n  hint: did you mean 'event'?",
+    "models stpd": "unknown model 'stpd'\n  hint: did you mean 'stdp'?",
+}
+
+
+@pytest.mark.parametrize("words", OTHERS)
+def test_others(neuro, network, words):
+    answer = neuro(*words.split())
+    assert (answer.status, answer.out, answer.err) == (2, "", f"error: {OTHERS[words]}\n")
+
+
+def test_a_mistake_in_the_network(neuro, network):
+    text = Path(network).read_text().replace("iaf_psc_exp,", "iaf_psc_ex,")
+    Path(network).write_text(text)
+    for command in ("run", "check", "show"):
+        answer = neuro(command, network)
+        assert (answer.status, answer.out) == (2, "")
+        assert answer.err.startswith("error: net.yaml:8:16: ")
+        assert answer.err.endswith("hint: did you mean 'iaf_psc_exp'?\n")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is unwritable to root")
+def test_unwritable(neuro, network, tmp_path):
+    locked = tmp_path / "locked"
+    locked.mkdir(mode=0o500)
+    answer = neuro("run", network, "--out", "locked/out.h5")
+    assert (answer.status, answer.err) == (2, "error: locked/out.h5: Permission denied\n")
+
+
+def test_unknown_option(neuro, network):
+    answer = neuro("run", network, "--fro", "3")
+    assert (answer.status, answer.out) == (2, "")
+    assert answer.err.startswith("error: No such option: --fro")
+    assert answer.err.endswith("hint: see 'neuro run --help'\n")
+
+
+def test_bugs_are_not_hidden(neuro, network, monkeypatch):
+    monkeypatch.setattr("neuro.load", lambda *a, **k: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        neuro("run", network)

@@ -1,0 +1,145 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import neuro as framework
+from neuro.cli.progress import STRETCH_S
+from neuro.results import read
+
+RUN = ("run", "net.yaml", "--backend", "reference", "--for", "50")
+
+
+@pytest.fixture
+def simulated(network):
+    sim = framework.compile(framework.load(network), backend="reference", seed=0)
+    sim.run(50.0)
+    return sim
+
+
+def test_the_table(neuro, network):
+    answer = neuro(*RUN, "--out", "a.h5")
+    assert (answer.status, answer.err) == (0, "")
+    rows = [line.split() for line in answer.out.splitlines() if line.strip()]
+    assert rows[0] == ["population", "model", "neurons", "spikes", "rate", "Hz"]
+    assert [row[:3] for row in rows[2:6]] == [
+        ["noise", "poisson_generator", "20"],
+        ["current", "dc_generator", "1"],
+        ["exc", "iaf_psc_exp", "8"],
+        ["one", "iaf_psc_exp", "1"],
+    ]
+    spikes = read("a.h5").populations["exc"].counts["spikes"]
+    assert rows[4][3:] == [str(spikes), f"{spikes / 8 / 0.05:.2f}"]
+    assert rows[-1] == ["a.h5:", "50", "ms"]
+
+
+def test_the_file_says_what_the_simulation_says(neuro, network, simulated):
+    neuro(*RUN)
+    results = read("out.h5")
+    for name in ("exc", "one"):
+        times, ids = simulated.spikes(name)
+        train = results.populations[name]
+        assert train.multiplicity.sum() == times.size > 0
+        assert np.array_equal(np.repeat(train.times_ms, train.multiplicity), times)
+        assert np.array_equal(np.repeat(train.ids, train.multiplicity), ids)
+    for name, kept in results.projections.items():
+        for mine, theirs in zip((kept.pre, kept.post, kept.weight), simulated.weights(name), strict=True):
+            assert np.array_equal(mine, theirs)
+    for name, trace in results.traces.items():
+        times, values = simulated.trace(name)
+        assert np.array_equal(trace.times_ms, times)
+        assert np.array_equal(trace.values, values)
+    assert results.traces["v"].unit == "mV"
+    assert results.populations["exc"].shape == (2, 4)
+    assert not results.populations["noise"].recorded
+    assert results.about["counts.synaptic_ops"] == simulated.counts().synaptic_ops
+    assert results.projections["noise_exc"].counts["learning_updates"] > 0
+    assert results.about["backend"] == "reference"
+    assert results.about["neuro"] == framework.__version__
+    assert results.network() == framework.load(network)
+
+
+def test_a_long_run_in_stretches_is_the_same_run(neuro, network, monkeypatch):
+    neuro(*RUN, "--out", "a.h5")
+    monkeypatch.setattr("neuro.cli.progress.STRETCH_S", STRETCH_S / 100)
+    neuro(*RUN, "--out", "b.h5")
+    a, b = read("a.h5"), read("b.h5")
+    assert np.array_equal(a.populations["exc"].times_ms, b.populations["exc"].times_ms)
+    assert np.array_equal(a.traces["v_one"].values, b.traces["v_one"].values)
+    assert np.array_equal(a.projections["noise_exc"].weight, b.projections["noise_exc"].weight)
+
+
+def test_parameters_are_set(neuro, network):
+    neuro(*RUN, "--set", "w=1e+2", "--set", "rate=40", "--seed", "7")
+    results = read("out.h5")
+    assert results.network() == framework.load(network, params={"w": 100.0, "rate": 40.0})
+    assert results.about["seed"] == 7
+
+
+def test_record_keeps_what_is_named(neuro, network):
+    answer = neuro(*RUN, "--record", "noise", "--record", "exc")
+    assert answer.status == 0
+    trains = read("out.h5").populations
+    assert {name: train.recorded for name, train in trains.items()} == {
+        "noise": True,
+        "current": False,
+        "exc": True,
+        "one": False,
+    }
+    assert trains["noise"].multiplicity.sum() == trains["noise"].counts["spikes"] > 0
+
+
+def test_weights_that_follow_from_the_network_are_left_out(neuro, network, monkeypatch):
+    monkeypatch.setattr("neuro.collect.SMALL", 1)
+    answer = neuro(*RUN)
+    assert "left out the static weights of current_exc, exc_one; --all-weights keeps them\n" in answer.out
+    kept = read("out.h5").projections
+    assert kept["exc_one"].weight is None
+    assert kept["exc_one"].synapses == 2
+    assert kept["noise_exc"].weight.size == 160
+    assert "left out" not in neuro(*RUN, "--all-weights").out
+    assert read("out.h5").projections["exc_one"].weight.tolist() == [10.0, 20.0]
+
+
+def test_arrays_are_in_the_file(neuro, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    net = framework.Network("large")
+    a = net.population("a", 100, framework.iaf_psc_exp(I_e=np.linspace(0.0, 1000.0, 100)))
+    net.connect(a, a, framework.all_to_all(), weight=np.arange(10_000.0))
+    net.save("large.yaml")
+    assert neuro("run", "large.yaml", "--backend", "reference", "--for", "1").status == 0
+    for file in tmp_path.iterdir():
+        if file.name != "out.h5":
+            file.unlink()
+    assert read("out.h5").network() == net
+
+
+def test_the_event_backend_is_the_default(neuro, network):
+    assert neuro("run", network, "--for", "10").status == 0
+    assert read("out.h5").about["backend"] == "event"
+
+
+def test_an_interrupted_run_leaves_nothing(network):
+    command = [sys.executable, "-c", "from neuro.cli import main; main()", *RUN[:-1], "1e6"]
+    running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while not any(name.endswith(".part") for name in os.listdir()) and running.poll() is None:
+        time.sleep(0.05)
+    time.sleep(1.0)
+    running.send_signal(signal.SIGINT)
+    out, err = running.communicate(timeout=60)
+    assert (running.returncode, out, err) == (130, "", "interrupted: out.h5 is not written\n")
+    assert os.listdir() == [network]
+
+
+def test_what_stood_there_stays_when_a_run_fails(neuro, network, monkeypatch):
+    Path("out.h5").write_text("precious")
+    monkeypatch.setattr("neuro.collect.files_of", lambda net: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        neuro(*RUN)
+    assert Path("out.h5").read_text() == "precious"
+    assert sorted(os.listdir()) == ["net.yaml", "out.h5"]
