@@ -1,0 +1,156 @@
+"""Random small networks, for hypothesis: several populations, models, rules, synapses and delays.
+
+Needs the package hypothesis, which only tests install.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+
+from neuro.distributions import Distribution, lognormal, normal, uniform
+from neuro.network import Network, winner_take_all
+from neuro.neurons import (
+    Model,
+    dc_generator,
+    iaf_psc_alpha,
+    iaf_psc_delta,
+    iaf_psc_exp,
+    izhikevich,
+    parrot_neuron,
+    poisson_generator,
+    spike_generator,
+)
+from neuro.rules import (
+    Rule,
+    all_to_all,
+    fixed_indegree,
+    fixed_outdegree,
+    one_to_one,
+    pairs,
+    pairwise_bernoulli,
+)
+from neuro.synapses import Synapse, static, stdp, stdp_dopa
+
+_WEIGHT = {"iaf_psc_delta": 4.0, "izhikevich": 6.0, "parrot_neuron": 1.0}
+_CURRENT = {"iaf_psc_delta": 500.0, "izhikevich": 8.0}
+
+
+@st.composite
+def networks(draw: st.DrawFn, largest: int = 12) -> Network:
+    """A network of up to four populations of neurons, with sources of spikes and currents.
+
+    Args:
+        draw: given by hypothesis.
+        largest: neurons of a population.
+    """
+    h = draw(st.sampled_from([0.1, 0.5, 1.0]))
+    net = Network("random", resolution=h)
+    _add_sources(draw, net, largest)
+    sources = list(net.populations)
+    for index in range(draw(st.integers(1, 4))):
+        n = draw(st.integers(1, largest))
+        net.population(f"cells{index}", n, draw(_neurons(n, h)))
+    cells = [name for name in net.populations if name not in sources]
+    for name in cells:
+        if draw(st.booleans()):
+            net.signal(f"signal_{name}", to=name)
+    for name in sources:
+        _connect(draw, net, name, draw(st.sampled_from(cells)), static())
+    for _ in range(draw(st.integers(0, 5))):
+        pre = draw(st.sampled_from([n for n in net.populations if n != "current"]))
+        post = draw(st.sampled_from(cells))
+        _connect(draw, net, pre, post, draw(_synapses(net, post)))
+    _add_group(draw, net, cells)
+    return net
+
+
+def _add_sources(draw: st.DrawFn, net: Network, largest: int) -> None:
+    n, h = draw(st.integers(1, largest)), net.resolution
+    rate = draw(st.one_of(st.floats(100.0, 2000.0), st.just(uniform(low=0.0, high=3000.0))))
+    net.population("noise", n, poisson_generator(rate=rate))
+    if draw(st.booleans()):
+        steps = draw(st.lists(st.lists(st.integers(1, 60), max_size=8), min_size=1, max_size=3))
+        times = [[step * h for step in sorted(row)] for row in steps]
+        net.population("listed", len(times), spike_generator(spike_times=times))
+    if draw(st.booleans()):
+        window = {"start": draw(st.integers(0, 20)) * h, "stop": draw(st.integers(20, 200)) * h}
+        net.population("current", draw(st.integers(1, 3)), dc_generator(amplitude=1.0, **window))
+
+
+@st.composite
+def _neurons(draw: st.DrawFn, n: int, h: float) -> Model:
+    t_ref = draw(st.integers(0, 5)) * h
+    tau_m = draw(st.sampled_from([5.0, 10.0, float("inf")]))
+    tau_minus = draw(st.sampled_from([20.0, uniform(low=5.0, high=40.0)]))
+    shared: dict[str, Any] = {"t_ref": t_ref, "tau_m": tau_m, "tau_minus": tau_minus}
+    bias = draw(st.sampled_from([0.0, 150.0, uniform(low=0.0, high=500.0)]))
+    match draw(st.integers(0, 4)):
+        case 0:
+            bound = draw(st.sampled_from([-80.0, -float("inf")]))
+            return iaf_psc_delta(**shared, V_min=bound, I_e=bias, refractory_input=draw(st.booleans()))
+        case 1:
+            tau = draw(st.sampled_from([0.5, 2.0, 10.0]))
+            return iaf_psc_exp(**shared, tau_syn_ex=tau, V_th=uniform(low=-58.0, high=-50.0), I_e=bias)
+        case 2:
+            return iaf_psc_alpha(**shared, tau_syn_in=draw(st.sampled_from([1.0, 10.0])), I_e=bias)
+        case 3:
+            return izhikevich(I_e=np.linspace(0.0, 12.0, n), tau_minus=tau_minus)
+    return parrot_neuron()
+
+
+@st.composite
+def _synapses(draw: st.DrawFn, net: Network, post: str) -> Synapse:
+    kind = draw(st.integers(0, 3))
+    if kind == 1:
+        mu = draw(st.sampled_from([0.0, 0.4, 1.0]))
+        return stdp(lambda_=draw(st.floats(0.0, 0.3)), mu_plus=mu, mu_minus=mu, Wmax=8.0)
+    if kind >= 2:
+        source: dict[str, Any] = {}
+        if f"signal_{post}" in net.signals and draw(st.booleans()):
+            source = {"signal": f"signal_{post}"}
+        elif draw(st.booleans()):
+            late = draw(st.integers(1, 4)) * net.resolution
+            spiking = [name for name in net.populations if name != "current"]
+            source = {"dopamine": draw(st.sampled_from(spiking)), "dopamine_delay": late}
+        b, grid = draw(st.sampled_from([0.0, 0.01])), draw(st.sampled_from([1, 7]))
+        return stdp_dopa(A_plus=0.3, A_minus=0.2, tau_n=30.0, b=b, Wmax=8.0, deliver_interval=grid, **source)
+    return static()
+
+
+@st.composite
+def _rules(draw: st.DrawFn, n_pre: int, n_post: int) -> Rule:
+    autapses = draw(st.booleans())
+    choices: list[Rule] = [all_to_all(autapses=autapses), pairwise_bernoulli(p=draw(st.floats(0.0, 1.0)))]
+    choices += [fixed_indegree(n=draw(st.integers(1, 5))), fixed_outdegree(n=draw(st.integers(1, 5)))]
+    ids = st.tuples(st.integers(0, n_pre - 1), st.integers(0, n_post - 1))
+    listed = draw(st.lists(ids, max_size=12))
+    choices.append(pairs(pre=[pre for pre, _ in listed], post=[post for _, post in listed]))
+    if n_pre == n_post:
+        choices.append(one_to_one())
+    return draw(st.sampled_from(choices))
+
+
+def _connect(draw: st.DrawFn, net: Network, pre: str, post: str, synapse: Synapse) -> None:
+    model = net.populations[post].model
+    if pre == "current" and not model.states:
+        return
+    sizes = [int(net.populations[name].shape[0]) for name in (pre, post)]
+    h = net.resolution
+    delay: Any = draw(st.one_of(st.integers(1, 20).map(lambda k: k * h), st.just(uniform(low=h, high=15 * h))))
+    unit = _WEIGHT.get(model.name, 400.0) if pre != "current" else _CURRENT.get(model.name, 300.0)
+    drawn: Distribution = normal(mean=unit / 2, std=unit)
+    weight: Any = draw(st.sampled_from([unit, -unit / 2, drawn, lognormal(mean=float(np.log(unit)), std=0.5)]))
+    if synapse.learns:
+        weight = draw(st.sampled_from([4.0, uniform(low=0.0, high=8.0)]))
+    name = f"wires{len(net.projections)}"
+    net.connect(pre, post, draw(_rules(*sizes)), synapse, weight=weight, delay=delay, name=name)
+
+
+def _add_group(draw: st.DrawFn, net: Network, cells: list[str]) -> None:
+    able = [name for name in cells if net.populations[name].model.states]
+    if able and draw(st.booleans()):
+        of, first = draw(st.sampled_from(able)), draw(st.booleans())
+        net.group("choice", winner_take_all(of=of, first_to_fire=first))

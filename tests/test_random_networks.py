@@ -1,0 +1,46 @@
+"""Random small networks: the event backend equals the reference, spike for spike."""
+
+import numpy as np
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import neuro
+from neuro.network import Network
+from neuro.simulation import Simulation
+from neuro.testing import observe
+from neuro.testing.case import differences
+from neuro.testing.strategies import networks
+
+STEPS = 100
+SETTINGS = settings(
+    max_examples=40,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+
+
+def steered(sim: Simulation, cuts: list[int]) -> dict[str, np.ndarray]:
+    """Run in pieces with a signal after each half."""
+    h, done = sim.program.resolution, 0
+    for stop in sorted({*cuts, STEPS // 2, STEPS}):
+        sim.run((stop - done) * h)
+        done = stop
+        if done == STEPS // 2:
+            for signal in sim.program.signals:
+                sim.signal(signal.name, 0.03)
+    return observe(sim)
+
+
+@SETTINGS
+@given(net=networks(), seed=st.integers(0, 5), cuts=st.lists(st.integers(1, STEPS - 1), max_size=3))
+def test_event_equals_reference(net: Network, seed: int, cuts: list[int]):
+    expected, found = (neuro.compile(net, backend, seed=seed) for backend in ("reference", "event"))
+    assert differences(steered(expected, []), steered(found, cuts), exact=False) == []
+
+
+@SETTINGS
+@given(net=networks(largest=100), seed=st.integers(0, 5))
+def test_threads_do_not_matter(net: Network, seed: int):
+    one, two = (neuro.compile(net, "event", seed=seed, threads=threads) for threads in (1, 2))
+    assert differences(steered(one, []), steered(two, [30]), exact=True) == []
