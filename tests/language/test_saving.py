@@ -1,0 +1,254 @@
+"""A saved network loads to an equal one, whatever it holds, and saving again gives the same bytes."""
+
+import math
+import os
+import time
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import neuro
+from neuro.distributions import DISTRIBUTIONS
+from neuro.network import Trials
+from neuro.neurons import MODELS
+from neuro.quantities import FromFile
+from neuro.rules import RULES
+from neuro.synapses import SYNAPSES
+
+NAMES = st.one_of(
+    st.sampled_from(["true", "no", "null", "1", "1e3", ".inf", "-", ".", "auto", "neuro", "été"]),
+    st.text("abAB12_.-", min_size=1, max_size=5),
+)
+
+
+def numbers(q):
+    """Numbers within the bounds of a quantity."""
+    low = next((b for b in (q.above, q.at_least) if b is not None), None)
+    high = next((b for b in (q.below, q.at_most) if b is not None), None)
+    finite = st.floats(
+        low,
+        high,
+        exclude_min=q.above is not None,
+        exclude_max=q.below is not None,
+        allow_nan=False,
+        allow_infinity=False,
+    )
+    infinities = [x for x in (math.inf, -math.inf) if low is None or x > low]
+    return finite | st.sampled_from(infinities) if q.infinite else finite
+
+
+def arrays(elements):
+    """Small and large arrays of one or two axes, in memory or from a file."""
+    shapes = st.sampled_from([(1,), (3,), (2, 3), (64,), (65,), (13, 5), (2, 0), (0,)])
+
+    def filled(drawn):
+        array = np.resize(np.array(drawn[1]), drawn[0])
+        return FromFile("w.h5", "w", array) if drawn[2] else array
+
+    return st.tuples(shapes, st.lists(elements, min_size=1, max_size=4), st.booleans()).map(filled)
+
+
+def values(q, names):
+    """Values of any kind that a quantity accepts."""
+    match q.kind:
+        case "number":
+            plain = numbers(q)
+            return (
+                plain | arrays(plain) | st.sampled_from(list(DISTRIBUTIONS)).flatmap(distribution)
+                if q.arrays
+                else plain
+            )
+        case "delay":
+            return st.floats(0.1, 10.0)
+        case "integer":
+            return st.integers(int(q.at_least or 0), 1000)
+        case "boolean":
+            return st.booleans()
+        case "word":
+            return st.sampled_from(q.words)
+        case "shape":
+            return st.lists(st.integers(1, 20), min_size=2, max_size=2)
+        case "names":
+            return st.lists(st.sampled_from(["V_m", "I_syn_ex"]), max_size=2)
+        case "times":
+            train = st.lists(st.floats(0.1, 100.0), max_size=30).map(sorted)
+            return st.lists(train, max_size=5)
+        case "part":
+            return words(q.part, names).map(q.part.from_words)
+        case _:
+            return st.sampled_from(names["signal" if "signal" in q.doc else "population"])
+
+
+def words(cls, names):
+    """Some of the parameters of a choice, and all that it needs."""
+    quantities = {w: q for w, q in cls.quantities().items() if q.kind != "name" or names[_kind(q)]}
+    strategies = {word: values(q, names) for word, q in quantities.items()}
+    needed = {word: s for word, s in strategies.items() if word not in cls.defaults()}
+    rest = {word: s for word, s in strategies.items() if word in cls.defaults()}
+    return st.fixed_dictionaries(needed, optional=rest)
+
+
+def _kind(q):
+    return "signal" if "signal" in q.doc else "population"
+
+
+def distribution(name):
+    return choices(DISTRIBUTIONS[name], {})
+
+
+@st.composite
+def choices(draw, cls, names):
+    """A choice with parameters that fit each other."""
+    said = draw(words(cls, names))
+    if cls is neuro.pairs:
+        ids = draw(st.lists(st.tuples(st.integers(0, 99), st.integers(0, 99)), max_size=3))
+        ids = ids * draw(st.sampled_from([1, 40]))
+        said = {"pre": [pre for pre, _ in ids], "post": [post for _, post in ids]}
+    if "signal" in said:
+        said.pop("dopamine", None)
+    for low, high in (("low", "high"), ("Wmin", "Wmax")):
+        if low in cls.quantities():
+            said.pop(low, None)
+            said[high] = draw(st.floats(1.5, 1e6))
+    return cls.from_words(said)
+
+
+@st.composite
+def networks(draw):
+    """Networks over all models, rules, synapses, distributions and sections."""
+    net = neuro.Network(draw(NAMES), resolution=draw(st.floats(1e-3, 10.0)))
+    names = {"population": [], "signal": []}
+    for name in draw(st.lists(NAMES, min_size=1, max_size=3, unique=True)):
+        model = draw(choices(MODELS[draw(st.sampled_from(list(MODELS)))], names))
+        shape = draw(st.lists(st.integers(1, 99) | st.just("auto"), min_size=1, max_size=3))
+        states = [s.name for s in model.states if not s.hidden]
+        initial = draw(st.fixed_dictionaries({}, optional={s: values(neuro.network.INITIAL, names) for s in states}))
+        net.population(name, shape, model, initial=initial)
+    names["population"] = list(net.populations)
+    population = st.sampled_from(names["population"])
+    for name in draw(st.lists(NAMES, max_size=2, unique=True)):
+        net.signal(name, to=draw(population))
+    names["signal"] = list(net.signals)
+    for name in draw(st.lists(NAMES, max_size=3, unique=True)):
+        rule = draw(choices(RULES[draw(st.sampled_from(list(RULES)))], names))
+        synapse = draw(choices(SYNAPSES[draw(st.sampled_from(list(SYNAPSES)))], names))
+        weight = draw(values(neuro.network.WEIGHT, names))
+        delay = draw(values(neuro.network.DELAY, names))
+        net.connect(draw(population), draw(population), rule, synapse, weight=weight, delay=delay, name=name)
+    for name in draw(st.lists(NAMES, max_size=1)):
+        net.group(name, draw(choices(neuro.winner_take_all, names)))
+    if draw(st.booleans()):
+        net.trials(**draw(words(Trials, names)))
+    for name in draw(st.lists(NAMES, max_size=2, unique=True)):
+        net.probe(
+            name, draw(population), draw(st.sampled_from(["spikes", "V_m"])), every=draw(st.none() | st.just(0.5))
+        )
+    return net
+
+
+def saved(folder, name):
+    """The bytes of the files of a saved network."""
+    return [path.read_bytes() for path in sorted(folder.glob(f"{name}.*"))]
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@given(net=networks())
+def test_a_saved_network_loads_to_an_equal_one(tmp_path_factory, net):
+    folder = tmp_path_factory.mktemp("net")
+    net.save(folder / "net.yaml")
+    loaded = neuro.load(folder / "net.yaml")
+    assert loaded == net
+    first = saved(folder, "net")
+    loaded.save(folder / "net.yaml")
+    assert saved(folder, "net") == first
+
+
+def network():
+    net = neuro.Network("follower", resolution=1.0)
+    cells = net.population("cells", (4, 5), neuro.poisson_generator(rate=np.arange(0.0, 60.0, 3.0)))
+    motors = net.population("motors", 2, neuro.iaf_psc_exp(V_th=-50.0), initial={"V_m": neuro.uniform(low=-70.0)})
+    synapse = neuro.stdp_dopa(Wmax=3000.0, signal="reward")
+    net.connect(cells, motors, neuro.all_to_all(), synapse, weight=np.full((20, 4), 0.1))
+    net.connect(motors, motors, neuro.one_to_one(), weight=-1.0)
+    net.signal("reward", to=motors)
+    net.probe("v", motors, "V_m", every=5.0)
+    return net
+
+
+def test_the_text(folder):
+    network().save("net.yaml")
+    assert (
+        (folder / "net.yaml").read_text()
+        == """\
+neuro: 1
+name: follower
+resolution: 1.0
+populations:
+  cells:
+    model:
+      poisson_generator:
+        rate: [0.0, 3.0, 6.0, 9.0, 12.0, 15.0, 18.0, 21.0, 24.0, 27.0, 30.0, 33.0, 36.0, 39.0, 42.0, 45.0,
+          48.0, 51.0, 54.0, 57.0]
+    shape: [4, 5]
+  motors: {model: {iaf_psc_exp: {V_th: -50.0}}, shape: [2], initial: {V_m: {uniform: {low: -70.0}}}}
+projections:
+  cells_motors:
+    from: cells
+    to: motors
+    rule: all_to_all
+    weight: {file: net.h5, key: cells_motors.weight}
+    delay: 1.0
+    synapse: {stdp_dopa: {Wmax: 3000.0, signal: reward}}
+  motors_motors: {from: motors, to: motors, rule: one_to_one, weight: -1.0, delay: 1.0, synapse: static}
+signals:
+  reward: {to: motors}
+probes:
+  v: {of: motors, record: V_m, every: 5.0}
+"""
+    )
+
+
+def test_the_same_bytes_at_another_time(folder):
+    network().save("net.yaml")
+    first = saved(folder, "net")
+    time.sleep(1.1)
+    network().save("net.yaml")
+    assert saved(folder, "net") == first
+    assert sorted(os.listdir(folder)) == ["net.h5", "net.yaml"]
+
+
+def test_arrays_move_with_the_network(folder):
+    network().save("net.yaml")
+    (folder / "other").mkdir()
+    neuro.load("net.yaml").save("other/copy.yml")
+    assert sorted(os.listdir("other")) == ["copy.h5", "copy.yml"]
+    assert neuro.load("other/copy.yml") == network()
+
+
+@pytest.mark.parametrize("stem", ["my net", "a$b", "x, y", "été", "a\\b", "new\nline", "q'\"", "-"])
+def test_odd_names_of_files(folder, stem):
+    network().save(f"{stem}.yaml")
+    assert neuro.load(f"{stem}.yaml") == network()
+
+
+def error_of(path):
+    with pytest.raises(neuro.ModelError) as caught:
+        network().save(path)
+    return str(caught.value)
+
+
+def test_what_cannot_be_written(folder):
+    with h5py.File("mine.h5", "w") as file:
+        file["precious"] = 1
+    assert error_of("net.txt") == "net.txt: cannot be written: expected a name ending in .yaml or .yml"
+    assert error_of("none/net.yaml") == "none/net.yaml: cannot be written: No such file or directory"
+    assert error_of("mine.yaml") == (
+        "mine.h5: exists and was not written by save: it stays as it is\n"
+        "  hint: choose another name for the network's file, whose arrays go to an HDF5 file of the same stem"
+    )
+    with h5py.File("mine.h5") as file:
+        assert list(file) == ["precious"]
+    assert os.listdir(folder) == ["mine.h5"]
