@@ -11,6 +11,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ PEERS = {
     "Brian2": ("bench_brian2.py", "--target", "cpp"),
     "Brian2 loop": ("bench_brian2.py", "--target", "cython"),
 }
-OURS = Path(__file__).with_name("run.py")
+OURS = Path(__file__).resolve().with_name("run.py")
 
 
 def main() -> int:
@@ -33,8 +34,9 @@ def main() -> int:
     if missing:
         print(f"skipped: {asked.scripts / missing[0]} is not there; the peers' scripts come with the reference data")
         return 0
+    scripts, python = asked.scripts.resolve(), os.path.abspath(asked.python)
     print(f"load {os.getloadavg()[0]:.2f} on {os.cpu_count()} cores; run alone for figures worth keeping", flush=True)
-    rows = [row for case in CASES for row in compared(case, asked.scripts, asked.python)]
+    rows = [row for case in CASES for row in compared(case, scripts, python)]
     print(f"\n{'case':<8}{'simulator':<10}{'core s / bio s':>18}{'neuro is faster by':>20}")
     for case, name, cost, ratio in rows:
         print(f"{case:<8}{name:<10}{cost:>18.4g}{ratio:>20}")
@@ -63,7 +65,8 @@ def cost(figures: dict[str, Any]) -> float:
 
 def timed(command: list[str]) -> dict[str, Any] | None:
     """The JSON line that a script prints last, which is echoed; None, and the reason told, if it fails."""
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    with tempfile.TemporaryDirectory() as folder:  # Brian2 leaves its C++ where it runs
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
     lines = done.stdout.strip().splitlines()
     if done.returncode or not lines:
         reason = (done.stderr.strip().splitlines() or ["no output"])[-1]

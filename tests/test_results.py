@@ -1,0 +1,94 @@
+"""A file of results gives back what was put into it."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from neuro import ModelError
+from neuro.aside import aside
+from neuro.results import YAML, Results, Trace, Train, Weights, read, write
+
+
+@pytest.fixture
+def results():
+    times = np.arange(20_000) / 10.0
+    ids = np.arange(20_000) % 6
+    train = Train("iaf_psc_exp", (2, 3), {"spikes": 20_001}, True, times, ids, np.ones(20_000, np.int32))
+    silent = Train(
+        "dc_generator", (1,), {"spikes": 0}, False, np.zeros(0), np.zeros(0, np.int64), np.zeros(0, np.int32)
+    )
+    pairs = Weights(
+        "z", "a", "stdp", 2, {"synaptic_ops": 4}, np.array([0, 1]), np.array([1, 0]), np.array([0.5, np.pi])
+    )
+    kernel = Weights("z", "a", "r_stdp", 4, {"synaptic_ops": 0}, weight=np.ones((1, 1, 2, 2)))
+    trace = Trace("a", "V_m", "mV", np.array([0.1, 0.2]), np.array([[1.0], [2.0]]))
+    about = {"network": "net", "backend": "event", "seed": 3, "duration_ms": 2000.0, "counts.steps": 20_000}
+    files = {YAML: "neuro: 1\nname: ä\n".encode(), "network.h5": bytes(range(256))}
+    return Results(about, files, {"z": train, "a": silent}, {"z_a": pairs, "grid": kernel}, {"v": trace})
+
+
+def same(a, b):
+    if isinstance(a, np.ndarray):
+        return a.dtype == b.dtype and np.array_equal(a, b)
+    return type(a) is type(b) and a == b
+
+
+def test_round_trip(results, tmp_path):
+    write(results, tmp_path / "a.h5")
+    back = read(tmp_path / "a.h5")
+    assert back.about == results.about
+    assert back.files == results.files
+    for section in ("populations", "projections", "traces"):
+        mine, theirs = getattr(results, section), getattr(back, section)
+        assert list(mine) == list(theirs)
+        for name, part in mine.items():
+            for field in fields(part):
+                assert same(getattr(part, field.name), getattr(theirs[name], field.name)), (name, field.name)
+    assert back.populations["z"].size == 6
+
+
+@pytest.mark.parametrize("content", [b"", b"text", b"\x89HDF\r\n\x1a\n and no more"])
+def test_other_files_are_refused(tmp_path, content):
+    (tmp_path / "a.h5").write_bytes(content)
+    with pytest.raises(ModelError, match=r"a\.h5: not a file of results, as 'neuro run' writes it"):
+        read(tmp_path / "a.h5")
+
+
+def test_a_damaged_file_is_refused(results, tmp_path):
+    import h5py
+
+    write(results, tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        del file["populations/z/times_ms"]
+    with pytest.raises(ModelError, match=r"a\.h5: damaged: "):
+        read(tmp_path / "a.h5")
+
+
+def test_aside_replaces_at_the_end(tmp_path):
+    path = tmp_path / "a"
+    path.write_text("old")
+    with aside(path) as part:
+        part.write_text("new")
+        assert path.read_text() == "old"
+    assert path.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+def test_aside_leaves_nothing_when_it_fails(tmp_path, error):
+    def fail():
+        with aside(tmp_path / "a") as part:
+            part.write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        fail()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_aside_fails_at_once(tmp_path):
+    with pytest.raises(OSError, match=r"No such file or directory: '.*/no/a'"), aside(tmp_path / "no" / "a"):
+        pass
+    with pytest.raises(IsADirectoryError, match="is a folder, expected the name of a file"), aside(tmp_path):
+        pass
