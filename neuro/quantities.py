@@ -141,7 +141,7 @@ class Choice:
         return {word_of(f.name): f.default for f in fields(cls) if f.default is not MISSING}
 
     @classmethod
-    def from_words(cls, parameters: Mapping[str, Any]) -> Choice:
+    def from_words(cls, parameters: Mapping[str, Any]) -> Self:
         """Make one from words and values.
 
         Raises:

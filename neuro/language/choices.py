@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from neuro.distributions import DISTRIBUTIONS
 from neuro.errors import ModelError, unknown
@@ -25,6 +25,7 @@ TABLES: dict[str, Mapping[str, type[Choice]]] = {
     "group": {"winner_take_all": winner_take_all},
     "distribution": DISTRIBUTIONS,
 }
+C = TypeVar("C", bound=Choice)
 _CALL = re.compile(r"(\w+)\s*\((.*)\)")
 
 
@@ -51,7 +52,7 @@ def choice(node: Node, kind: str) -> Any:
     return with_parameters(cls, inner)
 
 
-def with_parameters(cls: type[Choice], node: Node) -> Choice:
+def with_parameters(cls: type[C], node: Node) -> C:
     """Make a choice from the mapping of its parameters."""
     name, known = cls.called(), cls.quantities()
     if not known and node.value != {}:

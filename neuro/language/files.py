@@ -36,15 +36,11 @@ def inside(node: Node, name: str) -> Path:
     except (OSError, ValueError, RuntimeError):
         raise mistake(node, f"file {shown(name)}: expected the name of a file") from None
     if leads_out:
-        raise mistake(
-            node, f"file {shown(name)} is a link out of the folder of the description: expected a file inside it"
-        )
+        message = f"file {shown(name)} is a link out of the folder of the description: expected a file inside it"
+        raise mistake(node, message)
     if not there:
-        this = Path(node.where.file).name
-        beside = (
-            [p.name for p in path.parent.iterdir() if p.is_file() and p.name != this] if path.parent.is_dir() else []
-        )
-        near = nearest(path.name, beside)
+        files = [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
+        near = nearest(path.name, [other for other in files if other != Path(node.where.file).name])
         raise mistake(node, f"no file {shown(name)} beside the description", near if near.startswith("did") else "")
     return path
 
@@ -64,21 +60,20 @@ def array(node: Node) -> FromFile:
         raise mistake(node, f"file {shown(name)} needs 'key', the data set in it")
     path = inside(said["file"], name)
     values = _hdf5(path, said["file"], said["key"]) if "key" in said else _npy(path, said["file"])
-    out = values.astype(np.float64)
-    out.flags.writeable = False
-    return FromFile(name, said["key"].value if "key" in said else "", out)
+    values.flags.writeable = False
+    return FromFile(name, said["key"].value if "key" in said else "", values)
 
 
-def _npy(path: Path, node: Node) -> NDArray[Any]:
+def _npy(path: Path, node: Node) -> NDArray[np.float64]:
     try:
         values = np.load(path, mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError, EOFError, MemoryError, SyntaxError):
         raise mistake(node, f"file '{node.value}': expected an NPY file with an array of numbers") from None
     _check(values, node, f"file '{node.value}'")
-    return np.array(values)
+    return np.array(values, dtype=np.float64)
 
 
-def _hdf5(path: Path, file: Node, key: Node) -> NDArray[Any]:
+def _hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
     import h5py
 
     what = f"'{key.value}' in '{file.value}'"
@@ -97,7 +92,7 @@ def _hdf5(path: Path, file: Node, key: Node) -> NDArray[Any]:
             if data.is_virtual or data.external:
                 raise mistake(key, f"{what} is kept in other files: expected a data set of the file itself")
             _check(data, key, what)
-            return np.asarray(data[()])
+            return np.asarray(data[()], dtype=np.float64)
     except ModelError:
         raise
     except (OSError, ValueError, KeyError, RuntimeError, TypeError, MemoryError):

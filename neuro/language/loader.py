@@ -87,9 +87,7 @@ class _Builder:
         said = part(node, known, "a projection", ("from", "to", "rule"))
         rule = choice(said["rule"], "rule")
         synapse = choice(said["synapse"], "synapse") if "synapse" in said else static()
-        values = {
-            word: value(q, said[word], word) for word, q in (("weight", WEIGHT), ("delay", DELAY)) if word in said
-        }
+        values = {word: value(q, said[word], word) for word, q in VALUES.items() if word in said}
         with about(node):
             ends = [plain(said[word]) for word in ("from", "to")]
             self.net.connect(ends[0], ends[1], rule, synapse, name=name, **values)
@@ -106,8 +104,8 @@ class _Builder:
 
     def trials(self, node: Node) -> None:
         with within("trials"):
-            section = with_parameters(Trials, node)
-        self.net.trials_section, self.net.trials_origin = section, node.label  # type: ignore[assignment]
+            self.net.trials_section = with_parameters(Trials, node)
+        self.net.trials_origin = node.label
 
     def probe(self, name: str, node: Node) -> None:
         said = words(node, ("of", "record", "every"), "a probe", needs=("of",))

@@ -8,7 +8,7 @@ from typing import Any
 
 from neuro.errors import ModelError, Where, unknown
 from neuro.language.nodes import mistake
-from neuro.language.reader import Node
+from neuro.language.reader import MAX_DEPTH, Node
 from neuro.values import shown
 
 MAX_PLACED = 1_000_000
@@ -89,19 +89,20 @@ class _Names:
             raise mistake(node, error.message, error.hint if self.given else f"add parameters: {{{name}: ...}}")
         self.used.add(name)
         value, source = self.values[name]
-        return self._moved(value, node, source)
+        return self._moved(value, Node(None, node.where, node.label, source), 0)
 
-    def _moved(self, value: Node, to: Node, source: str) -> Node:
+    def _moved(self, value: Node, to: Node, depth: int) -> Node:
         """The value as if it stood where it is used."""
         self.placed += 1
-        if self.placed > MAX_PLACED:
-            raise mistake(to, f"parameters stand for more than {MAX_PLACED} values: expected fewer")
+        if self.placed > MAX_PLACED or depth > MAX_DEPTH:
+            limit = f"{MAX_DEPTH} levels" if depth > MAX_DEPTH else f"{MAX_PLACED} values"
+            raise ModelError(f"parameters stand for more than {limit}: expected fewer", where=to.where, hint=to.source)
         inner = value.value
         if isinstance(inner, list):
-            inner = [self._moved(item, to, source) for item in inner]
+            inner = [self._moved(item, to, depth + 1) for item in inner]
         elif isinstance(inner, dict):
-            inner = {word: self._moved(item, Node(None, to.where, to.where), source) for word, item in inner.items()}
-        return Node(inner, to.where, to.label, source)
+            inner = {word: self._moved(item, to, depth + 1) for word, item in inner.items()}
+        return Node(inner, to.where, to.label, to.source)
 
 
 def _as_node(value: Any, at: Node) -> Node:
