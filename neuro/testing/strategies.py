@@ -60,8 +60,8 @@ def networks(draw: st.DrawFn, largest: int = 12) -> Network:
     for name in sources:
         _connect(draw, net, name, draw(st.sampled_from(cells)), static())
     for _ in range(draw(st.integers(0, 5))):
-        pre = draw(st.sampled_from([n for n in net.populations if n != "current"]))
         post = draw(st.sampled_from(cells))
+        pre = draw(st.sampled_from(_partners(net, post)))
         _connect(draw, net, pre, post, draw(_synapses(net, post)))
     _add_group(draw, net, cells)
     return net
@@ -149,8 +149,16 @@ def _connect(draw: st.DrawFn, net: Network, pre: str, post: str, synapse: Synaps
     net.connect(pre, post, draw(_rules(*sizes)), synapse, weight=weight, delay=delay, name=name)
 
 
+def _partners(net: Network, post: str) -> list[str]:
+    """Populations whose spikes may reach another; parrots that hear each other would multiply spikes without end."""
+    parrots = [name for name, part in net.populations.items() if part.model.name == "parrot_neuron"]
+    deaf = ["current", *(parrots if post in parrots else [])]
+    return [name for name in net.populations if name not in deaf]
+
+
 def _add_group(draw: st.DrawFn, net: Network, cells: list[str]) -> None:
     able = [name for name in cells if net.populations[name].model.states]
-    if able and draw(st.booleans()):
+    wanted = draw(st.booleans())
+    if able and wanted:
         of, first = draw(st.sampled_from(able)), draw(st.booleans())
         net.group("choice", winner_take_all(of=of, first_to_fire=first))
