@@ -1,0 +1,194 @@
+"""A compiled network as tables for people, and as text that is the same for the same program."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.clock import NEVER, Clock
+from neuro.network import Network
+from neuro.program import Floats, Population, Program, Projection, Trials
+
+_LISTED = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows of text under a head.
+
+    Attributes:
+        title: what the rows are.
+        head: names of the columns.
+        rows: one text for each column.
+    """
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def tables(net: Network, program: Program) -> list[Table]:
+    """What a network consists of: populations, projections, what else there is, and memory.
+
+    Args:
+        net: says the rules of connection.
+        program: its resolved form.
+    """
+    clock = Clock(program.resolution)
+    found = [
+        Table("populations", ("name", "model", "shape", "neurons"), tuple(map(_population_row, program.populations))),
+        Table(
+            "projections",
+            ("name", "from", "to", "rule", "synapses", "weight", "delay (ms)", "synapse", "bytes"),
+            tuple(_projection_row(net, program, part, clock) for part in program.projections),
+        ),
+    ]
+    rest = tuple(_rest(program, clock))
+    if rest:
+        found.append(Table("more", ("kind", "name", "of", "what"), rest))
+    neurons = sum(_bytes(*p.parameters.values(), *p.initial.values()) for p in program.populations)
+    synapses = sum(_projection_bytes(p) for p in program.projections)
+    total = (("neurons", _grouped(neurons)), ("synapses", _grouped(synapses)))
+    return [*found, Table("memory", ("what", "bytes"), total)]
+
+
+def program_text(program: Program) -> str:
+    """The resolved form of a network, line by line; equal programs give equal text."""
+    return "\n".join(_lines(program)) + "\n"
+
+
+def summary(values: NDArray[Any]) -> str:
+    """An array in a few words: all of a short one, else its range and mean."""
+    flat = values.ravel()
+    if flat.size == 1:
+        return f"{flat[0]:g}"
+    if not flat.size:
+        return "none"
+    if flat.size <= _LISTED:
+        return "[" + ", ".join(f"{value:g}" for value in flat) + "]"
+    return f"{flat.min():g} .. {flat.max():g}, mean {flat.mean():.6g}, {flat.size} values"
+
+
+def _population_row(part: Population) -> tuple[str, ...]:
+    return part.name, part.model.name, " x ".join(map(str, part.shape)), _grouped(part.size)
+
+
+def _projection_row(net: Network, program: Program, part: Projection, clock: Clock) -> tuple[str, ...]:
+    return (
+        part.name,
+        program.populations[part.source].name,
+        program.populations[part.target].name,
+        _rule_text(net, part),
+        _grouped(part.size),
+        _range(part.weight),
+        _range(clock.array_ms(part.delay.astype(np.int64))),
+        part.synapse.name,
+        _grouped(_projection_bytes(part)),
+    )
+
+
+def _rule_text(net: Network, part: Projection) -> str:
+    rule = net.projections[part.name].rule
+    return "pairs" if rule.name == "pairs" else repr(rule).replace("()", "")
+
+
+def _range(values: Floats) -> str:
+    low, high = (values.min(), values.max()) if values.size else (0.0, 0.0)
+    return "" if not values.size else f"{low:g}" if low == high else f"{low:g} .. {high:g}"
+
+
+def _rest(program: Program, clock: Clock) -> Iterator[tuple[str, str, str, str]]:
+    name = [part.name for part in program.populations]
+    for signal in program.signals:
+        yield "signal", signal.name, name[signal.target], "one value for each neuron"
+    for group in program.groups:
+        what = "the first to fire" if group.first_to_fire else "the best of each step"
+        yield "group", group.name, name[group.population], f"winner_take_all: {what}"
+    for probe in program.probes:
+        every = "" if probe.record == "spikes" else f" every {clock.ms(probe.every):g} ms"
+        yield "probe", probe.name, name[probe.population], probe.record + every
+    if program.trials is not None:
+        yield "trials", "", name[program.trials.output], _trials_text(program.trials, name, clock)
+
+
+def _trials_text(trials: Trials, name: list[str], clock: Clock) -> str:
+    stop = "to the decision" if trials.stop_at_decision else "to the end"
+    labels = f", {trials.maps // trials.maps_per_label} labels" if trials.maps_per_label else ""
+    return f"{clock.ms(trials.duration):g} ms from {name[trials.input]}, {stop}, {trials.maps} maps{labels}"
+
+
+def _lines(program: Program) -> Iterator[str]:
+    yield f"program {program.name}"
+    yield f"  resolution {program.resolution:g} ms, seed {program.seed}, smallest delay {program.min_delay} steps"
+    for number, population in enumerate(program.populations):
+        yield from _population_lines(number, population)
+    for number, projection in enumerate(program.projections):
+        yield from _projection_lines(number, projection)
+    for number, signal in enumerate(program.signals):
+        yield f"signal {number} {signal.name}: to population {signal.target}"
+    for number, group in enumerate(program.groups):
+        yield f"group {number} {group.name}: population {group.population}, first_to_fire {group.first_to_fire}"
+    for number, probe in enumerate(program.probes):
+        yield f"probe {number} {probe.name}: population {probe.population}, {probe.record}, every {probe.every} steps"
+    if program.trials is not None:
+        yield from _trials_lines(program.trials)
+
+
+def _population_lines(number: int, part: Population) -> Iterator[str]:
+    kept = "spikes kept" if part.records else "spikes not kept"
+    yield f"population {number} {part.name}: {part.model.name}, shape {list(part.shape)}, {part.size} neurons, {kept}"
+    for word, values in part.parameters.items():
+        yield f"  {word} = {summary(values)}"
+    for word, values in part.initial.items():
+        yield f"  {word} at step 0 = {summary(values)}"
+    if part.spike_steps.size:
+        yield f"  spikes at steps {summary(part.spike_steps)} of neurons {summary(part.spike_ids)}"
+    if part.start or part.stop < NEVER:
+        yield f"  emits in steps {part.start} < k <= {'never' if part.stop >= NEVER else part.stop}"
+
+
+def _projection_lines(number: int, part: Projection) -> Iterator[str]:
+    yield f"projection {number} {part.name}: {part.source} -> {part.target}, {part.layout}, {part.size} synapses"
+    if part.layout == "csr":
+        yield f"  synapses of a source = {summary(np.diff(part.row_ends))}"
+        yield f"  targets = {summary(part.targets)}"
+    if part.grid is not None:
+        g = part.grid
+        yield f"  from {g.channels} x {g.height} x {g.width} to {g.maps} x {g.rows} x {g.columns}"
+        yield f"  kernel {g.kernel_height} x {g.kernel_width}, stride {g.stride}, padding {g.padding}"
+    yield f"  weight = {summary(part.weight)}"
+    yield f"  delay = {summary(part.delay)} steps"
+    if part.synapse.learns:
+        numbers = zip(part.synapse.numbers(), part.synapse.vector().tolist(), strict=True)
+        yield f"  {part.synapse.name}: " + ", ".join(f"{word} {value:g}" for word, value in numbers)
+    if part.signal >= 0:
+        yield f"  dopamine from signal {part.signal}"
+    if part.dopamine >= 0:
+        rule = "one_to_one" if part.dopamine_one_to_one else "all_to_all"
+        yield f"  dopamine from population {part.dopamine}, {rule}, delay {part.dopamine_delay} steps"
+
+
+def _trials_lines(part: Trials) -> Iterator[str]:
+    stop = "decision" if part.stop_at_decision else "end"
+    yield f"trials: population {part.input} -> {part.output}, group {part.group}, {part.duration} ticks, to the {stop}"
+    yield f"  maps {part.maps}, of each label {part.maps_per_label}"
+    yield "  reward correct {:g}, wrong {:g}, silent {:g}".format(*part.reward)
+    each = "trial" if part.dropout_per_trial else "sample"
+    yield f"  dropout {part.dropout:g} of each {each}, decay {part.dropout_decay:g}"
+    yield f"  reset {', '.join(part.reset) or 'nothing'}"
+
+
+def _projection_bytes(part: Projection) -> int:
+    return _bytes(part.row_ends, part.targets, part.weight, part.delay)
+
+
+def _bytes(*arrays: NDArray[Any]) -> int:
+    return sum(array.nbytes for array in arrays)
+
+
+def _grouped(number: int) -> str:
+    return f"{number:,}"
