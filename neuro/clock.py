@@ -86,8 +86,8 @@ class Clock:
         if not math.isfinite(ms):
             return ModelError(f"{what} = {ms}: expected a finite time in ms")
         below = math.floor(ms / self.resolution)
-        near = " or ".join(f"{self.ms(k):.12g}" for k in (below, below + 1) if k >= 0)
+        near = [f"{self.ms(step):.12g}" for step in (below, below + 1) if step > 0]
         return ModelError(
             f"{what} = {ms:.12g} ms: expected a multiple of the resolution, {self.resolution:g} ms",
-            hint=f"the nearest are {near} ms",
+            hint=f"the nearest {'is' if len(near) == 1 else 'are'} {' or '.join(near)} ms" if near else "",
         )

@@ -79,6 +79,8 @@ def _input(net: Network, section: Trials) -> str:
     model = net.populations[name].model
     if not isinstance(model, spike_generator):
         _refuse(net, f"input '{name}' is a {model.name}: expected a spike_generator")
+    if any(len(times) for times in model.spike_times):
+        _refuse(net, f"input '{name}' has spike_times: expected none, as trials bring their own")
     return name
 
 
