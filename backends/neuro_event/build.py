@@ -156,11 +156,13 @@ def _projections(a: Arrays) -> None:
             targets.append(s.targets)
             row[t.ROW], row[t.SYNAPSE] = n_rows, n_targets
             n_rows, n_targets = n_rows + rows[-1].size, n_targets + s.targets.size
-        own = internal_weights(a, q)
+        own = internal_weights(a, q) if p.weight.size else np.zeros(1)
         row[t.WEIGHT], row[t.WEIGHT_STRIDE], row[t.SIGN] = n_weights, int(own.size > 1), layout.sign(own)
         weights.append(own)
         n_weights += own.size
         delay = p.delay[s.order] if p.delay.size > 1 and s.order is not None else p.delay
+        if delay.size == 0:
+            delay = np.ones(1, dtype=np.int32)
         if not layout.own_delays(p):
             delay = delay[:1]
         row[t.DELAY], row[t.DELAY_STRIDE] = n_delays, int(delay.size > 1)
@@ -171,7 +173,7 @@ def _projections(a: Arrays) -> None:
         row[t.WAKE_ALL] = int(s.layout in (t.DENSE, t.GRID) or (s.layout == t.CSR and fan_out > 2 * blocks))
         row[t.DENSE_COUNTS] = 0
         if q in a.plastic_of or row[t.DELAY_STRIDE] == 1:
-            ring = _give_ring(row, p.delay, target.size, a.net["pops"][p.target, t.RECEPTORS], ring, a.longest_slice)
+            ring = _give_ring(row, delay, target.size, a.net["pops"][p.target, t.RECEPTORS], ring, a.longest_slice)
             if q not in a.plastic_of:
                 at_emission.append(q)
         else:
@@ -212,7 +214,7 @@ def give_ring(a: Arrays, q: int) -> None:
     p = a.program.projections[q]
     row = a.net["projections"][q]
     receptors = a.net["pops"][p.target, t.RECEPTORS]
-    end = _give_ring(row, p.delay, a.program.populations[p.target].size, receptors, a.net["buf"].size, a.longest_slice)
+    end = _give_ring(row, p.delay if p.delay.size else np.ones(1, np.int32), a.program.populations[p.target].size, receptors, a.net["buf"].size, a.longest_slice)
     set_buffer(a, np.concatenate([a.net["buf"], np.full(end - a.net["buf"].size, -0.0)]))
     a.net["at_emission"] = np.append(a.net["at_emission"], q)
     list_incoming(a)

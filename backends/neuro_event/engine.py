@@ -327,6 +327,8 @@ class EventEngine:
 
     def _write_weights(self, projection: int, weights: Floats) -> None:
         p, row = self._program.projections[projection], self._a.net["projections"][projection]
+        if p.size == 0:
+            return
         order = self._a.synapses[projection].order
         inner = weights[order] if order is not None and weights.size > 1 else weights
         if projection in self._a.plastic_of:
