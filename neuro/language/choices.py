@@ -54,6 +54,8 @@ def choice(node: Node, kind: str) -> Any:
 
 def with_parameters(cls: type[C], node: Node) -> C:
     """Make a choice from the mapping of its parameters."""
+    if isinstance(node.value, cls):
+        return node.value
     name, known = cls.called(), cls.quantities()
     if not known and node.value != {}:
         raise mistake(node, f"{name} has no parameters", f"write '{name}' alone")
