@@ -48,6 +48,18 @@ class Spikes:
         """The number of recordings."""
         return len(self.names)
 
+    def of_frames(self, frames: Ints) -> tuple[Ints, Ints]:
+        """Where the spikes of some frames are.
+
+        Args:
+            frames: indices, in any order.
+
+        Returns:
+            (spikes,) indices into `times` and `ids`, one frame after the other; (frames + 1,) offsets into them.
+        """
+        where = _ranges(self.offsets[frames], self.offsets[frames + 1])
+        return where, _offsets(np.diff(self.offsets)[frames])
+
     def take(self, recordings: npt.ArrayLike) -> Spikes:
         """Some of the recordings, in the order given.
 
@@ -60,11 +72,11 @@ class Spikes:
         chosen = np.asarray(recordings, np.int64)
         first, last = np.searchsorted(self.sample, [chosen, chosen + 1])
         frames = _ranges(first, last)
-        spikes = _ranges(self.offsets[frames], self.offsets[frames + 1])
+        spikes, offsets = self.of_frames(frames)
         return Spikes(
             self.times[spikes],
             self.ids[spikes],
-            _offsets(np.diff(self.offsets)[frames]),
+            offsets,
             np.repeat(np.arange(len(chosen)), last - first),
             self.labels[chosen],
             tuple(self.names[i] for i in chosen),

@@ -1,0 +1,65 @@
+"""From the decisions of a recording's frames to the decision for the recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro import Simulation
+from neuro_remus.features import Spikes
+
+Ints = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
+SILENT = -1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decisions:
+    """What was decided for each recording, in two ways; `SILENT` where no frame says anything.
+
+    Attributes:
+        counts: (recordings, classes) frames that each class has won.
+        sums: (recordings, classes) over the frames, the largest potential of the class' grids at the
+            decision, mV.
+    """
+
+    counts: Ints
+    sums: Floats
+
+    @property
+    def majority(self) -> Ints:
+        """The class that has won most frames; among equals the one with the larger sum."""
+        equal = self.counts == self.counts.max(axis=1, keepdims=True)
+        return np.where(self.counts.any(axis=1), np.where(equal, self.sums, -np.inf).argmax(axis=1), SILENT)
+
+    @property
+    def potentials(self) -> Ints:
+        """The class with the largest sum of potentials."""
+        return np.where(self.sums.any(axis=1), self.sums.argmax(axis=1), SILENT)
+
+    def by(self, vote: str) -> Ints:
+        """The decisions by ``majority`` or ``potentials``."""
+        return {"majority": self.majority, "potentials": self.potentials}[vote]
+
+
+def decide(sim: Simulation, spikes: Spikes) -> Decisions:
+    """Show recordings without teaching.
+
+    Args:
+        sim: a trained network.
+        spikes: of the recordings; one without frames is silent.
+
+    Returns:
+        Decisions for all of them.
+    """
+    n, classes = len(spikes), len(spikes.classes)
+    results = sim.trials(spikes.times, spikes.ids, spikes.offsets)
+    sim.forget(before=sim.time)
+    decided = results.label >= 0
+    counts = np.zeros((n, classes), np.int64)
+    np.add.at(counts, (spikes.sample[decided], results.label[decided]), 1)
+    sums = np.zeros((n, classes))
+    np.add.at(sums, spikes.sample, results.potential.reshape(len(results), classes, -1).max(axis=2))
+    return Decisions(counts, sums)
