@@ -61,7 +61,7 @@ def new_values(part: Population, word: str, value: Any, seed: int, step: int) ->
             raise ModelError(
                 f"{part.model.name}.{word} of '{part.name}' is fixed: change the network and compile again"
             )
-        raise unknown(f"parameter or state of '{part.name}'", word, known)
+        raise unknown("parameter or state", word, known).at(None, f"population '{part.name}'")
     what = f"{part.name}.{word}"
     if (
         isinstance(value, np.ndarray)
@@ -125,7 +125,7 @@ def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any]) -> Syna
         if word in names and word not in settable:
             raise ModelError(f"{rule.name}.{word} of '{part.name}' is fixed: change the network and compile again")
         if word not in settable:
-            raise unknown(f"parameter of '{part.name}' ({rule.name})", word, settable)
+            raise unknown(f"parameter of {rule.name}", word, settable).at(None, f"projection '{part.name}'")
     return replace(rule, **{names[word]: value for word, value in values.items()})
 
 

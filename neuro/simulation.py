@@ -177,13 +177,14 @@ class Simulation:
             index = self._projections[name]
             known = changes.synapse_states(self.program.projections[index])
             if what not in known:
-                raise unknown(f"state of '{name}'", what, known)
+                raise unknown("state of synapses", what, known).at(None, f"projection '{name}'")
             return self._engine.get_synapses(index, what)
         index = self._population(name)
         part = self.program.populations[index]
         word = word_of(what)
         if word not in part.parameters and word not in changes.states(part):
-            raise unknown(f"state or parameter of '{name}'", what, [*changes.states(part), *part.parameters])
+            known = [*changes.states(part), *part.parameters]
+            raise unknown("parameter or state", what, known).at(None, f"population '{name}'")
         return self._engine.get(index, word)
 
     def weights(self, name: str) -> Any:

@@ -1,0 +1,389 @@
+"""The calls of `Simulation`: what they return, and what they say when misused."""
+
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import neuro
+from neuro import Network, all_to_all, grid, iaf_psc_delta, iaf_psc_exp, one_to_one, poisson_generator, stdp
+from neuro.backend import Problem
+from neuro.errors import ModelError, Where
+from neuro.program import Program
+from neuro.simulation import ApproximationWarning, Simulation
+from neuro_reference import ReferenceBackend
+
+
+def small() -> Network:
+    net = Network("small", resolution=0.1)
+    net.population("noise", 3, poisson_generator(rate=800.0))
+    net.population("listed", 2, neuro.spike_generator(spike_times=[[1.0, 1.0, 2.5], [1.0]]))
+    net.population("cells", 3, iaf_psc_exp(tau_m=[10.0, 20.0, 30.0]))
+    net.connect("noise", "cells", all_to_all(), stdp(Wmax=900.0), weight=400.0, delay=1.5, name="plastic")
+    net.connect("listed", "cells", neuro.pairs(pre=[1, 0], post=[2, 0]), weight=[10.0, 20.0], name="pairs")
+    net.signal("reward", to="cells")
+    net.probe("v", "cells", "V_m", every=0.5)
+    net.probe("s", "noise")
+    return net
+
+
+def start(net: Network | None = None, **words: object) -> Simulation:
+    return neuro.compile(net or small(), backend="reference", **words)  # type: ignore[arg-type]
+
+
+def test_time_is_the_nearest_double():
+    sim = start()
+    for _ in range(3):
+        sim.run(0.1)
+    assert sim.time == 0.3
+    assert repr(sim) == "Simulation('small', backend='reference', time=0.3 ms)"
+
+
+def test_spikes_are_listed_as_often_as_they_occur():
+    sim = start()
+    sim.run(5.0)
+    times, ids = sim.spikes("listed")
+    assert times.tolist() == [1.0, 1.0, 1.0, 2.5]
+    assert ids.tolist() == [0, 0, 1, 0]
+    assert sim.spikes("listed", since=1.0)[0].tolist() == [2.5]
+    assert [a.dtype for a in (times, ids)] == [np.float64, np.int64]
+    sim.forget(before=1.0)
+    assert sim.spikes("listed")[0].tolist() == [2.5]
+
+
+def test_traces_begin_at_the_first_interval():
+    sim = start()
+    sim.run(1.2)
+    sim.run(0.8)
+    times, values = sim.trace("v")
+    assert times.tolist() == [0.5, 1.0, 1.5, 2.0]
+    assert values.shape == (4, 3)
+    assert sim.trace("s")[0].size == sim.counts().populations["noise"].spikes
+    sim.forget(before=1.0)
+    assert sim.trace("v")[0].tolist() == [1.5, 2.0]
+
+
+def test_weights_come_with_their_ends():
+    pre, post, weight = start().weights("pairs")
+    assert (pre.tolist(), post.tolist(), weight.tolist()) == ([0, 1], [0, 2], [20.0, 10.0])
+    with pytest.raises(ValueError, match="read-only"):
+        pre[0] = 1
+
+
+def test_weights_of_a_grid_are_kernels():
+    net = Network("grid", resolution=1.0)
+    net.population("sheet", (2, 4, 5), poisson_generator())
+    net.population("maps", (3, "auto", "auto"), iaf_psc_exp())
+    kernels = np.arange(36.0).reshape(3, 2, 3, 2)
+    net.connect("sheet", "maps", grid(kernel=[3, 2]), weight=kernels, name="s2")
+    sim = start(net)
+    assert np.array_equal(sim.weights("s2"), kernels)
+    sim.set_weights("s2", 2.0 * kernels)
+    assert np.array_equal(sim.network().projections["s2"].weight, 2.0 * kernels)
+
+
+def test_get_and_set():
+    sim = start()
+    assert sim.get("cells", "tau_m").tolist() == [10.0, 20.0, 30.0]
+    sim.set("cells", tau_m=15.0, V_m=[-60.0, -61.0, -62.0])
+    assert sim.get("cells", "tau_m").tolist() == [15.0] * 3
+    assert sim.get("cells", "V_m").tolist() == [-60.0, -61.0, -62.0]
+    sim.set("cells", V_m=neuro.uniform(low=-70.0, high=-60.0))
+    first = sim.get("cells", "V_m")
+    assert ((first >= -70.0) & (first < -60.0)).all()
+    assert len(set(first.tolist())) == 3
+    sim.set("plastic", lambda_=0.5)
+    assert sim.network().projections["plastic"].synapse.lambda_ == 0.5
+    assert sim.get("plastic", "K_plus").shape == (9,)
+
+
+def test_counts_by_hand():
+    sim = start()
+    sim.run(3.0)
+    counts = sim.counts()
+    noise = counts.populations["noise"].spikes
+    assert counts.steps == 30
+    assert counts.populations["listed"].spikes == 4
+    assert counts.projections["pairs"].synaptic_ops == 4
+    assert counts.projections["plastic"].synaptic_ops == 3 * noise
+    assert counts.spikes == noise + 4 + counts.populations["cells"].spikes
+    assert counts.neuron_updates == 3 * 30
+    assert 0 < counts.neuron_updates_active <= counts.neuron_updates
+    assert counts.learning_updates >= 3 * counts.populations["cells"].spikes
+
+
+def test_the_learnt_network_has_listed_pairs():
+    net = Network("random", resolution=0.1)
+    net.population("noise", 5, poisson_generator(rate=900.0))
+    net.population("cells", 4, iaf_psc_delta(I_e=neuro.uniform(low=0.0, high=10.0)), initial={"V_m": neuro.normal()})
+    net.connect("noise", "cells", neuro.fixed_indegree(n=2), weight=neuro.normal(), delay=neuro.uniform(low=1, high=3))
+    sim = start(net)
+    sim.run(5.0)
+    learnt = sim.network()
+    again = start(learnt, seed=99)
+    assert learnt.projections["noise_cells"].rule.name == "pairs"
+    for name in ("weight",):
+        assert np.array_equal(again.get("noise_cells", name), sim.get("noise_cells", name))
+    assert np.array_equal(again.get("cells", "I_e"), sim.get("cells", "I_e"))
+    assert np.array_equal(again.program.projections[0].delay, sim.program.projections[0].delay)
+
+
+def test_distributions_become_arrays_that_save(tmp_path: Path):
+    sim = start()
+    sim.run(2.0)
+    sim.network().save(tmp_path / "learnt.yaml")
+    assert neuro.load(tmp_path / "learnt.yaml") == sim.network()
+
+
+def test_a_reset_keeps_parameters_and_clears_traces():
+    sim = start()
+    sim.set("noise", rate=0.0)
+    sim.run(2.0)
+    sim.reset()
+    assert sim.time == 0.0
+    assert sim.trace("v")[0].size == 0
+    assert sim.get("noise", "rate").tolist() == [0.0] * 3
+
+
+def test_memory_is_told():
+    assert start().memory()["synapses"] > 0
+
+
+MISUSE = {
+    "run between steps": (lambda s: s.run(0.25), "run = 0.25 ms: expected a multiple of the resolution, 0.1 ms"),
+    "run back": (lambda s: s.run(-1.0), "run = -1 ms: expected a finite time >= 0 ms"),
+    "run for ever": (lambda s: s.run(float("inf")), "run = inf ms: expected a finite time >= 0 ms"),
+    "run a word": (lambda s: s.run("long"), "run = 'long': expected a time in ms"),
+    "unknown population": (lambda s: s.spikes("cell"), "unknown population 'cell'\n  hint: did you mean 'cells'?"),
+    "unknown projection": (
+        lambda s: s.weights("plastik"),
+        "unknown projection 'plastik'\n  hint: did you mean 'plastic'?",
+    ),
+    "unknown to set": (
+        lambda s: s.set("sells", V_m=0.0),
+        "unknown population or projection 'sells'\n  hint: did you mean 'cells'?",
+    ),
+    "unknown parameter": (
+        lambda s: s.set("cells", tau_n=1.0),
+        "population 'cells': unknown parameter or state 'tau_n'\n  hint: did you mean 'tau_m'?",
+    ),
+    "unknown rule parameter": (
+        lambda s: s.set("plastic", lamda=1.0),
+        "projection 'plastic': unknown parameter of stdp 'lamda'\n  hint: did you mean 'lambda'?",
+    ),
+    "start is fixed": (
+        lambda s: s.set("noise", start=1.0),
+        "poisson_generator.start of 'noise' is fixed: change the network and compile again",
+    ),
+    "tau_minus is fixed": (
+        lambda s: s.set("cells", tau_minus=1.0),
+        "cells.tau_minus: plastic synapses read this trace, so it is fixed once compiled",
+    ),
+    "rule for a value": (lambda s: s.set("plastic", alpha=-1.0), "stdp.alpha = -1: expected a number >= 0"),
+    "value out of bounds": (lambda s: s.set("cells", tau_m=0.0), "cells.tau_m = 0: expected a number > 0 ms"),
+    "array out of bounds": (
+        lambda s: s.set("noise", rate=np.array([1.0, -2.0, 3.0])),
+        "noise.rate[1] = -2: expected a number >= 0 Hz",
+    ),
+    "array of another size": (
+        lambda s: s.set("noise", rate=np.zeros(4)),
+        "noise.rate: an array of shape [4]: expected [3]",
+    ),
+    "not a number": (lambda s: s.set("cells", V_m=np.full(3, np.nan)), "cells.V_m[0] = .nan: expected a finite number"),
+    "reset above threshold": (
+        lambda s: s.set("cells", V_th=-71.0),
+        "population 'cells': iaf_psc_exp.V_reset[0] = -70 mV: expected less than V_th = -71 mV",
+    ),
+    "rate too high": (
+        lambda s: s.set("noise", rate=1e8),
+        "population 'noise': poisson_generator.rate = 1e+08 Hz: expected at most 5e+06 Hz, 500 spikes a step",
+    ),
+    "weight beyond its bound": (
+        lambda s: s.set_weights("plastic", 901.0),
+        "projection 'plastic': weight[0] = 901: expected 0 to 900, the bounds of stdp",
+    ),
+    "bound below a weight": (
+        lambda s: s.set("plastic", Wmax=100.0),
+        "projection 'plastic': weight[0] = 400: expected 0 to 100, the bounds of stdp",
+    ),
+    "weights of another size": (
+        lambda s: s.set_weights("pairs", [1.0, 2.0, 3.0]),
+        "weights of 'pairs': an array of shape [3]: expected [2]",
+    ),
+    "unknown state": (
+        lambda s: s.get("cells", "I_syn"),
+        "population 'cells': unknown parameter or state 'I_syn'\n  hint: did you mean",
+    ),
+    "unknown synapse state": (lambda s: s.get("plastic", "c"), "projection 'plastic': unknown state of synapses 'c'"),
+    "registers": (
+        lambda s: s.get("cells", "V_m", raw=True),
+        "raw = True: expected False, as backend 'reference' has no registers",
+    ),
+    "inject into noise": (
+        lambda s: s.inject("noise", [1.0], [0]),
+        "inject: 'noise' is a poisson_generator: expected a spike_generator",
+    ),
+    "inject into the past": (
+        lambda s: (s.run(2.0), s.inject("listed", [2.0], [0])),
+        "inject: a spike at 2 ms: expected times after 2 ms, the present",
+    ),
+    "inject off the grid": (
+        lambda s: s.inject("listed", [1.0, 1.23], [0, 0]),
+        "times[1] = 1.23 ms: expected a multiple of the resolution, 0.1 ms",
+    ),
+    "inject into nobody": (
+        lambda s: s.inject("listed", [1.0], [2]),
+        "ids[0] = 2: expected a neuron from 0 to 1",
+    ),
+    "inject without ids": (
+        lambda s: s.inject("listed", [1.0, 2.0], [1]),
+        "2 times and 1 ids: expected as many of each",
+    ),
+    "inject words": (lambda s: s.inject("listed", ["soon"], [1]), "times: found ['soon']: expected numbers"),
+    "unknown signal": (lambda s: s.signal("award", 1.0), "unknown signal 'award'\n  hint: did you mean 'reward'?"),
+    "signal of another size": (
+        lambda s: s.signal("reward", [1.0, 2.0]),
+        "signal 'reward': an array of shape [2]: expected a number or [3]",
+    ),
+    "signal without end": (
+        lambda s: s.signal("reward", float("inf")),
+        "signal 'reward': a value is not finite: expected numbers in 1/ms",
+    ),
+    "unknown probe": (lambda s: s.trace("w"), "unknown probe 'w'"),
+    "no trials": (lambda s: s.trials([], [], [0]), "the network has no section 'trials'"),
+    "no state there": (lambda s: s.restore("nowhere.h5"), "nowhere.h5: no such file"),
+}
+
+
+@pytest.mark.parametrize("misuse", MISUSE)
+def test_misuse(misuse: str):
+    call, message = MISUSE[misuse]
+    sim = start()
+    with pytest.raises(ModelError) as caught:
+        call(sim)
+    assert message in str(caught.value)
+
+
+def test_spikes_that_are_not_recorded():
+    net = small()
+    del net.probes["s"]
+    with pytest.raises(ModelError) as caught:
+        start(net).spikes("noise")
+    assert caught.value.message == "spikes of 'noise', a poisson_generator, are not recorded"
+    assert caught.value.hint == "net.probe('name', 'noise') records them"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({"backend": "evnt"}, "unknown backend 'evnt'\n  hint: did you mean 'event'?"),
+        ({"threads": 0}, "threads = 0: expected a whole number >= 1"),
+        ({"seed": -1}, "seed = -1: expected a whole number >= 0"),
+        ({"thread": 2}, "backend 'reference' has no option 'thread'\n  hint: did you mean 'threads'?"),
+    ],
+)
+def test_compile_refuses(words: dict[str, object], message: str):
+    with pytest.raises(ModelError) as caught:
+        neuro.compile(small(), **({"backend": "reference"} | words))  # type: ignore[arg-type]
+    assert str(caught.value) == message
+
+
+def test_compile_wants_a_network():
+    with pytest.raises(ModelError, match=r"neuro.compile: found 'net.yaml': expected a Network"):
+        neuro.compile("net.yaml")  # type: ignore[arg-type]
+
+
+class Narrow(ReferenceBackend):
+    """A backend with limits."""
+
+    name = "narrow"
+
+    def __init__(self, refused: bool) -> None:
+        self.refused = refused
+
+    def problems(self, program: Program) -> Sequence[Problem]:
+        where = Where("net.yaml", 12)
+        return [
+            Problem(self.refused, f"population '{p.name}'", f"needs {p.size} cores, limit 1", "split it", where)
+            for p in program.populations[:2]
+        ]
+
+
+def test_all_that_a_backend_refuses_is_told():
+    with pytest.raises(ModelError) as caught:
+        neuro.compile(small(), Narrow(refused=True))
+    assert str(caught.value) == (
+        "backend 'narrow' cannot run this network (2 problems)\n"
+        "net.yaml:12: population 'noise': needs 3 cores, limit 1\n  hint: split it\n"
+        "net.yaml:12: population 'listed': needs 2 cores, limit 1\n  hint: split it"
+    )
+
+
+def test_what_is_approximated_is_a_warning():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        neuro.compile(small(), Narrow(refused=False))
+    told = "backend 'narrow': net.yaml:12: population 'noise': needs 3 cores, limit 1\n  hint: split it"
+    assert str(caught[0].message) == told
+    assert [w.category for w in caught] == [ApproximationWarning] * 2
+
+
+def test_a_state_of_something_else_is_refused(tmp_path: Path):
+    file = tmp_path / "state.h5"
+    sim = start()
+    sim.run(1.0)
+    sim.save(file)
+    other = small()
+    other.population("more", 1, iaf_psc_exp())
+    changed = Network("other", resolution=0.1)
+    changed.population("cells", 1, iaf_psc_exp())
+    for net, words, message in (
+        (small(), {"seed": 3}, "a state of seed 0: expected seed 3"),
+        (changed, {}, "a state of network 'small': expected network 'other'"),
+        (other, {}, "a state of another network 'small'"),
+    ):
+        with pytest.raises(ModelError, match=message):
+            start(net, **words).restore(file)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        narrow = neuro.compile(small(), Narrow(refused=False))
+    with pytest.raises(ModelError, match="a state of backend 'reference': expected backend 'narrow'"):
+        narrow.restore(file)
+    file.write_bytes(b"nothing")
+    with pytest.raises(ModelError, match="not an HDF5 file: expected a state written by"):
+        sim.restore(file)
+    with h5py.File(file, "w") as empty:
+        empty["x"] = 1
+    with pytest.raises(ModelError, match="it holds no state: expected a file written by"):
+        sim.restore(file)
+    assert sim.time == 1.0
+
+
+def test_a_state_replaces_the_old_file_at_once(tmp_path: Path):
+    file = tmp_path / "state.h5"
+    sim = start()
+    sim.save(file)
+    sim.run(1.0)
+    sim.save(file)
+    assert [p.name for p in tmp_path.iterdir()] == ["state.h5"]
+    again = start()
+    again.restore(file)
+    assert again.time == 1.0
+    with pytest.raises(ModelError, match="cannot be written"):
+        sim.save(tmp_path / "missing" / "state.h5")
+
+
+def test_one_connection_of_each_kind_reads_alike():
+    net = Network("kinds", resolution=1.0)
+    net.population("a", 3, poisson_generator())
+    net.population("b", 3, iaf_psc_exp())
+    net.connect("a", "b", one_to_one(), weight=[1.0, 2.0, 3.0], name="one")
+    net.connect("a", "b", all_to_all(), weight=np.arange(9.0).reshape(3, 3), name="all")
+    net.connect("b", "b", all_to_all(autapses=False), weight=np.arange(9.0).reshape(3, 3), name="others")
+    sim = start(net)
+    assert [x.tolist() for x in sim.weights("one")] == [[0, 1, 2], [0, 1, 2], [1.0, 2.0, 3.0]]
+    assert sim.weights("all")[2].tolist() == list(range(9))
+    assert [x.tolist() for x in sim.weights("others")] == [[0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1], [1, 2, 3, 5, 6, 7]]
