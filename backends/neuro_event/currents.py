@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from neuro.neurons import dc_generator
-from neuro.program import Floats, Ints, Program
 from numpy.typing import NDArray
 
+from neuro.neurons import dc_generator
+from neuro.program import Floats, Ints, Program
 from neuro_event import loop
-from neuro_event.build import Arrays
+from neuro_event.arrays import Arrays
 
 NEVER = np.iinfo(np.int64).max
 

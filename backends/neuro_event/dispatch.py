@@ -9,7 +9,6 @@ from typing import Any
 
 from neuro.neurons import NEURONS
 from neuro.synapses import SYNAPSES
-
 from neuro_event.jit import compiled, inner
 
 RULES = [synapse for synapse in SYNAPSES.values() if synapse.learns == "pairs"]

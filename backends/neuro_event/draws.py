@@ -4,7 +4,6 @@
 import numpy as np
 
 from neuro.keyed import NEURON_STRIDE, STEP_STRIDE
-
 from neuro_event.jit import inner
 
 _STEP = np.uint64(STEP_STRIDE)

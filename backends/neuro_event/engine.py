@@ -6,22 +6,26 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
 from neuro.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.errors import ModelError
 from neuro.neurons import Neuron, poisson_generator
 from neuro.program import Floats, Ints, Program
-from numpy.typing import NDArray
-
-from neuro_event import build, layout, loop, reading, rewards
+from neuro_event import build, layout, lazy, learning, loop, projections, reading, rewards, sources
 from neuro_event import tables as t
 from neuro_event.currents import Currents
+from neuro_event.listed import Listed
 from neuro_event.record import Record
 from neuro_event.threads import Threads
 from neuro_event.views import table_of
 
 _FIXED = frozenset(
-    "edges rows targets delays order map_of initial calm x bits awake_groups due_groups keys group_keys scratch "
-    "found found_arrived fired resets incoming at_emission".split()
+    (
+        *("edges", "rows", "targets", "delays", "order", "map_of", "initial", "resets", "keys", "group_keys"),
+        *("calm", "x", "bits", "awake_groups", "due_groups", "scratch", "found", "found_arrived", "fired"),
+        *("incoming", "at_emission", "list_steps", "list_ids", "list_counts", "cursor"),
+    )
 )
 """Arrays that a snapshot leaves out: they follow from the program, or hold nothing between two runs."""
 
@@ -42,15 +46,8 @@ class EventEngine:
         self._record = Record(self._program, self._a.places)
         self._currents = Currents(self._program, self._a)
         self._threads = Threads(self._n_threads)
-        self._listed: dict[int, tuple[Ints, Ints]] = {
-            k: (p.spike_steps, p.spike_ids)
-            for k, p in enumerate(self._program.populations)
-            if layout.kind(p) == t.LISTED
-        }
-        self._list_begin: dict[int, int] = {}
-        self._list_room: dict[int, int] = {}
+        self._listed = Listed(self._a)
         self._kept_weights: dict[int, Floats] = {}
-        self._list_spikes()
         self._trial_start = 0
         self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
         self._pack()
@@ -113,32 +110,8 @@ class EventEngine:
 
     def inject(self, population: int, steps: Ints, ids: Ints) -> None:
         """Add spikes of a spike_generator, at steps after the present one."""
-        old_steps, old_ids = self._listed[population]
-        ahead = old_steps > self._step
-        steps = np.concatenate([old_steps[ahead], steps])
-        ids = np.concatenate([old_ids[ahead], ids])
-        order = np.lexsort((ids, steps))
-        self._listed[population] = (steps[order], ids[order])
-        self._list_spikes()
+        self._listed.add(population, steps, ids, self._step)
         self._pack()
-
-    def _list_spikes(self) -> None:
-        """Write the listed spikes of all generators, equal ones joined, into the arrays that the loop reads."""
-        a, net = self._a, self._a.net
-        n_threads = net["edges"].size - 1
-        net["cursor"] = np.zeros((n_threads + 1, len(self._program.populations)), dtype=np.int64)
-        columns, at = [np.zeros((0, 3), dtype=np.int64)], 0
-        for k, (when, who) in self._listed.items():
-            ahead = when > self._step
-            rows = _joined(when[ahead], a.places[k].begin + who[ahead])
-            self._list_begin[k] = at
-            net["cursor"][:-1, k] = at
-            net["cursor"][-1, k] = at + rows.shape[0]
-            room = max(rows.shape[0], self._list_room.get(k, 0))
-            columns.append(np.pad(rows, ((0, room - rows.shape[0]), (0, 0))))
-            at += room
-        table = np.concatenate(columns)
-        net["list_steps"], net["list_ids"], net["list_counts"] = (np.ascontiguousarray(c) for c in table.T)
 
     def spikes(self, population: int, since: int) -> Spikes:
         """Recorded spikes with step > since."""
@@ -157,7 +130,8 @@ class EventEngine:
         spec = self._program.trials
         assert spec is not None
         place = self._a.places[spec.output]
-        self._enter_trial(spec.input, trial)
+        if self._listed.replace(spec.input, trial.ticks + (self._step + 1), trial.ids, self._step):
+            self._pack()
         self._a.net["muted"][place.begin : place.end] = trial.silenced[self._a.net["map_of"]]
         self._make_room(spec.duration)
         net, start = self._a.net, self._step
@@ -167,26 +141,11 @@ class EventEngine:
         self._trial_start = start
         self._step = start + ticks
         best = net["order"][net["best"]]
-        winner = int(net["groups"][spec.group, loop.WINNER])
+        winner = int(net["groups"][spec.group, t.WINNER])
         if winner < 0:
             return Outcome(-1, -1, net["potential"].copy(), best, ticks)
-        tick = int(net["groups"][spec.group, loop.DECIDED]) - start - 1
+        tick = int(net["groups"][spec.group, t.DECIDED]) - start - 1
         return Outcome(int(net["order"][winner]), tick, net["potential"].copy(), best, ticks)
-
-    def _enter_trial(self, population: int, trial: Trial) -> None:
-        """Let the trial's spikes be all that the input generator has listed."""
-        n = trial.ticks.size
-        if self._listed[population][0].size or n > self._list_room.get(population, 0):
-            self._listed[population] = (_NOTHING, _NOTHING)
-            self._list_room[population] = 2 * n + 64
-            self._list_spikes()
-            self._pack()
-        net, first = self._a.net, self._list_begin[population]
-        net["list_steps"][first : first + n] = trial.ticks + (self._step + 1)
-        net["list_ids"][first : first + n] = trial.ids + self._a.places[population].begin
-        net["list_counts"][first : first + n] = 1
-        net["cursor"][:-1, population] = first
-        net["cursor"][-1, population] = first + n
 
     def _make_room(self, steps: int) -> None:
         """Empty the record, and widen it and the log, until they have room for some steps in which all neurons fire."""
@@ -246,13 +205,16 @@ class EventEngine:
         if isinstance(p.model, Neuron):
             states = [s.name for s in type(p.model).states]
             if name in states:
-                return place.told(reading.state(self, population)[states.index(name), place.begin : place.end].copy())
+                return place.told(
+                    reading.state(self._a, population, self._step)[states.index(name), place.begin : place.end].copy()
+                )
         return self._parameter(population, name)
 
     def _parameter(self, population: int, name: str) -> Floats:
         p, place = self._program.populations[population], self._a.places[population]
         if isinstance(p.model, poisson_generator) and name == "rate":
-            return self._a.net["mean"][place.begin : place.end] / (self._program.resolution * 1e-3)
+            mean: Floats = self._a.net["mean"][place.begin : place.end]
+            return mean / (self._program.resolution * 1e-3)
         if isinstance(p.model, Neuron):
             rows = self._changed.get(population, layout.parameter_rows(p, place))
             column = rows[:, layout.numeric_words(type(p.model)).index(name)]
@@ -264,7 +226,7 @@ class EventEngine:
         """Change a state or parameter; acts from the next step on."""
         p, place = self._program.populations[population], self._a.places[population]
         if isinstance(p.model, poisson_generator):
-            build.set_rate(self._a, population, values)
+            sources.set_rate(self._a, population, values)
             return
         if not isinstance(p.model, Neuron):
             self._currents.set_amplitude(population, values, self._step)
@@ -293,20 +255,25 @@ class EventEngine:
             p = self._program.projections[q]
             if p.signal == signal:
                 inner = np.ascontiguousarray(self._a.places[p.target].taken(values), dtype=np.float64)
-                reading.write_signal(self._view, k, inner, self._step, self._program.resolution)
+                lazy.write_signal(self._view, k, inner, self._step, self._program.resolution)
 
     def get_synapses(self, projection: int, name: str) -> Floats:
         """A state of the synapses, in the order of the program's weights."""
-        return reading.synapses(self, projection, name)
+        if projection in self._a.plastic_of:
+            return reading.synapses(self._a, self._view, projection, name, self._step)
+        p = self._program.projections[projection]
+        if self._a.net["pops"][p.target, t.RELAY] == 1:
+            return np.broadcast_to(self._kept_weights.get(projection, p.weight), p.size).copy()
+        return reading.weights(self._a, projection)
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model."""
         p = self._program.projections[projection]
         if projection in self._a.plastic_of:
             k = self._a.plastic_of[projection]
-            reading.bring_all(self, k)
+            reading.bring_all(self._a, self._view, k, self._step)
             plastic = self._a.plastic
-            build.set_rule_constants(
+            learning.set_rule_constants(
                 plastic["rule"][k], plastic["tau"][k], plastic["table"][k], parameters, p.synapse, self._program
             )
         self._rules[projection] = parameters.copy()
@@ -321,9 +288,9 @@ class EventEngine:
     def _deliver_ahead(self, projection: int) -> None:
         """Put what is under way into a ring, with the weights of now."""
         lag = int(self._a.net["projections"][projection, t.LAG])
-        build.give_ring(self._a, projection)
+        projections.give_ring(self._a, projection)
         self._pack()
-        reading.deliver_between(self._view, projection, self._step - lag + 1, self._step - 1)
+        lazy.deliver_between(self._view, projection, self._step - lag + 1, self._step - 1)
 
     def _write_weights(self, projection: int, weights: Floats) -> None:
         p, row = self._program.projections[projection], self._a.net["projections"][projection]
@@ -333,7 +300,7 @@ class EventEngine:
         inner = weights[order] if order is not None and weights.size > 1 else weights
         if projection in self._a.plastic_of:
             k = self._a.plastic_of[projection]
-            reading.bring_all(self, k)
+            reading.bring_all(self._a, self._view, k, self._step)
             first = self._a.plastic["table"][k, t.FIRST_SYNAPSE]
             self._a.plastic["y"][0, first : first + p.size] = inner
             self._a.plastic["sent"][first : first + p.size] = inner
@@ -377,7 +344,7 @@ class EventEngine:
         """Back to step 0 and the initial states, and to the initial weights if asked."""
         kept = None
         if not weights:
-            kept = {q: reading.synapses(self, q, "weight") for q in range(len(self._program.projections))}
+            kept = {q: self.get_synapses(q, "weight") for q in range(len(self._program.projections))}
         self._start_over(kept)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
@@ -393,9 +360,14 @@ class EventEngine:
             own[f"changed.{k}"] = rows.copy()
         for q, kept in self._kept_weights.items():
             own[f"kept.{q}"] = kept.copy()
-        for k, (steps, ids) in self._listed.items():
-            own[f"listed.{k}"] = np.stack([steps, ids])
-        return {**net, **plastic, **own, **self._record.snapshot(), **self._currents.snapshot()}
+        return {
+            **net,
+            **plastic,
+            **own,
+            **self._record.snapshot(),
+            **self._currents.snapshot(),
+            **self._listed.snapshot(),
+        }
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Continue from a snapshot of the same program.
@@ -419,25 +391,16 @@ class EventEngine:
                 self._changed[int(rest)] = value.copy()
             elif part == "kept":
                 self._kept_weights[int(rest)] = value.copy()
-            elif part == "listed":
-                self._listed[int(rest)] = (value[0].copy(), value[1].copy())
         self._step = int(arrays["engine.step"])
         self._trial_updates = arrays["engine.trial_updates"].copy()
         self._record.restore(arrays)
         self._currents.restore(arrays)
+        self._listed.restore(arrays, self._step)
         rings = [q for q in range(len(self._program.projections)) if self._a.net["projections"][q, t.LAG] == 0]
         self._a.net["at_emission"] = np.array([q for q in rings if q not in self._a.plastic_of], dtype=np.int64)
-        build.set_buffer(self._a, self._a.net["buf"])
-        build.list_incoming(self._a)
-        self._list_spikes()
+        projections.set_buffer(self._a, self._a.net["buf"])
+        projections.list_incoming(self._a)
         self._pack()
 
 
-_NOTHING = np.zeros(0, dtype=np.int64)
 _NEVER = np.iinfo(np.int64).max // 2
-
-
-def _joined(steps: Ints, neurons: Ints) -> Ints:
-    """Rows (step, neuron, multiplicity) of listed spikes, sorted; equal ones joined."""
-    pairs, counts = np.unique(np.stack([steps, neurons], axis=1).reshape(-1, 2), axis=0, return_counts=True)
-    return np.column_stack([pairs, counts]).astype(np.int64).reshape(-1, 3)

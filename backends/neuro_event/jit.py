@@ -16,6 +16,9 @@ from typing import Any
 import numba
 import platformdirs
 
+_njit: Any = numba.njit
+_config: Any = numba.config
+
 
 @cache
 def folder() -> str:
@@ -41,12 +44,12 @@ def folder() -> str:
 
 @contextmanager
 def _own_cache() -> Iterator[None]:
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = folder()
+    before = _config.CACHE_DIR
+    _config.CACHE_DIR = folder()
     try:
         yield
     finally:
-        numba.config.CACHE_DIR = before
+        _config.CACHE_DIR = before
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -55,12 +58,12 @@ def kernel(function: Callable[..., Any]) -> Any:
     Kernels allocate nothing, so numba's reference counting, which costs more than a small network, is off.
     """
     with _own_cache():
-        return numba.njit(cache=bool(folder()), error_model="numpy", nogil=True, _nrt=False)(function)
+        return _njit(cache=bool(folder()), error_model="numpy", nogil=True, _nrt=False)(function)
 
 
 def inner(function: Callable[..., Any]) -> Any:
     """Compile a function that only other kernels call."""
-    return numba.njit(error_model="numpy", _nrt=False)(function)
+    return _njit(error_model="numpy", _nrt=False)(function)
 
 
 @cache
@@ -72,4 +75,4 @@ def compiled(function: FunctionType) -> Any:
         if isinstance(called, FunctionType):
             scope[name] = compiled(called)
     twin = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
-    return numba.njit(error_model="numpy", _nrt=False)(twin)
+    return _njit(error_model="numpy", _nrt=False)(twin)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from neuro.neurons import NEURONS, Neuron, dc_generator, poisson_generator, spike_generator
-from neuro.program import Floats, Ints, Population, Program, Projection
 from numpy.typing import NDArray
 
+from neuro.neurons import NEURONS, Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.program import Floats, Ints, Population, Program, Projection
 from neuro_event import tables as t
 
 WORD = t.BLOCK * t.GROUPED

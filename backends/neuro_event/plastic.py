@@ -26,6 +26,7 @@ from neuro_event.tables import (
     FIRST_TARGET,
     GRID_STEPS,
     HISTORY,
+    HORIZON,
     INCOMING,
     LAST_BLOCK,
     LONGEST,
@@ -51,7 +52,7 @@ HEAD, TAIL, FIRST_ENTRY = range(3)
 
 @inner
 def dopamine_at(view, q, target, step, h):
-    """n of one target of a modulated projection."""
+    """Concentration n of one target of a modulated projection."""
     p = plastic_of(view)
     place = p.table[q, FIRST_TARGET] + target
     if p.n[place] == 0.0:
@@ -176,7 +177,7 @@ def dopamine_arrivals(view, q, step, thread, h):
     net, p = net_of(view), plastic_of(view)
     table = p.table[q]
     j = step - table[DOPAMINE_DELAY]
-    if j <= net.clock[thread, 2]:
+    if j <= net.clock[thread, HORIZON]:
         return
     target_row = net.pops[net.projections[table[PROJECTION], TARGET]]
     lo = max(net.edges[thread] * BLOCK - target_row[BEGIN], 0)

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from neuro.backend import Spikes
-from neuro.program import Program
 from numpy.typing import NDArray
 
+from neuro.backend import Spikes
+from neuro.program import Program
 from neuro_event.layout import Place
 
 

@@ -2,8 +2,8 @@
 
 # mypy: ignore-errors
 import numpy as np
-from neuro.synapses import r_stdp
 
+from neuro.synapses import r_stdp
 from neuro_event import tables as t
 from neuro_event.jit import compiled, kernel
 from neuro_event.views import net_of

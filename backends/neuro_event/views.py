@@ -5,13 +5,18 @@ on a small network. So the engine passes one integer table, and each function ma
 The engine keeps the arrays alive.
 """
 
-# mypy: ignore-errors
+# mypy: disable-error-code="no-untyped-def,no-untyped-call,attr-defined,no-any-return"
+from __future__ import annotations
+
 from collections import namedtuple
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numba import types
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
+from numpy.typing import NDArray
 
 NET = """
 pops i8 2          columns of `tables`, a row per population
@@ -66,10 +71,10 @@ rec_counts i4 2
 rec_at i8 1
 found i8 2         who of a group reached threshold
 found_arrived u1 2
-groups i8 2        columns of `loop`, a row per group
+groups i8 2        columns of `tables`, a row per group
 group_keys u8 1
 closed u1 1        whether a group has decided
-clock i8 2         (threads, columns of `loop`)
+clock i8 2         (threads, columns of `tables`)
 map_of i8 1        map of each neuron of the trials' output
 potential f8 1     largest V_m of each map
 best i8 1          the neuron that has it
@@ -102,22 +107,24 @@ def _fields(text):
 
 NET_FIELDS = [name for name, _, _ in _fields(NET)]
 PLASTIC_FIELDS = [name for name, _, _ in _fields(PLASTIC)]
-Net = namedtuple("Net", NET_FIELDS)
-Plastic = namedtuple("Plastic", PLASTIC_FIELDS)
+Net: Any = namedtuple("Net", NET_FIELDS)  # type: ignore[misc]
+Plastic: Any = namedtuple("Plastic", PLASTIC_FIELDS)  # type: ignore[misc]
 
 
-def table_of(net, plastic):
+def table_of(net: Mapping[str, NDArray[Any]], plastic: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
     """The table for some arrays, by name. The caller keeps the arrays alive."""
     rows = []
     for text, arrays in ((NET, net), (PLASTIC, plastic)):
         for name, dtype, ndim in _fields(text):
             array = arrays[name]
-            assert array.dtype == np.dtype(_TYPES[dtype]) and array.ndim == int(ndim) and array.flags.c_contiguous, name
+            assert array.dtype == np.dtype(_TYPES[dtype]), name
+            assert array.ndim == int(ndim), name
+            assert array.flags.c_contiguous, name
             rows.append([array.ctypes.data, *array.shape, *[0] * (3 - array.ndim)])
     return np.array(rows, dtype=np.int64)
 
 
-def with_plastic(table, **arrays):
+def with_plastic(table: NDArray[np.int64], **arrays: NDArray[Any]) -> NDArray[np.int64]:
     """The same table with other arrays of the same shapes for some plastic fields."""
     other = table.copy()
     for name, array in arrays.items():

@@ -1,0 +1,26 @@
+"""All arrays of a program on this backend."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+
+from neuro.program import Program
+from neuro_event.layout import Place, Synapses
+
+
+@dataclass(eq=False)
+class Arrays:
+    """Everything the loop needs, by the names of `loop.Net`, and how a program's parts map to it."""
+
+    program: Program
+    places: list[Place]
+    synapses: list[Synapses]
+    plastic_of: dict[int, int]
+    net: dict[str, Any]
+    plastic: dict[str, NDArray[Any]]
+    longest_slice: int
+    longest_delay: int
+    reach: int

@@ -1,0 +1,106 @@
+"""One step of a generator, and the input from those that keep counts."""
+
+# mypy: ignore-errors
+import numpy as np
+
+from neuro_event.draws import poisson_by_sum, poisson_by_table, step_word, uniform
+from neuro_event.jit import inner
+from neuro_event.neurons import emit
+from neuro_event.tables import (
+    BEGIN,
+    BLOCK,
+    COUNTS,
+    COUNTS_STEPS,
+    END,
+    FIRST_BLOCK,
+    LAG,
+    LAST_BLOCK,
+    RECEPTORS,
+    SOURCE,
+    START,
+    STOP,
+    TABLE,
+    WEIGHT,
+)
+from neuro_event.views import net_of
+
+
+@inner
+def draw_poisson(view, thread, pop, row, step, at, done, h):
+    """One step of a poisson_generator: into its counts, or into the log."""
+    net = net_of(view)
+    if step <= row[START] or step > row[STOP]:
+        if row[COUNTS] >= 0:
+            n = row[END] - row[BEGIN]
+            begin = row[COUNTS] + (step & (row[COUNTS_STEPS] - 1)) * n
+            net.counts[begin : begin + n] = 0
+        return at
+    base = step_word(net.keys[pop], step)
+    for block in range(max(row[FIRST_BLOCK], net.edges[thread]), min(row[LAST_BLOCK], net.edges[thread + 1])):
+        if net.awake[block] == 0:
+            continue
+        lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
+        if row[COUNTS] >= 0:
+            place = row[COUNTS] + (step & (row[COUNTS_STEPS] - 1)) * (row[END] - row[BEGIN])
+            guide = net.guides[row[TABLE]]
+            cumulative = net.cumulative[row[TABLE]]
+            counts = net.counts[place + lo - row[BEGIN] : place + hi - row[BEGIN]]
+            if row[TABLE] >= 0:
+                for k in range(counts.shape[0]):
+                    counts[k] = poisson_by_table(base, lo - row[BEGIN] + k, guide, cumulative)
+            else:
+                for k in range(counts.shape[0]):
+                    counts[k] = poisson_by_sum(base, lo - row[BEGIN] + k, net.mean[lo + k], net.nothing[lo + k])
+            events, spikes = net.events[lo:hi], net.spikes[lo:hi]
+            for k in range(counts.shape[0]):
+                events[k] += counts[k] > 0
+                spikes[k] += counts[k]
+        else:
+            for i in range(lo, hi):
+                local = i - row[BEGIN]
+                u = uniform(base, local)
+                if u >= net.nothing[i]:
+                    m = poisson_by_sum(base, local, net.mean[i], net.nothing[i])
+                    at = emit(view, thread, pop, row, i, m, step, done, h, at)
+    return at
+
+
+@inner
+def list_spikes(view, thread, pop, row, step, at, done, h):
+    """The listed spikes of a spike_generator in this step."""
+    net = net_of(view)
+    lo, hi = net.edges[thread] * BLOCK, net.edges[thread + 1] * BLOCK
+    place = net.cursor[thread, pop]
+    end = net.cursor[net.cursor.shape[0] - 1, pop]
+    while place < end and net.list_steps[place] <= step:
+        i = np.int64(net.list_ids[place])
+        if net.list_steps[place] == step and lo <= i < hi:
+            at = emit(view, thread, pop, row, i, np.int64(net.list_counts[place]), step, done, h, at)
+        place += 1
+    net.cursor[thread, pop] = place
+    return at
+
+
+@inner
+def add_counts(view, thread, row, target, step, n_all, slots, blocks):
+    """One-to-one input from a poisson_generator that keeps its counts."""
+    net = net_of(view)
+    source = net.pops[row[SOURCE]]
+    n = source[END] - source[BEGIN]
+    place = source[COUNTS] + ((step - row[LAG]) & (source[COUNTS_STEPS] - 1)) * n
+    weight = net.weights[row[WEIGHT]]
+    out = target[BEGIN] + (n_all if target[RECEPTORS] == 2 and weight < 0.0 else 0)
+    for block in range(max(target[FIRST_BLOCK], net.edges[thread]), min(target[LAST_BLOCK], net.edges[thread + 1])):
+        if net.awake[source[FIRST_BLOCK] + block - target[FIRST_BLOCK]] == 0:
+            continue
+        lo = (block - target[FIRST_BLOCK]) * BLOCK
+        hi = min(lo + BLOCK, n)
+        counts = net.counts[place + lo : place + hi]
+        into = net.buf[out + lo : out + hi]
+        some = np.uint16(0)
+        for i in range(counts.shape[0]):
+            some |= counts[i]
+            old = into[i]
+            into[i] = old + weight * counts[i] if counts[i] > 0 else old
+        if some:
+            net.due[(step & slots) * blocks + block] = 1

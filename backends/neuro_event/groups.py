@@ -1,0 +1,83 @@
+"""Winner-take-all: who of a group fires, and how far the maps were."""
+
+# mypy: ignore-errors
+import math
+
+from neuro_event import dispatch
+from neuro_event.draws import step_word, uniform
+from neuro_event.jit import inner
+from neuro_event.neurons import emit, wake
+from neuro_event.tables import (
+    BEGIN,
+    CONSTANT,
+    CONSTANT_STRIDE,
+    DECIDED,
+    END,
+    FIRST_BLOCK,
+    FIRST_TO_FIRE,
+    GROUP,
+    IN_TRIAL,
+    LAST_BLOCK,
+    MODEL,
+    WINNER,
+)
+from neuro_event.views import net_of
+
+
+@inner
+def choose(view, thread, group, row, n, step):
+    """The winner among the first n found neurons of a group: largest margin, then keyed draw, then id."""
+    net = net_of(view)
+    best, best_margin, best_draw = -1, -math.inf, -1.0
+    base = step_word(net.group_keys[group], step)
+    for k in range(n):
+        i = net.found[thread, k]
+        c = net.constants[row[CONSTANT] + (i - row[BEGIN]) * row[CONSTANT_STRIDE]]
+        margin = net.state[0, i] - c[0]
+        if margin < best_margin:
+            continue
+        draw = uniform(base, net.order[i])
+        if margin > best_margin or draw > best_draw or (draw == best_draw and net.order[i] < net.order[best]):
+            best, best_margin, best_draw = i, margin, draw
+    return best
+
+
+@inner
+def weigh_maps(view, thread, row, step, h):
+    """Largest V_m of each map of a population and the neuron that has it (the smaller id of equals)."""
+    net = net_of(view)
+    for block in range(row[FIRST_BLOCK], row[LAST_BLOCK]):
+        if net.awake[block] == 0:
+            wake(view, thread, row, block, step, h)
+    net.potential[:] = -math.inf
+    net.best[:] = -1
+    for i in range(row[BEGIN], row[END]):
+        m = net.map_of[i - row[BEGIN]]
+        v = net.state[0, i]
+        if v > net.potential[m] or (v == net.potential[m] and net.order[i] < net.order[net.best[m]]):
+            net.potential[m] = v
+            net.best[m] = i
+
+
+@inner
+def settle(view, thread, pop, row, n, step, at, done, h):
+    """Let the winner among the found neurons of a group fire; return the next place in the log."""
+    net = net_of(view)
+    group = row[GROUP]
+    winner = choose(view, thread, group, row, n, step)
+    if net.groups[group, IN_TRIAL] == 1 and net.groups[group, WINNER] < 0:
+        weigh_maps(view, thread, row, step, h)
+        net.groups[group, WINNER] = winner
+        net.groups[group, DECIDED] = step
+    for k in range(n):
+        i = net.found[thread, k]
+        own = net.constants[row[CONSTANT] + (i - row[BEGIN]) * row[CONSTANT_STRIDE]]
+        if i == winner:
+            dispatch.fire(row[MODEL], net.state, own, i)
+            at = emit(view, thread, pop, row, i, 1, step, done, h, at)
+            net.active[thread, pop] += 1 - net.found_arrived[thread, k]
+        elif net.groups[group, FIRST_TO_FIRE] == 0:
+            dispatch.fire(row[MODEL], net.state, own, i)
+    if net.groups[group, FIRST_TO_FIRE] == 1:
+        net.closed[group] = 1
+    return at

@@ -1,0 +1,58 @@
+"""Kernels that bring what is computed lazily to the present, between two runs."""
+
+# mypy: ignore-errors
+import math
+
+from neuro_event import tables as t
+from neuro_event.deliver import log_delivery
+from neuro_event.jit import kernel
+from neuro_event.plastic import bring_target, dopamine_at
+from neuro_event.views import net_of, plastic_of
+
+
+@kernel
+def bring(view, q, n_targets, step, h):
+    """Catch up every synapse of a projection."""
+    for target in range(n_targets):
+        bring_target(view, q, 0, target, step, h)
+
+
+@kernel
+def bring_traces(view, q, n_sources, n_targets, step, h):
+    """Let K+ and n decay to the present."""
+    p = plastic_of(view)
+    for target in range(n_targets):
+        place = p.table[q, t.FIRST_TARGET] + target
+        p.n[place] = dopamine_at(view, q, target, step, h)
+        p.n_time[place] = step
+    for thread in range(p.k_plus.shape[0]):
+        for source in range(n_sources):
+            place = p.table[q, t.FIRST_SOURCE] + source
+            p.k_plus[thread, place] *= math.exp(-(step - p.k_time[thread, place]) * h / p.tau[q, 0])
+            p.k_time[thread, place] = step
+
+
+@kernel
+def write_signal(view, q, values, step, h):
+    """Catch up a modulated projection, then set n."""
+    p = plastic_of(view)
+    for target in range(values.shape[0]):
+        bring_target(view, q, 0, target, step, h)
+        p.n[p.table[q, t.FIRST_TARGET] + target] = values[target]
+        p.n_time[p.table[q, t.FIRST_TARGET] + target] = step
+
+
+@kernel
+def concentrations(view, q, out, step, h):
+    """Fill `out` with n of every target at a step."""
+    for target in range(out.shape[0]):
+        out[target] = dopamine_at(view, q, target, step, h)
+
+
+@kernel
+def deliver_between(view, q, first, last):
+    """Put the spikes that a projection's source emitted in the steps first..last into its ring."""
+    net = net_of(view)
+    for thread in range(net.edges.shape[0] - 1):
+        for step in range(max(first, net.clock[thread, t.HORIZON] + 1), last + 1):
+            log_delivery(view, q, step, 0, thread, True)

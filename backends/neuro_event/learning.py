@@ -1,0 +1,90 @@
+"""The tables of the plastic projections."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.program import Floats, Ints, Program
+from neuro_event import layout
+from neuro_event import tables as t
+from neuro_event.arrays import Arrays
+from neuro_event.dispatch import MODULATED_RULES, RULES
+
+
+def add_learning(a: Arrays, learning: list[int]) -> None:
+    """Lay out the synapses, traces and histories of the projections `learning`."""
+    threads = a.net["edges"].size - 1
+    program, pops = a.program, a.net["pops"]
+    table = np.full((len(learning), t.PLASTIC_COLUMNS), t.NONE, dtype=np.int64)
+    rules, tau = np.zeros((len(learning), t.CONSTANTS)), np.zeros((len(learning), 2))
+    incoming: list[Ints] = [np.zeros(1, dtype=np.int64)]
+    in_synapse: list[Ints] = []
+    in_source: list[NDArray[np.int32]] = []
+    n_synapses = n_sources = n_targets = n_incoming = n_history = 0
+    y = []
+    for k, q in enumerate(learning):
+        p, s = program.projections[q], a.synapses[q]
+        row = table[k]
+        n_source, n_target = program.populations[p.source].size, program.populations[p.target].size
+        row[t.PROJECTION], row[t.RULE] = q, RULES.index(type(p.synapse))
+        if p.synapse.modulated:
+            row[t.MODULATED] = MODULATED_RULES.index(type(p.synapse))
+        row[t.FIRST_SYNAPSE], row[t.FIRST_SOURCE], row[t.FIRST_TARGET] = n_synapses, n_sources, n_targets
+        row[t.INCOMING] = n_incoming
+        row[t.DOPAMINE], row[t.DOPAMINE_ONE_TO_ONE] = p.dopamine, int(p.dopamine_one_to_one)
+        row[t.DOPAMINE_DELAY], row[t.LONGEST] = p.dopamine_delay, int(p.delay.max()) if p.delay.size else 1
+        set_rule_constants(rules[k], tau[k], row, p.synapse.vector(), p.synapse, program)
+        pre = np.repeat(np.arange(n_source, dtype=np.int32), np.diff(s.row_ends))
+        order = np.argsort(s.targets, kind="stable")
+        ends = np.concatenate([[0], np.cumsum(np.bincount(s.targets, minlength=n_target))]).astype(np.int64)
+        incoming.append(ends + sum(i.size for i in in_synapse))
+        in_synapse.append(order + n_synapses)
+        in_source.append(pre[order])
+        own = p.weight[s.order] if s.order is not None and p.weight.size > 1 else p.weight
+        y.append(np.broadcast_to(own, s.targets.size))
+        n_synapses, n_sources, n_targets = n_synapses + s.targets.size, n_sources + n_source, n_targets + n_target
+        n_incoming += n_target + 1
+        if pops[p.target, t.HISTORY] < 0:
+            pops[p.target, t.HISTORY] = n_history
+            n_history += n_target
+    modulated = any(program.projections[q].synapse.modulated for q in learning)
+    states = np.zeros((2 if modulated else 1, n_synapses))
+    states[0] = np.concatenate([np.zeros(0), *y])
+    a.plastic |= {
+        "table": table,
+        "rule": rules,
+        "tau": tau,
+        "y": states,
+        "sent": states[0].copy(),
+        "reached": np.zeros(n_synapses, dtype=np.int64),
+        "k_plus": np.zeros((threads, n_sources)),
+        "k_time": np.zeros((threads, n_sources), dtype=np.int64),
+        "n": np.zeros(n_targets),
+        "n_time": np.zeros(n_targets, dtype=np.int64),
+        "incoming": np.concatenate(incoming[1:] or incoming),
+        "in_synapse": np.concatenate([np.zeros(0, dtype=np.int64), *in_synapse]),
+        "in_source": np.concatenate([np.zeros(0, dtype=np.int32), *in_source]),
+        "past": np.zeros((max(1, n_history), 2 + 2 * _history_capacity(program, learning))),
+    }
+
+
+def _history_capacity(program: Program, learning: list[int]) -> int:
+    """Entries that a history needs: all post spikes that can be under way to a synapse, and a few more."""
+    capacity = 16
+    for q in learning:
+        p = program.projections[q]
+        hold = np.min(program.populations[p.target].parameters.get("t_ref", np.zeros(1))) / program.resolution
+        capacity = max(capacity, int(2 * p.delay.max() / (int(hold) + 1)) + 4 if p.delay.size else 0)
+    return layout.power_of_two(capacity)
+
+
+def set_rule_constants(rule: Floats, tau: Floats, row: Ints, vector: Floats, synapse: Any, program: Program) -> None:
+    """Fill the constants of one plastic projection from the rule's parameters."""
+    words = dict(zip(synapse.numbers(), vector, strict=True))
+    synapse.arithmetic.constants(vector, program.resolution, rule)
+    tau[0] = words["tau_plus"]
+    tau[1] = words.get("tau_n", 1.0)
+    row[t.GRID_STEPS] = int(words.get("deliver_interval", 1)) * program.min_delay

@@ -1,0 +1,216 @@
+"""One step of a population of neurons: wake, take in, step, fire. Quiet blocks sleep."""
+
+# mypy: ignore-errors
+import numpy as np
+
+from neuro_event import dispatch
+from neuro_event.jit import inner
+from neuro_event.plastic import post_spike
+from neuro_event.tables import (
+    BEGIN,
+    BLOCK,
+    CONSTANT,
+    CONSTANT_STRIDE,
+    END,
+    FIRST_BLOCK,
+    GROUP,
+    GROUPED,
+    HISTORY,
+    LAST_BLOCK,
+    LINEAR,
+    MODEL,
+    RECEPTORS,
+    RECORD,
+    RELAY,
+    RING,
+    RING_MASK,
+    RING_SIZE,
+    RINGS,
+    RINGS_END,
+)
+from neuro_event.views import net_of
+
+IDLE = 16
+"""Steps without input after which a block may sleep; it is looked at every so many steps."""
+
+_SIGN = np.int64(-(2**63))
+_ONE = np.uint64(1)
+
+
+@inner
+def emit(view, thread, pop, row, i, m, step, done, h, at):
+    """Enter a spike of neuron i into log, counts, record and history; return the next place in the log."""
+    net = net_of(view)
+    place = at & (net.log_ids.shape[1] - 1)
+    net.log_ids[thread, place] = i
+    net.log_counts[thread, place] = m
+    net.events[i] += 1
+    net.spikes[i] += m
+    if row[RECORD] == 1:
+        r = net.rec_at[thread]
+        net.rec_steps[thread, r] = step
+        net.rec_ids[thread, r] = i
+        net.rec_counts[thread, r] = m
+        net.rec_at[thread] = r + 1
+    if row[HISTORY] >= 0:
+        post_spike(view, pop, thread, i - row[BEGIN], step, done, h)
+    return at + 1
+
+
+@inner
+def wake(view, thread, row, block, last, h):
+    """Bring a sleeping block to the end of step `last`."""
+    net = net_of(view)
+    n = last - net.slept[block]
+    if n > 0 and row[LINEAR] == 1:
+        lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
+        c = net.scratch[thread]
+        if row[CONSTANT_STRIDE] == 0:
+            dispatch.constants(row[MODEL], net.parameters[row[CONSTANT]], n * h, c)
+            dispatch.step(row[MODEL], net.state, c, net.calm, net.current, np.uint64(lo), np.uint64(hi), net.fired)
+        else:
+            for i in range(lo, hi):
+                dispatch.constants(row[MODEL], net.parameters[row[CONSTANT] + i - row[BEGIN]], n * h, c)
+                u = np.uint64(i)
+                dispatch.step(row[MODEL], net.state, c, net.calm, net.current, u, u + _ONE, net.fired)
+    net.awake[block] = 1
+    net.busy[block] = last
+
+
+@inner
+def is_quiet(view, row, lo, hi):
+    """Whether no neuron of a block can fire before its next input."""
+    net = net_of(view)
+    if row[CONSTANT_STRIDE] == 0:
+        return dispatch.quiet(row[MODEL], net.state, net.constants[row[CONSTANT]], net.current, lo, hi)
+    for i in range(lo, hi):
+        c = net.constants[row[CONSTANT] + i - row[BEGIN]]
+        if not dispatch.quiet(row[MODEL], net.state, c, net.current, i, i + 1):
+            return False
+    return True
+
+
+@inner
+def add_ring(view, row, block_lo, block_hi, target, step, n_all):
+    """Move what a ring holds for this step into the input of some neurons, and clear it."""
+    net = net_of(view)
+    begin = target[BEGIN]
+    receptors = target[RECEPTORS]
+    for r in range(receptors):
+        ring = row[RING] + ((step & row[RING_MASK]) * receptors + r) * row[RING_SIZE] - begin
+        out = r * n_all
+        for i in range(block_lo, block_hi):
+            net.buf[out + i] = net.buf[out + i] + net.buf[ring + i]
+            net.buf[ring + i] = -0.0
+
+
+@inner
+def count_arrivals(view, lo, hi, two):
+    """How many of a block's neurons have input in this step."""
+    net = net_of(view)
+    first, second = net.bits[0, lo:hi], net.bits[1, lo:hi]
+    count = 0
+    if two:
+        for k in range(first.size):
+            count += ((first[k] ^ _SIGN) | (second[k] ^ _SIGN)) != 0
+    else:
+        for k in range(first.size):
+            count += first[k] != _SIGN
+    return count
+
+
+@inner
+def any_fired(view, lo, hi):
+    """Whether any of a block's neurons reached threshold."""
+    fired = net_of(view).fired[lo:hi]
+    some = np.uint8(0)
+    for k in range(fired.size):
+        some |= fired[k]
+    return some != 0
+
+
+@inner
+def step_word_of_blocks(view, thread, row, begin, end, slot, step, h, n_all):
+    """Wake the due blocks among begin:end, take in what their rings hold, and step all that are awake.
+
+    Neighbours that are awake are stepped in one go.
+    """
+    net = net_of(view)
+    run = begin
+    for block in range(begin, end + 1):
+        if block < end and (net.awake[block] == 1 or net.due[slot + block] == 1):
+            lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
+            if net.awake[block] == 0:
+                wake(view, thread, row, block, step - 1, h)
+            if net.due[slot + block] == 1:
+                for k in range(row[RINGS], row[RINGS_END]):
+                    add_ring(view, net.projections[net.incoming[k]], lo, hi, row, step, n_all)
+            continue
+        if run < block:
+            step_run(view, row, run * BLOCK, min(block * BLOCK, row[END]))
+        run = block + 1
+
+
+@inner
+def step_run(view, row, lo, hi):
+    """Step neighbouring neurons."""
+    net = net_of(view)
+    if row[CONSTANT_STRIDE] == 0:
+        c = net.constants[row[CONSTANT]]
+        dispatch.step(row[MODEL], net.state, c, net.x, net.current, np.uint64(lo), np.uint64(hi), net.fired)
+        return
+    for i in range(lo, hi):
+        c = net.constants[row[CONSTANT] + i - row[BEGIN]]
+        u = np.uint64(i)
+        dispatch.step(row[MODEL], net.state, c, net.x, net.current, u, u + _ONE, net.fired)
+
+
+@inner
+def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks):
+    """One step of a population of neurons; return the next place in the log."""
+    net = net_of(view)
+    first = max(row[FIRST_BLOCK], net.edges[thread])
+    last = min(row[LAST_BLOCK], net.edges[thread + 1])
+    slot = (step & slots) * blocks
+    two = row[RECEPTORS] == 2
+    n_found = 0
+    for word in range(first // GROUPED, (last + GROUPED - 1) // GROUPED):
+        if net.awake_groups[word] == 0 and net.due_groups[slot // GROUPED + word] == 0:
+            continue
+        begin, end = word * GROUPED, min((word + 1) * GROUPED, last)
+        step_word_of_blocks(view, thread, row, begin, end, slot, step, h, n_all)
+        for block in range(begin, end):
+            if net.awake[block] == 0:
+                continue
+            due = net.due[slot + block]
+            net.due[slot + block] = 0
+            lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
+            active = count_arrivals(view, lo, hi, two) if due else 0
+            if any_fired(view, lo, hi):
+                for i in range(lo, hi):
+                    if net.fired[i] == 0:
+                        continue
+                    came = net.bits[0, i] != _SIGN or (two and net.bits[1, i] != _SIGN)
+                    if row[GROUP] >= 0:
+                        if net.muted[i] == 0 and net.closed[row[GROUP]] == 0:
+                            net.found[thread, n_found] = i
+                            net.found_arrived[thread, n_found] = came
+                            n_found += 1
+                        continue
+                    own = net.constants[row[CONSTANT] + (i - row[BEGIN]) * row[CONSTANT_STRIDE]]
+                    m = np.int64(net.x[0, i]) if row[RELAY] == 1 else 1
+                    dispatch.fire(row[MODEL], net.state, own, i)
+                    at = emit(view, thread, pop, row, i, m, step, done, h, at)
+                    active += not came
+                net.busy[block] = step
+            if due:
+                net.x[0, lo:hi] = -0.0
+                if two:
+                    net.x[1, lo:hi] = -0.0
+            net.active[thread, pop] += active
+            if active:
+                net.busy[block] = step
+            elif step % IDLE == 0 and step - net.busy[block] >= IDLE and is_quiet(view, row, lo, hi):
+                net.awake[block] = 0
+                net.slept[block] = step
+    return n_found, at

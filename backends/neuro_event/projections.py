@@ -1,0 +1,140 @@
+"""The tables of the projections: where their synapses, weights, delays and rings lie."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.program import Floats, Ints
+from neuro_event import layout
+from neuro_event import tables as t
+from neuro_event.arrays import Arrays
+
+
+def add_projections(a: Arrays) -> None:
+    """Lay out all projections, and the buffer of the input and the rings."""
+    program = a.program
+    table = np.full((len(program.projections), t.PROJECTION_COLUMNS), t.NONE, dtype=np.int64)
+    rows, targets, weights, delays = [], [], [], []
+    n_rows = n_targets = n_weights = n_delays = 0
+    ring = 2 * a.net["state"].shape[1]
+    at_emission = []
+    for q, (p, s) in enumerate(zip(program.projections, a.synapses, strict=True)):
+        target = program.populations[p.target]
+        row = table[q]
+        row[t.SOURCE], row[t.TARGET], row[t.LAYOUT] = p.source, p.target, s.layout
+        if s.layout == t.CSR:
+            local = a.net["edges"] * t.BLOCK - a.places[p.target].begin
+            rows.append(layout.split_rows(s.row_ends, s.targets, local) + n_targets)
+            targets.append(s.targets)
+            row[t.ROW], row[t.SYNAPSE] = n_rows, n_targets
+            n_rows, n_targets = n_rows + rows[-1].size, n_targets + s.targets.size
+        own = internal_weights(a, q) if p.weight.size else np.zeros(1)
+        row[t.WEIGHT], row[t.WEIGHT_STRIDE], row[t.SIGN] = n_weights, int(own.size > 1), layout.sign(own)
+        weights.append(own)
+        n_weights += own.size
+        delay = p.delay[s.order] if p.delay.size > 1 and s.order is not None else p.delay
+        if delay.size == 0:
+            delay = np.ones(1, dtype=np.int32)
+        if not layout.own_delays(p):
+            delay = delay[:1]
+        row[t.DELAY], row[t.DELAY_STRIDE] = n_delays, int(delay.size > 1)
+        delays.append(delay.astype(np.int32))
+        n_delays += delay.size
+        blocks = a.net["pops"][p.target, t.LAST_BLOCK] - a.net["pops"][p.target, t.FIRST_BLOCK]
+        fan_out = s.targets.size / max(1, s.row_ends.size - 1)
+        row[t.WAKE_ALL] = int(s.layout in (t.DENSE, t.GRID) or (s.layout == t.CSR and fan_out > 2 * blocks))
+        row[t.DENSE_COUNTS] = 0
+        if q in a.plastic_of or row[t.DELAY_STRIDE] == 1:
+            ring = _give_ring(row, delay, target.size, a.net["pops"][p.target, t.RECEPTORS], ring, a.longest_slice)
+            if q not in a.plastic_of:
+                at_emission.append(q)
+        else:
+            row[t.LAG] = int(delay[0]) if delay.size else 1
+        if p.grid is not None:
+            _grid_columns(row, p.grid, a.places[p.target].inside is not None)
+    a.net["projections"] = table
+    a.net["rows"] = _joined(rows, np.int64)
+    a.net["targets"] = _joined(targets, np.int32)
+    a.net["weights"] = np.concatenate([np.zeros(0), *weights])
+    a.net["delays"] = _joined(delays, np.int32)
+    a.net["at_emission"] = np.array(at_emission, dtype=np.int64)
+    set_buffer(a, np.full(ring, -0.0))
+    list_incoming(a)
+
+
+def internal_weights(a: Arrays, q: int) -> Floats:
+    """The weights that a static delivery adds: those of the program, in internal order; 1 for a relay."""
+    p = a.program.projections[q]
+    if a.net["pops"][p.source, t.KIND] != t.CURRENT and a.net["pops"][p.target, t.RELAY] == 1:
+        return np.ones(1)
+    order = a.synapses[q].order
+    own = p.weight[order] if order is not None and p.weight.size > 1 else p.weight
+    if own.size == 1 and (p.grid is not None or p.synapse.learns == "trials"):
+        own = np.repeat(own, p.size)
+    return own
+
+
+def _give_ring(row: Ints, delay: NDArray[np.int32], n: int, receptors: int, at: int, slice_: int) -> int:
+    slots = layout.power_of_two(int(delay.max()) + slice_ + 1)
+    row[t.LAG] = 0
+    row[t.RING], row[t.RING_MASK], row[t.RING_SIZE] = at, slots - 1, n
+    return int(at + slots * n * receptors)
+
+
+def give_ring(a: Arrays, q: int) -> None:
+    """Let a projection deliver at emission from now on, into a new ring."""
+    p = a.program.projections[q]
+    row = a.net["projections"][q]
+    receptors = a.net["pops"][p.target, t.RECEPTORS]
+    end = _give_ring(
+        row,
+        p.delay if p.delay.size else np.ones(1, np.int32),
+        a.program.populations[p.target].size,
+        receptors,
+        a.net["buf"].size,
+        a.longest_slice,
+    )
+    set_buffer(a, np.concatenate([a.net["buf"], np.full(end - a.net["buf"].size, -0.0)]))
+    a.net["at_emission"] = np.append(a.net["at_emission"], q)
+    list_incoming(a)
+
+
+def set_buffer(a: Arrays, buf: Floats) -> None:
+    """Use `buf` for the input and the rings."""
+    n = a.net["state"].shape[1]
+    a.net["buf"] = buf
+    a.net["x"] = buf[: 2 * n].reshape(2, n)
+    a.net["bits"] = buf[: 2 * n].view(np.int64).reshape(2, n)
+
+
+def _grid_columns(row: Ints, g: Any, permuted: bool) -> None:
+    row[t.CHANNEL_HEIGHT], row[t.CHANNEL_WIDTH] = g.height, g.width
+    row[t.MAPS], row[t.ROWS], row[t.COLUMNS] = g.maps, g.rows, g.columns
+    row[t.KERNEL_HEIGHT], row[t.KERNEL_WIDTH] = g.kernel_height, g.kernel_width
+    row[t.STRIDE], row[t.PADDING] = g.stride, g.padding
+    row[t.MAP_STEP], row[t.PLACE_STEP] = (1, g.maps) if permuted else (g.rows * g.columns, 1)
+
+
+def _joined(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:
+    if len(parts) == 1 and parts[0].dtype == dtype and parts[0].flags.c_contiguous and parts[0].size != 1:
+        return parts[0]
+    return np.concatenate([np.zeros(0, dtype=dtype), *parts]).astype(dtype, copy=False)
+
+
+def list_incoming(a: Arrays) -> None:
+    """For each population: the projections delivered on arrival, and those that fill a ring (currents in neither)."""
+    incoming: list[int] = []
+    for k in range(len(a.program.populations)):
+        into = [
+            q
+            for q, p in enumerate(a.program.projections)
+            if p.target == k and a.net["pops"][p.source, t.KIND] != t.CURRENT
+        ]
+        for first, last, ringed in ((t.ARRIVALS, t.ARRIVALS_END, False), (t.RINGS, t.RINGS_END, True)):
+            a.net["pops"][k, first] = len(incoming)
+            incoming += [q for q in into if (a.net["projections"][q, t.LAG] == 0) == ringed]
+            a.net["pops"][k, last] = len(incoming)
+    a.net["incoming"] = np.array(incoming, dtype=np.int64)

@@ -1,0 +1,78 @@
+"""The tables of the poisson_generators."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from neuro import keyed
+from neuro.neurons import poisson_generator
+from neuro.program import Floats
+from neuro_event import layout
+from neuro_event import tables as t
+from neuro_event.arrays import Arrays
+from neuro_event.draws import GUIDE_BITS
+
+GUIDE = 1 << GUIDE_BITS
+TABLE_WIDTH = 1400
+
+
+def add_generators(a: Arrays) -> None:
+    """Set the rates, and make room for those that keep counts."""
+    pops = a.net["pops"]
+    a.net["keys"] = np.array(
+        [keyed.key(a.program.seed, "poisson", p.name) for p in a.program.populations], dtype=np.uint64
+    )
+    a.net["guides"] = np.zeros((len(a.program.populations), GUIDE), dtype=np.uint16)
+    a.net["cumulative"] = np.full((len(a.program.populations), TABLE_WIDTH), np.inf)
+    size = 0
+    for k, p in enumerate(a.program.populations):
+        if isinstance(p.model, poisson_generator):
+            if _keeps_counts(a, k):
+                steps = layout.power_of_two(2 * a.longest_delay + 1)
+                pops[k, t.COUNTS], pops[k, t.COUNTS_STEPS] = size, steps
+                size += steps * p.size
+                for q, projection in enumerate(a.program.projections):
+                    if projection.source == k:
+                        a.net["projections"][q, t.DENSE_COUNTS] = 1
+            set_rate(a, k, p.parameters["rate"])
+    a.net["counts"] = np.zeros(size, dtype=np.uint16)
+
+
+def _keeps_counts(a: Arrays, k: int) -> bool:
+    """Whether a generator's spikes are wanted only as one-to-one input, so that no list of them is needed."""
+    outgoing = [q for q, p in enumerate(a.program.projections) if p.source == k]
+    others = any(p.dopamine == k for p in a.program.projections)
+    return (
+        bool(outgoing)
+        and not others
+        and not a.program.populations[k].records
+        and float(a.program.populations[k].parameters["rate"].max()) * a.program.resolution > 50.0
+        and all(
+            a.synapses[q].layout == t.ONE_TO_ONE
+            and not a.program.projections[q].synapse.learns
+            and a.net["projections"][q, t.LAG] > 0
+            and a.net["projections"][q, t.WEIGHT_STRIDE] == 0
+            for q in outgoing
+        )
+    )
+
+
+def set_rate(a: Arrays, k: int, rate: Floats) -> None:
+    """Set the rate in Hz of a poisson_generator, one value or one per neuron."""
+    place, row = a.places[k], a.net["pops"][k]
+    mean = rate * (a.program.resolution * 1e-3)
+    here = slice(place.begin, place.end)
+    a.net["mean"][here] = mean
+    a.net["nothing"][here] = np.exp(-mean)
+    first, last = row[t.FIRST_BLOCK], row[t.LAST_BLOCK]
+    padded = np.zeros((last - first) * t.BLOCK, dtype=bool)
+    padded[: place.end - place.begin] = a.net["mean"][here] > 0.0
+    a.net["awake"][first:last] = padded.reshape(-1, t.BLOCK).any(axis=1)
+    row[t.TABLE] = t.NONE
+    if row[t.COUNTS] >= 0 and np.all(mean == mean[0]):
+        table = keyed.poisson_table(float(mean[0]))
+        if table.size < a.net["cumulative"].shape[1]:
+            row[t.TABLE] = k
+            a.net["cumulative"][k] = np.inf
+            a.net["cumulative"][k, : table.size] = table
+            a.net["guides"][k] = np.searchsorted(table, np.arange(GUIDE) / GUIDE, side="right")
