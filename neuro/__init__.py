@@ -30,7 +30,7 @@ if TYPE_CHECKING:
         pairs,
         pairwise_bernoulli,
     )
-    from neuro.simulation import Simulation, compile
+    from neuro.simulation import ApproximationWarning, Simulation, compile
     from neuro.synapses import r_stdp, static, stdp, stdp_dopa
 
 __version__ = "0.1.0"
@@ -59,13 +59,14 @@ _HOMES = {
         "pairs",
         "pairwise_bernoulli",
     ),
-    "neuro.simulation": ("Simulation", "compile"),
+    "neuro.simulation": ("ApproximationWarning", "Simulation", "compile"),
     "neuro.synapses": ("r_stdp", "static", "stdp", "stdp_dopa"),
 }
 _MODULES = ("coding", "events")
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
+    "ApproximationWarning",
     "ModelError",
     "Network",
     "Simulation",

@@ -126,7 +126,11 @@ class Engine(Protocol):
         """Change a state or parameter; acts from the next step on. `values` has the shape (1,) or (size,)."""
 
     def get_synapses(self, projection: int, name: str) -> Floats:
-        """A state of the synapses: "weight" (stored, as NEST's), a state of the model such as "c", "K_plus", "n"."""
+        """A state of every synapse, in the order of the program's weights.
+
+        "weight" (stored, as NEST's), a state of the model such as "c", "K_plus" of the synapse's source, or
+        "n" of its target.
+        """
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model, all of them, in the order of `Synapse.vector`."""
@@ -157,7 +161,11 @@ class Engine(Protocol):
 
 
 class Backend(Protocol):
-    """How a program gets to run."""
+    """How a program gets to run.
+
+    A backend that cannot run some cases of `neuro.testing` lists them, with reasons, in an attribute
+    `unsupported: dict[str, str]`.
+    """
 
     name: str
     description: str

@@ -59,6 +59,13 @@ def network(resolution: float = 0.1) -> Network:
     return Network("case", resolution=resolution)
 
 
+def after(start: Start, net: Network, ms: float = 60.0) -> Found:
+    """Run for a while and read everything."""
+    sim = start(net)
+    sim.run(ms)
+    return observe(sim)
+
+
 def observe(sim: Simulation) -> Found:
     """All that can be read: spikes, states, weights, traces and counts."""
     found: Found = {"time": np.array(round(sim.time / sim.program.resolution))}

@@ -9,7 +9,7 @@ from neuro.backend import Backend, find
 from neuro.errors import ModelError
 from neuro.network import Network
 from neuro.simulation import Simulation, compile
-from neuro.testing import features, laws, learning, trials  # noqa: F401
+from neuro.testing import connections, features, laws, learning, trials  # noqa: F401
 from neuro.testing.case import CASES, Found, differences
 
 

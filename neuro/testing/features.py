@@ -1,10 +1,10 @@
-"""Cases of neurons, generators, connection rules, weights, delays, groups and probes."""
+"""Cases of neurons, generators, groups, and of what is set and read between runs."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from neuro.distributions import lognormal, normal, uniform
+from neuro.distributions import uniform
 from neuro.network import Network, winner_take_all
 from neuro.neurons import (
     Model,
@@ -18,16 +18,12 @@ from neuro.neurons import (
     spike_generator,
 )
 from neuro.rules import (
-    Rule,
     all_to_all,
     fixed_indegree,
-    fixed_outdegree,
-    grid,
     one_to_one,
-    pairs,
-    pairwise_bernoulli,
 )
-from neuro.testing.case import Found, Start, case, network, observe
+from neuro.testing.case import Found, Start, after, case, network, observe
+from neuro.testing.connections import connected
 
 INF = float("inf")
 
@@ -45,13 +41,6 @@ def driven(model: Model, n: int = 3, weight: float = 300.0) -> Network:
         if not state.hidden:
             net.probe(f"probe_{state.name}", "cells", state.name, every=0.5)
     return net
-
-
-def after(start: Start, net: Network, ms: float = 60.0) -> Found:
-    """Run for a while and read everything."""
-    sim = start(net)
-    sim.run(ms)
-    return observe(sim)
 
 
 # neurons
@@ -211,139 +200,6 @@ def currents(start: Start) -> Found:
     sim.set("source", amplitude=np.array([0.0, 800.0]))
     sim.run(30.0)
     return observe(sim)
-
-
-# connections
-
-
-def connected(rule: Rule, n_pre: int = 6, n_post: int = 5, resolution: float = 0.1) -> Network:
-    """Neurons that receive Poisson spikes by one rule with drawn weights and delays."""
-    net = network(resolution)
-    net.population("source", n_pre, poisson_generator(rate=1500.0))
-    net.population("cells", n_post, iaf_psc_exp(I_e=300.0))
-    delay = uniform(low=0.1, high=2.0)
-    net.connect("source", "cells", rule, weight=normal(mean=200.0, std=300.0), delay=delay)
-    net.connect("cells", "cells", all_to_all(autapses=False), weight=-150.0, delay=1.5)
-    return net
-
-
-@case
-def rule_one_to_one(start: Start) -> Found:
-    """one_to_one with weights and delays of their own."""
-    return after(start, connected(one_to_one(), 5, 5))
-
-
-@case
-def rule_all_to_all(start: Start) -> Found:
-    """all_to_all with weights and delays of their own."""
-    return after(start, connected(all_to_all()))
-
-
-@case
-def rule_fixed_indegree(start: Start) -> Found:
-    """fixed_indegree."""
-    return after(start, connected(fixed_indegree(n=4)))
-
-
-@case
-def rule_fixed_outdegree(start: Start) -> Found:
-    """fixed_outdegree without multapses."""
-    return after(start, connected(fixed_outdegree(n=3, multapses=False)))
-
-
-@case
-def rule_pairwise_bernoulli(start: Start) -> Found:
-    """pairwise_bernoulli."""
-    return after(start, connected(pairwise_bernoulli(p=0.4)))
-
-
-@case
-def rule_pairs(start: Start) -> Found:
-    """Listed pairs in any order, some twice, with weights and delays of their own."""
-    net = network()
-    net.population("source", 3, poisson_generator(rate=1500.0))
-    net.population("cells", 4, iaf_psc_exp())
-    pre, post = [2, 0, 1, 0, 2, 0], [1, 3, 0, 0, 1, 3]
-    weight, delay = np.array([900.0, 300.0, -200.0, 700.0, -100.0, 50.0]), np.array([0.4, 0.1, 3.0, 1.0, 0.4, 2.0])
-    net.connect("source", "cells", pairs(pre=pre, post=post), weight=weight, delay=delay)
-    return after(start, net)
-
-
-@case
-def rule_grid(start: Start) -> Found:
-    """A shared kernel with channels, stride and padding; weights of both signs."""
-    net = network(1.0)
-    net.population("sheet", (2, 6, 7), poisson_generator(rate=60.0))
-    net.population("maps", (3, "auto", "auto"), iaf_psc_exp(tau_syn_in=4.0))
-    kernel = normal(mean=150.0, std=200.0)
-    net.connect("sheet", "maps", grid(kernel=(3, 4), stride=2, padding=1), weight=kernel, delay=2.0)
-    return after(start, net)
-
-
-@case
-def rule_grid_of_one_channel(start: Start) -> Found:
-    """A grid from a sheet of one channel with listed kernels, and a second one on top of it."""
-    net = network(1.0)
-    net.population("sheet", (5, 5), poisson_generator(rate=150.0))
-    net.population("maps", (2, "auto", "auto"), iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=2.0, t_ref=0.0))
-    net.population("top", (2, "auto", "auto"), iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=3.0))
-    kernels = np.linspace(-0.5, 1.5, 18).reshape(2, 3, 3)
-    net.connect("sheet", "maps", grid(kernel=(3, 3)), weight=kernels)
-    net.connect("maps", "top", grid(kernel=(2, 2)), weight=0.75)
-    return after(start, net, 100.0)
-
-
-@case
-def drawn_weights(start: Start) -> Found:
-    """Weights drawn lognormally, clipped; delays drawn and rounded to at least one step."""
-    net = connected(fixed_indegree(n=5))
-    weight = lognormal(mean=5.0, std=1.0, high=900.0)
-    net.connect("source", "cells", fixed_indegree(n=2), weight=weight, delay=normal(mean=0.2, std=0.3), name="more")
-    return after(start, net)
-
-
-@case
-def no_synapse_at_all(start: Start) -> Found:
-    """A projection without synapses."""
-    net = connected(pairwise_bernoulli(p=0.0))
-    net.connect("source", "cells", pairs(pre=[], post=[]), name="empty")
-    return after(start, net, 10.0)
-
-
-@case
-def long_delays(start: Start) -> Found:
-    """Delays of many steps beside one of a single step."""
-    net = network()
-    net.population("cells", 4, iaf_psc_exp(I_e=450.0), initial={"V_m": uniform(low=-70.0, high=-56.0)})
-    net.connect("cells", "cells", all_to_all(), weight=300.0, delay=20.0, name="far")
-    net.connect("cells", "cells", one_to_one(), weight=-400.0, delay=0.1, name="near")
-    return after(start, net, 100.0)
-
-
-@case
-def networks_of_all_models(start: Start) -> Found:
-    """Every model in one recurrent network."""
-    net = network()
-    net.population("noise", 8, poisson_generator(rate=900.0))
-    models: tuple[Model, ...] = (
-        iaf_psc_delta(V_th=-60.0),
-        iaf_psc_exp(),
-        iaf_psc_alpha(),
-        izhikevich(),
-        parrot_neuron(),
-    )
-    for model in models:
-        net.population(model.name, 8, model)
-    scale = {"iaf_psc_delta": 2.0, "izhikevich": 4.0, "parrot_neuron": 1.0}
-    for post in models:
-        weight = scale.get(post.name, 400.0)
-        net.connect("noise", post.name, one_to_one(), weight=weight, delay=0.5, name=f"noise_{post.name}")
-        for pre in models:
-            if post.name != "parrot_neuron":
-                net.connect(
-                    pre.name, post.name, fixed_indegree(n=2), weight=0.5 * weight, delay=uniform(low=0.1, high=3)
-                )
-    return after(start, net)
 
 
 # groups

@@ -9,8 +9,7 @@ from neuro.network import Network
 from neuro.neurons import iaf_psc_delta, iaf_psc_exp, izhikevich, parrot_neuron, poisson_generator, spike_generator
 from neuro.rules import Rule, all_to_all, fixed_indegree, one_to_one, pairs, pairwise_bernoulli
 from neuro.synapses import Synapse, stdp, stdp_dopa
-from neuro.testing.case import Found, Start, case, network, observe
-from neuro.testing.features import after
+from neuro.testing.case import Found, Start, after, case, network, observe
 
 
 def learner(synapse: Synapse, rule: Rule | None = None, delay: object = 1.0, weight: object = 60.0) -> Network:
