@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from neuro.compiler.check import check_values
 from neuro.compiler.values import per_neuron
 from neuro.errors import ModelError, unknown
 from neuro.keyed import generator
+from neuro.neurons import Model
 from neuro.program import Floats, Ints, Population, Program, Projection
 from neuro.quantities import Quantity, check, word_of
 from neuro.synapses import Synapse
@@ -24,6 +26,12 @@ _STATE = Quantity(arrays=True)
 _WEIGHT = Quantity(arrays=True)
 _FIXED = ("deliver_interval",)
 _PARTNERS = {"V_th": "V_reset", "V_reset": "V_th"}
+
+
+@cache
+def _quantities(model: type[Model]) -> dict[str, Quantity]:
+    """The parameters of a model, which the hot path asks for at every step of a closed loop."""
+    return model.quantities()
 
 
 def states(part: Population) -> list[str]:
@@ -52,12 +60,12 @@ def new_values(part: Population, word: str, value: Any, seed: int, step: int) ->
         step: the present one; draws differ from step to step.
     """
     if word in part.parameters:
-        q = part.model.quantities()[word]
+        q = _quantities(type(part.model))[word]
     elif word in states(part):
         q = _STATE
     else:
         known = [*part.parameters, *states(part)]
-        if word in part.model.quantities():
+        if word in _quantities(type(part.model)):
             raise ModelError(
                 f"{part.model.name}.{word} of '{part.name}' is fixed: change the network and compile again"
             )
@@ -199,7 +207,7 @@ def signal_values(name: str, values: ArrayLike, size: int) -> Floats:
         raise ModelError(f"signal '{name}': an array of shape {list(array.shape)}: expected a number or [{size}]")
     if not np.isfinite(array).all():
         raise ModelError(f"signal '{name}': a value is not finite: expected numbers in 1/ms")
-    return np.broadcast_to(array, size) + 0.0
+    return array + 0.0 if array.ndim else np.full(size, array + 0.0)
 
 
 def numbers(values: ArrayLike, what: str) -> Floats:
