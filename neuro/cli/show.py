@@ -1,5 +1,31 @@
-"""stub."""
+"""`neuro show`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from neuro.cli.options import NetworkFile, Seed, Set, assignments
+
+AsProgram = Annotated[bool, typer.Option("--program", help="Print the resolved form that backends get.")]
+
+NUMBERS = ("neurons", "synapses", "weight", "delay (ms)", "bytes")
 
 
-def show() -> None:
-    """Stub."""
+def show(file: NetworkFile, program: AsProgram = False, seed: Seed = 0, set: Set = []) -> None:  # noqa: B006
+    """Show the populations, projections and memory of a network, or its resolved form."""
+    import neuro
+    from neuro.cli.tables import console, table
+    from neuro.compiler import compile_network
+    from neuro.compiler.show import program_text, tables
+
+    net = neuro.load(file, params=assignments(set))
+    resolved = compile_network(net, seed)
+    if program:
+        typer.echo(program_text(resolved), nl=False)
+        return
+    out = console()
+    for part in tables(net, resolved):
+        head = [f">{name}" if name in NUMBERS else name for name in part.head]
+        out.print(table(head, part.rows, title=part.title))

@@ -7,8 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from neuro import load
 from neuro.backend import Problem
 from neuro.cli.models import catalogue
+from neuro.compiler import compile_network
+from neuro.compiler.show import program_text
 
 
 def test_check(neuro, network):
@@ -107,3 +110,20 @@ def test_verify_json_has_no_infinity(neuro, tmp_path):
     assert answer.status == 1
     assert "Infinity" not in answer.out
     assert json.loads(answer.out)[0]["error"] is None
+
+
+def test_show(neuro, network):
+    answer = neuro("show", network, "--set", "w=5")
+    assert (answer.status, answer.err) == (0, "")
+    rows = [line.split() for line in answer.out.splitlines() if line.strip()]
+    assert ["exc", "iaf_psc_exp", "2", "x", "4", "8"] in rows
+    assert ["noise_exc", "noise", "exc", "all_to_all", "160", "5", "1", "stdp"] in [row[:-1] for row in rows]
+    assert ["exc_one", "exc", "one", "pairs", "2", "10", "..", "20", "2", "static"] in [row[:-1] for row in rows]
+    assert ["probe", "v", "exc", "V_m", "every", "1", "ms"] in rows
+    titles = [row[0] for row in rows if len(row) == 1 and row[0].isalpha()]
+    assert titles == ["populations", "projections", "more", "memory"]
+
+
+def test_show_program(neuro, network):
+    program = compile_network(load(network), 3)
+    assert neuro("show", network, "--program", "--seed", "3").out == program_text(program)

@@ -13,7 +13,7 @@ RUN_MISTAKES = {
     "--for 0": "Invalid value for '--for': '0': expected a time > 0 ms" + RUN,
     "--for nan": "Invalid value for '--for': 'nan': expected a time > 0 ms" + RUN,
     "--for inf": "Invalid value for '--for': 'inf': expected a time > 0 ms" + RUN,
-    "--for 0.05": "--for = 0.05 ms: expected a multiple of the resolution, 0.1 ms\n  hint: the nearest are 0 or 0.1 ms",
+    "--for 0.05": "--for = 0.05 ms: expected a multiple of the resolution, 0.1 ms\n  hint: the nearest is 0.1 ms",
     "--seed x": "Invalid value for '--seed': 'x': expected a whole number >= 0" + RUN,
     "--seed -1": "Invalid value for '--seed': '-1': expected a whole number >= 0" + RUN,
     "--threads 0": "Invalid value for '--threads': '0': expected a whole number >= 1" + RUN,
