@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -25,13 +24,15 @@ from neuro.synapses.stdp import stdp
 _STATE = Quantity(arrays=True)
 _WEIGHT = Quantity(arrays=True)
 _FIXED = ("deliver_interval",)
+_KNOWN: dict[type[Model], dict[str, Quantity]] = {}
 _PARTNERS = {"V_th": "V_reset", "V_reset": "V_th"}
 
 
-@cache
-def _quantities(model: type[Model]) -> dict[str, Quantity]:
-    """The parameters of a model, which the hot path asks for at every step of a closed loop."""
-    return model.quantities()
+def _quantities(model: Model) -> dict[str, Quantity]:
+    """The parameters of a model, kept since a closed loop asks for them at every step."""
+    if type(model) not in _KNOWN:
+        _KNOWN[type(model)] = model.quantities()
+    return _KNOWN[type(model)]
 
 
 def states(part: Population) -> list[str]:
@@ -60,12 +61,12 @@ def new_values(part: Population, word: str, value: Any, seed: int, step: int) ->
         step: the present one; draws differ from step to step.
     """
     if word in part.parameters:
-        q = _quantities(type(part.model))[word]
+        q = _quantities(part.model)[word]
     elif word in states(part):
         q = _STATE
     else:
         known = [*part.parameters, *states(part)]
-        if word in _quantities(type(part.model)):
+        if word in _quantities(part.model):
             raise ModelError(
                 f"{part.model.name}.{word} of '{part.name}' is fixed: change the network and compile again"
             )
