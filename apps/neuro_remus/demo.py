@@ -1,0 +1,72 @@
+"""The main job from nothing: recordings, training, test, pictures."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+
+from neuro.events import Recordings, recordings
+from neuro_remus import report
+from neuro_remus.features import c1_spikes
+from neuro_remus.saccades import make_dataset
+from neuro_remus.settings import SETTINGS
+from neuro_remus.train import train
+
+N_TRAIN, N_TEST = 1500, 500
+
+
+def run(data: Path | None, out: Path, seed: int) -> None:
+    """Do it, or what is left of it; what is done already is not done again.
+
+    Args:
+        data: recordings; None makes some.
+        out: folder for the recordings, the model, the figures and the pictures.
+        seed: of everything random.
+
+    Raises:
+        EventFileError: the recordings cannot be read or made.
+    """
+    began = time.perf_counter()
+    out.mkdir(parents=True, exist_ok=True)
+    if data is None:
+        print(f"making {N_TRAIN} + {N_TEST} recordings of moving digits in {out / 'recordings'}")
+        data = make_dataset(out / "recordings", N_TRAIN, N_TEST, seed)
+    learning, unseen = halves(data, seed)
+    print(f"learning from {len(learning)} recordings of {len(learning.classes)} classes")
+    spikes = c1_spikes(learning, cache=out / "c1")
+    with report.Bar() as bar:
+        model = train(spikes, SETTINGS["best"], seed=seed, out=out / "model.h5", report=bar.show)
+    print(f"{out / 'model.h5'}: {report.learnt(model)}\n\ntesting on {len(unseen)} recordings that it has never seen\n")
+    results = report.try_out(model, unseen)
+    report.show(model, results)
+    (out / "results.json").write_text(report.figures(model, results) + "\n")
+    print(out / "results.json")
+    report.write_confusion(model, results, out)
+    report.write_pictures(model, out)
+    print(f"done in {time.perf_counter() - began:.0f} s")
+
+
+def halves(data: Path, seed: int) -> tuple[Recordings, Recordings]:
+    """At most `N_TRAIN` recordings to learn from and at most `N_TEST` others, each class alike.
+
+    Data without folders Train and Test is divided, a quarter of it is for the test.
+    """
+    learning = recordings(data, part="Train")
+    unseen = recordings(data, part="Test", classes=learning.classes)
+    shuffled = _shuffled(learning, seed)
+    if {item.name for item in learning} == {item.name for item in unseen}:
+        cut = min(len(shuffled) // 4, N_TEST)
+        return shuffled[cut:][:N_TRAIN], shuffled[:cut]
+    return shuffled[:N_TRAIN], _shuffled(unseen, seed)[:N_TEST]
+
+
+def _shuffled(data: Recordings, seed: int) -> Recordings:
+    """In a random order in which the classes take turns, as long as they have recordings."""
+    labels = np.array([item.label for item in data])
+    turn, chance = np.empty(len(data)), np.random.default_rng([seed, 1]).permutation(len(data))
+    for label in np.unique(labels):
+        mine = np.flatnonzero(labels == label)
+        turn[mine] = chance[mine].argsort().argsort()
+    return Recordings(data.path, [data[int(k)] for k in np.lexsort((chance, turn))], data.classes)

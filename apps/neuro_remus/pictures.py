@@ -1,0 +1,121 @@
+"""Pictures of what was learnt and of how it decides."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from neuro_remus.evaluate import Evaluation
+from neuro_remus.model import Floats, Model
+
+INK, PAPER, TILE, GREY, BLUE, ORANGE = "#17263c", "#ffffff", "#f6f7f9", "#8a94a3", "#0072B2", "#D55E00"
+BARS = ("#0072B2", "#009E73", "#D55E00", "#7B4FA3")
+SHADES = LinearSegmentedColormap.from_list("blue", (PAPER, "#cfe3f1", BLUE, "#08304f"))
+FAINTEST = 0.08
+MOST_COLUMNS = 10
+TILE_IN, HEAD_IN = 1.3, 0.95
+
+
+def prototypes(model: Model) -> Figure:
+    """The learnt grids, one column a class: at each place of the kernel a bar for each orientation.
+
+    A bar runs as its Gabor filter prefers it, and its opacity is the weight; colours tell orientations apart.
+
+    Source: thesis figures 50-52.
+    """
+    classes, per_class = len(model.classes), model.per_class
+    across = min(classes, MOST_COLUMNS)
+    down = -(-classes // across) * per_class
+    figure = Figure(figsize=(max(0.1 + TILE_IN * across, 4.4), HEAD_IN + TILE_IN * down), dpi=120, facecolor=PAPER)
+    width, height = figure.get_size_inches()
+    figure.text(0.1 / width, 1 - 0.22 / height, "What the grids have learnt", fontsize=14, color=INK, va="center")
+    about = f"{per_class} a class; the opacity of a bar is the weight of its orientation at its place"
+    figure.text(0.1 / width, 1 - 0.46 / height, about, fontsize=9, color=GREY, va="center")
+    tiles = figure.subplots(
+        down, across, squeeze=False,
+        gridspec_kw={"left": 0.1 / width, "right": (0.1 + TILE_IN * across - 0.08) / width, "wspace": 0.06,
+                     "top": 1 - HEAD_IN / height, "bottom": 0.1 / height, "hspace": 0.06},
+    )  # fmt: skip
+    for axis in tiles.flat:
+        axis.set_axis_off()
+    for k, kernel in enumerate(model.kernels):
+        label, version = divmod(k, per_class)
+        axis = tiles[label // across * per_class + version, label % across]
+        _bars(axis, kernel, model.settings.front.orientations)
+        if version == 0:
+            axis.set_title(model.classes[label], fontsize=15, color=INK, pad=4)
+    return figure
+
+
+def _bars(axis: Axes, kernel: Floats, orientations: tuple[float, ...]) -> None:
+    """One kernel, (orientations, rows, columns), as oriented bars; angle 0 is vertical, y points down."""
+    rows, columns = kernel.shape[1:]
+    y, x = (c.ravel() for c in np.mgrid[:rows, :columns])
+    for weight, angle, colour in zip(kernel, np.deg2rad(orientations), _colours(len(kernel)), strict=True):
+        reach = 0.48 * np.array([-np.sin(angle), np.cos(angle)])
+        middle = np.stack([x, y], axis=1)
+        seen = weight.ravel() >= FAINTEST
+        ends = np.stack([middle - reach, middle + reach], axis=1)[seen]
+        shades = [(*to_rgb(colour), opacity) for opacity in np.clip(weight.ravel()[seen], 0.0, 1.0)]
+        axis.add_collection(LineCollection(list(ends), colors=shades, linewidths=1.5, capstyle="round"))
+    axis.set(xlim=(-0.9, columns - 0.1), ylim=(rows - 0.1, -0.9), aspect="equal")
+    axis.add_patch(Rectangle((0, 0), 1, 1, transform=axis.transAxes, color=TILE, zorder=-1))
+
+
+def _colours(n: int) -> list[str]:
+    return [BARS[k % len(BARS)] for k in range(n)]
+
+
+def confusion(evaluation: Evaluation, vote: str) -> Figure:
+    """Recordings by class and decision; shades are shares of a class, and each cell tells its number."""
+    table = evaluation.confusion
+    silence = bool(table[:, -1].any())
+    table = table if silence else table[:, :-1]
+    share = table / np.maximum(evaluation.confusion.sum(axis=1, keepdims=True), 1)
+    names = [*evaluation.classes, *(["silent"] if silence else [])]
+    side = 1.6 + 0.46 * len(evaluation.classes)
+    figure = Figure(figsize=(side + 0.3, side + 0.55), dpi=140, layout="constrained", facecolor=PAPER)
+    axis = figure.subplots()
+    axis.imshow(share, cmap=SHADES, vmin=0.0, vmax=1.0)
+    for i, j in np.argwhere(table > 0):
+        axis.text(j, i, str(table[i, j]), ha="center", va="center", fontsize=9.5,
+                  color=PAPER if share[i, j] > 0.5 else (INK if i == j else ORANGE))  # fmt: skip
+    axis.set_xticks(range(len(names)), names)
+    axis.set_yticks(range(len(evaluation.classes)), evaluation.classes)
+    axis.set_xticks(np.arange(len(names) + 1) - 0.5, minor=True)
+    axis.set_yticks(np.arange(len(evaluation.classes) + 1) - 0.5, minor=True)
+    axis.grid(which="minor", color="#e4e8ee", linewidth=0.8)
+    axis.tick_params(which="both", length=0, colors=INK)
+    axis.spines[:].set_visible(False)
+    axis.set_xlabel("decided", color=INK)
+    axis.set_ylabel("shown", color=INK)
+    low, high = evaluation.interval
+    axis.set_title(
+        f"{evaluation.accuracy:.1%} of {evaluation.n} right by {vote}\n", loc="left", fontsize=12.5, color=INK, pad=8
+    )
+    axis.text(0, 1.02, f"95 % interval {low:.1%} to {high:.1%}", transform=axis.transAxes, fontsize=9.5, color=GREY)
+    return figure
+
+
+def history(model: Model) -> Figure:
+    """Share of frames decided rightly while learning, epoch by epoch."""
+    epochs = np.arange(1, len(model.history) + 1)
+    figure = Figure(figsize=(5.6, 3.3), dpi=140, layout="constrained", facecolor=PAPER)
+    axis = figure.subplots()
+    axis.plot(epochs, 100 * model.history, "o-", color=BLUE, lw=2, ms=5)
+    axis.axhline(100 / len(model.classes), color=GREY, lw=1, ls=(0, (4, 3)))
+    axis.text(epochs[-1], 100 / len(model.classes) + 1.5, "chance", color=GREY, ha="right", fontsize=9)
+    axis.annotate(
+        f"{model.history[-1]:.1%}", (epochs[-1], 100 * model.history[-1]), (0, 7), textcoords="offset points",
+        ha="center", color=INK, fontsize=9.5,
+    )  # fmt: skip
+    axis.set(ylim=(0, 105), xlabel="epoch", xticks=epochs[:: -(-len(epochs) // 12)])
+    axis.set_title("Frames decided rightly while learning (%)", loc="left", fontsize=11.5, color=INK)
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.tick_params(colors=INK)
+    axis.grid(axis="y", color="#e9ecf1", linewidth=0.8)
+    return figure
