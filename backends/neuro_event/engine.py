@@ -192,8 +192,8 @@ class EventEngine:
 
     def _rewarded(self, projection: int) -> Floats:
         """The constants of a rule for trials."""
-        c = np.zeros(t.CONSTANTS)
         synapse = self._program.projections[projection].synapse
+        c = np.zeros(synapse.width)
         synapse.arithmetic.constants(self._rules[projection], self._program.resolution, c)
         return c
 
@@ -274,7 +274,7 @@ class EventEngine:
             reading.bring_all(self._a, self._view, k, self._step)
             plastic = self._a.plastic
             learning.set_rule_constants(
-                plastic["rule"][k], plastic["tau"][k], plastic["table"][k], parameters, p.synapse, self._program
+                plastic["rule"][k], plastic["tau"][k], plastic["table"][k], plastic["decay"][k], parameters, p.synapse, self._program
             )
         self._rules[projection] = parameters.copy()
 

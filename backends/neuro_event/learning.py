@@ -12,6 +12,7 @@ from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.dispatch import MODULATED_RULES, RULES
+from neuro_event.plastic import DECAYS
 
 
 def add_learning(a: Arrays, learning: list[int]) -> None:
@@ -19,7 +20,9 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
     threads = a.net["edges"].size - 1
     program, pops = a.program, a.net["pops"]
     table = np.full((len(learning), t.PLASTIC_COLUMNS), t.NONE, dtype=np.int64)
-    rules, tau = np.zeros((len(learning), t.CONSTANTS)), np.zeros((len(learning), 2))
+    width = max([t.CONSTANTS, *(program.projections[q].synapse.width for q in learning)])
+    rules, tau = np.zeros((len(learning), width)), np.zeros((len(learning), 2))
+    decay = np.zeros((len(learning), 3, DECAYS))
     incoming: list[Ints] = [np.zeros(1, dtype=np.int64)]
     in_synapse: list[Ints] = []
     in_source: list[NDArray[np.int32]] = []
@@ -36,7 +39,10 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         row[t.INCOMING] = n_incoming
         row[t.DOPAMINE], row[t.DOPAMINE_ONE_TO_ONE] = p.dopamine, int(p.dopamine_one_to_one)
         row[t.DOPAMINE_DELAY], row[t.LONGEST] = p.dopamine_delay, int(p.delay.max()) if p.delay.size else 1
-        set_rule_constants(rules[k], tau[k], row, p.synapse.vector(), p.synapse, program)
+        set_rule_constants(rules[k], tau[k], row, decay[k], p.synapse.vector(), p.synapse, program)
+        tau_minus = program.populations[p.target].parameters["tau_minus"]
+        if np.all(tau_minus == tau_minus[0]):
+            decay[k, 2] = np.exp(-np.arange(DECAYS) * program.resolution / tau_minus[0])
         pre = np.repeat(np.arange(n_source, dtype=np.int32), np.diff(s.row_ends))
         order = np.argsort(s.targets, kind="stable")
         ends = np.concatenate([[0], np.cumsum(np.bincount(s.targets, minlength=n_target))]).astype(np.int64)
@@ -57,6 +63,7 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         "table": table,
         "rule": rules,
         "tau": tau,
+        "decay": decay,
         "y": states,
         "sent": states[0].copy(),
         "reached": np.zeros(n_synapses, dtype=np.int64),
@@ -81,10 +88,14 @@ def _history_capacity(program: Program, learning: list[int]) -> int:
     return layout.power_of_two(capacity)
 
 
-def set_rule_constants(rule: Floats, tau: Floats, row: Ints, vector: Floats, synapse: Any, program: Program) -> None:
+def set_rule_constants(
+    rule: Floats, tau: Floats, row: Ints, decay: Floats, vector: Floats, synapse: Any, program: Program
+) -> None:
     """Fill the constants of one plastic projection from the rule's parameters."""
     words = dict(zip(synapse.numbers(), vector, strict=True))
     synapse.arithmetic.constants(vector, program.resolution, rule)
     tau[0] = words["tau_plus"]
     tau[1] = words.get("tau_n", 1.0)
+    for k in range(2):
+        decay[k] = np.exp(-np.arange(DECAYS) * program.resolution / tau[k])
     row[t.GRID_STEPS] = int(words.get("deliver_interval", 1)) * program.min_delay

@@ -46,8 +46,21 @@ from neuro_event.tables import (
 )
 from neuro_event.views import net_of, plastic_of
 
+DECAYS = 2048
+"""Steps for which decays are kept in tables."""
+
+PLUS, CONCENTRATION, MINUS = range(3)
+
 HEAD, TAIL, FIRST_ENTRY = range(3)
 """A history is a row: one past the newest entry, the oldest kept, then a ring of pairs (step, K- just after)."""
+
+
+@inner
+def decayed(p, q, which, steps, h, tau):
+    """What is left after some steps of a trace that decays with tau."""
+    if steps < DECAYS and p.decay[q, which, 0] == 1.0:
+        return p.decay[q, which, steps]
+    return math.exp(-steps * h / tau)
 
 
 @inner
@@ -57,7 +70,7 @@ def dopamine_at(view, q, target, step, h):
     place = p.table[q, FIRST_TARGET] + target
     if p.n[place] == 0.0:
         return 0.0
-    return p.n[place] * math.exp(-(step - p.n_time[place]) * h / p.tau[q, 1])
+    return p.n[place] * decayed(p, q, CONCENTRATION, step - p.n_time[place], h, p.tau[q, 1])
 
 
 @inner
@@ -83,8 +96,8 @@ def catch_up(view, q, z, thread, source, target, history, upto, delay, h):
             since = arrival
         k_plus = p.k_plus[thread, place]
         if k_plus != 0.0:
-            age = (arrival - p.k_time[thread, place]) * h
-            on_post(table[RULE], p.y, z, c, k_plus * math.exp(-age / p.tau[q, 0]))
+            age = arrival - p.k_time[thread, place]
+            on_post(table[RULE], p.y, z, c, k_plus * decayed(p, q, PLUS, age, h, p.tau[q, 0]))
         i += 1
     if modulated >= 0 and since < upto:
         advance(modulated, p.y, z, c, since, upto, dopamine_at(view, q, target, since, h), table[GRID_STEPS])
@@ -92,15 +105,17 @@ def catch_up(view, q, z, thread, source, target, history, upto, delay, h):
 
 
 @inner
-def post_trace(view, history, before, h, tau_minus):
+def post_trace(view, q, history, before, h, tau_minus):
     """K- of a neuron from its spikes strictly before a step."""
-    past = plastic_of(view).past[history]
+    p = plastic_of(view)
+    past = p.past[history]
     mask = (past.size - FIRST_ENTRY) // 2 - 1
     i, tail = np.int64(past[HEAD]) - 1, np.int64(past[TAIL])
     while i >= tail:
         entry = FIRST_ENTRY + 2 * (i & mask)
-        if past[entry] < before:
-            return past[entry + 1] * math.exp(-(before - past[entry]) * h / tau_minus)
+        time = np.int64(past[entry])
+        if time < before:
+            return past[entry + 1] * decayed(p, q, MINUS, before - time, h, tau_minus)
         i -= 1
     return 0.0
 
@@ -124,7 +139,7 @@ def pre_spike(view, q, source, m, step, thread, h):
         delay = np.int64(net.delays[row[DELAY] + s * row[DELAY_STRIDE]])
         history = target_row[HISTORY] + target
         catch_up(view, q, z, thread, source, target, history, step, delay, h)
-        k_minus = post_trace(view, history, step - delay, h, net.tau_minus[target_row[BEGIN] + target])
+        k_minus = post_trace(view, q, history, step - delay, h, net.tau_minus[target_row[BEGIN] + target])
         on_pre(table[RULE], p.y, z, p.rule[q], k_minus)
         weight = p.y[0, z]
         p.sent[z] = weight

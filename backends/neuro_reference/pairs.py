@@ -139,7 +139,7 @@ class Pairs:
 
     def refresh(self) -> None:
         """Work out the constants after a change of the rule."""
-        self.c: Floats = np.zeros(32)
+        self.c: Floats = np.zeros(self.part.synapse.width)
         self.arithmetic.constants(self.rule, self.h, self.c)
 
     def _bring(self, step: int) -> None:

@@ -38,6 +38,7 @@ class Synapse(Choice):
         learns: "" (static), "pairs" (spike pairs) or "trials" (at the end of a trial).
         modulated: whether a dopamine concentration acts on it.
         states: the states of a synapse beside its weight.
+        width: how many constants `constants` fills; tables of decays may be among them.
         arithmetic: the module with the functions above.
     """
 
@@ -47,6 +48,7 @@ class Synapse(Choice):
     learns: ClassVar[str] = ""
     modulated: ClassVar[bool] = False
     states: ClassVar[tuple[State, ...]] = ()
+    width: ClassVar[int] = 20
     arithmetic: ClassVar[ModuleType]
 
     @classmethod

@@ -13,6 +13,9 @@ from neuro.neurons.base import State
 from neuro.quantities import quantity
 from neuro.synapses.base import Synapse
 
+TABLE = 1024
+"""Steps for which the decays of c and n are kept in a table; beyond it they are computed."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class stdp_dopa(Synapse):
@@ -30,6 +33,7 @@ class stdp_dopa(Synapse):
     learns: ClassVar[str] = "pairs"
     modulated: ClassVar[bool] = True
     states: ClassVar[tuple[State, ...]] = (State("c", "", "eligibility trace"),)
+    width: ClassVar[int] = 10 + 2 * TABLE
 
     tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
     A_plus: float = quantity(1.0, "", "eligibility of a pre-post pair")
@@ -65,13 +69,17 @@ class stdp_dopa(Synapse):
 stdp_dopa.arithmetic = sys.modules[__name__]
 
 TAU_PLUS, A_PLUS, A_MINUS, TAU_C, TAU_N, B, W_MIN, W_MAX, H, TAU = range(10)
+FADE_C, FADE_N = 10, 10 + TABLE
 
 
 def constants(p, h, c):
-    """The parameters, the step, and T = tau_c tau_n / (tau_c + tau_n)."""
+    """The parameters, the step, T = tau_c tau_n / (tau_c + tau_n), and the decays of c and n over 0, 1, ... steps."""
     c[:8] = p[:8]
     c[H] = h
     c[TAU] = p[TAU_C] * p[TAU_N] / (p[TAU_C] + p[TAU_N])
+    for k in range(TABLE):
+        c[FADE_C + k] = math.exp(-k * h / p[TAU_C])
+        c[FADE_N + k] = math.exp(-k * h / p[TAU_N])
 
 
 def on_post(y, e, c, k_plus):
@@ -98,18 +106,19 @@ def advance(y, e, c, begin, end, n, grid):
             cell = math.floor(crossing / grid) * grid
             for bound in (cell, cell + grid):
                 if at < bound < end:
-                    n = drift(y, e, c, (bound - at) * c[H], n)
+                    n = drift(y, e, c, int(bound - at), n)
                     at = bound
-    drift(y, e, c, (end - at) * c[H], n)
+    drift(y, e, c, int(end - at), n)
 
 
-def drift(y, e, c, duration, n):
-    """Integrate over `duration` ms in which n - b keeps its sign; return n at its end."""
+def drift(y, e, c, steps, n):
+    """Integrate over some steps in which n - b keeps its sign; return n at their end."""
+    if steps < TABLE:
+        fading, left = c[FADE_C + steps], c[FADE_N + steps]
+    else:
+        fading, left = math.exp(-steps * c[H] / c[TAU_C]), math.exp(-steps * c[H] / c[TAU_N])
     eligibility = y[1, e]
-    left = 1.0 if n == 0.0 else math.exp(-duration / c[TAU_N])
-    if eligibility != 0.0:
-        fading = math.exp(-duration / c[TAU_C])
-        gain = n * c[TAU] * (1.0 - fading * left) - c[B] * c[TAU_C] * (1.0 - fading)
-        y[0, e] = min(c[W_MAX], max(c[W_MIN], y[0, e] + eligibility * gain))
-        y[1, e] = eligibility * fading
+    gain = n * c[TAU] * (1.0 - fading * left) - c[B] * c[TAU_C] * (1.0 - fading)
+    y[0, e] = min(c[W_MAX], max(c[W_MIN], y[0, e] + eligibility * gain))
+    y[1, e] = eligibility * fading
     return n * left
