@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import neuro
 from neuro.errors import ModelError
 from neuro.verify import Result, verify
 
@@ -145,3 +146,34 @@ def test_a_folder_without_cases_is_an_error(tmp_path: Path):
         verify(tmp_path)
     with pytest.raises(ModelError, match="no such folder: expected one with cases"):
         verify(tmp_path / "nowhere")
+
+
+def test_a_case_of_izhikevich_neurons_is_understood(tmp_path: Path):
+    params = {"a": 0.1, "b": 0.2, "c": -65.0, "d": 2.0, "V_min": "-inf", "consistent_integration": True}
+    facts = {
+        "resolution_ms": 0.1,
+        "t_sim_ms": 50.0,
+        "neuron": {"model": "izhikevich", "params": params, "initial": {"V_m": -65.0, "U_m": -13.0}},
+        "inputs": {
+            "exc": {"spike_times_ms": [1.0, 1.5, 2.0, 20.0], "weight": 12.0, "delay_ms": 1.0},
+            "dc": {"amplitude_pA": 6.0, "start_ms": 5.0, "stop_ms": 40.0, "delay_ms": 0.5},
+        },
+    }
+    net = neuro.Network("izhikevich", resolution=0.1)
+    net.population("exc", 1, neuro.spike_generator(spike_times=[1.0, 1.5, 2.0, 20.0]))
+    net.population("dc", 1, neuro.dc_generator(amplitude=6.0, start=5.0, stop=40.0))
+    net.population("cell", 1, neuro.izhikevich(a=0.1, d=2.0))
+    net.connect("exc", "cell", neuro.one_to_one(), weight=12.0, delay=1.0)
+    net.connect("dc", "cell", neuro.one_to_one(), delay=0.5)
+    for state in ("V_m", "U_m"):
+        net.probe(state, "cell", state)
+    sim = neuro.compile(net, "reference")
+    sim.run(50.0)
+    times, v_m = sim.trace("V_m")
+    traces = {"times_ms": times, "V_m": v_m[:, 0], "U_m": sim.trace("U_m")[1][:, 0]}
+    assert sim.spikes("cell")[0].size > 2
+    (tmp_path / "case.json").write_text(json.dumps(facts))
+    np.savez(tmp_path / "case.npz", spikes_ms=sim.spikes("cell")[0], **traces)
+    for backend in BACKENDS:
+        results = verify(tmp_path, backend)
+        assert [(r.quantity, r.message) for r in results] == [("spikes", ""), ("V_m", ""), ("U_m", "")]
