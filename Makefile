@@ -46,7 +46,7 @@ demo: $(VENV)/.demo
 bench: $(VENV)/.test
 	$(BIN)/pytest benchmarks --benchmark-only -p no:xdist
 
-bench-peers: $(VENV)/.test $(VENV)-peers/.installed
+bench-peers: $(VENV)/.test $(if $(wildcard $(PEERS)/bench_nest.py),$(VENV)-peers/.installed)
 	$(BIN)/python benchmarks/peers.py --scripts "$(PEERS)" --python $(VENV)-peers/bin/python
 
 $(VENV)/.demo: pyproject.toml

@@ -1,0 +1,98 @@
+"""How well ReMuS recognises: `python benchmarks/remus_folds.py nmnist|poker|poker-upright --settings thesis|best`.
+
+Stratified folds of the recordings to train on; each fold is tested with what was learnt from the others. Prints the
+accuracy by each vote for each seed, and the mean of all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.cli.options import assignments
+from neuro.events import recordings
+from neuro_remus.decide import decide
+from neuro_remus.evaluate import evaluate, wilson
+from neuro_remus.features import Spikes, c1_spikes
+from neuro_remus.settings import SETTINGS, VOTES, Settings
+from neuro_remus.train import train
+
+SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+POKER = "poker_dvs/poker_dvs_shared_aedat2.zip"
+FILES = {"nmnist": "nmnist/nmnist_train1000_bin.zip", "poker": POKER, "poker-upright": POKER}
+POKER_THETA = 30.0
+"""Pips are smaller than digits, so fewer spikes make one."""
+
+
+def main() -> None:
+    """Measure and print."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("case", choices=FILES)
+    options.add_argument("--data", type=Path, help="recordings, if not those of ../shared")
+    options.add_argument("--settings", choices=SETTINGS, default="best")
+    options.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
+    options.add_argument("--seeds", type=int, default=3)
+    options.add_argument("--folds", type=int, default=5)
+    options.add_argument("--json", action="store_true")
+    asked = options.parse_args()
+    poker = {"theta": POKER_THETA} if asked.case.startswith("poker") else {}
+    settings = SETTINGS[asked.settings].changed(poker | assignments(asked.set))
+    spikes = c1_spikes(recordings(asked.data or SHARED / FILES[asked.case]), settings.front)
+    upright = np.array([not Path(name).stem.endswith("i") for name in spikes.names])
+    if asked.case == "poker-upright":
+        spikes, upright = spikes.take(np.flatnonzero(upright)), upright[upright]
+    began, right = time.process_time(), []
+    for seed in range(asked.seeds):
+        right.append(cross_validate(spikes, settings, seed, asked.folds))
+        if not asked.json:
+            print(f"seed {seed}: " + ", ".join(f"{v} {r.mean():.2%}" for v, r in right[-1].items()), flush=True)
+    report = {"case": asked.case, "settings": asked.settings, "set": asked.set, "recordings": len(spikes)}
+    report |= {"folds": asked.folds, "seeds": asked.seeds, "cpu_s": round(time.process_time() - began, 1)}
+    for vote in VOTES:
+        all_of_them = np.array([found[vote] for found in right])
+        low, high = wilson(round(all_of_them.mean() * len(spikes)), len(spikes))
+        report[vote] = {
+            "mean": all_of_them.mean(),
+            "of_seeds": all_of_them.mean(axis=1).tolist(),
+            "interval": [low, high],
+            "mean_of_upright": all_of_them[:, upright].mean(),
+        }
+        if not asked.json:
+            text = f"mean of {asked.seeds} seeds by {vote}: {all_of_them.mean():.2%} (95 % interval {low:.1%} - {high:.1%})"
+            print(text + (f", of the upright ones {all_of_them[:, upright].mean():.2%}" if not upright.all() else ""))
+    if asked.json:
+        print(json.dumps(report, indent=1))
+
+
+def cross_validate(spikes: Spikes, settings: Settings, seed: int, folds: int) -> dict[str, NDArray[np.bool_]]:
+    """Which recordings are decided rightly, by each vote, when learnt from the other folds."""
+    fold = stratified(spikes.labels, folds, seed)
+    right = {vote: np.zeros(len(spikes), bool) for vote in VOTES}
+    for k in range(folds):
+        held_out = np.flatnonzero(fold == k)
+        model = train(spikes.take(np.flatnonzero(fold != k)), settings, seed=seed)
+        part = spikes.take(held_out)
+        decisions = decide(model.simulation(), part)
+        for vote in VOTES:
+            decided = decisions.by(vote)
+            right[vote][held_out] = decided == part.labels
+            assert evaluate(decided, part.labels, spikes.classes).correct == right[vote][held_out].sum()
+    return right
+
+
+def stratified(labels: NDArray[np.int64], folds: int, seed: int) -> NDArray[np.int64]:
+    """A fold for each recording, each class spread evenly."""
+    rng = np.random.default_rng([seed, 7])
+    order = np.concatenate([rng.permutation(np.flatnonzero(labels == label)) for label in np.unique(labels)])
+    fold = np.empty(len(labels), np.int64)
+    fold[order] = np.arange(len(labels)) % folds
+    return fold
+
+
+if __name__ == "__main__":
+    main()
