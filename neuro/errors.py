@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 
 from neuro.hints import nearest
 
@@ -68,12 +69,10 @@ def unknown(
 
 def here() -> Where | None:
     """File and line of the nearest caller outside this library, for messages only."""
-    frame = sys._getframe(1)
+    frame: FrameType | None = sys._getframe(1)
     while frame is not None:
         module = str(frame.f_globals.get("__name__", "")).partition(".")[0]
         if module not in _PACKAGES and not frame.f_code.co_filename.startswith("<"):
             return Where(Path(frame.f_code.co_filename).name, frame.f_lineno)
-        if frame.f_back is None:
-            return None
         frame = frame.f_back
     return None

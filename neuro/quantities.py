@@ -102,7 +102,7 @@ class Choice:
     word: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
-        cls.__repr__ = Choice.__repr__  # or @dataclass would make its own
+        cls.__repr__ = Choice.__repr__  # type: ignore[method-assign]  # or @dataclass would make its own
 
     def __new__(cls, *args: Any, **words: Any) -> Self:
         """Refuse an unknown parameter by its nearest right name."""
@@ -164,7 +164,7 @@ class Choice:
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
             return NotImplemented
-        mine, theirs = self.parameters(), other.parameters()  # type: ignore[attr-defined]
+        mine, theirs = self.parameters(), other.parameters()
         return all(same(mine[word], theirs[word]) for word in mine)
 
     __hash__ = None  # type: ignore[assignment]

@@ -274,7 +274,13 @@ class EventEngine:
             reading.bring_all(self._a, self._view, k, self._step)
             plastic = self._a.plastic
             learning.set_rule_constants(
-                plastic["rule"][k], plastic["tau"][k], plastic["table"][k], plastic["decay"][k], parameters, p.synapse, self._program
+                plastic["rule"][k],
+                plastic["tau"][k],
+                plastic["table"][k],
+                plastic["decay"][k],
+                parameters,
+                p.synapse,
+                self._program,
             )
         self._rules[projection] = parameters.copy()
 

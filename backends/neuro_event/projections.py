@@ -119,8 +119,14 @@ def _grid_columns(row: Ints, g: Any, permuted: bool) -> None:
 
 
 def _joined(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:
-    if len(parts) == 1 and parts[0].dtype == dtype and parts[0].flags.c_contiguous and parts[0].size != 1:
-        return parts[0]
+    """All parts in one array; not copied where they already are neighbouring views of one."""
+    kept = [p for p in parts if p.size]
+    whole = kept[0] if len(kept) == 1 else (kept[0].base if kept else None)
+    if whole is not None and whole.dtype == dtype and whole.size == sum(p.size for p in kept):
+        places = [p.ctypes.data for p in kept]
+        expected = whole.ctypes.data + np.cumsum([0, *(p.nbytes for p in kept[:-1])])
+        if whole.flags.c_contiguous and np.array_equal(places, expected):
+            return whole
     return np.concatenate([np.zeros(0, dtype=dtype), *parts]).astype(dtype, copy=False)
 
 

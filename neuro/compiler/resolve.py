@@ -11,6 +11,7 @@ from neuro.clock import NEVER, Clock
 from neuro.compiler.check import check_network, check_values, refuse, telling
 from neuro.compiler.check_trials import resolve_trials
 from neuro.compiler.connect import connect
+from neuro.compiler.pack import packed
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.values import delay_steps, one_delay, per_neuron, per_synapse
 from neuro.errors import ModelError
@@ -38,7 +39,7 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
     check_network(net, shapes)
     trials = resolve_trials(net, shapes, clock)
     populations = tuple(_population(net, part, shapes[part.name], clock, seed) for part in net.populations.values())
-    projections = tuple(_projection(net, part, shapes, clock, seed) for part in net.projections.values())
+    projections = packed(tuple(_projection(net, part, shapes, clock, seed) for part in net.projections.values()))
     names = list(net.populations)
     return resolved.Program(
         name=net.name,
