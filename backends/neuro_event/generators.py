@@ -5,7 +5,7 @@ import numpy as np
 
 from neuro_event.draws import poisson_by_sum, poisson_by_table, step_word, uniform
 from neuro_event.jit import inner
-from neuro_event.neurons import emit
+from neuro_event.neurons import any_fired, emit
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
@@ -56,12 +56,15 @@ def draw_poisson(view, thread, pop, row, step, at, done, h):
                 events[k] += counts[k] > 0
                 spikes[k] += counts[k]
         else:
-            for i in range(lo, hi):
-                local = i - row[BEGIN]
-                u = uniform(base, local)
-                if u >= net.nothing[i]:
-                    m = poisson_by_sum(base, local, net.mean[i], net.nothing[i])
-                    at = emit(view, thread, pop, row, i, m, step, done, h, at)
+            emits, nothing = net.fired[lo:hi], net.nothing[lo:hi]
+            first = lo - row[BEGIN]
+            for k in range(emits.size):
+                emits[k] = uniform(base, first + k) >= nothing[k]
+            if any_fired(view, lo, hi):
+                for i in range(lo, hi):
+                    if net.fired[i] != 0:
+                        m = poisson_by_sum(base, i - row[BEGIN], net.mean[i], net.nothing[i])
+                        at = emit(view, thread, pop, row, i, m, step, done, h, at)
     return at
 
 
