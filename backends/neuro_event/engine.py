@@ -23,7 +23,18 @@ from neuro_event.views import table_of
 _FIXED = frozenset(
     (
         *("edges", "rows", "targets", "delays", "order", "map_of", "initial", "resets", "keys", "group_keys"),
-        *("calm", "x", "bits", "awake_groups", "due_groups", "scratch", "found", "found_arrived", "fired"),
+        *(
+            "calm",
+            "x",
+            "bits",
+            "awake_groups",
+            "due_groups",
+            "fired_words",
+            "scratch",
+            "found",
+            "found_arrived",
+            "fired",
+        ),
         *("incoming", "at_emission", "list_steps", "list_ids", "list_counts", "cursor"),
     )
 )
@@ -59,7 +70,9 @@ class EventEngine:
         net = self._a.net
         net["awake_groups"] = net["awake"].view(np.uint64)
         net["due_groups"] = net["due"].view(np.uint64)
+        net["fired_words"] = net["fired"].view(np.uint64)
         self._view = table_of(net, self._a.plastic)
+        self._copy = reading.Copy(self._a, self._view)
 
     @property
     def step(self) -> int:
@@ -260,7 +273,7 @@ class EventEngine:
     def get_synapses(self, projection: int, name: str) -> Floats:
         """A state of the synapses, in the order of the program's weights."""
         if projection in self._a.plastic_of:
-            return reading.synapses(self._a, self._view, projection, name, self._step)
+            return self._copy.synapses(projection, name, self._step)
         p = self._program.projections[projection]
         if self._a.net["pops"][p.target, t.RELAY] == 1:
             return np.broadcast_to(self._kept_weights.get(projection, p.weight), p.size).copy()
@@ -338,7 +351,7 @@ class EventEngine:
         static = ("rows", "targets", "weights", "delays")
         learning = ("y", "sent", "reached", "in_synapse", "in_source", "incoming")
         logs = ("log_ids", "log_counts", "log_ends", "rec_steps", "rec_ids", "rec_counts")
-        views = ("x", "bits", "awake_groups", "due_groups", "initial")
+        views = ("x", "bits", "awake_groups", "due_groups", "fired_words", "initial")
         rest = [k for k in net if k not in (*static, *logs, *views)]
         return {
             "synapses": sum(net[k].nbytes for k in static) + sum(plastic[k].nbytes for k in learning),

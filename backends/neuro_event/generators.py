@@ -5,7 +5,7 @@ import numpy as np
 
 from neuro_event.draws import poisson_by_sum, poisson_by_table, step_word, uniform
 from neuro_event.jit import inner
-from neuro_event.neurons import any_fired, emit
+from neuro_event.neurons import any_fired, emit, next_fired
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
@@ -61,10 +61,11 @@ def draw_poisson(view, thread, pop, row, step, at, done, h):
             for k in range(emits.size):
                 emits[k] = uniform(base, first + k) >= nothing[k]
             if any_fired(view, lo, hi):
-                for i in range(lo, hi):
-                    if net.fired[i] != 0:
-                        m = poisson_by_sum(base, i - row[BEGIN], net.mean[i], net.nothing[i])
-                        at = emit(view, thread, pop, row, i, m, step, done, h, at)
+                i = next_fired(view, lo, hi)
+                while i < hi:
+                    m = poisson_by_sum(base, i - row[BEGIN], net.mean[i], net.nothing[i])
+                    at = emit(view, thread, pop, row, i, m, step, done, h, at)
+                    i = next_fired(view, i + 1, hi)
     return at
 
 

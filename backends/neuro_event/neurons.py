@@ -122,11 +122,25 @@ def count_arrivals(view, lo, hi, two):
 @inner
 def any_fired(view, lo, hi):
     """Whether any of a block's neurons reached threshold."""
-    fired = net_of(view).fired[lo:hi]
-    some = np.uint8(0)
-    for k in range(fired.size):
-        some |= fired[k]
+    words = net_of(view).fired_words[lo >> 3 : (hi + 7) >> 3]
+    some = np.uint64(0)
+    for k in range(words.size):
+        some |= words[k]
     return some != 0
+
+
+@inner
+def next_fired(view, i, hi):
+    """The first of the neurons i:hi that reached threshold, or hi."""
+    net = net_of(view)
+    while i < hi:
+        if i & 7 == 0 and net.fired_words[i >> 3] == 0:
+            i += 8
+        elif net.fired[i] == 0:
+            i += 1
+        else:
+            return i
+    return hi
 
 
 @inner
@@ -187,21 +201,20 @@ def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks
             lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
             active = count_arrivals(view, lo, hi, two) if due else 0
             if any_fired(view, lo, hi):
-                for i in range(lo, hi):
-                    if net.fired[i] == 0:
-                        continue
+                i = next_fired(view, lo, hi)
+                while i < hi:
                     came = net.bits[0, i] != _SIGN or (two and net.bits[1, i] != _SIGN)
-                    if row[GROUP] >= 0:
-                        if net.muted[i] == 0 and net.closed[row[GROUP]] == 0:
-                            net.found[thread, n_found] = i
-                            net.found_arrived[thread, n_found] = came
-                            n_found += 1
-                        continue
-                    own = net.constants[row[CONSTANT] + (i - row[BEGIN]) * row[CONSTANT_STRIDE]]
-                    m = np.int64(net.x[0, i]) if row[RELAY] == 1 else 1
-                    dispatch.fire(row[MODEL], net.state, own, i)
-                    at = emit(view, thread, pop, row, i, m, step, done, h, at)
-                    active += not came
+                    if row[GROUP] < 0:
+                        own = net.constants[row[CONSTANT] + (i - row[BEGIN]) * row[CONSTANT_STRIDE]]
+                        m = np.int64(net.x[0, i]) if row[RELAY] == 1 else 1
+                        dispatch.fire(row[MODEL], net.state, own, i)
+                        at = emit(view, thread, pop, row, i, m, step, done, h, at)
+                        active += not came
+                    elif net.muted[i] == 0 and net.closed[row[GROUP]] == 0:
+                        net.found[thread, n_found] = i
+                        net.found_arrived[thread, n_found] = came
+                        n_found += 1
+                    i = next_fired(view, i + 1, hi)
                 net.busy[block] = step
             if due:
                 net.x[0, lo:hi] = -0.0

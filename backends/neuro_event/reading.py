@@ -23,22 +23,33 @@ def state(a: Arrays, population: int, step: int) -> Floats:
     return rows
 
 
-def synapses(a: Arrays, view: Ints, projection: int, name: str, step: int) -> Floats:
-    """A state of the synapses of a plastic projection as of `step`, in the order of the program's weights."""
-    p, arranged, h = a.program.projections[projection], a.synapses[projection], a.program.resolution
-    k = a.plastic_of[projection]
-    first = a.plastic["table"][k, t.FIRST_SYNAPSE]
-    here = slice(first, first + p.size)
-    if name in ("n", "K_plus"):
-        values = concentration(a, view, k, step) if name == "n" else trace(a, k, step)
-        found = values[arranged.targets] if name == "n" else np.repeat(values, np.diff(arranged.row_ends))
-    elif p.synapse.modulated:
-        copied = {"y": a.plastic["y"].copy(), "reached": a.plastic["reached"].copy()}
-        lazy.bring(with_plastic(view, **copied), k, a.program.populations[p.target].size, step, h)
-        found = copied["y"][["weight", *(s.name for s in type(p.synapse).states)].index(name), here]
-    else:
-        found = a.plastic["sent"][here]
-    return told(found, arranged.order)
+class Copy:
+    """A second place for the states of the synapses, where they are brought to the present for a read."""
+
+    def __init__(self, a: Arrays, view: Ints) -> None:
+        self._a, self._view = a, view
+        self._y = np.empty_like(a.plastic["y"])
+        self._reached = np.empty_like(a.plastic["reached"])
+        self._other_view = with_plastic(view, y=self._y, reached=self._reached)
+
+    def synapses(self, projection: int, name: str, step: int) -> Floats:
+        """A state of the synapses of a plastic projection as of `step`, in the order of the program's weights."""
+        a = self._a
+        p, arranged = a.program.projections[projection], a.synapses[projection]
+        k = a.plastic_of[projection]
+        first = a.plastic["table"][k, t.FIRST_SYNAPSE]
+        here = slice(first, first + p.size)
+        if name == "n":
+            return told(concentration(a, self._view, k, step)[arranged.targets], arranged.order)
+        if name == "K_plus":
+            return told(np.repeat(trace(a, k, step), np.diff(arranged.row_ends)), arranged.order)
+        if not p.synapse.modulated:
+            return told(a.plastic["sent"][here], arranged.order)
+        self._y[:, here] = a.plastic["y"][:, here]
+        self._reached[here] = a.plastic["reached"][here]
+        lazy.bring(self._other_view, k, a.program.populations[p.target].size, step, a.program.resolution)
+        row = ["weight", *(s.name for s in type(p.synapse).states)].index(name)
+        return told(self._y[row, here], arranged.order)
 
 
 def concentration(a: Arrays, view: Ints, k: int, step: int) -> Floats:

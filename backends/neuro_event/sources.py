@@ -65,11 +65,17 @@ def set_rate(a: Arrays, k: int, rate: Floats) -> None:
     a.net["mean"][here] = mean
     a.net["nothing"][here] = np.exp(-mean)
     first, last = row[t.FIRST_BLOCK], row[t.LAST_BLOCK]
-    padded = np.zeros((last - first) * t.BLOCK, dtype=bool)
-    padded[: place.end - place.begin] = a.net["mean"][here] > 0.0
-    a.net["awake"][first:last] = padded.reshape(-1, t.BLOCK).any(axis=1)
+    emitting = a.net["mean"][first * t.BLOCK : last * t.BLOCK].reshape(-1, t.BLOCK)
+    emitting.any(axis=1, out=a.net["awake"][first:last].view(np.bool_))
+    if row[t.COUNTS] >= 0:
+        _tabulate(a, k, mean)
+
+
+def _tabulate(a: Arrays, k: int, mean: Floats) -> None:
+    """Use a table of the Poisson distribution where all neurons share it."""
+    row = a.net["pops"][k]
     row[t.TABLE] = t.NONE
-    if row[t.COUNTS] >= 0 and np.all(mean == mean[0]):
+    if np.all(mean == mean[0]):
         table = keyed.poisson_table(float(mean[0]))
         if table.size < a.net["cumulative"].shape[1]:
             row[t.TABLE] = k

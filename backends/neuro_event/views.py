@@ -35,6 +35,7 @@ calm f8 2          no input
 buf f8 1           the memory of x, then the rings
 current f8 1       external current of the present step, pA
 fired u1 1         who reached threshold in the present step
+fired_words u8 1   the same memory, eight neurons at a time
 muted u1 1         who must not fire
 events i8 1        spike events of each neuron
 spikes i8 1        with their multiplicity
