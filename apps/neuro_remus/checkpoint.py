@@ -56,14 +56,7 @@ def resume(file: Path, sim: neuro.Simulation, told: Mapping[str, Any]) -> list[f
     if not file.exists():
         return []
     with reading(file, FORMAT) as f:
-        before = json.loads(f.attrs["told"])
-        for name in told:
-            if before.get(name) != told[name]:
-                raise neuro.ModelError(
-                    f"{file}: an unfinished training with {name} = {_short(before.get(name))}: "
-                    f"expected {_short(told[name])}",
-                    hint="give the same options to continue it, or delete the file",
-                )
+        _check(file, _flat(json.loads(f.attrs["told"])), _flat(json.loads(json.dumps(told))))
         history: list[float] = f["history"][()].tolist()
         state = f["state"][()]
     with tempfile.TemporaryDirectory() as folder:
@@ -72,6 +65,19 @@ def resume(file: Path, sim: neuro.Simulation, told: Mapping[str, Any]) -> list[f
     return history
 
 
-def _short(value: object) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+def _check(file: Path, before: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+    for name in sorted(before.keys() | now.keys()):
+        if before.get(name) != now.get(name):
+            raise neuro.ModelError(
+                f"{file}: an unfinished training with {name} = {before.get(name, 'its default')}: "
+                f"found {now.get(name, 'its default')} now",
+                hint="give the same options to continue it, or delete the file",
+            )
+
+
+def _flat(told: Mapping[str, Any]) -> dict[str, Any]:
+    """Values inside of others with the names of both."""
+    flat: dict[str, Any] = {}
+    for name, value in told.items():
+        flat |= {f"{name}.{k}": v for k, v in _flat(value).items()} if isinstance(value, dict) else {name: value}
+    return flat

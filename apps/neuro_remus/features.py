@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events import EventFileError, Recordings
+from neuro_remus.bars import shown
 from neuro_remus.frontend import FrontEnd
 
 VERSION = 1
@@ -118,12 +119,8 @@ def c1_spikes(
 
 
 def _compute(data: Recordings, front: FrontEnd, progress: bool) -> Spikes:
-    from rich.console import Console
-    from rich.progress import track
-
-    console = Console(stderr=True)
     times, ids, counts, frames = [], [], [], []
-    for item in track(data, "C1 spikes", console=console, transient=True, disable=not progress):
+    for item in shown(data, "C1 spikes", len(data), progress):
         events = item.load()
         try:
             t, i, offsets = front.spikes(events)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +22,38 @@ def writing(path: Path) -> Iterator[Any]:
     """
     import h5py
 
-    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    aside = _aside(path)
     try:
         with h5py.File(aside, "w") as file:
             yield file
         aside.replace(path)
     except OSError as error:
-        raise ModelError(f"{path}: cannot be written: {os.strerror(error.errno) if error.errno else error}") from None
+        raise _unwritable(path, error) from None
     finally:
         aside.unlink(missing_ok=True)
+
+
+def check_writable(path: Path) -> None:
+    """Find out before long work whether a file can be written.
+
+    Raises:
+        ModelError: it cannot.
+    """
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "")
+        _aside(path).touch()
+        _aside(path).unlink()
+    except OSError as error:
+        raise _unwritable(path, error) from None
+
+
+def _aside(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{os.getpid()}.part")
+
+
+def _unwritable(path: Path, error: OSError) -> ModelError:
+    return ModelError(f"{path}: cannot be written: {os.strerror(error.errno) if error.errno else error}")
 
 
 @contextmanager
@@ -53,5 +78,5 @@ def reading(path: Path, what: str) -> Iterator[Any]:
             yield file
     except OSError:
         raise ModelError(f"{path}: not a {what}") from None
-    except (KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, AttributeError, JSONDecodeError) as error:
         raise ModelError(f"{path}: damaged {what}: {error}") from None

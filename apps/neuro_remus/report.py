@@ -34,13 +34,15 @@ class Bar:
 
         self._console = Console(stderr=True, highlight=False)
         columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-        self._bar = Progress(*columns, console=self._console, transient=True, disable=not sys.stderr.isatty())
+        self._bar = Progress(*columns, console=self._console, transient=True)
         self._task = self._bar.add_task("preparing", total=None)
-        self._bar.start()
+        if sys.stderr.isatty():
+            self._bar.start()
         return self
 
     def __exit__(self, *error: Any) -> None:
-        self._bar.stop()
+        if sys.stderr.isatty():
+            self._bar.stop()
 
     def show(self, progress: Progress) -> None:
         """Show how far a training is."""

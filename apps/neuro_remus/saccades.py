@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events import DVSParameters, EventFileError, Events, dvs_events, save
+from neuro_remus.bars import shown
 from neuro_remus.digits import mnist_5k
 
 Floats = npt.NDArray[np.float64]
@@ -157,13 +158,8 @@ Job = tuple[Path, npt.NDArray[np.uint8], Saccades, int]
 
 
 def _run(jobs: list[Job], workers: int, progress: bool) -> None:
-    from rich.console import Console
-    from rich.progress import track
-
-    console = Console(stderr=True)
-
     def show(done: Iterator[None]) -> None:
-        for _ in track(done, "recordings", len(jobs), console=console, transient=True, disable=not progress):
+        for _ in shown(done, "recordings", len(jobs), progress):
             pass
 
     if min(workers, len(jobs)) <= 1:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import neuro
 from neuro_remus import checkpoint
 from neuro_remus.features import Spikes
+from neuro_remus.hdf5 import check_writable
 from neuro_remus.model import LEARNT, Model, network_of, to_text
 from neuro_remus.settings import Settings
 
@@ -76,6 +77,8 @@ def train(
     if out is not None and (made := _made(out, settings, training)) is not None:
         checkpoint.beside(out).unlink(missing_ok=True)
         return made
+    if out is not None:
+        check_writable(out)
     sim = neuro.compile(net, backend=backend, seed=seed)
     history = checkpoint.resume(checkpoint.beside(out), sim, told) if out is not None else []
     for epoch in range(len(history), settings.epochs):

@@ -1,0 +1,140 @@
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from neuro.cli import main
+from neuro.events import Events, save
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Recordings of bars, upright and lying, moving over a small field; one of them is empty."""
+    folder = tmp_path_factory.mktemp("bars")
+    rng = np.random.default_rng(0)
+    for k in range(24):
+        along, across = rng.integers(8, 27, 900), 14 + np.arange(900) // 180 + rng.integers(0, 2, 900)
+        x, y = (along, across) if k % 2 else (across, along)
+        events = Events(np.arange(900) * 100, x, y, rng.integers(0, 2, 900), (34, 34))
+        path = folder / ("Train" if k < 16 else "Test") / ("lying" if k % 2 else "upright") / f"{k}.bin"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save(events if k < 23 else events[:0], path)
+    return folder
+
+
+@pytest.fixture
+def neuro(monkeypatch, tmp_path, capsys):
+    """Run `neuro remus ...`; return exit status, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path / "cache")
+
+    def run(*words):
+        monkeypatch.setattr(sys, "argv", ["neuro", "remus", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        out = capsys.readouterr()
+        return end.value.code or 0, out.out, out.err
+
+    return run
+
+
+def test_train_test_show(neuro, folder, tmp_path):
+    code, out, err = neuro("train", "--data", folder, "--epochs", 3, "--set", "theta=40", "--set", "per_class=2")
+    assert (code, err.count("of the frames right")) == (0, 3)
+    assert out.startswith("model.h5: 4 grids for 2 classes, learnt from 16 recordings in 3 epochs; ")
+    code, out, _ = neuro("test", "model.h5", "--data", folder, "--json", "--out", "pictures")
+    figures = json.loads(out.partition("\n")[2])
+    assert (code, figures["n"], figures["classes"], figures["vote"]) == (0, 8, ["lying", "upright"], "potentials")
+    assert figures["accuracy"] == 7 / 8
+    assert figures["silent"] == 1
+    assert figures["confusion"] == [[3, 0, 1], [0, 4, 0]]
+    assert set(figures["votes"]) == {"majority", "potentials"}
+    assert figures["interval"][0] < 7 / 8 < figures["interval"][1]
+    code, out, _ = neuro("test", "model.h5", "--data", folder)
+    assert code == 0
+    assert "87.5%" in out
+    code, out, _ = neuro("show", "model.h5", "--out", "pictures")
+    assert code == 0
+    assert "network: theta" in out
+    for name, least in (("prototypes", (300, 400)), ("learning", (300, 600)), ("confusion", (300, 300))):
+        image = imread(tmp_path / "pictures" / f"{name}.png")
+        assert all(side >= limit for side, limit in zip(image.shape, least, strict=False))
+        assert 0.01 < (image[..., :3].min(axis=2) < 0.9).mean() < 0.9
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["cache", "model.h5", "pictures"]
+
+
+def test_thesis_settings_on_another_backend(neuro, folder):
+    small = ["--set", "theta=40", "--set", "per_class=1", "--epochs", 1, "--settings", "thesis"]
+    code, _, _ = neuro("train", "--data", folder / "Train", "--out", "a.h5", "--backend", "reference", *small)
+    assert code == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("train --data nowhere", "nowhere: no such folder or zip"),
+        ("train --data {folder} --settings good", "unknown settings 'good': expected thesis or best"),
+        ("train --data {folder} --set maps=3", "'maps' cannot be set: it follows from the classes and per_class"),
+        (
+            "train --data {folder} --set tau_msd=-1",
+            "tau_msd = -1: expected a number > 0",
+        ),
+        (
+            "train --data {folder} --epochs 0",
+            "Invalid value for '--epochs': '0': expected a whole number >= 1\n  hint: see 'neuro remus train --help'",
+        ),
+        ("test model.h5 --data {folder}", "model.h5: no such file: expected a neuro remus model 1"),
+        ("show {folder}/Train/lying/1.bin", "{folder}/Train/lying/1.bin: not a neuro remus model 1"),
+        (
+            "train --data {folder} --out no/model.h5 --epochs 1",
+            "no/model.h5: cannot be written: No such file or directory",
+        ),
+    ],
+)
+def test_mistakes(neuro, folder, words, message):
+    code, out, err = neuro(*words.format(folder=folder).split())
+    assert (code, out) == (2, "")
+    assert err == f"error: {message.format(folder=folder)}\n"
+
+
+def test_a_parameter_that_is_none(neuro, folder):
+    code, _, err = neuro("train", "--data", folder, "--set", "thet=3")
+    assert code == 2
+    assert "unknown parameter 'thet'" in err
+    assert "did you mean 'theta'?" in err
+
+
+def test_new_classes_are_refused(neuro, folder, tmp_path):
+    assert neuro("train", "--data", folder, "--epochs", 1, "--set", "per_class=1")[0] == 0
+    (tmp_path / "other" / "round").mkdir(parents=True)
+    (tmp_path / "other" / "round" / "1.bin").write_bytes((folder / "Train" / "lying" / "1.bin").read_bytes())
+    code, _, err = neuro("test", "model.h5", "--data", "other")
+    assert code == 2
+    assert err == "error: other: class 'round' is new, expected one of lying, upright\n"
+
+
+def test_demo_of_given_recordings(neuro, folder):
+    for _ in range(2):
+        code, out, _ = neuro("demo", "--data", folder, "--out", "demo")
+        assert code == 0
+        assert "learning from 16 recordings of 2 classes" in out
+        assert "testing on 8 recordings that it has never seen" in out
+
+
+def test_data_without_halves_is_divided(folder):
+    from neuro_remus.demo import halves
+
+    learning, unseen = halves(folder / "Train", 0)
+    assert (len(learning), len(unseen)) == (12, 4)
+    assert not {item.name for item in learning} & {item.name for item in unseen}
+    assert sorted(item.label for item in unseen) == [0, 0, 1, 1]
+
+
+def test_help_is_light():
+    heavy = (
+        "import sys, neuro_remus.cli; sys.exit(any(m in sys.modules for m in ('numba', 'h5py', 'matplotlib', 'numpy')))"
+    )
+    subprocess.run([sys.executable, "-c", heavy], check=True)
