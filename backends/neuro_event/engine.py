@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from neuro.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.errors import ModelError
 from neuro.neurons import Neuron, poisson_generator
-from neuro.program import Floats, Ints, Program
+from neuro.program import Floats, Ints, Program, Trials
 from neuro_event import build, layout, lazy, learning, loop, projections, reading, rewards, sources
 from neuro_event import tables as t
 from neuro_event.currents import Currents
@@ -112,13 +112,6 @@ class EventEngine:
             net[name] = bigger
         self._pack()
 
-    def _widen_record(self) -> None:
-        """Make the emptied record as large as the log."""
-        net = self._a.net
-        for name in ("rec_steps", "rec_ids", "rec_counts"):
-            net[name] = np.zeros(net["log_ids"].shape, dtype=net[name].dtype)
-        self._pack()
-
     # --- spikes -------------------------------------------------------------------------------------------
 
     def inject(self, population: int, steps: Ints, ids: Ints) -> None:
@@ -146,13 +139,11 @@ class EventEngine:
         if self._listed.replace(spec.input, trial.ticks + (self._step + 1), trial.ids, self._step):
             self._pack()
         self._a.net["muted"][place.begin : place.end] = trial.silenced[self._a.net["map_of"]]
-        self._make_room(spec.duration)
-        net, start = self._a.net, self._step
-        ticks = loop.present(
-            self._view, spec.output, spec.group, start, spec.duration, spec.stop_at_decision, self._program.resolution
-        )
-        self._trial_start = start
-        self._step = start + ticks
+        net, start, h = self._a.net, self._step, self._program.resolution
+        loop.begin_trial(self._view, spec.output, spec.group, start, h)
+        ticks = self._run_trial(spec)
+        loop.end_trial(self._view, spec.output, spec.group, start + ticks, h)
+        self._trial_start, self._step = start, start + ticks
         best = net["order"][net["best"]]
         winner = int(net["groups"][spec.group, t.WINNER])
         if winner < 0:
@@ -160,13 +151,20 @@ class EventEngine:
         tick = int(net["groups"][spec.group, t.DECIDED]) - start - 1
         return Outcome(int(net["order"][winner]), tick, net["potential"].copy(), best, ticks)
 
-    def _make_room(self, steps: int) -> None:
-        """Empty the record, and widen it and the log, until they have room for some steps in which all neurons fire."""
-        if loop.has_room(self._view, self._step + 1, steps, self._a.reach) < steps:
-            self._record.drain(self._a.net)
-        while loop.has_room(self._view, self._step + 1, steps, self._a.reach) < steps:
-            self._grow_log()
-            self._widen_record()
+    def _run_trial(self, spec: Trials) -> int:
+        """Run a trial that has begun; return its ticks."""
+        step, last = self._step + 1, self._step + 1 + spec.duration
+        groups = self._a.net["groups"]
+        while step < last and not (spec.stop_at_decision and groups[spec.group, t.WINNER] >= 0):
+            reached = loop.run_trial(
+                self._view, spec.group, step, last, spec.stop_at_decision, self._a.reach, self._program.resolution
+            )
+            if reached == step:
+                self._record.drain(self._a.net)
+                if loop.has_room(self._view, step, 1, self._a.reach) < 1:
+                    self._grow_log()
+            step = int(reached)
+        return step - self._step - 1
 
     def learn(self, projection: int, neuron: int, decided: int, won: bool) -> None:
         """Apply the trial rule to the inputs of `neuron`, of the trial just presented, decided at tick `decided`."""

@@ -140,10 +140,9 @@ def finish(view, thread, last, h):
 
 
 @kernel
-def present(view, pop, group, start, duration, at_decision, h):
-    """Run one trial from step `start` on; return the ticks that were run."""
+def begin_trial(view, pop, group, start, h):
+    """Drop what is under way after step `start`, open the group, and reset its population."""
     net = net_of(view)
-    threads = net.edges.shape[0] - 1
     row = net.pops[pop]
     drop_all(view, start)
     net.closed[group] = 0
@@ -156,20 +155,31 @@ def present(view, pop, group, start, duration, at_decision, h):
         r = net.resets[k]
         for i in range(row[BEGIN], row[END]):
             net.state[r, i] = net.initial[r, i]
-    ticks = duration
-    for tick in range(duration):
-        step = start + 1 + tick
-        for thread in range(threads):
+
+
+@kernel
+def run_trial(view, group, first, last, at_decision, reach, h):
+    """Run the steps first:last of a trial; return the next step: at a decision, where there was no room, or `last`."""
+    net = net_of(view)
+    for step in range(first, last):
+        if room(view, step, 1, reach) < 1:
+            return step
+        for thread in range(net.edges.shape[0] - 1):
             advance(view, thread, step, step + 1, h)
         if at_decision and net.groups[group, WINNER] >= 0:
-            ticks = tick + 1
-            break
+            return step + 1
+    return last
+
+
+@kernel
+def end_trial(view, pop, group, end, h):
+    """Weigh the maps if there was no decision, and finish step `end`."""
+    net = net_of(view)
     if net.groups[group, WINNER] < 0:
-        weigh_maps(view, 0, row, start + ticks, h)
-    for thread in range(threads):
-        act_at_emission(view, thread, start + ticks - 1, start + ticks, h)
+        weigh_maps(view, 0, net.pops[pop], end, h)
+    for thread in range(net.edges.shape[0] - 1):
+        act_at_emission(view, thread, end - 1, end, h)
     net.groups[group, IN_TRIAL] = 0
-    return ticks
 
 
 @inner
