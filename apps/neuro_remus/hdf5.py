@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import glob
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -34,7 +35,7 @@ def writing(path: Path) -> Iterator[Any]:
 
 
 def check_writable(path: Path) -> None:
-    """Find out before long work whether a file can be written.
+    """Find out before long work whether a file can be written, and clear what killed writers left of it.
 
     Raises:
         ModelError: it cannot.
@@ -43,7 +44,8 @@ def check_writable(path: Path) -> None:
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "")
         _aside(path).touch()
-        _aside(path).unlink()
+        for left in path.parent.glob(f".{glob.escape(path.name)}*.part"):
+            left.unlink(missing_ok=True)
     except OSError as error:
         raise _unwritable(path, error) from None
 

@@ -137,7 +137,9 @@ def test_killed_at_any_time(letters, small, tmp_path):
                     work.send_signal(signal.SIGKILL)
         assert work.returncode == -signal.SIGKILL
         assert checkpoint.beside(out).is_file()
+    (tmp_path / ".model.h5.training.1.part").write_bytes(b"half")
     assert same(train(letters, small, seed=4, out=out), train(letters, small, seed=4))
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["model.h5", "told"]
 
 
 def test_model_file(letters, small, tmp_path):
