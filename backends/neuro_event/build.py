@@ -143,6 +143,7 @@ def _logs(a: Arrays) -> None:
         "found_arrived": np.zeros((threads, n), dtype=np.uint8),
         "clock": np.zeros((threads, 3), dtype=np.int64),
         "scratch": np.zeros((threads, t.CONSTANTS)),
+        "words": np.zeros((threads, t.BLOCK), dtype=np.uint64),
     }
 
 
@@ -162,6 +163,5 @@ def _groups(a: Arrays) -> None:
     if trials:
         output = a.program.populations[trials.output]
         a.net["map_of"] = a.places[trials.output].outside // (output.size // maps)
-        names = [s.name for s in type(output.model).states]
-        wanted = {*trials.reset, *(["refractory", "held_input"] if "V_m" in trials.reset else [])}
-        a.net["resets"] = np.array([k for k, name in enumerate(names) if name in wanted], dtype=np.int64)
+        fresh = [s.name in trials.reset or (s.hidden and "V_m" in trials.reset) for s in type(output.model).states]
+        a.net["resets"] = np.flatnonzero(fresh).astype(np.int64)

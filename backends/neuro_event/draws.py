@@ -36,9 +36,16 @@ def uniform(base, neuron):
 
 
 @inner
-def poisson_by_table(base, neuron, guide, cumulative):
-    """Count of entries of `cumulative` up to a uniform number; `guide` tells where to begin."""
-    word = mix(base + np.uint64(neuron) * _NEURON)
+def words_of(base, first, words):
+    """Fill `words` with the random words of neighbouring neurons."""
+    begin = np.uint64(first)
+    for k in range(np.uint64(words.size)):
+        words[k] = mix(base + (begin + k) * _NEURON)
+
+
+@inner
+def poisson_by_table(word, guide, cumulative):
+    """Count of entries of `cumulative` up to the uniform number of a word; `guide` tells where to begin."""
     u = np.float64(word >> _S11) * _UNIT
     m = np.int64(guide[word >> _GUIDE])
     while cumulative[m] <= u:

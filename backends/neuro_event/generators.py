@@ -3,7 +3,7 @@
 # mypy: ignore-errors
 import numpy as np
 
-from neuro_event.draws import poisson_by_sum, poisson_by_table, step_word, uniform
+from neuro_event.draws import poisson_by_sum, poisson_by_table, step_word, uniform, words_of
 from neuro_event.jit import inner
 from neuro_event.neurons import any_fired, emit, next_fired
 from neuro_event.tables import (
@@ -46,8 +46,10 @@ def draw_poisson(view, thread, pop, row, step, at, done, h):
             cumulative = net.cumulative[row[TABLE]]
             counts = net.counts[place + lo - row[BEGIN] : place + hi - row[BEGIN]]
             if row[TABLE] >= 0:
+                words = net.words[thread]
+                words_of(base, lo - row[BEGIN], words)
                 for k in range(counts.shape[0]):
-                    counts[k] = poisson_by_table(base, lo - row[BEGIN] + k, guide, cumulative)
+                    counts[k] = poisson_by_table(words[k], guide, cumulative)
             else:
                 for k in range(counts.shape[0]):
                     counts[k] = poisson_by_sum(base, lo - row[BEGIN] + k, net.mean[lo + k], net.nothing[lo + k])

@@ -6,7 +6,7 @@ import math
 from neuro_event import tables as t
 from neuro_event.deliver import log_delivery
 from neuro_event.jit import kernel
-from neuro_event.plastic import bring_target, dopamine_at
+from neuro_event.plastic import bring_history, bring_target, dopamine_at
 from neuro_event.views import net_of, plastic_of
 
 
@@ -15,6 +15,13 @@ def bring(view, q, n_targets, step, h):
     """Catch up every synapse of a projection."""
     for target in range(n_targets):
         bring_target(view, q, 0, target, step, h)
+
+
+@kernel
+def bring_histories(view, pop, n_targets, step, h):
+    """Catch up every plastic synapse onto a population."""
+    for target in range(n_targets):
+        bring_history(view, pop, 0, target, step, h)
 
 
 @kernel

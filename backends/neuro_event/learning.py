@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.program import Floats, Ints, Program
-from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.dispatch import MODULATED_RULES, RULES
-from neuro_event.plastic import DECAYS
+from neuro_event.plastic import DECAYS, NEWEST
 
 
 def add_learning(a: Arrays, learning: list[int]) -> None:
@@ -56,8 +55,7 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         if pops[p.target, t.HISTORY] < 0:
             pops[p.target, t.HISTORY] = n_history
             n_history += n_target
-    modulated = any(program.projections[q].synapse.modulated for q in learning)
-    states = np.zeros((2 if modulated else 1, n_synapses))
+    states = np.zeros((max([1, *(1 + len(program.projections[q].synapse.states) for q in learning)]), n_synapses))
     states[0] = np.concatenate([np.zeros(0), *y])
     a.plastic |= {
         "table": table,
@@ -74,18 +72,18 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         "incoming": np.concatenate(incoming[1:] or incoming),
         "in_synapse": np.concatenate([np.zeros(0, dtype=np.int64), *in_synapse]),
         "in_source": np.concatenate([np.zeros(0, dtype=np.int32), *in_source]),
-        "past": np.zeros((max(1, n_history), 2 + 2 * _history_capacity(program, learning))),
+        "past": np.zeros((max(1, n_history), NEWEST + 2 * _history_capacity(program, learning))),
     }
 
 
 def _history_capacity(program: Program, learning: list[int]) -> int:
     """Entries that a history needs: all post spikes that can be under way to a synapse, and a few more."""
-    capacity = 16
+    capacity = 15
     for q in learning:
         p = program.projections[q]
         hold = np.min(program.populations[p.target].parameters.get("t_ref", np.zeros(1))) / program.resolution
         capacity = max(capacity, int(2 * p.delay.max() / (int(hold) + 1)) + 4 if p.delay.size else 0)
-    return layout.power_of_two(capacity)
+    return capacity
 
 
 def set_rule_constants(

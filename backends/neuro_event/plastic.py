@@ -51,8 +51,9 @@ DECAYS = 2048
 
 PLUS, CONCENTRATION, MINUS = range(3)
 
-HEAD, TAIL, FIRST_ENTRY = range(3)
-"""A history is a row: one past the newest entry, the oldest kept, then a ring of pairs (step, K- just after)."""
+ENTRIES, APPLIED, NEWEST = range(3)
+"""A history is a row: how many entries it has, the step up to which synapses without dopamine have used it, then
+pairs (step, K- just after), the newest first."""
 
 
 @inner
@@ -74,49 +75,56 @@ def dopamine_at(view, q, target, step, h):
 
 
 @inner
-def catch_up(view, q, z, thread, source, target, history, upto, delay, h):
-    """Apply to synapse z the post spikes that arrive in its steps up to `upto`, and what flows between."""
-    p = plastic_of(view)
-    table = p.table[q]
-    modulated, c = table[MODULATED], p.rule[q]
-    place = table[FIRST_SOURCE] + source
-    past = p.past[history]
-    mask = (past.size - FIRST_ENTRY) // 2 - 1
-    head, tail = np.int64(past[HEAD]), np.int64(past[TAIL])
-    since = p.reached[z]
-    i = head
-    while i > tail and np.int64(past[FIRST_ENTRY + 2 * ((i - 1) & mask)]) + delay > since:
-        i -= 1
-    while i < head:
-        arrival = np.int64(past[FIRST_ENTRY + 2 * (i & mask)]) + delay
+def arrived_since(past, since, delay):
+    """How many entries of a history, the newest ones, arrive after a step."""
+    n = np.int64(past[ENTRIES])
+    i = 0
+    while i < n and np.int64(past[NEWEST + 2 * i]) + delay > since:
+        i += 1
+    return i
+
+
+@inner
+def potentiate(p, q, z, own, thread, past, since, upto, delay, h):
+    """Apply to synapse z, whose source has the trace `own`, the post spikes that arrive in since + 1 to upto."""
+    k_plus = p.k_plus[thread, own]
+    if k_plus == 0.0:
+        return
+    rule, c, then = p.table[q, RULE], p.rule[q], p.k_time[thread, own]
+    for i in range(arrived_since(past, since, delay) - 1, -1, -1):
+        arrival = np.int64(past[NEWEST + 2 * i]) + delay
         if arrival > upto:
             break
-        if modulated >= 0:
-            advance(modulated, p.y, z, c, since, arrival, dopamine_at(view, q, target, since, h), table[GRID_STEPS])
-            since = arrival
-        k_plus = p.k_plus[thread, place]
+        on_post(rule, p.y, z, c, k_plus * decayed(p, q, PLUS, arrival - then, h, p.tau[q, 0]))
+
+
+@inner
+def flow(view, q, z, own, thread, target, past, upto, delay, h):
+    """Bring synapse z of a modulated projection to step `upto`: post spikes, and what flows between."""
+    p = plastic_of(view)
+    modulated, c, grid = p.table[q, MODULATED], p.rule[q], p.table[q, GRID_STEPS]
+    k_plus, then, since = p.k_plus[thread, own], p.k_time[thread, own], p.reached[z]
+    for i in range(arrived_since(past, since, delay) - 1, -1, -1):
+        arrival = np.int64(past[NEWEST + 2 * i]) + delay
+        if arrival > upto:
+            break
+        advance(modulated, p.y, z, c, since, arrival, dopamine_at(view, q, target, since, h), grid)
+        since = arrival
         if k_plus != 0.0:
-            age = arrival - p.k_time[thread, place]
-            on_post(table[RULE], p.y, z, c, k_plus * decayed(p, q, PLUS, age, h, p.tau[q, 0]))
-        i += 1
-    if modulated >= 0 and since < upto:
-        advance(modulated, p.y, z, c, since, upto, dopamine_at(view, q, target, since, h), table[GRID_STEPS])
+            k = k_plus * decayed(p, q, PLUS, arrival - then, h, p.tau[q, 0])
+            on_post(p.table[q, RULE], p.y, z, c, k)
+    if since < upto:
+        advance(modulated, p.y, z, c, since, upto, dopamine_at(view, q, target, since, h), grid)
     p.reached[z] = upto
 
 
 @inner
-def post_trace(view, q, history, before, h, tau_minus):
+def post_trace(p, q, past, before, h, tau_minus):
     """K- of a neuron from its spikes strictly before a step."""
-    p = plastic_of(view)
-    past = p.past[history]
-    mask = (past.size - FIRST_ENTRY) // 2 - 1
-    i, tail = np.int64(past[HEAD]) - 1, np.int64(past[TAIL])
-    while i >= tail:
-        entry = FIRST_ENTRY + 2 * (i & mask)
-        time = np.int64(past[entry])
+    for i in range(np.int64(past[ENTRIES])):
+        time = np.int64(past[NEWEST + 2 * i])
         if time < before:
-            return past[entry + 1] * decayed(p, q, MINUS, before - time, h, tau_minus)
-        i -= 1
+            return past[NEWEST + 2 * i + 1] * decayed(p, q, MINUS, before - time, h, tau_minus)
     return 0.0
 
 
@@ -124,12 +132,14 @@ def post_trace(view, q, history, before, h, tau_minus):
 def pre_spike(view, q, source, m, step, thread, h):
     """A pre spike: each synapse of this thread catches up, learns and sends; then K+ grows."""
     net, p = net_of(view), plastic_of(view)
-    table = p.table[q]
+    table, rule = p.table[q], p.rule[q]
     row = net.projections[table[PROJECTION]]
     target_row = net.pops[row[TARGET]]
-    receptors = target_row[RECEPTORS]
+    receptors, relay = target_row[RECEPTORS], target_row[RELAY]
     blocks = net.awake.shape[0]
     slots = net.due.shape[0] // blocks - 1
+    own = table[FIRST_SOURCE] + source
+    last = p.k_time[thread, own]
     place = row[ROW] + source * (net.edges.shape[0] - 1) + thread
     wide = row[WAKE_ALL] == 1 and row[DELAY_STRIDE] == 0
     for e in range(net.rows[place], net.rows[place + 1]):
@@ -137,43 +147,56 @@ def pre_spike(view, q, source, m, step, thread, h):
         z = table[FIRST_SYNAPSE] + s
         target = np.int64(net.targets[e])
         delay = np.int64(net.delays[row[DELAY] + s * row[DELAY_STRIDE]])
-        history = target_row[HISTORY] + target
-        catch_up(view, q, z, thread, source, target, history, step, delay, h)
-        k_minus = post_trace(view, q, history, step - delay, h, net.tau_minus[target_row[BEGIN] + target])
-        on_pre(table[RULE], p.y, z, p.rule[q], k_minus)
+        past = p.past[target_row[HISTORY] + target]
+        if table[MODULATED] >= 0:
+            flow(view, q, z, own, thread, target, past, step, delay, h)
+        else:
+            potentiate(p, q, z, own, thread, past, max(last, np.int64(past[APPLIED])), step, delay, h)
+        k_minus = post_trace(p, q, past, step - delay, h, net.tau_minus[target_row[BEGIN] + target])
+        on_pre(table[RULE], p.y, z, rule, k_minus)
         weight = p.y[0, z]
-        p.sent[z] = weight
-        value = m if target_row[RELAY] == 1 else weight * m
         second = 1 if receptors == 2 and weight < 0.0 else 0
         at = step + delay
-        net.buf[row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE] + target] += value
+        ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]
+        net.buf[ring + target] += m if relay == 1 else weight * m
         if not wide:
             net.due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
     if wide and net.rows[place] < net.rows[place + 1]:
         mark = ((step + np.int64(net.delays[row[DELAY]])) & slots) * blocks
         lo, hi = max(target_row[FIRST_BLOCK], net.edges[thread]), min(target_row[LAST_BLOCK], net.edges[thread + 1])
         net.due[mark + lo : mark + hi] = 1
-    own = table[FIRST_SOURCE] + source
     trace = 1.0
     if p.k_plus[thread, own] != 0.0:
-        trace += p.k_plus[thread, own] * math.exp(-(step - p.k_time[thread, own]) * h / p.tau[q, 0])
+        trace += p.k_plus[thread, own] * math.exp(-(step - last) * h / p.tau[q, 0])
     p.k_plus[thread, own] = trace
     p.k_time[thread, own] = step
 
 
 @inner
 def bring_target(view, q, thread, target, step, h):
-    """Catch up every synapse of a projection onto one target."""
+    """Catch up every synapse of a projection onto one target.
+
+    A synapse without dopamine shows the weight it sent last, so that is kept aside before the first change.
+    Whoever brings all such projections onto a target then sets its APPLIED.
+    """
     net, p = net_of(view), plastic_of(view)
     table = p.table[q]
     row = net.projections[table[PROJECTION]]
-    history = net.pops[row[TARGET], HISTORY] + target
+    past = p.past[net.pops[row[TARGET], HISTORY] + target]
+    applied = np.int64(past[APPLIED])
     begin = table[INCOMING] + target
     for i in range(p.incoming[begin], p.incoming[begin + 1]):
         z = p.in_synapse[i]
-        if p.reached[z] < step:
-            delay = np.int64(net.delays[row[DELAY] + (z - table[FIRST_SYNAPSE]) * row[DELAY_STRIDE]])
-            catch_up(view, q, z, thread, np.int64(p.in_source[i]), target, history, step, delay, h)
+        own = table[FIRST_SOURCE] + np.int64(p.in_source[i])
+        delay = np.int64(net.delays[row[DELAY] + (z - table[FIRST_SYNAPSE]) * row[DELAY_STRIDE]])
+        if table[MODULATED] >= 0:
+            if p.reached[z] < step:
+                flow(view, q, z, own, thread, target, past, step, delay, h)
+            continue
+        last = p.k_time[thread, own]
+        if applied <= last:
+            p.sent[z] = p.y[0, z]
+        potentiate(p, q, z, own, thread, past, max(last, applied), step, delay, h)
 
 
 @inner
@@ -217,41 +240,37 @@ def dopamine_arrivals(view, q, step, thread, h):
 
 
 @inner
-def flush(view, pop, thread, local, history, done, h):
-    """The history of one neuron is full: let its synapses use it, and drop what none needs any more."""
+def bring_history(view, pop, thread, target, step, h):
+    """Catch up every plastic synapse onto one neuron; return the longest of their delays."""
     net, p = net_of(view), plastic_of(view)
     longest = 0
     for q in range(p.table.shape[0]):
         if net.projections[p.table[q, PROJECTION], TARGET] == pop:
             longest = max(longest, p.table[q, LONGEST])
-            bring_target(view, q, thread, local, done, h)
-    past = p.past[history]
-    mask = (past.size - FIRST_ENTRY) // 2 - 1
-    head, tail = np.int64(past[HEAD]), np.int64(past[TAIL])
-    while tail < head - 1 and past[FIRST_ENTRY + 2 * ((tail + 1) & mask)] + longest <= done:
-        tail += 1
-    past[TAIL] = tail
+            bring_target(view, q, thread, target, step, h)
+    past = p.past[net.pops[pop, HISTORY] + target]
+    past[APPLIED] = max(past[APPLIED], np.float64(step))
+    return longest
 
 
 @inner
 def post_spike(view, pop, thread, local, step, done, h):
-    """Enter a spike of a neuron into its history."""
+    """Enter a spike of a neuron into its history; first drop what nobody needs if that is full."""
     net, p = net_of(view), plastic_of(view)
-    history = net.pops[pop, HISTORY] + local
-    past = p.past[history]
-    mask = (past.size - FIRST_ENTRY) // 2 - 1
-    if past[HEAD] - past[TAIL] == mask + 1:
-        flush(view, pop, thread, local, history, done, h)
-    head = np.int64(past[HEAD])
+    past = p.past[net.pops[pop, HISTORY] + local]
+    n = np.int64(past[ENTRIES])
+    if NEWEST + 2 * n == past.size:
+        longest = bring_history(view, pop, thread, local, done, h)
+        while n > 1 and past[NEWEST + 2 * (n - 2)] + longest <= done:
+            n -= 1
     trace = 1.0
-    if past[HEAD] > past[TAIL]:
-        last = FIRST_ENTRY + 2 * ((head - 1) & mask)
-        age = (step - past[last]) * h
-        trace += past[last + 1] * math.exp(-age / net.tau_minus[net.pops[pop, BEGIN] + local])
-    entry = FIRST_ENTRY + 2 * (head & mask)
-    past[entry] = step
-    past[entry + 1] = trace
-    past[HEAD] = head + 1
+    if n > 0:
+        trace += past[NEWEST + 1] * math.exp(-(step - past[NEWEST]) * h / net.tau_minus[net.pops[pop, BEGIN] + local])
+    for i in range(2 * n - 1, -1, -1):
+        past[NEWEST + 2 + i] = past[NEWEST + i]
+    past[NEWEST] = step
+    past[NEWEST + 1] = trace
+    past[ENTRIES] = n + 1
 
 
 @inner

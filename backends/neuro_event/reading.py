@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.program import Floats, Ints
 from neuro_event import lazy, loop
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
+from neuro_event.plastic import APPLIED
 from neuro_event.views import table_of, with_plastic
 
 
@@ -43,13 +45,23 @@ class Copy:
             return told(concentration(a, self._view, k, step)[arranged.targets], arranged.order)
         if name == "K_plus":
             return told(np.repeat(trace(a, k, step), np.diff(arranged.row_ends)), arranged.order)
-        if not p.synapse.modulated:
-            return told(a.plastic["sent"][here], arranged.order)
+        if not p.synapse.modulated and name == "weight":
+            return told(self._sent(k, here, arranged.targets, arranged.row_ends), arranged.order)
         self._y[:, here] = a.plastic["y"][:, here]
         self._reached[here] = a.plastic["reached"][here]
         lazy.bring(self._other_view, k, a.program.populations[p.target].size, step, a.program.resolution)
         row = ["weight", *(s.name for s in type(p.synapse).states)].index(name)
         return told(self._y[row, here], arranged.order)
+
+    def _sent(self, k: int, here: slice, targets: NDArray[np.int32], row_ends: Ints) -> Floats:
+        """The weights sent last: kept aside where post spikes have been applied since the last pre spike."""
+        a = self._a
+        p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
+        first_source, first_history = a.plastic["table"][k, t.FIRST_SOURCE], a.net["pops"][p.target, t.HISTORY]
+        last = a.plastic["k_time"][0, first_source : first_source + row_ends.size - 1]
+        applied = a.plastic["past"][first_history + targets, APPLIED]
+        moved = applied > np.repeat(last, np.diff(row_ends))
+        return np.where(moved, a.plastic["sent"][here], a.plastic["y"][0, here])
 
 
 def concentration(a: Arrays, view: Ints, k: int, step: int) -> Floats:
@@ -92,5 +104,5 @@ def bring_all(a: Arrays, view: Ints, k: int, step: int) -> None:
     """Catch up the plastic projection number k to the present, before something of it is set."""
     p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
     n_sources, n_targets = a.program.populations[p.source].size, a.program.populations[p.target].size
-    lazy.bring(view, k, n_targets, step, a.program.resolution)
+    lazy.bring_histories(view, p.target, n_targets, step, a.program.resolution)
     lazy.bring_traces(view, k, n_sources, n_targets, step, a.program.resolution)

@@ -49,6 +49,7 @@ slept i8 1         last step of a sleeping block
 busy i8 1          last step in which a block had input or a spike
 mean f8 1          of a poisson_generator's neurons, per step
 nothing f8 1       exp(-mean)
+words u8 2         random words of one block, a row per thread
 guides u2 2        where to begin in `cumulative`
 cumulative f8 2    Poisson tables
 counts u2 1        rings of multiplicities of generators that keep them
