@@ -109,6 +109,12 @@ def __getattr__(name: str) -> Any:
     if name in _MODULES:
         return import_module(f"neuro.{name}")
     if name not in _HOME:
+        if not name.startswith("_"):
+            from neuro.neurons import MODELS
+            from neuro.synapses import SYNAPSES
+
+            if name in MODELS or name in SYNAPSES:
+                return MODELS.get(name) or SYNAPSES[name]
         raise AttributeError(f"module 'neuro' has no attribute '{name}'")
     value = getattr(import_module(_HOME[name]), name)
     globals()[name] = value

@@ -19,7 +19,6 @@ from neuro.neurons import Model, Neuron, dc_generator, poisson_generator, spike_
 from neuro.program import Floats
 from neuro.rules import grid
 from neuro.synapses import stdp_dopa
-from neuro.synapses.stdp import stdp
 
 AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe
 
@@ -155,7 +154,7 @@ def _check_weight(part: Projection) -> None:
     weight = plain(part.weight)
     if "Wmax" not in limits or isinstance(weight, Distribution) or np.ndim(weight):
         return
-    low, high = (0.0 if isinstance(part.synapse, stdp) else limits["Wmin"]), limits["Wmax"]
+    low, high = limits.get("Wmin", 0.0), limits["Wmax"]
     if not low <= weight <= high:
         refuse(
             part,

@@ -1,6 +1,6 @@
-"""Population models, one a file. A new one is a module and a line in `MODELS`."""
+"""Population models, one a file. A new one is a module and a line in `NEURONS`."""
 
-from neuro.neurons.base import Generator, Model, Neuron, State
+from neuro.neurons.base import Generator, Model, Neuron, State, complete
 from neuro.neurons.generators import dc_generator, poisson_generator, spike_generator
 from neuro.neurons.iaf_psc_alpha import iaf_psc_alpha
 from neuro.neurons.iaf_psc_delta import iaf_psc_delta
@@ -9,8 +9,14 @@ from neuro.neurons.izhikevich import izhikevich
 from neuro.neurons.parrot_neuron import parrot_neuron
 
 GENERATORS: tuple[type[Generator], ...] = (poisson_generator, spike_generator, dc_generator)
-NEURONS: tuple[type[Neuron], ...] = (parrot_neuron, iaf_psc_delta, iaf_psc_exp, iaf_psc_alpha, izhikevich)
-MODELS: dict[str, type[Model]] = {model.__name__: model for model in (*GENERATORS, *NEURONS)}
+NEURONS: tuple[type[Neuron], ...] = (
+    parrot_neuron,
+    iaf_psc_delta,
+    iaf_psc_exp,
+    iaf_psc_alpha,
+    izhikevich,
+)
+MODELS: dict[str, type[Model]] = {model.__name__: model for model in (*GENERATORS, *map(complete, NEURONS))}
 
 __all__ = [
     "GENERATORS",

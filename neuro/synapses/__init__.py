@@ -1,11 +1,40 @@
-"""Synapse models, one a file. A new one is a module and a line in `SYNAPSES`."""
+"""Synapse models, one a file. A new one is a module and a name in the list below."""
 
-from neuro.synapses.base import Synapse
+import numpy as np
+
+from neuro.neurons.base import check_functions, fill
+from neuro.synapses.base import FUNCTIONS, Synapse
 from neuro.synapses.r_stdp import r_stdp
 from neuro.synapses.static import static
 from neuro.synapses.stdp import stdp
 from neuro.synapses.stdp_dopa import stdp_dopa
 
-SYNAPSES: dict[str, type[Synapse]] = {model.__name__: model for model in (static, stdp, stdp_dopa, r_stdp)}
+_LISTED: tuple[type[Synapse], ...] = (static, stdp, stdp_dopa, r_stdp)
+
+
+def complete(model: type[Synapse]) -> type[Synapse]:
+    """Return a synapse model if it has all that backends rely on.
+
+    Raises:
+        TypeError: something is missing or not possible yet; it says what.
+    """
+    told = f"synapse model '{model.__name__}'"
+    if model.learns not in ("", "pairs", "trials"):
+        raise TypeError(f"{told}: learns = '{model.learns}': expected '', 'pairs' or 'trials'")
+    if model.learns == "trials" and model.arithmetic is not r_stdp.arithmetic:
+        raise TypeError(f"{told}: expected a rule with r_stdp's arithmetic: backends know no other rule for trials yet")
+    if model.modulated and not issubclass(model, stdp_dopa):
+        raise TypeError(f"{told}: expected a subclass of stdp_dopa, whose words say where dopamine comes from")
+    if model.learns == "pairs":
+        if "tau_plus" not in model.quantities():
+            raise TypeError(f"{told} has no 'tau_plus': expected one, the time constant of K+")
+        check_functions(told, model, {**FUNCTIONS, **({"advance": 7} if model.modulated else {})})
+        defaults = model.defaults()
+        if all(word in defaults for word in model.numbers()):
+            fill(told, model, np.array([float(defaults[word]) for word in model.numbers()]), np.zeros(model.width))
+    return model
+
+
+SYNAPSES: dict[str, type[Synapse]] = {model.__name__: complete(model) for model in _LISTED}
 
 __all__ = ["SYNAPSES", "Synapse", "r_stdp", "static", "stdp", "stdp_dopa"]

@@ -29,6 +29,9 @@ from numpy.typing import NDArray
 from neuro.neurons.base import State
 from neuro.quantities import Choice
 
+FUNCTIONS = {"constants": 3, "on_post": 4, "on_pre": 4}
+"""The functions of a pairwise rule and how many arguments each takes."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Synapse(Choice):

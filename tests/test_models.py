@@ -1,0 +1,132 @@
+"""What a neuron model or a synapse rule must have is told when its table is read, and a new one works by that table."""
+
+import inspect
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import ClassVar
+
+import pytest
+
+import neuro
+from neuro.neurons import MODELS, State, iaf_psc_exp
+from neuro.neurons import base as neurons
+from neuro.quantities import Value, quantity
+from neuro.synapses import SYNAPSES, Synapse, complete, r_stdp, stdp
+from neuro_event import build, tables
+
+V_M, NOTE = State("V_m", "mV", "membrane potential"), State("note", "", "something else")
+
+
+def arithmetic(of=iaf_psc_exp.arithmetic, **changed):
+    names = ("constants", "step", "fire", "quiet", "on_pre", "on_post", "advance")
+    found = {name: getattr(of, name) for name in names if hasattr(of, name)} | changed
+    return SimpleNamespace(__name__="mine", **{name: f for name, f in found.items() if f is not None})
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class mine(iaf_psc_exp):
+    """A neuron model."""
+
+    arithmetic: ClassVar = arithmetic()
+
+
+def neuron(**changed):
+    return type("mine", (mine,), changed)
+
+
+def rule(base=stdp, **changed):
+    return type("mine", (base,), changed)
+
+
+def test_a_complete_model_passes():
+    assert neurons.complete(mine) is mine
+    assert complete(stdp) is stdp
+
+
+def too_many(p, h, c):
+    c[20] = 1.0
+
+
+def another_first(p, h, c):
+    c[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"arithmetic": None}, "has no arithmetic: write 'mine.arithmetic = sys.modules[__name__]' below it"),
+        ({"arithmetic": arithmetic(quiet=None)}, ": 'mine' has no function 'quiet'"),
+        ({"arithmetic": arithmetic(fire=lambda s, c: None)}, ": 'fire' takes 2 arguments: expected 3"),
+        ({"states": (NOTE, V_M)}, ": V_m is state 1: expected it first"),
+        ({"receptors": 3}, ": receptors = 3: expected 1 or 2"),
+        (
+            {"arithmetic": arithmetic(constants=too_many)},
+            ": 'constants' fails for its defaults (index 20 is out of bounds for axis 0 with size 20): "
+            "expected at most 20 constants from 10 parameters",
+        ),
+        ({"arithmetic": arithmetic(constants=another_first)}, ": its first constant is 1: expected V_th = -55"),
+    ],
+)
+def test_an_incomplete_neuron_is_refused(changed, told):
+    with pytest.raises(TypeError) as caught:
+        neurons.complete(neuron(**changed))
+    assert str(caught.value).removeprefix("neuron model 'mine'").strip() == told.strip()
+
+
+def test_a_neuron_has_at_most_twenty_numeric_parameters():
+    words = {f"p_{k}": (Value, quantity(0.0, "", "one of many")) for k in range(11)}
+    body = {name: field for name, (_, field) in words.items()} | {
+        "__annotations__": {n: t for n, (t, _) in words.items()}
+    }
+    many = dataclass(frozen=True, kw_only=True, eq=False)(type("many", (mine,), body))
+    with pytest.raises(TypeError, match="'many' has 21 parameters with tau_minus: expected at most 20"):
+        neurons.complete(many)
+    body = {"__annotations__": {"way": str}, "way": quantity("up", "", "a word", kind="word", words=("up",))}
+    worded = dataclass(frozen=True, kw_only=True, eq=False)(type("worded", (mine,), body))
+    with pytest.raises(TypeError, match="parameter 'way' is a word: expected a number or a boolean"):
+        neurons.complete(worded)
+
+
+def test_the_event_backend_has_room_for_them():
+    assert tables.CONSTANTS >= neurons.LARGEST
+    assert build.PARAMETERS >= neurons.LARGEST
+
+
+@pytest.mark.parametrize(
+    ("model", "told"),
+    [
+        (rule(learns="triplets"), "learns = 'triplets': expected '', 'pairs' or 'trials'"),
+        (
+            rule(base=r_stdp, arithmetic=arithmetic(of=stdp.arithmetic)),
+            "expected a rule with r_stdp's arithmetic: backends know no other rule for trials yet",
+        ),
+        (
+            rule(modulated=True),
+            "expected a subclass of stdp_dopa, whose words say where dopamine comes from",
+        ),
+        (rule(arithmetic=arithmetic(of=stdp.arithmetic, on_pre=None)), "'mine' has no function 'on_pre'"),
+        (rule(width=4), "'constants' fails for its defaults"),
+        (rule(base=Synapse, learns="pairs"), "has no 'tau_plus': expected one, the time constant of K+"),
+    ],
+)
+def test_an_incomplete_rule_is_refused(model, told):
+    with pytest.raises(TypeError) as caught:
+        complete(model)
+    assert told in str(caught.value)
+    assert str(caught.value).startswith("synapse model 'mine'")
+
+
+def test_what_stands_in_a_table_is_called_by_its_name(monkeypatch):
+    monkeypatch.setitem(MODELS, "mine", mine)
+    monkeypatch.setitem(SYNAPSES, "yours", stdp)
+    assert neuro.mine is mine
+    assert neuro.yours is stdp
+    with pytest.raises(AttributeError, match="module 'neuro' has no attribute 'nobody'"):
+        _ = neuro.nobody
+
+
+def test_every_model_says_where_it_is_from():
+    for model in (*MODELS.values(), *SYNAPSES.values()):
+        assert model.equation, model
+        assert model.source, model
+        assert inspect.getdoc(model), model
