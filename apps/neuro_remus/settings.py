@@ -62,7 +62,7 @@ class Settings:
         return replace(
             self,
             network={**self.network, **network},
-            front=replace(self.front, **front),
+            front=_checked(replace(self.front, **front)),
             **{name: values[name] for name in values if name in own},
         )
 
@@ -83,28 +83,42 @@ def _one_of(name: str, value: object, known: tuple[str, ...]) -> None:
 
 
 def _like(example: Any, value: Any, name: str) -> Any:
-    """The value in the form of an example: a positive number, a list of numbers, or true or false."""
+    """The value in the form of an example: a positive number, a list of such, or true or false."""
+    if isinstance(example, tuple):
+        if not isinstance(value, (list, tuple)) or not value:
+            raise ModelError(f"{name} = {value!r}: expected a list of numbers")
+        return tuple(_like(example[0], one, name) for one in value)
     if isinstance(example, bool):
         if not isinstance(value, bool):
             raise ModelError(f"{name} = {value!r}: expected true or false")
         return value
-    several = isinstance(example, tuple)
-    numbers = list(value) if several and isinstance(value, (list, tuple)) else [value]
-    least = -float("inf") if name == "orientations" else 0.0
-    if several != isinstance(value, (list, tuple)) or not all(
-        isinstance(n, (int, float)) and not isinstance(n, bool) and least < n < float("inf") for n in numbers
-    ):
-        raise ModelError(f"{name} = {value!r}: expected {'a list of numbers' if several else 'a number'} > 0")
-    kind = type(example[0] if several else example)
-    return tuple(kind(n) for n in numbers) if several else kind(value)
+    kind, least = type(example), -float("inf") if name == "orientations" else 0.0
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not least < value < float("inf"):
+        raise ModelError(f"{name} = {value!r}: expected a number{' > 0' if least == 0 else ''}")
+    if kind(value) != value:
+        raise ModelError(f"{name} = {value!r}: expected a whole number")
+    return kind(value)
+
+
+def _checked(front: FrontEnd) -> FrontEnd:
+    """The front end, if its values go together."""
+    if len(front.size) != 2 or min(front.size) < 2:
+        raise ModelError(f"size = {list(front.size)}: expected width and height, at least 2 px each")
+    if not len(front.sizes) == len(front.sigmas) == len(front.wavelengths):
+        raise ModelError("sizes, sigmas and wavelengths: expected as many of each, one a scale")
+    if even := [size for size in front.sizes if size % 2 == 0]:
+        raise ModelError(f"sizes: found {even[0]}: expected odd numbers, so that a filter has a middle")
+    if front.min_response >= 1:
+        raise ModelError(f"min_response = {front.min_response:g}: expected less than 1, a frame's largest response")
+    return front
 
 
 SETTINGS = {
     "thesis": Settings(),
     "best": Settings(
-        network={"per_class": 8, "rescue": True, "dropout": 0.5, "decay": 0.8},
+        network={"per_class": 16, "rescue": True, "dropout": 0.5, "decay": 0.8},
         order="frames",
         vote="potentials",
     ),
 }
-"""`thesis`: table 3. `best`: eight grids a class, "rescue" in place of epsilon, frames shuffled, summed potentials."""
+"""`thesis`: table 3. `best`: sixteen grids a class, "rescue" in place of epsilon, shuffled frames, sums of potentials."""
