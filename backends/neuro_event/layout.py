@@ -190,6 +190,13 @@ def model_number(population: Population) -> int:
     return NEURONS.index(type(population.model))
 
 
+def aligned(rows: int, columns: int) -> Floats:
+    """Zeros whose first row begins a cache line."""
+    memory = np.zeros(rows * columns + 8)
+    skip = -(memory.ctypes.data // 8) % 8
+    return memory[skip : skip + rows * columns].reshape(rows, columns)
+
+
 def power_of_two(n: int) -> int:
     """The smallest power of two that is at least n."""
     return 1 << max(0, int(n - 1).bit_length())

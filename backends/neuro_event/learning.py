@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.program import Floats, Ints, Program
+from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.dispatch import MODULATED_RULES, RULES
@@ -72,13 +73,13 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         "incoming": np.concatenate(incoming[1:] or incoming),
         "in_synapse": np.concatenate([np.zeros(0, dtype=np.int64), *in_synapse]),
         "in_source": np.concatenate([np.zeros(0, dtype=np.int32), *in_source]),
-        "past": np.zeros((max(1, n_history), NEWEST + 2 * _history_capacity(program, learning))),
+        "past": layout.aligned(max(1, n_history), NEWEST + 2 * _history_capacity(program, learning)),
     }
 
 
 def _history_capacity(program: Program, learning: list[int]) -> int:
     """Entries that a history needs: all post spikes that can be under way to a synapse, and a few more."""
-    capacity = 15
+    capacity = 11
     for q in learning:
         p = program.projections[q]
         hold = np.min(program.populations[p.target].parameters.get("t_ref", np.zeros(1))) / program.resolution

@@ -44,10 +44,13 @@ from neuro_event.tables import (
     TARGET,
     WAKE_ALL,
 )
-from neuro_event.views import net_of, plastic_of
+from neuro_event.views import PAST, net_of, plastic_of, prefetch
 
 DECAYS = 2048
 """Steps for which decays are kept in tables."""
+
+AHEAD = 8
+"""Synapses by which a history is asked for before it is read."""
 
 PLUS, CONCENTRATION, MINUS = range(3)
 
@@ -57,11 +60,11 @@ pairs (step, K- just after), the newest first."""
 
 
 @inner
-def decayed(p, q, which, steps, h, tau):
-    """What is left after some steps of a trace that decays with tau."""
+def decayed(p, q, which, steps, h, tau, k):
+    """What is left after some steps of a trace that decays with tau[k]."""
     if steps < DECAYS and p.decay[q, which, 0] == 1.0:
         return p.decay[q, which, steps]
-    return math.exp(-steps * h / tau)
+    return math.exp(-steps * h / tau[k])
 
 
 @inner
@@ -71,7 +74,7 @@ def dopamine_at(view, q, target, step, h):
     place = p.table[q, FIRST_TARGET] + target
     if p.n[place] == 0.0:
         return 0.0
-    return p.n[place] * decayed(p, q, CONCENTRATION, step - p.n_time[place], h, p.tau[q, 1])
+    return p.n[place] * decayed(p, q, CONCENTRATION, step - p.n_time[place], h, p.tau[q], 1)
 
 
 @inner
@@ -85,17 +88,16 @@ def arrived_since(past, since, delay):
 
 
 @inner
-def potentiate(p, q, z, own, thread, past, since, upto, delay, h):
-    """Apply to synapse z, whose source has the trace `own`, the post spikes that arrive in since + 1 to upto."""
-    k_plus = p.k_plus[thread, own]
+def potentiate(p, q, z, k_plus, then, past, since, upto, delay, h):
+    """Apply to synapse z, with the trace K+ of step `then`, the post spikes that arrive in since + 1 to upto."""
     if k_plus == 0.0:
         return
-    rule, c, then = p.table[q, RULE], p.rule[q], p.k_time[thread, own]
+    rule, c = p.table[q, RULE], p.rule[q]
     for i in range(arrived_since(past, since, delay) - 1, -1, -1):
         arrival = np.int64(past[NEWEST + 2 * i]) + delay
         if arrival > upto:
             break
-        on_post(rule, p.y, z, c, k_plus * decayed(p, q, PLUS, arrival - then, h, p.tau[q, 0]))
+        on_post(rule, p.y, z, c, k_plus * decayed(p, q, PLUS, arrival - then, h, p.tau[q], 0))
 
 
 @inner
@@ -111,7 +113,7 @@ def flow(view, q, z, own, thread, target, past, upto, delay, h):
         advance(modulated, p.y, z, c, since, arrival, dopamine_at(view, q, target, since, h), grid)
         since = arrival
         if k_plus != 0.0:
-            k = k_plus * decayed(p, q, PLUS, arrival - then, h, p.tau[q, 0])
+            k = k_plus * decayed(p, q, PLUS, arrival - then, h, p.tau[q], 0)
             on_post(p.table[q, RULE], p.y, z, c, k)
     if since < upto:
         advance(modulated, p.y, z, c, since, upto, dopamine_at(view, q, target, since, h), grid)
@@ -119,12 +121,12 @@ def flow(view, q, z, own, thread, target, past, upto, delay, h):
 
 
 @inner
-def post_trace(p, q, past, before, h, tau_minus):
+def post_trace(p, q, past, before, h, tau_minus, neuron):
     """K- of a neuron from its spikes strictly before a step."""
     for i in range(np.int64(past[ENTRIES])):
         time = np.int64(past[NEWEST + 2 * i])
         if time < before:
-            return past[NEWEST + 2 * i + 1] * decayed(p, q, MINUS, before - time, h, tau_minus)
+            return past[NEWEST + 2 * i + 1] * decayed(p, q, MINUS, before - time, h, tau_minus, neuron)
     return 0.0
 
 
@@ -139,10 +141,13 @@ def pre_spike(view, q, source, m, step, thread, h):
     blocks = net.awake.shape[0]
     slots = net.due.shape[0] // blocks - 1
     own = table[FIRST_SOURCE] + source
-    last = p.k_time[thread, own]
+    k_plus, last = p.k_plus[thread, own], p.k_time[thread, own]
     place = row[ROW] + source * (net.edges.shape[0] - 1) + thread
     wide = row[WAKE_ALL] == 1 and row[DELAY_STRIDE] == 0
-    for e in range(net.rows[place], net.rows[place + 1]):
+    end = net.rows[place + 1]
+    histories, width = view[PAST, 0] + 8 * p.past.shape[1] * target_row[HISTORY], 8 * p.past.shape[1]
+    for e in range(net.rows[place], end):
+        prefetch(histories + width * np.int64(net.targets[min(e + AHEAD, end - 1)]))
         s = e - row[SYNAPSE]
         z = table[FIRST_SYNAPSE] + s
         target = np.int64(net.targets[e])
@@ -151,8 +156,8 @@ def pre_spike(view, q, source, m, step, thread, h):
         if table[MODULATED] >= 0:
             flow(view, q, z, own, thread, target, past, step, delay, h)
         else:
-            potentiate(p, q, z, own, thread, past, max(last, np.int64(past[APPLIED])), step, delay, h)
-        k_minus = post_trace(p, q, past, step - delay, h, net.tau_minus[target_row[BEGIN] + target])
+            potentiate(p, q, z, k_plus, last, past, max(last, np.int64(past[APPLIED])), step, delay, h)
+        k_minus = post_trace(p, q, past, step - delay, h, net.tau_minus, target_row[BEGIN] + target)
         on_pre(table[RULE], p.y, z, rule, k_minus)
         weight = p.y[0, z]
         second = 1 if receptors == 2 and weight < 0.0 else 0
@@ -166,8 +171,8 @@ def pre_spike(view, q, source, m, step, thread, h):
         lo, hi = max(target_row[FIRST_BLOCK], net.edges[thread]), min(target_row[LAST_BLOCK], net.edges[thread + 1])
         net.due[mark + lo : mark + hi] = 1
     trace = 1.0
-    if p.k_plus[thread, own] != 0.0:
-        trace += p.k_plus[thread, own] * math.exp(-(step - last) * h / p.tau[q, 0])
+    if k_plus != 0.0:
+        trace += k_plus * math.exp(-(step - last) * h / p.tau[q, 0])
     p.k_plus[thread, own] = trace
     p.k_time[thread, own] = step
 
@@ -196,7 +201,7 @@ def bring_target(view, q, thread, target, step, h):
         last = p.k_time[thread, own]
         if applied <= last:
             p.sent[z] = p.y[0, z]
-        potentiate(p, q, z, own, thread, past, max(last, applied), step, delay, h)
+        potentiate(p, q, z, p.k_plus[thread, own], last, past, max(last, applied), step, delay, h)
 
 
 @inner

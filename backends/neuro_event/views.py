@@ -13,7 +13,9 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
@@ -167,6 +169,26 @@ def _viewer(kind, text, first):
 
     return viewer
 
+
+@intrinsic
+def prefetch(typingctx, address):
+    """Ask for the cache line at an address, to be read soon."""
+
+    def codegen(context, builder, signature, arguments):
+        pointer = ir.PointerType(ir.IntType(8))
+        kind = ir.IntType(32)
+        function = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(ir.VoidType(), [pointer, kind, kind, kind]), "llvm.prefetch.p0"
+        )
+        place = builder.inttoptr(arguments[0], pointer)
+        builder.call(function, [place, kind(0), kind(3), kind(1)])
+        return context.get_dummy_value()
+
+    return types.void(types.int64), codegen
+
+
+PAST = len(NET_FIELDS) + PLASTIC_FIELDS.index("past")
+"""Row of the histories in the table."""
 
 net_of = _viewer(Net, NET, 0)
 plastic_of = _viewer(Plastic, PLASTIC, len(NET_FIELDS))
