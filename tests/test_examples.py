@@ -1,0 +1,141 @@
+"""Every example runs, and so does what the pages show.
+
+The ```python blocks of a page run one after the other in one namespace, in a folder of their own that holds a
+`net.yaml` and its results `out.h5`. A ```yaml block with a line `neuro: 1` is loaded and compiled; if its first line is
+a comment with a file's name, it is written there for the blocks that follow. Pages that change the package are
+followed in a copy of it: a block that begins with a path is that file, a ```diff block changes lines.
+"""
+
+import os
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import neuro
+from neuro.cli import main
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+NEW_CODE = ("add-a-neuron-model.md", "add-a-synapse-rule.md")
+NEEDS_DATA = ("remus.md",)
+_BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)
+_FILE = re.compile(r"# ([\w./-]+\.(?:py|yaml))\n")
+NET = """\
+neuro: 1
+name: pair
+parameters: {w: 300.0}
+populations:
+  noise: {model: {poisson_generator: {rate: 900.0}}, shape: 20}
+  exc: {model: iaf_psc_exp, shape: 10}
+  inh: {model: iaf_psc_exp, shape: 5}
+projections:
+  noise_exc: {from: noise, to: exc, rule: all_to_all, weight: $w, delay: 1.0}
+  exc_inh: {from: exc, to: inh, rule: all_to_all, weight: 300.0, delay: 1.0, synapse: {stdp: {Wmax: 600.0}}}
+probes:
+  v: {of: exc, record: V_m}
+"""
+
+
+def blocks(page: Path) -> list[tuple[str, str]]:
+    return _BLOCK.findall(page.read_text(encoding="utf-8"))
+
+
+def runnable(page: Path) -> bool:
+    return any(kind == "python" or (kind == "yaml" and "neuro: 1" in text) for kind, text in blocks(page))
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("net.yaml").write_text(NET)
+    return tmp_path
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
+def test_example(path, folder, capsys):
+    runpy.run_path(str(path), run_name="__main__")
+    assert capsys.readouterr().out.strip()
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.yaml")), ids=lambda path: path.stem)
+def test_example_network(path, folder):
+    net = neuro.load(path)
+    neuro.compile(net, backend="reference")
+    net.save("copy.yaml")
+    assert neuro.load("copy.yaml") == net
+
+
+@pytest.mark.parametrize(
+    "page",
+    [p for p in PAGES if p.name not in (*NEW_CODE, *NEEDS_DATA) and runnable(p)],
+    ids=lambda p: str(p.relative_to(ROOT)),
+)
+def test_page(page, folder, monkeypatch):
+    if "results.read(" in page.read_text(encoding="utf-8"):
+        monkeypatch.setattr(sys, "argv", "neuro run net.yaml --for 20 --out out.h5".split())
+        with pytest.raises(SystemExit) as done:
+            main()
+        assert not done.value.code
+    space = {"__name__": "page"}
+    for number, (kind, text) in enumerate(blocks(page)):
+        if kind == "python":
+            exec(compile(text, f"{page.name}, block {number}", "exec"), space)
+        elif kind == "yaml" and "neuro: 1" in text:
+            named = _FILE.match(text)
+            Path(named[1] if named else "block.yaml").write_text(text)
+            net = neuro.load(named[1] if named else "block.yaml")
+            if net.populations:
+                neuro.compile(net, backend="reference")
+
+
+def follow(page: Path, tree: Path) -> list[str]:
+    """Do in a copy of the package what a page says; return the blocks that are to be run there."""
+    scripts = []
+    for kind, text in blocks(page):
+        named = _FILE.match(text)
+        if kind == "python" and named:
+            (tree / named[1]).write_text(text.partition("\n")[2])
+        elif kind == "python":
+            scripts.append(text)
+        elif kind == "diff":
+            change(tree, text.splitlines())
+    return scripts
+
+
+def change(tree: Path, lines: list[str]) -> None:
+    """Put each `+` line after the last line named, and remove each `-` line."""
+    path = tree / lines[0].removeprefix("--- ")
+    text, place = path.read_text().splitlines(), -1
+    for line in lines[1:]:
+        if line[0] == "+":
+            place += 1
+            text.insert(place, line[1:])
+        else:
+            place = text.index(line[1:])
+            if line[0] == "-":
+                del text[place]
+                place -= 1
+    path.write_text("\n".join(text) + "\n")
+
+
+def test_pages_that_add_to_the_package(tmp_path):
+    """One copy for both pages, so that its kernels are compiled once."""
+    for name in ("neuro", "backends"):
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    scripts = [text for name in NEW_CODE for text in follow(ROOT / "docs" / "how-to" / name, tmp_path)]
+    (tmp_path / "stranger.py").write_text("\n".join([*scripts, "print(neuro.__file__)"]))
+    found = subprocess.run(
+        [sys.executable, "-W", "error", "stranger.py"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (tmp_path, tmp_path / "backends")))},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert found.returncode == 0, found.stderr
+    assert found.stdout.strip() == str(tmp_path / "neuro" / "__init__.py")
