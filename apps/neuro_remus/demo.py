@@ -15,8 +15,6 @@ from neuro_remus.settings import SETTINGS
 from neuro_remus.train import train
 
 N_TRAIN, N_TEST = 1500, 500
-QUICK = {"per_class": 8}
-"""Half the grids of the best settings, for one more error in a hundred."""
 
 
 def run(data: Path | None, out: Path, seed: int) -> None:
@@ -39,7 +37,7 @@ def run(data: Path | None, out: Path, seed: int) -> None:
     print(f"learning from {len(learning)} recordings of {len(learning.classes)} classes")
     spikes = c1_spikes(learning, cache=out / "c1")
     with report.Bar() as bar:
-        model = train(spikes, SETTINGS["best"].changed(QUICK), seed=seed, out=out / "model.h5", report=bar.show)
+        model = train(spikes, SETTINGS["best"], seed=seed, out=out / "model.h5", report=bar.show)
     print(f"{out / 'model.h5'}: {report.learnt(model)}\n\ntesting on {len(unseen)} recordings that it has never seen\n")
     results = report.try_out(model, unseen)
     report.show(model, results)
