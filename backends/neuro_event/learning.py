@@ -12,7 +12,7 @@ from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.dispatch import MODULATED_RULES, RULES
-from neuro_event.plastic import DECAYS, NEWEST
+from neuro_event.plastic import DECAYS, ENTRY, NEWEST
 
 
 def add_learning(a: Arrays, learning: list[int]) -> None:
@@ -73,18 +73,23 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         "incoming": np.concatenate(incoming[1:] or incoming),
         "in_synapse": np.concatenate([np.zeros(0, dtype=np.int64), *in_synapse]),
         "in_source": np.concatenate([np.zeros(0, dtype=np.int32), *in_source]),
-        "past": layout.aligned(max(1, n_history), NEWEST + 2 * _history_capacity(program, learning)),
+        "past": layout.aligned(max(1, n_history), _history_width(program, learning)),
     }
 
 
-def _history_capacity(program: Program, learning: list[int]) -> int:
-    """Entries that a history needs: all post spikes that can be under way to a synapse, and a few more."""
-    capacity = 11
+def _history_width(program: Program, learning: list[int]) -> int:
+    """Numbers in a history: room for all post spikes that can be under way to a synapse, and a few more.
+
+    An odd number of cache lines, so that the newest entries of many neurons spread over the cache.
+    """
+    entries = 12
     for q in learning:
         p = program.projections[q]
-        hold = np.min(program.populations[p.target].parameters.get("t_ref", np.zeros(1))) / program.resolution
-        capacity = max(capacity, int(2 * p.delay.max() / (int(hold) + 1)) + 4 if p.delay.size else 0)
-    return capacity
+        if p.delay.size:
+            hold = np.min(program.populations[p.target].parameters.get("t_ref", np.zeros(1))) / program.resolution
+            entries = max(entries, int(2 * p.delay.max() / (int(hold) + 1)) + 4)
+    lines = -(-(NEWEST + ENTRY * entries) // 8)
+    return 8 * (lines + 1 - lines % 2)
 
 
 def set_rule_constants(

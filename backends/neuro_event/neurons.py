@@ -53,7 +53,7 @@ def emit(view, thread, pop, row, i, m, step, done, h, at):
         net.rec_counts[thread, r] = m
         net.rec_at[thread] = r + 1
     if row[HISTORY] >= 0:
-        post_spike(view, pop, thread, i - row[BEGIN], step, done, h)
+        post_spike(view, pop, thread, i - row[BEGIN], m, step, done, h)
     return at + 1
 
 

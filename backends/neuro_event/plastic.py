@@ -55,8 +55,9 @@ AHEAD = 8
 PLUS, CONCENTRATION, MINUS = range(3)
 
 ENTRIES, APPLIED, NEWEST = range(3)
+ENTRY = 3
 """A history is a row: how many entries it has, the step up to which synapses without dopamine have used it, then
-pairs (step, K- just after), the newest first."""
+entries (step, K- just after, multiplicity), the newest first."""
 
 
 @inner
@@ -82,7 +83,7 @@ def arrived_since(past, since, delay):
     """How many entries of a history, the newest ones, arrive after a step."""
     n = np.int64(past[ENTRIES])
     i = 0
-    while i < n and np.int64(past[NEWEST + 2 * i]) + delay > since:
+    while i < n and np.int64(past[NEWEST + ENTRY * i]) + delay > since:
         i += 1
     return i
 
@@ -94,10 +95,13 @@ def potentiate(p, q, z, k_plus, then, past, since, upto, delay, h):
         return
     rule, c = p.table[q, RULE], p.rule[q]
     for i in range(arrived_since(past, since, delay) - 1, -1, -1):
-        arrival = np.int64(past[NEWEST + 2 * i]) + delay
+        arrival = np.int64(past[NEWEST + ENTRY * i]) + delay
         if arrival > upto:
             break
-        on_post(rule, p.y, z, c, k_plus * decayed(p, q, PLUS, arrival - then, h, p.tau[q], 0))
+        k = k_plus * decayed(p, q, PLUS, arrival - then, h, p.tau[q], 0)
+        on_post(rule, p.y, z, c, k)
+        for _ in range(1, np.int64(past[NEWEST + ENTRY * i + 2])):
+            on_post(rule, p.y, z, c, k)
 
 
 @inner
@@ -107,14 +111,15 @@ def flow(view, q, z, own, thread, target, past, upto, delay, h):
     modulated, c, grid = p.table[q, MODULATED], p.rule[q], p.table[q, GRID_STEPS]
     k_plus, then, since = p.k_plus[thread, own], p.k_time[thread, own], p.reached[z]
     for i in range(arrived_since(past, since, delay) - 1, -1, -1):
-        arrival = np.int64(past[NEWEST + 2 * i]) + delay
+        arrival = np.int64(past[NEWEST + ENTRY * i]) + delay
         if arrival > upto:
             break
         advance(modulated, p.y, z, c, since, arrival, dopamine_at(view, q, target, since, h), grid)
         since = arrival
         if k_plus != 0.0:
             k = k_plus * decayed(p, q, PLUS, arrival - then, h, p.tau[q], 0)
-            on_post(p.table[q, RULE], p.y, z, c, k)
+            for _ in range(np.int64(past[NEWEST + ENTRY * i + 2])):
+                on_post(p.table[q, RULE], p.y, z, c, k)
     if since < upto:
         advance(modulated, p.y, z, c, since, upto, dopamine_at(view, q, target, since, h), grid)
     p.reached[z] = upto
@@ -124,14 +129,14 @@ def flow(view, q, z, own, thread, target, past, upto, delay, h):
 def post_trace(p, q, past, before, h, tau_minus, neuron):
     """K- of a neuron from its spikes strictly before a step."""
     for i in range(np.int64(past[ENTRIES])):
-        time = np.int64(past[NEWEST + 2 * i])
+        time = np.int64(past[NEWEST + ENTRY * i])
         if time < before:
-            return past[NEWEST + 2 * i + 1] * decayed(p, q, MINUS, before - time, h, tau_minus, neuron)
+            return past[NEWEST + ENTRY * i + 1] * decayed(p, q, MINUS, before - time, h, tau_minus, neuron)
     return 0.0
 
 
 @inner
-def pre_spike(view, q, source, m, step, thread, h):
+def pre_spike(view, q, source, step, thread, h):
     """A pre spike: each synapse of this thread catches up, learns and sends; then K+ grows."""
     net, p = net_of(view), plastic_of(view)
     table, rule = p.table[q], p.rule[q]
@@ -163,7 +168,7 @@ def pre_spike(view, q, source, m, step, thread, h):
         second = 1 if receptors == 2 and weight < 0.0 else 0
         at = step + delay
         ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]
-        net.buf[ring + target] += m if relay == 1 else weight * m
+        net.buf[ring + target] += 1.0 if relay == 1 else weight
         if not wide:
             net.due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
     if wide and net.rows[place] < net.rows[place + 1]:
@@ -259,22 +264,23 @@ def bring_history(view, pop, thread, target, step, h):
 
 
 @inner
-def post_spike(view, pop, thread, local, step, done, h):
-    """Enter a spike of a neuron into its history; first drop what nobody needs if that is full."""
+def post_spike(view, pop, thread, local, m, step, done, h):
+    """Enter a spike of multiplicity m into a neuron's history; first drop what nobody needs if that is full."""
     net, p = net_of(view), plastic_of(view)
     past = p.past[net.pops[pop, HISTORY] + local]
     n = np.int64(past[ENTRIES])
-    if NEWEST + 2 * n == past.size:
+    if NEWEST + ENTRY * (n + 1) > past.size:
         longest = bring_history(view, pop, thread, local, done, h)
-        while n > 1 and past[NEWEST + 2 * (n - 2)] + longest <= done:
+        while n > 1 and past[NEWEST + ENTRY * (n - 2)] + longest <= done:
             n -= 1
-    trace = 1.0
+    trace = np.float64(m)
     if n > 0:
         trace += past[NEWEST + 1] * math.exp(-(step - past[NEWEST]) * h / net.tau_minus[net.pops[pop, BEGIN] + local])
-    for i in range(2 * n - 1, -1, -1):
-        past[NEWEST + 2 + i] = past[NEWEST + i]
+    for i in range(ENTRY * n - 1, -1, -1):
+        past[NEWEST + ENTRY + i] = past[NEWEST + i]
     past[NEWEST] = step
     past[NEWEST + 1] = trace
+    past[NEWEST + 2] = m
     past[ENTRIES] = n + 1
 
 
@@ -293,4 +299,5 @@ def learn_step(view, step, done_dopamine, thread, h, dopamine_only):
         for t in range(net.edges.shape[0] - 1):
             for place in range(net.log_ends[t, slot, source], net.log_ends[t, slot, source + 1]):
                 local = np.int64(net.log_ids[t, place & mask]) - net.pops[source, BEGIN]
-                pre_spike(view, q, local, np.float64(net.log_counts[t, place & mask]), step, thread, h)
+                for _ in range(net.log_counts[t, place & mask]):
+                    pre_spike(view, q, local, step, thread, h)

@@ -82,7 +82,7 @@ class Net:
                 wires.send_current(amplitude, step)
         for pairs in self.pairs.values():
             pairs.arrive(step)
-            pairs.emit_post(self.ids[pairs.part.target], step)
+            pairs.emit_post(self.ids[pairs.part.target], self.multiplicity[pairs.part.target], step)
             if pairs.part.dopamine >= 0:
                 pairs.emit_dopamine(self.ids[pairs.part.dopamine], self.multiplicity[pairs.part.dopamine], step)
         self.step = step
@@ -97,11 +97,13 @@ class Net:
             assert isinstance(model, Neuron)
             origin = wires.part.source
             for source, multiplicity in zip(self.ids[origin], self.multiplicity[origin], strict=True):
-                if index in self.pairs:
-                    weights = self.pairs[index].spike(source, self.step)
-                else:
+                if index not in self.pairs:
                     weights = wires.weights[wires.slot[wires.row(source)]]
-                wires.send(source, multiplicity, self.step, weights, model.relay, model.receptors)
+                    wires.send(source, multiplicity, self.step, weights, model.relay, model.receptors)
+                    continue
+                for _ in range(int(multiplicity)):
+                    weights = self.pairs[index].spike(source, self.step)
+                    wires.send(source, 1, self.step, weights, model.relay, model.receptors)
 
     def _arrivals(self, index: int, step: int) -> tuple[Floats, Floats, Bools]:
         """Input by receptor, external current, and which neurons hear a spike, of one population."""

@@ -58,13 +58,15 @@ class Pairs:
         self.heard: Ints = np.zeros(n, dtype=np.int64)
         self.n: Floats = np.zeros(n_target)
         self.n_step: Ints = np.zeros(n_target, dtype=np.int64)
-        self.posts = np.zeros((self.wires.slots, n), dtype=bool)
+        self.posts: Ints = np.zeros((self.wires.slots, n), dtype=np.int64)
         self.doses: Ints = np.zeros((self.part.dopamine_delay + 1, n_target), dtype=np.int64)
 
-    def emit_post(self, ids: Ints, step: int) -> None:
+    def emit_post(self, ids: Ints, multiplicity: Ints, step: int) -> None:
         """Spikes of the target set out for the synapses."""
-        to = np.flatnonzero(np.isin(self.wires.target, ids))
-        self.posts[(step + self.wires.delay[to]) % len(self.posts), to] = True
+        emitted: Ints = np.zeros(self.wires.n_target, dtype=np.int64)
+        emitted[ids] = multiplicity
+        to = np.flatnonzero(emitted[self.wires.target])
+        self.posts[(step + self.wires.delay[to]) % len(self.posts), to] = emitted[self.wires.target[to]]
 
     def emit_dopamine(self, ids: Ints, multiplicity: Ints, step: int) -> None:
         """Spikes of the dopamine population set out for the targets."""
@@ -85,10 +87,12 @@ class Pairs:
         self.doses[place] = 0
         for e in np.flatnonzero(self.posts[step % len(self.posts)]).tolist():
             self._integrate(e, step)
-            self.arithmetic.on_post(self.y, e, self.c, self._k_plus(self.wires.source[e], step))
+            multiplicity = int(self.posts[step % len(self.posts), e])
+            for _ in range(multiplicity):
+                self.arithmetic.on_post(self.y, e, self.c, self._k_plus(self.wires.source[e], step))
             self.k_minus_before[e] = self._k_minus(e, step)
-            self.k_minus[e], self.heard[e] = 1.0 + self.k_minus_before[e], step
-        self.posts[step % len(self.posts)] = False
+            self.k_minus[e], self.heard[e] = multiplicity + self.k_minus_before[e], step
+        self.posts[step % len(self.posts)] = 0
 
     def spike(self, source: int, step: int) -> Floats:
         """A pre spike emitted in `step`: the rule acts, then K+ grows; return the weights that are sent."""

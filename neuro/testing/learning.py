@@ -57,7 +57,7 @@ def stdp_within_a_population(start: Start) -> Found:
 
 @case
 def stdp_onto_parrots(start: Start) -> Found:
-    """Plastic synapses from spikes of multiplicity above one, which count once in traces, onto parrots."""
+    """Plastic synapses from spikes of multiplicity above one, which act as often, onto parrots."""
     net = network(1.0)
     net.population("source", 3, poisson_generator(rate=900.0))
     net.population("cells", 3, parrot_neuron())
