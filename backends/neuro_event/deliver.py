@@ -115,8 +115,9 @@ def grid_add(row, source, m, weights, buf, out):
             w = row[WEIGHT] + place * maps
             o = out + (r * columns + c) * row[PLACE_STEP]
             if row[MAP_STEP] == 1:
-                for k in range(maps):
-                    buf[o + k] += weights[w + k] * m
+                to, some = buf[o : o + maps], weights[w : w + maps]
+                for k in range(some.size):
+                    to[k] += some[k] * m
             else:
                 for k in range(maps):
                     buf[o + k * row[MAP_STEP]] += weights[w + k] * m
