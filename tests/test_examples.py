@@ -77,7 +77,7 @@ def test_example_network(path, folder):
 )
 def test_page(page, folder, monkeypatch):
     if "results.read(" in page.read_text(encoding="utf-8"):
-        monkeypatch.setattr(sys, "argv", "neuro run net.yaml --for 20 --out out.h5".split())
+        monkeypatch.setattr(sys, "argv", ["neuro", "run", "net.yaml", "--for", "20", "--out", "out.h5"])
         with pytest.raises(SystemExit) as done:
             main()
         assert not done.value.code
