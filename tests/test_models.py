@@ -92,6 +92,10 @@ def test_the_event_backend_has_room_for_them():
     assert build.PARAMETERS >= neurons.LARGEST
 
 
+def at_every_post(y, e, c, k_plus):
+    y[0, e] -= 0.1
+
+
 @pytest.mark.parametrize(
     ("model", "told"),
     [
@@ -106,6 +110,10 @@ def test_the_event_backend_has_room_for_them():
         ),
         (rule(arithmetic=arithmetic(of=stdp.arithmetic, on_pre=None)), "'mine' has no function 'on_pre'"),
         (rule(width=4), "'constants' fails for its defaults"),
+        (
+            rule(arithmetic=arithmetic(of=stdp.arithmetic, on_post=at_every_post)),
+            "'on_post' changes a synapse where K+ is 0",
+        ),
         (rule(base=Synapse, learns="pairs"), "has no 'tau_plus': expected one, the time constant of K+"),
     ],
 )

@@ -31,7 +31,11 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         check_functions(told, model, {**FUNCTIONS, **({"advance": 7} if model.modulated else {})})
         defaults = model.defaults()
         if all(word in defaults for word in model.numbers()):
-            fill(told, model, np.array([float(defaults[word]) for word in model.numbers()]), np.zeros(model.width))
+            c, y = np.zeros(model.width), np.ones((1 + len(model.states), 1))
+            fill(told, model, np.array([float(defaults[word]) for word in model.numbers()]), c)
+            model.arithmetic.on_post(y, 0, c, 0.0)
+            if np.any(y != 1.0):
+                raise TypeError(f"{told}: 'on_post' changes a synapse where K+ is 0: expected it to leave every bit")
     return model
 
 
