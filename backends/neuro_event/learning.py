@@ -82,7 +82,7 @@ def _history_width(program: Program, learning: list[int]) -> int:
 
     An odd number of cache lines, so that the newest entries of many neurons spread over the cache.
     """
-    entries = 12
+    entries = 7
     for q in learning:
         p = program.projections[q]
         if p.delay.size:

@@ -49,7 +49,7 @@ from neuro_event.views import PAST, net_of, plastic_of, prefetch
 DECAYS = 2048
 """Steps for which decays are kept in tables."""
 
-AHEAD = 8
+AHEAD = 16
 """Synapses by which a history is asked for before it is read."""
 
 PLUS, CONCENTRATION, MINUS = range(3)
@@ -61,10 +61,10 @@ entries (step, K- just after, multiplicity), the newest first."""
 
 
 @inner
-def decayed(p, q, which, steps, h, tau, k):
-    """What is left after some steps of a trace that decays with tau[k]."""
-    if steps < DECAYS and p.decay[q, which, 0] == 1.0:
-        return p.decay[q, which, steps]
+def decayed(table, steps, h, tau, k):
+    """What is left after some steps of a trace that decays with tau[k]; `table` holds it for the first steps."""
+    if steps < DECAYS and table[0] == 1.0:
+        return table[steps]
     return math.exp(-steps * h / tau[k])
 
 
@@ -75,7 +75,7 @@ def dopamine_at(view, q, target, step, h):
     place = p.table[q, FIRST_TARGET] + target
     if p.n[place] == 0.0:
         return 0.0
-    return p.n[place] * decayed(p, q, CONCENTRATION, step - p.n_time[place], h, p.tau[q], 1)
+    return p.n[place] * decayed(p.decay[q, CONCENTRATION], step - p.n_time[place], h, p.tau[q], 1)
 
 
 @inner
@@ -89,19 +89,17 @@ def arrived_since(past, since, delay):
 
 
 @inner
-def potentiate(p, q, z, k_plus, then, past, since, upto, delay, h):
+def potentiate(rule, c, y, z, decay, tau, k_plus, then, past, since, upto, delay, h):
     """Apply to synapse z, with the trace K+ of step `then`, the post spikes that arrive in since + 1 to upto."""
     if k_plus == 0.0:
         return
-    rule, c = p.table[q, RULE], p.rule[q]
     for i in range(arrived_since(past, since, delay) - 1, -1, -1):
         arrival = np.int64(past[NEWEST + ENTRY * i]) + delay
         if arrival > upto:
             break
-        k = k_plus * decayed(p, q, PLUS, arrival - then, h, p.tau[q], 0)
-        on_post(rule, p.y, z, c, k)
-        for _ in range(1, np.int64(past[NEWEST + ENTRY * i + 2])):
-            on_post(rule, p.y, z, c, k)
+        k = k_plus * decayed(decay, arrival - then, h, tau, 0)
+        for _ in range(np.int64(past[NEWEST + ENTRY * i + 2])):
+            on_post(rule, y, z, c, k)
 
 
 @inner
@@ -117,7 +115,7 @@ def flow(view, q, z, own, thread, target, past, upto, delay, h):
         advance(modulated, p.y, z, c, since, arrival, dopamine_at(view, q, target, since, h), grid)
         since = arrival
         if k_plus != 0.0:
-            k = k_plus * decayed(p, q, PLUS, arrival - then, h, p.tau[q], 0)
+            k = k_plus * decayed(p.decay[q, PLUS], arrival - then, h, p.tau[q], 0)
             for _ in range(np.int64(past[NEWEST + ENTRY * i + 2])):
                 on_post(p.table[q, RULE], p.y, z, c, k)
     if since < upto:
@@ -126,12 +124,12 @@ def flow(view, q, z, own, thread, target, past, upto, delay, h):
 
 
 @inner
-def post_trace(p, q, past, before, h, tau_minus, neuron):
+def post_trace(decay, past, before, h, tau_minus, neuron):
     """K- of a neuron from its spikes strictly before a step."""
     for i in range(np.int64(past[ENTRIES])):
         time = np.int64(past[NEWEST + ENTRY * i])
         if time < before:
-            return past[NEWEST + ENTRY * i + 1] * decayed(p, q, MINUS, before - time, h, tau_minus, neuron)
+            return past[NEWEST + ENTRY * i + 1] * decayed(decay, before - time, h, tau_minus, neuron)
     return 0.0
 
 
@@ -139,7 +137,8 @@ def post_trace(p, q, past, before, h, tau_minus, neuron):
 def pre_spike(view, q, source, step, thread, h):
     """A pre spike: each synapse of this thread catches up, learns and sends; then K+ grows."""
     net, p = net_of(view), plastic_of(view)
-    table, rule = p.table[q], p.rule[q]
+    table, rule, number, y = p.table[q], p.rule[q], p.table[q, RULE], p.y
+    plus, minus, tau = p.decay[q, PLUS], p.decay[q, MINUS], p.tau[q]
     row = net.projections[table[PROJECTION]]
     target_row = net.pops[row[TARGET]]
     receptors, relay = target_row[RECEPTORS], target_row[RELAY]
@@ -161,10 +160,12 @@ def pre_spike(view, q, source, step, thread, h):
         if table[MODULATED] >= 0:
             flow(view, q, z, own, thread, target, past, step, delay, h)
         else:
-            potentiate(p, q, z, k_plus, last, past, max(last, np.int64(past[APPLIED])), step, delay, h)
-        k_minus = post_trace(p, q, past, step - delay, h, net.tau_minus, target_row[BEGIN] + target)
-        on_pre(table[RULE], p.y, z, rule, k_minus)
-        weight = p.y[0, z]
+            potentiate(
+                number, rule, y, z, plus, tau, k_plus, last, past, max(last, np.int64(past[APPLIED])), step, delay, h
+            )
+        k_minus = post_trace(minus, past, step - delay, h, net.tau_minus, target_row[BEGIN] + target)
+        on_pre(number, y, z, rule, k_minus)
+        weight = y[0, z]
         second = 1 if receptors == 2 and weight < 0.0 else 0
         at = step + delay
         ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]
@@ -206,7 +207,21 @@ def bring_target(view, q, thread, target, step, h):
         last = p.k_time[thread, own]
         if applied <= last:
             p.sent[z] = p.y[0, z]
-        potentiate(p, q, z, p.k_plus[thread, own], last, past, max(last, applied), step, delay, h)
+        potentiate(
+            table[RULE],
+            p.rule[q],
+            p.y,
+            z,
+            p.decay[q, PLUS],
+            p.tau[q],
+            p.k_plus[thread, own],
+            last,
+            past,
+            max(last, applied),
+            step,
+            delay,
+            h,
+        )
 
 
 @inner
