@@ -17,6 +17,8 @@ from neuro_event.projections import add_projections
 from neuro_event.sources import add_generators
 
 PARAMETERS = 20
+LINE = 16
+"""Numbers between what two threads write often, so that they share no cache line."""
 
 
 def build(program: Program, threads: int) -> Arrays:
@@ -60,7 +62,7 @@ def _neurons(a: Arrays, slots: int) -> None:
         "muted": np.zeros(n, dtype=np.uint8),
         "events": np.zeros(n, dtype=np.int64),
         "spikes": np.zeros(n, dtype=np.int64),
-        "active": np.zeros((a.net["edges"].size - 1, len(a.program.populations)), dtype=np.int64),
+        "active": np.zeros((a.net["edges"].size - 1, len(a.program.populations) + LINE), dtype=np.int64),
         "awake": np.zeros(blocks, dtype=np.uint8),
         "due": np.zeros(slots * blocks, dtype=np.uint8),
         "slept": np.zeros(blocks, dtype=np.int64),
@@ -134,14 +136,14 @@ def _logs(a: Arrays) -> None:
         "log_ids": np.zeros((threads, capacity), dtype=np.int32),
         "log_counts": np.zeros((threads, capacity), dtype=np.int32),
         "log_ends": np.zeros((threads, steps, len(a.program.populations) + 1), dtype=np.int64),
-        "log_at": np.zeros(threads, dtype=np.int64),
+        "log_at": np.zeros((threads, LINE), dtype=np.int64),
         "rec_steps": np.zeros((threads, capacity), dtype=np.int64),
         "rec_ids": np.zeros((threads, capacity), dtype=np.int32),
         "rec_counts": np.zeros((threads, capacity), dtype=np.int32),
-        "rec_at": np.zeros(threads, dtype=np.int64),
+        "rec_at": np.zeros((threads, LINE), dtype=np.int64),
         "found": np.zeros((threads, n), dtype=np.int64),
         "found_arrived": np.zeros((threads, n), dtype=np.uint8),
-        "clock": np.zeros((threads, 3), dtype=np.int64),
+        "clock": np.zeros((threads, LINE), dtype=np.int64),
         "scratch": np.zeros((threads, t.CONSTANTS)),
         "words": np.zeros((threads, t.BLOCK), dtype=np.uint64),
     }

@@ -9,13 +9,13 @@ from typing import Any
 
 from neuro.neurons import NEURONS
 from neuro.synapses import SYNAPSES
-from neuro_event.jit import compiled, inner
+from neuro_event.jit import compiled, inner, merged
 
 RULES = [synapse for synapse in SYNAPSES.values() if synapse.learns == "pairs"]
 _STEP = "s, c, x, i_0, lo, hi, fired"
 
 
-def _chosen(function: str, arguments: str, models: list[Any]) -> Any:
+def _chosen(function: str, arguments: str, models: list[Any], compile_: Any = inner) -> Any:
     """A compiled function (number, arguments) that calls the function of that name of the numbered model."""
     scope: dict[str, Any] = {}
     lines = [f"def {function}(number, {arguments}):"]
@@ -24,7 +24,7 @@ def _chosen(function: str, arguments: str, models: list[Any]) -> Any:
         lines += [f"    if number == {number}:", f"        return of_{number}({arguments})"]
     lines.append(f"    return of_0({arguments})")
     exec("\n".join(lines), scope)
-    return inner(scope[function])
+    return compile_(scope[function])
 
 
 constants = _chosen("constants", "p, h, c", list(NEURONS))
@@ -32,7 +32,7 @@ step = _chosen("step", _STEP, list(NEURONS))
 fire = _chosen("fire", "s, c, i", list(NEURONS))
 quiet = _chosen("quiet", "s, c, i_0, lo, hi", list(NEURONS))
 
-on_post = _chosen("on_post", "y, e, c, k_plus", RULES)
-on_pre = _chosen("on_pre", "y, e, c, k_minus", RULES)
+on_post = _chosen("on_post", "y, e, c, k_plus", RULES, merged)
+on_pre = _chosen("on_pre", "y, e, c, k_minus", RULES, merged)
 advance = _chosen("advance", "y, e, c, begin, end, n, grid", [r for r in RULES if r.modulated])
 MODULATED_RULES = [r for r in RULES if r.modulated]

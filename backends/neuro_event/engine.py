@@ -107,7 +107,7 @@ class EventEngine:
         for name in ("log_ids", "log_counts"):
             bigger = np.zeros((net[name].shape[0], 2 * old), dtype=np.int32)
             for thread in range(bigger.shape[0]):
-                places = np.arange(max(0, int(net["log_at"][thread]) - old), int(net["log_at"][thread]))
+                places = np.arange(max(0, int(net["log_at"][thread, 0]) - old), int(net["log_at"][thread, 0]))
                 bigger[thread, places & (2 * old - 1)] = net[name][thread, places & (old - 1)]
             net[name] = bigger
         self._pack()
@@ -341,7 +341,9 @@ class EventEngine:
         net = self._a.net
         events = tuple(p.told(net["events"][p.begin : p.end].copy()) for p in self._a.places)
         spikes = tuple(p.told(net["spikes"][p.begin : p.end].copy()) for p in self._a.places)
-        return EngineCounts(self._step, events, spikes, net["active"].sum(axis=0), self._trial_updates.copy())
+        return EngineCounts(
+            self._step, events, spikes, net["active"].sum(axis=0)[: len(events)], self._trial_updates.copy()
+        )
 
     def memory(self) -> dict[str, int]:
         """Bytes by what they hold."""

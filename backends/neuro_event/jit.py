@@ -66,6 +66,11 @@ def inner(function: Callable[..., Any]) -> Any:
     return _njit(error_model="numpy", _nrt=False)(function)
 
 
+def merged(function: Callable[..., Any]) -> Any:
+    """Compile a function that is always merged into its callers: for the few in the innermost loops."""
+    return _njit(error_model="numpy", _nrt=False, forceinline=True)(function)
+
+
 @cache
 def compiled(function: FunctionType) -> Any:
     """Compile a model's plain function together with the plain functions that it calls."""

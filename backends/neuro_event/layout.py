@@ -165,7 +165,7 @@ def thread_edges(program: Program, where: list[Place], threads: int) -> Ints:
     for index, (population, place) in enumerate(zip(program.populations, where, strict=True)):
         first, last = place.begin // WORD, -(-place.end // WORD)
         incoming = sum(_count(p, program) for p in program.projections if p.target == index)
-        load[first:last] = (population.size + incoming / 50.0) / (last - first)
+        load[first:last] = (population.size + incoming / 200.0) / (last - first)
         if index in grouped:
             whole[first + 1 : last] = True
     ends = np.concatenate([[0.0], np.cumsum(load)])

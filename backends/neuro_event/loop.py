@@ -62,7 +62,7 @@ def advance(view, thread, first, last, h):
     act_at_emission(view, thread, first - 1, first - 1, h)
     done = first - 1
     for step in range(first, last):
-        at = net.log_at[thread]
+        at = net.log_at[thread, 0]
         slot = step & (net.log_ends.shape[1] - 1)
         for pop in range(net.pops.shape[0]):
             row = net.pops[pop]
@@ -86,7 +86,7 @@ def advance(view, thread, first, last, h):
             elif row[KIND] == LISTED:
                 at = list_spikes(view, thread, pop, row, step, at, done, h)
         net.log_ends[thread, slot, net.pops.shape[0]] = at
-        net.log_at[thread] = at
+        net.log_at[thread, 0] = at
 
 
 @inner
@@ -98,8 +98,8 @@ def room(view, step, steps, reach):
         if n == 0:
             continue
         oldest = net.log_ends[thread, (step - reach) & (net.log_ends.shape[1] - 1), 0]
-        steps = min(steps, (net.log_ids.shape[1] - (net.log_at[thread] - oldest)) // n)
-        steps = min(steps, (net.rec_ids.shape[1] - net.rec_at[thread]) // n)
+        steps = min(steps, (net.log_ids.shape[1] - (net.log_at[thread, 0] - oldest)) // n)
+        steps = min(steps, (net.rec_ids.shape[1] - net.rec_at[thread, 0]) // n)
     return steps
 
 

@@ -47,11 +47,11 @@ def emit(view, thread, pop, row, i, m, step, done, h, at):
     net.events[i] += 1
     net.spikes[i] += m
     if row[RECORD] == 1:
-        r = net.rec_at[thread]
+        r = net.rec_at[thread, 0]
         net.rec_steps[thread, r] = step
         net.rec_ids[thread, r] = i
         net.rec_counts[thread, r] = m
-        net.rec_at[thread] = r + 1
+        net.rec_at[thread, 0] = r + 1
     if row[HISTORY] >= 0:
         post_spike(view, pop, thread, i - row[BEGIN], m, step, done, h)
     return at + 1

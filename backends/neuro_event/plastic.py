@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from neuro_event.dispatch import advance, on_post, on_pre
-from neuro_event.jit import inner
+from neuro_event.jit import inner, merged
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
@@ -60,7 +60,7 @@ ENTRY = 3
 entries (step, K- just after, multiplicity), the newest first."""
 
 
-@inner
+@merged
 def decayed(table, steps, h, tau, k):
     """What is left after some steps of a trace that decays with tau[k]; `table` holds it for the first steps."""
     if steps < DECAYS and table[0] == 1.0:
@@ -78,7 +78,7 @@ def dopamine_at(view, q, target, step, h):
     return p.n[place] * decayed(p.decay[q, CONCENTRATION], step - p.n_time[place], h, p.tau[q], 1)
 
 
-@inner
+@merged
 def arrived_since(past, since, delay):
     """How many entries of a history, the newest ones, arrive after a step."""
     n = np.int64(past[ENTRIES])
@@ -88,7 +88,7 @@ def arrived_since(past, since, delay):
     return i
 
 
-@inner
+@merged
 def potentiate(rule, c, y, z, decay, tau, k_plus, then, past, since, upto, delay, h):
     """Apply to synapse z, with the trace K+ of step `then`, the post spikes that arrive in since + 1 to upto."""
     if k_plus == 0.0:
@@ -123,7 +123,7 @@ def flow(view, q, z, own, thread, target, past, upto, delay, h):
     p.reached[z] = upto
 
 
-@inner
+@merged
 def post_trace(decay, past, before, h, tau_minus, neuron):
     """K- of a neuron from its spikes strictly before a step."""
     for i in range(np.int64(past[ENTRIES])):

@@ -24,8 +24,8 @@ class Record:
     def drain(self, net: Any) -> None:
         """Take over what the loop has recorded."""
         parts = []
-        for thread in range(net["rec_at"].size):
-            n = int(net["rec_at"][thread])
+        for thread in range(net["rec_at"].shape[0]):
+            n = int(net["rec_at"][thread, 0])
             if n:
                 parts.append(
                     (
@@ -34,7 +34,7 @@ class Record:
                         net["rec_counts"][thread, :n].copy(),
                     )
                 )
-                net["rec_at"][thread] = 0
+                net["rec_at"][thread, 0] = 0
         if len(parts) == 1:
             self._chunks.append(parts[0])
         elif parts:

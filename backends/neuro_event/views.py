@@ -68,11 +68,11 @@ tau_minus f8 1     of each neuron
 log_ids i4 2       (threads, capacity) spikes under way, a ring
 log_counts i4 2
 log_ends i8 3      (threads, steps, populations + 1) where each population's spikes of a step begin
-log_at i8 1        where each thread writes next
+log_at i8 2        (threads, cache line) where each thread writes next
 rec_steps i8 2     recorded spikes of each thread
 rec_ids i4 2
 rec_counts i4 2
-rec_at i8 1
+rec_at i8 2         (threads, a cache line)
 found i8 2         who of a group reached threshold
 found_arrived u1 2
 groups i8 2        columns of `tables`, a row per group
