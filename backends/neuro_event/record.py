@@ -12,14 +12,15 @@ from neuro.backend import Spikes
 from neuro.program import Program
 from neuro_event.layout import Place
 
+Part = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32]]
+
 
 class Record:
-    """Chunks of (steps, neurons, multiplicity), each sorted by step, oldest first."""
+    """Chunks, oldest first; a chunk has a part for each thread: (steps, neurons, multiplicity) by step."""
 
     def __init__(self, program: Program, places: list[Place]) -> None:
-        self._names = [(p.name, p.records) for p in program.populations]
         self._places = places
-        self._chunks: list[tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32]]] = []
+        self._chunks: list[list[Part]] = []
 
     def drain(self, net: Any) -> None:
         """Take over what the loop has recorded."""
@@ -27,68 +28,72 @@ class Record:
         for thread in range(net["rec_at"].shape[0]):
             n = int(net["rec_at"][thread, 0])
             if n:
-                parts.append(
-                    (
-                        net["rec_steps"][thread, :n].copy(),
-                        net["rec_ids"][thread, :n].copy(),
-                        net["rec_counts"][thread, :n].copy(),
-                    )
-                )
+                steps, ids, counts = (net[name][thread, :n].copy() for name in ("rec_steps", "rec_ids", "rec_counts"))
+                parts.append((steps, ids, counts))
                 net["rec_at"][thread, 0] = 0
-        if len(parts) == 1:
-            self._chunks.append(parts[0])
-        elif parts:
-            steps, ids, counts = (np.concatenate(c) for c in zip(*parts, strict=True))
-            order = np.lexsort((ids, steps))
-            self._chunks.append((steps[order], ids[order], counts[order]))
+        if parts:
+            self._chunks.append(parts)
 
     def spikes(self, population: int, since: int) -> Spikes:
         """Spikes of a population with step > since, by step, then id."""
         place = self._places[population]
-        found = []
-        for steps, neurons, counts in reversed(self._chunks):
-            if steps[-1] <= since:
+        found: list[Part] = []
+        for chunk in reversed(self._chunks):
+            if max(int(steps[-1]) for steps, _, _ in chunk) <= since:
                 break
-            keep = (neurons >= place.begin) & (neurons < place.end)
-            if steps[0] <= since:
-                keep &= steps > since
-            found.append((steps[keep], neurons[keep], counts[keep]))
+            found += [_chosen(part, place, since) for part in reversed(chunk)]
+        found = [part for part in reversed(found) if part[0].size]
         if not found:
             nothing = np.zeros(0, dtype=np.int64)
             return Spikes(nothing, nothing, np.zeros(0, dtype=np.int32))
-        steps, neurons, counts = (
-            found[0] if len(found) == 1 else tuple(np.concatenate(c) for c in zip(*reversed(found), strict=True))
-        )
+        steps, neurons, counts = found[0] if len(found) == 1 else _joined(found)
         ids = neurons.astype(np.int64) - place.begin
         if place.inside is not None:
             ids = place.outside[ids]
+        if place.inside is not None or len(found) > 1:
             order = np.lexsort((ids, steps))
-            return Spikes(steps[order], ids[order], counts[order])
+            steps, ids, counts = steps[order], ids[order], counts[order]
         return Spikes(steps, ids, counts)
 
     def forget(self, before: int) -> None:
         """Drop spikes with step <= before."""
         kept = []
-        for steps, neurons, counts in self._chunks:
-            if steps[0] > before:
-                kept.append((steps, neurons, counts))
-            elif steps[-1] > before:
-                keep = steps > before
-                kept.append((steps[keep], neurons[keep], counts[keep]))
+        for chunk in self._chunks:
+            parts = [
+                (s[s > before], i[s > before], c[s > before]) if s[0] <= before else (s, i, c) for s, i, c in chunk
+            ]
+            parts = [part for part in parts if part[0].size]
+            if parts:
+                kept.append(parts)
         self._chunks = kept
 
     def nbytes(self) -> int:
         """Bytes held."""
-        return sum(array.nbytes for chunk in self._chunks for array in chunk)
+        return sum(array.nbytes for chunk in self._chunks for part in chunk for array in part)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """All chunks joined."""
         empty = (np.zeros(0, np.int64), np.zeros(0, np.int32), np.zeros(0, np.int32))
-        joined = [np.concatenate(c) for c in zip(empty, *self._chunks, strict=True)]
-        return {"record.steps": joined[0], "record.ids": joined[1], "record.counts": joined[2]}
+        steps, ids, counts = _joined([empty, *(part for chunk in self._chunks for part in chunk)])
+        order = np.lexsort((ids, steps))
+        return {"record.steps": steps[order], "record.ids": ids[order], "record.counts": counts[order]}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Take over a snapshot."""
         steps = arrays["record.steps"]
-        chunk = (steps.copy(), arrays["record.ids"].astype(np.int32), arrays["record.counts"].astype(np.int32))
-        self._chunks = [chunk] if steps.size else []
+        part = (steps.copy(), arrays["record.ids"].astype(np.int32), arrays["record.counts"].astype(np.int32))
+        self._chunks = [[part]] if steps.size else []
+
+
+def _chosen(part: Part, place: Place, since: int) -> Part:
+    """Those spikes of a part that are of one population and after a step."""
+    steps, neurons, counts = part
+    keep = (neurons >= place.begin) & (neurons < place.end)
+    if steps[0] <= since:
+        keep &= steps > since
+    return steps[keep], neurons[keep], counts[keep]
+
+
+def _joined(parts: list[Part]) -> Part:
+    steps, neurons, counts = zip(*parts, strict=True)
+    return np.concatenate(steps), np.concatenate(neurons), np.concatenate(counts)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from statistics import median
 
 from neuro.program import Ints
 from neuro_event import loop
@@ -11,8 +12,8 @@ from neuro_event import loop
 PERIOD = 512
 """Slices after which it is tried again whether one thread or all are faster."""
 
-TRIED = 8
-"""Slices that each way is tried for."""
+TRIED = 16
+"""Slices for which the two ways are tried in turn."""
 
 
 class Threads:
@@ -27,23 +28,25 @@ class Threads:
         self._pool = ThreadPoolExecutor(n - 1) if n > 1 else None
         self._slices = 0
         self._together = True
-        self._seconds = [0.0, 0.0]
+        self._seconds: tuple[list[float], list[float]] = ([], [])
 
     def run(self, view: Ints, first: int, last: int, longest: int, reach: int, h: float) -> int:
-        """Run the steps first:last; return where there was no room to go on, or `last`."""
+        """Run the steps first:last; return where there was no room for a whole slice, or `last`."""
         if self._pool is None:
             return int(loop.run(view, first, last, longest, reach, h))
         step = first
         while step < last:
             steps = int(loop.has_room(view, step, min(longest, last - step), reach))
-            if steps < 1:
+            if steps < 1 or (steps < min(longest, last - step) and step > first):
                 return step
-            phase = self._slices % PERIOD // TRIED
-            if phase >= 2 and not self._together:
-                step += self._alone(view, step, last, longest, reach, h)
-            else:
-                self._slice(phase, view, step, step + steps, h)
+            if self._slices % PERIOD < TRIED:
+                self._try(view, step, step + steps, h)
                 step += steps
+            elif self._together:
+                self._share(view, step, step + steps, h)
+                step += steps
+            else:
+                step += self._alone(view, step, last, longest, reach, h)
         for thread in range(self._n):
             loop.finish(view, thread, last - 1, h)
         return last
@@ -55,20 +58,20 @@ class Threads:
         self._slices += max(1, (reached - first) // longest)
         return reached - first
 
-    def _slice(self, phase: int, view: Ints, first: int, last: int, h: float) -> None:
-        """One slice: on all threads, or in phase 1 on this one; the first two phases tell which is faster."""
+    def _try(self, view: Ints, first: int, last: int, h: float) -> None:
+        """One slice, on all threads or on this one in turn; then the way with the lower median is kept."""
+        way = self._slices % 2
         began = time.perf_counter()
-        if phase == 1:
+        if way == 0:
+            self._share(view, first, last, h)
+        else:
             for thread in range(self._n):
                 loop.run_slice(view, thread, first, last, h)
-        else:
-            self._share(view, first, last, h)
-        if phase < 2:
-            self._seconds[phase] += time.perf_counter() - began
-        self._slices += 1
-        if self._slices % PERIOD == 2 * TRIED:
-            self._together = self._seconds[0] < self._seconds[1]
-            self._seconds = [0.0, 0.0]
+            self._slices += 1
+        self._seconds[way].append(time.perf_counter() - began)
+        if self._slices % PERIOD == TRIED:
+            self._together = median(self._seconds[0]) < median(self._seconds[1])
+            self._seconds = ([], [])
 
     def _share(self, view: Ints, first: int, last: int, h: float) -> None:
         assert self._pool is not None
@@ -76,3 +79,4 @@ class Threads:
         loop.run_slice(view, 0, first, last, h)
         for other in others:
             other.result()
+        self._slices += 1
