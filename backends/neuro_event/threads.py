@@ -9,10 +9,10 @@ from statistics import median
 from neuro.program import Ints
 from neuro_event import loop
 
-PERIOD = 512
+PERIOD = 128
 """Slices after which it is tried again whether one thread or all are faster."""
 
-TRIED = 16
+TRIED = 8
 """Slices for which the two ways are tried in turn."""
 
 
