@@ -71,6 +71,7 @@ class EventEngine:
         net["awake_groups"] = net["awake"].view(np.uint64)
         net["due_groups"] = net["due"].view(np.uint64)
         net["fired_words"] = net["fired"].view(np.uint64)
+        self._a.plastic["traces"] = self._a.plastic["past"].view(np.float64)
         self._view = table_of(net, self._a.plastic)
         self._copy = reading.Copy(self._a, self._view)
 
@@ -370,7 +371,7 @@ class EventEngine:
         """Everything that `restore` needs to continue bit for bit."""
         self._record.drain(self._a.net)
         net = {f"net.{k}": v.copy() for k, v in self._a.net.items() if k not in _FIXED}
-        plastic = {f"plastic.{k}": v.copy() for k, v in self._a.plastic.items()}
+        plastic = {f"plastic.{k}": v.copy() for k, v in self._a.plastic.items() if k != "traces"}
         own = {"engine.step": np.array(self._step), "engine.trial_updates": self._trial_updates.copy()}
         own["engine.edges"] = self._a.net["edges"].copy()
         for q, rule in self._rules.items():

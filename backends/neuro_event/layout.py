@@ -190,9 +190,9 @@ def model_number(population: Population) -> int:
     return NEURONS.index(type(population.model))
 
 
-def aligned(rows: int, columns: int) -> Floats:
+def aligned(rows: int, columns: int) -> Ints:
     """Zeros whose first row begins a cache line."""
-    memory = np.zeros(rows * columns + 8)
+    memory = np.zeros(rows * columns + 8, dtype=np.int64)
     skip = -(memory.ctypes.data // 8) % 8
     return memory[skip : skip + rows * columns].reshape(rows, columns)
 

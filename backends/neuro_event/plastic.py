@@ -57,7 +57,8 @@ PLUS, CONCENTRATION, MINUS = range(3)
 ENTRIES, APPLIED, NEWEST = range(3)
 ENTRY = 3
 """A history is a row: how many entries it has, the step up to which synapses without dopamine have used it, then
-entries (step, K- just after, multiplicity), the newest first."""
+entries (step, K- just after, multiplicity), the newest first. All are integers but K-, which lies in the same memory
+as a float."""
 
 
 @merged
@@ -81,9 +82,9 @@ def dopamine_at(view, q, target, step, h):
 @merged
 def arrived_since(past, since, delay):
     """How many entries of a history, the newest ones, arrive after a step."""
-    n = np.int64(past[ENTRIES])
+    n = past[ENTRIES]
     i = 0
-    while i < n and np.int64(past[NEWEST + ENTRY * i]) + delay > since:
+    while i < n and past[NEWEST + ENTRY * i] + delay > since:
         i += 1
     return i
 
@@ -94,11 +95,11 @@ def potentiate(rule, c, y, z, decay, tau, k_plus, then, past, since, upto, delay
     if k_plus == 0.0:
         return
     for i in range(arrived_since(past, since, delay) - 1, -1, -1):
-        arrival = np.int64(past[NEWEST + ENTRY * i]) + delay
+        arrival = past[NEWEST + ENTRY * i] + delay
         if arrival > upto:
             break
         k = k_plus * decayed(decay, arrival - then, h, tau, 0)
-        for _ in range(np.int64(past[NEWEST + ENTRY * i + 2])):
+        for _ in range(past[NEWEST + ENTRY * i + 2]):
             on_post(rule, y, z, c, k)
 
 
@@ -109,14 +110,14 @@ def flow(view, q, z, own, thread, target, past, upto, delay, h):
     modulated, c, grid = p.table[q, MODULATED], p.rule[q], p.table[q, GRID_STEPS]
     k_plus, then, since = p.k_plus[thread, own], p.k_time[thread, own], p.reached[z]
     for i in range(arrived_since(past, since, delay) - 1, -1, -1):
-        arrival = np.int64(past[NEWEST + ENTRY * i]) + delay
+        arrival = past[NEWEST + ENTRY * i] + delay
         if arrival > upto:
             break
         advance(modulated, p.y, z, c, since, arrival, dopamine_at(view, q, target, since, h), grid)
         since = arrival
         if k_plus != 0.0:
             k = k_plus * decayed(p.decay[q, PLUS], arrival - then, h, p.tau[q], 0)
-            for _ in range(np.int64(past[NEWEST + ENTRY * i + 2])):
+            for _ in range(past[NEWEST + ENTRY * i + 2]):
                 on_post(p.table[q, RULE], p.y, z, c, k)
     if since < upto:
         advance(modulated, p.y, z, c, since, upto, dopamine_at(view, q, target, since, h), grid)
@@ -124,12 +125,12 @@ def flow(view, q, z, own, thread, target, past, upto, delay, h):
 
 
 @merged
-def post_trace(decay, past, before, h, tau_minus, neuron):
+def post_trace(decay, past, traces, before, h, tau_minus, neuron):
     """K- of a neuron from its spikes strictly before a step."""
-    for i in range(np.int64(past[ENTRIES])):
-        time = np.int64(past[NEWEST + ENTRY * i])
+    for i in range(past[ENTRIES]):
+        time = past[NEWEST + ENTRY * i]
         if time < before:
-            return past[NEWEST + ENTRY * i + 1] * decayed(decay, before - time, h, tau_minus, neuron)
+            return traces[NEWEST + ENTRY * i + 1] * decayed(decay, before - time, h, tau_minus, neuron)
     return 0.0
 
 
@@ -160,10 +161,16 @@ def pre_spike(view, q, source, step, thread, h):
         if table[MODULATED] >= 0:
             flow(view, q, z, own, thread, target, past, step, delay, h)
         else:
-            potentiate(
-                number, rule, y, z, plus, tau, k_plus, last, past, max(last, np.int64(past[APPLIED])), step, delay, h
-            )
-        k_minus = post_trace(minus, past, step - delay, h, net.tau_minus, target_row[BEGIN] + target)
+            potentiate(number, rule, y, z, plus, tau, k_plus, last, past, max(last, past[APPLIED]), step, delay, h)
+        k_minus = post_trace(
+            minus,
+            past,
+            p.traces[target_row[HISTORY] + target],
+            step - delay,
+            h,
+            net.tau_minus,
+            target_row[BEGIN] + target,
+        )
         on_pre(number, y, z, rule, k_minus)
         weight = y[0, z]
         second = 1 if receptors == 2 and weight < 0.0 else 0
@@ -194,7 +201,7 @@ def bring_target(view, q, thread, target, step, h):
     table = p.table[q]
     row = net.projections[table[PROJECTION]]
     past = p.past[net.pops[row[TARGET], HISTORY] + target]
-    applied = np.int64(past[APPLIED])
+    applied = past[APPLIED]
     begin = table[INCOMING] + target
     for i in range(p.incoming[begin], p.incoming[begin + 1]):
         z = p.in_synapse[i]
@@ -274,7 +281,7 @@ def bring_history(view, pop, thread, target, step, h):
             longest = max(longest, p.table[q, LONGEST])
             bring_target(view, q, thread, target, step, h)
     past = p.past[net.pops[pop, HISTORY] + target]
-    past[APPLIED] = max(past[APPLIED], np.float64(step))
+    past[APPLIED] = max(past[APPLIED], step)
     return longest
 
 
@@ -283,18 +290,20 @@ def post_spike(view, pop, thread, local, m, step, done, h):
     """Enter a spike of multiplicity m into a neuron's history; first drop what nobody needs if that is full."""
     net, p = net_of(view), plastic_of(view)
     past = p.past[net.pops[pop, HISTORY] + local]
-    n = np.int64(past[ENTRIES])
+    n = past[ENTRIES]
     if NEWEST + ENTRY * (n + 1) > past.size:
         longest = bring_history(view, pop, thread, local, done, h)
         while n > 1 and past[NEWEST + ENTRY * (n - 2)] + longest <= done:
             n -= 1
+    traces = p.traces[net.pops[pop, HISTORY] + local]
     trace = np.float64(m)
     if n > 0:
-        trace += past[NEWEST + 1] * math.exp(-(step - past[NEWEST]) * h / net.tau_minus[net.pops[pop, BEGIN] + local])
+        age = (step - past[NEWEST]) * h
+        trace += traces[NEWEST + 1] * math.exp(-age / net.tau_minus[net.pops[pop, BEGIN] + local])
     for i in range(ENTRY * n - 1, -1, -1):
         past[NEWEST + ENTRY + i] = past[NEWEST + i]
     past[NEWEST] = step
-    past[NEWEST + 1] = trace
+    traces[NEWEST + 1] = trace
     past[NEWEST + 2] = m
     past[ENTRIES] = n + 1
 

@@ -100,7 +100,8 @@ n_time i8 1        that step
 incoming i8 1      synapses by target: ends
 in_synapse i8 1    the synapses
 in_source i4 1     their sources
-past f8 2          history of each neuron's spikes, see `plastic`
+past i8 2          history of each neuron's spikes, see `plastic`
+traces f8 2        the same memory as floats
 """
 
 _TYPES = {"i8": "int64", "f8": "float64", "i4": "int32", "u1": "uint8", "u2": "uint16", "u8": "uint64"}
