@@ -19,7 +19,6 @@ from neuro.neurons import Model
 from neuro.program import Floats, Ints, Population, Program, Projection
 from neuro.quantities import Quantity, check, word_of
 from neuro.synapses import Synapse
-from neuro.synapses.stdp import stdp
 
 _STATE = Quantity(arrays=True)
 _WEIGHT = Quantity(arrays=True)
@@ -150,14 +149,16 @@ def rule_of(rule: Synapse, vector: Floats) -> Synapse:
 
 
 def check_rule(part: Projection, rule: Synapse, weight: Floats) -> None:
-    """Weights of stdp stay within [0, Wmax], as its powers have no meaning elsewhere."""
-    if not isinstance(rule, stdp):
+    """Weights that pairs change stay within their rule's bounds."""
+    limits = rule.parameters()
+    if rule.learns != "pairs" or "Wmax" not in limits:
         return
-    bad = np.flatnonzero((weight < 0.0) | (weight > rule.Wmax))
+    low, high = limits.get("Wmin", 0.0), limits["Wmax"]
+    bad = np.flatnonzero((weight < low) | (weight > high))
     if bad.size:
         raise ModelError(
             f"projection '{part.name}': weight[{bad[0]}] = {weight[bad[0]]:g}: "
-            f"expected 0 to {rule.Wmax:g}, the bounds of stdp"
+            f"expected {low:g} to {high:g}, the bounds of {rule.name}"
         )
 
 

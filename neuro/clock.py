@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from neuro.errors import ModelError
 
 NEVER = 2**62
+LARGEST = 2**40
+"""Steps that a time may have."""
+
 TOLERANCE = 1e-6
 
 
@@ -61,8 +64,10 @@ class Clock:
             raise ModelError(f"{what} = {ms!r}: expected a time in ms") from None
         if math.isnan(exact):
             raise ModelError(f"{what} = nan: expected a time in ms")
-        if math.isinf(exact):
+        if math.isinf(float(ms)):
             return NEVER if exact > 0 else -NEVER
+        if abs(exact) > LARGEST:
+            raise self._too_long(float(ms), what)
         step = round(exact)
         if abs(exact - step) > TOLERANCE:
             raise self._off_grid(float(ms), what)
@@ -75,12 +80,19 @@ class Clock:
             ModelError: one does not; the first such is named.
         """
         exact = times / self.resolution
+        long = np.flatnonzero(np.isfinite(times.ravel()) & (np.abs(exact.ravel()) > LARGEST))
+        if long.size:
+            name = f"{what}[{long[0]}]" if times.size > 1 else what
+            raise self._too_long(float(times.ravel()[long[0]]), name)
         steps = np.rint(exact)
         near = np.abs(exact - steps) <= TOLERANCE
         if not near.all():
             bad = int(np.flatnonzero(~near.ravel())[0])
             raise self._off_grid(float(times.ravel()[bad]), f"{what}[{bad}]" if times.size > 1 else what)
         return steps.astype(np.int64)
+
+    def _too_long(self, ms: float, what: str) -> ModelError:
+        return ModelError(f"{what} = {ms:g} ms: expected at most {self.ms(LARGEST):g} ms, 2^40 steps")
 
     def _off_grid(self, ms: float, what: str) -> ModelError:
         if not math.isfinite(ms):

@@ -148,6 +148,15 @@ def write(results: Results, path: str | PathLike[str]) -> None:
                 _write_part(group.create_group(name), part)
 
 
+def is_results(path: str | PathLike[str]) -> bool:
+    """Whether a file holds results."""
+    try:
+        with h5py.File(path, "r") as file:
+            return bool(file.attrs.get("format") == FORMAT)
+    except OSError:
+        return False
+
+
 def read(path: str | PathLike[str]) -> Results:
     """Read the file.
 

@@ -56,9 +56,12 @@ def compile(
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise ModelError(f"seed = {seed!r}: expected a whole number >= 0")
     chosen = find(backend) if isinstance(backend, str) else backend
-    program = compile_network(net, int(seed))
-    _report(chosen.name, chosen.problems(program))
-    return Simulation(net, chosen.name, program, chosen.build(program, threads=threads, **options))
+    try:
+        program = compile_network(net, int(seed))
+        _report(chosen.name, chosen.problems(program))
+        return Simulation(net, chosen.name, program, chosen.build(program, threads=threads, **options))
+    except MemoryError as error:
+        raise ModelError(f"network '{net.name}' needs more memory than there is: {error}") from None
 
 
 def _report(backend: str, problems: Iterable[Problem]) -> None:

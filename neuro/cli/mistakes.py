@@ -37,6 +37,8 @@ def mistake(error: Exception) -> str | None:
         return str(error)
     if isinstance(error, UsageError):
         return usage(error)
+    if isinstance(error, MemoryError):
+        return f"this needs more memory than there is: {error}"
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     return None

@@ -21,7 +21,6 @@ from neuro.neurons import Neuron, dc_generator, poisson_generator, spike_generat
 from neuro.program import Floats, Ints
 from neuro.rules import grid
 from neuro.synapses import stdp_dopa
-from neuro.synapses.stdp import stdp
 
 
 def compile_network(net: Network, seed: int) -> resolved.Program:
@@ -177,18 +176,20 @@ def _projection(
 
 
 def check_stdp_weights(part: Projection, weight: Floats) -> None:
-    """Weights of stdp lie in [0, Wmax], as its powers have no meaning elsewhere.
+    """Weights that pairs change lie within their rule's bounds.
 
     Raises:
         ModelError: one does not; the first such is named.
     """
-    if not isinstance(part.synapse, stdp):
+    limits = part.synapse.parameters()
+    if part.synapse.learns != "pairs" or "Wmax" not in limits:
         return
-    bad = np.flatnonzero((weight < 0.0) | (weight > part.synapse.Wmax))
+    low, high = limits.get("Wmin", 0.0), limits["Wmax"]
+    bad = np.flatnonzero((weight < low) | (weight > high))
     if bad.size:
         raise ModelError(
             f"projection '{part.name}': weight[{bad[0]}] = {weight[bad[0]]:g}: "
-            f"expected 0 to {part.synapse.Wmax:g}, the bounds of stdp",
+            f"expected {low:g} to {high:g}, the bounds of {part.synapse.name}",
             where=part.origin,
-            hint="give the distribution 'low' and 'high', or raise stdp.Wmax",
+            hint=f"give the distribution 'low' and 'high', or raise {part.synapse.name}.Wmax",
         )

@@ -14,6 +14,9 @@ from neuro.errors import ModelError
 from neuro.program import Floats
 from neuro.quantities import FromFile
 
+LONGEST_DELAY = 2**16
+"""Steps that a delay may have."""
+
 
 def plain(value: Any) -> Any:
     """A number, an array or a distribution: what a `FromFile` holds, and all else as it is."""
@@ -76,14 +79,25 @@ def delay_steps(value: Any, found: Connections, clock: Clock, what: str, rng: np
     value = plain(value)
     if isinstance(value, Distribution):
         drawn = np.rint(value.sample(rng, found.size) / clock.resolution)
+        if drawn.size and drawn.max() > LONGEST_DELAY:
+            raise too_late(f"the longest drawn {what}", int(drawn.max()), clock)
         return np.maximum(drawn, 1.0).astype(np.int32)
     steps = clock.steps(per_synapse(value, found, what, rng), what) if np.ndim(value) else one_delay(value, clock, what)
+    late = np.flatnonzero(steps > LONGEST_DELAY)
+    if late.size:
+        raise too_late(f"{what}[{late[0]}]" if steps.size > 1 else what, int(steps.ravel()[late[0]]), clock)
     early = np.flatnonzero(steps < 1)
     if early.size:
         raise ModelError(
             f"{what}[{early[0]}] = 0 ms: expected at least the resolution, {clock.resolution:g} ms",
         )
     return steps.astype(np.int32)
+
+
+def too_late(what: str, step: int, clock: Clock) -> ModelError:
+    """The error for a delay that would need too much memory for what is under way."""
+    longest = clock.ms(LONGEST_DELAY)
+    return ModelError(f"{what} = {clock.ms(step):g} ms: expected at most {longest:g} ms, 2^16 steps")
 
 
 def one_delay(value: Any, clock: Clock, what: str) -> NDArray[np.int64]:
@@ -94,6 +108,8 @@ def one_delay(value: Any, clock: Clock, what: str) -> NDArray[np.int64]:
             f"{what} = {value:g} ms: expected at least the resolution, {clock.resolution:g} ms",
             hint=f"the smallest is {clock.ms(1):g} ms",
         )
+    if step > LONGEST_DELAY:
+        raise too_late(what, step, clock)
     return np.array([step], dtype=np.int64)
 
 

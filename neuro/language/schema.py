@@ -67,7 +67,6 @@ def schema() -> Schema:
                 "trials": _words(Trials),
                 "probes": _named(_probe(), Probe),
             },
-            ["neuro"],
         ),
         "$defs": {
             "parameter": {"type": "string", "pattern": r"^\$[^\W\d]\w*$", "description": "the value of a parameter"},

@@ -25,13 +25,7 @@ def gather(path: Path) -> dict[str, Node]:
     Raises:
         ModelError: a file cannot be read, a word is unknown, or two files define the same part.
     """
-    root = read(path)
-    sections = _sections(root, [path.resolve()], set())
-    if "neuro" not in sections:
-        raise ModelError(
-            "expected 'neuro: 1', the version of the language", where=root.where, hint="write 'neuro: 1' first"
-        )
-    return sections
+    return _sections(read(path), [path.resolve()], set())
 
 
 def _sections(root: Node, chain: list[Path], seen: set[Path]) -> dict[str, Node]:

@@ -87,3 +87,11 @@ def test_bugs_are_not_hidden(neuro, network, monkeypatch):
     monkeypatch.setattr("neuro.load", lambda *a, **k: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         neuro("run", network)
+
+
+def test_results_do_not_replace_the_network(neuro, network):
+    before = Path(network).read_bytes()
+    answer = neuro("run", network, "--for", "1", "--out", network)
+    expected = "--out = net.yaml: this is the network itself: expected a new name, or results to replace"
+    assert (answer.status, answer.err) == (2, f"error: {expected}\n")
+    assert Path(network).read_bytes() == before

@@ -41,10 +41,6 @@ CASES = [
         "net.yaml:1:1: found nothing: expected the words of a network: neuro, name, include, resolution, parameters, populations, projections, signals, groups, trials, probes",
     ),
     (
-        "populations:\n  a: {model: poisson_generator, shape: 3}\n  b: {model: iaf_psc_exp, shape: [2, 2]}\n",
-        "net.yaml:1:1: expected 'neuro: 1', the version of the language\n  hint: write 'neuro: 1' first",
-    ),
-    (
         "neuro: 2\npopulations:\n  a: {model: poisson_generator, shape: 3}\n  b: {model: iaf_psc_exp, shape: [2, 2]}\n",
         "net.yaml:1:8: neuro = 2: expected 1, the version of the language",
     ),
