@@ -61,7 +61,6 @@ def test_the_networks_of_this_repository(validator, path):
 @pytest.mark.parametrize(
     ("old", "new"),
     [
-        ("neuro: 1\n", ""),
         ("neuro: 1\n", "neuro: 2\n"),
         ("name: all", "name: [all]"),
         ("name: all", "nmae: all"),
