@@ -101,8 +101,11 @@ def csr_delayed(view, row, source_id, m, step, thread, receptors, mark, slots):
 
 
 @inner
-def grid_add(row, source, m, weights, buf, out):
-    """A shared kernel, kept with the maps innermost: add it round one source neuron."""
+def grid_add(row, source, m, weights, buf, out, apart):
+    """A shared kernel, kept with the maps innermost: add it round one source neuron.
+
+    Negative weights go `apart` places further, to the second receptor; 0 where all go to one.
+    """
     height, width = row[CHANNEL_HEIGHT], row[CHANNEL_WIDTH]
     maps, rows, columns = row[MAPS], row[ROWS], row[COLUMNS]
     channel = source // (height * width)
@@ -114,32 +117,17 @@ def grid_add(row, source, m, weights, buf, out):
             place = (channel * row[KERNEL_HEIGHT] + y - r * stride) * row[KERNEL_WIDTH] + x - c * stride
             w = row[WEIGHT] + place * maps
             o = out + (r * columns + c) * row[PLACE_STEP]
-            if row[MAP_STEP] == 1:
+            if apart != 0:
+                for k in range(maps):
+                    weight = weights[w + k] * m
+                    buf[o + k * row[MAP_STEP] + (apart if weight < 0.0 else 0)] += weight
+            elif row[MAP_STEP] == 1:
                 to, some = buf[o : o + maps], weights[w : w + maps]
                 for k in range(some.size):
                     to[k] += some[k] * m
             else:
                 for k in range(maps):
                     buf[o + k * row[MAP_STEP]] += weights[w + k] * m
-
-
-@inner
-def grid_signed(row, source, m, weights, buf, out, between):
-    """The same for weights of both signs onto two receptors."""
-    height, width = row[CHANNEL_HEIGHT], row[CHANNEL_WIDTH]
-    maps, rows, columns = row[MAPS], row[ROWS], row[COLUMNS]
-    channel = source // (height * width)
-    y = source // width % height + row[PADDING]
-    x = source % width + row[PADDING]
-    stride = row[STRIDE]
-    for r in range(max(0, (y - row[KERNEL_HEIGHT]) // stride + 1), min(rows, y // stride + 1)):
-        for c in range(max(0, (x - row[KERNEL_WIDTH]) // stride + 1), min(columns, x // stride + 1)):
-            place = (channel * row[KERNEL_HEIGHT] + y - r * stride) * row[KERNEL_WIDTH] + x - c * stride
-            w = row[WEIGHT] + place * maps
-            o = out + (r * columns + c) * row[PLACE_STEP]
-            for k in range(maps):
-                weight = weights[w + k] * m
-                buf[o + k * row[MAP_STEP] + (between if weight < 0.0 else 0)] += weight
 
 
 @inner
@@ -183,9 +171,9 @@ def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between,
             if mark >= 0:
                 net.due[mark + (source_id >> _BLOCK)] = 1
     elif row[SIGN] == MIXED and receptors == 2:
-        grid_signed(row, source_id, m, weights, buf, out, between)
+        grid_add(row, source_id, m, weights, buf, out, between)
     else:
-        grid_add(row, source_id, m, weights, buf, out + (between if row[SIGN] == NEGATIVE and receptors == 2 else 0))
+        grid_add(row, source_id, m, weights, buf, out + (between if row[SIGN] == NEGATIVE and receptors == 2 else 0), 0)
 
 
 @inner

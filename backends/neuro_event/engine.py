@@ -20,24 +20,11 @@ from neuro_event.record import Record
 from neuro_event.threads import Threads
 from neuro_event.views import table_of
 
-_FIXED = frozenset(
-    (
-        *("edges", "rows", "targets", "delays", "order", "map_of", "initial", "resets", "keys", "group_keys"),
-        *(
-            "calm",
-            "x",
-            "bits",
-            "awake_groups",
-            "due_groups",
-            "fired_words",
-            "scratch",
-            "found",
-            "found_arrived",
-            "fired",
-        ),
-        *("incoming", "at_emission", "list_steps", "list_ids", "list_counts", "cursor"),
-    )
-)
+_GIVEN = {"edges", "rows", "targets", "delays", "order", "map_of", "initial", "resets", "keys", "group_keys"}
+_VIEWS = {"x", "bits", "awake_groups", "due_groups", "fired_words", "traces"}
+_EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired"}
+_REBUILT = {"incoming", "at_emission", "list_steps", "list_ids", "list_counts", "cursor"}
+_FIXED = _GIVEN | _VIEWS | _EMPTY | _REBUILT
 """Arrays that a snapshot leaves out: they follow from the program, or hold nothing between two runs."""
 
 
@@ -352,11 +339,11 @@ class EventEngine:
         static = ("rows", "targets", "weights", "delays")
         learning = ("y", "sent", "reached", "in_synapse", "in_source", "incoming")
         logs = ("log_ids", "log_counts", "log_ends", "rec_steps", "rec_ids", "rec_counts")
-        views = ("x", "bits", "awake_groups", "due_groups", "fired_words", "initial")
-        rest = [k for k in net if k not in (*static, *logs, *views)]
+        rest = [k for k in net if k not in {*static, *logs, *_VIEWS}]
+        traces = [k for k in plastic if k not in {*learning, *_VIEWS}]
         return {
             "synapses": sum(net[k].nbytes for k in static) + sum(plastic[k].nbytes for k in learning),
-            "neurons": sum(net[k].nbytes for k in rest) + sum(plastic[k].nbytes for k in plastic if k not in learning),
+            "neurons": sum(net[k].nbytes for k in rest) + sum(plastic[k].nbytes for k in traces),
             "spikes": sum(net[k].nbytes for k in logs) + self._record.nbytes(),
         }
 
@@ -371,7 +358,7 @@ class EventEngine:
         """Everything that `restore` needs to continue bit for bit."""
         self._record.drain(self._a.net)
         net = {f"net.{k}": v.copy() for k, v in self._a.net.items() if k not in _FIXED}
-        plastic = {f"plastic.{k}": v.copy() for k, v in self._a.plastic.items() if k != "traces"}
+        plastic = {f"plastic.{k}": v.copy() for k, v in self._a.plastic.items() if k not in _VIEWS}
         own = {"engine.step": np.array(self._step), "engine.trial_updates": self._trial_updates.copy()}
         own["engine.edges"] = self._a.net["edges"].copy()
         for q, rule in self._rules.items():
