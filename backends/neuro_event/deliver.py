@@ -7,7 +7,7 @@ of the projections whose spikes are delivered at emission. `due` marks the block
 # mypy: ignore-errors
 import numpy as np
 
-from neuro_event.jit import inner
+from neuro.kernels.jit import inner
 from neuro_event.tables import (
     BEGIN,
     BLOCK,

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from neuro.kernels.jit import compiled, inner, merged
 from neuro.neurons import NEURONS
 from neuro.synapses import SYNAPSES
-from neuro_event.jit import compiled, inner, merged
 
 RULES = [synapse for synapse in SYNAPSES.values() if synapse.learns == "pairs"]
 _STEP = "s, c, x, i_0, lo, hi, fired"

@@ -3,8 +3,8 @@
 # mypy: ignore-errors
 import numpy as np
 
-from neuro_event.draws import poisson_by_sum, poisson_by_table, step_word, uniform, words_of
-from neuro_event.jit import inner
+from neuro.kernels.draws import poisson_by_sum, poisson_by_table, step_word, uniform, words_of
+from neuro.kernels.jit import inner
 from neuro_event.neurons import any_fired, emit, next_fired
 from neuro_event.tables import (
     BEGIN,

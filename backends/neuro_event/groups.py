@@ -3,9 +3,9 @@
 # mypy: ignore-errors
 import math
 
+from neuro.kernels.draws import step_word, uniform
+from neuro.kernels.jit import inner
 from neuro_event import dispatch
-from neuro_event.draws import step_word, uniform
-from neuro_event.jit import inner
 from neuro_event.neurons import emit, wake
 from neuro_event.tables import (
     BEGIN,

@@ -3,9 +3,9 @@
 # mypy: ignore-errors
 import math
 
+from neuro.kernels.jit import kernel
 from neuro_event import tables as t
 from neuro_event.deliver import log_delivery
-from neuro_event.jit import kernel
 from neuro_event.plastic import bring_history, bring_target, dopamine_at
 from neuro_event.views import net_of, plastic_of
 

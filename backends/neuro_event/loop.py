@@ -4,10 +4,10 @@
 """
 
 # mypy: ignore-errors
+from neuro.kernels.jit import inner, kernel
 from neuro_event.deliver import log_delivery
 from neuro_event.generators import add_counts, draw_poisson, list_spikes
 from neuro_event.groups import settle, weigh_maps
-from neuro_event.jit import inner, kernel
 from neuro_event.neurons import step_neurons, wake
 from neuro_event.plastic import learn_step
 from neuro_event.tables import (

@@ -3,8 +3,8 @@
 # mypy: ignore-errors
 import numpy as np
 
+from neuro.kernels.jit import inner
 from neuro_event import dispatch
-from neuro_event.jit import inner
 from neuro_event.plastic import post_spike
 from neuro_event.tables import (
     BEGIN,

@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
+from neuro.kernels.jit import inner, merged
 from neuro_event.dispatch import advance, on_post, on_pre
-from neuro_event.jit import inner, merged
 from neuro_event.tables import (
     BEGIN,
     BLOCK,

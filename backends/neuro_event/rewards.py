@@ -3,9 +3,9 @@
 # mypy: ignore-errors
 import numpy as np
 
+from neuro.kernels.jit import compiled, kernel
 from neuro.synapses import r_stdp
 from neuro_event import tables as t
-from neuro_event.jit import compiled, kernel
 from neuro_event.views import net_of
 
 _reward = compiled(r_stdp.arithmetic.reward)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from neuro import keyed
+from neuro.kernels.draws import GUIDE_BITS
 from neuro.neurons import poisson_generator
 from neuro.program import Floats
 from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
-from neuro_event.draws import GUIDE_BITS
 
 GUIDE = 1 << GUIDE_BITS
 TABLE_WIDTH = 1400

@@ -1,4 +1,4 @@
-"""How this backend compiles: once, into a cache of its own that a change of any kernel leaves behind."""
+"""How backends compile: once, into a cache of their own that a change of any kernel leaves behind."""
 
 from __future__ import annotations
 
@@ -21,15 +21,18 @@ _config: Any = numba.config
 
 
 @cache
-def folder() -> str:
-    """Where compiled kernels are kept: named by a hash of all sources that they are made of.
+def folder(package: Path) -> str:
+    """Where the compiled kernels of a backend are kept: named by a hash of all sources that they are made of.
 
     numba looks only at the file of the function that is cached, not at those of the functions it calls.
+
+    Args:
+        package: the folder of the backend's own sources.
     """
     digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
-    here = Path(__file__).parent
-    neuro = Path(sys.modules["neuro"].__file__ or "").parent
-    for source in sorted([*here.glob("*.py"), *neuro.glob("neurons/*.py"), *neuro.glob("synapses/*.py")]):
+    neuro = Path(__file__).parent.parent
+    shared = [neuro / "kernels", neuro / "neurons", neuro / "synapses"]
+    for source in sorted(file for place in [package, *shared] for file in place.glob("*.py")):
         digest.update(source.name.encode() + source.read_bytes())
     name = Path("kernels") / digest.hexdigest()[:16]
     for root in (Path(platformdirs.user_cache_dir("neuro")), Path(tempfile.gettempdir()) / f"neuro-{os.getuid()}"):
@@ -43,9 +46,9 @@ def folder() -> str:
 
 
 @contextmanager
-def _own_cache() -> Iterator[None]:
+def _cached_in(place: str) -> Iterator[None]:
     before = _config.CACHE_DIR
-    _config.CACHE_DIR = folder()
+    _config.CACHE_DIR = place
     try:
         yield
     finally:
@@ -57,8 +60,9 @@ def kernel(function: Callable[..., Any]) -> Any:
 
     Kernels allocate nothing, so numba's reference counting, which costs more than a small network, is off.
     """
-    with _own_cache():
-        return _njit(cache=bool(folder()), error_model="numpy", nogil=True, _nrt=False)(function)
+    place = folder(Path(function.__code__.co_filename).parent)
+    with _cached_in(place):
+        return _njit(cache=bool(place), error_model="numpy", nogil=True, _nrt=False)(function)
 
 
 def inner(function: Callable[..., Any]) -> Any:

@@ -3,8 +3,8 @@
 # mypy: ignore-errors
 import numpy as np
 
+from neuro.kernels.jit import inner
 from neuro.keyed import NEURON_STRIDE, STEP_STRIDE
-from neuro_event.jit import inner
 
 _STEP = np.uint64(STEP_STRIDE)
 _NEURON = np.uint64(NEURON_STRIDE)

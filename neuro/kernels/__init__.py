@@ -1,0 +1,1 @@
+"""What the compiled backends share: how they compile, and keyed random numbers."""
