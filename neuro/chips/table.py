@@ -1,0 +1,128 @@
+"""Reading the table of a chip: YAML in which every number has a source."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+from neuro.chips.chip import COSTS, LIMITS, Chip, Figure, Mesh
+from neuro.errors import ModelError
+from neuro.language.nodes import found, mistake, words
+from neuro.language.reader import Node
+
+ARITHMETICS = ("", "loihi", "spinnaker")
+WORDS = ("like", "name", "title", "arithmetic", "limits", "mesh", "step_s", "costs")
+PARTS = {"limits": "limit", "costs": "cost"}
+TILES = ("columns", "rows", "cores_per_tile")
+
+
+def parse(root: Node, path: Path, base: Chip | None) -> Chip:
+    """The chip that a table describes.
+
+    Args:
+        root: the table.
+        path: its file.
+        base: the chip that it changes (`like`), None if it stands alone.
+
+    Raises:
+        ModelError: a word is unknown, a number has no source or cannot be, with its place.
+    """
+    table = words(root, WORDS, "a table of a chip")
+    base = base or Chip("", "", "")
+    name = _text(table["name"], "name") if "name" in table else path.stem
+    chip = Chip(
+        name=name,
+        title=_text(table["title"], "title") if "title" in table else base.title or name,
+        arithmetic=_arithmetic(table["arithmetic"]) if "arithmetic" in table else base.arithmetic,
+        limits={**base.limits, **_limits(table)},
+        mesh=_mesh(table["mesh"]) if "mesh" in table else base.mesh,
+        step_s=_figure(table["step_s"], "step_s", "s") if "step_s" in table else base.step_s,
+        costs={**base.costs, **_costs(table)},
+        path=str(path),
+    )
+    _agree(chip, root)
+    return chip
+
+
+def like(root: Node) -> Node | None:
+    """The node that names the chip from which a table starts, if it has one."""
+    return words(root, WORDS, "a table of a chip").get("like")
+
+
+def _entries(table: Mapping[str, Node], part: str, known: Mapping[str, object]) -> Mapping[str, Node]:
+    kind = PARTS[part]
+    return words(table[part], known, f"{part} of a chip", kind=kind) if part in table else {}
+
+
+def _limits(table: Mapping[str, Node]) -> dict[str, Figure]:
+    limits = {}
+    for name, node in _entries(table, "limits", LIMITS).items():
+        limits[name] = _figure(node, name, "")
+        if limits[name].value < 1 or limits[name].value % 1:
+            raise mistake(_value(node), f"{name}: value = {limits[name].value:g}: expected a whole number >= 1")
+    return limits
+
+
+def _costs(table: Mapping[str, Node]) -> dict[str, Figure]:
+    return {name: _figure(node, name, COSTS[name][0]) for name, node in _entries(table, "costs", COSTS).items()}
+
+
+def _figure(node: Node, name: str, unit: str) -> Figure:
+    """A number with its source; `unit` is told when there is no number."""
+    if not isinstance(node.value, dict):
+        raise mistake(node, f"{name}: {found(node)}: expected a figure", "write {value: ..., source: ...}")
+    parts = words(node, ("value", "source", "conditions"), f"figure '{name}'", needs=("value", "source"))
+    value = parts["value"].value
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        hint = f"23.6 p{unit} is written 23.6e-12" if unit else ""
+        raise mistake(parts["value"], f"{name}: value: {found(parts['value'])}: expected {_number(unit)}", hint)
+    if not 0 <= value < math.inf:
+        raise mistake(parts["value"], f"{name}: value = {value:g}: expected {_number(unit)}")
+    conditions = _text(parts["conditions"], f"{name}: conditions") if "conditions" in parts else ""
+    return Figure(float(value), _text(parts["source"], f"{name}: source"), conditions)
+
+
+def _number(unit: str) -> str:
+    return f"a number >= 0 in {unit}" if unit else "a number >= 0"
+
+
+def _value(node: Node) -> Node:
+    value: Node = node.value["value"]
+    return value
+
+
+def _text(node: Node, name: str) -> str:
+    if not isinstance(node.value, str) or not node.value.strip():
+        raise mistake(node, f"{name}: {found(node)}: expected text", "text that looks like a number needs quotes")
+    return node.value
+
+
+def _arithmetic(node: Node) -> str:
+    if node.value not in ARITHMETICS:
+        known = ", ".join(f"'{name}'" for name in ARITHMETICS)
+        raise mistake(node, f"arithmetic: {found(node)}: expected one of {known}", "'' has limits and costs only")
+    return str(node.value)
+
+
+def _mesh(node: Node) -> Mesh:
+    parts = words(node, (*TILES, "source", "conditions"), "a mesh", needs=(*TILES, "source"))
+    _text(parts["source"], "mesh: source")
+    for name in TILES:
+        size = parts[name].value
+        if type(size) is not int or size < 1:
+            raise mistake(parts[name], f"mesh: {name}: {found(parts[name])}: expected a whole number >= 1")
+    return Mesh(*(parts[name].value for name in TILES))
+
+
+def _agree(chip: Chip, root: Node) -> None:
+    """Refuse a mesh that has another number of cores than the limits say."""
+    cores = chip.limit("cores_per_chip")
+    if chip.mesh is None or cores is None:
+        return
+    have = chip.mesh.columns * chip.mesh.rows * chip.mesh.cores_per_tile
+    if have != cores:
+        raise ModelError(
+            f"mesh has {have} cores (columns x rows x cores_per_tile): expected cores_per_chip = {cores}",
+            where=root.value["mesh" if "mesh" in root.value else "limits"].label,
+        )
