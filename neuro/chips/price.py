@@ -1,0 +1,219 @@
+"""Counts x figures: what a run would take on a chip, whatever backend it ran on.
+
+Dynamic energy is the counts that all backends share, and the ways of the spikes by the placement, times the table's
+figures. Static energy is the power of the chips times the emulated chip time. Where a table has `mac`, the same work
+is priced as dense layers instead: every synapse in every step.
+
+The chip time is steps x the shortest step where the table has one (real time). Else it is steps x the barrier, linear
+in the number of tiles through the two published points, plus the work of the busiest core: the updates of its
+neurons, and of each projection's synaptic operations and learning updates its share of the target's neurons. That is
+a lower bound: the busiest core may be another in every step, and the time that spikes travel is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from neuro.backend import EngineCounts, Problem
+from neuro.chips.chip import Chip
+from neuro.chips.energy import STATIC, Energy, Item, number
+from neuro.chips.fan import dense_size, spiking
+from neuro.counts import Counts, Tally
+from neuro.errors import ModelError
+from neuro.neurons import Generator, Neuron
+from neuro.program import Ints, Program
+
+
+class Hops(Protocol):
+    """How often one spike of each source moves: within its tile, along rows and columns, and from chip to chip."""
+
+    @property
+    def local(self) -> Ints: ...  # noqa: D102
+    @property
+    def east_west(self) -> Ints: ...  # noqa: D102
+    @property
+    def north_south(self) -> Ints: ...  # noqa: D102
+    @property
+    def chip(self) -> Ints: ...  # noqa: D102
+
+
+class Core(Protocol):
+    """A core: the neurons first <= i < last of some populations."""
+
+    @property
+    def parts(self) -> Sequence[tuple[int, int, int]]: ...  # noqa: D102
+
+
+class Placement(Protocol):
+    """Where the neurons of a program lie, see `neuro.chips.place`."""
+
+    @property
+    def chips_used(self) -> int: ...  # noqa: D102
+    @property
+    def tiles_used(self) -> int: ...  # noqa: D102
+    @property
+    def cores(self) -> Sequence[Core]: ...  # noqa: D102
+    @property
+    def problems(self) -> Sequence[Problem]: ...  # noqa: D102
+    def hops(self, projection: int) -> Hops:
+        """The moves of one spike of each source of a projection."""
+
+
+def price(program: Program, counts: EngineCounts, placement: Placement | None, chip: Chip) -> Energy:
+    """The bill of a run.
+
+    Args:
+        program: what ran.
+        counts: of the run, on any backend.
+        placement: where its neurons lie on the chip; None for a target that has no mesh.
+        chip: the target.
+
+    Raises:
+        ModelError: no cost of the chip is published, or it needs a placement.
+    """
+    if not chip.costs:
+        raise ModelError(
+            f"target '{chip.name}' has no costs: none is published",
+            hint=f"a table of yours may add some: like: {chip.name}, costs: ...; then name its file",
+        )
+    bill = _Bill(program, Tally(program).between(None, counts), chip)
+    if "mac" in chip.costs:
+        return bill.dense()
+    if chip.mesh is not None and placement is None:
+        raise ModelError(f"target '{chip.name}' needs a placement", hint="neuro.chips.place.place(program, chip)")
+    return bill.spiking(counts, placement)
+
+
+class _Bill:
+    """Collects the items and notes of one run on one chip."""
+
+    def __init__(self, program: Program, counts: Counts, chip: Chip) -> None:
+        self.program, self.counts, self.chip = program, counts, chip
+        self.items: list[Item] = []
+        self.notes: list[str] = []
+
+    def add(self, what: str, kind: str, of: str, count: float) -> None:
+        """Add an item if there is anything to count."""
+        if not count:
+            return
+        figure = self.chip.costs.get(what)
+        if figure is None:
+            self.items.append(Item(what, kind, of, count, None, None, "", ""))
+        else:
+            joules = count * figure.value
+            self.items.append(Item(what, kind, of, count, figure.value, joules, figure.source, figure.conditions))
+
+    def dense(self) -> Energy:
+        """Every synapse in every step."""
+        for index in spiking(self.program):
+            macs = self.counts.steps * dense_size(self.program, index)
+            self.add("mac", "projection", self.program.projections[index].name, macs)
+        self.notes.append("the same network as dense layers: every synapse in every step, a grid as a convolution")
+        self.notes.append("neuron updates, learning and static power are not in the sums")
+        return self.done(1, None)
+
+    def spiking(self, raw: EngineCounts, placement: Placement | None) -> Energy:
+        """Neurons, synapses, ways, learning, then the chip."""
+        self.neurons(raw)
+        for index, part in enumerate(self.program.projections):
+            told = self.counts.projections[part.name]
+            self.add("synaptic_op", "projection", part.name, told.synaptic_ops)
+            if placement is not None:
+                self.ways(part.name, raw.spikes[part.source], placement.hops(index))
+            by_host = part.synapse.learns == "trials"
+            self.add("weight_write" if by_host else "learning_update", "projection", part.name, told.learning_updates)
+        time = self.time(placement)
+        chips = 1 if placement is None else placement.chips_used
+        if time is not None and STATIC in self.chip.costs:
+            self.add(STATIC, "chip", self.chip.name, chips * time)
+        self.explain(raw, placement, time)
+        return self.done(chips, time)
+
+    def neurons(self, raw: EngineCounts) -> None:
+        """The updates of neurons and, where every spike is a packet, those sent."""
+        senders = {part.source for part in self.program.projections}
+        for index, part in enumerate(self.program.populations):
+            told = self.counts.populations[part.name]
+            if isinstance(part.model, Neuron):
+                active = told.neuron_updates_active
+                self.add("neuron_update_active", "population", part.name, active)
+                self.add("neuron_update_inactive", "population", part.name, told.neuron_updates - active)
+            if index in senders and "packet" in self.chip.costs:
+                self.add("packet", "population", part.name, int(raw.spikes[index].sum()))
+
+    def ways(self, name: str, spikes: Ints, hops: Hops) -> None:
+        """The moves of a projection's spikes, of the kinds that the table prices."""
+        moves = {
+            "spike_in_tile": hops.local,
+            "hop_east_west": hops.east_west,
+            "hop_north_south": hops.north_south,
+            "packet": hops.chip,
+        }
+        for what, each in moves.items():
+            if what in self.chip.costs:
+                self.add(what, "projection", name, int(spikes @ each))
+
+    def time(self, placement: Placement | None) -> float | None:
+        """Seconds that the chip takes."""
+        if self.chip.step_s is not None:
+            return self.counts.steps * self.chip.step_s.value
+        costs = self.chip.costs
+        if placement is None or not {"barrier_1_tile_s", "barrier_32_tiles_s"} <= costs.keys():
+            return None
+        one, many = costs["barrier_1_tile_s"].value, costs["barrier_32_tiles_s"].value
+        barrier = one + (many - one) * (placement.tiles_used - 1) / 31
+        return self.counts.steps * barrier + self.busiest(placement)
+
+    def busiest(self, placement: Placement) -> float:
+        """Seconds of work of the core that has most."""
+
+        def seconds(what: str) -> float:
+            return self.chip.costs[f"{what}_s"].value if f"{what}_s" in self.chip.costs else 0.0
+
+        work = [0.0] * len(self.program.populations)
+        for index, part in enumerate(self.program.populations):
+            told = self.counts.populations[part.name]
+            if isinstance(part.model, Neuron):
+                inactive = told.neuron_updates - told.neuron_updates_active
+                work[index] += told.neuron_updates_active * seconds("neuron_update_active")
+                work[index] += inactive * seconds("neuron_update_inactive")
+        for projection in self.program.projections:
+            made = self.counts.projections[projection.name]
+            work[projection.target] += made.synaptic_ops * seconds("synaptic_op")
+            if projection.synapse.learns != "trials":
+                work[projection.target] += made.learning_updates * seconds("learning_update")
+        sizes = [part.size for part in self.program.populations]
+        loads = (sum(work[p] * (last - first) / sizes[p] for p, first, last in core.parts) for core in placement.cores)
+        return max(loads, default=0.0)
+
+    def explain(self, raw: EngineCounts, placement: Placement | None, time: float | None) -> None:
+        """Note what is assumed and what is left out."""
+        if self.chip.step_s is None and time is not None:
+            self.notes.append(
+                "chip time is a lower bound: steps x barrier, linear in the tiles used, and the busiest core's work"
+            )
+        if STATIC not in self.chip.costs or time is None:
+            self.notes.append("static power is not in the sums: no figure is published")
+        elif placement is None and self.chip.costs[STATIC].value:
+            self.notes.append("nothing is placed: one chip is taken")
+        if any(isinstance(part.model, Generator) for part in self.program.populations):
+            self.notes.append("generators are the host's: their spikes are priced, their updates are not")
+        if any(item.what == "weight_write" for item in self.items):
+            self.notes.append("the rule for trials is applied by the host, which writes each weight that changes")
+        bare = sorted({item.what for item in self.items if item.joules_each is None})
+        if bare:
+            self.notes.append(f"not priced, as no figure is published: {', '.join(bare)}")
+        events, spikes = (sum(int(part.sum()) for part in parts) for parts in (raw.events, raw.spikes))
+        if self.chip.arithmetic == "loihi" and events != spikes:
+            self.notes.append(
+                f"{number(spikes)} spikes in {number(events)} events: several of a neuron in one step are priced "
+                "as several, of which the chip would send one"
+            )
+        if placement is not None:
+            self.notes += [f"does not fit: {problem.what}: {problem.why}" for problem in placement.problems]
+
+    def done(self, chips: int, time: float | None) -> Energy:
+        """The bill."""
+        chip, steps = self.chip, self.counts.steps
+        return Energy(chip.name, chip.title, chips, time, steps, tuple(self.items), tuple(self.notes))
