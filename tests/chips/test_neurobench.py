@@ -1,0 +1,278 @@
+"""NeuroBench's metrics from counters, against plain NumPy and, where it is installed, the harness itself."""
+
+import json
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro.chips.chip import chip
+from neuro.chips.neurobench import neurobench
+from neuro.chips.price import price
+from neuro.errors import ModelError
+
+SIZES = (34, 16, 4)
+SAMPLES, TICKS = 8, 20
+BETA = 0.9
+THRESHOLD = 1.0
+
+
+def layers():
+    """Weights of two layers, a quarter of them 0, on a grid that float32 holds."""
+    rng = np.random.default_rng(3)
+    made = []
+    for n_pre, n_post in pairwise(SIZES):
+        w = np.round(rng.normal(0.05, 0.3, (n_pre, n_post)) * 1024) / 1024
+        made.append(np.where(rng.random(w.shape) < 0.24, 0.0, w))
+    return made
+
+
+def inputs():
+    return np.random.default_rng(5).random((SAMPLES, TICKS, SIZES[0])) < 0.2
+
+
+def by_hand(w, x):
+    """Two layers without delay as plain arrays: spikes of all layers and V after each step."""
+    spikes, potentials = [x], []
+    for weight in w:
+        v = np.zeros((SAMPLES, weight.shape[1]))
+        fired, trace = [], []
+        for tick in range(TICKS):
+            v = BETA * v + spikes[-1][:, tick] @ weight
+            now = v >= THRESHOLD
+            v = np.where(now, 0.0, v)
+            fired.append(now)
+            trace.append(v)
+        spikes.append(np.stack(fired, axis=1))
+        potentials.append(np.stack(trace, axis=1))
+    return spikes, potentials
+
+
+def network(w):
+    lif = neuro.iaf_psc_delta(tau_m=-1.0 / math.log(BETA), E_L=0.0, V_reset=0.0, V_th=THRESHOLD, t_ref=0.0)
+    net = neuro.Network("layers", resolution=1.0)
+    net.population("input", SIZES[0], neuro.spike_generator())
+    net.population("hidden", SIZES[1], lif)
+    net.population("out", SIZES[2], lif)
+    net.connect("input", "hidden", neuro.all_to_all(), weight=w[0], delay=1.0, name="first")
+    net.connect("hidden", "out", neuro.all_to_all(), weight=w[1], delay=1.0, name="second")
+    net.probe("v_hidden", "hidden", "V_m", every=1.0)
+    net.probe("v_out", "out", "V_m", every=1.0)
+    return net
+
+
+def ran(w, x):
+    """The network in neuro: each sample needs two steps more, for the delays; V at 0 before the next."""
+    sim = neuro.compile(network(w), "reference")
+    steps = TICKS + 2
+    for sample in range(SAMPLES):
+        tick, neuron = np.nonzero(x[sample])
+        sim.inject("input", sim.time + 1.0 + tick, neuron)
+        sim.run(float(steps))
+        sim.set("hidden", V_m=0.0)
+        sim.set("out", V_m=0.0)
+    traces = {}
+    for late, name in ((1, "hidden"), (2, "out")):
+        values = sim.trace(f"v_{name}")[1][-SAMPLES * steps :].reshape(SAMPLES, steps, -1)
+        traces[name] = values[:, late : late + TICKS]
+    return sim, traces
+
+
+@pytest.fixture(scope="module")
+def run():
+    w, x = layers(), inputs()
+    return w, x, *ran(w, x)
+
+
+@pytest.fixture(scope="module")
+def report(run):
+    _, _, sim, traces = run
+    return neurobench(sim.program, sim._engine.counts(), samples=SAMPLES, steps=TICKS, potentials=traces)
+
+
+def test_the_network_is_the_one_computed_by_hand(run):
+    w, x, sim, traces = run
+    spikes, potentials = by_hand(w, x)
+    assert [sim.counts().populations[name].spikes for name in ("input", "hidden", "out")] == [s.sum() for s in spikes]
+    assert min(s.sum() for s in spikes) > 30
+    for name, v in zip(("hidden", "out"), potentials, strict=True):
+        assert traces[name] == pytest.approx(v, abs=1e-12)
+
+
+def test_the_harness_definitions_in_numpy(run, report):
+    w, x, _, _ = run
+    spikes, potentials = by_hand(w, x)
+    acs = sum(
+        int(((w_layer != 0).T.astype(int) @ before[sample, tick]).sum())
+        for w_layer, before in zip(w, spikes[:-1], strict=True)
+        for sample in range(SAMPLES)
+        for tick in range(TICKS)
+    )
+    dense = TICKS * sum(weight.size for weight in w)
+    assert report["synaptic_operations"] == {"effective_acs": acs / SAMPLES, "effective_macs": 0.0, "dense": dense}
+    zeros = sum(int((weight == 0).sum()) for weight in w)
+    assert report["connection_sparsity"] == round(zeros / sum(weight.size for weight in w), 4)
+    fired, outputs = (sum(f(s) for s in spikes[1:]) for f in (np.count_nonzero, np.size))
+    assert report["activation_sparsity"] == (outputs - fired) / outputs
+    updates = sum(v[:, 0].size + np.count_nonzero(v[:, 1:] - v[:, :-1]) for v in potentials)
+    assert report["membrane_updates"] == updates / SAMPLES
+    assert report["neuron_ops"] == {"effective": 4 * updates / SAMPLES, "dense": 4.0 * TICKS * 20, "left_out": []}
+
+
+def test_what_stands_beside(run, report):
+    _, x, sim, _ = run
+    counts = sim.counts()
+    assert report["parameter_count"] == 34 * 16 + 16 * 4
+    assert report["membrane_updates_dense"] == TICKS * 20
+    assert report["membrane_updates_performed"] == counts.neuron_updates_active / SAMPLES
+    spikes = report["spikes"]
+    assert spikes["in"] == x.sum() / SAMPLES
+    assert spikes["in"] + spikes["hidden"] + spikes["out"] == spikes["total"] == counts.spikes / SAMPLES
+    assert spikes["per_population"]["out"] == spikes["out"] > 0
+    assert report["packets"] == spikes["in"] + spikes["hidden"]
+    assert (report["weight_writes"], report["energy_j"], report["hops"]) == (0, None, None)
+    # 608 weights, 2 shared delays, 2 empty row ends and targets, parameters and a state each of 20 neurons
+    weights = 8 * 608 + 2 * 4
+    parameters = sum(p.nbytes for part in sim.program.populations for p in part.parameters.values())
+    states = 8 * sum(part.size * len(part.model.states) for part in sim.program.populations)
+    assert report["footprint_bytes"] == weights + parameters + states
+    assert json.loads(json.dumps(report)) == report
+
+
+def test_the_bill_of_a_sample(run):
+    _, _, sim, _ = run
+    counts = sim._engine.counts()
+    energy = price(sim.program, counts, None, chip("spinnaker2"))
+    report = neurobench(sim.program, counts, samples=SAMPLES, energy=energy, stride_s=0.02)
+    parts = report["energy_j"]
+    assert parts.pop("model") == "spinnaker2"
+    assert parts["total"] == pytest.approx(energy.total_j / SAMPLES, rel=1e-12)
+    assert parts["synop"] == pytest.approx(0.45e-9 * sim.counts().synaptic_ops / SAMPLES, rel=1e-12)
+    assert parts["neuron"] == pytest.approx(2.19e-9 * 20 * (TICKS + 2), rel=1e-12)
+    assert (parts["route"], parts["learn"], parts["static"]) == (0, 0, 0)
+    assert len(report["table_source"]) == 2
+    assert "Hoppner et al. 2019" in report["table_source"][0]
+    assert report["model_execution_rate_hz"] == 50.0
+    assert report["steps_per_sample"] == TICKS + 2
+
+
+def test_several_spikes_in_a_step_are_multiplied():
+    net = neuro.Network("several", resolution=1.0)
+    net.population("twice", 2, neuro.spike_generator(spike_times=((1.0, 1.0, 3.0), ())))
+    net.population("once", 2, neuro.spike_generator(spike_times=((1.0,), (2.0,))))
+    net.population("out", 3, neuro.iaf_psc_delta())
+    net.connect("twice", "out", neuro.all_to_all(), weight=np.array([[1.0, 0.0, 1.0], [1.0, 1.0, 1.0]]), delay=1.0)
+    net.connect("once", "out", neuro.pairs([0, 0, 1], [0, 2, 1]), weight=np.array([1.0, 1.0, 0.0]), delay=1.0)
+    sim = neuro.compile(net, "reference")
+    sim.run(4.0)
+    report = neurobench(sim.program, sim._engine.counts())
+    # two events of the first neuron, each along two weights that are not 0; one event along two
+    assert report["synaptic_operations"] == {"effective_acs": 2, "effective_macs": 4, "dense": 4 * (6 + 6)}
+    assert report["connection_sparsity"] == round((1 + 4) / 12, 4)
+    assert report["membrane_updates"] is None
+    assert report["neuron_ops"]["effective"] is None
+
+
+@pytest.mark.parametrize("padding", [0, 2])
+@pytest.mark.parametrize("stride", [1, 2])
+def test_a_grid_is_a_convolution(stride, padding):
+    rng = np.random.default_rng(1)
+    kernels = rng.normal(size=(3, 2, 3, 3)) * (rng.random((3, 2, 3, 3)) < 0.6)
+    net = neuro.Network("grid", resolution=1.0)
+    net.population("input", (2, 6, 7), neuro.spike_generator())
+    rows, columns = ((n + 2 * padding - 3) // stride + 1 for n in (6, 7))
+    net.population("maps", (3, rows, columns), neuro.iaf_psc_delta())
+    net.connect("input", "maps", neuro.grid((3, 3), stride, padding), weight=kernels, delay=1.0)
+    sim = neuro.compile(net, "reference")
+    x = rng.random((2, 6, 7)) < 0.4
+    sim.inject("input", np.ones(x.sum()), np.flatnonzero(x))
+    sim.run(2.0)
+    padded = np.pad(x, ((0, 0), (padding, padding), (padding, padding)))
+    real = np.pad(np.ones_like(x), ((0, 0), (padding, padding), (padding, padding)))
+    acs = dense = 0
+    for r in range(rows):
+        for c in range(columns):
+            here = (slice(None), slice(r * stride, r * stride + 3), slice(c * stride, c * stride + 3))
+            acs += int((padded[here] * (kernels != 0)).sum())
+            dense += int(3 * real[here].sum())
+    report = neurobench(sim.program, sim._engine.counts())
+    assert report["synaptic_operations"] == {"effective_acs": acs, "effective_macs": 0, "dense": 2 * dense}
+    assert report["connection_sparsity"] == round(float((kernels == 0).mean()), 4)
+
+
+def test_currents_are_no_layer():
+    net = neuro.Network("current", resolution=1.0)
+    net.population("dc", 1, neuro.dc_generator(amplitude=10.0))
+    net.population("out", 3, neuro.izhikevich())
+    net.connect("dc", "out", neuro.all_to_all(), weight=1.0, delay=1.0)
+    sim = neuro.compile(net, "reference")
+    sim.run(5.0)
+    report = neurobench(sim.program, sim._engine.counts())
+    assert report["synaptic_operations"]["dense"] == 0
+    assert report["connection_sparsity"] == 0.0
+    assert report["neuron_ops"] == {"effective": None, "dense": 0.0, "left_out": ["out"]}
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({"samples": 0}, "samples = 0: expected a whole number >= 1"),
+        ({"samples": 3}, "samples = 3: expected a number that divides the 176 steps\n  hint: or say steps"),
+        ({"samples": 8, "steps": 23}, "steps = 23: expected at most the 176 steps of the run / 8 samples"),
+        (
+            {"samples": 8, "steps": 20, "potentials": {}},
+            "potentials of 'hidden': found none: expected shape (8, 20, 16)",
+        ),
+        (
+            {"samples": 8, "steps": 20, "potentials": {"hidden": np.zeros((8, 20, 4))}},
+            "potentials of 'hidden': found shape (8, 20, 4): expected shape (8, 20, 16)",
+        ),
+    ],
+)
+def test_mistakes(run, words, message):
+    sim = run[2]
+    with pytest.raises(ModelError) as caught:
+        neurobench(sim.program, sim._engine.counts(), **words)
+    assert str(caught.value) == message
+
+
+@pytest.mark.filterwarnings("default")
+def test_the_harness_itself(run, report):
+    """The same network in snnTorch, measured by NeuroBench."""
+    torch = pytest.importorskip("torch", reason="NeuroBench's harness needs torch")
+    snn = pytest.importorskip("snntorch", reason="NeuroBench's harness needs snntorch")
+    models = pytest.importorskip("neurobench.models", reason="NeuroBench is not installed")
+    from neurobench.metrics import static
+    from neurobench.metrics.workload.activation_sparsity import ActivationSparsity
+    from neurobench.metrics.workload.membrane_updates import MembraneUpdates
+    from neurobench.metrics.workload.neuron_operations import NeuronOperations
+    from neurobench.metrics.workload.synaptic_operations import SynapticOperations
+
+    w, x, _, _ = run
+    parts = []
+    for weight in w:
+        layer = torch.nn.Linear(*weight.shape, bias=False)
+        layer.weight.data = torch.tensor(weight.T, dtype=torch.float32)
+        last = len(parts) == 2
+        kind = {"init_hidden": True, "output": last, "reset_mechanism": "zero", "reset_delay": False}
+        parts += [layer, snn.Leaky(beta=BETA, threshold=THRESHOLD, **kind)]
+    model = models.SNNTorchModel(torch.nn.Sequential(*parts))
+    assert static.ParameterCount()(model) == report["parameter_count"]
+    assert static.ConnectionSparsity()(model) == report["connection_sparsity"]
+    model.register_hooks()
+    data = torch.tensor(x, dtype=torch.float32)
+    with torch.no_grad():
+        told = model(data)
+    batch = (data, torch.zeros(SAMPLES))
+    ops = SynapticOperations()(model, told, batch)
+    assert {
+        name: ops[key]
+        for name, key in (("effective_acs", "Effective_ACs"), ("effective_macs", "Effective_MACs"), ("dense", "Dense"))
+    } == report["synaptic_operations"]
+    assert ActivationSparsity()(model, told, batch) == report["activation_sparsity"]
+    assert MembraneUpdates()(model, told, batch) == report["membrane_updates"]
+    neuron = NeuronOperations()(model, told, batch)
+    assert neuron["Effective Neuron Ops"] == report["neuron_ops"]["effective"]
+    assert neuron["Neuron Dense Ops"] == report["neuron_ops"]["dense"]
