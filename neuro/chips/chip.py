@@ -37,15 +37,15 @@ COSTS = {
     "packet": ("J", "a spike passes the router of one chip"),
     "mac": ("J", "a dense multiply-accumulate; with it nothing else is counted"),
     "static_per_chip": ("W", "a chip that is on"),
-    "barrier_1_tile_s": ("s", "the end of a step on one tile"),
-    "barrier_32_tiles_s": ("s", "the end of a step on 32 tiles"),
-    "synaptic_op_s": ("s", "a spike travels along one synapse"),
-    "neuron_update_active_s": ("s", "a neuron is stepped in which a spike arrives or which spikes"),
-    "neuron_update_inactive_s": ("s", "any other neuron is stepped"),
-    "learning_update_s": ("s", "a synapse learns from one spike"),
-    "spike_in_tile_s": ("s", "a spike reaches a core of its tile"),
-    "hop_east_west_s": ("s", "a spike moves one tile along a row"),
-    "hop_north_south_s": ("s", "a spike moves one tile along a column"),
+    "barrier_1_tile_time": ("s", "the end of a step on one tile"),
+    "barrier_32_tiles_time": ("s", "the end of a step on 32 tiles"),
+    "synaptic_op_time": ("s", "a spike travels along one synapse"),
+    "neuron_update_active_time": ("s", "a neuron is stepped in which a spike arrives or which spikes"),
+    "neuron_update_inactive_time": ("s", "any other neuron is stepped"),
+    "learning_update_time": ("s", "a synapse learns from one spike"),
+    "spike_in_tile_time": ("s", "a spike reaches a core of its tile"),
+    "hop_east_west_time": ("s", "a spike moves one tile along a row"),
+    "hop_north_south_time": ("s", "a spike moves one tile along a column"),
 }
 """Names of costs: the unit, and what costs it."""
 
@@ -134,10 +134,9 @@ def read_chip(path: Path) -> Chip:
     Raises:
         ModelError: the file is not a table, a word is unknown, or a number has no source; it says where.
     """
-    from neuro.chips.table import like, parse
-    from neuro.language.reader import read
+    from neuro.chips.table import like, load, parse
 
-    root = read(path)
+    root = load(path)
     base = like(root)
     if base is not None and base.value not in chips():
         raise unknown("target", base.value, chips(), base.where)

@@ -72,17 +72,22 @@ def price(program: Program, counts: EngineCounts, placement: Placement | None, c
     Raises:
         ModelError: no cost of the chip is published, or it needs a placement.
     """
-    if not chip.costs:
-        raise ModelError(
-            f"target '{chip.name}' has no costs: none is published",
-            hint=f"a table of yours may add some: like: {chip.name}, costs: ...; then name its file",
-        )
+    check_costs(chip)
     bill = _Bill(program, Tally(program).between(None, counts), chip)
     if "mac" in chip.costs:
         return bill.dense()
     if chip.mesh is not None and placement is None:
         raise ModelError(f"target '{chip.name}' needs a placement", hint="neuro.chips.place.place(program, chip)")
     return bill.spiking(counts, placement)
+
+
+def check_costs(chip: Chip) -> None:
+    """Refuse a target of which nothing can be priced."""
+    if not chip.costs:
+        raise ModelError(
+            f"target '{chip.name}' has no costs: none is published",
+            hint=f"write a table with 'like: {chip.name}' and 'costs: ...', and name its file as the target",
+        )
 
 
 class _Bill:
@@ -159,9 +164,9 @@ class _Bill:
         if self.chip.step_s is not None:
             return self.counts.steps * self.chip.step_s.value
         costs = self.chip.costs
-        if placement is None or not {"barrier_1_tile_s", "barrier_32_tiles_s"} <= costs.keys():
+        if placement is None or not {"barrier_1_tile_time", "barrier_32_tiles_time"} <= costs.keys():
             return None
-        one, many = costs["barrier_1_tile_s"].value, costs["barrier_32_tiles_s"].value
+        one, many = costs["barrier_1_tile_time"].value, costs["barrier_32_tiles_time"].value
         barrier = one + (many - one) * (placement.tiles_used - 1) / 31
         return self.counts.steps * barrier + self.busiest(placement)
 
@@ -169,7 +174,7 @@ class _Bill:
         """Seconds of work of the core that has most."""
 
         def seconds(what: str) -> float:
-            return self.chip.costs[f"{what}_s"].value if f"{what}_s" in self.chip.costs else 0.0
+            return self.chip.costs[f"{what}_time"].value if f"{what}_time" in self.chip.costs else 0.0
 
         work = [0.0] * len(self.program.populations)
         for index, part in enumerate(self.program.populations):

@@ -9,7 +9,7 @@ from pathlib import Path
 from neuro.chips.chip import COSTS, LIMITS, Chip, Figure, Mesh
 from neuro.errors import ModelError
 from neuro.language.nodes import found, mistake, words
-from neuro.language.reader import Node
+from neuro.language.reader import Node, read
 
 ARITHMETICS = ("", "loihi", "spinnaker")
 WORDS = ("like", "name", "title", "arithmetic", "limits", "mesh", "step_s", "costs")
@@ -43,6 +43,17 @@ def parse(root: Node, path: Path, base: Chip | None) -> Chip:
     )
     _agree(chip, root)
     return chip
+
+
+def load(path: Path) -> Node:
+    """The text of a table."""
+    try:
+        return read(path)
+    except ModelError as error:
+        if error.message.startswith("the file is empty"):
+            told = "the file is empty: expected a table of a chip"
+            raise ModelError(told, where=error.where, hint="begin: like: loihi") from None
+        raise
 
 
 def like(root: Node) -> Node | None:

@@ -153,7 +153,7 @@ def test_the_bill_of_a_sample(run):
     assert parts["neuron"] == pytest.approx(2.19e-9 * 20 * (TICKS + 2), rel=1e-12)
     assert (parts["route"], parts["learn"], parts["static"]) == (0, 0, 0)
     assert len(report["table_source"]) == 2
-    assert "Hoppner et al. 2019" in report["table_source"][0]
+    assert "Höppner et al." in report["table_source"][0]
     assert report["model_execution_rate_hz"] == 50.0
     assert report["steps_per_sample"] == TICKS + 2
 
@@ -261,6 +261,10 @@ def test_the_harness_itself(run, report):
     model = models.SNNTorchModel(torch.nn.Sequential(*parts))
     assert static.ParameterCount()(model) == report["parameter_count"]
     assert static.ConnectionSparsity()(model) == report["connection_sparsity"]
+    buffers = sum(part.numel() * part.element_size() for part in model.net.buffers())
+    assert (
+        static.Footprint()(model) == 4 * report["parameter_count"] + buffers
+    )  # ours counts our own arrays, of 8 bytes
     model.register_hooks()
     data = torch.tensor(x, dtype=torch.float32)
     with torch.no_grad():

@@ -1,0 +1,104 @@
+"""`neuro energy`."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from neuro.cli.options import Backend, NetworkFile, Seed, Set, Threads, assignments, milliseconds
+
+if TYPE_CHECKING:
+    from neuro.chips.chip import Chip
+    from neuro.chips.energy import Energy
+    from neuro.chips.price import Placement
+    from neuro.simulation import Simulation
+
+TARGETS = ["loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu"]
+
+Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]
+Target = Annotated[list[str], typer.Option("--target", metavar="NAME", help="A chip, or a table's file; repeatable.")]
+Per = Annotated[
+    tuple[int, str],
+    typer.Option("--per", metavar="N WHAT", help="Divide by the N parts that the run has, e.g. 100 recording."),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON, with NeuroBench's metrics, instead of tables.")]
+
+
+def energy(
+    file: NetworkFile,
+    duration: Duration = 1000.0,
+    target: Target = TARGETS,
+    backend: Backend = "event",
+    seed: Seed = 0,
+    threads: Threads = 1,
+    set: Set = [],  # noqa: B006
+    per: Per = (1, "run"),
+    as_json: Json = False,
+) -> None:
+    """Run a network and print what that would take on chips: counts, joules and where the figures come from."""
+    import neuro
+    from neuro.chips.chip import chip
+    from neuro.chips.price import check_costs
+    from neuro.cli.progress import Bar, advance
+    from neuro.clock import Clock
+
+    chips = [chip(name) for name in target]
+    for each in chips:
+        check_costs(each)
+    net = neuro.load(file, params=assignments(set))
+    steps = Clock(net.resolution).step(duration, "--for")
+    with Bar() as bar:
+        try:
+            bar.say("preparing")
+            sim = neuro.compile(net, backend=backend, seed=seed, threads=threads)
+            advance(sim, steps, bar)
+            bar.say("pricing")
+            bills = [bill(sim, each) for each in chips]
+        except KeyboardInterrupt:
+            bar.stop()
+            typer.echo("interrupted: nothing is priced", err=True)
+            raise typer.Exit(130) from None
+    if as_json:
+        typer.echo(json.dumps(plain(sim, bills, per), indent=2))
+    else:
+        tell([priced.per(*per) for priced, _ in bills])
+
+
+def bill(sim: Simulation, chip: Chip) -> tuple[Energy, Placement | None]:
+    """What a run would take on a chip, and where its neurons lie there."""
+    from neuro.chips.place import place
+    from neuro.chips.price import price
+
+    placement = None if chip.mesh is None else place(sim.program, chip)
+    return price(sim.program, sim._engine.counts(), placement, chip), placement
+
+
+def plain(sim: Simulation, bills: list[tuple[Energy, Placement | None]], per: tuple[int, str]) -> dict[str, Any]:
+    """All bills for JSON, and the run as NeuroBench would report it with the first of them."""
+    from neuro.chips.neurobench import neurobench
+
+    counts, (first, placement) = sim._engine.counts(), bills[0]
+    samples = per[0]
+    told = neurobench(
+        sim.program, counts, samples=samples, steps=counts.steps // samples, placement=placement, energy=first
+    )
+    about = {"network": sim.program.name, "backend": sim.backend, "seed": sim.program.seed, "ms": sim.time}
+    return {**about, "bills": [priced.per(*per).as_dict() for priced, _ in bills], "neurobench": told}
+
+
+def tell(bills: list[Energy]) -> None:
+    """Print the bills and, if there are several, a row of each."""
+    from neuro.chips.energy import quantity
+    from neuro.cli.tables import console, table
+
+    for priced in bills:
+        typer.echo(f"{priced}\n")
+    if len(bills) > 1:
+        rows = []
+        for e in bills:
+            joules = (quantity(j, "J") for j in (e.dynamic_j, e.static_j, e.total_j))
+            rows.append((e.target, *joules, "-" if e.chip_time_s is None else quantity(e.chip_time_s, "s"), e.chips))
+        columns = ("target", ">dynamic", ">static", ">total", ">chip time", ">chips")
+        console().print(table(columns, rows, title=f"energy per {bills[0].of}"))
