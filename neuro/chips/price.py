@@ -198,6 +198,9 @@ class _Bill:
             self.notes.append(
                 "chip time is a lower bound: steps x barrier, linear in the tiles used, and the busiest core's work"
             )
+        if self.chip.step_s is not None and self.chip.step_s.value * 1e3 != self.program.resolution:
+            took = f"{self.chip.step_s.value * 1e3:g} ms"
+            self.notes.append(f"a step of {self.program.resolution:g} ms takes {took} on the chip")
         if STATIC not in self.chip.costs or time is None:
             self.notes.append("static power is not in the sums: no figure is published")
         elif placement is None and self.chip.costs[STATIC].value:

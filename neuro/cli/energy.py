@@ -44,6 +44,8 @@ def energy(
     from neuro.cli.progress import Bar, advance
     from neuro.clock import Clock
 
+    if per[0] < 1:
+        raise typer.BadParameter(f"'{per[0]}': expected a whole number >= 1", param_hint="'--per'")
     chips = [chip(name) for name in target]
     for each in chips:
         check_costs(each)
@@ -68,10 +70,13 @@ def energy(
 
 def bill(sim: Simulation, chip: Chip) -> tuple[Energy, Placement | None]:
     """What a run would take on a chip, and where its neurons lie there."""
-    from neuro.chips.place import place
     from neuro.chips.price import price
 
-    placement = None if chip.mesh is None else place(sim.program, chip)
+    placement = None
+    if chip.mesh is not None:
+        from neuro.chips.place import place
+
+        placement = place(sim.program, chip)
     return price(sim.program, sim._engine.counts(), placement, chip), placement
 
 

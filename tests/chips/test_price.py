@@ -1,0 +1,387 @@
+"""Bills worked out by hand."""
+
+import json
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import neuro
+from neuro.backend import EngineCounts, Problem
+from neuro.chips.chip import chip
+from neuro.chips.energy import quantity
+from neuro.chips.price import price
+from neuro.counts import Tally
+from neuro.errors import ModelError
+
+
+@dataclass(frozen=True)
+class Moves:
+    local: np.ndarray
+    east_west: np.ndarray
+    north_south: np.ndarray
+    chip: np.ndarray
+
+
+@dataclass(frozen=True)
+class Tile:
+    parts: tuple
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A placement written down."""
+
+    moves: dict
+    cores: tuple
+    chips_used: int = 1
+    tiles_used: int = 1
+    problems: tuple = field(default=())
+
+    def hops(self, index):
+        return self.moves[index]
+
+
+def ints(*values):
+    return np.array(values, dtype=np.int64)
+
+
+def pair():
+    """Two inputs, of which one spikes three times and one once; all to three neurons, of which each goes to one more.
+
+    Every input spike makes all three of `a` fire one step later, and these make `b` fire.
+    """
+    lif = neuro.iaf_psc_delta(tau_m=math.inf, E_L=0.0, V_reset=0.0, V_th=1.0, t_ref=0.0)
+    net = neuro.Network("pair", resolution=1.0)
+    net.population("input", 2, neuro.spike_generator(spike_times=((1.0, 2.0, 3.0), (5.0,))))
+    net.population("a", 3, lif)
+    net.population("b", 3, lif)
+    net.connect("input", "a", neuro.all_to_all(), weight=1.5, delay=1.0, name="in")
+    net.connect("a", "b", neuro.one_to_one(), neuro.stdp(Wmax=10.0), weight=1.5, delay=1.0, name="ab")
+    return net
+
+
+STEPS = 10
+# input: 4 spikes. a: 4 x 3 = 12 spikes in steps 2, 3, 4, 6. b: 12 spikes in steps 3, 4, 5, 7.
+IN_OPS = 4 * 3
+AB_OPS = 12
+ACTIVE = 12  # neuron-steps of a, and of b: arrival and spike fall into one step
+INACTIVE = 3 * STEPS - ACTIVE
+LEARNT = 12 + 12  # a synapse one to one learns from each pre and each post spike
+
+
+@pytest.fixture(scope="module")
+def run():
+    sim = neuro.compile(pair(), "reference")
+    sim.run(float(STEPS))
+    return sim.program, sim._engine.counts()
+
+
+def placed(**words):
+    """`a` and two of `b` on the first core, the last of `b` one tile east and two south of it."""
+    moves = {
+        0: Moves(ints(1, 1), ints(0, 0), ints(0, 0), ints(0, 0)),
+        1: Moves(ints(1, 1, 0), ints(0, 0, 1), ints(0, 0, 2), ints(0, 0, 0)),
+    }
+    cores = (Tile(((1, 0, 3), (2, 0, 2))), Tile(((2, 2, 3),)))
+    return Placed(moves, cores, **{"tiles_used": 2, **words})
+
+
+def lines(energy):
+    return {(item.what, item.of): (item.count, item.joules) for item in energy.items}
+
+
+def test_loihi_by_hand(run):
+    energy = price(*run, placed(), chip("loihi"))
+    # the barrier of two tiles lies 1/31 of the way from that of one to that of 32
+    barrier = STEPS * (113e-9 + (465e-9 - 113e-9) / 31)
+    all_of_a = ACTIVE * 8.4e-9 + INACTIVE * 5.3e-9 + IN_OPS * 3.5e-9
+    all_of_b = ACTIVE * 8.4e-9 + INACTIVE * 5.3e-9 + AB_OPS * 3.5e-9 + LEARNT * 6.1e-9
+    seconds = barrier + all_of_a + all_of_b * 2 / 3
+    expected = {
+        ("neuron_update_active", "a"): (12, 12 * 81e-12),
+        ("neuron_update_inactive", "a"): (18, 18 * 52e-12),
+        ("neuron_update_active", "b"): (12, 12 * 81e-12),
+        ("neuron_update_inactive", "b"): (18, 18 * 52e-12),
+        ("synaptic_op", "in"): (12, 12 * 23.6e-12),
+        ("spike_in_tile", "in"): (4, 4 * 1.7e-12),
+        ("synaptic_op", "ab"): (12, 12 * 23.6e-12),
+        ("spike_in_tile", "ab"): (8, 8 * 1.7e-12),
+        ("hop_east_west", "ab"): (4, 4 * 3.0e-12),
+        ("hop_north_south", "ab"): (8, 8 * 4.0e-12),
+        ("learning_update", "ab"): (24, 24 * 120e-12),
+        ("static_per_chip", "loihi"): (seconds, seconds * 0.104),
+    }
+    found = lines(energy)
+    assert list(found) == list(expected)
+    for key, (count, joules) in expected.items():
+        assert found[key] == (pytest.approx(count, rel=1e-12), pytest.approx(joules, rel=1e-12)), key
+    dynamic = 24 * 81e-12 + 36 * 52e-12 + 24 * 23.6e-12 + 12 * 1.7e-12 + 4 * 3e-12 + 8 * 4e-12 + 24 * 120e-12
+    assert dynamic == pytest.approx((1944 + 1872 + 566.4 + 20.4 + 12 + 32 + 2880) * 1e-12, rel=1e-12)
+    assert energy.dynamic_j == pytest.approx(dynamic, rel=1e-12)
+    assert energy.static_j == pytest.approx(seconds * 0.104, rel=1e-12)
+    assert energy.total_j == energy.dynamic_j + energy.static_j
+    assert energy.chip_time_s == pytest.approx(seconds, rel=1e-12)
+    assert energy.chips == 1
+    neurons = 12 * 81e-12 + 18 * 52e-12
+    assert energy.by_population() == {"a": pytest.approx(neurons), "b": pytest.approx(neurons)}
+    assert energy.by_projection() == {
+        "in": pytest.approx(12 * 23.6e-12 + 4 * 1.7e-12),
+        "ab": pytest.approx(12 * 23.6e-12 + 8 * 1.7e-12 + 4 * 3e-12 + 8 * 4e-12 + 24 * 120e-12),
+    }
+
+
+def test_the_barrier_of_one_and_of_32_tiles(run):
+    one, many = (price(*run, placed(tiles_used=n), chip("loihi")).chip_time_s for n in (1, 32))
+    assert many - one == pytest.approx(STEPS * (465e-9 - 113e-9), rel=1e-9)
+
+
+def test_spinnaker_by_hand(run):
+    far = {1: Moves(ints(0, 0, 0), ints(0, 0, 0), ints(0, 0, 0), ints(0, 2, 0))}
+    program, counts = run
+    energy = price(program, counts, Placed({**placed().moves, **far}, (), chips_used=3), chip("spinnaker"))
+    expected = {
+        ("neuron_update_active", "a"): 12 * 26e-9,
+        ("neuron_update_inactive", "a"): 18 * 26e-9,
+        ("neuron_update_active", "b"): 12 * 26e-9,
+        ("neuron_update_inactive", "b"): 18 * 26e-9,
+        ("packet", "input"): 4 * 0.8e-9,  # each spike passes the router of its own chip
+        ("packet", "a"): 12 * 0.8e-9,
+        ("packet", "ab"): 4 * 2 * 0.8e-9,  # one of three sources goes two chips far
+        ("synaptic_op", "in"): 12 * 13.3e-9,
+        ("synaptic_op", "ab"): 12 * 13.3e-9,
+        ("static_per_chip", "spinnaker"): 3 * 10e-3 * 0.36,
+    }
+    found = {key: joules for key, (_, joules) in lines(energy).items()}
+    assert found.pop(("learning_update", "ab")) is None
+    assert found == {key: pytest.approx(joules, rel=1e-12) for key, joules in expected.items()}
+    assert (energy.chip_time_s, energy.chips) == (pytest.approx(0.01), 3)
+    assert "not priced, as no figure is published: learning_update" in energy.notes
+
+
+def test_targets_that_are_not_placed(run):
+    two = price(*run, None, chip("spinnaker2"))
+    assert two.total_j == pytest.approx(60 * 2.19e-9 + 24 * 0.45e-9, rel=1e-12)
+    assert two.static_j == 0.0
+    assert "static power is not in the sums: no figure is published" in two.notes
+    north = price(*run, None, chip("truenorth"))
+    assert north.total_j == north.dynamic_j == pytest.approx(24 * 26e-12, rel=1e-12)
+    assert north.chip_time_s == pytest.approx(10e-3)
+    assert not any("static" in note for note in north.notes)
+
+
+@pytest.mark.parametrize(("target", "mac"), [("cpu", 8.6e-9), ("gpu", 0.3e-9), ("arm", 0.9e-9)])
+def test_dense_by_hand(run, target, mac):
+    energy = price(*run, None, chip(target))
+    assert lines(energy) == {
+        ("mac", "in"): (10 * 2 * 3, pytest.approx(60 * mac, rel=1e-12)),
+        ("mac", "ab"): (10 * 3, pytest.approx(30 * mac, rel=1e-12)),
+    }
+    assert energy.chip_time_s is None
+    assert energy.notes[-1] == "neuron updates, learning and static power are not in the sums"
+
+
+def test_dense_layers_of_every_layout():
+    net = neuro.Network("layouts", resolution=1.0)
+    net.population("dc", 1, neuro.dc_generator(amplitude=1.0))
+    net.population("image", (2, 5, 5), neuro.spike_generator())
+    net.population("maps", (3, 3, 3), neuro.iaf_psc_delta())
+    net.connect("image", "maps", neuro.grid((3, 3), 1, 0), weight=1.0, delay=1.0, name="grid")
+    net.connect("image", "maps", neuro.pairs([0, 0, 7], [1, 2, 3]), weight=1.0, delay=1.0, name="pairs")
+    net.connect("dc", "maps", neuro.all_to_all(), weight=1.0, delay=1.0, name="current")
+    sim = neuro.compile(net, "reference")
+    sim.run(4.0)
+    energy = price(sim.program, sim._engine.counts(), None, chip("cpu"))
+    # 27 neurons with kernels of 2 x 3 x 3 weights; 50 x 27 pairs; a current is no spike
+    assert {item.of: item.count for item in energy.items} == {"grid": 4 * 27 * 18, "pairs": 4 * 50 * 27}
+
+
+def test_weights_that_the_host_writes():
+    net = neuro.Network("trials", resolution=1.0)
+    net.population("input", 2, neuro.spike_generator())
+    maps = neuro.iaf_psc_delta(tau_m=math.inf, E_L=0.0, V_reset=0.0, V_th=0.8)
+    net.population("maps", (2, 1), maps)
+    net.connect("input", "maps", neuro.all_to_all(), neuro.r_stdp(), weight=0.9, delay=1.0, name="w")
+    net.group("choice", neuro.winner_take_all(of="maps"))
+    net.trials(input="input", duration=10.0, labels={"of": "maps"})
+    sim = neuro.compile(net, "reference")
+    sim.trials([0.0, 5.0], [0, 1], [0, 2], labels=[0], learn=True)
+    energy = price(sim.program, sim._engine.counts(), Placed({0: Moves(*[ints(0, 0)] * 4)}, ()), chip("loihi"))
+    written = sim.counts().learning_updates
+    assert written > 0
+    assert lines(energy)["weight_write", "w"] == (written, None)
+    assert ("learning_update", "w") not in lines(energy)
+    assert "the rule for trials is applied by the host, which writes each weight that changes" in energy.notes
+
+
+def test_several_spikes_in_a_step_are_told():
+    net = neuro.Network("several", resolution=1.0)
+    net.population("input", 1, neuro.spike_generator(spike_times=((1.0, 1.0),)))
+    net.population("out", 1, neuro.parrot_neuron())
+    net.connect("input", "out", neuro.one_to_one(), weight=1.0, delay=1.0)
+    sim = neuro.compile(net, "reference")
+    sim.run(3.0)
+    zero = Placed({0: Moves(*[ints(0)] * 4)}, ())
+    energy = price(sim.program, sim._engine.counts(), zero, chip("loihi"))
+    assert lines(energy)["synaptic_op", "input_out"][0] == 2
+    told = (
+        "4 spikes in 2 events: several of a neuron in one step are priced as several, of which the chip would send one"
+    )
+    assert told in energy.notes
+    assert told not in price(sim.program, sim._engine.counts(), zero, chip("spinnaker")).notes
+
+
+def test_a_chip_that_is_slower_than_the_network(run):
+    net = neuro.Network("fine", resolution=0.1)
+    net.population("out", 2, neuro.iaf_psc_delta())
+    sim = neuro.compile(net, "reference")
+    sim.run(2.0)
+    energy = price(sim.program, sim._engine.counts(), None, chip("truenorth"))
+    assert energy.chip_time_s == pytest.approx(20e-3)
+    told = "a step of 0.1 ms takes 1 ms on the chip"
+    assert told in energy.notes
+    assert told.replace("0.1", "1") not in price(*run, None, chip("truenorth")).notes
+
+
+def test_what_does_not_fit_is_told(run):
+    problem = Problem(True, "population 'a': 3 neurons", "a core holds 2")
+    energy = price(*run, placed(problems=(problem,)), chip("loihi"))
+    assert energy.notes[-1] == "does not fit: population 'a': 3 neurons: a core holds 2"
+
+
+def test_a_table_of_a_user(run, tmp_path):
+    table = tmp_path / "mine.yaml"
+    table.write_text("like: truenorth\ncosts:\n  static_per_chip: {value: 2.0, source: me}\n")
+    energy = price(*run, None, chip(table))
+    assert energy.static_j == pytest.approx(2.0 * 10e-3)
+    assert "nothing is placed: one chip is taken" in energy.notes
+    table.write_text("like: loihi2\ncosts:\n  weight_write: {value: 2.0, source: me}\n")
+    energy = price(*run, None, chip(table))
+    assert (energy.total_j, energy.chip_time_s) == (0.0, None)
+    bare = "learning_update, neuron_update_active, neuron_update_inactive, synaptic_op"
+    assert f"not priced, as no figure is published: {bare}" in energy.notes
+
+
+def test_per_part(run):
+    whole = price(*run, placed(), chip("loihi"))
+    part = whole.per(4, "control step")
+    assert part.of == "control step"
+    assert part.total_j == pytest.approx(whole.total_j / 4, rel=1e-12)
+    assert part.chip_time_s == pytest.approx(whole.chip_time_s / 4, rel=1e-12)
+    assert lines(part)["synaptic_op", "in"] == (3, pytest.approx(3 * 23.6e-12))
+    assert [item.joules_each for item in part.items] == [item.joules_each for item in whole.items]
+    assert whole.per(1, "run") == whole
+    for n in (0, -1, 2.5, True):
+        with pytest.raises(ModelError) as caught:
+            whole.per(n, "step")
+        assert str(caught.value) == f"per = {n!r}: expected a whole number >= 1"
+
+
+def test_json(run):
+    energy = price(*run, placed(), chip("spinnaker"))
+    told = json.loads(json.dumps(energy.as_dict()))
+    assert told["total_j"] == energy.total_j == told["dynamic_j"] + told["static_j"]
+    assert sum(item["joules"] or 0.0 for item in told["items"]) == pytest.approx(energy.total_j, rel=1e-12)
+    assert (told["target"], told["of"], told["chips"], told["steps"]) == ("spinnaker", "run", 1, 10)
+    assert told["items"][-1]["source"].startswith("Painkras")
+    assert told["notes"] == list(energy.notes)
+
+
+TEXT = """\
+SpiNNaker 2 (prototype) (spinnaker2), energy per half: 1 chip, 5 steps, 5 ms of chip time
+
+item                    of  count     each      energy  source
+neuron_update_active    a       6  2.19 nJ    13.14 nJ  [1]
+neuron_update_inactive  a       9  2.19 nJ    19.71 nJ  [1]
+neuron_update_active    b       6  2.19 nJ    13.14 nJ  [1]
+neuron_update_inactive  b       9  2.19 nJ    19.71 nJ  [1]
+synaptic_op             in      6   450 pJ      2.7 nJ  [2]
+synaptic_op             ab      6   450 pJ      2.7 nJ  [2]
+learning_update         ab     12        -  not priced
+dynamic                                        71.1 nJ
+static                                             0 J
+total                                          71.1 nJ
+
+"""
+
+
+def test_the_text(run):
+    text = str(price(*run, None, chip("spinnaker2")).per(2, "half"))
+    assert text.startswith(TEXT)
+    foot = text.removeprefix(TEXT).splitlines()
+    assert foot[0].startswith("[1] Höppner et al., IEEE Trans. Circuits Syst. I 66:2973, 2019, as quoted by")
+    assert foot[0].endswith("(prototype, 28 nm; every neuron is stepped alike)")
+    assert foot[1].startswith("[2] Höppner")
+    assert foot[2:] == [
+        "- static power is not in the sums: no figure is published",
+        "- generators are the host's: their spikes are priced, their updates are not",
+        "- not priced, as no figure is published: learning_update",
+    ]
+
+
+def test_the_text_of_static_energy(run):
+    rows = str(price(*run, placed(), chip("spinnaker"))).splitlines()
+    assert rows[0] == "SpiNNaker 1 (spinnaker), energy per run: 1 chip, 10 steps, 10 ms of chip time"
+    assert [row.split()[:7] for row in rows if row.startswith("static_per_chip")] == [
+        ["static_per_chip", "spinnaker", "10", "ms", "360", "mW", "3.6"]
+    ]
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (23.6e-12, "23.6 pJ"),
+        (0.0, "0 J"),
+        (1.0, "1 J"),
+        (0.0009999999, "1 mJ"),
+        (1.7e-17, "0.017 fJ"),
+        (12345.6, "1.235e+04 J"),
+        (999.94e-9, "999.9 nJ"),
+    ],
+)
+def test_prefixes(value, text):
+    assert quantity(value, "J") == text
+
+
+def test_mistakes(run):
+    with pytest.raises(ModelError) as caught:
+        price(*run, None, chip("loihi2"))
+    assert str(caught.value) == (
+        "target 'loihi2' has no costs: none is published\n"
+        "  hint: write a table with 'like: loihi2' and 'costs: ...', and name its file as the target"
+    )
+    with pytest.raises(ModelError) as caught:
+        price(*run, None, chip("loihi"))
+    assert str(caught.value) == "target 'loihi' needs a placement\n  hint: neuro.chips.place.place(program, chip)"
+
+
+@given(
+    st.integers(0, 50),
+    st.lists(st.integers(0, 9), min_size=8, max_size=8),
+    st.lists(st.integers(0, 5), min_size=5, max_size=5),
+)
+def test_a_bill_is_the_counts_times_the_figures(run, steps, spikes, each):
+    """Whatever the counts are, the bill holds them all, and its sums are those of its items."""
+    program, _ = run
+    parts = tuple(np.array(spikes[a:b]) for a, b in ((0, 2), (2, 5), (5, 8)))
+    active = ints(0, min(3, spikes[0]) * steps // 2, 0)
+    raw = EngineCounts(steps, parts, parts, active, ints(0, 0))
+    counts = Tally(program).between(None, raw)
+    moves = {0: Moves(*[ints(*each[:2])] * 4), 1: Moves(*[ints(*each[2:])] * 4)}
+    energy = price(program, raw, Placed(moves, placed().cores), chip("loihi"))
+    figures = chip("loihi").costs
+    sums = {}
+    for item in energy.items:
+        assert item.joules == item.count * figures[item.what].value
+        sums[item.what] = sums.get(item.what, 0) + item.count
+    assert sums.get("synaptic_op", 0) == counts.synaptic_ops
+    assert sums.get("learning_update", 0) == counts.learning_updates
+    updates = sums.get("neuron_update_active", 0) + sums.get("neuron_update_inactive", 0)
+    assert updates == counts.neuron_updates
+    hops = int(parts[0] @ ints(*each[:2]) + parts[1] @ ints(*each[2:]))
+    assert sums.get("hop_east_west", 0) == sums.get("spike_in_tile", 0) == hops
+    assert energy.total_j == pytest.approx(math.fsum(item.joules for item in energy.items), rel=1e-12)
+    assert energy.chip_time_s >= steps * 113e-9

@@ -1,0 +1,122 @@
+import json
+import sys
+
+import pytest
+import typer
+
+import neuro as framework
+from neuro.chips.chip import chip
+from neuro.chips.price import price
+from neuro.cli.energy import energy
+from neuro.cli.mistakes import telling
+
+RUN = ("net.yaml", "--backend", "reference", "--for", "50")
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Run `energy` alone with some words; return exit status, output and error."""
+    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
+    app.command()(energy)
+
+    def words(*given):
+        monkeypatch.setattr(sys, "argv", ["energy", *map(str, given)])
+        capsys.readouterr()
+        status = 0
+        try:
+            with telling():
+                app(standalone_mode=False)
+        except SystemExit as leaving:
+            status = leaving.code
+        return status, *capsys.readouterr()
+
+    return words
+
+
+@pytest.fixture
+def bill(network):
+    sim = framework.compile(framework.load(network), backend="reference", seed=0)
+    sim.run(50.0)
+
+    def of(name):
+        return price(sim.program, sim._engine.counts(), None, chip(name))
+
+    return of
+
+
+def test_one_bill(run, bill):
+    status, out, err = run(*RUN, "--target", "spinnaker2")
+    assert (status, err) == (0, "")
+    assert out == f"{bill('spinnaker2')}\n\n"
+
+
+def test_several_bills_and_a_row_of_each(run, bill):
+    status, out, _ = run(*RUN, "--target", "truenorth", "--target", "cpu")
+    assert status == 0
+    bills = f"{bill('truenorth')}\n\n{bill('cpu')}\n\n"
+    assert out.startswith(bills)
+    rows = [line.split() for line in out.removeprefix(bills).splitlines() if line.strip()]
+    assert rows[0] == ["energy", "per", "run"]
+    assert rows[1] == ["target", "dynamic", "static", "total", "chip", "time", "chips"]
+    assert rows[3][0] == "truenorth"
+    assert rows[3][-3:] == ["500", "ms", "1"]  # 500 steps of 0.1 ms, each a tick
+    assert rows[4][0] == "cpu"
+    assert rows[4][-2:] == ["-", "1"]
+
+
+def test_json(run, bill, network):
+    words = ("--target", "truenorth", "--target", "gpu", "--per", "5", "recording", "--json", "--seed", "0")
+    status, out, _ = run(*RUN, *words)
+    assert status == 0
+    told = json.loads(out)
+    assert (told["network"], told["backend"], told["seed"], told["ms"]) == ("small", "reference", 0, 50.0)
+    assert told["bills"] == [bill(name).per(5, "recording").as_dict() for name in ("truenorth", "gpu")]
+    metrics = told["neurobench"]
+    assert (metrics["samples"], metrics["steps_per_sample"]) == (5, 100)
+    assert metrics["energy_j"]["model"] == "truenorth"
+    assert metrics["energy_j"]["total"] == pytest.approx(told["bills"][0]["total_j"], rel=1e-12)
+
+
+def test_parameters_and_seed_are_used(run, network):
+    few, many, other = (
+        json.loads(run(*RUN, "--target", "truenorth", "--json", *words)[1])["bills"][0]["dynamic_j"]
+        for words in (("--set", "rate=10"), ("--set", "rate=1000"), ("--set", "rate=1000", "--seed", "1"))
+    )
+    assert few < many != other
+
+
+def test_a_table_of_the_user(run, network, tmp_path):
+    (tmp_path / "half.yaml").write_text("like: truenorth\ncosts: {synaptic_op: {value: 13.0e-12, source: me}}\n")
+    status, out, _ = run(*RUN, "--target", "half.yaml")
+    assert status == 0
+    assert out.startswith("IBM TrueNorth (half), energy per run: ")
+    assert "] me\n" in out
+
+
+@pytest.mark.parametrize("target", ["loihi", "spinnaker"])
+def test_chips_with_places(run, network, target):
+    status, out, err = run(*RUN, "--target", target)
+    assert (status, err) == (0, "")
+    assert f"{chip(target).title} ({target}), energy per run: 1 chip, 500 steps, " in out
+    assert "static_per_chip" in out
+
+
+MISTAKES = {
+    "an unknown target": (("--target", "loihj"), "unknown target 'loihj'\n  hint: did you mean 'loihi'?"),
+    "nothing published": (
+        ("--target", "loihi2"),
+        "target 'loihi2' has no costs: none is published\n"
+        "  hint: write a table with 'like: loihi2' and 'costs: ...', and name its file as the target",
+    ),
+    "no parts": (("--per", "0", "trial"), "Invalid value for '--per': '0': expected a whole number >= 1"),
+    "off the grid": (("--for", "0.05"), "--for = 0.05 ms"),
+}
+
+
+@pytest.mark.parametrize("what", MISTAKES)
+def test_mistakes_are_told_before_the_run(run, network, what, monkeypatch):
+    words, message = MISTAKES[what]
+    monkeypatch.setattr("neuro.compile", None)
+    status, out, err = run(*RUN, *words)
+    assert (status, out) == (2, "")
+    assert err.startswith(f"error: {message}")
