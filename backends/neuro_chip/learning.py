@@ -2,7 +2,7 @@
 
 In a step of learning: every trace decays, spikes add their impulses, and at the end of an epoch the rule is applied.
 
-* A trace keeps v numerator / denominator, rounded up with the probability of the fraction; a spike then adds the
+* A trace v keeps v numerator / denominator, rounded up with the probability of the fraction; a spike then adds the
   impulse, up to 127. The rule therefore reads traces with the impulses of the very step (Brian2Loihi and lava agree).
 * A product gated by x0 reads all traces at the step of the last pre spike of the epoch, one gated by y0 at that of the
   last post spike, one gated by u_k at the end of the epoch (lava; with epochs of one step they are all the same).
@@ -11,23 +11,35 @@ In a step of learning: every trace decays, spikes add their impulses, and at the
   accumulator that saturates (lava). The sum is rounded once, by a keyed draw, to the resolution of the weight
   (`AWAY`: see `LearningRule.rounding`), and the weight is clipped to its sign mode's range.
 
-Where references differ, and what is chosen: `docs` of this backend.
+Where references differ:
+* Decay per step: 1 - 1/tau in Brian2Loihi (the default of `loihi_learning`), exp(-1/tau) in lava. Both are here.
+* Draws: Brian2Loihi draws for each synapse and trace, from the fraction of the value before the impulse; lava takes one
+  number for all neurons and traces. Here each neuron and trace has its own draw, from the fraction of its own value.
+* Changes below a mantissa: Brian2Loihi rounds them away from 0 (and then, for products of spikes, to the weight's step
+  towards 0, since its draw is made before the spikes arrive), lava stochastically from 7 bits. Here: `rounding`.
+* Products of several factors: lava drops their low bits without making up for it, so its scale is not what the rule
+  says; Brian2Loihi keeps fractions. Here the scale is as written and bits below 2^-7 are cut.
+* Several spikes of a neuron in an epoch: lava moves all but the last to its beginning; here each counts when it comes.
+* Delays: Brian2Loihi delays x0, x1 and x2 with the current; lava learns without delays. Here traces take no delay: the
+  chip delays what a synapse adds to the current, behind its learning engine.
+* Tags reach -257 in lava; here they are 9-bit, -256 to 255. Brian2Loihi has no tags, epochs or accumulator.
 """
 
 # mypy: ignore-errors
 import numpy as np
 
 from neuro.kernels.draws import mix, step_word
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.jit import kernel, merged
 from neuro.keyed import NEURON_STRIDE
 
-TARGET, GATE, MASK, MANTISSA, SHIFT, SIZE, FIRST = range(7)
-"""Columns of a term: 0 weight or 1 tag; gate; 2^k - 1; scale; number of factors; then (factor, constant) pairs."""
+GATE, MASK, MANTISSA, SHIFT, SIZE, FIRST = range(6)
+"""Columns of a product: gate; 2^k - 1; scale; number of factors; then (factor, constant) pairs."""
 X0, Y0, U = range(3)
 FACTORS = 4
 COLUMNS = FIRST + 2 * FACTORS
-EPOCH, PRECISION, LOW, HIGH, AWAY, NEEDS_TAG = range(6)
-"""Settings: steps of an epoch; step of a weight; its bounds; rounding; whether u_k terms are 0 where the tag is."""
+EPOCH, PRECISION, LOW, HIGH, AWAY, NEEDS_TAG, OF_WEIGHT = range(7)
+"""Settings: steps of an epoch; step of a weight; its bounds; rounding; whether products with u_k are 0 where the tag
+is; how many products are of dw (they come first)."""
 EVALUATED, CHANGED, WEIGHT_SATURATED, TAG_CHANGED, TAG_SATURATED, OVERFLOWS = range(6)
 """Counts: synapses that the rule was applied to; weights written; weights that met a bound; the same of tags; products
 and sums that exceeded the accumulator."""
@@ -36,9 +48,9 @@ _NEURON = np.uint64(NEURON_STRIDE)
 _HALF = np.uint64(32)
 
 
-@inner
+@merged
 def draw(base, index, below):
-    """A whole number in [0, below), below <= 2^16."""
+    """A whole number in [0, below), below <= 2^24."""
     return np.int64(((mix(base + np.uint64(index) * _NEURON) >> _HALF) * np.uint64(below)) >> _HALF)
 
 
@@ -70,7 +82,7 @@ def decay(history, slot, keep, keys, step):
 
 @kernel
 def spike(history, slot, impulses, ids, flags, times):
-    """Add impulses of the neurons `ids`, which have fired in this step; note that and when. Return how many saturated."""
+    """Add the impulses of the neurons `ids`, which fired in this step, and note it; return how many saturated."""
     saturated = 0
     for n in range(ids.size):
         i = ids[n]
@@ -85,7 +97,7 @@ def spike(history, slot, impulses, ids, flags, times):
     return saturated
 
 
-@inner
+@merged
 def factor(code, i, j, at, xs, ys, x0, y0, w, t):
     """The value of a factor; codes as in `neuro.chips.learning.FACTORS`."""
     if code == 9:
@@ -101,14 +113,14 @@ def factor(code, i, j, at, xs, ys, x0, y0, w, t):
     return np.int64(ys[at, code - 4, j])
 
 
-@inner
-def change(terms, target, number, i, j, xs, ys, tx, ty, x0, y0, w, t, value, counts):
+@merged
+def change(terms, first, end, number, i, j, xs, ys, tx, ty, x0, y0, w, t, value, counts):
     """The sum of the due products for one variable, in units of 2^-7, within what the accumulator holds."""
     begin = value << 7
     total = begin
-    for n in range(terms.shape[0]):
+    for n in range(first, end):
         gate = terms[n, GATE]
-        if terms[n, TARGET] != target or (number & terms[n, MASK]) != 0:
+        if (number & terms[n, MASK]) != 0:
             continue
         if gate == X0:
             if x0[i] == 0:
@@ -139,7 +151,7 @@ def change(terms, target, number, i, j, xs, ys, tx, ty, x0, y0, w, t, value, cou
     return total - begin
 
 
-@inner
+@merged
 def limited(v, counts):
     """A value as 16 bits hold it."""
     if v > LAST:
@@ -151,7 +163,7 @@ def limited(v, counts):
     return v
 
 
-@inner
+@merged
 def rounded(delta, precision, away, base, e):
     """A change in units of 2^-7 as a multiple of the variable's step."""
     if away:
@@ -166,13 +178,13 @@ def rounded(delta, precision, away, base, e):
     return whole * precision
 
 
-@inner
+@merged
 def apply(terms, settings, number, i, j, e, xs, ys, tx, ty, x0, y0, weights, tags, base_w, base_t, counts):
     """Apply the rule to synapse `e` from neuron `i` to `j`."""
     counts[EVALUATED] += 1
     w, t = np.int64(weights[e]), np.int64(tags[e])
-    dw = change(terms, 0, number, i, j, xs, ys, tx, ty, x0, y0, w, t, w, counts)
-    dt = change(terms, 1, number, i, j, xs, ys, tx, ty, x0, y0, w, t, t, counts)
+    dw = change(terms, 0, settings[OF_WEIGHT], number, i, j, xs, ys, tx, ty, x0, y0, w, t, w, counts)
+    dt = change(terms, settings[OF_WEIGHT], terms.shape[0], number, i, j, xs, ys, tx, ty, x0, y0, w, t, t, counts)
     if dw != 0:
         new = w + rounded(dw, settings[PRECISION], settings[AWAY] != 0, base_w, e)
         if new > settings[HIGH] or new < settings[LOW]:
@@ -202,17 +214,12 @@ def learn(
     columns of the post neurons that fired. All are visited where a product with u_k is due; those whose tag is 0 and
     that saw no spike are passed over if every such product has t as a factor.
 
-    Args:
-        terms: int64 (terms, COLUMNS); settings: int64, see above.
-        xs, ys: traces of the sources (x1, x2) and of the targets (y1, y2, y3, r1, r2), uint8 (epoch, traces, neurons).
-        x0, y0: uint8, who has fired in the epoch; tx, ty: uint8, slot of the last spike.
-        weights, tags: int16 mantissas and tags in the order of `targets`.
-        row_ends, targets: synapses of source i are row_ends[i] : row_ends[i + 1].
-        column_ends, incoming, sources: synapses onto target j, and their sources, are column_ends[j] : column_ends[j + 1]
-            of the other two.
-        keys: uint64, for weights and for tags.
-        step: the step that ends the epoch, a multiple of its length.
-        counts: int64 (6,), added to.
+    Terms and settings are laid out as above. `xs` are the traces of the sources (x1, x2), `ys` those of the targets
+    (y1, y2, y3, r1, r2), uint8 (epoch, traces, neurons); x0 and y0 tell who has fired in the epoch and tx, ty in which
+    slot last (uint8). Mantissas and tags are int16, in the order of `targets`; synapses of source i are
+    row_ends[i] : row_ends[i + 1]; those onto target j and their sources are column_ends[j] : column_ends[j + 1] of
+    `incoming` and `sources`. `keys` are those of the weights' and the tags' draws, `step` ends the epoch, and `counts`
+    is added to.
     """
     number = step // settings[EPOCH]
     base_w, base_t = step_word(keys[0], step), step_word(keys[1], step)

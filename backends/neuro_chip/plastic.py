@@ -25,11 +25,11 @@ def resolution(bits: int, sign_mode: str) -> int:
 
 def table(rule: LearningRule) -> Ints:
     """The rule's products as the kernels read them, int64 (products, `COLUMNS`)."""
-    terms = [(0, term) for term in rule.dw] + [(1, term) for term in rule.dt]
+    terms = (*rule.dw, *rule.dt)
     rows = np.zeros((len(terms), kernels.COLUMNS), dtype=np.int64)
-    for row, (target, term) in zip(rows, terms, strict=True):
+    for row, term in zip(rows, terms, strict=True):
         row[: kernels.FIRST] = (
-            *(target, GATES[term.gate], (1 << term.every) - 1),
+            *(GATES[term.gate], (1 << term.every) - 1),
             *(term.mantissa, term.exponent + FRACTION_BITS, len(term.factors)),
         )
         for n, factor in enumerate(term.factors):
@@ -78,7 +78,7 @@ class Plastic:
         self.settings: Ints = np.array(
             [
                 *(rule.epoch, resolution(bits, sign_mode), low, high, rule.rounding == "away"),
-                all(_is_zero_without_tag(term) for term in due),
+                *(all(_is_zero_without_tag(term) for term in due), len(rule.dw)),
             ],
             dtype=np.int64,
         )
@@ -104,7 +104,8 @@ class Plastic:
 
         Args:
             step: its number, from 1; an epoch ends where it is a multiple of `epoch`.
-            pre, post: ids of the sources and targets that fired, each once.
+            pre: ids of the sources that fired, each once.
+            post: ids of the targets that fired, each once.
         """
         slot = (step - 1) % self.epoch
         kernels.decay(self.xs, slot, self.x_keep, self.x_keys, step)

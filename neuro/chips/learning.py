@@ -32,8 +32,8 @@ LONGEST_EPOCH = 63
 LARGEST_U = 9
 MOST_FACTORS = 4
 """Factors of a product beside its dependency, so that every product fits 64 bits; this library's."""
-KEEP = 65536
-"""Denominator of a decay that is given as a time constant in ms."""
+KEEP = 1 << 20
+"""Denominator of an exponential decay; this library's, so that 10,000 steps are within 1 %."""
 
 PRE, POST, MODULATORY = ("x1", "x2"), ("y1", "y2", "y3"), ("r1", "r2")
 TRACES = (*PRE, *POST, *MODULATORY)
@@ -76,8 +76,7 @@ class Term:
     def __post_init__(self) -> None:
         if not -8 <= self.mantissa <= 7:
             raise ModelError(
-                f"'{self}': scale {self.mantissa} x 2^{self.exponent}: expected a whole number from -8 to 7 times a power "
-                "of 2",
+                f"'{self}': scale {self.mantissa} x 2^{self.exponent}: expected -8 to 7 times a power of 2",
                 hint="write it as two products",
             )
         lowest = -FRACTION_BITS - max(0, self.bits - PRODUCT_BITS)
@@ -124,7 +123,7 @@ class Trace:
 
     @classmethod
     def exponential(cls, impulse: int, tau: float) -> Trace:
-        """Keeps exp(-1/tau) (tau in steps) to 16 bits, as lava."""
+        """Keeps exp(-1/tau) (tau in steps) to 20 bits, as lava."""
         return cls(impulse, round(KEEP * math.exp(-1.0 / tau)), KEEP)
 
     @property

@@ -109,7 +109,7 @@ class _Reader:
         raise self.wrong(f"unknown factor '{token}'", _REFUSED.get(token) or nearest(token, known))
 
     def sum_of_two(self) -> tuple[Factor, int]:
-        """(name + constant), in any order and with any signs; also the sign that it takes to write the name with a +."""
+        """(name + constant), in any order, and the sign to take out so that the name has a +."""
         name, sign, constant = "", 1, 0
         while True:
             plus = -1 if self.peek() == "-" else 1
