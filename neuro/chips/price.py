@@ -3,11 +3,6 @@
 Dynamic energy is the counts that all backends share, and the ways of the spikes by the placement, times the table's
 figures. Static energy is the power of the chips times the emulated chip time. Where a table has `mac`, the same work
 is priced as dense layers instead: every synapse in every step.
-
-The chip time is steps x the shortest step where the table has one (real time). Else it is steps x the barrier, linear
-in the number of tiles through the two published points, plus the work of the busiest core: the updates of its
-neurons, and of each projection's synaptic operations and learning updates its share of the target's neurons. That is
-a lower bound: the busiest core may be another in every step, and the time that spikes travel is left out.
 """
 
 from __future__ import annotations
@@ -17,6 +12,7 @@ from typing import Protocol
 
 from neuro.backend import EngineCounts, Problem
 from neuro.chips.chip import Chip
+from neuro.chips.duration import chip_time, told_times
 from neuro.chips.energy import STATIC, Energy, Item, number
 from neuro.chips.fan import dense_size, spiking
 from neuro.counts import Counts, Tally
@@ -128,7 +124,7 @@ class _Bill:
                 self.ways(part.name, raw.spikes[part.source], placement.hops(index))
             by_host = part.synapse.learns == "trials"
             self.add("weight_write" if by_host else "learning_update", "projection", part.name, told.learning_updates)
-        time = self.time(placement)
+        time = chip_time(self.program, self.counts, placement, self.chip)
         chips = 1 if placement is None else placement.chips_used
         if time is not None and STATIC in self.chip.costs:
             self.add(STATIC, "chip", self.chip.name, chips * time)
@@ -159,48 +155,10 @@ class _Bill:
             if what in self.chip.costs:
                 self.add(what, "projection", name, int(spikes @ each))
 
-    def time(self, placement: Placement | None) -> float | None:
-        """Seconds that the chip takes."""
-        if self.chip.step_s is not None:
-            return self.counts.steps * self.chip.step_s.value
-        costs = self.chip.costs
-        if placement is None or not {"barrier_1_tile_time", "barrier_32_tiles_time"} <= costs.keys():
-            return None
-        one, many = costs["barrier_1_tile_time"].value, costs["barrier_32_tiles_time"].value
-        barrier = one + (many - one) * (placement.tiles_used - 1) / 31
-        return self.counts.steps * barrier + self.busiest(placement)
-
-    def busiest(self, placement: Placement) -> float:
-        """Seconds of work of the core that has most."""
-
-        def seconds(what: str) -> float:
-            return self.chip.costs[f"{what}_time"].value if f"{what}_time" in self.chip.costs else 0.0
-
-        work = [0.0] * len(self.program.populations)
-        for index, part in enumerate(self.program.populations):
-            told = self.counts.populations[part.name]
-            if isinstance(part.model, Neuron):
-                inactive = told.neuron_updates - told.neuron_updates_active
-                work[index] += told.neuron_updates_active * seconds("neuron_update_active")
-                work[index] += inactive * seconds("neuron_update_inactive")
-        for projection in self.program.projections:
-            made = self.counts.projections[projection.name]
-            work[projection.target] += made.synaptic_ops * seconds("synaptic_op")
-            if projection.synapse.learns != "trials":
-                work[projection.target] += made.learning_updates * seconds("learning_update")
-        sizes = [part.size for part in self.program.populations]
-        loads = (sum(work[p] * (last - first) / sizes[p] for p, first, last in core.parts) for core in placement.cores)
-        return max(loads, default=0.0)
-
     def explain(self, raw: EngineCounts, placement: Placement | None, time: float | None) -> None:
         """Note what is assumed and what is left out."""
-        if self.chip.step_s is None and time is not None:
-            self.notes.append(
-                "chip time is a lower bound: steps x barrier, linear in the tiles used, and the busiest core's work"
-            )
-        if self.chip.step_s is not None and self.chip.step_s.value * 1e3 != self.program.resolution:
-            took = f"{self.chip.step_s.value * 1e3:g} ms"
-            self.notes.append(f"a step of {self.program.resolution:g} ms takes {took} on the chip")
+        if time is not None:
+            self.notes += told_times(self.program, self.chip)
         if STATIC not in self.chip.costs or time is None:
             self.notes.append("static power is not in the sums: no figure is published")
         elif placement is None and self.chip.costs[STATIC].value:

@@ -232,10 +232,3 @@ def test_the_page_names_every_limit_and_cost():
         assert f"| `{name}` | {unit} | {meaning} |" in page
     for name in chips():
         assert f"| `{name}` | {chip(name).title} |" in page
-
-
-def test_the_tables_are_packaged():
-    """The wheel holds `neuro` as it is; nothing keeps YAML out of it."""
-    settings = (ROOT / "pyproject.toml").read_text()
-    assert 'only-include = ["neuro", "backends", "models", "apps"]' in settings
-    assert "exclude" not in settings
