@@ -17,9 +17,11 @@ if TYPE_CHECKING:
         iaf_psc_delta,
         iaf_psc_exp,
         izhikevich,
+        loihi_lif,
         parrot_neuron,
         poisson_generator,
         spike_generator,
+        spinnaker_lif,
     )
     from neuro.rules import (
         all_to_all,
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
         pairwise_bernoulli,
     )
     from neuro.simulation import ApproximationWarning, Simulation, compile
-    from neuro.synapses import r_stdp, static, stdp, stdp_dopa
+    from neuro.synapses import loihi_static, r_stdp, static, stdp, stdp_dopa
 
 __version__ = "0.1.0"
 
@@ -46,9 +48,11 @@ _HOMES = {
         "iaf_psc_delta",
         "iaf_psc_exp",
         "izhikevich",
+        "loihi_lif",
         "parrot_neuron",
         "poisson_generator",
         "spike_generator",
+        "spinnaker_lif",
     ),
     "neuro.rules": (
         "all_to_all",
@@ -60,7 +64,7 @@ _HOMES = {
         "pairwise_bernoulli",
     ),
     "neuro.simulation": ("ApproximationWarning", "Simulation", "compile"),
-    "neuro.synapses": ("r_stdp", "static", "stdp", "stdp_dopa"),
+    "neuro.synapses": ("loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"),
 }
 _MODULES = ("coding", "events")
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
@@ -88,6 +92,8 @@ __all__ = [
     "labels",
     "load",
     "lognormal",
+    "loihi_lif",
+    "loihi_static",
     "normal",
     "one_to_one",
     "pairs",
@@ -97,6 +103,7 @@ __all__ = [
     "r_stdp",
     "reward",
     "spike_generator",
+    "spinnaker_lif",
     "static",
     "stdp",
     "stdp_dopa",

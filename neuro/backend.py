@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import entry_points
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.errors import ModelError, Where, nearest
 from neuro.program import Floats, Ints, Program
+
+
+class OverflowWarning(UserWarning):
+    """A register of an emulated chip overflowed while a network ran; what comes after is the chip's, not the network's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +89,7 @@ class EngineCounts:
         spikes: spikes of each population with their multiplicity, per neuron.
         active: neuron-steps of each population with an arrival or a spike.
         trial_updates: weights changed at the end of trials, per projection.
+        native: what only this backend counts, by name: of a chip its overflows, say. They are not shared.
     """
 
     steps: int
@@ -92,6 +97,7 @@ class EngineCounts:
     spikes: tuple[Ints, ...]
     active: Ints
     trial_updates: Ints
+    native: Mapping[str, int] = field(default_factory=dict)
 
 
 class Engine(Protocol):
@@ -170,11 +176,39 @@ class Backend(Protocol):
     name: str
     description: str
 
-    def problems(self, program: Program) -> Sequence[Problem]:
-        """What of the program is refused or approximated."""
+    def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
+        """What of the program is refused or approximated; `options` are those of `build`."""
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
         """Make an engine at step 0."""
+
+
+@runtime_checkable
+class Registers(Protocol):
+    """An engine whose neurons and synapses have registers that can be read."""
+
+    def registers(self, population: int, name: str) -> Ints:
+        """A register of every neuron, by its own name or that of the state or parameter it stands for."""
+
+    def synapse_registers(self, projection: int, name: str) -> Ints:
+        """A register of every synapse, in the order of the program's weights."""
+
+
+def floats_only(program: Program) -> list[Problem]:
+    """The problems of a float backend: parts that are described in a chip's registers."""
+    parts = [(f"population '{p.name}'", p.model, p.origin) for p in program.populations]
+    parts += [(f"projection '{p.name}'", p.synapse, p.origin) for p in program.projections]
+    return [
+        Problem(
+            True,
+            f"{what}: {choice.name}",
+            f"its parameters are registers of {choice.chip}",
+            f"backend '{choice.chip}' runs it",
+            origin,
+        )
+        for what, choice, origin in parts
+        if choice.chip
+    ]
 
 
 def installed() -> dict[str, Backend]:

@@ -73,6 +73,7 @@ def is_number(value: Any) -> bool:
 def _within(q: Quantity, x: float) -> bool:
     return not (
         math.isnan(x)
+        or (q.whole and not x.is_integer())
         or (math.isinf(x) and not q.infinite)
         or (q.above is not None and not x > q.above)
         or (q.at_least is not None and not x >= q.at_least)
@@ -130,6 +131,8 @@ def _each(q: Quantity, array: NDArray[np.float64], what: str) -> None:
     good = ~np.isnan(array)
     if not q.infinite:
         good &= np.isfinite(array)
+    if q.whole:
+        good &= array == np.floor(array)
     for bound, compare in (
         (q.above, np.greater),
         (q.at_least, np.greater_equal),

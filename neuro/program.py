@@ -158,7 +158,7 @@ class Trials:
     origin: Where | None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Program:
     """The whole network.
 

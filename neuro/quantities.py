@@ -27,6 +27,7 @@ class Quantity:
             "delay" (a time that is no number of the rule), "names" (a list of names) or "part" (a `part`).
         above, at_least, below, at_most: bounds of every element.
         infinite: whether an infinite value has a meaning.
+        whole: whether a number, and every element of an array, must be a whole one.
         arrays: whether one value per element (an array or a distribution) is accepted.
         optional: whether it may be left out for good (None).
         words: the accepted words of kind "word", and those accepted beside numbers in a "shape".
@@ -41,6 +42,7 @@ class Quantity:
     below: float | None = None
     at_most: float | None = None
     infinite: bool = False
+    whole: bool = False
     arrays: bool = False
     optional: bool = False
     words: tuple[str, ...] = ()
@@ -51,7 +53,7 @@ class Quantity:
         if self.kind == "word":
             return "one of " + ", ".join(self.words)
         noun = {
-            "number": "a number",
+            "number": "a whole number" if self.whole else "a number",
             "integer": "a whole number",
             "boolean": "true or false",
             "name": "a name",

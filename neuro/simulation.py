@@ -58,7 +58,7 @@ def compile(
     chosen = find(backend) if isinstance(backend, str) else backend
     try:
         program = compile_network(net, int(seed))
-        _report(chosen.name, chosen.problems(program))
+        _report(chosen.name, chosen.problems(program, **options))
         return Simulation(net, chosen.name, program, chosen.build(program, threads=threads, **options))
     except MemoryError as error:
         raise ModelError(f"network '{net.name}' needs more memory than there is: {error}") from None

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from typing import Any
 
-from neuro.backend import Engine, Problem
+from neuro.backend import Engine, Problem, floats_only
 from neuro.errors import ModelError
 from neuro.program import Program
 
@@ -18,9 +18,9 @@ class EventBackend:
     description = "float64, event-driven, compiled by numba; any number of threads gives the same result"
     unsupported: dict[str, str] = {}
 
-    def problems(self, program: Program) -> Sequence[Problem]:
-        """None: every program runs as described."""
-        return ()
+    def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
+        """Only parts in the registers of a chip are refused."""
+        return floats_only(program)
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
         """Make an engine at step 0.

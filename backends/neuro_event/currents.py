@@ -1,95 +1,21 @@
-"""Currents from dc_generators: constant between a few steps, so that no loop over time need carry them."""
+"""The currents of dc_generators, written where the loop reads them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
-from neuro.neurons import dc_generator
-from neuro.program import Floats, Ints, Program
+from neuro.currents import Currents
+from neuro.program import Ints, Program
 from neuro_event import loop
 from neuro_event.arrays import Arrays
 
-NEVER = np.iinfo(np.int64).max
 
-
-class Currents:
-    """Keeps for every current source the steps at which its current changes, and what it is from then on."""
-
-    def __init__(self, program: Program, arrays: Arrays) -> None:
-        self._program, self._a = program, arrays
-        self._history: dict[int, list[tuple[int, Floats]]] = {}
-        for k, p in enumerate(program.populations):
-            if isinstance(p.model, dc_generator):
-                amplitude = np.broadcast_to(p.parameters["amplitude"], p.size).astype(np.float64)
-                self._history[k] = [(0, amplitude.copy())]
-        self._changes = self._steps_of_change()
-
-    def amplitude(self, population: int) -> Floats:
-        """The amplitude that is set now."""
-        return self._history[population][-1][1]
-
-    def set_amplitude(self, population: int, values: Floats, step: int) -> None:
-        """Set it; what is emitted after `step` has it."""
-        n = self._program.populations[population].size
-        self._history[population].append((step, np.broadcast_to(values, n).astype(np.float64).copy()))
-        self._changes = self._steps_of_change()
-
-    def _steps_of_change(self) -> Ints:
-        """Steps whose current differs from that of the step before."""
-        steps = [0]
-        for p in self._program.projections:
-            if p.source in self._history:
-                source = self._program.populations[p.source]
-                emitted = [source.start, source.stop, *(since for since, _ in self._history[p.source])]
-                for delay in np.unique(p.delay):
-                    steps += [min(e, NEVER // 2) + int(delay) + 1 for e in emitted]
-        return np.unique(np.array(steps, dtype=np.int64))
-
-    def next_change(self, step: int) -> int:
-        """The last step before the next change after step + 1, or a step that never comes."""
-        if not self._history:
-            return NEVER
-        later = self._changes[self._changes > step + 1]
-        return int(later[0]) - 1 if later.size else NEVER
-
-    def apply(self, view: Ints, step: int) -> None:
-        """Set the current that holds from step + 1 on."""
-        if not self._history:
-            return
-        current = np.zeros_like(self._a.net["current"])
-        for q, p in enumerate(self._program.projections):
-            if p.source in self._history:
-                self._add(current, q, step + 1)
-        if not np.array_equal(current, self._a.net["current"]):
-            for target in {p.target for p in self._program.projections if p.source in self._history}:
-                loop.wake_population(view, target, step, self._program.resolution)
-            self._a.net["current"][:] = current
-
-    def _add(self, current: Floats, q: int, step: int) -> None:
-        p = self._program.projections[q]
-        source, place = self._program.populations[p.source], self._a.places[p.target]
-        pre, post = self._program.connections(q)
-        emitted = step - 1 - np.broadcast_to(p.delay, pre.size).astype(np.int64)
-        value = np.zeros(pre.size)
-        for since, amplitude in self._history[p.source]:
-            value = np.where(emitted >= since, amplitude[pre], value)
-        on = (emitted >= source.start) & (emitted < source.stop)
-        inside = post if place.inside is None else place.inside[post]
-        np.add.at(current, place.begin + inside, np.where(on, value, 0.0) * p.weight)
-
-    def snapshot(self) -> dict[str, NDArray[Any]]:
-        """The amplitudes with the steps from which they hold."""
-        out = {}
-        for k, history in self._history.items():
-            out[f"current.{k}"] = np.array([[float(since), *amplitude] for since, amplitude in history])
-        return out
-
-    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Take over a snapshot."""
-        for k in self._history:
-            self._history[k] = [(int(row[0]), row[1:].copy()) for row in arrays[f"current.{k}"]]
-        self._changes = self._steps_of_change()
+def apply(currents: Currents, program: Program, arrays: Arrays, view: Ints, step: int) -> None:
+    """Set the currents that hold from step + 1 on; populations whose current changes are woken."""
+    for target in currents.targets:
+        place = arrays.places[target]
+        current = place.taken(currents.into(target, step + 1))
+        now = arrays.net["current"][place.begin : place.end]
+        if not np.array_equal(current, now):
+            loop.wake_population(view, target, step, program.resolution)
+            now[:] = current

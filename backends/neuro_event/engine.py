@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.backend import EngineCounts, Outcome, Spikes, Trial
+from neuro.currents import Currents
 from neuro.errors import ModelError
 from neuro.neurons import Neuron, poisson_generator
 from neuro.program import Floats, Ints, Program, Trials
 from neuro_event import build, layout, lazy, learning, loop, projections, reading, rewards, sources
 from neuro_event import tables as t
-from neuro_event.currents import Currents
+from neuro_event.currents import apply
 from neuro_event.listed import Listed
 from neuro_event.record import Record
 from neuro_event.threads import Threads
@@ -42,7 +43,7 @@ class EventEngine:
         self._changed: dict[int, Floats] = {}
         self._rules = {q: p.synapse.vector() for q, p in enumerate(self._program.projections)}
         self._record = Record(self._program, self._a.places)
-        self._currents = Currents(self._program, self._a)
+        self._currents = Currents(self._program)
         self._threads = Threads(self._n_threads)
         self._listed = Listed(self._a)
         self._kept_weights: dict[int, Floats] = {}
@@ -71,7 +72,7 @@ class EventEngine:
         """Advance; stops at the steps where a current changes and where the record must be emptied."""
         end = self._step + steps
         while self._step < end:
-            self._currents.apply(self._view, self._step)
+            apply(self._currents, self._program, self._a, self._view, self._step)
             self._run_to(min(end, self._currents.next_change(self._step)))
         self._record.drain(self._a.net)
 

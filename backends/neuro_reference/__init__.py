@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from neuro.backend import Problem
+from neuro.backend import Problem, floats_only
 from neuro.errors import ModelError, nearest
 from neuro.program import Program
 from neuro_reference.engine import ReferenceEngine
@@ -21,9 +21,9 @@ class ReferenceBackend:
     name = "reference"
     description = "plain NumPy, slow, written to be read: defines what a program means"
 
-    def problems(self, program: Program) -> Sequence[Problem]:
-        """None: every program runs."""
-        return ()
+    def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
+        """Only parts in the registers of a chip are refused."""
+        return floats_only(program)
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> ReferenceEngine:
         """Make an engine at step 0; `threads` is accepted and ignored."""

@@ -35,13 +35,14 @@ def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
     """Everything that can be named in a network, by section."""
     from neuro.distributions import DISTRIBUTIONS
     from neuro.network import dropout, labels, reward, winner_take_all
-    from neuro.neurons import GENERATORS, NEURONS
+    from neuro.neurons import GENERATORS, NATIVE, NEURONS
     from neuro.rules import RULES
     from neuro.synapses import SYNAPSES
 
     return {
         "Generators": {model.__name__: model for model in GENERATORS},
         "Neurons": {model.__name__: model for model in NEURONS},
+        "Neurons in a chip's registers": {model.__name__: model for model in NATIVE},
         "Synapses": SYNAPSES,
         "Connection rules": RULES,
         "Distributions": DISTRIBUTIONS,

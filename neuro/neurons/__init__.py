@@ -6,7 +6,9 @@ from neuro.neurons.iaf_psc_alpha import iaf_psc_alpha
 from neuro.neurons.iaf_psc_delta import iaf_psc_delta
 from neuro.neurons.iaf_psc_exp import iaf_psc_exp
 from neuro.neurons.izhikevich import izhikevich
+from neuro.neurons.loihi_lif import loihi_lif
 from neuro.neurons.parrot_neuron import parrot_neuron
+from neuro.neurons.spinnaker_lif import spinnaker_lif
 
 GENERATORS: tuple[type[Generator], ...] = (poisson_generator, spike_generator, dc_generator)
 NEURONS: tuple[type[Neuron], ...] = (
@@ -16,11 +18,15 @@ NEURONS: tuple[type[Neuron], ...] = (
     iaf_psc_alpha,
     izhikevich,
 )
-MODELS: dict[str, type[Model]] = {model.__name__: model for model in (*GENERATORS, *map(complete, NEURONS))}
+NATIVE: tuple[type[Neuron], ...] = (loihi_lif, spinnaker_lif)
+"""Neurons in the registers of a chip; they have no float arithmetic."""
+
+MODELS: dict[str, type[Model]] = {model.__name__: model for model in (*GENERATORS, *map(complete, NEURONS), *NATIVE)}
 
 __all__ = [
     "GENERATORS",
     "MODELS",
+    "NATIVE",
     "NEURONS",
     "Generator",
     "Model",
@@ -31,7 +37,9 @@ __all__ = [
     "iaf_psc_delta",
     "iaf_psc_exp",
     "izhikevich",
+    "loihi_lif",
     "parrot_neuron",
     "poisson_generator",
     "spike_generator",
+    "spinnaker_lif",
 ]

@@ -46,11 +46,13 @@ class Model(Choice):
     Class attributes:
         equation: the dynamics, one line for people.
         source: paper or simulator that defines it.
+        chip: the chip whose registers the parameters are, "" for a model of all backends.
     """
 
     kind: ClassVar[str] = "model"
     equation: ClassVar[str] = ""
     source: ClassVar[str] = ""
+    chip: ClassVar[str] = ""
     states: ClassVar[tuple[State, ...]] = ()
 
 

@@ -4,12 +4,13 @@ import numpy as np
 
 from neuro.neurons.base import check_functions, fill
 from neuro.synapses.base import FUNCTIONS, Synapse
+from neuro.synapses.loihi_static import loihi_static
 from neuro.synapses.r_stdp import r_stdp
 from neuro.synapses.static import static
 from neuro.synapses.stdp import stdp
 from neuro.synapses.stdp_dopa import stdp_dopa
 
-_LISTED: tuple[type[Synapse], ...] = (static, stdp, stdp_dopa, r_stdp)
+_LISTED: tuple[type[Synapse], ...] = (static, stdp, stdp_dopa, r_stdp, loihi_static)
 
 
 def complete(model: type[Synapse]) -> type[Synapse]:
@@ -19,8 +20,8 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         TypeError: something is missing or not possible yet; it says what.
     """
     told = f"synapse model '{model.__name__}'"
-    if model.learns not in ("", "pairs", "trials"):
-        raise TypeError(f"{told}: learns = '{model.learns}': expected '', 'pairs' or 'trials'")
+    if model.learns not in ("", "pairs", "trials", "chip"):
+        raise TypeError(f"{told}: learns = '{model.learns}': expected '', 'pairs', 'trials' or 'chip'")
     if model.learns == "trials" and model.arithmetic is not r_stdp.arithmetic:
         raise TypeError(f"{told}: expected a rule with r_stdp's arithmetic: backends know no other rule for trials yet")
     if model.modulated and not issubclass(model, stdp_dopa):
@@ -41,4 +42,4 @@ def complete(model: type[Synapse]) -> type[Synapse]:
 
 SYNAPSES: dict[str, type[Synapse]] = {model.__name__: complete(model) for model in _LISTED}
 
-__all__ = ["SYNAPSES", "Synapse", "r_stdp", "static", "stdp", "stdp_dopa"]
+__all__ = ["SYNAPSES", "Synapse", "loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"]

@@ -38,7 +38,8 @@ class Synapse(Choice):
     """Base of every synapse model.
 
     Class attributes:
-        learns: "" (static), "pairs" (spike pairs) or "trials" (at the end of a trial).
+        learns: "" (static), "pairs" (spike pairs), "trials" (at the end of a trial) or "chip" (by a chip's own engine).
+        chip: the chip whose registers the parameters are, "" for a model of all backends.
         modulated: whether a dopamine concentration acts on it.
         states: the states of a synapse beside its weight.
         width: how many constants `constants` fills; tables of decays may be among them.
@@ -49,6 +50,7 @@ class Synapse(Choice):
     equation: ClassVar[str] = ""
     source: ClassVar[str] = ""
     learns: ClassVar[str] = ""
+    chip: ClassVar[str] = ""
     modulated: ClassVar[bool] = False
     states: ClassVar[tuple[State, ...]] = ()
     width: ClassVar[int] = 20

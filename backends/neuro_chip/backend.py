@@ -1,0 +1,58 @@
+"""The backend objects; numba is imported only when one builds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from neuro.backend import Engine, Problem
+from neuro.chips.chip import Chip, chip
+from neuro.chips.quantise import quantise
+from neuro.errors import ModelError
+from neuro.program import Program
+
+OWN = ("strict",)
+
+
+class ChipBackend:
+    """An emulated chip: integers only, bit-true to the public emulators."""
+
+    def __init__(self, name: str, description: str, unsupported: Mapping[str, str]) -> None:
+        self.name, self.description, self.unsupported = name, description, dict(unsupported)
+
+    @property
+    def chip(self) -> Chip:
+        """Limits and costs of the chip."""
+        return chip(self.name)
+
+    def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
+        """What does not fit into the chip's integers or onto its cores, and what is approximated."""
+        fixed = quantise(program, self.chip, **_of_quantise(options))
+        return fixed.problems
+
+    def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
+        """Make an engine at step 0.
+
+        Args:
+            program: what to run.
+            threads: accepted; one thread computes.
+            options: `strict` (an overflow is an error), `scales`, `shifts`, `exponents`, `epoch`: see
+                `neuro.chips.quantise`.
+
+        Raises:
+            ModelError: the chip refuses the program, or an option is unknown.
+        """
+        fixed = quantise(program, self.chip, **_of_quantise(options))
+        if refused := [problem for problem in fixed.problems if problem.refused]:
+            raise ModelError(f"{refused[0].what}: {refused[0].why}", hint=refused[0].way_out)
+        from neuro_chip.engine import ChipEngine
+
+        return ChipEngine(fixed, strict=bool(options.get("strict", False)))
+
+
+def _of_quantise(options: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if name not in OWN}
+
+
+loihi = ChipBackend("loihi", "Intel Loihi 1, emulated bit for bit: integers, 8-bit weights, cores and their limits", {})
+spinnaker = ChipBackend("spinnaker", "SpiNNaker 1, emulated: s16.15 neurons, 16-bit saturating ring buffers", {})

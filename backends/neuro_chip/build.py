@@ -1,0 +1,198 @@
+"""From a quantised program to the arrays of the compiled loop."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro import keyed
+from neuro.chips.fixed import FixedPopulation, FixedProgram
+from neuro.clock import NEVER
+from neuro.program import Program, Projection
+from neuro_chip import tables as t
+
+KINDS = {
+    "current": t.CURRENT,
+    "relay": t.RELAY,
+    "loihi_lif": t.LOIHI,
+    "spinnaker_lif": t.SPINNAKER,
+    "spinnaker_delta": t.DELTA,
+}
+LAYOUTS = {"one_to_one": t.ONE_TO_ONE, "dense": t.DENSE, "csr": t.CSR, "grid": t.GRID}
+STATES = {"v": "v", "u": "u", "g_exc": "u", "g_inh": "g_inh"}
+"""Arrays that hold the state registers, by the registers' names."""
+
+SLOW_DECAYS = ("exc_decay", "exc_init", "inh_decay", "inh_init")
+ROOM = 1 << 20
+"""Spikes that the record takes before it is emptied, above one step's."""
+
+Arrays = dict[str, NDArray[Any]]
+
+
+def arrays_of(fixed: FixedProgram) -> Arrays:
+    """All arrays that the loop reads and writes, by the names of `loop.Net`."""
+    program = fixed.program
+    a: Arrays = {}
+    _populations(a, fixed)
+    _projections(a, fixed)
+    total = int(a["pops"][-1, t.END])
+    n_pops = len(program.populations)
+    for name in ("v", "u", "g_inh", "hold", "keep_u", "keep_v", "threshold", "bias", "v_reset", "refractory"):
+        a[name] = np.zeros(total, dtype=np.int32)
+    for name in ("v_rest", "r_m"):
+        a[name] = np.zeros(total, dtype=np.int32)
+    for name in SLOW_DECAYS:
+        a[name] = np.zeros(total, dtype=np.int64)
+    a["fired"], a["muted"] = np.zeros(total, dtype=np.uint8), np.zeros(total, dtype=np.uint8)
+    a["first"] = np.full(total, NEVER, dtype=np.int64)
+    a["events"], a["spikes"] = np.zeros(total, dtype=np.int64), np.zeros(total, dtype=np.int64)
+    a["active"] = np.zeros(n_pops, dtype=np.int64)
+    a["native"] = np.zeros((n_pops, t.NATIVE_COLUMNS), dtype=np.int64)
+    a["potential"] = np.zeros(total, dtype=np.int32)
+    a["emitted"], a["emitted_times"] = np.zeros(total, dtype=np.int64), np.zeros(total, dtype=np.int64)
+    a["keys"] = _keys(program, "poisson", [p.name for p in program.populations])
+    a["group_keys"] = _keys(program, "tie", [g.name for g in program.groups])
+    a["mean"], a["nothing"] = np.zeros(total), np.ones(total)
+    for name in ("list_steps", "list_ids", "list_times"):
+        a[name] = np.zeros(0, dtype=np.int64)
+    a["cursor"] = np.zeros((n_pops, 2), dtype=np.int64)
+    room = total + min(ROOM, 64 * total + 1024)
+    for name in ("rec_steps", "rec_ids", "rec_times"):
+        a[name] = np.zeros(room, dtype=np.int64)
+    a["clock"] = np.zeros(t.CLOCK_COLUMNS, dtype=np.int64)
+    a["clock"][t.STOP_GROUP] = t.NONE
+    a["groups"] = np.zeros((len(program.groups), t.GROUP_COLUMNS), dtype=np.int64)
+    for k, group in enumerate(program.groups):
+        a["groups"][k, : t.DECIDED] = group.population, group.first_to_fire, 0, t.NONE
+        a["pops"][group.population, t.GROUP] = k
+    for k, part in enumerate(fixed.populations):
+        write_registers(a, k, part)
+    return a
+
+
+def _keys(program: Program, purpose: str, names: list[str]) -> NDArray[np.uint64]:
+    return np.array([keyed.key(program.seed, purpose, name) for name in names], dtype=np.uint64)
+
+
+def slots_of(fixed: FixedProgram, target: int) -> int:
+    """Slots of a population's ring: a power of two above the longest lag of what it receives."""
+    lags = [
+        int(wires.lag.max(initial=1))
+        for wires, part in zip(fixed.projections, fixed.program.projections, strict=True)
+        if wires is not None and part.target == target
+    ]
+    return 1 << (max(lags, default=1)).bit_length()
+
+
+def _populations(a: Arrays, fixed: FixedProgram) -> None:
+    program = fixed.program
+    pops = np.zeros((len(program.populations), t.POPULATION_COLUMNS), dtype=np.int64)
+    at = ring = heard = 0
+    for k, (part, cells) in enumerate(zip(program.populations, fixed.populations, strict=True)):
+        generator = t.POISSON if part.model.name == "poisson_generator" else t.LISTED
+        kind = KINDS.get(cells.kind, generator)
+        pops[k, [t.KIND, t.BEGIN, t.END]] = kind, at, at + part.size
+        pops[k, [t.RECORD, t.GROUP, t.START, t.STOP]] = part.records, t.NONE, part.start, part.stop
+        pops[k, t.BINARY] = fixed.chip.arithmetic == "loihi"
+        at += part.size
+        if kind in (t.RELAY, t.LOIHI, t.SPINNAKER, t.DELTA):
+            slots = slots_of(fixed, k)
+            pops[k, [t.RING, t.SLOTS, t.HEARD]] = ring, slots, heard
+            ring += slots * part.size * (1 if kind == t.LOIHI else 2)
+            heard += slots
+    a["pops"] = pops
+    a["ring"], a["heard"] = np.zeros(ring + at, dtype=np.int32), np.zeros(ring + at, dtype=np.uint8)
+    a["heard_all"] = np.zeros(heard, dtype=np.uint8)
+
+
+def _projections(a: Arrays, fixed: FixedProgram) -> None:
+    program = fixed.program
+    table = np.zeros((len(program.projections), t.PROJECTION_COLUMNS), dtype=np.int64)
+    kind = np.int16 if fixed.chip.arithmetic == "loihi" else np.int32
+    words, lags, rows, targets = [np.zeros(0, kind)], [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [_NOBODY]
+    at = dict.fromkeys(("words", "lags", "rows", "targets"), 0)
+    for q, (part, wires) in enumerate(zip(program.projections, fixed.projections, strict=True)):
+        table[q, [t.SOURCE, t.TARGET]] = part.source, part.target
+        if wires is None:
+            continue
+        own = wires.words if not part.synapse.learns else np.broadcast_to(wires.words, part.size)
+        layout, row_ends, ends = _layout(program, q, wires.lag.size > 1)
+        if (layout == t.CSR and own.size > 1) or part.synapse.learns:
+            own = np.broadcast_to(own, part.size)
+        table[q, t.LAYOUT] = layout
+        table[q, [t.WORD, t.WORD_STRIDE]] = at["words"], own.size > 1 or part.size == 1
+        table[q, [t.LAG, t.LAG_STRIDE]] = at["lags"], wires.lag.size > 1
+        table[q, [t.ROW, t.SYNAPSE]] = at["rows"], at["targets"]
+        table[q, [t.POSITIVE, t.NEGATIVE]] = bool(np.any(own > 0)), bool(np.any(own < 0))
+        for name, lists, array in (
+            ("words", words, own.astype(kind)),
+            ("lags", lags, wires.lag.astype(np.int64)),
+            ("rows", rows, row_ends),
+            ("targets", targets, ends),
+        ):
+            lists.append(array)
+            at[name] += array.size
+        _grid(table[q], part)
+    a["projections"] = table
+    a["words"], a["lags"], a["rows"], a["targets"] = map(np.concatenate, (words, lags, rows, targets))  # type: ignore[arg-type]
+    spiking = [q for q, wires in enumerate(fixed.projections) if wires is not None]
+    by_source = [[q for q in spiking if table[q, t.SOURCE] == k] for k in range(len(program.populations))]
+    a["out"] = np.array([q for group in by_source for q in group], dtype=np.int64)
+    a["out_ends"] = np.concatenate(([0], np.cumsum([len(group) for group in by_source]))).astype(np.int64)
+
+
+_NOBODY = np.zeros(0, dtype=np.int32)
+_NO_ROWS = np.zeros(0, dtype=np.int64)
+
+
+def _layout(program: Program, q: int, own_lags: bool) -> tuple[int, NDArray[np.int64], NDArray[np.int32]]:
+    """How the kernels see a projection: dense rows with a lag for each synapse become CSR."""
+    part = program.projections[q]
+    if part.layout == "csr":
+        return t.CSR, part.row_ends, part.targets
+    if part.layout == "dense" and own_lags:
+        n_source, n_target = program.populations[part.source].size, program.populations[part.target].size
+        ends = np.tile(np.arange(n_target, dtype=np.int32), n_source)
+        return t.CSR, np.arange(n_source + 1, dtype=np.int64) * n_target, ends
+    return LAYOUTS[part.layout], _NO_ROWS, _NOBODY
+
+
+def _grid(row: NDArray[np.int64], part: Projection) -> None:
+    g = part.grid
+    if g is None:
+        return
+    row[[t.CHANNELS, t.CHANNEL_HEIGHT, t.CHANNEL_WIDTH]] = g.channels, g.height, g.width
+    row[[t.MAPS, t.ROWS, t.COLUMNS]] = g.maps, g.rows, g.columns
+    row[[t.KERNEL_HEIGHT, t.KERNEL_WIDTH, t.STRIDE, t.PADDING]] = g.kernel_height, g.kernel_width, g.stride, g.padding
+
+
+def write_registers(a: Arrays, k: int, part: FixedPopulation) -> None:
+    """Put the registers of a population where the loop reads them."""
+    row, r = a["pops"][k], part.registers
+    here = slice(row[t.BEGIN], row[t.END])
+    if part.kind == "loihi_lif":
+        a["keep_u"][here] = 4095 - r["du"]
+        a["keep_v"][here] = 4096 - r["dv"]
+        a["threshold"][here] = r["vth"] * 64
+        a["bias"][here] = r["bias_mant"] << r["bias_exp"]
+        a["refractory"][here] = r["refractory"] - 1
+    elif part.kind in ("spinnaker_lif", "spinnaker_delta"):
+        a["keep_v"][here] = r["exp_tc"]
+        a["threshold"][here] = r["v_thresh"]
+        a["bias"][here] = r["i_offset"]
+        a["refractory"][here] = r["t_refract"]
+        a["v_reset"][here], a["v_rest"][here] = r["v_reset"], r["v_rest"]
+        row[t.EXC_SHIFT], row[t.INH_SHIFT] = r["exc_shift"][0], r["inh_shift"][0]
+        for name in ("r_m", *SLOW_DECAYS):
+            if name in r:
+                a[name][here] = r[name]
+
+
+def write_states(a: Arrays, k: int, part: FixedPopulation, names: tuple[str, ...] = tuple(STATES)) -> None:
+    """Put the named state registers of a population where they are at step 0."""
+    here = slice(a["pops"][k, t.BEGIN], a["pops"][k, t.END])
+    for name in names:
+        if name in part.initial:
+            a[STATES[name]][here] = part.initial[name]

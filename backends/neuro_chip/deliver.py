@@ -1,0 +1,158 @@
+"""Sending the spikes of a step into the ring buffers of their targets."""
+
+# mypy: ignore-errors
+import numpy as np
+
+from neuro.kernels.jit import inner
+from neuro_chip.tables import (
+    BEGIN,
+    CHANNEL_HEIGHT,
+    CHANNEL_WIDTH,
+    CHANNELS,
+    COLUMNS,
+    CSR,
+    DENSE,
+    END,
+    HEARD,
+    KERNEL_HEIGHT,
+    KERNEL_WIDTH,
+    KIND,
+    LAG,
+    LAG_STRIDE,
+    LAYOUT,
+    LOIHI,
+    MAPS,
+    NEGATIVE,
+    ONE_TO_ONE,
+    PADDING,
+    POSITIVE,
+    RING,
+    ROW,
+    ROWS,
+    SLOTS,
+    STRIDE,
+    SYNAPSE,
+    TARGET,
+    WORD,
+    WORD_STRIDE,
+)
+
+OVER = np.int32(65536)
+"""What a SpiNNaker slot holds in place of more than 65535: enough to tell that it is saturated."""
+
+
+@inner
+def add(ring, place, below, word, times, capped):
+    """Add a word to a slot, or to that of the inhibitory receptor."""
+    amount = np.int32(word * times)
+    if not capped:
+        ring[place] += amount
+    elif amount >= 0:
+        ring[place] = min(np.int32(ring[place] + amount), OVER)
+    else:
+        ring[place + below] = min(np.int32(ring[place + below] - amount), OVER)
+
+
+@inner
+def send(net, q, i, times, step):
+    """Send a spike that source i emitted in `step` along a projection."""
+    row = net.projections[q]
+    target = net.pops[row[TARGET]]
+    n = target[END] - target[BEGIN]
+    mask = target[SLOTS] - 1
+    below = target[SLOTS] * n
+    capped = target[KIND] > LOIHI
+    if row[LAYOUT] == DENSE:
+        slot = (step + net.lags[row[LAG]]) & mask
+        begin = target[RING] + slot * n
+        net.heard_all[target[HEARD] + slot] = 1
+        into = net.ring[begin : begin + n]
+        if row[WORD_STRIDE] == 0:
+            word = net.words[row[WORD]]
+            for k in range(n):
+                add(net.ring, begin + k, below, word, times, capped)
+        elif not capped:
+            words = net.words[row[WORD] + i * n : row[WORD] + (i + 1) * n]
+            send_row(into, words, times)
+        else:
+            words = net.words[row[WORD] + i * n : row[WORD] + (i + 1) * n]
+            if row[POSITIVE]:
+                send_capped(into, words, np.int32(times))
+            if row[NEGATIVE]:
+                send_capped(net.ring[begin + below : begin + below + n], words, np.int32(-times))
+    elif row[LAYOUT] == CSR:
+        first, last = net.rows[row[ROW] + i], net.rows[row[ROW] + i + 1]
+        base = row[SYNAPSE]
+        if row[LAG_STRIDE] == 0 and not capped and times == 1 and row[WORD_STRIDE] == 1:
+            slot = (step + net.lags[row[LAG]]) & mask
+            begin = target[RING] + slot * n
+            send_sparse(
+                net.ring[begin : begin + n],
+                net.heard[begin : begin + n],
+                net.targets[base + first : base + last],
+                net.words[row[WORD] + first : row[WORD] + last],
+            )
+            return
+        for e in range(first, last):
+            slot = (step + net.lags[row[LAG] + e * row[LAG_STRIDE]]) & mask
+            place = target[RING] + slot * n + net.targets[base + e]
+            add(net.ring, place, below, net.words[row[WORD] + e * row[WORD_STRIDE]], times, capped)
+            net.heard[place] = 1
+    elif row[LAYOUT] == ONE_TO_ONE:
+        slot = (step + net.lags[row[LAG] + i * row[LAG_STRIDE]]) & mask
+        place = target[RING] + slot * n + i
+        add(net.ring, place, below, net.words[row[WORD] + i * row[WORD_STRIDE]], times, capped)
+        net.heard[place] = 1
+    else:
+        send_grid(net, row, target, i, times, step, below, capped)
+
+
+@inner
+def send_row(into, words, times):
+    """Add a row of words to neighbouring slots."""
+    if times == 1:
+        for k in range(into.size):
+            into[k] = np.int32(into[k] + np.int32(words[k]))
+    else:
+        for k in range(into.size):
+            into[k] = np.int32(into[k] + np.int32(words[k] * times))
+
+
+@inner
+def send_capped(into, words, times):
+    """Add the words of one sign to slots that saturate."""
+    zero = np.int32(0)
+    for k in range(into.size):
+        amount = max(np.int32(words[k] * times), zero)
+        into[k] = min(np.int32(into[k] + amount), OVER)
+
+
+@inner
+def send_sparse(into, heard, targets, words):
+    """Add words to scattered slots."""
+    for e in range(targets.size):
+        place = np.uint32(targets[e])
+        into[place] = np.int32(into[place] + np.int32(words[e]))
+        heard[place] = 1
+
+
+@inner
+def send_grid(net, row, target, i, times, step, below, capped):
+    """Add a shared kernel: every place of every map whose kernel covers the source."""
+    sheet = row[CHANNEL_HEIGHT] * row[CHANNEL_WIDTH]
+    channel, rest = i // sheet, i % sheet
+    y, x = rest // row[CHANNEL_WIDTH] + row[PADDING], rest % row[CHANNEL_WIDTH] + row[PADDING]
+    height, width, stride = row[KERNEL_HEIGHT], row[KERNEL_WIDTH], row[STRIDE]
+    r_first, r_last = max(0, -((height - 1 - y) // stride)), min(row[ROWS] - 1, y // stride)
+    c_first, c_last = max(0, -((width - 1 - x) // stride)), min(row[COLUMNS] - 1, x // stride)
+    n = target[END] - target[BEGIN]
+    slot = (step + net.lags[row[LAG]]) & (target[SLOTS] - 1)
+    for m in range(row[MAPS]):
+        kernel = row[WORD] + (m * row[CHANNELS] + channel) * height * width * row[WORD_STRIDE]
+        for r in range(r_first, r_last + 1):
+            line = kernel + (y - r * stride) * width * row[WORD_STRIDE]
+            base = target[RING] + slot * n + (m * row[ROWS] + r) * row[COLUMNS]
+            for c in range(c_first, c_last + 1):
+                word = net.words[line + (x - c * stride) * row[WORD_STRIDE]]
+                add(net.ring, base + c, below, word, times, capped)
+                net.heard[base + c] = 1

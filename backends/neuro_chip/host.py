@@ -1,0 +1,52 @@
+"""What the host does for the chip between trials: a rule on weights that the chip cannot change itself."""
+
+# mypy: ignore-errors
+import numpy as np
+
+from neuro.kernels.draws import mix, uniform
+from neuro.kernels.jit import compiled, inner, kernel
+from neuro.synapses import r_stdp
+
+_reward = compiled(r_stdp.arithmetic.reward)
+_encourage = compiled(r_stdp.arithmetic.encourage)
+
+
+@inner
+def rounded(exact, low, high, grain, draw):
+    """The mantissa below or above, so that the mean is exact; draw is uniform in [0, 1)."""
+    floor = np.floor(exact / grain)
+    mantissa = np.int64(floor + (draw < exact / grain - floor)) * grain
+    return min(max(mantissa, low), high)
+
+
+@kernel
+def reward(mantissas, step, low, high, grain, slots, early, won, rule, base):
+    """The rule for the inputs of one neuron.
+
+    Args:
+        mantissas: all weights, changed.
+        step: weight per mantissa.
+        low, high, grain: the range of mantissas.
+        slots: which weight each input has.
+        early: whether its spike arrived up to the decision.
+        won: whether the trial is rewarded.
+        rule: constants of the rule.
+        base: word of the keyed draws, one for each call.
+    """
+    for k in range(slots.size):
+        w = _reward(mantissas[slots[k]] * step, early[k] != 0, won, rule)
+        mantissas[slots[k]] = rounded(w / step, low, high, grain, uniform(base, slots[k]))
+
+
+@kernel
+def encourage(mantissas, step, low, high, grain, begin, end, rule, base):
+    """The rule for all weights from begin to end."""
+    for k in range(begin, end):
+        w = _encourage(mantissas[k] * step, rule)
+        mantissas[k] = rounded(w / step, low, high, grain, uniform(base, k))
+
+
+@kernel
+def word_of(key, count):
+    """The word of the draws of the count-th change."""
+    return mix(key + np.uint64(count) * np.uint64(0x9E3779B97F4A7C15))

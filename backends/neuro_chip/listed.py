@@ -1,0 +1,76 @@
+"""The listed spikes of the spike_generators, and those of trials and injections: the host sends them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.neurons import spike_generator
+from neuro.program import Ints, Program
+from neuro_chip import tables as t
+
+_NOTHING = np.zeros(0, dtype=np.int64)
+
+
+class Listed:
+    """Keeps the spikes to come by population and writes them into the arrays that the loop reads."""
+
+    def __init__(self, program: Program, arrays: dict[str, NDArray[Any]]) -> None:
+        self._a = arrays
+        self._spikes = {
+            k: (p.spike_steps, p.spike_ids)
+            for k, p in enumerate(program.populations)
+            if isinstance(p.model, spike_generator)
+        }
+        self._write(0)
+
+    def add(self, population: int, steps: Ints, ids: Ints, now: int) -> None:
+        """Add spikes after step `now`."""
+        old_steps, old_ids = self._spikes[population]
+        ahead = old_steps > now
+        self._spikes[population] = (np.concatenate([old_steps[ahead], steps]), np.concatenate([old_ids[ahead], ids]))
+        self._write(now)
+
+    def replace(self, population: int, steps: Ints, ids: Ints, now: int) -> None:
+        """Let these be all that a population has."""
+        self._spikes[population] = (steps, ids)
+        self._write(now)
+
+    def _write(self, now: int) -> None:
+        """Write all spikes after step `now`, equal ones joined."""
+        columns: list[NDArray[np.int64]] = [np.zeros((0, 3), dtype=np.int64)]
+        at = 0
+        for k, (steps, ids) in self._spikes.items():
+            ahead = steps > now
+            rows = _joined(steps[ahead], ids[ahead] + int(self._a["pops"][k, t.BEGIN]))
+            self._a["cursor"][k] = at, at + len(rows)
+            at += len(rows)
+            columns.append(rows)
+        table = np.concatenate(columns)
+        for name, column in zip(("list_steps", "list_ids", "list_times"), table.T, strict=True):
+            self._a[name] = np.ascontiguousarray(column)
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """The spikes by population."""
+        return {f"listed.{k}": np.stack([steps, ids]) for k, (steps, ids) in self._spikes.items()}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], now: int) -> None:
+        """Take over a snapshot."""
+        for k in self._spikes:
+            steps, ids = arrays[f"listed.{k}"]
+            self._spikes[k] = (steps.copy(), ids.copy())
+        self._write(now)
+
+
+def _joined(steps: Ints, neurons: Ints) -> NDArray[np.int64]:
+    """Rows (step, neuron, multiplicity), sorted; equal ones joined."""
+    if steps.size == 0:
+        return np.zeros((0, 3), dtype=np.int64)
+    order = np.lexsort((neurons, steps))
+    steps, neurons = steps[order], neurons[order]
+    first = np.flatnonzero(np.concatenate(([True], (np.diff(steps) != 0) | (np.diff(neurons) != 0))))
+    times = np.diff(np.concatenate((first, [steps.size])))
+    return np.column_stack([steps[first], neurons[first], times]).astype(np.int64)

@@ -1,0 +1,267 @@
+"""The one compiled loop over steps."""
+
+# mypy: ignore-errors
+from collections import namedtuple
+
+import numpy as np
+
+from neuro.kernels.draws import poisson_by_sum, step_word, uniform
+from neuro.kernels.jit import inner, kernel
+from neuro_chip.deliver import send
+from neuro_chip.neurons import step_delta, step_loihi, step_spinnaker
+from neuro_chip.tables import (
+    BEGIN,
+    BINARY,
+    CLIPS,
+    CLOSED,
+    CURRENT,
+    DECIDED,
+    EMITTED,
+    END,
+    EXC_SHIFT,
+    FIRST_TO_FIRE,
+    GROUP,
+    HEARD,
+    INH_SHIFT,
+    KIND,
+    LISTED,
+    LOIHI,
+    MERGED,
+    POISSON,
+    RECORD,
+    RECORDED,
+    RELAY,
+    RING,
+    SATURATIONS,
+    SLOTS,
+    SPINNAKER,
+    START,
+    STEP,
+    STOP,
+    STOP_GROUP,
+    WINNER,
+    WRAPS,
+)
+
+Net = namedtuple(
+    "Net",
+    "pops projections out_ends out groups clock "  # tables; `out`: projections by source
+    "words lags rows targets "  # synapses
+    "ring heard heard_all "  # input to come
+    "v u g_inh hold "  # states
+    "keep_u keep_v threshold bias v_reset refractory v_rest r_m exc_decay exc_init inh_decay inh_init "  # registers
+    "fired muted first events spikes active native potential "
+    "emitted emitted_times keys group_keys mean nothing "
+    "list_steps list_ids list_times cursor "
+    "rec_steps rec_ids rec_times",
+)
+"""All arrays of a program. `first` is the step of each neuron's first spike since it was set to never."""
+
+
+@inner
+def emit(net, pop, row, i, times, step):
+    """Neuron i, counted through all populations, emits."""
+    if row[BINARY] and times > 1:
+        net.native[pop, MERGED] += times - 1
+        times = 1
+    at = net.clock[EMITTED]
+    net.emitted[at] = i
+    net.emitted_times[at] = times
+    net.clock[EMITTED] = at + 1
+    net.events[i] += 1
+    net.spikes[i] += times
+    if net.first[i] > step:
+        net.first[i] = step
+    if row[RECORD]:
+        at = net.clock[RECORDED]
+        net.rec_steps[at] = step
+        net.rec_ids[at] = i
+        net.rec_times[at] = times
+        net.clock[RECORDED] = at + 1
+
+
+@inner
+def send_all(net, step):
+    """The spikes of the last step set out; they are sorted by population."""
+    total = net.clock[EMITTED]
+    pop = 0
+    for k in range(total):
+        i = net.emitted[k]
+        while i >= net.pops[pop, END]:
+            pop += 1
+        for q in range(net.out_ends[pop], net.out_ends[pop + 1]):
+            send(net, net.out[q], i - net.pops[pop, BEGIN], net.emitted_times[k], step)
+    net.clock[EMITTED] = 0
+
+
+@inner
+def update(net, pop, row, step):
+    """Step the neurons of a population; who reaches threshold is in `fired`."""
+    lo, hi = row[BEGIN], row[END]
+    n = hi - lo
+    slot = step & (row[SLOTS] - 1)
+    begin = row[RING] + slot * n
+    below = begin + row[SLOTS] * n
+    exc, inh = net.ring[begin : begin + n], net.ring[below : below + n]
+    v, hold, fired = net.v[lo:hi], net.hold[lo:hi], net.fired[lo:hi]
+    if row[KIND] == LOIHI:
+        wraps, clips = step_loihi(
+            net.ring[begin : begin + n],
+            v,
+            net.u[lo:hi],
+            hold,
+            net.keep_u[lo:hi],
+            net.keep_v[lo:hi],
+            net.threshold[lo:hi],
+            net.bias[lo:hi],
+            fired,
+        )
+        net.native[pop, WRAPS] += wraps
+        net.native[pop, CLIPS] += clips
+    elif row[KIND] == SPINNAKER:
+        saturated, wraps = step_spinnaker(
+            exc, inh, v, net.u[lo:hi], net.g_inh[lo:hi], hold, net, lo, row[EXC_SHIFT], row[INH_SHIFT], fired
+        )
+        net.native[pop, SATURATIONS] += saturated
+        net.native[pop, WRAPS] += wraps
+    else:
+        saturated, wraps = step_delta(exc, inh, v, hold, net, lo, row[EXC_SHIFT], row[INH_SHIFT], fired)
+        net.native[pop, SATURATIONS] += saturated
+        net.native[pop, WRAPS] += wraps
+
+
+@inner
+def count_active(net, pop, row, step):
+    """Neurons that heard a spike or fired."""
+    lo, hi = row[BEGIN], row[END]
+    n = hi - lo
+    slot = step & (row[SLOTS] - 1)
+    begin = row[RING] + slot * n
+    heard, fired = net.heard[begin : begin + n], net.fired[lo:hi]
+    if net.heard_all[row[HEARD] + slot]:
+        net.heard_all[row[HEARD] + slot] = 0
+        heard[:] = 0
+        net.active[pop] += n
+        return
+    count = np.uint32(0)
+    for k in range(n):
+        count += np.uint32(heard[k] | fired[k])
+        heard[k] = 0
+    net.active[pop] += count
+
+
+@inner
+def fire(net, i):
+    """Reset a neuron that spiked."""
+    net.v[i] = net.v_reset[i]
+    net.hold[i] = net.refractory[i]
+
+
+@inner
+def settle(net, pop, row, step):
+    """Of the candidates of a group the largest margin fires; of equal ones the larger draw, then the smaller id."""
+    group = row[GROUP]
+    lo, hi = row[BEGIN], row[END]
+    best = -1
+    best_margin, best_draw = np.int64(0), -1.0
+    base = step_word(net.group_keys[group], step)
+    for i in range(lo, hi):
+        if not net.fired[i] or net.muted[i] or net.groups[group, CLOSED]:
+            net.fired[i] = 0
+            continue
+        margin = np.int64(net.v[i]) - np.int64(net.threshold[i])
+        draw = uniform(base, i - lo)
+        if best < 0 or margin > best_margin or (margin == best_margin and draw > best_draw):
+            best, best_margin, best_draw = i, margin, draw
+    if best < 0:
+        return
+    if net.groups[group, WINNER] < 0:
+        net.groups[group, WINNER] = best - lo
+        net.groups[group, DECIDED] = step
+        for i in range(lo, hi):
+            net.potential[i] = net.v[i]
+    for i in range(lo, hi):
+        if net.fired[i] and i != best:
+            net.fired[i] = 0
+            if not net.groups[group, FIRST_TO_FIRE]:
+                fire(net, i)
+    if net.groups[group, FIRST_TO_FIRE]:
+        net.groups[group, CLOSED] = 1
+
+
+@inner
+def advance_neurons(net, pop, row, step):
+    """A population of neurons: update, decide, emit, count."""
+    if row[KIND] == RELAY:
+        relay(net, pop, row, step)
+    else:
+        update(net, pop, row, step)
+        if row[GROUP] >= 0:
+            settle(net, pop, row, step)
+        for i in range(row[BEGIN], row[END]):
+            if net.fired[i]:
+                if net.muted[i]:
+                    net.fired[i] = 0
+                    continue
+                fire(net, i)
+                emit(net, pop, row, i, 1, step)
+    count_active(net, pop, row, step)
+
+
+@inner
+def relay(net, pop, row, step):
+    """Parrots: as many spikes as arrived."""
+    n = row[END] - row[BEGIN]
+    begin = row[RING] + (step & (row[SLOTS] - 1)) * n
+    for k in range(n):
+        times = net.ring[begin + k]
+        net.ring[begin + k] = 0
+        i = row[BEGIN] + k
+        net.fired[i] = times > 0 and not net.muted[i]
+        if net.fired[i]:
+            emit(net, pop, row, i, np.int64(times), step)
+
+
+@inner
+def draw(net, pop, row, step):
+    """One step of a poisson_generator."""
+    if step <= row[START] or step > row[STOP]:
+        return
+    base = step_word(net.keys[pop], step)
+    for i in range(row[BEGIN], row[END]):
+        if uniform(base, i - row[BEGIN]) >= net.nothing[i]:
+            times = poisson_by_sum(base, i - row[BEGIN], net.mean[i], net.nothing[i])
+            if times > 0:
+                emit(net, pop, row, i, times, step)
+
+
+@inner
+def list_spikes(net, pop, row, step):
+    """The listed spikes of a spike_generator in this step."""
+    at, end = net.cursor[pop, 0], net.cursor[pop, 1]
+    while at < end and net.list_steps[at] <= step:
+        if net.list_steps[at] == step:
+            emit(net, pop, row, net.list_ids[at], net.list_times[at], step)
+        at += 1
+    net.cursor[pop, 0] = at
+
+
+@kernel
+def advance(net, end):
+    """Run to a step; stop earlier where the record is full or the group that is waited for has decided."""
+    total = net.v.size
+    while net.clock[STEP] < end and net.clock[RECORDED] + total <= net.rec_steps.size:
+        step = net.clock[STEP] + 1
+        send_all(net, step - 1)
+        for pop in range(net.pops.shape[0]):
+            row = net.pops[pop]
+            if row[KIND] == POISSON:
+                draw(net, pop, row, step)
+            elif row[KIND] == LISTED:
+                list_spikes(net, pop, row, step)
+            elif row[KIND] != CURRENT:
+                advance_neurons(net, pop, row, step)
+        net.clock[STEP] = step
+        group = net.clock[STOP_GROUP]
+        if group >= 0 and net.groups[group, WINNER] >= 0:
+            return

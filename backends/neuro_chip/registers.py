@@ -1,0 +1,147 @@
+"""Registers and what they stand for: states and parameters of populations, both ways."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.chips.fixed import FixedProgram, FixedProjection
+from neuro.chips.quantise import requantise
+from neuro.errors import ModelError, unknown
+from neuro.neurons import Neuron
+from neuro.program import Floats, Ints
+
+_LIMIT = 2**31 - 1
+_STANDS_FOR = {
+    "loihi_lif": {"V_m": "v", "I_syn_ex": "u", "I_syn_in": "u", "tau_m": "dv", "tau_syn_ex": "du", "tau_syn_in": "du"}
+    | {"V_th": "vth", "I_e": "bias_mant", "t_ref": "refractory"},
+    "spinnaker_lif": {"V_m": "v", "I_syn_ex": "g_exc", "I_syn_in": "g_inh", "tau_m": "exp_tc", "V_th": "v_thresh"}
+    | {"tau_syn_ex": "exc_decay", "tau_syn_in": "inh_decay", "I_e": "i_offset", "t_ref": "t_refract"}
+    | {"E_L": "v_rest", "V_reset": "v_reset", "C_m": "r_m"},
+}
+_STANDS_FOR["spinnaker_delta"] = _STANDS_FOR["spinnaker_lif"]
+_STATES = {"loihi_lif": ("v", "u"), "spinnaker_lif": ("v", "g_exc", "g_inh"), "spinnaker_delta": ("v",)}
+
+
+class Registers:
+    """The populations of a quantised program while it runs.
+
+    Attributes:
+        fixed: each population's present registers.
+        parameters: each population's present parameters, as described.
+    """
+
+    def __init__(self, fixed: FixedProgram) -> None:
+        self._program = fixed
+        self.fixed = list(fixed.populations)
+        self.parameters = [dict(p.parameters) for p in fixed.program.populations]
+        self._good = [dict(parameters) for parameters in self.parameters]
+
+    def state(self, population: int, name: str, arrays: Mapping[str, NDArray[np.int32]]) -> Floats:
+        """A state in the unit of its model, from the state registers."""
+        part = self.fixed[population]
+        if part.kind in _STATES and name in _STATES[part.kind]:
+            return arrays[name].astype(np.float64)
+        if name == "V_m":
+            values: Floats = arrays["v"] / part.volt + part.rest
+            return values
+        if part.kind == "loihi_lif":
+            kept = np.maximum(arrays["u"], 0) if name == "I_syn_ex" else np.minimum(arrays["u"], 0)
+            return kept / part.ampere[0]
+        return arrays["g_exc"] / part.ampere[0] if name == "I_syn_ex" else -arrays["g_inh"] / part.ampere[1]
+
+    def units(self, population: int, name: str, values: Floats) -> tuple[str, NDArray[np.int32]]:
+        """The state register of a state, and values in its units.
+
+        Raises:
+            ModelError: a value does not fit.
+        """
+        part = self.fixed[population]
+        register = self.register_of(population, name)
+        exact = values
+        if name == "V_m":
+            exact = (values - part.rest) * part.volt
+        elif name in ("I_syn_ex", "I_syn_in"):
+            exact = values * part.ampere[name == "I_syn_in"] * (-1.0 if register == "g_inh" else 1.0)
+        limit = 2**23 - 1 if part.kind == "loihi_lif" else _LIMIT
+        bad = np.flatnonzero(np.abs(exact) > limit)
+        if bad.size:
+            raise ModelError(
+                f"population '{part.name}': {name} = {values[min(bad[0], values.size - 1)]:g}: "
+                f"its register '{register}' holds at most {limit} units"
+            )
+        return register, np.rint(exact).astype(np.int32)
+
+    def bias(self, population: int, current: Floats) -> NDArray[np.int32]:
+        """What is added in each step, with a current in pA beside the constant one."""
+        part, r = self.fixed[population], self.fixed[population].registers
+        if part.kind == "loihi_lif":
+            mantissas = r["bias_mant"] + np.rint(current * part.drive / 2.0 ** r["bias_exp"]).astype(np.int64)
+            if mantissas.min() < -4096 or mantissas.max() > 4095:
+                raise ModelError(
+                    f"population '{part.name}': a current of {np.abs(current).max():g} pA overflows the bias register",
+                    hint="describe the dc_generator with its largest amplitude: the scale leaves room for it",
+                )
+            value: NDArray[np.int32] = (mantissas << r["bias_exp"]).astype(np.int32)
+            return value
+        return (r["i_offset"] + np.rint(current * part.drive).astype(np.int64)).astype(np.int32)
+
+    def register_of(self, population: int, name: str) -> str:
+        """The register of that name, or the one that holds a state or parameter of that name.
+
+        Raises:
+            ModelError: the population has no such register.
+        """
+        part = self.fixed[population]
+        own = [*_STATES.get(part.kind, ()), *part.registers]
+        stands = _STANDS_FOR.get(part.kind, {})
+        if stands.get(name) in own:
+            return stands[name]
+        if name not in own:
+            raise unknown("register", name, own).at(None, f"population '{part.name}'")
+        return name
+
+    def again(self, population: int, weights: Mapping[int, Floats]) -> tuple[Any, dict[int, FixedProjection]]:
+        """Registers of a population for its present parameters, at the scale that it has.
+
+        Args:
+            population: which.
+            weights: the present weights of all projections.
+
+        Returns:
+            the population, and the projections onto it.
+
+        Raises:
+            ModelError: a register would overflow; nothing is changed.
+        """
+        part = self._program.program.populations[population]
+        if not isinstance(part.model, Neuron):
+            return self.fixed[population], {}
+        found, wires, problems = requantise(self._program, population, self.parameters[population], weights)
+        refused = [problem for problem in problems if problem.refused]
+        if refused:
+            self.parameters[population] = dict(self._good[population])
+            raise ModelError(f"{refused[0].what}: {refused[0].why}", hint=refused[0].way_out)
+        self.fixed[population] = found
+        self._good[population] = dict(self.parameters[population])
+        return found, wires
+
+    def snapshot(self) -> dict[str, Ints | Floats]:
+        """The parameters by population."""
+        return {
+            f"parameter.{k}.{name}": values.copy()
+            for k, parameters in enumerate(self.parameters)
+            for name, values in parameters.items()
+        }
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Take over a snapshot."""
+        for k, parameters in enumerate(self.parameters):
+            for name in parameters:
+                parameters[name] = arrays[f"parameter.{k}.{name}"].copy()
+            part = self._program.program.populations[k]
+            if isinstance(part.model, Neuron):
+                self.fixed[k], _, _ = requantise(self._program, k, parameters, {})

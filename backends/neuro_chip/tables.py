@@ -1,0 +1,60 @@
+"""Columns of the tables that describe a quantised program to the kernels. Neurons are counted through all populations."""
+
+NONE = -1
+
+POISSON, LISTED, CURRENT, RELAY, LOIHI, SPINNAKER, DELTA = range(7)
+ONE_TO_ONE, DENSE, CSR, GRID = range(4)
+
+# populations
+(
+    KIND,
+    BEGIN,
+    END,
+    RING,
+    SLOTS,
+    RECORD,
+    GROUP,
+    BINARY,
+    EXC_SHIFT,
+    INH_SHIFT,
+    START,
+    STOP,
+    HEARD,
+    POPULATION_COLUMNS,
+) = range(14)
+
+# projections
+(
+    SOURCE,
+    TARGET,
+    LAYOUT,
+    WORD,
+    WORD_STRIDE,
+    LAG,
+    LAG_STRIDE,
+    ROW,
+    SYNAPSE,
+    POSITIVE,
+    NEGATIVE,
+    CHANNEL_HEIGHT,
+    CHANNEL_WIDTH,
+    MAPS,
+    ROWS,
+    COLUMNS,
+    CHANNELS,
+    KERNEL_HEIGHT,
+    KERNEL_WIDTH,
+    STRIDE,
+    PADDING,
+    PROJECTION_COLUMNS,
+) = range(22)
+
+# groups
+POPULATION, FIRST_TO_FIRE, CLOSED, WINNER, DECIDED, GROUP_COLUMNS = range(6)
+
+# the clock
+STEP, RECORDED, EMITTED, STOP_GROUP, CLOCK_COLUMNS = range(5)
+
+# overflows and what else only chips count, per population
+WRAPS, CLIPS, SATURATIONS, MERGED, NATIVE_COLUMNS = range(5)
+NATIVE = ("current wraps", "voltage clips", "slot saturations", "merged spikes")

@@ -1,0 +1,151 @@
+"""Trials on a chip: the host resets, sends the input, waits for the decision, and teaches between them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from neuro import keyed
+from neuro.backend import Outcome, Trial
+from neuro.clock import NEVER
+from neuro.program import Ints, Projection
+from neuro_chip import host
+from neuro_chip import tables as t
+from neuro_chip.build import STATES, write_states
+
+if TYPE_CHECKING:
+    from neuro_chip.engine import ChipEngine
+
+_RULE_WIDTH = 32
+_REGISTERS = {"V_m": ("v",), "I_syn_ex": ("u", "g_exc"), "I_syn_in": ("u", "g_inh")}
+
+
+class Trials:
+    """Presents trials and applies rules to their ends.
+
+    Args:
+        engine: the chip.
+    """
+
+    def __init__(self, engine: ChipEngine) -> None:
+        section = engine.program.trials
+        assert section is not None
+        self._engine, self._section = engine, section
+        self._output = engine.slice(section.output)
+        self._per_map = (self._output.stop - self._output.start) // section.maps
+        self._began = 0
+        self._count = 0
+        self._inputs: dict[tuple[int, int], tuple[Ints, Ints]] = {}
+        self._keys = [keyed.key(engine.program.seed, "rounding", p.name) for p in engine.program.projections]
+
+    def present(self, trial: Trial) -> Outcome:
+        """Run one trial."""
+        engine, section, a = self._engine, self._section, self._engine._a
+        self._clear(trial)
+        began = self._began = engine.step
+        group = section.group
+        engine._listed.replace(section.input, began + 1 + trial.ticks, trial.ids, began)
+        engine._bind()
+        engine.advance_to(began + section.duration, group if section.stop_at_decision else t.NONE)
+        a["muted"][self._output] = 0
+        winner, decided = int(a["groups"][group, t.WINNER]), int(a["groups"][group, t.DECIDED]) - began - 1
+        source = a["potential"] if winner >= 0 else a["v"]
+        volt = engine._registers.state(section.output, "V_m", {"v": source[self._output]})
+        by_map = volt.reshape(section.maps, self._per_map)
+        best = by_map.argmax(axis=1) + np.arange(section.maps) * self._per_map
+        engine.check_overflows()
+        ticks = engine.step - began
+        return Outcome(winner, decided if winner >= 0 else -1, by_map.max(axis=1), best, ticks)
+
+    def _clear(self, trial: Trial) -> None:
+        """Drop what is under way and start the output's states anew."""
+        engine, a = self._engine, self._engine._a
+        a["ring"][:], a["heard"][:], a["heard_all"][:] = 0, 0, 0
+        a["clock"][t.EMITTED] = 0
+        engine.open_groups()
+        a["first"][:] = NEVER
+        a["muted"][self._output] = np.repeat(trial.silenced, self._per_map)
+        cells = engine._registers.fixed[self._section.output]
+        registers = {name: 0 for state in self._section.reset for name in _REGISTERS[state] if name in STATES}
+        for name in registers:
+            a[STATES[name]][self._output] = 0
+        write_states(a, self._section.output, cells, tuple(registers))
+        if "V_m" in self._section.reset:
+            a["hold"][self._output] = 0
+
+    def _inputs_of(self, projection: int, neuron: int) -> tuple[Ints, Ints]:
+        """Sources of a neuron's synapses, and which weight each has."""
+        key = (projection, neuron)
+        if key not in self._inputs:
+            part = self._engine.program.projections[projection]
+            if part.grid is None:
+                pre, post = self._engine.program.connections(projection)
+                slots = np.flatnonzero(post == neuron)
+                self._inputs[key] = pre[slots], slots
+            else:
+                self._inputs[key] = _under_kernel(part, neuron)
+        return self._inputs[key]
+
+    def learn(self, projection: int, neuron: int, decided: int, won: bool) -> None:
+        """Apply the rule to the inputs of one neuron, rounding stochastically."""
+        engine = self._engine
+        part, weights = engine.program.projections[projection], engine._weights
+        sources, slots = self._inputs_of(projection, neuron)
+        first = engine._a["first"][engine.slice(part.source)][sources] - self._began - 1
+        delay = np.broadcast_to(part.delay, part.size)[slots] if part.grid is None else part.delay[0]
+        early = (first + delay <= decided).astype(np.uint8)
+        wires, rule, base = self._prepared(projection)
+        host.reward(
+            weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
+            slots, early, won, rule, base,
+        )  # fmt: skip
+        weights.write(projection)
+        weights.updates[projection] += len(slots)
+
+    def encourage(self, projection: int, maps: Ints) -> None:
+        """Let every weight of some maps grow, rounding stochastically."""
+        weights = self._engine._weights
+        part = self._engine.program.projections[projection]
+        wires, rule, base = self._prepared(projection)
+        for begin, end in self._ranges(part, maps):
+            host.encourage(
+                weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
+                begin, end, rule, base,
+            )  # fmt: skip
+            weights.updates[projection] += end - begin
+        weights.write(projection)
+
+    def _ranges(self, part: Projection, maps: Ints) -> list[tuple[int, int]]:
+        """Weights onto some maps, as ranges."""
+        if part.grid is not None:
+            size = part.size // part.grid.maps
+            return [(int(m) * size, (int(m) + 1) * size) for m in maps]
+        _, post = self._engine.program.connections(self._engine.program.projections.index(part))
+        slots = np.flatnonzero(np.isin(post // self._per_map, maps))
+        ends = np.flatnonzero(np.diff(slots, append=-2) != 1)
+        begins = np.concatenate(([0], ends[:-1] + 1))
+        return [(int(slots[a]), int(slots[b]) + 1) for a, b in zip(begins, ends, strict=True)] if slots.size else []
+
+    def _prepared(self, projection: int):  # type: ignore[no-untyped-def]
+        """The scale of a projection, its rule's constants, and the word of this change's draws."""
+        engine = self._engine
+        rule = np.zeros(_RULE_WIDTH)
+        synapse = engine.program.projections[projection].synapse
+        synapse.arithmetic.constants(engine._weights.rules[projection], engine.program.resolution, rule)
+        self._count += 1
+        return engine._weights._wires(projection), rule, host.word_of(np.uint64(self._keys[projection]), self._count)
+
+
+def _under_kernel(part: Projection, neuron: int) -> tuple[Ints, Ints]:
+    """Sources under the kernel of one neuron of a grid, and which weight each meets."""
+    g = part.grid
+    assert g is not None
+    m, rest = divmod(neuron, g.rows * g.columns)
+    r, c = divmod(rest, g.columns)
+    k, i, j = np.meshgrid(np.arange(g.channels), np.arange(g.kernel_height), np.arange(g.kernel_width), indexing="ij")
+    y, x = r * g.stride + i - g.padding, c * g.stride + j - g.padding
+    inside = (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
+    source = ((k * g.height + y) * g.width + x)[inside]
+    slot = (((m * g.channels + k) * g.kernel_height + i) * g.kernel_width + j)[inside]
+    return source.astype(np.int64), slot.astype(np.int64)

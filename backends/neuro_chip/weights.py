@@ -1,0 +1,153 @@
+"""The weight memory while a program runs: mantissas, and the words that the loop sends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.chips.fixed import FixedProgram, FixedProjection, Words
+from neuro.chips.loihi import word
+from neuro.errors import ModelError
+from neuro.program import Floats, Ints
+from neuro_chip import tables as t
+
+
+class Weights:
+    """Mantissas of all projections.
+
+    Args:
+        fixed: the quantised program.
+        arrays: of the loop; `words` and the columns that point into it are written.
+
+    Attributes:
+        wires: the projections, with the scale that they have now.
+        mantissas: of each projection, shape (1,) where shared.
+        rules: numbers of the rules for trials, by projection.
+        updates: weights that the host changed at the end of trials, for each projection.
+    """
+
+    def __init__(self, fixed: FixedProgram, arrays: dict[str, NDArray[Any]]) -> None:
+        self._program, self._a, self._chip = fixed.program, arrays, fixed.chip.arithmetic
+        self.wires = list(fixed.projections)
+        self._initial = [None if w is None else w.mantissas for w in self.wires]
+        self.mantissas: list[Words] = []
+        self.rules: dict[int, Floats] = {}
+        self.updates: Ints = np.zeros(len(self.wires), dtype=np.int64)
+        self.writes = 0
+        for index, (part, wires) in enumerate(zip(self._program.projections, self.wires, strict=True)):
+            own = np.zeros(0, dtype=np.int32) if wires is None else wires.mantissas
+            if part.synapse.learns:
+                own = np.broadcast_to(own, part.size)
+                self.rules[index] = part.synapse.vector()
+            self.mantissas.append(own.copy())
+
+    def _wires(self, index: int) -> FixedProjection:
+        wires = self.wires[index]
+        assert wires is not None
+        return wires
+
+    def read(self, index: int, name: str) -> Floats:
+        """A state of every synapse; "weight" in the unit of the language."""
+        part, wires = self._program.projections[index], self.wires[index]
+        if wires is None:
+            return np.broadcast_to(part.weight, part.size).copy()
+        return np.broadcast_to(wires.weights(self.mantissas[index]), part.size).copy()
+
+    def raw(self, index: int, name: str) -> Ints:
+        """The mantissa of every synapse."""
+        part = self._program.projections[index]
+        return np.broadcast_to(self.mantissas[index], part.size).astype(np.int64)
+
+    def current(self) -> dict[int, Floats]:
+        """The present weights of all projections that carry spikes."""
+        return {k: w.weights(self.mantissas[k]) for k, w in enumerate(self.wires) if w is not None}
+
+    def set(self, index: int, weights: Floats) -> None:
+        """Replace all weights by the nearest mantissas.
+
+        Raises:
+            ModelError: one is beyond the largest mantissa.
+        """
+        part, wires = self._program.projections[index], self.wires[index]
+        if wires is None:
+            raise ModelError(f"weights of '{part.name}', which carries a current, are fixed on a chip")
+        exact = wires.exact(weights)
+        bad = np.flatnonzero((exact > wires.high + 0.5) | (exact < wires.low - 0.5))
+        if bad.size:
+            low, high = wires.weights(np.array([wires.low, wires.high], dtype=np.int32))[[0, -1]]
+            raise ModelError(
+                f"weights of '{part.name}': weight[{bad[0]}] = {weights[bad[0]]:g}: expected {low:.6g} to {high:.6g}, "
+                "what its registers hold at the scale chosen from the described weights",
+                hint="describe the network with its largest weights",
+            )
+        nearest = np.clip(np.rint(exact / wires.grain) * wires.grain, wires.low, wires.high)
+        self.put(index, nearest.astype(np.int32))
+        self.writes += part.size
+
+    def put(self, index: int, mantissas: Words) -> None:
+        """Replace all mantissas."""
+        self.mantissas[index] = mantissas.copy()
+        self.write(index)
+
+    def write(self, index: int) -> None:
+        """Let the loop send what the mantissas are now."""
+        wires, mantissas = self._wires(index), self.mantissas[index]
+        words = mantissas
+        if self._chip == "loihi":
+            words = word(mantissas, wires.exponent, wires.bits, wires.sign_mode == "mixed")
+        row = self._a["projections"][index]
+        if mantissas.size > 1 and not row[t.WORD_STRIDE]:
+            row[[t.WORD, t.WORD_STRIDE]] = self._a["words"].size, 1
+            self._a["words"] = np.concatenate((self._a["words"], words.astype(self._a["words"].dtype)))
+        self._a["words"][row[t.WORD] : row[t.WORD] + words.size] = words
+        row[[t.POSITIVE, t.NEGATIVE]] = bool(np.any(words > 0)), bool(np.any(words < 0))
+
+    def take(self, wires: Mapping[int, FixedProjection]) -> None:
+        """Other scales and mantissas of some projections."""
+        for index, found in wires.items():
+            same = np.array_equal(found.step, self._wires(index).step)
+            self.wires[index] = found
+            if not same:
+                size = self.mantissas[index].size
+                self.put(index, np.broadcast_to(found.mantissas, max(size, found.mantissas.size)).copy())
+
+    def set_rule(self, index: int, parameters: Floats) -> None:
+        """Change the numbers of a synapse model."""
+        self.rules[index] = parameters.copy()
+
+    def signal(self, signal: int, values: Floats) -> None:
+        """Set the dopamine of every synapse that listens."""
+
+    def native(self) -> dict[str, int]:
+        """What only chips count."""
+        return {"weight writes by the host": self.writes} if self.writes else {}
+
+    def nbytes(self) -> int:
+        """Bytes held."""
+        return sum(m.nbytes for m in self.mantissas)
+
+    def start_anew(self, weights: bool) -> None:
+        """Back to step 0, and to the initial weights if asked."""
+        self.updates[:] = 0
+        self.writes = 0
+        for index, initial in enumerate(self._initial):
+            if weights and initial is not None:
+                self.put(index, np.broadcast_to(initial, self.mantissas[index].shape))
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Everything that changes."""
+        arrays: dict[str, NDArray[Any]] = {f"mantissas.{k}": m.copy() for k, m in enumerate(self.mantissas)}
+        arrays |= {f"rule.{k}": rule.copy() for k, rule in self.rules.items()}
+        return arrays | {"weights.updates": self.updates.copy(), "weights.writes": np.array(self.writes)}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Take over a snapshot."""
+        for k, wires in enumerate(self.wires):
+            if wires is not None:
+                self.put(k, arrays[f"mantissas.{k}"].astype(np.int32))
+        self.rules = {k: arrays[f"rule.{k}"].copy() for k in self.rules}
+        self.updates[:] = arrays["weights.updates"]
+        self.writes = int(arrays["weights.writes"])

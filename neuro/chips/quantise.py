@@ -1,0 +1,270 @@
+"""From a float program to a chip's integers, with a report of what that changes.
+
+Nothing is changed in silence: what the chip cannot do is refused, what it does otherwise is approximated, and a rounding
+is told where it exceeds a limit below. All problems of a program are found at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, replace
+from types import ModuleType
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from neuro.backend import Problem
+from neuro.chips import loihi, spinnaker
+from neuro.chips.chip import Chip
+from neuro.chips.fixed import FixedPopulation, FixedProgram, FixedProjection
+from neuro.chips.parts import Inputs, Options, approximated, refused
+from neuro.errors import ModelError, nearest
+from neuro.neurons import Neuron, dc_generator, iaf_psc_delta, parrot_neuron, poisson_generator, spike_generator
+from neuro.program import Floats, Program
+
+ARITHMETIC: dict[str, ModuleType] = {"loihi": loihi, "spinnaker": spinnaker}
+
+LIMITS = {
+    "zeroed": (0.01, "of the weights other than 0 become 0"),
+    "rms": (0.02, "is the rms error of the weights"),
+    "tau_m": (0.02, "is the error of the membrane time constant"),
+    "tau_syn_ex": (0.02, "is the error of the synaptic time constant"),
+    "tau_syn_in": (0.02, "is the error of the synaptic time constant"),
+    "V_th": (0.001, "of the distance from E_L to V_th is the error of the threshold"),
+    "V_reset": (0.001, "of the distance from E_L to V_th is the error of V_reset"),
+    "I_e": (0.02, "is the error of the constant current"),
+    "merged": (0.01, "of the generator's spikes share a step with another of the same neuron and become one"),
+}
+"""Errors above which rounding is told as an approximation: of weights, of time constants and of potentials."""
+
+_KEPT: WeakKeyDictionary[Program, dict[tuple[Any, ...], FixedProgram]] = WeakKeyDictionary()
+
+
+def quantise(program: Program, chip: Chip, **options: Any) -> FixedProgram:
+    """Bring a program into a chip's integers.
+
+    Args:
+        program: what was compiled.
+        chip: one with an arithmetic.
+        options: scales and such that are set by hand, see `neuro.chips.parts.Options`.
+
+    Returns:
+        registers, words and delays; `problems` tells what is refused or approximated, all at once.
+
+    Raises:
+        ModelError: the chip has no arithmetic here, or an option names nothing.
+    """
+    if chip.arithmetic not in ARITHMETIC:
+        raise ModelError(
+            f"chip '{chip.name}' has no arithmetic here: expected one of {', '.join(ARITHMETIC)}",
+            hint="its limits and costs serve placing and energy only",
+        )
+    chosen = options_of(program, chip, options)
+    key = (chip.name, chip.path, repr(sorted(options.items())))
+    kept = _KEPT.setdefault(program, {})
+    if key not in kept:
+        kept[key] = _quantise(program, chip, chosen)
+    return kept[key]
+
+
+def options_of(program: Program, chip: Chip, options: Mapping[str, Any]) -> Options:
+    """Options by name, checked.
+
+    Raises:
+        ModelError: one is unknown, or names a part that does not exist or a value that cannot be.
+    """
+    known = [entry.name for entry in fields(Options)]
+    for name in options:
+        if name not in known:
+            raise ModelError(f"backend '{chip.name}' has no option '{name}'", hint=nearest(name, known))
+    populations, projections = ([p.name for p in parts] for parts in (program.populations, program.projections))
+    for option, names in (("scales", populations), ("shifts", populations), ("exponents", projections)):
+        for name in options.get(option, {}):
+            if name not in names:
+                raise ModelError(f"{option}: unknown part '{name}'", hint=nearest(name, names))
+    for name, scale in options.get("scales", {}).items():
+        if not (np.isscalar(scale) and float(scale) > 0.0):
+            raise ModelError(f"scales['{name}'] = {scale!r}: expected units per mV, a number > 0")
+    epoch = options.get("epoch", 1)
+    if isinstance(epoch, bool) or not isinstance(epoch, int) or not 1 <= epoch <= 63:
+        raise ModelError(f"epoch = {epoch!r}: expected a whole number of steps from 1 to 63")
+    return Options(**options)
+
+
+def _quantise(program: Program, chip: Chip, options: Options) -> FixedProgram:
+    populations: list[FixedPopulation] = []
+    projections: dict[int, FixedProjection] = {}
+    problems: list[Problem] = []
+    for index, part in enumerate(program.populations):
+        if not isinstance(part.model, Neuron):
+            populations.append(FixedPopulation(part.name, "current" if part.model.emits == "current" else "source"))  # type: ignore[attr-defined]
+            continue
+        fixed, found, told = _population(Inputs(program, index), chip, options)
+        populations.append(fixed)
+        projections |= found
+        problems += told
+    wires = tuple(projections.get(index) for index in range(len(program.projections)))
+    problems += _delays(program, chip, wires)
+    problems += _learning(program, chip)
+    if any(p.refused for p in problems):
+        return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), ())
+    problems += _merged(program, chip)
+    problems += _losses(program, populations, wires)
+    return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), tuple(_notes(program, chip)))
+
+
+def _population(
+    inputs: Inputs, chip: Chip, options: Options
+) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
+    """One population of neurons and the projections onto it."""
+    rules, part = ARITHMETIC[chip.arithmetic], inputs.part
+    if part.model.chip == chip.arithmetic:
+        found, problems = {}, []
+        for index in inputs.spikes:
+            found[index], told = rules.native_projection(inputs, index)
+            problems += told
+        return rules.native(part), found, problems + _no_current(inputs)
+    if isinstance(part.model, parrot_neuron):
+        relays = {index: rules.relay_projection(inputs, index) for index in inputs.spikes}
+        return FixedPopulation(part.name, "relay"), relays, []
+    if not rules_run(part.model):
+        return FixedPopulation(part.name, "none"), {}, [_lacking(inputs, chip)]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        fixed, found, problems = rules.population(inputs, options)
+    if chip.arithmetic == "spinnaker" and isinstance(part.model, iaf_psc_delta):
+        why = "no released SpiNNaker binary has it: it is emulated in the same arithmetic, slots added to v"
+        problems.append(approximated(part.origin, f"population '{part.name}': iaf_psc_delta", why))
+    return fixed, found, problems
+
+
+def rules_run(model: object) -> bool:
+    """Whether a model can be brought into integers."""
+    return loihi.runs(model)
+
+
+def _lacking(inputs: Inputs, chip: Chip) -> Problem:
+    model = inputs.part.model
+    why = f"{chip.name} has no such neuron: it has iaf_psc_exp, iaf_psc_delta and parrot_neuron"
+    way = f"backend '{model.chip}' runs it" if model.chip else "use iaf_psc_exp, or run on event"
+    return refused(inputs.part.origin, f"population '{inputs.part.name}': {model.name}", why, way)
+
+
+def _no_current(inputs: Inputs) -> list[Problem]:
+    found = [inputs.program.projections[index] for index in inputs.currents]
+    why = "neurons described in registers take no current in pA"
+    return [refused(p.origin, f"projection '{p.name}': a current", why, "set a bias or offset register") for p in found]
+
+
+def _delays(program: Program, chip: Chip, wires: tuple[FixedProjection | None, ...]) -> Iterator[Problem]:
+    longest = chip.limit("delay_max")
+    for part, fixed in zip(program.projections, wires, strict=True):
+        if fixed is None or longest is None or fixed.delay.max(initial=0) <= longest:
+            continue
+        steps = int(fixed.delay.max())
+        extra = steps - int(part.delay.max())
+        yield refused(
+            part.origin,
+            f"projection '{part.name}': a delay of {int(part.delay.max()) * program.resolution:g} ms",
+            f"{steps} steps in the delay register, which holds at most {longest} on {chip.name}",
+            f"use at most {(longest - extra) * program.resolution:g} ms, a coarser resolution, or a chain of parrots",
+        )
+
+
+def _learning(program: Program, chip: Chip) -> Iterator[Problem]:
+    for part in program.projections:
+        synapse = part.synapse
+        if synapse.chip and synapse.chip != chip.arithmetic:
+            way = f"backend '{synapse.chip}' runs it"
+            why = f"its parameters are registers of {synapse.chip}"
+            yield refused(part.origin, f"projection '{part.name}': {synapse.name}", why, way)
+        elif synapse.learns in ("pairs", "chip") and chip.arithmetic != "loihi":
+            why = f"pairwise learning is not emulated on {chip.name}"
+            way = "run it on loihi or event, or send static weights: sim.network() has what was learnt"
+            yield refused(part.origin, f"projection '{part.name}': {synapse.name}", why, way)
+
+
+def _merged(program: Program, chip: Chip) -> Iterator[Problem]:
+    """Poisson generators whose multiple spikes in a step become one."""
+    if chip.arithmetic != "loihi":
+        return
+    limit, told = LIMITS["merged"]
+    for part in program.populations:
+        if not isinstance(part.model, poisson_generator):
+            continue
+        mean = float(part.parameters["rate"].max()) * program.resolution / 1000.0
+        share = 1.0 - -np.expm1(-mean) / mean if mean > 0.0 else 0.0
+        if share > limit:
+            why = f"{share:.1%} {told}, since a spike on Loihi is one bit; counts().native tells how many"
+            way = "use a finer resolution or several generators of a lower rate"
+            yield approximated(part.origin, f"population '{part.name}': {part.model.name}", why, way)
+
+
+def _losses(
+    program: Program, populations: list[FixedPopulation], wires: tuple[FixedProjection | None, ...]
+) -> Iterator[Problem]:
+    """Roundings beyond the limits."""
+    for part, cells in zip(program.populations, populations, strict=True):
+        for r in cells.rounding:
+            if r.quantity in LIMITS and abs(r.error) > LIMITS[r.quantity][0]:
+                what = f"population '{part.name}': {r.quantity} = {r.wanted:g} becomes {r.got:.6g} {r.unit}"
+                why = f"{abs(r.error):.1%} {LIMITS[r.quantity][1]}"
+                yield approximated(part.origin, what, why)
+    for projection, fixed in zip(program.projections, wires, strict=True):
+        if fixed is None:
+            continue
+        for name in ("zeroed", "rms"):
+            value, (limit, told) = getattr(fixed.rounding, name), LIMITS[name]
+            if value > limit:
+                way = "raise the small weights, or lower the largest one, which sets the scale"
+                yield approximated(projection.origin, f"projection '{projection.name}'", f"{value:.1%} {told}", way)
+
+
+def _notes(program: Program, chip: Chip) -> Iterator[str]:
+    """What the host does for the chip."""
+    if any(isinstance(p.model, (poisson_generator, spike_generator)) for p in program.populations):
+        yield "the host sends the spikes of generators"
+    if any(isinstance(p.model, dc_generator) for p in program.populations):
+        yield "the host writes currents of dc_generators into the bias registers when they change"
+    for group in program.groups:
+        yield f"the host decides group '{group.name}' from the voltages of the step; the chip has no winner-take-all"
+    if program.trials is not None:
+        yield f"the host resets {', '.join(program.trials.reset) or 'nothing'} before each trial"
+    for part in program.projections:
+        if part.synapse.learns == "trials":
+            yield (
+                f"the host applies {part.synapse.name} to '{part.name}' between trials and writes the weights, rounded "
+                "stochastically: the chip cannot tie weights in learning"
+            )
+    if chip.arithmetic == "spinnaker" and program.resolution != 1.0:
+        yield f"a step of {program.resolution:g} ms takes a tick of 1 ms on the machine"
+    if chip.arithmetic == "spinnaker" and any(
+        p.delay.max(initial=0) + 1 > spinnaker.NATIVE_DELAY for p in program.projections
+    ):
+        yield f"delays above {spinnaker.NATIVE_DELAY} ticks need delay extensions on cores of their own, which are not placed"
+
+
+def requantise(
+    fixed: FixedProgram, population: int, parameters: Mapping[str, Floats], weights: Mapping[int, Floats]
+) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
+    """A population with other parameters, at the scale, exponents and shifts that it has.
+
+    Args:
+        fixed: the quantised program.
+        population: which.
+        parameters: all of its parameters.
+        weights: the present weights, by projection, of those that differ from the program's.
+    """
+    program, cells = fixed.program, fixed.populations[population]
+    projections = tuple(
+        replace(part, weight=weights.get(index, part.weight)) for index, part in enumerate(program.projections)
+    )
+    part = replace(program.populations[population], parameters=dict(parameters))
+    others = (*program.populations[:population], part, *program.populations[population + 1 :])
+    changed = replace(program, populations=others, projections=projections)
+    exponents = {w.name: w.exponent for w in fixed.projections if w is not None and w.sign_mode}
+    shifts = {}
+    if "exc_shift" in cells.registers:
+        shifts = {cells.name: tuple(int(cells.registers[f"{word}_shift"][0]) for word in ("exc", "inh"))}
+    options = Options(scales={cells.name: cells.volt}, exponents=exponents, shifts=shifts)  # type: ignore[arg-type]
+    return _population(Inputs(changed, population), fixed.chip, options)

@@ -1,0 +1,69 @@
+"""Weights as mantissas: which scale loses least, and what is lost."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.chips.fixed import WeightRounding, Words
+from neuro.program import Floats
+
+SAMPLE = 512
+"""Different weights of a projection that a scale is judged by."""
+
+
+def sample(weights: Floats) -> Floats:
+    """Some of the different weights: the largest, the smallest and others evenly between."""
+    if weights.size > 64 * SAMPLE:
+        weights = np.concatenate(([weights.min(), weights.max()], weights[:: weights.size // (32 * SAMPLE)]))
+    values = np.unique(weights)
+    if values.size <= SAMPLE:
+        return values
+    return values[np.linspace(0, values.size - 1, SAMPLE).round().astype(np.int64)]
+
+
+def rounded(weights: Floats, step: Floats | float, low: int, high: int, grain: int) -> Words:
+    """The nearest mantissas from low to high in steps of grain; a tie goes to the even step."""
+    nearest = np.rint(weights / (np.asarray(step) * grain)) * grain
+    mantissas: Words = np.clip(nearest, low, high).astype(np.int32)
+    return mantissas
+
+
+def judged(weights: Floats, mantissas: Words, step: Floats | float, low: int, high: int) -> WeightRounding:
+    """What rounding did to some weights.
+
+    Args:
+        weights: as described, one per mantissa.
+        mantissas: what became of them.
+        step: weight per mantissa.
+        low, high: the range of mantissas.
+    """
+    got = mantissas * step
+    nonzero = weights != 0.0
+    if not nonzero.any():
+        return WeightRounding(0.0, 0.0, 0.0, 0.0)
+    exact = weights / step
+    half = 0.5 + 1e-9
+    saturated = float(np.mean((exact > high + half) | (exact < low - half)))
+    zeroed = nonzero & (mantissas == 0)
+    kept = nonzero & (mantissas != 0)
+    worst = float(np.max(np.abs(got[kept] / weights[kept] - 1.0), initial=0.0))
+    rms = float(np.sqrt(np.sum((got - weights) ** 2) / np.sum(weights**2)))
+    return WeightRounding(saturated, float(zeroed.sum() / nonzero.sum()), _clean(worst), _clean(rms))
+
+
+def _clean(error: float) -> float:
+    """0 where only the last bits of a double differ."""
+    return 0.0 if error < 1e-12 else error
+
+
+def errors(values: Floats, steps: NDArray[np.float64], low: int, high: int, grain: int) -> Floats:
+    """Mean squared error, relative to the mean square, of some weights for each of some steps."""
+    exact = values[None, :] / steps[:, None]
+    mantissas = np.clip(np.rint(exact / grain) * grain, low, high)
+    power = float(np.sum(values**2))
+    if power == 0.0:
+        return np.zeros(steps.size)
+    lost = np.sum(((mantissas - exact) * steps[:, None]) ** 2, axis=1) / power
+    lost[lost < 1e-24] = 0.0
+    return lost
