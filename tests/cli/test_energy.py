@@ -22,10 +22,9 @@ def run(monkeypatch, capsys):
     def words(*given):
         monkeypatch.setattr(sys, "argv", ["energy", *map(str, given)])
         capsys.readouterr()
-        status = 0
         try:
             with telling():
-                app(standalone_mode=False)
+                status = app(standalone_mode=False) or 0
         except SystemExit as leaving:
             status = leaving.code
         return status, *capsys.readouterr()
@@ -65,14 +64,14 @@ def test_several_bills_and_a_row_of_each(run, bill):
 
 
 def test_json(run, bill, network):
-    words = ("--target", "truenorth", "--target", "gpu", "--per", "5", "recording", "--json", "--seed", "0")
+    words = ("--target", "truenorth", "--target", "gpu", "--per", "3", "recording", "--json", "--seed", "0")
     status, out, _ = run(*RUN, *words)
     assert status == 0
     told = json.loads(out)
     assert (told["network"], told["backend"], told["seed"], told["ms"]) == ("small", "reference", 0, 50.0)
-    assert told["bills"] == [bill(name).per(5, "recording").as_dict() for name in ("truenorth", "gpu")]
+    assert told["bills"] == [bill(name).per(3, "recording").as_dict() for name in ("truenorth", "gpu")]
     metrics = told["neurobench"]
-    assert (metrics["samples"], metrics["steps_per_sample"]) == (5, 100)
+    assert (metrics["samples"], metrics["steps_per_sample"]) == (3, 166)
     assert metrics["energy_j"]["model"] == "truenorth"
     assert metrics["energy_j"]["total"] == pytest.approx(told["bills"][0]["total_j"], rel=1e-12)
 
@@ -99,6 +98,14 @@ def test_chips_with_places(run, network, target):
     assert (status, err) == (0, "")
     assert f"{chip(target).title} ({target}), energy per run: 1 chip, 500 steps, " in out
     assert "static_per_chip" in out
+
+
+def test_an_interrupted_run_prices_nothing(run, network, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("neuro.cli.progress.advance", interrupted)
+    assert run(*RUN, "--target", "cpu") == (130, "", "interrupted: nothing is priced\n")
 
 
 MISTAKES = {
