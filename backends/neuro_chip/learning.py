@@ -6,6 +6,7 @@ In a step of learning: every trace decays, spikes add their impulses, and at the
   impulse, up to 127. The rule therefore reads traces with the impulses of the very step (Brian2Loihi and lava agree).
 * A product gated by x0 reads all traces at the step of the last pre spike of the epoch, one gated by y0 at that of the
   last post spike, one gated by u_k at the end of the epoch (lava; with epochs of one step they are all the same).
+  r1 and r2, which come from outside, are read at the end of the epoch.
 * dw and dt are worked out from the values before either is applied (both agree).
 * A product is scaled exactly, cut towards 0 to 2^-7 of a mantissa and to 16 bits, and added to the variable in a 16-bit
   accumulator that saturates (lava). The sum is rounded once, by a keyed draw, to the resolution of the weight
@@ -110,7 +111,9 @@ def factor(code, i, j, at, xs, ys, x0, y0, w, t):
         return np.int64(y0[j])
     if code < 3:
         return np.int64(xs[at, code - 1, i])
-    return np.int64(ys[at, code - 4, j])
+    if code < 7:
+        return np.int64(ys[at, code - 4, j])
+    return np.int64(ys[ys.shape[0] - 1, code - 4, j])
 
 
 @merged

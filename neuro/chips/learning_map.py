@@ -1,8 +1,8 @@
 """From `stdp` and `stdp_dopa` to rules of Loihi's learning engine, with what is lost on the way.
 
 A trace that rises by `impulse` i stands for K = trace / i; a scale S = m 2^e makes S i the change by one pair, in
-mantissas. Impulses of up to 31 leave room for K = 4 in 7 bits. With dopamine the tag holds the eligibility, 32 for the
-largest pair; r1 and r2 hold the positive and the negative part of n, and the weight moves in every 2^k-th step.
+mantissas. Impulses of up to 31 leave room for K = 4 in 7 bits. With dopamine the tag holds the eligibility, 16 to 31
+for the largest pair; r1 and r2 hold the positive and the negative part of n, and the weight moves in every 2^k-th step.
 
 A post spike reaches a float synapse after its delay of D >= 1 steps, on the chip at once. A pair in one step is then
 causal on both, but the window of the float model begins one step later: A_plus exp(-h / tau_plus) and A_minus give both
@@ -29,9 +29,6 @@ from neuro.chips.learning import (
 from neuro.chips.learning_fit import LARGEST_IMPULSE, SMALLEST_UPDATE, fading, nearest_fit, signal_fit, too_small
 from neuro.errors import ModelError
 from neuro.synapses import Synapse, stdp, stdp_dopa
-
-PAIR = 32
-"""Tag of the pair that leaves the largest eligibility."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +84,7 @@ def rule_of(
         f"traces are 7-bit: K above {TRACE_MAX / LARGEST_IMPULSE:.3g} saturates; their decay is stochastically rounded",
         f"a post spike reaches its synapses at once, not after the delay ({delay} steps): the windows of pairs are "
         "shifted by it and keep their areas",
-        "a post spike hides earlier ones from a pre spike in the same step; several spikes in one step are one",
+        "several spikes of a neuron in one step are one",
     ]
     return Mapped(mapped.rule, (*mapped.approximations, *shared), mapped.update, mapped.n_scale)
 
@@ -121,10 +118,9 @@ def _pairs(p: stdp, h: float, tau_minus: float, scale: float) -> Mapped:
 
 
 def _dopamine(p: stdp_dopa, h: float, tau_minus: float, scale: float, largest_n: float) -> Mapped:
-    largest = max(abs(p.A_plus), abs(p.A_minus))
-    if largest == 0.0:
+    if p.A_plus == p.A_minus == 0.0:
         raise ModelError("stdp_dopa.A_plus = A_minus = 0: nothing to learn", path=("A_plus",))
-    one = PAIR / largest
+    one = _tag_of_one(abs(p.A_plus) * math.exp(-h / p.tau_plus), abs(p.A_minus))
     dt, traces, notes = _sides(
         (p.A_plus * one * math.exp(-h / p.tau_plus), (), 1),
         (p.A_minus * one, (), -1),
@@ -132,7 +128,7 @@ def _dopamine(p: stdp_dopa, h: float, tau_minus: float, scale: float, largest_n:
         "stdp_dopa.A_plus",
     )
     fade, told = fading(p.tau_c / h)
-    every = max(0, min(LARGEST_U, math.floor(math.log2(max(1.0, min(p.tau_c, p.tau_n) / h / 4)))))
+    every = max(0, min(LARGEST_U, math.floor(math.log2(max(1.0, min(p.tau_c, p.tau_n) / h / 8)))))
     gain = 2.0**every * h / one / scale  # mantissas in one application, of one tag unit at n = 1/ms
     if p.dopamine is None:
         fit, n_scale = signal_fit(gain, largest_n, p.b)
@@ -159,10 +155,22 @@ def _dopamine(p: stdp_dopa, h: float, tau_minus: float, scale: float, largest_n:
         f"the weight moves by c (n - b) of every {2**every}th step, cut towards 0 to 2^-7 of a mantissa",
         f"the chip clips at 0 and 255 mantissas ({255 * scale:g}), not at Wmin = {p.Wmin:g} and Wmax = {p.Wmax:g}",
     )
-    update = gain * PAIR * (largest_n if p.dopamine is None else 1.0 / p.tau_n)
+    update = gain * one * max(abs(p.A_plus), abs(p.A_minus)) * (largest_n if p.dopamine is None else 1.0 / p.tau_n)
     if update < SMALLEST_UPDATE:
         raise too_small("stdp_dopa", update)
     return Mapped(LearningRule(dw, (*dt, *fade), traces), notes, update, n_scale)
+
+
+def _tag_of_one(plus: float, minus: float) -> float:
+    """Units of the tag for an eligibility of 1: the larger side is some whole impulse, the other one nearly exact."""
+    larger, smaller = max(plus, minus), min(plus, minus)
+    sizes = [impulse / larger for impulse in range(LARGEST_IMPULSE // 2 + 1, LARGEST_IMPULSE + 1)]
+    if smaller == 0.0:
+        return sizes[-1]
+    bits = MANTISSA_BITS + WIDTHS["x1"]
+    return min(
+        sizes, key=lambda one: abs(nearest_fit(smaller * one, bits, "stdp_dopa.A_minus").value / one / smaller - 1)
+    )
 
 
 def _sides(
@@ -171,7 +179,7 @@ def _sides(
     taus: tuple[float, float],
     what: str,
 ) -> tuple[tuple[Term, ...], dict[str, Trace], tuple[str, ...]]:
-    """Products, traces and notes of potentiation (y0 x1) and depression (x0 y1, unless y0).
+    """Products, traces and notes of potentiation (y0 x1) and depression (x0 (y1 - y2)); y2 is a spike of this step.
 
     Each side is its change by one pair, the factors beside its trace, and its sign; `taus` are in steps.
     """
@@ -179,16 +187,16 @@ def _sides(
     traces: dict[str, Trace] = {}
     notes: list[str] = []
     for (change, more, sign), gate, trace, tau in zip((plus, minus), ("y0", "x0"), ("x1", "y1"), taus, strict=True):
-        factors = (Factor(trace), *more)
-        if gate == "x0":
-            factors, sign = (*factors, Factor("y0", -1)), -sign
         if change == 0.0:
             continue
         if change < 0.0:
             change, sign = -change, -sign
         fit = nearest_fit(change, MANTISSA_BITS + WIDTHS[trace] + sum(WIDTHS[f.name] for f in more), what)
-        terms.append(Term(sign * fit.mantissa, fit.exponent, gate, 0, factors))
+        terms.append(Term(sign * fit.mantissa, fit.exponent, gate, 0, (Factor(trace), *more)))
         traces[trace] = Trace.exponential(fit.impulse, tau)
+        if trace == "y1":
+            terms.append(Term(-sign * fit.mantissa, fit.exponent, gate, 0, (Factor("y2"), *more)))
+            traces["y2"] = Trace(fit.impulse, 0, 1)
         off = fit.value / change - 1
         if abs(off) > 1e-3:
             notes.append(f"{'potentiation' if gate == 'y0' else 'depression'} is {off:+.1%} off")

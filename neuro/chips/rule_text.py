@@ -105,8 +105,11 @@ class _Reader:
     def name(self, token: str) -> str:
         if token in FACTORS:
             return token
-        known = (*FACTORS, *(f"u{k}" for k in range(LARGEST_U + 1)))
-        raise self.wrong(f"unknown factor '{token}'", _REFUSED.get(token) or nearest(token, known))
+        near = nearest(token, FACTORS)
+        known = f"factors are {', '.join(FACTORS)}, u0 to u{LARGEST_U}"
+        raise self.wrong(
+            f"unknown factor '{token}'", _REFUSED.get(token) or (near if near.startswith("did") else known)
+        )
 
     def sum_of_two(self) -> tuple[Factor, int]:
         """(name + constant), in any order, and the sign to take out so that the name has a +."""
