@@ -6,7 +6,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from neuro import coding, events
+    from neuro import chips, coding, events
+    from neuro.backend import OverflowWarning
     from neuro.distributions import lognormal, normal, uniform
     from neuro.errors import ModelError
     from neuro.language import load
@@ -39,6 +40,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "neuro.distributions": ("lognormal", "normal", "uniform"),
+    "neuro.backend": ("OverflowWarning",),
     "neuro.errors": ("ModelError",),
     "neuro.language": ("load",),
     "neuro.network": ("Network", "Trials", "dropout", "labels", "reward", "winner_take_all"),
@@ -66,17 +68,19 @@ _HOMES = {
     "neuro.simulation": ("ApproximationWarning", "Simulation", "compile"),
     "neuro.synapses": ("loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"),
 }
-_MODULES = ("coding", "events")
+_MODULES = ("chips", "coding", "events")
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
     "ApproximationWarning",
     "ModelError",
     "Network",
+    "OverflowWarning",
     "Simulation",
     "Trials",
     "__version__",
     "all_to_all",
+    "chips",
     "coding",
     "compile",
     "dc_generator",

@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.errors import ModelError, Where, nearest
+from neuro.neurons import Model
 from neuro.program import Floats, Ints, Program
+
+from neuro.synapses import Synapse
 
 
 class OverflowWarning(UserWarning):
@@ -196,7 +199,9 @@ class Registers(Protocol):
 
 def floats_only(program: Program) -> list[Problem]:
     """The problems of a float backend: parts that are described in a chip's registers."""
-    parts = [(f"population '{p.name}'", p.model, p.origin) for p in program.populations]
+    parts: list[tuple[str, Model | Synapse, Where | None]] = [
+        (f"population '{p.name}'", p.model, p.origin) for p in program.populations
+    ]
     parts += [(f"projection '{p.name}'", p.synapse, p.origin) for p in program.projections]
     return [
         Problem(

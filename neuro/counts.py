@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -49,11 +49,13 @@ class Counts:
         spikes, neuron_updates, neuron_updates_active: sums over the populations.
         synaptic_ops, learning_updates: sums over the projections.
         populations, projections: the parts by name.
+        native: what only this backend counts, such as a chip's overflows, by name.
     """
 
     steps: int
     populations: Mapping[str, PopulationCounts]
     projections: Mapping[str, ProjectionCounts]
+    native: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def spikes(self) -> int:
@@ -95,7 +97,7 @@ class Tally:
     def between(self, before: EngineCounts | None, after: EngineCounts) -> Counts:
         """Counts from one moment (None: the start) to another."""
         if before is not None:
-            after = _difference(after, before)
+            after = difference(after, before)
         populations = {
             part.name: PopulationCounts(
                 spikes=int(after.spikes[index].sum()),
@@ -111,12 +113,12 @@ class Tally:
             )
             for index, part in enumerate(self.program.projections)
         }
-        return Counts(after.steps, populations, projections)
+        return Counts(after.steps, populations, projections, dict(after.native))
 
     def _learning(self, index: int, counts: EngineCounts) -> int:
         part = self.program.projections[index]
         updates = int(counts.trial_updates[index])
-        if part.synapse.learns == "pairs":
+        if part.synapse.learns in ("pairs", "chip"):
             fan_out, fan_in = self._fan(index)
             updates += int(counts.events[part.source] @ fan_out) + int(counts.events[part.target] @ fan_in)
         return updates
@@ -137,17 +139,21 @@ class Tally:
             return np.full(n_pre, n_post, dtype=np.int64), np.full(n_post, n_pre, dtype=np.int64)
         if part.grid is not None:
             return _grid_fan_out(part.grid), np.zeros(0, dtype=np.int64)
-        fan_in = np.bincount(part.targets, minlength=n_post) if part.synapse.learns == "pairs" else np.zeros(0)
+        fan_in = (
+            np.bincount(part.targets, minlength=n_post) if part.synapse.learns in ("pairs", "chip") else np.zeros(0)
+        )
         return np.diff(part.row_ends), fan_in.astype(np.int64)
 
 
-def _difference(after: EngineCounts, before: EngineCounts) -> EngineCounts:
+def difference(after: EngineCounts, before: EngineCounts) -> EngineCounts:
+    """What was counted between two moments."""
     return EngineCounts(
         steps=after.steps - before.steps,
         events=tuple(a - b for a, b in zip(after.events, before.events, strict=True)),
         spikes=tuple(a - b for a, b in zip(after.spikes, before.spikes, strict=True)),
         active=after.active - before.active,
         trial_updates=after.trial_updates - before.trial_updates,
+        native={name: count - before.native.get(name, 0) for name, count in after.native.items()},
     )
 
 

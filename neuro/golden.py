@@ -7,6 +7,8 @@
 | stdp | `synapse` of model stdp_synapse | the weight sent at each pre spike, final weight and trace |
 | dopamine | `synapse` of model stdp_dopamine_synapse | the same and w, c, n, K+ over time |
 
+Files of chips are told and compared by `neuro.golden_chips`.
+
 In a case with `deliver_interval` > 1 NEST brings a synapse up to date at delivery points only, so between them
 its rows show a state that is out of date. Rows are compared at the delivery points.
 """
@@ -14,7 +16,6 @@ its rows show a state that is out of date. Rows are compared at the delivery poi
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,9 @@ from numpy.typing import NDArray
 import neuro.simulation
 from neuro.backend import Backend
 from neuro.clock import Clock
+from neuro.comparison import Comparison, Golden
 from neuro.errors import ModelError
+from neuro.golden_chips import chip_of, compare_chip
 from neuro.network import Network
 from neuro.neurons import MODELS, Neuron, dc_generator, iaf_psc_delta, spike_generator
 from neuro.program import Floats, Ints
@@ -34,28 +37,6 @@ NEST_V_M = -70.0
 STRONG = 1e12
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Golden:
-    """A case as it was read: what was simulated and what came out."""
-
-    facts: Mapping[str, Any]
-    arrays: Mapping[str, NDArray[Any]]
-
-    @property
-    def clock(self) -> Clock:
-        """Steps and milliseconds of the case."""
-        return Clock(float(self.facts["resolution_ms"]))
-
-
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """Deviation of one quantity; `message` says where, if that is known."""
-
-    quantity: str
-    error: float
-    message: str = ""
-
-
 def compare(golden: Golden, backend: str | Backend) -> list[Comparison]:
     """Run a case on a backend and compare every quantity.
 
@@ -64,6 +45,8 @@ def compare(golden: Golden, backend: str | Backend) -> list[Comparison]:
         KeyError, TypeError, ValueError, IndexError, AttributeError: a part of it is missing or of another form.
     """
     facts = golden.facts
+    if chip_of(facts):
+        return list(compare_chip(golden, backend))
     if "synapse" in facts:
         model = facts["synapse"]["model"]
         if model == "stdp_synapse":

@@ -7,13 +7,13 @@ from collections.abc import Iterable, Mapping
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from neuro import changes
-from neuro.backend import Backend, Engine, Problem, find
+from neuro.backend import Backend, Engine, Problem, Registers, find
 from neuro.clock import NEVER, Clock
 from neuro.compiler import compile_network
 from neuro.counts import Counts, Tally
@@ -26,6 +26,9 @@ from neuro.quantities import word_of
 from neuro.recorder import Recorder
 from neuro.state import Identity, fingerprint, read_state, write_state
 from neuro.trials import TrialLoop, TrialResults
+
+if TYPE_CHECKING:
+    from neuro.chips.energy import Energy
 
 _SMALL = 1_000_000
 
@@ -175,7 +178,7 @@ class Simulation:
             raw: read a chip's registers instead.
         """
         if raw:
-            raise ModelError(f"raw = True: expected False, as backend '{self.backend}' has no registers")
+            return self._raw(name, what)
         if name in self._projections:
             index = self._projections[name]
             known = changes.synapse_states(self.program.projections[index])
@@ -189,6 +192,14 @@ class Simulation:
             known = [*changes.states(part), *part.parameters]
             raise unknown("parameter or state", what, known).at(None, f"population '{name}'")
         return self._engine.get(index, word)
+
+    def _raw(self, name: str, what: str) -> Any:
+        """A register of every neuron or synapse, by its own name or that of what it stands for."""
+        if not isinstance(self._engine, Registers):
+            raise ModelError(f"raw = True: expected False, as backend '{self.backend}' has no registers")
+        if name in self._projections:
+            return self._engine.synapse_registers(self._projections[name], what)
+        return self._engine.registers(self._population(name), word_of(what))
 
     def weights(self, name: str) -> Any:
         """The weights of a projection.
@@ -329,6 +340,24 @@ class Simulation:
     def counts(self) -> Counts:
         """What has happened since the start or the last reset."""
         return self._tally.between(None, self._engine.counts())
+
+    def energy(self, target: str | PathLike[str], of: TrialResults | None = None) -> Energy:
+        """What the run would take on a chip: the counts of any backend x published figures, and static power.
+
+        Args:
+            target: "loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu", or a table file of your own.
+            of: a batch of trials to price instead of all since the start.
+
+        Returns:
+            the bill: `total_j`, `dynamic_j`, `static_j`, `items` with count, joules each and source; `per(n, what)`
+            divides it; `str` prints it.
+
+        Raises:
+            ModelError: there is no such target, the network does not fit on it, or it has no published costs.
+        """
+        from neuro.chips.bill import bill
+
+        return bill(self.program, self._engine.counts() if of is None else of.raw_counts, target)
 
     def memory(self) -> dict[str, int]:
         """Bytes of the engine by what they hold."""

@@ -13,7 +13,7 @@ from neuro import keyed
 from neuro.backend import Engine, EngineCounts, Outcome, Trial
 from neuro.changes import neuron_ids, numbers
 from neuro.clock import Clock
-from neuro.counts import Counts, Tally
+from neuro.counts import Counts, Tally, difference
 from neuro.errors import ModelError
 from neuro.program import Floats, Ints, Program
 from neuro.synapses import Synapse
@@ -47,6 +47,11 @@ class TrialResults:
     def counts(self) -> Counts:
         """What the batch took."""
         return self._tally.between(self._before, self._after)
+
+    @property
+    def raw_counts(self) -> EngineCounts:
+        """What the batch took, per neuron."""
+        return difference(self._after, self._before)
 
     def __len__(self) -> int:
         return len(self.winner)

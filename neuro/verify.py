@@ -16,8 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from neuro.backend import Backend
+from neuro.comparison import Comparison, Golden
 from neuro.errors import ModelError
-from neuro.golden import Comparison, Golden, compare
+from neuro.golden import compare
+from neuro.golden_chips import chip_of
 
 LIMIT = 1e-9
 
@@ -45,17 +47,17 @@ class Result:
 
 def verify(
     folder: str | PathLike[str],
-    backend: str | Backend = "event",
+    backend: str | Backend | None = None,
     *,
     progress: Callable[[str], None] = lambda name: None,
 ) -> list[Result]:
-    """Run every case of a folder on a backend: spikes must be equal, values equal within 1e-9.
+    """Run every case of a folder on a backend: spikes must be equal, values equal within 1e-9, those of chips exactly.
 
     A case that cannot be read or is of an unknown kind is a result that is not ok, with a message.
 
     Args:
         folder: holds NAME.json and NAME.npz for each case.
-        backend: its name, or the backend itself.
+        backend: its name, or the backend itself; where it is not given, the chip that the traces are of, else "event".
         progress: called with the name of each case before it runs.
 
     Raises:
@@ -74,9 +76,10 @@ def verify(
     return results
 
 
-def _run(file: Path, backend: str | Backend) -> list[Comparison]:
+def _run(file: Path, backend: str | Backend | None) -> list[Comparison]:
     try:
-        return compare(_read(file), backend)
+        golden = _read(file)
+        return compare(golden, backend or chip_of(golden.facts) or "event")
     except ModelError as error:
         return [_failed(str(error))]
     except KeyError as error:
@@ -107,7 +110,8 @@ def _failed(message: str) -> Comparison:
 
 
 def _judge(case: str, found: Comparison) -> Result:
-    limit = 0.0 if found.quantity in ("spikes", "case") else LIMIT
+    limit = 0.0 if found.exact or found.quantity in ("spikes", "case") else LIMIT
     ok = bool(found.error <= limit)
     message = "" if ok else found.message or f"it deviates by {found.error:.3g}: expected at most {limit:g}"
+    case = f"{case}: {found.case}" if found.case else case
     return Result(case, found.quantity, found.error, limit, ok, message)

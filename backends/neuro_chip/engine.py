@@ -252,6 +252,8 @@ class ChipEngine:
         self._listed = Listed(self.program, self._a)
         self._weights.start_anew(weights)
         self._told.clear()
+        if self._trials:
+            self._trials.start_anew()
         self._bind()
 
     def open_groups(self) -> None:
@@ -267,6 +269,7 @@ class ChipEngine:
             **self._currents.snapshot(),
             **self._weights.snapshot(),
             **self._registers.snapshot(),
+            "trials.changes": np.array(self._trials.changes if self._trials else 0),
         }
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -280,6 +283,8 @@ class ChipEngine:
         self._listed.restore(arrays, self.step)
         self._currents.restore(arrays)
         self._weights.restore(arrays)
+        if self._trials:
+            self._trials.changes = int(arrays["trials.changes"])
         self._bind()
 
 

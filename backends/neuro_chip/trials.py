@@ -35,9 +35,13 @@ class Trials:
         self._output = engine.slice(section.output)
         self._per_map = (self._output.stop - self._output.start) // section.maps
         self._began = 0
-        self._count = 0
+        self.changes = 0
         self._inputs: dict[tuple[int, int], tuple[Ints, Ints]] = {}
         self._keys = [keyed.key(engine.program.seed, "rounding", p.name) for p in engine.program.projections]
+
+    def start_anew(self) -> None:
+        """Nothing was taught: the draws of rounding begin again."""
+        self.changes = 0
 
     def present(self, trial: Trial) -> Outcome:
         """Run one trial."""
@@ -133,8 +137,9 @@ class Trials:
         rule = np.zeros(_RULE_WIDTH)
         synapse = engine.program.projections[projection].synapse
         synapse.arithmetic.constants(engine._weights.rules[projection], engine.program.resolution, rule)
-        self._count += 1
-        return engine._weights._wires(projection), rule, host.word_of(np.uint64(self._keys[projection]), self._count)
+        self.changes += 1
+        base = np.uint64(host.word_of(np.uint64(self._keys[projection]), self.changes))
+        return engine._weights._wires(projection), rule, base
 
 
 def _under_kernel(part: Projection, neuron: int) -> tuple[Ints, Ints]:

@@ -122,8 +122,8 @@ class FixedProjection:
 
     def weights(self, mantissas: Words) -> Floats:
         """What mantissas stand for, in the unit of the language."""
-        values: Floats = mantissas * np.where(mantissas < 0, self.step_below, self.step)
-        return values
+        steps: Floats = np.where(mantissas < 0, self.step_below, self.step)
+        return mantissas * steps
 
     def exact(self, weights: Floats) -> Floats:
         """Weights in units of a mantissa, before rounding."""
@@ -195,16 +195,16 @@ def _lines(fixed: FixedProgram) -> Iterator[str]:
             continue
         yield f"  population '{part.name}': {part.kind}, {part.volt:.6g} units per mV"
         for r in part.rounding:
-            yield f"    {r.quantity}: {r.wanted:.6g} -> {r.got:.6g} {r.unit} ({r.error:+.3%})".replace("  ", " ", 0)
+            yield f"    {r.quantity}: {r.wanted:.6g} -> {r.got:.6g} {r.unit} ({r.error:+.3%})"
     for wires in fixed.projections:
         if wires is None:
             continue
-        r = wires.rounding
+        lost = wires.rounding
         scale = f"exponent {wires.exponent}, {wires.sign_mode}, " if wires.sign_mode else ""
         yield f"  projection '{wires.name}': {scale}{wires.bits} bits, step {float(wires.step.max()):.6g}"
         yield (
-            f"    saturated {r.saturated:.3%}, turned to 0 {r.zeroed:.3%}, "
-            f"largest relative error {r.worst:.3%}, rms {r.rms:.3%}"
+            f"    saturated {lost.saturated:.3%}, turned to 0 {lost.zeroed:.3%}, "
+            f"largest relative error {lost.worst:.3%}, rms {lost.rms:.3%}"
         )
     for note in fixed.notes:
         yield f"  note: {note}"

@@ -64,6 +64,6 @@ def errors(values: Floats, steps: NDArray[np.float64], low: int, high: int, grai
     power = float(np.sum(values**2))
     if power == 0.0:
         return np.zeros(steps.size)
-    lost = np.sum(((mantissas - exact) * steps[:, None]) ** 2, axis=1) / power
+    lost: Floats = np.sum(((mantissas - exact) * steps[:, None]) ** 2, axis=1) / power
     lost[lost < 1e-24] = 0.0
     return lost

@@ -10,23 +10,25 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.options import Backend
-
 if TYPE_CHECKING:
     from neuro.verify import Result
 
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Golden traces: NAME.json and NAME.npz of each case.")]
+Chosen = Annotated[
+    str | None,
+    typer.Option("--backend", metavar="NAME", help="What to run on; if not given, the chip of the traces, or event."),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 
-def verify(folder: Folder, backend: Backend = "event", as_json: Json = False) -> None:
+def verify(folder: Folder, backend: Chosen = None, as_json: Json = False) -> None:
     """Compare a backend with golden traces; the exit status is 1 if a value is wrong."""
     from neuro.backend import find
     from neuro.cli.progress import Bar
     from neuro.verify import verify as compare
 
     with Bar() as bar:
-        results = compare(folder, find(backend), progress=bar.say)
+        results = compare(folder, find(backend) if backend else None, progress=bar.say)
     if as_json:
         typer.echo(json.dumps([plain(result) for result in results], indent=2))
     else:
