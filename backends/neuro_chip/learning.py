@@ -148,7 +148,7 @@ def change(terms, first, end, number, i, j, xs, ys, tx, ty, x0, y0, w, t, value,
         elif v > 0:
             v >>= -shift
         else:
-            v >>= -shift
+            v = -((-v) >> -shift)
         total += limited(v, counts)
         total = limited(total, counts)
     return total - begin

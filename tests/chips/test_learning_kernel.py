@@ -10,8 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neuro import keyed
-from neuro.chips.learning import FACTORS, MODULATORY, POST, PRE, Factor, LearningRule, Term, Trace
+from neuro.chips.learning import FACTORS, MODULATORY, POST, PRE, WIDTHS, Factor, LearningRule, Term, Trace
+from neuro.chips.learning_map import rule_of
 from neuro.chips.rule_text import parse
+from neuro.synapses import stdp, stdp_dopa
 from neuro_chip.plastic import BOUNDS, Plastic, resolution
 
 NONE = np.zeros(0, dtype=np.int64)
@@ -100,13 +102,15 @@ class Twin:
 
 
 FACTOR = st.builds(Factor, st.sampled_from(FACTORS), st.sampled_from([0, 0, -3, 9]))
-TERM = st.builds(
-    Term,
-    st.sampled_from([-7, -5, -3, -1, 1, 3, 5, 7]),
-    st.integers(-7, 2),
-    st.sampled_from(["x0", "y0", "u"]),
-    st.sampled_from([0, 0, 0, 1, 2]),
-    st.lists(FACTOR, min_size=1, max_size=3).map(tuple),
+TERM = st.lists(FACTOR, min_size=1, max_size=3).flatmap(
+    lambda factors: st.builds(
+        Term,
+        st.sampled_from([-7, -5, -3, -1, 1, 3, 5, 7]),
+        st.integers(-7 - max(0, sum(WIDTHS[f.name] for f in factors) + 4 - 15), 2),
+        st.sampled_from(["x0", "y0", "u"]),
+        st.sampled_from([0, 0, 0, 1, 2]),
+        st.just(tuple(factors)),
+    )
 )
 TRACE = st.one_of(
     st.builds(Trace.first_order, st.integers(1, 127), st.integers(1, 12)),
@@ -132,19 +136,18 @@ def spikes(rng, n, share=0.3):
     return np.flatnonzero(rng.random(n) < share)
 
 
-@settings(max_examples=60, deadline=None)
-@given(RULE, st.integers(3, 8), st.sampled_from(sorted(BOUNDS)), st.integers(0, 2**32), st.booleans())
-def test_kernel_equals_twin(rule, bits, mode, seed, rewarded):
-    n, m = 2, 3
+def same_as_twin(rule, bits, mode, seed, *, steps=13, size=(2, 3), rewards=0):
+    """Run kernel and twin side by side and demand equal weights, tags and traces; return the kernel's side."""
+    n, m = size
     rng = np.random.default_rng(seed)
     low, high = BOUNDS[mode]
-    size = resolution(bits, mode)
-    weights = rng.integers(-(-low // size), high // size + 1, (n, m)) * size
+    step_of_weight = resolution(bits, mode)
+    weights = rng.integers(-(-low // step_of_weight), high // step_of_weight + 1, size) * step_of_weight
     plastic = dense(rule, n, m, weights, bits, mode, seed)
     twin = Twin(rule, n, m, weights, bits, mode, seed, "p")
-    for step in range(1, 14):
+    for step in range(1, steps + 1):
         pre, post = spikes(rng, n), spikes(rng, m)
-        if rewarded and step % 5 == 0:
+        if rewards and step % rewards == 0:
             values = rng.normal(0, 40, m)
             plastic.modulate(step - 1, values, 1.0)
             for name, sign in zip(MODULATORY, (1, -1), strict=True):
@@ -156,6 +159,48 @@ def test_kernel_equals_twin(rule, bits, mode, seed, rewarded):
         slot = (step - 1) % rule.epoch
         np.testing.assert_array_equal(plastic.xs[slot], [twin.trace[name] for name in PRE])
         np.testing.assert_array_equal(plastic.ys[slot], [twin.trace[name] for name in (*POST, *MODULATORY)])
+    return plastic
+
+
+@settings(max_examples=60, deadline=None)
+@given(RULE, st.integers(3, 8), st.sampled_from(sorted(BOUNDS)), st.integers(0, 2**32), st.booleans())
+def test_kernel_equals_twin(rule, bits, mode, seed, rewarded):
+    same_as_twin(rule, bits, mode, seed, rewards=5 if rewarded else 0)
+
+
+@pytest.mark.parametrize(
+    "synapse",
+    [
+        stdp(Wmax=200.0, lambda_=0.1),
+        stdp(Wmax=200.0, mu_plus=0.0, lambda_=0.1),
+        stdp_dopa(tau_c=60.0, tau_n=50.0, A_minus=0.4),
+        stdp_dopa(tau_c=60.0, tau_n=50.0, A_minus=-2.0, b=0.5),
+    ],
+    ids=["multiplicative", "additive", "dopamine", "baseline"],
+)
+def test_mapped_rules_equal_twin(synapse):
+    rule = rule_of(synapse, 1.0, 20.0, 1.0).rule
+    plastic = same_as_twin(rule, 8, "excitatory", 5, steps=80, size=(4, 5), rewards=11)
+    assert plastic.counts[1] > 20
+
+
+def test_dopamine_is_read_at_the_end_of_an_epoch():
+    traces = {"r1": Trace(0, 9, 10), "r2": Trace(0, 4, 5)}
+    rule = LearningRule(parse("2^-2*x0*r1 - 2^-3*y0*r2"), parse("2^-3*x0*r2"), traces, epoch=4)
+    plastic = same_as_twin(rule, 8, "mixed", 6, steps=60, rewards=3)
+    assert plastic.counts[1] > 20
+
+
+def test_tags_stop_at_nine_bits():
+    plastic = dense(LearningRule((), parse("-2^5*x0*y0 + 2^5*x0")), 1, 2, np.zeros((1, 2), dtype=np.int64))
+    for step in range(1, 20):
+        plastic.step(step, np.array([0]), np.array([0]))
+    assert plastic.tags.tolist() == [0, 255]
+    plastic = dense(LearningRule((), parse("-2^5*x0")), 1, 1, np.zeros((1, 1), dtype=np.int64))
+    for step in range(1, 11):
+        plastic.step(step, np.array([0]), NONE)
+    assert plastic.tags.tolist() == [-256]
+    assert plastic.counts[5] == 2
 
 
 @pytest.mark.parametrize(
