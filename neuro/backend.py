@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 from neuro.errors import ModelError, Where, nearest
 from neuro.neurons import Model
 from neuro.program import Floats, Ints, Program
-
 from neuro.synapses import Synapse
 
 
 class OverflowWarning(UserWarning):
-    """A register of an emulated chip overflowed while a network ran; what comes after is the chip's, not the network's."""
+    """A register of an emulated chip overflowed while a network ran: what follows is the chip's, not the network's."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,13 +3,13 @@
 | kind | told by | compared |
 | --- | --- | --- |
 | loihi, single neurons | `cases` with `du` | u, v and spikes of every case |
-| loihi, feedforward | `params` with `du1`, and the arrays `w1`, `w2` | u, v and spikes of both layers, with and without bias |
+| loihi, feedforward | `params` with `du1`, arrays `w1`, `w2` | u, v and spikes of both layers, also without bias |
 | spinnaker | `cases` with `registers` | v, g_exc, g_inh and spikes of every case |
 
-Step k of a file, from 0, is step k + 1 of a simulation. Where the emulators that made a case disagree it is compared with
-those that this project follows: for Loihi weights are shifted one by one and lose their lowest bits towards 0, as in
-Brian2Loihi and nengo-loihi, so the arrays of nengo-loihi are taken where there are any; `u_wrap` and `v_clip_low` follow
-lava and nengo-loihi.
+Step k of a file, from 0, is step k + 1 of a simulation. Where the emulators that made a case disagree it is compared
+with those that this project follows: for Loihi weights are shifted one by one and lose their lowest bits towards 0, as
+in Brian2Loihi and nengo-loihi, so the arrays of nengo-loihi are taken where there are any; `u_wrap` and `v_clip_low`
+follow lava and nengo-loihi.
 """
 
 from __future__ import annotations
@@ -154,7 +154,8 @@ def _run(
 def _found(sim: neuro.simulation.Simulation, population: str, name: str, steps: int) -> NDArray[np.int64]:
     """A register, or the spikes as 0 and 1, shape (steps, neurons)."""
     if name != "s":
-        return np.rint(sim.trace(f"{population}.{name}")[1]).astype(np.int64)
+        register: NDArray[np.int64] = np.rint(sim.trace(f"{population}.{name}")[1]).astype(np.int64)
+        return register
     times, ids = sim.spikes(population)
     size = next(p.size for p in sim.program.populations if p.name == population)
     fired = np.zeros((steps, size), dtype=np.int64)

@@ -168,7 +168,7 @@ class Simulation:
         self._engine.set_rule(index, rule.vector())
         self._rules[index] = rule
 
-    def get(self, name: str, what: str, raw: bool = False) -> Floats:
+    def get(self, name: str, what: str, raw: bool = False) -> Any:
         """A state or parameter of every neuron, or a state of every synapse, in physical units.
 
         Args:

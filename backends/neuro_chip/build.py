@@ -111,8 +111,13 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
     program = fixed.program
     table = np.zeros((len(program.projections), t.PROJECTION_COLUMNS), dtype=np.int64)
     kind = np.int16 if fixed.chip.arithmetic == "loihi" else np.int32
-    words, lags, rows, targets = [np.zeros(0, kind)], [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [_NOBODY]
-    at = dict.fromkeys(("words", "lags", "rows", "targets"), 0)
+    lists: dict[str, list[NDArray[Any]]] = {
+        "words": [np.zeros(0, dtype=kind)],
+        "lags": [_NO_ROWS],
+        "rows": [_NO_ROWS],
+        "targets": [_NOBODY],
+    }
+    at = dict.fromkeys(lists, 0)
     for q, (part, wires) in enumerate(zip(program.projections, fixed.projections, strict=True)):
         table[q, [t.SOURCE, t.TARGET]] = part.source, part.target
         if wires is None:
@@ -126,17 +131,13 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
         table[q, [t.LAG, t.LAG_STRIDE]] = at["lags"], wires.lag.size > 1
         table[q, [t.ROW, t.SYNAPSE]] = at["rows"], at["targets"]
         table[q, [t.POSITIVE, t.NEGATIVE]] = bool(np.any(own > 0)), bool(np.any(own < 0))
-        for name, lists, array in (
-            ("words", words, own.astype(kind)),
-            ("lags", lags, wires.lag.astype(np.int64)),
-            ("rows", rows, row_ends),
-            ("targets", targets, ends),
-        ):
-            lists.append(array)
+        found = {"words": own.astype(kind), "lags": wires.lag.astype(np.int64), "rows": row_ends, "targets": ends}
+        for name, array in found.items():
+            lists[name].append(array)
             at[name] += array.size
         _grid(table[q], part)
     a["projections"] = table
-    a["words"], a["lags"], a["rows"], a["targets"] = map(np.concatenate, (words, lags, rows, targets))  # type: ignore[arg-type]
+    a |= {name: np.concatenate(parts) for name, parts in lists.items()}
     spiking = [q for q, wires in enumerate(fixed.projections) if wires is not None]
     by_source = [[q for q in spiking if table[q, t.SOURCE] == k] for k in range(len(program.populations))]
     a["out"] = np.array([q for group in by_source for q in group], dtype=np.int64)

@@ -26,7 +26,9 @@ def reward(mantissas, step, low, high, grain, slots, early, won, rule, base):
     Args:
         mantissas: all weights, changed.
         step: weight per mantissa.
-        low, high, grain: the range of mantissas.
+        low: the smallest mantissa.
+        high: the largest.
+        grain: the step between two.
         slots: which weight each input has.
         early: whether its spike arrived up to the decision.
         won: whether the trial is rewarded.

@@ -5,10 +5,10 @@ import numpy as np
 
 from neuro.kernels.jit import inner
 
-I = np.int32
-V_LIMIT = I(2**23 - 1)
-ZERO, ONE, SIX, EIGHT, TWELVE, LOW, SIGN = I(0), I(1), I(6), I(8), I(12), I(4095), I(31)
-SLOT = I(65535)
+i32 = np.int32
+V_LIMIT = i32(2**23 - 1)
+ZERO, ONE, SIX, EIGHT, TWELVE, LOW, SIGN = i32(0), i32(1), i32(6), i32(8), i32(12), i32(4095), i32(31)
+SLOT = i32(65535)
 FIFTEEN, THIRTY_TWO = np.int64(15), np.int64(32)
 
 
@@ -18,11 +18,11 @@ def kept(value, share):
 
     |a| f / 4096 is (|a| >> 12) f + ((|a| & 4095) f >> 12): no product leaves 32 bits.
     """
-    sign = I(value >> SIGN)
-    a = I(I(value ^ sign) - sign)
-    high = I(I(a >> TWELVE) * share)
-    low = I(I(I(a & LOW) * share) >> TWELVE)
-    return I(I(I(high + low) ^ sign) - sign)
+    sign = i32(value >> SIGN)
+    a = i32(i32(value ^ sign) - sign)
+    high = i32(i32(a >> TWELVE) * share)
+    low = i32(i32(i32(a & LOW) * share) >> TWELVE)
+    return i32(i32(i32(high + low) ^ sign) - sign)
 
 
 @inner
@@ -31,19 +31,19 @@ def step_loihi(x, v, u, hold, keep_u, keep_v, threshold, bias, fired):
     wraps = ZERO
     clips = ZERO
     for i in range(v.size):
-        full = I(kept(u[i], keep_u[i]) + I(x[i] << SIX))
-        now = I(I(full << EIGHT) >> EIGHT)
-        w = I(I(kept(v[i], keep_v[i]) + now) + bias[i])
-        clipped = I(min(max(w, I(-V_LIMIT)), V_LIMIT))
-        free = I(hold[i] == ZERO)
-        wraps = I(wraps + I(now != full))
-        clips = I(clips + I(free & I(clipped != w)))
-        clipped = I(clipped * free)
+        full = i32(kept(u[i], keep_u[i]) + i32(x[i] << SIX))
+        now = i32(i32(full << EIGHT) >> EIGHT)
+        w = i32(i32(kept(v[i], keep_v[i]) + now) + bias[i])
+        clipped = i32(min(max(w, i32(-V_LIMIT)), V_LIMIT))
+        free = i32(hold[i] == ZERO)
+        wraps = i32(wraps + i32(now != full))
+        clips = i32(clips + i32(free & i32(clipped != w)))
+        clipped = i32(clipped * free)
         x[i] = ZERO
         u[i] = now
         v[i] = clipped
-        hold[i] = I(hold[i] - I(ONE - free))
-        fired[i] = np.uint8(free & I(clipped > threshold[i]))
+        hold[i] = i32(hold[i] - i32(ONE - free))
+        fired[i] = np.uint8(free & i32(clipped > threshold[i]))
     return wraps, clips
 
 
@@ -74,8 +74,8 @@ def step_spinnaker(exc, inh, v, g_exc, g_inh, hold, r, first, shift_exc, shift_i
         slot_inh = np.int64(min(inh[k], SLOT)) << shift_inh
         exc[k] = 0
         inh[k] = 0
-        ge = I(decayed(g_exc[k], r.exc_decay[i]) + decayed(slot_exc, r.exc_init[i]))
-        gi = I(decayed(g_inh[k], r.inh_decay[i]) + decayed(slot_inh, r.inh_init[i]))
+        ge = i32(decayed(g_exc[k], r.exc_decay[i]) + decayed(slot_exc, r.exc_init[i]))
+        gi = i32(decayed(g_inh[k], r.inh_decay[i]) + decayed(slot_inh, r.inh_init[i]))
         g_exc[k] = ge
         g_inh[k] = gi
         fired[k] = 0
@@ -84,11 +84,11 @@ def step_spinnaker(exc, inh, v, g_exc, g_inh, hold, r, first, shift_exc, shift_i
             fired[k] = v[k] >= r.threshold[i]
             continue
         drive = np.int64(ge) - np.int64(gi) + np.int64(r.bias[i])
-        alpha = product(I(drive), r.r_m[i]) + np.int64(r.v_rest[i])
-        gap = np.int64(I(alpha)) - np.int64(v[k])
-        now = np.int64(I(alpha)) - product(r.keep_v[i], I(gap))
-        wraps += (I(drive) != drive) | (I(alpha) != alpha) | (I(gap) != gap) | (I(now) != now)
-        v[k] = I(now)
+        alpha = product(i32(drive), r.r_m[i]) + np.int64(r.v_rest[i])
+        gap = np.int64(i32(alpha)) - np.int64(v[k])
+        now = np.int64(i32(alpha)) - product(r.keep_v[i], i32(gap))
+        wraps += (i32(drive) != drive) | (i32(alpha) != alpha) | (i32(gap) != gap) | (i32(now) != now)
+        v[k] = i32(now)
         fired[k] = v[k] >= r.threshold[i]
     return saturated, wraps
 
@@ -109,8 +109,8 @@ def step_delta(exc, inh, v, hold, r, first, shift_exc, shift_inh, fired):
             hold[k] -= 1
             continue
         above = np.int64(v[k]) - np.int64(r.v_rest[i])
-        now = np.int64(r.v_rest[i]) + product(I(above), r.keep_v[i]) + np.int64(r.bias[i]) + x
-        wraps += (I(above) != above) | (I(now) != now)
-        v[k] = I(now)
+        now = np.int64(r.v_rest[i]) + product(i32(above), r.keep_v[i]) + np.int64(r.bias[i]) + x
+        wraps += (i32(above) != above) | (i32(now) != now)
+        v[k] = i32(now)
         fired[k] = v[k] >= r.threshold[i]
     return saturated, wraps

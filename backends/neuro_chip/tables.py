@@ -1,4 +1,4 @@
-"""Columns of the tables that describe a quantised program to the kernels. Neurons are counted through all populations."""
+"""Columns of the tables that describe a quantised program to the kernels; neurons are counted through all."""
 
 NONE = -1
 

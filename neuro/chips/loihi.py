@@ -13,11 +13,12 @@ constant current (exact integration, `neuro.neurons.propagators`):
 | tau_m | (4096 - dv) / 4096 = exp(-h / tau_m) |
 | V_m >= V_th | v > 64 vth, the largest 64 vth below S (V_th - E_L) |
 | t_ref of R steps | refractory = R + 1 |
-| delay of D steps | `iaf_psc_exp`: D, `iaf_psc_delta`: D - 1, since NEST's currents act one step later than they arrive |
+| delay of D steps | `iaf_psc_exp`: D, `iaf_psc_delta`: D - 1, as NEST's currents act a step later than they arrive |
 
 Source: Davies et al., IEEE Micro 38(1):82, 2018; traces of lava 0.10, nengo-loihi 1.1 and Brian2Loihi 0.5.2. Where
-these differ: each weight is shifted, not the sum of a step, and mantissas lose their lowest bits towards 0 (as
-Brian2Loihi, which reports a match with the chip); u wraps as a 24-bit two's complement, v is clipped (lava, nengo-loihi).
+these differ: each weight is shifted, not the sum of a step, and mantissas lose their lowest bits towards 0 (as in
+Brian2Loihi, which reports a match with the chip); u wraps as a 24-bit two's complement and v is clipped (as in lava
+and nengo-loihi).
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from neuro.backend import Problem
 from neuro.chips import scales
@@ -325,7 +327,7 @@ def _gained(inputs: Inputs, index: int, d: Described) -> Floats:
     """What a spike along each synapse does to V_m in mV; of plastic synapses also what it may come to do."""
     weight = inputs.range_of(index)
     if d.gain.size == 1:
-        return weight * d.gain[0]
+        return weight * float(d.gain[0])
     if weight.size == 1:
         return np.array([weight[0] * d.gain.min(), weight[0] * d.gain.max()])
     own = inputs.program.projections[index].weight
@@ -378,7 +380,7 @@ def _registers(inputs: Inputs, d: Described, volt: float) -> tuple[dict[str, Int
     rounding.append(worst("V_th", "mV", p["V_th"], got, np.abs(d.distance)))
     if p["I_e"].any():
         got = (bias_mant << bias_exp) / (volt * d.drift)
-        rounding.append(worst("I_e", "pA", p["I_e"], got, np.abs(p["I_e"]).max()))
+        rounding.append(worst("I_e", "pA", p["I_e"], got, float(np.abs(p["I_e"]).max())))
     rounding.append(worst("t_ref", "ms", p["t_ref"], (refractory - 1) * h, 1.0))
     registers = {
         "du": np.clip(du, 0, 4095),
@@ -411,15 +413,14 @@ def bias(wanted: Floats, extra: float) -> tuple[Ints, Ints]:
 def _time_constant(name: str, tau: Floats, kept: Floats, h: float) -> Rounding:
     with np.errstate(divide="ignore", invalid="ignore"):
         got = np.where(kept >= 1.0, np.inf, -h / np.log(kept))
-    same = np.isinf(tau) & np.isinf(got)
-    return worst(name, "ms", np.where(same, 0.0, tau), np.where(same, 0.0, got), np.where(same, 1.0, tau))
+    return worst(name, "ms", tau, got, tau)
 
 
-def worst(name: str, unit: str, wanted: Floats, got: Floats, scale: Floats | float) -> Rounding:
+def worst(name: str, unit: str, wanted: Floats, got: Floats, scale: ArrayLike) -> Rounding:
     """The rounding of the neuron whose register differs most, relative to `scale`."""
     w, g, s = np.broadcast_arrays(np.atleast_1d(wanted), np.atleast_1d(got), np.asarray(scale, dtype=np.float64))
     with np.errstate(invalid="ignore"):
-        error = np.where(w == g, 0.0, (g - w) / s)
+        error = np.nan_to_num(np.where(w == g, 0.0, (g - w) / s), nan=np.inf)
     at = int(np.argmax(np.abs(error)))
     return Rounding(name, unit, float(w[at]), float(g[at]), float(error[at]) if abs(error[at]) > 1e-12 else 0.0)
 

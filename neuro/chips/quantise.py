@@ -1,7 +1,7 @@
 """From a float program to a chip's integers, with a report of what that changes.
 
-Nothing is changed in silence: what the chip cannot do is refused, what it does otherwise is approximated, and a rounding
-is told where it exceeds a limit below. All problems of a program are found at once.
+Nothing is changed in silence: what the chip cannot do is refused, what it does otherwise is approximated, and a
+rounding is told where it exceeds a limit below. All problems of a program are found at once.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def options_of(program: Program, chip: Chip, options: Mapping[str, Any]) -> Opti
             if name not in names:
                 raise ModelError(f"{option}: unknown part '{name}'", hint=nearest(name, names))
     for name, scale in options.get("scales", {}).items():
-        if not (np.isscalar(scale) and float(scale) > 0.0):
+        if isinstance(scale, bool) or not isinstance(scale, (int, float, np.number)) or not scale > 0:
             raise ModelError(f"scales['{name}'] = {scale!r}: expected units per mV, a number > 0")
     epoch = options.get("epoch", 1)
     if isinstance(epoch, bool) or not isinstance(epoch, int) or not 1 <= epoch <= 63:
@@ -241,7 +241,7 @@ def _notes(program: Program, chip: Chip) -> Iterator[str]:
     if chip.arithmetic == "spinnaker" and any(
         p.delay.max(initial=0) + 1 > spinnaker.NATIVE_DELAY for p in program.projections
     ):
-        yield f"delays above {spinnaker.NATIVE_DELAY} ticks need delay extensions on cores of their own, which are not placed"
+        yield f"delays above {spinnaker.NATIVE_DELAY} ticks need delay extensions, whose cores are not placed"
 
 
 def requantise(

@@ -36,7 +36,8 @@ def judged(weights: Floats, mantissas: Words, step: Floats | float, low: int, hi
         weights: as described, one per mantissa.
         mantissas: what became of them.
         step: weight per mantissa.
-        low, high: the range of mantissas.
+        low: the smallest mantissa.
+        high: the largest.
     """
     got = mantissas * step
     nonzero = weights != 0.0

@@ -131,7 +131,7 @@ def _exponential(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats]
 
 
 def _delta(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floats, list[Rounding]]:
-    """Registers of `iaf_psc_delta`, mV in a slot per mV of weight, units per pA of constant current, what is rounded."""
+    """Registers of `iaf_psc_delta`, mV in a slot per mV of weight, units per pA of current, and what is rounded."""
     from neuro.neurons.iaf_psc_delta import P30, P33
 
     p, c = inputs.part.parameters, constants_of(inputs.part, inputs.program.resolution)
@@ -153,11 +153,9 @@ def _rounded_potentials(inputs: Inputs, registers: dict[str, Ints], leak: Floats
     p, h = inputs.part.parameters, inputs.program.resolution
     with np.errstate(divide="ignore", invalid="ignore"):
         tau = np.where(registers["exp_tc"] >= ONE, np.inf, -h / np.log(registers["exp_tc"] / ONE))
-    same = np.isinf(p["tau_m"]) & np.isinf(tau)
     distance = np.abs(p["V_th"] - p["E_L"])
-    wanted, got = np.where(same, 0.0, p["tau_m"]), np.where(same, 0.0, tau)
     return [
-        worst("tau_m", "ms", wanted, got, np.where(same, 1.0, p["tau_m"])),
+        worst("tau_m", "ms", p["tau_m"], tau, p["tau_m"]),
         worst("V_th", "mV", p["V_th"], registers["v_thresh"] / ONE, distance),
         worst("V_reset", "mV", p["V_reset"], registers["v_reset"] / ONE, distance),
         worst("t_ref", "ms", p["t_ref"], registers["t_refract"] * h, 1.0),
@@ -226,14 +224,15 @@ def _converging(inputs: Inputs, index: int, weight: Floats) -> Floats:
     part, n = inputs.program.projections[index], inputs.part.size
     source = inputs.program.populations[part.source].size
     if part.grid is not None:
-        per_map = np.broadcast_to(weight, part.size).reshape(part.grid.maps, -1).sum(axis=1)
+        per_map: Floats = np.broadcast_to(weight, part.size).reshape(part.grid.maps, -1).sum(axis=1)
         return np.repeat(per_map, n // part.grid.maps)
     if part.layout == "one_to_one":
         return np.broadcast_to(weight, n)
     if part.layout == "dense":
-        return np.broadcast_to(weight, source * n).reshape(source, n).sum(axis=0)
-    total: Floats = np.bincount(part.targets, weights=np.broadcast_to(weight, part.size), minlength=n)
-    return total
+        column: Floats = np.broadcast_to(weight, source * n).reshape(source, n).sum(axis=0)
+        return column
+    counted = np.bincount(part.targets, weights=np.broadcast_to(weight, part.size), minlength=n)
+    return counted.astype(np.float64)
 
 
 def _weights(
