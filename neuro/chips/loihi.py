@@ -416,7 +416,7 @@ def _time_constant(name: str, tau: Floats, kept: Floats, h: float) -> Rounding:
     return worst(name, "ms", tau, got, tau)
 
 
-def worst(name: str, unit: str, wanted: Floats, got: Floats, scale: ArrayLike) -> Rounding:
+def worst(name: str, unit: str, wanted: ArrayLike, got: ArrayLike, scale: ArrayLike) -> Rounding:
     """The rounding of the neuron whose register differs most, relative to `scale`."""
     w, g, s = np.broadcast_arrays(np.atleast_1d(wanted), np.atleast_1d(got), np.asarray(scale, dtype=np.float64))
     with np.errstate(invalid="ignore"):
