@@ -13,6 +13,7 @@ from neuro.errors import unknown
 TABLES = Path(__file__).parent / "tables"
 
 LIMITS = {
+    "chips": "chips of the largest machine",
     "cores_per_chip": "cores that run neurons",
     "neurons_per_core": "neurons of one core",
     "populations_per_core": "populations that may share one core",

@@ -17,7 +17,7 @@ from neuro.neurons import Neuron
 from neuro.program import Program
 
 if TYPE_CHECKING:
-    from neuro.chips.price import Placement
+    from neuro.chips.placement import Placement
 
 BARRIERS = ("barrier_1_tile_time", "barrier_32_tiles_time")
 WORK = ("synaptic_op_time", "neuron_update_active_time", "neuron_update_inactive_time", "learning_update_time")

@@ -10,18 +10,20 @@ Source: NeuroBench 2.3.0, `neurobench/metrics`; Yik et al., Nature Communication
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from neuro.backend import EngineCounts
 from neuro.chips.energy import STATIC, Energy, sourced
 from neuro.chips.fan import dense_size, fan_out, spiking
-from neuro.chips.price import Placement
 from neuro.counts import Tally
 from neuro.errors import ModelError
 from neuro.neurons import Generator, Neuron
 from neuro.program import Floats, Program
+
+if TYPE_CHECKING:
+    from neuro.chips.placement import Placement
 
 OPS = {"iaf_psc_delta": 4, "iaf_psc_exp": 8, "iaf_psc_alpha": 24}
 """Operations of one membrane update: the harness's for snnTorch's Leaky, Synaptic and Alpha that reset to zero."""
@@ -200,11 +202,11 @@ class _Report:
         return sum(int(self.counts.spikes[index].sum()) for index in senders) / self.samples
 
     def hops(self, placement: Placement) -> float:
-        """Moves from tile to tile and from chip to chip."""
+        """Moves from tile to tile, on one chip or between two."""
         total = 0
         for index, part in enumerate(self.program.projections):
             each = placement.hops(index)
-            total += int(self.counts.spikes[part.source] @ (each.east_west + each.north_south + each.chip))
+            total += int(self.counts.spikes[part.source] @ (each.east_west + each.north_south))
         return total / self.samples
 
 

@@ -7,10 +7,9 @@ is priced as dense layers instead: every synapse in every step.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING
 
-from neuro.backend import EngineCounts, Problem
+from neuro.backend import EngineCounts
 from neuro.chips.chip import Chip
 from neuro.chips.duration import chip_time, told_times
 from neuro.chips.energy import STATIC, Energy, Item, number
@@ -20,40 +19,9 @@ from neuro.errors import ModelError
 from neuro.neurons import Generator, Neuron
 from neuro.program import Ints, Program
 
-
-class Hops(Protocol):
-    """How often one spike of each source moves: within its tile, along rows and columns, and from chip to chip."""
-
-    @property
-    def local(self) -> Ints: ...  # noqa: D102
-    @property
-    def east_west(self) -> Ints: ...  # noqa: D102
-    @property
-    def north_south(self) -> Ints: ...  # noqa: D102
-    @property
-    def chip(self) -> Ints: ...  # noqa: D102
-
-
-class Core(Protocol):
-    """A core: the neurons first <= i < last of some populations."""
-
-    @property
-    def parts(self) -> Sequence[tuple[int, int, int]]: ...  # noqa: D102
-
-
-class Placement(Protocol):
-    """Where the neurons of a program lie, see `neuro.chips.place`."""
-
-    @property
-    def chips_used(self) -> int: ...  # noqa: D102
-    @property
-    def tiles_used(self) -> int: ...  # noqa: D102
-    @property
-    def cores(self) -> Sequence[Core]: ...  # noqa: D102
-    @property
-    def problems(self) -> Sequence[Problem]: ...  # noqa: D102
-    def hops(self, projection: int) -> Hops:
-        """The moves of one spike of each source of a projection."""
+if TYPE_CHECKING:
+    from neuro.chips.placement import Placement
+    from neuro.chips.routes import Hops
 
 
 def price(program: Program, counts: EngineCounts, placement: Placement | None, chip: Chip) -> Energy:
@@ -66,7 +34,7 @@ def price(program: Program, counts: EngineCounts, placement: Placement | None, c
         chip: the target.
 
     Raises:
-        ModelError: no cost of the chip is published, or it needs a placement.
+        ModelError: no cost of the chip is published, it needs a placement, or the program does not fit on it.
     """
     check_costs(chip)
     bill = _Bill(program, Tally(program).between(None, counts), chip)
@@ -74,6 +42,8 @@ def price(program: Program, counts: EngineCounts, placement: Placement | None, c
         return bill.dense()
     if chip.mesh is not None and placement is None:
         raise ModelError(f"target '{chip.name}' needs a placement", hint="neuro.chips.place.place(program, chip)")
+    if placement is not None:
+        check_fits(program, placement, chip)
     return bill.spiking(counts, placement)
 
 
@@ -84,6 +54,16 @@ def check_costs(chip: Chip) -> None:
             f"target '{chip.name}' has no costs: none is published",
             hint=f"write a table with 'like: {chip.name}' and 'costs: ...', and name its file as the target",
         )
+
+
+def check_fits(program: Program, placement: Placement, chip: Chip) -> None:
+    """Refuse a placement in which something does not fit; all of it is told."""
+    refused = [problem for problem in placement.problems if problem.refused]
+    if refused:
+        told = [f"{p.origin}: " * bool(p.origin) + f"{p.what}: {p.why}" for p in refused]
+        hints = [f"\n  hint: {p.way_out}" * bool(p.way_out) for p in refused]
+        lines = [line + hint for line, hint in zip(told, hints, strict=True)]
+        raise ModelError("\n".join([f"network '{program.name}' does not fit on target '{chip.name}'", *lines]))
 
 
 class _Bill:
@@ -176,8 +156,6 @@ class _Bill:
                 f"{number(spikes)} spikes in {number(events)} events: several of a neuron in one step are priced "
                 "as several, of which the chip would send one"
             )
-        if placement is not None:
-            self.notes += [f"does not fit: {problem.what}: {problem.why}" for problem in placement.problems]
 
     def done(self, chips: int, time: float | None) -> Energy:
         """The bill."""

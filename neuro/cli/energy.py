@@ -12,7 +12,8 @@ from neuro.cli.options import Backend, NetworkFile, Seed, Set, Threads, assignme
 if TYPE_CHECKING:
     from neuro.chips.chip import Chip
     from neuro.chips.energy import Energy
-    from neuro.chips.price import Placement
+    from neuro.chips.placement import Placement
+    from neuro.program import Program
     from neuro.simulation import Simulation
 
 TARGETS = ["loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu"]
@@ -40,7 +41,7 @@ def energy(
     """Run a network and print what that would take on chips: counts, joules and where the figures come from."""
     import neuro
     from neuro.chips.chip import chip
-    from neuro.chips.price import check_costs
+    from neuro.chips.price import check_costs, price
     from neuro.cli.progress import Bar, advance
     from neuro.clock import Clock
 
@@ -55,42 +56,41 @@ def energy(
         try:
             bar.say("preparing")
             sim = neuro.compile(net, backend=backend, seed=seed, threads=threads)
+            placements = [placed(sim.program, each) for each in chips]
             advance(sim, steps, bar)
-            bar.say("pricing")
-            bills = [bill(sim, each) for each in chips]
         except KeyboardInterrupt:
             bar.stop()
             typer.echo("interrupted: nothing is priced", err=True)
             raise typer.Exit(130) from None
+    counts = sim._engine.counts()
+    bills = [price(sim.program, counts, *where) for where in zip(placements, chips, strict=True)]
     if as_json:
-        typer.echo(json.dumps(plain(sim, bills, per), indent=2))
+        typer.echo(json.dumps(plain(sim, bills, placements[0], per), indent=2))
     else:
-        tell([priced.per(*per) for priced, _ in bills])
+        tell([priced.per(*per) for priced in bills])
 
 
-def bill(sim: Simulation, chip: Chip) -> tuple[Energy, Placement | None]:
-    """What a run would take on a chip, and where its neurons lie there."""
-    from neuro.chips.price import price
+def placed(program: Program, chip: Chip) -> Placement | None:
+    """Where the neurons lie on a chip, None where nothing is placed; refused at once if they do not fit."""
+    from neuro.chips.place import place
+    from neuro.chips.price import check_fits
 
-    placement = None
-    if chip.mesh is not None:
-        from neuro.chips.place import place
+    if chip.mesh is None:
+        return None
+    placement = place(program, chip)
+    check_fits(program, placement, chip)
+    return placement
 
-        placement = place(sim.program, chip)
-    return price(sim.program, sim._engine.counts(), placement, chip), placement
 
-
-def plain(sim: Simulation, bills: list[tuple[Energy, Placement | None]], per: tuple[int, str]) -> dict[str, Any]:
+def plain(sim: Simulation, bills: list[Energy], placement: Placement | None, per: tuple[int, str]) -> dict[str, Any]:
     """All bills for JSON, and the run as NeuroBench would report it with the first of them."""
     from neuro.chips.neurobench import neurobench
 
-    counts, (first, placement) = sim._engine.counts(), bills[0]
-    samples = per[0]
-    told = neurobench(
-        sim.program, counts, samples=samples, steps=counts.steps // samples, placement=placement, energy=first
-    )
+    counts = sim._engine.counts()
+    samples, steps = per[0], counts.steps // per[0]
+    told = neurobench(sim.program, counts, samples=samples, steps=steps, placement=placement, energy=bills[0])
     about = {"network": sim.program.name, "backend": sim.backend, "seed": sim.program.seed, "ms": sim.time}
-    return {**about, "bills": [priced.per(*per).as_dict() for priced, _ in bills], "neurobench": told}
+    return {**about, "bills": [priced.per(*per).as_dict() for priced in bills], "neurobench": told}
 
 
 def tell(bills: list[Energy]) -> None:

@@ -13,9 +13,10 @@ import neuro
 from neuro.backend import EngineCounts, Problem
 from neuro.chips.chip import chip
 from neuro.chips.energy import quantity
+from neuro.chips.place import place
 from neuro.chips.price import price
 from neuro.counts import Tally
-from neuro.errors import ModelError
+from neuro.errors import ModelError, Where
 
 
 @dataclass(frozen=True)
@@ -259,10 +260,60 @@ def test_a_chip_that_is_slower_than_the_network():
     assert f"chip time: a step of 0.1 ms takes 1 ms on the chip: {source}" in energy.notes
 
 
-def test_what_does_not_fit_is_told(run):
-    problem = Problem(True, "population 'a': 3 neurons", "a core holds 2")
-    energy = price(*run, placed(problems=(problem,)), chip("loihi"))
-    assert energy.notes[-1] == "does not fit: population 'a': 3 neurons: a core holds 2"
+def test_what_does_not_fit_has_no_price(run):
+    where = Where("net.yaml", 4)
+    problems = (
+        Problem(True, "population 'a': neuron 1", "it is too large", "a smaller one would fit", where),
+        Problem(False, "population 'a'", "it is rounded"),
+        Problem(True, "population 'b': 3 neurons", "a core holds 2"),
+    )
+    with pytest.raises(ModelError) as caught:
+        price(*run, placed(problems=problems), chip("loihi"))
+    assert str(caught.value) == (
+        "network 'pair' does not fit on target 'loihi'\n"
+        "net.yaml:4: population 'a': neuron 1: it is too large\n"
+        "  hint: a smaller one would fit\n"
+        "population 'b': 3 neurons: a core holds 2"
+    )
+    assert price(*run, placed(problems=problems[1:2]), chip("loihi")) == price(*run, placed(), chip("loihi"))
+
+
+def test_the_real_placement(run):
+    """All on one core of the tile at which the host's spikes enter: nothing leaves the tile."""
+    program, counts = run
+    loihi = lines(price(program, counts, place(program, chip("loihi")), chip("loihi")))
+    assert loihi["spike_in_tile", "in"][0] == 4
+    assert loihi["spike_in_tile", "ab"][0] == 12
+    assert not any(what.startswith("hop") for what, _ in loihi)
+    work = 24 * 8.4e-9 + 36 * 5.3e-9 + 24 * 3.5e-9 + 24 * 6.1e-9
+    assert loihi["static_per_chip", "loihi"][0] == pytest.approx(STEPS * 113e-9 + work, rel=1e-12)
+    spinnaker = lines(price(program, counts, place(program, chip("spinnaker")), chip("spinnaker")))
+    packets = {of: count for (what, of), (count, _) in spinnaker.items() if what == "packet"}
+    assert packets == {"input": 4, "a": 12}
+    assert spinnaker["static_per_chip", "spinnaker"][0] == pytest.approx(STEPS * 1e-3)
+
+
+def test_the_real_placement_on_many_tiles():
+    net = neuro.Network("wide", resolution=1.0)
+    net.population("input", 40, neuro.poisson_generator(rate=200.0))
+    net.population("wide", 6000, neuro.iaf_psc_exp())
+    net.connect("input", "wide", neuro.fixed_outdegree(300), weight=400.0, delay=1.0)
+    net.connect("wide", "wide", neuro.fixed_outdegree(5), weight=1.0, delay=1.0)
+    sim = neuro.compile(net, "event")
+    sim.run(50.0)
+    counts, target = sim._engine.counts(), chip("loihi")
+    placement = place(sim.program, target)
+    assert placement.tiles_used > 1
+    energy = price(sim.program, counts, placement, target)
+    for what, way in (("hop_east_west", "east_west"), ("hop_north_south", "north_south"), ("spike_in_tile", "local")):
+        moved = sum(
+            int(counts.spikes[part.source] @ getattr(placement.hops(index), way))
+            for index, part in enumerate(sim.program.projections)
+        )
+        assert sum(item.count for item in energy.items if item.what == what) == moved
+    assert any(item.what == "hop_east_west" for item in energy.items)
+    assert sum(item.count for item in energy.items if item.what.startswith("neuron")) == 6000 * 50
+    assert json.loads(json.dumps(energy.as_dict()))["chips"] == placement.chips_used
 
 
 def test_a_table_of_a_user(run, tmp_path):
