@@ -296,7 +296,7 @@ def test_the_real_placement(run):
 def test_the_real_placement_on_many_tiles():
     net = neuro.Network("wide", resolution=1.0)
     net.population("input", 40, neuro.poisson_generator(rate=200.0))
-    net.population("wide", 6000, neuro.iaf_psc_exp())
+    net.population("wide", 14_000, neuro.iaf_psc_exp())
     net.connect("input", "wide", neuro.fixed_outdegree(300), weight=400.0, delay=1.0)
     net.connect("wide", "wide", neuro.fixed_outdegree(5), weight=1.0, delay=1.0)
     sim = neuro.compile(net, "event")
@@ -310,9 +310,8 @@ def test_the_real_placement_on_many_tiles():
             int(counts.spikes[part.source] @ getattr(placement.hops(index), way))
             for index, part in enumerate(sim.program.projections)
         )
-        assert sum(item.count for item in energy.items if item.what == what) == moved
-    assert any(item.what == "hop_east_west" for item in energy.items)
-    assert sum(item.count for item in energy.items if item.what.startswith("neuron")) == 6000 * 50
+        assert sum(item.count for item in energy.items if item.what == what) == moved > 0
+    assert sum(item.count for item in energy.items if item.what.startswith("neuron")) == 14_000 * 50
     assert json.loads(json.dumps(energy.as_dict()))["chips"] == placement.chips_used
 
 
