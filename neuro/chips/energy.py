@@ -76,6 +76,12 @@ class Energy:
         """Joules of chips being on; 0 where no figure is published, then a note says so."""
         return _sum(item for item in self.items if item.what == STATIC)
 
+    def sums(self) -> tuple[str, str, str]:
+        """Dynamic, static and total energy as text; static is "not priced" where no figure is published."""
+        known = any(item.what == STATIC for item in self.items)
+        static = quantity(self.static_j, "J") if known else "not priced"
+        return quantity(self.dynamic_j, "J"), static, quantity(self.total_j, "J")
+
     def by_population(self) -> dict[str, float]:
         """Dynamic joules of each population's neurons."""
         return self._by("population")
@@ -129,9 +135,11 @@ class Energy:
         return "\n".join((self._head(), "", *self._rows(), "", *self._foot()))
 
     def _head(self) -> str:
-        chips = f"{self.chips} chip" + "s" * (self.chips != 1)
-        time = "" if self.chip_time_s is None else f", {quantity(self.chip_time_s, 's')} of chip time"
-        return f"{self.title} ({self.target}), energy per {self.of}: {chips}, {number(self.steps)} steps{time}"
+        parts = [f"{number(self.steps)} steps"]
+        if self.chip_time_s is not None:
+            chips = f"{self.chips} chip" + "s" * (self.chips != 1)
+            parts = [chips, *parts, f"{quantity(self.chip_time_s, 's')} of chip time"]
+        return f"{self.title} ({self.target}), energy per {self.of}: {', '.join(parts)}"
 
     def _sources(self) -> list[str]:
         told = (sourced(item.source, item.conditions) for item in self.items if item.source)
@@ -148,8 +156,8 @@ class Energy:
             mark = f"[{sources.index(told) + 1}]" if item.source else ""
             count = f"{quantity(item.count, 's')}" if item.what == STATIC else number(item.count)
             table.append((item.what, item.of, count, each, energy, mark))
-        for name, joules in (("dynamic", self.dynamic_j), ("static", self.static_j), ("total", self.total_j)):
-            table.append((name, "", "", "", quantity(joules, "J"), ""))
+        for name, energy in zip(("dynamic", "static", "total"), self.sums(), strict=True):
+            table.append((name, "", "", "", energy, ""))
         return aligned(table)
 
     def _foot(self) -> list[str]:

@@ -103,7 +103,7 @@ def tell(bills: list[Energy]) -> None:
     if len(bills) > 1:
         rows = []
         for e in bills:
-            joules = (quantity(j, "J") for j in (e.dynamic_j, e.static_j, e.total_j))
-            rows.append((e.target, *joules, "-" if e.chip_time_s is None else quantity(e.chip_time_s, "s"), e.chips))
+            time = ("-", "-") if e.chip_time_s is None else (quantity(e.chip_time_s, "s"), e.chips)
+            rows.append((e.target, *e.sums(), *time))
         columns = ("target", ">dynamic", ">static", ">total", ">chip time", ">chips")
         console().print(table(columns, rows, title=f"energy per {bills[0].of}"))

@@ -60,7 +60,7 @@ def test_several_bills_and_a_row_of_each(run, bill):
     assert rows[3][0] == "truenorth"
     assert rows[3][-3:] == ["500", "ms", "1"]  # 500 steps of 0.1 ms, each a tick
     assert rows[4][0] == "cpu"
-    assert rows[4][-2:] == ["-", "1"]
+    assert rows[4][-5:] == ["priced", *rows[4][-4:-2], "-", "-"]
 
 
 def test_json(run, bill, network):
