@@ -20,7 +20,7 @@ class Hops:
         cores: cores it is sent to for this projection.
         local: those of them on the tile from which it starts (its own core among them).
         east_west, north_south: hops from tile to tile.
-        chip: crossings from chip to chip; these hops are counted in the two above, too.
+        chip: those of them that lead from chip to chip.
     """
 
     cores: Ints
@@ -60,8 +60,9 @@ def routes(program: Program, into: Incoming, split: Split, places: Places, multi
         if not multicast:
             found.append(ways.unicast(size))
         else:
-            tree = trees.setdefault(part.source, _Tree(size, places))
-            found.append(ways.multicast(size, tree))
+            if part.source not in trees:
+                trees[part.source] = _Tree(ways.begin(places.column), ways.begin(places.row), places)
+            found.append(ways.multicast(size, trees[part.source]))
     return tuple(found)
 
 
@@ -76,7 +77,6 @@ class _Ways:
         self.places, self.source, self.core = places, source, core
         self.own = core_of
         self.east, self.south = self.step(places.column), self.step(places.row)
-        self.over = self.step(places.chip_column), self.step(places.chip_row)
         self.local = (self.east == 0) & (self.south == 0)
 
     def begin(self, coordinate: Ints) -> Ints:
@@ -95,36 +95,39 @@ class _Ways:
 
     def unicast(self, size: int) -> Hops:
         """Every destination core by itself."""
-        over = np.abs(self.over[0]) + np.abs(self.over[1])
+        over = np.abs(self.step(self.places.chip_column)) + np.abs(self.step(self.places.chip_row))
         east, south = (self.count(np.abs(step), size) for step in (self.east, self.south))
         return Hops(self.count(None, size), self.count(self.local, size), east, south, self.count(over, size))
 
     def multicast(self, size: int, tree: _Tree) -> Hops:
         """Links that the source's earlier projections do not use yet."""
-        tiles = tree.tiles.grow(self.source, self.places.column[self.core], self.east, self.south)
-        over = tree.chips.grow(self.source, self.places.chip_column[self.core], *self.over)
-        return Hops(self.count(None, size), self.count(self.local, size), *tiles, over[0] + over[1])
+        links = tree.grow(self.source, self.places.column[self.core], self.east, self.south)
+        return Hops(self.count(None, size), self.count(self.local, size), *links)
 
 
 class _Tree:
-    """The links that spikes of a population use so far, between tiles and between chips."""
+    """The links that each neuron of a population uses: how far east and west, and in each column south and north."""
 
-    def __init__(self, size: int, places: Places) -> None:
-        self.tiles = _Links(size, int(places.column.max(initial=0)) + 1)
-        self.chips = _Links(size, int(places.chip_column.max(initial=0)) + 1)
+    def __init__(self, column: Ints, row: Ints, places: Places) -> None:
+        self.column, self.row, self.mesh = column, row, places.mesh
+        columns = int(places.column.max(initial=0)) + 1
+        self.along = np.zeros((2, column.size), dtype=np.int64)
+        self.across = np.zeros((2, column.size, columns), dtype=np.int64)
 
-
-class _Links:
-    """How far the ways of each source reach: east and west of it, and south and north of its row in each column."""
-
-    def __init__(self, size: int, columns: int) -> None:
-        self.along = np.zeros((2, size), dtype=np.int64)
-        self.across = np.zeros((2, size, columns), dtype=np.int64)
-
-    def grow(self, source: Ints, column: Ints, east: Ints, south: Ints) -> tuple[Ints, Ints]:
-        """Add destinations; returns the links that are new, along rows and along columns."""
-        along, across = self.along.sum(axis=0), self.across.sum(axis=(0, 2))
+    def grow(self, source: Ints, column: Ints, east: Ints, south: Ints) -> tuple[Ints, Ints, Ints]:
+        """Add destinations; returns what is new: links along rows, along columns, and those from chip to chip."""
+        before = self.links()
         for side, sign in enumerate((1, -1)):
             np.maximum.at(self.along[side], source, sign * east)
             np.maximum.at(self.across[side], (source, column), sign * south)
-        return self.along.sum(axis=0) - along, self.across.sum(axis=(0, 2)) - across
+        after = self.links()
+        return after[0] - before[0], after[1] - before[1], after[2] - before[2]
+
+    def links(self) -> tuple[Ints, Ints, Ints]:
+        """All links of each neuron."""
+        column, row = self.column, self.row[:, None]
+        over = np.zeros_like(column)
+        for side, sign in enumerate((1, -1)):
+            over += np.abs((column + sign * self.along[side]) // self.mesh.columns - column // self.mesh.columns)
+            over += np.abs((row + sign * self.across[side]) // self.mesh.rows - row // self.mesh.rows).sum(axis=1)
+        return self.along.sum(axis=0), self.across.sum(axis=(0, 2)), over

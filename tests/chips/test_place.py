@@ -1,0 +1,582 @@
+"""Placing: limits to the neuron, memory and hops against counts by hand, refusals by their text."""
+
+import json
+import math
+from collections import Counter
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import neuro
+import neuro_models
+from neuro.chips.chip import Chip, Figure, Mesh, chip
+from neuro.chips.packing import block_bits, index_bits, synapse_bits
+from neuro.chips.place import place
+from neuro.compiler import compile_network
+from neuro.neurons import Neuron
+
+REMUS = Path(neuro_models.__file__).parent / "remus.yaml"
+LOIHI, SPINNAKER = chip("loihi"), chip("spinnaker")
+
+
+def limited(base=LOIHI, mesh=None, **limits):
+    """A chip with other limits; None takes one away."""
+    kept = {**base.limits, **{name: Figure(value or 0, "test") for name, value in limits.items()}}
+    for name, value in limits.items():
+        if value is None:
+            del kept[name]
+    return replace(base, limits=kept, mesh=mesh or base.mesh)
+
+
+def network(*populations, connect=()):
+    """Populations (name, size or shape, model or None) and connections (from, to, rule, words)."""
+    net = neuro.Network("test", resolution=1.0)
+    for name, size, *model in populations:
+        net.population(name, size, model[0] if model else neuro.iaf_psc_delta())
+    for source, target, rule, *words in connect:
+        told = {"weight": 1.0, "delay": 1.0, **(words[0] if words else {})}
+        net.connect(source, target, rule, told.pop("synapse", neuro.static()), name=f"{source}_{target}", **told)
+    return compile_network(net, 0)
+
+
+def sources(size):
+    return ("in", size, neuro.spike_generator())
+
+
+# limits, to the neuron
+
+
+@pytest.mark.parametrize(("size", "cores"), [(1, 1), (1024, 1), (1025, 2), (2048, 2), (2049, 3)])
+def test_neurons_of_a_core(size, cores):
+    placed = place(network(("a", size)), LOIHI)
+    assert len(placed.cores) == cores
+    assert sum(core.neurons for core in placed.cores) == size
+    assert placed.problems == ()
+
+
+def test_fewer_neurons_on_a_core_if_asked():
+    placed = place(network(("a", 100)), LOIHI, neurons_per_core=40)
+    assert [core.neurons for core in placed.cores] == [40, 40, 20]
+    assert len(place(network(("a", 1025)), LOIHI, neurons_per_core=5000).cores) == 2
+
+
+def test_memory_of_a_core():
+    program = network(sources(10), ("a", 100), connect=[("in", "a", neuro.all_to_all())])
+    # Blocks of 64 and 36 synapses of 8 + 7 bits: 970 and 550 bits, rounded up to 1024 and 576: 200 bytes a source.
+    (core,) = place(program, limited(synapse_bytes_per_core=2000)).cores
+    assert core.synapse_bytes == 2000
+    assert core.load["synapse_bytes_per_core"] == 1.0
+    first, second = place(program, limited(synapse_bytes_per_core=1999), order="declared").cores
+    # 98 neurons would take 34 x 15 + 10 = 520 -> 576 bits in the second block, as much; 97: 505 -> 512 bits.
+    assert (first.neurons, first.synapse_bytes) == (97, 1920)
+    assert second.neurons == 3
+
+
+def test_memory_shared_by_a_chip():
+    program = network(sources(10), ("a", 300), connect=[("in", "a", neuro.all_to_all())])
+    # 256 and 44 neurons: 10 rows of 3 + 256 and 3 + 44 words.
+    need = [10 * (3 + 256) * 4, 10 * (3 + 44) * 4]
+    placed = place(program, limited(SPINNAKER, synapse_bytes_per_chip=sum(need)), order="declared")
+    assert [core.synapse_bytes for core in placed.cores] == need
+    assert placed.chips_used == 1
+    assert place(program, limited(SPINNAKER, synapse_bytes_per_chip=sum(need) - 1)).chips_used == 2
+    smaller = place(program, limited(SPINNAKER, synapse_bytes_per_chip=need[0] - 1), order="declared")
+    assert [core.neurons for core in smaller.cores] == [255, 45]
+
+
+def test_input_axons_of_a_core():
+    rule = neuro.one_to_one()
+    assert len(place(network(sources(300), ("a", 300), connect=[("in", "a", rule)]), LOIHI).cores) == 1
+    enough, short = limited(axons_in_per_core=300), limited(axons_in_per_core=299)
+    program = network(sources(300), ("a", 300), connect=[("in", "a", rule)])
+    assert [core.axons_in for core in place(program, enough).cores] == [300]
+    assert sorted(core.axons_in for core in place(program, short).cores) == [1, 299]
+
+
+def test_a_source_of_two_projections_has_one_input_axon():
+    net = neuro.Network("twice", resolution=1.0)
+    net.population("in", 7, neuro.spike_generator())
+    net.population("a", 5, neuro.iaf_psc_delta())
+    for name in ("one", "two"):
+        net.connect("in", "a", neuro.all_to_all(), weight=1.0, delay=1.0, name=name)
+    placed = place(compile_network(net, 0), LOIHI)
+    assert placed.cores[0].axons_in == 7
+    assert placed.hops(0).cores.tolist() == [1] * 7, "the first projection has them"
+    assert placed.hops(1).cores.tolist() == [0] * 7
+
+
+def test_output_axons_of_a_core():
+    program = network(("a", 10), ("b", 40), connect=[("a", "b", neuro.all_to_all())])
+    several = {"populations_per_core": 1, "neurons_per_core": 10}
+    whole = place(program, limited(axons_out_per_core=40, **several))
+    assert sorted(core.axons_out for core in whole.cores) == [0, 0, 0, 0, 40]
+    cut = place(program, limited(axons_out_per_core=39, **several))
+    assert sorted(core.axons_out for core in cut.cores) == [0, 0, 0, 0, 4, 36]
+    assert cut.problems == ()
+
+
+def test_output_axons_when_a_split_makes_more_of_them():
+    """A ring, each neuron to the next three: 45 would do on one core, but the last ones reach the next core, too."""
+    pre = np.repeat(np.arange(60), 3)
+    program = network(("a", 60), connect=[("a", "a", neuro.pairs(pre, (pre + np.tile([1, 2, 3], 60)) % 60))])
+    placed = place(program, limited(axons_out_per_core=45), order="declared")
+    assert placed.problems == ()
+    assert [(core.neurons, core.axons_out) for core in placed.cores] == [(43, 45), (17, 19)]
+
+
+def test_populations_that_share_a_core():
+    program = network(("a", 3), ("b", 4), ("c", 5))
+    (core,) = place(program, LOIHI).cores
+    assert sorted(core.parts) == [(0, 0, 3), (1, 0, 4), (2, 0, 5)]
+    assert len(place(program, limited(populations_per_core=2)).cores) == 2
+    assert len(place(program, SPINNAKER).cores) == 3, "a core of SpiNNaker runs one population"
+    assert len(place(program, limited(neurons_per_core=11)).cores) == 2
+
+
+def test_cores_of_a_chip():
+    program = network(("a", 6))
+    mesh = Mesh(2, 1, 2)
+    full = place(program, limited(mesh=mesh, cores_per_chip=4), neurons_per_core=2)
+    assert (full.chips_used, full.tiles_used) == (1, 2)
+    fewer = place(program, limited(mesh=mesh, cores_per_chip=2), neurons_per_core=2)
+    assert (fewer.chips_used, fewer.tiles_used) == (2, 2)
+
+
+def test_generators_take_no_core():
+    placed = place(network(sources(5000), ("a", 1), connect=[("in", "a", neuro.pairs([4], [0]))]), LOIHI)
+    assert [core.parts for core in placed.cores] == [((1, 0, 1),)]
+    assert (placed.core_of[0] == -1).all()
+    nothing = place(network(sources(3)), LOIHI)
+    assert (nothing.cores, nothing.chips_used, nothing.problems) == ((), 0, ())
+    assert str(nothing).startswith("'test' on loihi: 0 cores on 0 tiles of 0 chips")
+
+
+def test_currents_take_no_axon():
+    program = network(("dc", 3, neuro.dc_generator(amplitude=1.0)), ("a", 2), connect=[("dc", "a", neuro.all_to_all())])
+    placed = place(program, LOIHI)
+    assert (placed.cores[0].axons_in, placed.cores[0].synapse_bytes) == (0, 0)
+    assert placed.hops(0).cores.tolist() == [0, 0, 0]
+
+
+def test_a_chip_without_mesh_or_limits():
+    assert len(place(network(("a", 10000)), chip("loihi2")).cores) == 2
+    bare = place(network(("a", 10000)), Chip("bare", "Bare", ""))
+    assert [core.neurons for core in bare.cores] == [10000]
+    assert bare.cores[0].load == {}
+
+
+# memory
+
+
+@pytest.mark.parametrize(
+    ("synapses", "bits", "expected"), [(0, 15, 0), (1, 8, 64), (64, 9, 640), (65, 9, 704), (54, 1, 64), (55, 1, 128)]
+)
+def test_blocks(synapses, bits, expected):
+    assert block_bits(synapses, bits) == expected
+    assert block_bits(np.array([synapses]), bits).tolist() == [expected]
+
+
+@pytest.mark.parametrize(("neurons", "bits"), [(0, 0), (1, 0), (2, 6), (64, 6), (65, 7), (1024, 10), (1025, 11)])
+def test_index(neurons, bits):
+    assert index_bits(neurons) == bits
+
+
+@pytest.mark.parametrize(
+    ("model", "words", "bits"),
+    [
+        (neuro.iaf_psc_delta(), {}, 8),
+        (neuro.iaf_psc_delta(), {"delay": 2.0}, 9),
+        (neuro.iaf_psc_exp(), {"delay": 1.0}, 9),
+        (neuro.iaf_psc_exp(), {"delay": np.array([1.0, 1.0, 1.0, 62.0])}, 14),
+        (neuro.iaf_psc_exp(), {"synapse": neuro.stdp()}, 18),
+        (neuro.parrot_neuron(), {}, 8),
+        (neuro.loihi_lif(), {"synapse": neuro.loihi_static(num_weight_bits=4), "weight": 16.0}, 4),
+    ],
+)
+def test_bits_of_a_synapse(model, words, bits):
+    rule = neuro.pairs([0, 0, 1, 1], [0, 1, 0, 1])
+    assert synapse_bits(network(sources(2), ("a", 2, model), connect=[("in", "a", rule, words)]), 0) == bits
+
+
+def test_the_host_learns_for_a_grid():
+    program = compile_network(neuro.load(REMUS), 0)
+    assert synapse_bits(program, 0) == 8
+
+
+# refusals
+
+
+def told(placed):
+    return [(p.refused, p.what, p.why, p.way_out) for p in placed.problems]
+
+
+def test_too_much_memory_for_one_neuron():
+    program = network(sources(20), ("a", 3), connect=[("in", "a", neuro.all_to_all())])
+    placed = place(program, limited(synapse_bytes_per_core=100))
+    assert told(placed) == [
+        (
+            True,
+            "population 'a': neuron 0 and 2 more",
+            "its 20 synapses take 160 bytes, a core of loihi has 100 for synapses",
+            "about 12 synapses onto one neuron would fit",
+        )
+    ]
+    assert placed.problems[0].origin == program.populations[1].origin is not None
+    assert [core.neurons for core in placed.cores] == [1, 1, 1]
+    assert "does not fit:\n  population 'a': neuron 0 and 2 more: its 20 synapses" in str(placed)
+    assert place(program, limited(synapse_bytes_per_core=160)).problems == ()
+
+
+def test_too_much_memory_on_a_chip():
+    program = network(sources(20), ("a", 1), connect=[("in", "a", neuro.all_to_all())])
+    (problem,) = told(place(program, limited(SPINNAKER, synapse_bytes_per_chip=319)))
+    assert problem[2] == "its 20 synapses take 320 bytes, a chip of spinnaker has 319 for synapses"
+
+
+@pytest.mark.parametrize(("size", "fits"), [(4096, True), (4097, False)])
+def test_too_many_input_axons_of_one_neuron(size, fits):
+    placed = place(network(sources(size), ("a", 1), connect=[("in", "a", neuro.all_to_all())]), LOIHI)
+    expected = (
+        True,
+        "population 'a': neuron 0",
+        "the spikes of 4,097 neurons reach it, a core of loihi has 4,096 input axons",
+        "at most 4,096 sources of one neuron would fit: let neurons between gather them",
+    )
+    assert told(placed) == ([] if fits else [expected])
+
+
+def test_too_many_output_axons_of_one_neuron():
+    program = network(("a", 2), ("b", 5), connect=[("a", "b", neuro.pairs([1] * 5, range(5)))])
+    assert place(program, limited(neurons_per_core=1, axons_out_per_core=5)).problems == ()
+    assert told(place(program, limited(neurons_per_core=1, axons_out_per_core=4))) == [
+        (
+            True,
+            "population 'a': neuron 1",
+            "its spikes go to 5 cores, a core of loihi has 4 output axons",
+            "targets on at most 4 cores would fit: let neurons between pass its spikes on",
+        )
+    ]
+
+
+def test_too_large_for_the_largest_machine():
+    machine = limited(mesh=Mesh(1, 1, 4), cores_per_chip=4, neurons_per_core=10, chips=2)
+    assert place(network(("a", 20), ("b", 60)), machine).problems == ()
+    program = network(("a", 20), ("b", 61))
+    placed = place(program, machine)
+    assert told(placed) == [
+        (
+            True,
+            "population 'b': 7 of 9 cores",
+            "the network needs 3 chips, the largest machine of loihi has 2 chips of 4 cores",
+            "about 52 of its 61 neurons would fit, or more with fewer synapses",
+        )
+    ]
+    assert placed.problems[0].origin == program.populations[1].origin
+    (crowd,) = told(place(network(*((name, 30) for name in "abcd")), machine))
+    assert crowd[3] == "the network must be smaller: fewer neurons, or fewer synapses onto each"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({"order": "conected"}, "unknown order 'conected'\n  hint: did you mean 'connected'?"),
+        ({"neurons_per_core": 0}, "neurons_per_core = 0: expected a whole number >= 1"),
+        ({"neurons_per_core": 2.0}, "neurons_per_core = 2.0: expected a whole number >= 1"),
+    ],
+)
+def test_arguments(words, message):
+    with pytest.raises(neuro.ModelError) as error:
+        place(network(("a", 1)), LOIHI, **words)
+    assert str(error.value) == message
+
+
+# hops
+
+
+def test_hops_by_hand():
+    """Tiles of one core: in -> a[0:2] at (0, 0), a[2:4] at (1, 0), a[4:6] at (0, 1), row by row."""
+    program = network(
+        sources(1), ("a", 6), connect=[("in", "a", neuro.all_to_all()), ("a", "a", neuro.pairs([5, 5, 0], [0, 3, 5]))]
+    )
+    placed = place(program, limited(mesh=Mesh(2, 2, 1), cores_per_chip=4), order="declared", neurons_per_core=2)
+    assert [(core.column, core.row) for core in placed.cores] == [(0, 0), (1, 0), (0, 1)]
+    host, own = placed.hops(0), placed.hops(1)
+    assert [x.tolist() for x in (host.cores, host.local, host.east_west, host.north_south, host.chip)] == [
+        [3], [1], [1], [1], [0]
+    ]  # fmt: skip
+    assert own.east_west.tolist() == [0, 0, 0, 0, 0, 1]
+    assert own.north_south.tolist() == [1, 0, 0, 0, 0, 2]
+    assert placed.total_hops == 6
+
+
+def test_multicast_shares_links_and_chips_are_crossed():
+    program = network(sources(1), ("a", 4), connect=[("in", "a", neuro.all_to_all())])
+    base = limited(SPINNAKER, mesh=Mesh(1, 1, 1), cores_per_chip=1)
+    placed = place(program, base, neurons_per_core=1, order="declared")
+    assert [(core.chip, core.column, core.row) for core in placed.cores] == [(0, 0, 0), (1, 1, 0), (2, 0, 1), (3, 1, 1)]
+    hops = placed.hops(0)
+    assert (hops.cores[0], hops.local[0], hops.east_west[0], hops.north_south[0], hops.chip[0]) == (4, 1, 1, 2, 3)
+    alone = place(program, replace(base, arithmetic="loihi"), neurons_per_core=1, order="declared").hops(0)
+    assert (alone.east_west[0], alone.north_south[0], alone.chip[0]) == (2, 2, 4)
+
+
+# close together
+
+
+def chain():
+    """Twelve layers, declared in another order than they are connected in."""
+    net = neuro.Network("chain", resolution=1.0)
+    layers = [f"layer{i}" for i in range(12)]
+    net.population("input", 600, neuro.spike_generator())
+    for i in (7, 2, 10, 0, 5, 11, 3, 8, 1, 6, 9, 4):
+        net.population(layers[i], 600, neuro.iaf_psc_exp())
+    net.connect("input", layers[0], neuro.one_to_one(), weight=1.0, delay=1.0)
+    for source, target in pairwise(layers):
+        net.connect(source, target, neuro.fixed_indegree(60), weight=1.0, delay=1.0)
+    return net
+
+
+def balanced():
+    """Brunel's network of `benchmarks/networks.py` with 5,000 neurons."""
+    net = neuro.Network("balanced", resolution=0.1)
+    cell = neuro.iaf_psc_delta()
+    for name, size in (("exc", 4000), ("inh", 1000)):
+        net.population(name, size, cell)
+        net.population(f"noise_{name}", size, neuro.poisson_generator())
+        net.connect(f"noise_{name}", name, neuro.one_to_one(), weight=1.0, delay=1.5)
+    for target in ("exc", "inh"):
+        for source, count in (("exc", 80), ("inh", 20)):
+            net.connect(source, target, neuro.fixed_indegree(count), weight=1.0, delay=1.5)
+    return net
+
+
+def remus():
+    return neuro.load(REMUS)
+
+
+@pytest.mark.parametrize(("make", "at_most"), [(chain, 0.2), (balanced, 0.95), (remus, 0.7)])
+def test_connected_parts_lie_close_together(make, at_most):
+    program = compile_network(make(), 0)
+    close, declared = (place(program, LOIHI, order=order) for order in ("connected", "declared"))
+    assert 0 < close.total_hops < at_most * declared.total_hops
+    assert len(close.cores) <= len(declared.cores)
+
+
+def test_chain_on_spinnaker():
+    program = compile_network(chain(), 0)
+    close, declared = (place(program, SPINNAKER, order=order).total_hops for order in ("connected", "declared"))
+    assert 0 < close < 0.5 * declared
+
+
+def test_neurons_at_one_place_of_a_grid_share_a_core():
+    program = compile_network(remus(), 0)
+    core_of = place(program, LOIHI).core_of[1].reshape(20, 7, 7)
+    assert (core_of == core_of[0]).mean() > 0.8
+    declared = place(program, LOIHI, order="declared").core_of[1].reshape(20, 7, 7)
+    assert (declared[0] == declared[0, 0, 0]).all()
+
+
+def test_the_same_again():
+    program = compile_network(chain(), 0)
+    once, again = (place(program, LOIHI) for _ in range(2))
+    assert str(once) == str(again)
+    assert once.as_dict() == again.as_dict()
+
+
+def test_report():
+    program = network(
+        sources(2), ("a", 3), ("b", 2), connect=[("in", "a", neuro.all_to_all()), ("a", "b", neuro.all_to_all())]
+    )
+    placed = place(program, LOIHI, neurons_per_core=3)
+    assert str(placed).splitlines() == [
+        "'test' on loihi: 2 cores on 1 tile of 1 chip, order: connected",
+        "synapses take 40 bytes",
+        "0 hops if all sources spike once, one packet for each destination core",
+        "",
+        "chip  tile  core  neurons  bytes  axons in  axons out  fullest              holds",
+        "   0   0,0     0        3     16         2          3  0% neurons_per_core  a[0:3]",
+        "   0   0,0     1        2     24         3          0  0% neurons_per_core  b[0:2]",
+        "",
+        "to cores  same tile  east-west  north-south  chip to chip  a spike of",
+        "       1          1          0            0             0  in_a",
+        "       1          1          0            0             0  a_b",
+    ]
+    plain = json.loads(json.dumps(placed.as_dict()))
+    assert plain["cores"][1]["parts"] == [{"population": "b", "first": 0, "last": 2}]
+    assert plain["hops_per_spike"]["a_b"] == {"cores": 1, "local": 1, "east_west": 0, "north_south": 0, "chip": 0}
+
+
+def test_a_long_report_is_cut():
+    text = str(place(network(("a", 100)), LOIHI, neurons_per_core=1))
+    assert "... and 60 more cores" in text
+
+
+# all of it against a count spelled out
+
+SMALL = {
+    "neurons_per_core": st.sampled_from([None, 1, 3, 8]),
+    "populations_per_core": st.sampled_from([None, 1, 2]),
+    "synapse_bytes_per_core": st.sampled_from([None, 24, 64, 200]),
+    "synapse_bytes_per_chip": st.sampled_from([None, 150, 400]),
+    "axons_in_per_core": st.sampled_from([None, 3, 9]),
+    "axons_out_per_core": st.sampled_from([None, 4, 20]),
+    "cores_per_chip": st.sampled_from([None, 3, 8]),
+}
+
+
+@st.composite
+def programs(draw):
+    net = neuro.Network("drawn", resolution=1.0)
+    models = {
+        "g": neuro.spike_generator(),
+        "p": neuro.iaf_psc_delta(),
+        "q": neuro.iaf_psc_exp(),
+        "r": neuro.parrot_neuron(),
+    }
+    sizes = {name: draw(st.integers(1, 9)) for name in models}
+    for name, model in models.items():
+        net.population(name, sizes[name], model)
+    if draw(st.booleans()):
+        net.population("eye", (2, 4, 3), neuro.spike_generator())
+        net.population("map", (2, "auto", "auto"), neuro.iaf_psc_delta())
+        rule = neuro.grid((2, 2), stride=draw(st.integers(1, 2)), padding=draw(st.integers(0, 1)))
+        net.connect("eye", "map", rule, weight=1.0, delay=1.0)
+    for number in range(draw(st.integers(0, 4))):
+        source, target = draw(st.sampled_from("gpqr")), draw(st.sampled_from("pqr"))
+        n = draw(st.integers(1, 12))
+        ids = [np.array(draw(st.lists(st.integers(0, sizes[x] - 1), min_size=n, max_size=n))) for x in (source, target)]
+        rule = draw(st.sampled_from([neuro.all_to_all(), neuro.pairs(*ids)]))
+        delay = float(draw(st.integers(1, 5)))
+        synapse = draw(st.sampled_from([neuro.static(), neuro.stdp()]))
+        net.connect(source, target, rule, synapse, weight=1.0, delay=delay, name=f"c{number}")
+    return compile_network(net, 0)
+
+
+def synapses_of(program, index):
+    """(source, target) of every synapse, one by one."""
+    g = program.projections[index].grid
+    if g is None:
+        return list(zip(*(ids.tolist() for ids in program.connections(index)), strict=True))
+    found = []
+    for m, r, c, k in np.ndindex(g.maps, g.rows, g.columns, g.channels):
+        for i, j in np.ndindex(g.kernel_height, g.kernel_width):
+            y, x = r * g.stride + i - g.padding, c * g.stride + j - g.padding
+            if 0 <= y < g.height and 0 <= x < g.width:
+                found.append(((k * g.height + y) * g.width + x, (m * g.rows + r) * g.columns + c))
+    return found
+
+
+def bytes_of(program, target, size, counts):
+    """Bytes of one core from {(projection, source): synapses}."""
+    total = 0
+    if target.arithmetic == "spinnaker":
+        for index in {index for index, _ in counts}:
+            longest = max(n for (i, _), n in counts.items() if i == index)
+            total += program.populations[program.projections[index].source].size * (3 + longest) * 4
+        return total
+    index_width = 0 if size == 1 else max(6, math.ceil(math.log2(size)))
+    for (index, _), n in counts.items():
+        while n:
+            block = min(n, 64)
+            total += math.ceil((block * (synapse_bits(program, index) + index_width) + 10) / 64) * 8
+            n -= block
+    return total
+
+
+MESHES = st.sampled_from([Mesh(2, 2, 2), Mesh(1, 1, 2), Mesh(3, 1, 1)])
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    programs(),
+    st.fixed_dictionaries(SMALL),
+    st.sampled_from(["loihi", "spinnaker"]),
+    st.sampled_from(["connected", "declared"]),
+    MESHES,
+)
+def test_against_a_slow_count(program, limits, arithmetic, order, mesh):
+    target = replace(limited(**limits, mesh=mesh), arithmetic=arithmetic)
+    placed = place(program, target, order=order)
+    refused = {problem.what.split("'")[1] for problem in placed.problems}
+    cores, where = placed.cores, placed.core_of
+
+    for p, part in enumerate(program.populations):
+        held = sorted((i, c) for c, core in enumerate(cores) for q, a, b in core.parts if q == p for i in range(a, b))
+        expected = list(enumerate(where[p])) if isinstance(part.model, Neuron) else []
+        assert held == expected, "every neuron is on one core, that of core_of"
+    assert len({(core.chip, core.column, core.row, core.slot) for core in cores}) == len(cores), (
+        "no place is used twice"
+    )
+
+    counts = [Counter() for _ in cores]
+    reached = {}
+    for index, part in enumerate(program.projections):
+        for source, end in synapses_of(program, index):
+            core = int(where[part.target][end])
+            counts[core][index, source] += 1
+            reached.setdefault((part.source, source), {}).setdefault(core, index)
+    for c, core in enumerate(cores):
+        names = {program.populations[p].name for p, _, _ in core.parts}
+        assert core.neurons == sum(b - a for _, a, b in core.parts)
+        assert core.synapse_bytes == bytes_of(program, target, core.neurons, counts[c])
+        assert core.axons_in == sum(c in to for to in reached.values())
+        assert core.axons_out == sum(len(to) for (p, i), to in reached.items() if where[p][i] == c)
+        own = {
+            "neurons_per_core": core.neurons,
+            "populations_per_core": len(names),
+            "axons_in_per_core": core.axons_in,
+            "axons_out_per_core": core.axons_out,
+            "synapse_bytes_per_core": core.synapse_bytes,
+        }
+        over = [name for name, value in own.items() if limits[name] is not None and value > limits[name]]
+        assert not over or (core.neurons == 1 and names <= refused), "no limit is exceeded unless it is told"
+
+    for chip_number in {core.chip for core in cores}:
+        here = [core for core in cores if core.chip == chip_number]
+        assert len(here) <= min(limits["cores_per_chip"] or 8, mesh.columns * mesh.rows * mesh.cores_per_tile)
+        shared = limits["synapse_bytes_per_chip"]
+        assert shared is None or sum(core.synapse_bytes for core in here) <= shared or len(here) == 1
+
+    check_hops(program, placed, reached, arithmetic == "spinnaker", mesh)
+
+
+def check_hops(program, placed, reached, multicast, mesh):
+    """Links one by one: along the row first, then along the column."""
+    w, h = mesh.columns, mesh.rows
+    found = Counter()
+    for (p, i), to in reached.items():
+        own = placed.core_of[p][i]
+        begin = (placed.cores[own].column, placed.cores[own].row) if own >= 0 else (0, 0)
+        used = set()
+        for core, index in sorted(to.items(), key=lambda item: item[1]):
+            end = (placed.cores[core].column, placed.cores[core].row)
+            x, y = begin
+            found[index, "cores", i] += 1
+            found[index, "local", i] += begin == end
+            while (x, y) != end:
+                step = (x + (1 if end[0] > x else -1), y) if x != end[0] else (x, y + (1 if end[1] > y else -1))
+                link = (x, y), step
+                if not (multicast and link in used):
+                    found[index, "east_west" if step[1] == y else "north_south", i] += 1
+                    found[index, "chip", i] += (x // w, y // h) != (step[0] // w, step[1] // h)
+                used.add(link)
+                x, y = step
+    for index, part in enumerate(program.projections):
+        for name in ("cores", "local", "east_west", "north_south", "chip"):
+            values = getattr(placed.hops(index), name)
+            expected = [found[index, name, i] for i in range(program.populations[part.source].size)]
+            assert values.dtype == np.int64
+            assert values.tolist() == expected, (part.name, name)
+
+
+@settings(max_examples=40, deadline=None)
+@given(programs(), st.integers(1, 4))
+def test_connected_is_never_longer(program, most):
+    target = limited(mesh=Mesh(3, 2, 1), cores_per_chip=6)
+    close, declared = (place(program, target, order=o, neurons_per_core=most) for o in ("connected", "declared"))
+    assert (close.chips_used, close.total_hops) <= (declared.chips_used, declared.total_hops)
