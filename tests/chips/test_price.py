@@ -365,7 +365,7 @@ synaptic_op             in      6   450 pJ      2.7 nJ  [2]
 synaptic_op             ab      6   450 pJ      2.7 nJ  [2]
 learning_update         ab     12        -  not priced
 dynamic                                        71.1 nJ
-static                                     not priced
+static                                      not priced
 total                                          71.1 nJ
 
 """
