@@ -34,7 +34,7 @@ if TYPE_CHECKING:
         pairwise_bernoulli,
     )
     from neuro.simulation import ApproximationWarning, Simulation, compile
-    from neuro.synapses import loihi_static, r_stdp, static, stdp, stdp_dopa
+    from neuro.synapses import loihi_learning, loihi_static, r_stdp, static, stdp, stdp_dopa
 
 __version__ = "0.1.0"
 
@@ -66,7 +66,7 @@ _HOMES = {
         "pairwise_bernoulli",
     ),
     "neuro.simulation": ("ApproximationWarning", "Simulation", "compile"),
-    "neuro.synapses": ("loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"),
+    "neuro.synapses": ("loihi_learning", "loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"),
 }
 _MODULES = ("chips", "coding", "events")
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
@@ -96,6 +96,7 @@ __all__ = [
     "labels",
     "load",
     "lognormal",
+    "loihi_learning",
     "loihi_lif",
     "loihi_static",
     "normal",

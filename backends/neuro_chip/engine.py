@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,11 +13,12 @@ from neuro.backend import EngineCounts, Outcome, OverflowWarning, Spikes, Trial
 from neuro.chips.fixed import FixedProgram
 from neuro.clock import NEVER
 from neuro.currents import Currents
-from neuro.errors import ModelError
+from neuro.errors import ModelError, unknown
 from neuro.neurons import dc_generator, poisson_generator, spike_generator
-from neuro.program import Floats, Ints, Program
+from neuro.program import Floats, Ints
 from neuro_chip import tables as t
 from neuro_chip.build import STATES, arrays_of, write_registers, write_states
+from neuro_chip.learners import Learners
 from neuro_chip.listed import Listed
 from neuro_chip.loop import Net, advance
 from neuro_chip.record import Record
@@ -43,6 +43,7 @@ class ChipEngine:
         self._a = arrays_of(fixed)
         self._registers = Registers(fixed)
         self._weights = Weights(fixed, self._a)
+        self._learners = Learners(fixed, self._weights, self._a)
         self._currents = Currents(self.program)
         self._record = Record()
         self._told: set[tuple[int, int]] = set()
@@ -77,7 +78,10 @@ class ChipEngine:
         while clock[t.STEP] < end:
             self._apply_currents()
             before = int(clock[t.STEP])
-            advance(self._net, min(end, self._currents.next_change(before)))
+            stop = before + 1 if self._learners else min(end, self._currents.next_change(before))
+            advance(self._net, stop)
+            if self._learners and clock[t.STEP] > before:
+                self._learners.after(before + 1)
             if clock[t.RECORDED]:
                 n = int(clock[t.RECORDED])
                 self._record.take(*(self._a[name][:n] for name in ("rec_steps", "rec_ids", "rec_times")))
@@ -135,7 +139,7 @@ class ChipEngine:
 
     def signal(self, signal: int, values: Floats) -> None:
         """Set the dopamine of every synapse that listens."""
-        self._weights.signal(signal, values)
+        self._learners.signal(signal, values, self.step)
 
     # reading and writing
 
@@ -185,20 +189,44 @@ class ChipEngine:
         return np.broadcast_to(values, here.stop - here.start).copy()
 
     def synapse_registers(self, projection: int, name: str) -> Ints:
-        """The mantissa or the tag of every synapse."""
-        return self._weights.raw(projection, name)
+        """The mantissa ("weight", "mantissa") or the tag ("t", "c") of every synapse.
+
+        Raises:
+            ModelError: there is no such register.
+        """
+        if projection in self._learners:
+            tags = self._learners.raw(projection, name)
+            if tags is not None:
+                return tags
+            self._weights.mantissas[projection] = self._learners.mantissas(projection)
+        if name not in ("weight", "mantissa"):
+            raise unknown("register of synapses", name, ("weight", "t"))
+        return self._weights.raw(projection)
 
     def get_synapses(self, projection: int, name: str) -> Floats:
         """A state of every synapse in physical units."""
-        return self._weights.read(projection, name)
+        if projection in self._learners:
+            if name != "weight":
+                return self._learners.read(projection, name)
+            self._weights.mantissas[projection] = self._learners.mantissas(projection)
+        return self._weights.read(projection)
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model."""
-        self._weights.set_rule(projection, parameters)
+        if projection in self._learners:
+            name = self.program.projections[projection].name
+            raise ModelError(
+                f"the rule of '{name}' is in the chip's microcode: it cannot be changed while it runs",
+                hint="change the network and compile again",
+            )
+        self._weights.rules[projection] = parameters.copy()
 
     def set_weights(self, projection: int, weights: Floats) -> None:
         """Replace all weights: the host writes them, rounded to mantissas."""
         self._weights.set(projection, weights)
+        if projection in self._learners:
+            self._learners.set(projection, self._weights.mantissas[projection])
+        self._bind()
 
     # accounts
 
@@ -226,7 +254,7 @@ class ChipEngine:
             spikes=tuple(self._a["spikes"][place].copy() for place in here),
             active=self._a["active"].copy(),
             trial_updates=self._weights.updates.copy(),
-            native=native | self._weights.native(),
+            native=native | self._weights.native() | self._learners.native(),
         )
 
     def memory(self) -> dict[str, int]:
@@ -234,7 +262,9 @@ class ChipEngine:
         synapses = ("words", "lags", "rows", "targets")
         return {
             "neurons": sum(a.nbytes for name, a in self._a.items() if name not in synapses),
-            "synapses": sum(self._a[name].nbytes for name in synapses) + self._weights.nbytes(),
+            "synapses": sum(self._a[name].nbytes for name in synapses)
+            + self._weights.nbytes()
+            + self._learners.nbytes(),
             "spikes": self._record.nbytes(),
         }
 
@@ -251,6 +281,7 @@ class ChipEngine:
         self._record = Record()
         self._listed = Listed(self.program, self._a)
         self._weights.start_anew(weights)
+        self._learners.start_anew(weights)
         self._told.clear()
         if self._trials:
             self._trials.start_anew()
@@ -268,6 +299,7 @@ class ChipEngine:
             **self._listed.snapshot(),
             **self._currents.snapshot(),
             **self._weights.snapshot(),
+            **self._learners.snapshot(),
             **self._registers.snapshot(),
             "trials.changes": np.array(self._trials.changes if self._trials else 0),
         }
@@ -283,14 +315,7 @@ class ChipEngine:
         self._listed.restore(arrays, self.step)
         self._currents.restore(arrays)
         self._weights.restore(arrays)
+        self._learners.restore(arrays)
         if self._trials:
             self._trials.changes = int(arrays["trials.changes"])
         self._bind()
-
-
-def with_weights(program: Program, weights: Mapping[int, Floats]) -> Program:
-    """The program with other weights of some projections."""
-    parts = list(program.projections)
-    for index, values in weights.items():
-        parts[index] = replace(parts[index], weight=values)
-    return replace(program, projections=tuple(parts))

@@ -41,6 +41,7 @@ class Weights:
             own = np.zeros(0, dtype=np.int32) if wires is None else wires.mantissas
             if part.synapse.learns:
                 own = np.broadcast_to(own, part.size)
+            if part.synapse.learns == "trials":
                 self.rules[index] = part.synapse.vector()
             self.mantissas.append(own.copy())
 
@@ -49,14 +50,14 @@ class Weights:
         assert wires is not None
         return wires
 
-    def read(self, index: int, name: str) -> Floats:
-        """A state of every synapse; "weight" in the unit of the language."""
+    def read(self, index: int) -> Floats:
+        """The weight of every synapse in the unit of the language."""
         part, wires = self._program.projections[index], self.wires[index]
         if wires is None:
             return np.broadcast_to(part.weight, part.size).copy()
         return np.broadcast_to(wires.weights(self.mantissas[index]), part.size).copy()
 
-    def raw(self, index: int, name: str) -> Ints:
+    def raw(self, index: int) -> Ints:
         """The mantissa of every synapse."""
         part = self._program.projections[index]
         return np.broadcast_to(self.mantissas[index], part.size).astype(np.int64)
@@ -113,13 +114,6 @@ class Weights:
             if not same:
                 size = self.mantissas[index].size
                 self.put(index, np.broadcast_to(found.mantissas, max(size, found.mantissas.size)).copy())
-
-    def set_rule(self, index: int, parameters: Floats) -> None:
-        """Change the numbers of a synapse model."""
-        self.rules[index] = parameters.copy()
-
-    def signal(self, signal: int, values: Floats) -> None:
-        """Set the dopamine of every synapse that listens."""
 
     def native(self) -> dict[str, int]:
         """What only chips count."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from neuro.backend import Problem
 from neuro.chips.chip import Chip
+from neuro.chips.learning import LearningRule
 from neuro.program import Floats, Ints, Program
 
 Words = NDArray[np.int32]
@@ -101,6 +102,7 @@ class FixedProjection:
         lag: steps from the emission of a spike to the update that sees it, shape (1,) or one per synapse.
         delay: the delay register, likewise.
         rule: of synapses that learn on the chip, else None.
+        n_scale: dopamine in 1/ms of one unit of the modulatory traces.
         rounding: what became of the weights.
     """
 
@@ -117,7 +119,8 @@ class FixedProjection:
     step_below: Floats
     lag: Words
     delay: Words
-    rule: Any = None
+    rule: LearningRule | None = None
+    n_scale: float = 0.0
     rounding: WeightRounding = WeightRounding(0.0, 0.0, 0.0, 0.0)
 
     def weights(self, mantissas: Words) -> Floats:

@@ -118,13 +118,38 @@ def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list
     asked: Words = np.clip(np.rint(part.weight), first, last + 1).astype(np.int32)
     kept = dropped(asked, bits, mode == "mixed")
     found = scales.judged(asked.astype(np.float64), kept, 1.0, low, high)
-    return (
-        FixedProjection(
-            part.name, asked, word(asked, exponent, bits, mode == "mixed"), low, high, grain, exponent, mode, bits,
-            np.ones(1), np.ones(1), part.delay.astype(np.int32), (part.delay - 1).astype(np.int32), None, found,
-        ),
-        problems,
-    )  # fmt: skip
+    fixed = _fixed(part.name, asked, exponent, mode, bits, np.ones(1), (part.delay - 1).astype(np.int32), found)
+    return fixed, problems
+
+
+def _fixed(
+    name: str,
+    mantissas: Words,
+    exponent: int,
+    mode: str,
+    bits: int,
+    step: Floats,
+    delay: Words,
+    rounding: WeightRounding,
+) -> FixedProjection:
+    """A projection by its mantissas and its delay register."""
+    low, high, grain = bounds(mode, bits)
+    return FixedProjection(
+        name=name,
+        mantissas=mantissas,
+        words=word(mantissas, exponent, bits, mode == "mixed"),
+        low=low,
+        high=high,
+        grain=grain,
+        exponent=exponent,
+        sign_mode=mode,
+        bits=bits,
+        step=step,
+        step_below=step,
+        lag=delay + np.int32(1),
+        delay=delay,
+        rounding=rounding,
+    )
 
 
 # leaky integrate-and-fire
@@ -459,10 +484,7 @@ def projection(
         )
     delta = isinstance(inputs.part.model, iaf_psc_delta)
     register = (part.delay - delta).astype(np.int32)
-    fixed = FixedProjection(
-        part.name, mantissas, word(mantissas, exponent, 8, mode == "mixed"), low, high, grain, exponent, mode, 8,
-        per_synapse, per_synapse, (register + 1).astype(np.int32), register, None, found,
-    )  # fmt: skip
+    fixed = _fixed(part.name, mantissas, exponent, mode, 8, per_synapse, register, found)
     return fixed, problems
 
 
@@ -470,10 +492,8 @@ def relay_projection(inputs: Inputs, index: int) -> FixedProjection:
     """A projection onto parrots: every spike counts, whatever its weight."""
     part = inputs.program.projections[index]
     ones: Words = np.ones(1, dtype=np.int32)
-    return FixedProjection(
-        part.name, ones, ones, 0, 255, 1, 0, "excitatory", 8, part.weight.copy(), part.weight.copy(),
-        part.delay.astype(np.int32), (part.delay - 1).astype(np.int32), None, WeightRounding(0.0, 0.0, 0.0, 0.0),
-    )  # fmt: skip
+    lossless = WeightRounding(0.0, 0.0, 0.0, 0.0)
+    return _fixed(part.name, ones, 0, "excitatory", 8, part.weight.copy(), (part.delay - 1).astype(np.int32), lossless)
 
 
 def runs(model: object) -> bool:

@@ -23,13 +23,13 @@ class Options:
         scales: units of the voltage register per mV, by population.
         exponents: Loihi's weight exponents, by projection.
         shifts: SpiNNaker's shifts of the (excitatory, inhibitory) slots, by population.
-        epoch: steps of a learning epoch.
+        signals: largest dopamine concentration in 1/ms that a signal will set, by projection.
     """
 
     scales: Mapping[str, float] = field(default_factory=dict)
     exponents: Mapping[str, int] = field(default_factory=dict)
     shifts: Mapping[str, tuple[int, int]] = field(default_factory=dict)
-    epoch: int = 1
+    signals: Mapping[str, float] = field(default_factory=dict)
 
 
 class Inputs:

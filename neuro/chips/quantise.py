@@ -18,10 +18,13 @@ from neuro.backend import Problem
 from neuro.chips import loihi, spinnaker
 from neuro.chips.chip import Chip
 from neuro.chips.fixed import FixedPopulation, FixedProgram, FixedProjection
+from neuro.chips.learning_fit import COARSE_UPDATE
+from neuro.chips.learning_map import Mapped, rule_of
 from neuro.chips.parts import Inputs, Options, approximated, refused
 from neuro.errors import ModelError, nearest
 from neuro.neurons import Neuron, dc_generator, iaf_psc_delta, parrot_neuron, poisson_generator, spike_generator
 from neuro.program import Floats, Program
+from neuro.synapses import loihi_learning
 
 ARITHMETIC: dict[str, ModuleType] = {"loihi": loihi, "spinnaker": spinnaker}
 
@@ -79,16 +82,18 @@ def options_of(program: Program, chip: Chip, options: Mapping[str, Any]) -> Opti
         if name not in known:
             raise ModelError(f"backend '{chip.name}' has no option '{name}'", hint=nearest(name, known))
     populations, projections = ([p.name for p in parts] for parts in (program.populations, program.projections))
-    for option, names in (("scales", populations), ("shifts", populations), ("exponents", projections)):
+    for option, names in (
+        ("scales", populations),
+        ("shifts", populations),
+        ("exponents", projections),
+        ("signals", projections),
+    ):
         for name in options.get(option, {}):
             if name not in names:
                 raise ModelError(f"{option}: unknown part '{name}'", hint=nearest(name, names))
     for name, scale in options.get("scales", {}).items():
         if isinstance(scale, bool) or not isinstance(scale, (int, float, np.number)) or not scale > 0:
             raise ModelError(f"scales['{name}'] = {scale!r}: expected units per mV, a number > 0")
-    epoch = options.get("epoch", 1)
-    if isinstance(epoch, bool) or not isinstance(epoch, int) or not 1 <= epoch <= 63:
-        raise ModelError(f"epoch = {epoch!r}: expected a whole number of steps from 1 to 63")
     return Options(**options)
 
 
@@ -104,9 +109,9 @@ def _quantise(program: Program, chip: Chip, options: Options) -> FixedProgram:
         populations.append(fixed)
         projections |= found
         problems += told
+    problems += _learning(program, chip, projections, options)
     wires = tuple(projections.get(index) for index in range(len(program.projections)))
     problems += _delays(program, chip, wires)
-    problems += _learning(program, chip)
     if any(p.refused for p in problems):
         return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), ())
     problems += _merged(program, chip)
@@ -171,17 +176,56 @@ def _delays(program: Program, chip: Chip, wires: tuple[FixedProjection | None, .
         )
 
 
-def _learning(program: Program, chip: Chip) -> Iterator[Problem]:
-    for part in program.projections:
-        synapse = part.synapse
+def _learning(program: Program, chip: Chip, wires: dict[int, FixedProjection], options: Options) -> Iterator[Problem]:
+    """Give rules to the projections that learn on the chip; tell what is refused and what is approximated."""
+    for index, part in enumerate(program.projections):
+        synapse, told = part.synapse, f"projection '{part.name}': {part.synapse.name}"
         if synapse.chip and synapse.chip != chip.arithmetic:
             way = f"backend '{synapse.chip}' runs it"
-            why = f"its parameters are registers of {synapse.chip}"
-            yield refused(part.origin, f"projection '{part.name}': {synapse.name}", why, way)
+            yield refused(part.origin, told, f"its parameters are registers of {synapse.chip}", way)
         elif synapse.learns in ("pairs", "chip") and chip.arithmetic != "loihi":
-            why = f"pairwise learning is not emulated on {chip.name}"
             way = "run it on loihi or event, or send static weights: sim.network() has what was learnt"
-            yield refused(part.origin, f"projection '{part.name}': {synapse.name}", why, way)
+            yield refused(part.origin, told, f"pairwise learning is not emulated on {chip.name}", way)
+        elif isinstance(synapse, loihi_learning) and index in wires:
+            wires[index] = replace(wires[index], rule=synapse.rule())
+        elif synapse.learns == "pairs" and index in wires:
+            try:
+                mapped = _mapped(program, index, wires[index], options)
+            except ModelError as error:
+                yield refused(part.origin, told, error.message, error.hint)
+                continue
+            wires[index] = replace(wires[index], rule=mapped.rule, n_scale=mapped.n_scale)
+            yield approximated(part.origin, told, "; ".join(mapped.approximations))
+            if mapped.update < COARSE_UPDATE:
+                why = (
+                    f"a change is {mapped.update:.2g} of a weight step: below {COARSE_UPDATE:g} much of it is cut away"
+                )
+                yield approximated(part.origin, told, why, "learn faster, or lower Wmax, which sets the weight step")
+
+
+def _mapped(program: Program, index: int, wires: FixedProjection, options: Options) -> Mapped:
+    """The rule of the learning engine for a projection.
+
+    Raises:
+        ModelError: there is none.
+    """
+    part = program.projections[index]
+    tau_minus = program.populations[part.target].parameters["tau_minus"]
+    if wires.step.size > 1 or tau_minus.size > 1:
+        raise ModelError("the target's neurons differ: a rule is one for the whole projection")
+    if wires.sign_mode != "excitatory":
+        raise ModelError(
+            f"weights in sign mode {wires.sign_mode}: expected Wmin >= 0 and weights >= 0", hint="set Wmin: 0"
+        )
+    return rule_of(
+        part.synapse,
+        program.resolution,
+        float(tau_minus[0]),
+        float(wires.step[0]),
+        wires.bits,
+        delay=int(part.delay.max(initial=1)),
+        largest_n=float(options.signals.get(part.name, 1.0)),
+    )
 
 
 def _merged(program: Program, chip: Chip) -> Iterator[Problem]:

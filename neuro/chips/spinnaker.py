@@ -68,7 +68,22 @@ def _projection(
     name: str, words: Words, step: Floats, below: Floats, delay: Words, rounding: WeightRounding
 ) -> FixedProjection:
     ticks = delay.astype(np.int32)
-    return FixedProjection(name, words, words, -SLOT, SLOT, 1, 0, "", 16, step, below, ticks, ticks, None, rounding)
+    return FixedProjection(
+        name=name,
+        mantissas=words,
+        words=words,
+        low=-SLOT,
+        high=SLOT,
+        grain=1,
+        exponent=0,
+        sign_mode="",
+        bits=16,
+        step=step,
+        step_below=below,
+        lag=ticks,
+        delay=ticks,
+        rounding=rounding,
+    )
 
 
 def relay_projection(inputs: Inputs, index: int) -> FixedProjection:

@@ -4,13 +4,14 @@ import numpy as np
 
 from neuro.neurons.base import check_functions, fill
 from neuro.synapses.base import FUNCTIONS, Synapse
+from neuro.synapses.loihi_learning import loihi_learning
 from neuro.synapses.loihi_static import loihi_static
 from neuro.synapses.r_stdp import r_stdp
 from neuro.synapses.static import static
 from neuro.synapses.stdp import stdp
 from neuro.synapses.stdp_dopa import stdp_dopa
 
-_LISTED: tuple[type[Synapse], ...] = (static, stdp, stdp_dopa, r_stdp, loihi_static)
+_LISTED: tuple[type[Synapse], ...] = (static, stdp, stdp_dopa, r_stdp, loihi_static, loihi_learning)
 
 
 def complete(model: type[Synapse]) -> type[Synapse]:
@@ -42,4 +43,4 @@ def complete(model: type[Synapse]) -> type[Synapse]:
 
 SYNAPSES: dict[str, type[Synapse]] = {model.__name__: complete(model) for model in _LISTED}
 
-__all__ = ["SYNAPSES", "Synapse", "loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"]
+__all__ = ["SYNAPSES", "Synapse", "loihi_learning", "loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"]
