@@ -7,11 +7,13 @@ from typing import Any
 
 from neuro.backend import Engine, Problem
 from neuro.chips.chip import Chip, chip
+from neuro.chips.place import place
 from neuro.chips.quantise import quantise
 from neuro.errors import ModelError
 from neuro.program import Program
 
-OWN = ("strict",)
+OF_PLACE = ("order", "neurons_per_core")
+OWN = ("strict", *OF_PLACE)
 
 
 class ChipBackend:
@@ -28,7 +30,7 @@ class ChipBackend:
     def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
         """What does not fit into the chip's integers or onto its cores, and what is approximated."""
         fixed = quantise(program, self.chip, **_of_quantise(options))
-        return fixed.problems
+        return (*fixed.problems, *place(program, self.chip, **_of_place(options)).problems)
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
         """Make an engine at step 0.
@@ -36,8 +38,8 @@ class ChipBackend:
         Args:
             program: what to run.
             threads: accepted; one thread computes.
-            options: `strict` (an overflow is an error), `scales`, `shifts`, `exponents`, `epoch`: see
-                `neuro.chips.quantise`.
+            options: `strict` (an overflow is an error); `scales`, `shifts`, `exponents`, `signals`, see
+                `neuro.chips.quantise`; `order`, `neurons_per_core`, see `neuro.chips.place`.
 
         Raises:
             ModelError: the chip refuses the program, or an option is unknown.
@@ -48,6 +50,10 @@ class ChipBackend:
         from neuro_chip.engine import ChipEngine
 
         return ChipEngine(fixed, strict=bool(options.get("strict", False)))
+
+
+def _of_place(options: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if name in OF_PLACE}
 
 
 def _of_quantise(options: Mapping[str, Any]) -> dict[str, Any]:

@@ -46,7 +46,7 @@ class ChipEngine:
         self._learners = Learners(fixed, self._weights, self._a)
         self._currents = Currents(self.program)
         self._record = Record()
-        self._told: set[tuple[int, int]] = set()
+        self._told: set[str] = set()
         for k, part in enumerate(self.program.populations):
             write_states(self._a, k, fixed.populations[k])
             if isinstance(part.model, poisson_generator):
@@ -97,16 +97,18 @@ class ChipEngine:
             self._a["bias"][self.slice(target)] = self._registers.bias(target, current)
 
     def check_overflows(self) -> None:
-        """Tell of overflows once each, or refuse to go on."""
-        for k, column in zip(*np.nonzero(self._a["native"][:, : t.MERGED]), strict=True):
-            if (k, column) in self._told:
-                continue
-            self._told.add((int(k), int(column)))
-            count = int(self._a["native"][k, column])
-            text = f"population '{self.program.populations[k].name}': {count} {t.NATIVE[column]} up to step {self.step}"
+        """Tell of each kind of overflow once, or refuse to go on."""
+        columns = self._a["native"][:, : t.MERGED]
+        found = {
+            f"{t.NATIVE[column]} of {self.program.populations[k].name}": int(columns[k, column])
+            for k, column in zip(*np.nonzero(columns), strict=True)
+        } | self._learners.overflows()
+        for what in found.keys() - self._told:
+            self._told.add(what)
+            text = f"backend '{self.fixed.chip.name}': {found[what]} {what} up to step {self.step}"
             if self._strict:
                 raise ModelError(text, hint="lower its scale or its weights, or run without strict=True")
-            warnings.warn(text + "; counts().native has their number", OverflowWarning, stacklevel=4)
+            warnings.warn(f"{text}; counts().native has their number", OverflowWarning, stacklevel=4)
 
     def slice(self, population: int) -> slice:
         """Where a population lies among all neurons."""

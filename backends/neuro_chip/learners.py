@@ -23,6 +23,7 @@ _COUNTED = {
     kernels.TAG_SATURATED: "tags at a bound",
     kernels.OVERFLOWS: "accumulator overflows",
 }
+_TOO_SMALL = ("tags at a bound", "accumulator overflows", "trace saturations")
 
 
 class Learners:
@@ -136,6 +137,10 @@ class Learners:
             if plastic.saturated[0]:
                 found[f"trace saturations in {name}"] = int(plastic.saturated[0])
         return found
+
+    def overflows(self) -> dict[str, int]:
+        """Registers of the learning engine that were too small, by what they are."""
+        return {name: count for name, count in self.native().items() if name.startswith(_TOO_SMALL)}
 
     def nbytes(self) -> int:
         """Bytes held."""

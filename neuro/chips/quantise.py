@@ -41,6 +41,9 @@ LIMITS = {
 }
 """Errors above which rounding is told as an approximation: of weights, of time constants and of potentials."""
 
+LARGEST_SIGNAL = 4.0
+"""Dopamine that a signal may set, in those of one dopamine spike, 1/tau_n, where the option `signals` says nothing."""
+
 _KEPT: WeakKeyDictionary[Program, dict[tuple[Any, ...], FixedProgram]] = WeakKeyDictionary()
 
 
@@ -210,6 +213,7 @@ def _mapped(program: Program, index: int, wires: FixedProjection, options: Optio
         ModelError: there is none.
     """
     part = program.projections[index]
+    told = part.synapse.parameters()
     tau_minus = program.populations[part.target].parameters["tau_minus"]
     if wires.step.size > 1 or tau_minus.size > 1:
         raise ModelError("the target's neurons differ: a rule is one for the whole projection")
@@ -224,7 +228,7 @@ def _mapped(program: Program, index: int, wires: FixedProjection, options: Optio
         float(wires.step[0]),
         wires.bits,
         delay=int(part.delay.max(initial=1)),
-        largest_n=float(options.signals.get(part.name, 1.0)),
+        largest_n=float(options.signals.get(part.name, LARGEST_SIGNAL / told.get("tau_n", 1.0))),
     )
 
 
