@@ -67,8 +67,8 @@ def lay_out(chip: Chip, memory: Ints, snake: bool) -> Places:
     Args:
         chip: has the mesh, and perhaps a memory that the cores of a chip share.
         memory: bytes of each core.
-        snake: whether tiles are taken in columns, up and down in turn, and chips likewise, so that one is always
-            beside the next; otherwise they are taken row by row.
+        snake: whether the tiles of a chip are taken column by column, down and up in turn, and chips row by row, to
+            and fro, so that one is beside the next; otherwise both are taken row by row.
     """
     mesh = mesh_of(chip, len(memory))
     number, within = _chips(chip, memory)

@@ -4,8 +4,7 @@ import json
 import math
 from collections import Counter
 from dataclasses import replace
-from itertools import pairwise
-from pathlib import Path
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -15,12 +14,13 @@ from hypothesis import strategies as st
 import neuro
 import neuro_models
 from neuro.chips.chip import Chip, Figure, Mesh, chip
+from neuro.chips.mesh import exchange, lay_out
 from neuro.chips.packing import block_bits, index_bits, synapse_bits
 from neuro.chips.place import place
 from neuro.compiler import compile_network
 from neuro.neurons import Neuron
 
-REMUS = Path(neuro_models.__file__).parent / "remus.yaml"
+REMUS = neuro_models.path("remus")
 LOIHI, SPINNAKER = chip("loihi"), chip("spinnaker")
 
 
@@ -414,6 +414,47 @@ def test_report():
 def test_a_long_report_is_cut():
     text = str(place(network(("a", 100)), LOIHI, neurons_per_core=1))
     assert "... and 60 more cores" in text
+
+
+def test_unused_tiles_that_are_closer_are_taken():
+    """Four tiles, each of whose cores every source reaches: (0, 0), its two neighbours and one at two hops."""
+    program = network(sources(8), ("a", 16), connect=[("in", "a", neuro.all_to_all())])
+    assert place(program, LOIHI, neurons_per_core=1).total_hops == 8 * 4 * (0 + 1 + 1 + 2)
+    assert place(program, LOIHI, neurons_per_core=1, order="declared").total_hops == 8 * 4 * (0 + 1 + 2 + 3)
+
+
+@pytest.mark.parametrize("cores", [1, 4, 24, 25, 24 * 7])
+def test_a_snake_takes_neighbours(cores):
+    target = limited(mesh=Mesh(4, 6, 1), cores_per_chip=24)
+    places = lay_out(target, np.zeros(cores, dtype=np.int64), snake=True)
+    steps = np.abs(np.diff(places.column)) + np.abs(np.diff(places.row))
+    assert (steps[np.diff(places.chip) == 0] == 1).all()
+    over = np.abs(np.diff(places.chip_column)) + np.abs(np.diff(places.chip_row))
+    assert (over == np.diff(places.chip)).all()
+    side = math.ceil(math.sqrt(math.ceil(cores / 24)))
+    assert max(places.chip_column.max(), places.chip_row.max()) < side
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(1, 9), st.randoms(use_true_random=False))
+def test_exchange_leaves_no_pair_that_would_save_hops(n, draw):
+    traffic = np.array([[draw.randint(0, 9) for _ in range(n)] for _ in range(n)], dtype=np.float64)
+    traffic = np.triu(traffic, 1) + np.triu(traffic, 1).T
+    pull = np.array([draw.randint(0, 9) for _ in range(n)], dtype=np.float64)
+    column, row = (np.array([draw.randint(0, 4) for _ in range(n)]) for _ in range(2))
+
+    def hops(at):
+        x, y = column[at], row[at]
+        way = np.abs(x[:, None] - x) + np.abs(y[:, None] - y)
+        return (traffic * way).sum() / 2 + pull @ (x + y)
+
+    at = exchange(traffic, pull, column, row)
+    assert sorted(at) == list(range(n))
+    assert hops(at) <= hops(np.arange(n))
+    for i, j in combinations(range(n), 2):
+        swapped = at.copy()
+        swapped[[i, j]] = swapped[[j, i]]
+        assert hops(swapped) >= hops(at)
 
 
 # all of it against a count spelled out
