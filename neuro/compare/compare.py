@@ -1,0 +1,218 @@
+"""Run one network on several backends, with the same input, and compare each with the first."""
+
+from __future__ import annotations
+
+import copy
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+from neuro.backend import OverflowWarning, find
+from neuro.chips.chip import Chip, chip, chips
+from neuro.chips.fixed import FixedProgram
+from neuro.chips.place import place
+from neuro.chips.placement import Placement
+from neuro.chips.quantise import quantise
+from neuro.clock import Clock
+from neuro.compare import spikes
+from neuro.compare.result import Bill, Comparison, PopulationResult, Run
+from neuro.compare.spikes import Train
+from neuro.compare.weights import difference, histograms, rounding
+from neuro.errors import ModelError
+from neuro.network import Network
+from neuro.neurons import Generator, dc_generator, poisson_generator
+from neuro.program import Program
+from neuro.simulation import ApproximationWarning, Simulation, compile
+
+TARGETS = ("loihi", "spinnaker", "cpu", "gpu")
+"""What the counts of the first run are priced for, beside each chip backend's own bill."""
+
+Advance = Callable[[Simulation, int], None]
+
+
+def compare(
+    net: Network,
+    backends: Sequence[str],
+    ms: float,
+    seed: int = 0,
+    *,
+    threads: int = 1,
+    advance: Advance | None = None,
+) -> Comparison:
+    """Run a network on several backends and compare each with the first.
+
+    A backend that refuses the network is told with its reason; the first that runs is what others are compared with.
+
+    Args:
+        net: the network; it stays as it is.
+        backends: names, two or more.
+        ms: how long, a multiple of the resolution.
+        seed: of everything random; all backends see the same input.
+        threads: cores to use, where a backend can.
+        advance: how to run a simulation for some steps, e.g. to show progress; `sim.run` if not given.
+
+    Raises:
+        ModelError: a name is unknown or said twice, fewer than two backends run the network, or `ms` is off the grid.
+    """
+    _check(backends)
+    steps = Clock(net.resolution).step(ms, "ms")
+    watched, runs = _recording(net), list[Run]()
+    for name in backends:
+        first = next((run for run in runs if not run.refused), None)
+        with _heard() as told:
+            try:
+                sim = compile(watched, backend=name, seed=seed, threads=threads)
+                (advance or _run)(sim, steps)
+            except ModelError as error:
+                run = Run(name, refused=str(error))
+            else:
+                run = _against(_gather(sim, first is None), first, sim.time)
+        runs.append(replace(run, warnings=tuple(told)))
+    return _comparison(net, ms, seed, runs)
+
+
+def _comparison(net: Network, ms: float, seed: int, runs: list[Run]) -> Comparison:
+    """All runs together, if there are two or more."""
+    _enough(runs)
+    program = next(run.program for run in runs if run.program is not None)
+    fixed = {run.backend: run.fixed for run in runs if run.fixed is not None}
+    told = histograms(program, fixed)
+    return Comparison(net.name, float(ms), net.resolution, seed, tuple(runs), told, tuple(_notes(runs)))
+
+
+def _check(backends: Sequence[str]) -> None:
+    if len(backends) < 2:
+        raise ModelError(f"backends = {', '.join(backends) or 'none'}: expected two or more to compare")
+    for index, name in enumerate(backends):
+        find(name)
+        if name in backends[:index]:
+            raise ModelError(f"backends: '{name}' is said twice")
+
+
+def _enough(runs: list[Run]) -> None:
+    """Refuse to compare one run with nothing."""
+    ran = sum(not run.refused for run in runs)
+    if ran < 2:
+        reasons = "\n".join(run.refused for run in runs if run.refused)
+        who = {0: "none", 1: "only 1"}[ran]
+        verb = "runs" if ran else "run"
+        raise ModelError(f"{who} of the {len(runs)} backends {verb} this network: nothing to compare\n{reasons}")
+
+
+def _recording(net: Network) -> Network:
+    """The same network, whose Poisson generators record their spikes."""
+    watched = copy.copy(net)
+    watched.probes = dict(net.probes)
+    probed = {probe.of for probe in net.probes.values() if probe.record == "spikes"}
+    for name, part in net.populations.items():
+        if name not in probed and isinstance(part.model, poisson_generator):
+            free = f"{name}.spikes"
+            while free in watched.probes:
+                free += "_"
+            watched.probe(free, name)
+    return watched
+
+
+def _run(sim: Simulation, steps: int) -> None:
+    sim.run(Clock(sim.program.resolution).ms(steps))
+
+
+@contextmanager
+def _heard() -> Iterator[list[str]]:
+    """Collect what backends warn of; other warnings go on."""
+    texts: list[str] = []
+    kinds = (ApproximationWarning, OverflowWarning)
+    with warnings.catch_warnings(record=True) as told:
+        for kind in kinds:
+            warnings.simplefilter("always", kind)
+        yield texts
+        texts += dict.fromkeys(str(w.message) for w in told if issubclass(w.category, kinds))
+    for w in told:
+        if not issubclass(w.category, kinds):
+            warnings.warn_explicit(w.message, w.category, w.filename, w.lineno)
+
+
+def _gather(sim: Simulation, first: bool) -> Run:
+    """Everything of a run that is compared or shown."""
+    program, counts = sim.program, sim.counts()
+    clock = Clock(program.resolution)
+    trains, results = dict[str, Train](), dict[str, PopulationResult]()
+    for part in program.populations:
+        if isinstance(part.model, dc_generator):
+            continue
+        times, ids = sim.spikes(part.name)
+        trains[part.name] = Train(part.size, times, clock.steps(times, "spikes"), ids)
+        rate = times.size / max(part.size, 1) / (sim.time / 1000.0)
+        results[part.name] = PopulationResult(part.size, times.size, rate, isinstance(part.model, Generator))
+    fixed, placement = on_chip(program, sim.backend)
+    return Run(
+        sim.backend,
+        counts=counts,
+        populations=results,
+        rounding=rounding(fixed) if fixed else None,
+        fixed=fixed,
+        placement=placement,
+        bills=_bills(sim, first),
+        trains=trains,
+        program=program,
+        final={part.name: sim.get(part.name, "weight") for part in program.projections if part.size},
+    )
+
+
+def chip_of(backend: str) -> Chip | None:
+    """The chip that a backend emulates; None of a float backend."""
+    found = chip(backend) if backend in chips() else None
+    return found if found and found.arithmetic else None
+
+
+def on_chip(program: Program, backend: str) -> tuple[FixedProgram | None, Placement | None]:
+    """A program in the integers of a backend's chip, and on its cores."""
+    found = chip_of(backend)
+    if found is None:
+        return None, None
+    return quantise(program, found), place(program, found)
+
+
+def _against(run: Run, first: Run | None, duration_ms: float) -> Run:
+    """A run with its differences from the first."""
+    if first is None:
+        return run
+    populations = {}
+    for name, part in run.populations.items():
+        mine, its = first.trains[name], run.trains[name]
+        found = spikes.divergence(mine, its)
+        far = spikes.distance(mine, its, duration_ms)
+        populations[name] = replace(part, same=found is None, first=found, distance=far)
+    inputs = [name for name, part in populations.items() if part.generator and not part.same]
+    merged = all(spikes.same_steps(first.trains[name], run.trains[name]) for name in inputs)
+    return replace(
+        run,
+        populations=populations,
+        weights={name: difference(first.final[name], weights) for name, weights in run.final.items()},
+        inputs="same" if not inputs else "merged" if merged else "other",
+    )
+
+
+def _bills(sim: Simulation, first: bool) -> tuple[Bill, ...]:
+    """What a run takes on its own chip; the first run also on other targets."""
+    own = (sim.backend,) if chip_of(sim.backend) else ()
+    others = tuple(name for name in TARGETS if first and name not in own)
+    return tuple(_bill(sim, name) for name in own + others)
+
+
+def _bill(sim: Simulation, target: str) -> Bill:
+    try:
+        return Bill(target, sim.backend, sim.energy(target))
+    except ModelError as error:
+        return Bill(target, sim.backend, None, str(error))
+
+
+def _notes(runs: list[Run]) -> Iterable[str]:
+    ran = [run for run in runs if not run.refused]
+    if runs[0].refused:
+        yield f"'{runs[0].backend}' did not run: others are compared with '{ran[0].backend}'"
+    if not any(part.spikes for part in ran[0].neurons.values()):
+        yield f"no neuron fired on '{ran[0].backend}': there is little to compare"
+    if any(part.distance is None for run in ran[1:] for part in run.populations.values()):
+        yield spikes.MISSING

@@ -1,0 +1,89 @@
+"""Elements of a page, with everything escaped that is not an element itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+
+class Html(str):
+    """Text that is HTML or SVG already."""
+
+    __slots__ = ()
+
+
+def tag(name: str, *parts: object, **attributes: object) -> Html:
+    """An element.
+
+    Args:
+        name: of the element.
+        parts: what it contains: elements as they are, other values as text; None is left out.
+        attributes: by name; `class_` is "class", "_" is "-", None is left out, floats have at most two decimals.
+    """
+    words = "".join(
+        f' {key.rstrip("_").replace("_", "-")}="{escape(_text(value))}"'
+        for key, value in attributes.items()
+        if value is not None
+    )
+    return Html(f"<{name}{words}>{join(parts)}</{name}>")
+
+
+def join(parts: Iterable[object]) -> Html:
+    """Elements and texts one after the other."""
+    return Html("".join(p if isinstance(p, Html) else escape(_text(p)) for p in parts if p is not None))
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str = "") -> Html:
+    """A table; columns whose name begins with ">" are numbers, set to the right."""
+    kinds = ["n" if name.startswith(">") else None for name in columns]
+    head = [tag("th", name.lstrip(">"), class_=kind, scope="col") for name, kind in zip(columns, kinds, strict=True)]
+    body = [tag("tr", *(tag("td", cell, class_=k) for cell, k in zip(row, kinds, strict=True))) for row in rows]
+    told = tag("caption", caption) if caption else None
+    return tag("div", tag("table", told, tag("thead", tag("tr", *head)), tag("tbody", *body)), class_="scroll")
+
+
+def figure(picture: Html, caption: object) -> Html:
+    """A picture with words below."""
+    return tag("figure", picture, tag("figcaption", caption))
+
+
+def legend(*entries: tuple[str, str]) -> Html:
+    """Small squares, each of a class, and what they mean."""
+    return tag("p", *(tag("span", tag("i", class_=kind), text) for kind, text in entries), class_="legend")
+
+
+def svg(width: float, height: float, *parts: object, label: str, class_: str | None = None) -> Html:
+    """A drawing as wide as its place allows.
+
+    Args:
+        width: in units of its own, which are pixels where there is room.
+        height: likewise.
+        parts: what it shows.
+        label: for those who cannot see it.
+        class_: of the element.
+    """
+    box = f"0 0 {_text(width)} {_text(height)}"
+    style = f"max-width:{_text(width)}px"
+    return tag("svg", *parts, viewBox=box, role="img", aria_label=label, style=style, class_=class_)
+
+
+def text(x: float, y: float, words: object, class_: str | None = None, anchor: str | None = None) -> Html:
+    """Words in a drawing."""
+    return tag("text", words, x=x, y=y, class_=class_, text_anchor=anchor)
+
+
+def line(x1: float, y1: float, x2: float, y2: float, class_: str) -> Html:
+    """A line in a drawing."""
+    return tag("line", x1=x1, y1=y1, x2=x2, y2=y2, class_=class_)
+
+
+def box(
+    x: float, y: float, width: float, height: float, class_: str, title: str = "", opacity: float | None = None
+) -> Html:
+    """A rectangle in a drawing; `title` shows when it is pointed at."""
+    told = tag("title", title) if title else None
+    return tag("rect", told, x=x, y=y, width=width, height=height, class_=class_, fill_opacity=opacity)
+
+
+def _text(value: object) -> str:
+    return f"{value:.2f}".rstrip("0").rstrip(".") if isinstance(value, float) else str(value)

@@ -1,0 +1,193 @@
+"""What a comparison found: a run of each backend, its differences from the first, and bills."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from neuro.chips.energy import Energy
+from neuro.chips.fixed import FixedProgram
+from neuro.chips.placement import Placement
+from neuro.compare.spikes import Distance, Divergence, Train
+from neuro.compare.weights import Histogram, WeightDifference
+from neuro.counts import Counts
+from neuro.program import Floats, Program
+
+FORMAT = "neuro comparison 1"
+SHARED = ("spikes", "synaptic_ops", "neuron_updates", "neuron_updates_active", "learning_updates")
+"""Counts that are equal on every backend for equal spikes."""
+
+
+@dataclass(frozen=True, slots=True)
+class PopulationResult:
+    """One population on one backend.
+
+    Attributes:
+        neurons: its size.
+        spikes: how many it fired.
+        rate_hz: mean rate of a neuron.
+        generator: whether it is input, whose spikes should be the same everywhere.
+        same: whether it fired exactly the spikes of the first run.
+        first: the first difference, None where there is none.
+        distance: of the spike trains; None of the first run itself, and without the library.
+    """
+
+    neurons: int
+    spikes: int
+    rate_hz: float
+    generator: bool
+    same: bool = True
+    first: Divergence | None = None
+    distance: Distance | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Bill:
+    """What a run would take on a target.
+
+    Attributes:
+        target: the name of the chip or processor.
+        counted_on: the backend whose counts are priced.
+        energy: the bill; None where there is none.
+        reason: why there is none.
+    """
+
+    target: str
+    counted_on: str
+    energy: Energy | None
+    reason: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        words = self.energy.as_dict() if self.energy else {"target": self.target, "reason": self.reason}
+        return {"counted_on": self.counted_on, **words}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """What one backend did.
+
+    Attributes:
+        backend: its name.
+        refused: why it did not run; "" if it did.
+        warnings: what it approximates, and overflows.
+        inputs: than those of the first run: "same", "merged" (several spikes of a neuron in a step are one), "other".
+        counts: of the run.
+        populations: results by name, those without spikes (currents) left out.
+        weights: difference of the final weights from the first run's, by projection.
+        rounding: what quantising does to the weights as described, by projection; None of a float backend.
+        fixed, placement: the network in the chip's integers and on its cores; None of a float backend.
+        bills: on its own chip; of the run that others are compared with also on other targets.
+        trains: the spikes.
+        final: final weights of each projection, one for each synapse.
+        program: the network as the backend saw it.
+    """
+
+    backend: str
+    refused: str = ""
+    warnings: tuple[str, ...] = ()
+    inputs: str = "same"
+    counts: Counts | None = None
+    populations: Mapping[str, PopulationResult] = field(default_factory=dict)
+    weights: Mapping[str, WeightDifference] = field(default_factory=dict)
+    rounding: Mapping[str, WeightDifference] | None = None
+    fixed: FixedProgram | None = None
+    placement: Placement | None = None
+    bills: tuple[Bill, ...] = ()
+    trains: Mapping[str, Train] = field(default_factory=dict)
+    final: Mapping[str, Floats] = field(default_factory=dict)
+    program: Program | None = None
+
+    @property
+    def neurons(self) -> dict[str, PopulationResult]:
+        """The populations that are not input."""
+        return {name: part for name, part in self.populations.items() if not part.generator}
+
+    @property
+    def first(self) -> tuple[str, Divergence] | None:
+        """The earliest difference among its populations of neurons."""
+        found = [(name, part.first) for name, part in self.neurons.items() if part.first is not None]
+        return min(found, key=lambda pair: pair[1].ms, default=None)
+
+    @property
+    def per_spike(self) -> float | None:
+        """Spike-train distance per spike over all populations of neurons; None where it was not measured."""
+        told = [part.distance for part in self.neurons.values() if part.distance is not None]
+        return sum(d.edits for d in told) / max(sum(d.spikes for d in told), 1) if told else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """All but spikes and weights themselves, for JSON."""
+        if self.refused:
+            return {"ran": False, "reason": self.refused, "warnings": list(self.warnings)}
+        assert self.counts is not None
+        counts = {name: getattr(self.counts, name) for name in ("steps", *SHARED)}
+        return {
+            "ran": True,
+            "reason": None,
+            "warnings": list(self.warnings),
+            "inputs": self.inputs,
+            "counts": counts,
+            "native_counts": dict(self.counts.native),
+            "populations": {name: asdict(part) for name, part in self.populations.items()},
+            "weights": {name: asdict(part) for name, part in self.weights.items()},
+            "weight_rounding": _words(self.rounding),
+            "rounding": self.fixed.as_dict() if self.fixed else None,
+            "placement": self.placement.as_dict() if self.placement else None,
+        }
+
+
+def _words(parts: Mapping[str, WeightDifference] | None) -> dict[str, Any] | None:
+    return None if parts is None else {name: asdict(part) for name, part in parts.items()}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """A network on several backends.
+
+    Attributes:
+        network: its name.
+        ms: how long it ran.
+        resolution_ms: length of a step.
+        seed: of everything random, the same for all.
+        runs: of each backend, in the order asked for; the first that ran is what others are compared with.
+        histograms: of the weights of each projection as described and on each chip.
+        notes: what else to know.
+    """
+
+    network: str
+    ms: float
+    resolution_ms: float
+    seed: int
+    runs: tuple[Run, ...]
+    histograms: tuple[Histogram, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def first(self) -> Run:
+        """The run that others are compared with."""
+        return self.ran[0]
+
+    @property
+    def ran(self) -> tuple[Run, ...]:
+        """The runs that were not refused."""
+        return tuple(run for run in self.runs if not run.refused)
+
+    @property
+    def bills(self) -> tuple[Bill, ...]:
+        """Each chip backend's own, then other targets, priced with the counts of the first run."""
+        return tuple(sorted((bill for run in self.ran for bill in run.bills), key=lambda b: b.target != b.counted_on))
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON; the keys stay, see docs/how-to/compare-backends.md."""
+        return {
+            "format": FORMAT,
+            "network": self.network,
+            "ms": self.ms,
+            "resolution_ms": self.resolution_ms,
+            "seed": self.seed,
+            "compared_with": self.first.backend,
+            "backends": {run.backend: run.as_dict() for run in self.runs},
+            "energy": [bill.as_dict() for bill in self.bills],
+            "notes": list(self.notes),
+        }

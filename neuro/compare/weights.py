@@ -1,0 +1,139 @@
+"""How weights differ: between two runs at their end, and by being brought into a chip's integers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.chips.fixed import FixedProgram
+from neuro.neurons import dc_generator
+from neuro.program import Floats, Program, Projection
+
+BINS = 48
+_LAST_BITS = 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class WeightDifference:
+    """How far the weights of one projection are from those of another run.
+
+    Attributes:
+        largest: largest absolute difference of a weight.
+        rms: root of the mean squared difference.
+        relative: `rms` divided by the root of the mean squared weight of the first run; 0 where that is 0.
+    """
+
+    largest: float
+    rms: float
+    relative: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Histogram:
+    """How weights of one projection are distributed.
+
+    Attributes:
+        projection: its name.
+        unit: of the weights, "" for registers of a chip.
+        synapses: how many there are (of a grid: weights of its kernels).
+        edges: of the bins, shape (bins + 1,); of length 1 where all weights are one number.
+        counts: by "described" and the name of each chip, shape (bins,).
+        distinct: how many different weights there are, likewise.
+        extent: smallest and largest weight, likewise.
+    """
+
+    projection: str
+    unit: str
+    synapses: int
+    edges: Floats
+    counts: dict[str, NDArray[np.int64]]
+    distinct: dict[str, int]
+    extent: dict[str, tuple[float, float]]
+
+
+def difference(first: Floats, other: Floats) -> WeightDifference:
+    """How far weights are from the first; nothing where only the last bits of a double differ."""
+    if first.size == 0:
+        return WeightDifference(0.0, 0.0, 0.0)
+    lost = other - first
+    largest, size = float(np.abs(lost).max()), float(np.sqrt(np.mean(first**2)))
+    if largest <= _LAST_BITS * size:
+        return WeightDifference(0.0, 0.0, 0.0)
+    rms = float(np.sqrt(np.mean(lost**2)))
+    return WeightDifference(largest, rms, rms / size if size else 0.0)
+
+
+def described(part: Projection) -> Floats:
+    """The weights of a projection as they are described, one for each synapse."""
+    return np.broadcast_to(part.weight, (part.size,))
+
+
+def rounded(fixed: FixedProgram, index: int) -> Floats | None:
+    """The same in a chip's integers; None for a projection that carries a current."""
+    part = fixed.projections[index]
+    if part is None:
+        return None
+    return np.broadcast_to(part.weights(part.mantissas), (fixed.program.projections[index].size,))
+
+
+def rounding(fixed: FixedProgram) -> dict[str, WeightDifference]:
+    """What quantising does to the weights of each projection."""
+    told = {}
+    for index, part in enumerate(fixed.program.projections):
+        after = rounded(fixed, index)
+        if after is not None:
+            told[part.name] = difference(described(part), after)
+    return told
+
+
+def histograms(program: Program, chips: dict[str, FixedProgram]) -> tuple[Histogram, ...]:
+    """Of each projection: its weights as described and on each chip.
+
+    Args:
+        program: the network as the first backend saw it.
+        chips: the same in the integers of some chips.
+    """
+    return tuple(_histogram(program, index, chips) for index, part in enumerate(program.projections) if part.size)
+
+
+def _histogram(program: Program, index: int, chips: dict[str, FixedProgram]) -> Histogram:
+    part = program.projections[index]
+    weights = {"described": described(part)}
+    for name, fixed in chips.items():
+        values = rounded(fixed, index)
+        if values is not None:
+            weights[name] = values
+    extent = {name: (float(values.min()), float(values.max())) for name, values in weights.items()}
+    low, high = min(low for low, _ in extent.values()), max(high for _, high in extent.values())
+    several = any(high > low for low, high in extent.values())
+    edges = _edges(low, high, _grain(chips, index)) if several else np.array([low])
+    counts = {name: np.histogram(values, edges)[0] for name, values in weights.items()} if several else {}
+    distinct = {name: int(np.unique(values).size) for name, values in weights.items()}
+    return Histogram(part.name, unit(program, part), part.size, edges, counts, distinct, extent)
+
+
+def _grain(chips: dict[str, FixedProgram], index: int) -> float:
+    """The coarsest difference of two weights that a chip can hold; 0 without a chip."""
+    parts = (fixed.projections[index] for fixed in chips.values())
+    return max((float(max(p.step.max(), p.step_below.max())) * p.grain for p in parts if p is not None), default=0.0)
+
+
+def _edges(low: float, high: float, grain: float) -> Floats:
+    """Edges of about `BINS` bins, each of which holds as many of the coarsest chip's values as any other."""
+    if not 0.0 < grain < high - low:
+        return np.linspace(low, high, BINS + 1)
+    width = grain * np.ceil((high - low) / grain / BINS)
+    first = grain * (np.floor(low / grain + 0.5) - 0.5)
+    edges: Floats = first + width * np.arange(np.floor((high - first) / width) + 2)
+    return edges
+
+
+def unit(program: Program, part: Projection) -> str:
+    """The unit of a projection's weights: that of the input its target takes."""
+    model = program.populations[part.target].model
+    if model.chip or isinstance(program.populations[part.source].model, dc_generator):
+        return ""
+    states = {state.name: state.unit for state in model.states}
+    return states.get("I_syn_ex", states.get("V_m", ""))

@@ -1,0 +1,100 @@
+"""Cells of tables, the same on the terminal and in the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from neuro.chips.energy import quantity
+from neuro.compare.result import Bill, Comparison, PopulationResult, Run
+from neuro.compare.spikes import Divergence
+
+INPUTS = {"same": "the same", "merged": "the same, several spikes in a step as one", "other": "not the same"}
+
+SUMMARY = ("backend", ">spikes", ">synaptic ops", ">active updates", ">distance", "first difference", ">energy")
+POPULATIONS = ("population", "backend", ">neurons", ">spikes", ">rate Hz", "first difference", ">distance")
+PROJECTIONS = ("projection", "backend", ">largest", ">rms", ">relative rms", ">by rounding")
+ENERGY = ("target", "counts of", ">dynamic", ">static", ">total", ">chip time", ">chips")
+NATIVE = ("backend", "counted on it only", ">count")
+
+
+def summary(comparison: Comparison) -> Iterator[tuple[str, ...]]:
+    """A row for each backend that ran."""
+    own = {bill.target: bill for bill in comparison.bills if bill.target == bill.counted_on}
+    for run in comparison.ran:
+        assert run.counts is not None
+        counts = (run.counts.spikes, run.counts.synaptic_ops, run.counts.neuron_updates_active)
+        numbers = (f"{count:,}" for count in counts)
+        bill = own.get(run.backend)
+        energy = quantity(bill.energy.total_j, "J") if bill and bill.energy else "-"
+        yield (run.backend, *numbers, far(run.per_spike), earliest(comparison, run), energy)
+
+
+def earliest(comparison: Comparison, run: Run) -> str:
+    """Where a run first differs from the first."""
+    if run is comparison.first:
+        return "compared with"
+    found = run.first
+    return "none" if found is None else f"{found[1].ms:g} ms, {found[0]}[{found[1].neuron}]"
+
+
+def populations(comparison: Comparison) -> Iterator[tuple[str, ...]]:
+    """A row for each population on each backend."""
+    for name in comparison.first.populations:
+        for run in comparison.ran:
+            part = run.populations[name]
+            kind = f"{name} (input)" if part.generator else name
+            about = (kind if run is comparison.first else "", run.backend)
+            told = (f"{part.neurons:,}", f"{part.spikes:,}", f"{part.rate_hz:.2f}")
+            yield (*about, *told, *_differences(comparison, run, part))
+
+
+def _differences(comparison: Comparison, run: Run, part: PopulationResult) -> tuple[str, str]:
+    if run is comparison.first:
+        return "", ""
+    return "none" if part.first is None else where(part.first), far(part.distance.per_spike if part.distance else None)
+
+
+def where(found: Divergence) -> str:
+    """A first difference."""
+    return f"{found.ms:g} ms, neuron {found.neuron}: {'missing' if found.only_in_first else 'extra'}"
+
+
+def projections(comparison: Comparison) -> Iterator[tuple[str, ...]]:
+    """A row for each projection on each backend but the first."""
+    for part in comparison.histograms:
+        told = [run for run in comparison.ran if part.projection in run.weights]
+        for run in told:
+            lost = run.weights[part.projection]
+            name = part.projection if run is told[0] else ""
+            by_rounding = (run.rounding or {}).get(part.projection)
+            share = "-" if by_rounding is None else f"{by_rounding.relative:.3%}"
+            numbers = (f"{lost.largest:.4g} {part.unit}".rstrip(), f"{lost.rms:.4g} {part.unit}".rstrip())
+            yield (name, run.backend, *numbers, f"{lost.relative:.3%}", share)
+
+
+def bills(comparison: Comparison) -> Iterator[tuple[str, ...]]:
+    """A row for each bill; one that could not be made says so below, see `unpriced`."""
+    for bill in comparison.bills:
+        e = bill.energy
+        if e is not None:
+            joules = (quantity(j, "J") for j in (e.dynamic_j, e.static_j, e.total_j))
+            time = "-" if e.chip_time_s is None else quantity(e.chip_time_s, "s")
+            yield (bill.target, bill.counted_on, *joules, time, f"{e.chips:,}")
+
+
+def unpriced(comparison: Comparison) -> Iterator[Bill]:
+    """The bills that could not be made."""
+    return (bill for bill in comparison.bills if bill.energy is None)
+
+
+def natives(comparison: Comparison) -> Iterator[tuple[str, ...]]:
+    """A row for each count that only one backend has."""
+    for run in comparison.ran:
+        assert run.counts is not None
+        for name, count in run.counts.native.items():
+            yield (run.backend, name, f"{count:,}")
+
+
+def far(per_spike: float | None) -> str:
+    """A distance per spike."""
+    return "-" if per_spike is None else f"{per_spike:.3f}" if per_spike == 0 or per_spike >= 0.0005 else "<0.001"
