@@ -103,8 +103,10 @@ def core_bytes(chip: Chip, neurons: Ints, core: Words, line: Words, synapses: Wo
     n = len(neurons)
     if not in_rows(chip):
         index = np.array([index_bits(int(count)) for count in neurons], dtype=np.int64)
-        bits = block_bits(synapses, into.bits[into.projection[line]] + index[core])
-        return np.bincount(core, weights=bits, minlength=n).astype(np.int64) // 8
+        bits = into.bits[into.projection[line]] + index[core]
+        counts, widths = np.arange(synapses.max(initial=0) + 1), np.arange(bits.max(initial=0) + 1)
+        taken = block_bits(counts[:, None], widths)[synapses, bits]
+        return np.bincount(core, weights=taken, minlength=n).astype(np.int64) // 8
     longest = np.zeros((n, len(into.bits)), dtype=np.int64)
     np.maximum.at(longest, (core, into.projection[line]), synapses)
     row = np.where(longest > 0, ROW_WORDS + longest, 0) * WORD_BITS
