@@ -99,7 +99,7 @@ def at_every_post(y, e, c, k_plus):
 @pytest.mark.parametrize(
     ("model", "told"),
     [
-        (rule(learns="triplets"), "learns = 'triplets': expected '', 'pairs' or 'trials'"),
+        (rule(learns="triplets"), "learns = 'triplets': expected '', 'pairs', 'trials' or 'chip'"),
         (
             rule(base=r_stdp, arithmetic=arithmetic(of=stdp.arithmetic)),
             "expected a rule with r_stdp's arithmetic: backends know no other rule for trials yet",

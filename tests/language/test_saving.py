@@ -26,6 +26,8 @@ NAMES = st.one_of(
 
 def numbers(q):
     """Numbers within the bounds of a quantity."""
+    if q.whole:
+        return st.integers(int(q.at_least), int(q.at_most)).map(float)
     low = next((b for b in (q.above, q.at_least) if b is not None), None)
     high = next((b for b in (q.below, q.at_most) if b is not None), None)
     finite = st.floats(
@@ -64,7 +66,7 @@ def values(q, names):
         case "delay":
             return st.floats(0.1, 10.0)
         case "integer":
-            return st.integers(int(q.at_least or 0), 1000)
+            return st.integers(int(q.at_least or 0), int(1000 if q.at_most is None else q.at_most))
         case "boolean":
             return st.booleans()
         case "word":
@@ -109,6 +111,8 @@ def choices(draw, cls, names):
         said = {"pre": [pre for pre, _ in ids], "post": [post for _, post in ids]}
     if "signal" in said:
         said.pop("dopamine", None)
+    if cls is neuro.loihi_learning:
+        said = {"dw": draw(st.sampled_from(["2^-2*x1*y0", "2^-2*x0*y0 - 2^-3*x0*w"])), "x1_impulse": 16, "x1_tau": 9}
     for low, high in (("low", "high"), ("Wmin", "Wmax")):
         if low in cls.quantities():
             said.pop(low, None)
