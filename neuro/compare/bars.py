@@ -13,6 +13,7 @@ from neuro.program import Floats
 
 WIDTH, HEIGHT = 330.0, 150.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 8.0, 8.0, 10.0, 26.0
+_ROOM = 90.0
 MOST = 60
 
 
@@ -53,12 +54,13 @@ def _drawing(part: Histogram, chips: list[str]) -> Html:
         if name in tops:
             parts.append(tag("path", d=_steps(xs, tops[name], floor), class_=f"outline chip{i}"))
     parts.append(html.line(_LEFT, floor, WIDTH - _RIGHT, floor, "axis"))
-    for weight, anchor in ((low, "start"), (high, "end")):
-        parts.append(html.text(x(weight), HEIGHT - 9, f"{weight:.4g} {part.unit}".rstrip(), "tick", anchor))
-    if low < 0 < high:
+    ends = (min(pair[0] for pair in part.extent.values()), max(pair[1] for pair in part.extent.values()))
+    for weight, at, anchor in zip(ends, (_LEFT, WIDTH - _RIGHT), ("start", "end"), strict=True):
+        parts.append(html.text(at, HEIGHT - 9, f"{weight:.4g} {part.unit}".rstrip(), "tick", anchor))
+    if _ROOM < x(0) < WIDTH - _ROOM:
         parts += [html.line(x(0), floor, x(0), floor + 4, "axis"), html.text(x(0), HEIGHT - 9, "0", "tick", "middle")]
     picture = html.svg(WIDTH, HEIGHT, *parts, label=f"weights of {part.projection}")
-    return html.figure(picture, html.join([tag("b", part.projection), f" {_about(part, chips)}"]))
+    return html.figure(picture, _about(part, chips), part.projection)
 
 
 def _steps(xs: Floats, tops: NDArray[np.float64], floor: float) -> str:

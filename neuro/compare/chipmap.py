@@ -10,9 +10,10 @@ from neuro.chips.placement import Core, Placement
 from neuro.compare import html
 from neuro.compare.html import Html, tag
 
-CORE, TILE_GAP, CHIP_GAP = 17.0, 5.0, 22.0
+CORE, TILE_GAP, CHIP_GAP = 24.0, 7.0, 26.0
 _HEAD = 20.0
-MOST_CHIPS = 48
+MOST_CHIPS, MOST_ROWS = 48, 200
+CORE_COLUMNS = (">chip", ">tile", ">core", "holds", ">neurons", ">bytes", ">fullest")
 LIMITS = {
     "neurons_per_core": "neurons",
     "synapse_bytes_per_core": "synaptic memory",
@@ -39,7 +40,27 @@ def chip_map(placement: Placement, chip: Chip) -> Html:
     down = (1 + max((row for _, row in corner.values()), default=0)) * (height + CHIP_GAP + _HEAD) - CHIP_GAP
     label = f"map of {placement.chips_used} chips of {chip.title}"
     drawing = html.svg(across + 2, down + 2, *parts, label=label, class_="map")
-    return html.figure(html.join([_scale(), drawing]), _caption(placement, chip, mesh))
+    return html.join([html.figure(html.join([_scale(), drawing]), _caption(placement, chip, mesh)), _list(placement)])
+
+
+def _list(placement: Placement) -> Html:
+    """The cores as a table, for paper and for those who cannot point."""
+    rows = [
+        (*_place(core), held(placement, core), f"{core.neurons:,}", f"{core.synapse_bytes:,}", _full(core))
+        for core in placement.cores[:MOST_ROWS]
+    ]
+    rest = len(placement.cores) - len(rows)
+    told = tag("p", f"and {rest:,} more") if rest else None
+    return tag("details", tag("summary", "Cores"), html.table(CORE_COLUMNS, rows), told)
+
+
+def _place(core: Core) -> tuple[str, str, str]:
+    return f"{core.chip}", f"{core.column},{core.row}", f"{core.slot}"
+
+
+def _full(core: Core) -> str:
+    name, share = max(core.load.items(), key=lambda pair: pair[1], default=("", 0.0))
+    return f"{share:.0%} {LIMITS.get(name, name)}" if name else "-"
 
 
 def _tile(cores: int) -> float:
@@ -79,12 +100,18 @@ def _core(placement: Placement, mesh: Mesh, side: int, core: Core, width: float,
     return html.box(x, y, CORE - 2, CORE - 2, kind, title(placement, core), 0.18 + 0.82 * min(load, 1.0))
 
 
+def held(placement: Placement, core: Core) -> str:
+    """The populations on a core, and which of their neurons."""
+    return ", ".join(f"{placement.populations[p]}[{first}:{last}]" for p, first, last in core.parts)
+
+
 def title(placement: Placement, core: Core) -> str:
     """What a core holds, and how full it is."""
-    held = ", ".join(f"{placement.populations[p]}[{first}:{last}]" for p, first, last in core.parts)
     loads = ", ".join(f"{LIMITS.get(name, name)} {share:.0%}" for name, share in core.load.items())
-    place = f"chip {core.chip}, tile {core.column},{core.row}, core {core.slot}"
-    return f"{place}\n{held}\n{core.neurons:,} neurons, {core.synapse_bytes:,} bytes of synapses\n{loads}"
+    place = "chip {}, tile {}, core {}".format(*_place(core))
+    return (
+        f"{place}\n{held(placement, core)}\n{core.neurons:,} neurons, {core.synapse_bytes:,} bytes of synapses\n{loads}"
+    )
 
 
 def _scale() -> Html:

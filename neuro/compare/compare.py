@@ -78,7 +78,7 @@ def _comparison(net: Network, ms: float, seed: int, runs: list[Run]) -> Comparis
     program = next(run.program for run in runs if run.program is not None)
     fixed = {run.backend: run.fixed for run in runs if run.fixed is not None}
     told = histograms(program, fixed)
-    return Comparison(net.name, float(ms), net.resolution, seed, tuple(runs), told, tuple(_notes(runs)))
+    return Comparison(net.name, float(ms), net.resolution, seed, tuple(runs), told, tuple(_notes(runs, float(ms))))
 
 
 def _check(backends: Sequence[str]) -> None:
@@ -208,11 +208,26 @@ def _bill(sim: Simulation, target: str) -> Bill:
         return Bill(target, sim.backend, None, str(error))
 
 
-def _notes(runs: list[Run]) -> Iterable[str]:
+def _notes(runs: list[Run], ms: float) -> Iterable[str]:
     ran = [run for run in runs if not run.refused]
     if runs[0].refused:
         yield f"'{runs[0].backend}' did not run: others are compared with '{ran[0].backend}'"
     if not any(part.spikes for part in ran[0].neurons.values()):
         yield f"no neuron fired on '{ran[0].backend}': there is little to compare"
-    if any(part.distance is None for run in ran[1:] for part in run.populations.values()):
+    told = [(name, part) for run in ran[1:] for name, part in run.populations.items()]
+    if any(part.distance is None for _, part in told):
         yield spikes.MISSING
+    yield from dict.fromkeys(_measured(name, part, ms) for name, part in told if _in_part(part, ms))
+
+
+def _in_part(part: PopulationResult, ms: float) -> bool:
+    far = part.distance
+    return far is not None and (far.neurons < part.neurons or far.until_ms < ms)
+
+
+def _measured(name: str, part: PopulationResult, ms: float) -> str:
+    """What of a population its distance is of."""
+    far = part.distance
+    assert far is not None
+    time = f", up to {far.until_ms:g} ms" if far.until_ms < ms else ""
+    return f"the distance of '{name}' is of {far.neurons:,} of {part.neurons:,} neurons, evenly chosen{time}"

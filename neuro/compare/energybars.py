@@ -14,6 +14,7 @@ from neuro.compare.result import Bill, Comparison
 WIDTH, LEFT, RIGHT, ROW = 1040.0, 230.0, 90.0, 44.0
 MOST_LINES = 300
 COLOURS = 8
+FIGURE_COLUMNS = ("target", "what", ">each", "source")
 ITEM_COLUMNS = ("what", "of", ">count", ">each", ">energy", ">source")
 
 
@@ -23,7 +24,7 @@ def joules(comparison: Comparison) -> Html:
     if not bills:
         return tag("p", "There is no bill.")
     kinds = list(dict.fromkeys(name for _, e in bills for name in e.by_cost() if name != STATIC))
-    return html.join([_totals(bills), _shares(bills, kinds), *(_details(bill, e) for bill, e in bills)])
+    return html.join([_totals(bills), _shares(bills, kinds), _figures(bills), *(_details(b, e) for b, e in bills)])
 
 
 Bills = list[tuple[Bill, Energy]]
@@ -61,7 +62,7 @@ def _totals(bills: Bills) -> Html:
         for kind, j in told:
             dot = tag("circle", tag("title", f"{kind}: {quantity(j, 'J')}"), cx=x(j), cy=y, r=6, class_=kind)
             parts += [dot, html.text(x(j), y - 11, quantity(j, "J"), "value", "middle")]
-    picture = html.svg(WIDTH, bottom + 24, *parts, label="joules of each target, logarithmic")
+    picture = html.svg(WIDTH, bottom + 24, *parts, label="joules of each target, logarithmic", class_="wide")
     key = html.legend(("dynamic", "dynamic: what is done"), ("static", "static: chips that are on"))
     return html.figure(html.join([key, picture]), "Joules of the whole run on a logarithmic scale.")
 
@@ -76,7 +77,7 @@ def _shares(bills: Bills, kinds: list[str]) -> Html:
         parts += _bar(dynamic, y, 20.0)
         parts += _bar([("dynamic", "dynamic", e.dynamic_j), ("static", "static", e.static_j)], y + 23, 5.0)
         parts.append(html.text(WIDTH - RIGHT + 10, y + 15, quantity(e.dynamic_j, "J"), "value"))
-    picture = html.svg(WIDTH, 6 + ROW * len(bills), *parts, label="what joules are spent on")
+    picture = html.svg(WIDTH, 6 + ROW * len(bills), *parts, label="what joules are spent on", class_="wide")
     key = html.legend(*((f"item{i % COLOURS}", _meaning(name)) for i, name in enumerate(kinds)))
     caption = "Thick: dynamic joules by what they are spent on. Thin: dynamic and static of the total."
     return html.figure(html.join([key, picture]), caption)
@@ -94,6 +95,22 @@ def _bar(parts: list[tuple[str, str, float]], y: float, height: float) -> Iterat
 
 def _meaning(name: str) -> str:
     return name.replace("_", " ")
+
+
+def _figures(bills: Bills) -> Html:
+    """Each figure once, and where it is from."""
+    found = {(e.target, item.what): item for _, e in bills for item in e.items if item.source}
+    rows, before = [], ""
+    for (target, what), item in found.items():
+        about = sourced(item.source, item.conditions)
+        rows.append((target if target != before else "", _meaning(what), _each(item), about))
+        before = target
+    return html.table(FIGURE_COLUMNS, rows, "The figures and where they are published")
+
+
+def _each(item: Item) -> str:
+    unit = COSTS[item.what][0] if item.what in COSTS else "J"
+    return "-" if item.joules_each is None else quantity(item.joules_each, unit)
 
 
 def _details(bill: Bill, e: Energy) -> Html:
@@ -114,9 +131,7 @@ def _details(bill: Bill, e: Energy) -> Html:
 
 def _line(item: Item, sources: list[str]) -> tuple[object, ...]:
     static = item.what == STATIC
-    unit = COSTS[item.what][0] if item.what in COSTS else "J"
-    each = "-" if item.joules_each is None else quantity(item.joules_each, unit)
     energy = "not priced" if item.joules is None else quantity(item.joules, "J")
     count = f"{quantity(item.count, 's')}" if static else number(item.count)
     mark = sources.index(sourced(item.source, item.conditions)) + 1 if item.source else ""
-    return (_meaning(item.what), item.of, count, each, energy, mark)
+    return (_meaning(item.what), item.of, count, _each(item), energy, mark)

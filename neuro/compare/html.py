@@ -42,8 +42,10 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str
     return tag("div", tag("table", told, tag("thead", tag("tr", *head)), tag("tbody", *body)), class_="scroll")
 
 
-def figure(picture: Html, caption: object) -> Html:
-    """A picture with words below."""
+def figure(picture: Html, caption: object, title: str = "") -> Html:
+    """A picture with words: a caption above it if it has a title, else below."""
+    if title:
+        return tag("figure", tag("figcaption", tag("b", title), tag("span", caption)), picture)
     return tag("figure", picture, tag("figcaption", caption))
 
 

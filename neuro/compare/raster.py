@@ -74,8 +74,9 @@ def _raster(comparison: Comparison, name: str, dots: int) -> Html:
         y += height + _GAP
     parts += _axis(window.end_ms, y - _GAP / 2)
     label = f"raster of {name} on {', '.join(run.backend for run in comparison.ran)}"
-    caption = html.join([tag("b", name), f" {_caption(first, window, comparison)}"])
-    return html.figure(html.svg(WIDTH, y + _AXIS, *parts, label=label), caption)
+    kind = "input, " if comparison.first.populations[name].generator else ""
+    caption = kind + _caption(first, window, comparison)
+    return html.figure(html.svg(WIDTH, y + _AXIS, *parts, label=label, class_="wide"), caption, name)
 
 
 def _window(comparison: Comparison, name: str, dots: int) -> _Window:

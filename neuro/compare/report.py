@@ -25,8 +25,8 @@ DISTANCE = (
     "costs 1, moving it by 10 ms costs 1. 0 is equal; at 1 no spike has a partner."
 )
 ENERGY = (
-    "Counts times published figures, and static power times the time of the emulated chip. cpu and gpu do the same work "
-    "as dense layers: every synapse in every step."
+    "Counts times published figures, and static power times the time of the emulated chip. cpu and gpu do the same "
+    "work as dense layers: every synapse in every step."
 )
 ROUNDED = ("population", "quantity", ">described", ">on the chip", "unit", ">error")
 SCALED = ("projection", ">exponent", "signs", ">bits", ">step", ">saturated", ">turned to 0", ">largest error", ">rms")
@@ -63,18 +63,18 @@ def _card(comparison: Comparison, run: Run) -> Html:
     """What to know of a backend at a glance."""
     name = tag("h3", run.backend)
     if run.refused:
-        return tag("section", name, tag("p", "does not run this network; see below"), class_="card refused")
+        big = tag("p", "refused", class_="big")
+        return tag("section", name, big, tag("p", words.reason(run)), class_="card refused")
     assert run.counts is not None
-    bill = next((b.energy for b in run.bills if b.target == run.backend), None)
     facts = [("spikes", f"{run.counts.spikes:,}"), ("synaptic operations", f"{run.counts.synaptic_ops:,}")]
     if run is comparison.first:
-        big, below = "reference", "what the others are compared with"
+        big, below = "baseline", "what the others are compared with"
     else:
         equal = sum(part.same for part in run.neurons.values())
         big, below = f"{equal} of {len(run.neurons)}", "populations fire exactly the same spikes"
         facts += [("first difference", words.earliest(comparison, run)), ("distance", words.far(run.per_spike))]
-    if bill is not None:
-        facts.append(("energy", quantity(bill.total_j, "J")))
+    if run.own is not None:
+        facts.append(("energy", quantity(run.own.total_j, "J")))
     rows = [part for what, value in facts for part in (tag("dt", what), tag("dd", value))]
     return tag("section", name, tag("p", big, class_="big"), tag("p", below), tag("dl", *rows), class_="card")
 

@@ -100,6 +100,11 @@ class Run:
     program: Program | None = None
 
     @property
+    def own(self) -> Energy | None:
+        """The bill on its own chip."""
+        return next((bill.energy for bill in self.bills if bill.target == self.backend), None)
+
+    @property
     def neurons(self) -> dict[str, PopulationResult]:
         """The populations that are not input."""
         return {name: part for name, part in self.populations.items() if not part.generator}

@@ -18,21 +18,27 @@ NATIVE = ("backend", "counted on it only", ">count")
 
 
 def summary(comparison: Comparison) -> Iterator[tuple[str, ...]]:
-    """A row for each backend that ran."""
-    own = {bill.target: bill for bill in comparison.bills if bill.target == bill.counted_on}
-    for run in comparison.ran:
-        assert run.counts is not None
+    """A row for each backend, with what it is refused for."""
+    for run in comparison.runs:
+        if run.counts is None:
+            yield (run.backend, *4 * "-", f"refused: {reason(run)}", "-")
+            continue
         counts = (run.counts.spikes, run.counts.synaptic_ops, run.counts.neuron_updates_active)
         numbers = (f"{count:,}" for count in counts)
-        bill = own.get(run.backend)
-        energy = quantity(bill.energy.total_j, "J") if bill and bill.energy else "-"
+        energy = "-" if run.own is None else quantity(run.own.total_j, "J")
         yield (run.backend, *numbers, far(run.per_spike), earliest(comparison, run), energy)
+
+
+def reason(run: Run) -> str:
+    """The first reason why a backend refuses the network."""
+    lines = run.refused.splitlines()
+    return lines[1] if len(lines) > 1 and not lines[1].startswith("  hint") else lines[0]
 
 
 def earliest(comparison: Comparison, run: Run) -> str:
     """Where a run first differs from the first."""
     if run is comparison.first:
-        return "compared with"
+        return "-"
     found = run.first
     return "none" if found is None else f"{found[1].ms:g} ms, {found[0]}[{found[1].neuron}]"
 
