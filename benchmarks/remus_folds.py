@@ -1,7 +1,7 @@
 """How well ReMuS recognises: `python benchmarks/remus_folds.py nmnist|poker|poker-upright --settings thesis|best`.
 
 Stratified folds of the recordings to train on; each fold is tested with what was learnt from the others. Prints the
-accuracy by each vote for each seed, and the mean of all.
+accuracy by each vote for each seed, and the mean of all. `--backend loihi` trains and tests with 8-bit weights.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ def main() -> None:
     options.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
     options.add_argument("--seeds", type=int, default=3)
     options.add_argument("--folds", type=int, default=5)
+    options.add_argument("--backend", default="event", help="trains and tests")
     options.add_argument("--json", action="store_true")
     asked = options.parse_args()
     poker = {"theta": POKER_THETA} if asked.case.startswith("poker") else {}
@@ -48,11 +49,12 @@ def main() -> None:
         spikes, upright = spikes.take(np.flatnonzero(upright)), upright[upright]
     began, right = time.process_time(), []
     for seed in range(asked.seeds):
-        right.append(cross_validate(spikes, settings, seed, asked.folds))
+        right.append(cross_validate(spikes, settings, seed, asked.folds, asked.backend))
         if not asked.json:
             print(f"seed {seed}: " + ", ".join(f"{v} {r.mean():.2%}" for v, r in right[-1].items()), flush=True)
     report = {"case": asked.case, "settings": asked.settings, "set": asked.set, "recordings": len(spikes)}
-    report |= {"folds": asked.folds, "seeds": asked.seeds, "cpu_s": round(time.process_time() - began, 1)}
+    report |= {"backend": asked.backend, "folds": asked.folds, "seeds": asked.seeds}
+    report |= {"cpu_s": round(time.process_time() - began, 1)}
     for vote in VOTES:
         all_of_them = np.array([found[vote] for found in right])
         low, high = wilson(round(all_of_them.mean() * len(spikes)), len(spikes))
@@ -70,15 +72,17 @@ def main() -> None:
         print(json.dumps(report, indent=1))
 
 
-def cross_validate(spikes: Spikes, settings: Settings, seed: int, folds: int) -> dict[str, NDArray[np.bool_]]:
+def cross_validate(
+    spikes: Spikes, settings: Settings, seed: int, folds: int, backend: str = "event"
+) -> dict[str, NDArray[np.bool_]]:
     """Which recordings are decided rightly, by each vote, when learnt from the other folds."""
     fold = stratified(spikes.labels, folds, seed)
     right = {vote: np.zeros(len(spikes), bool) for vote in VOTES}
     for k in range(folds):
         held_out = np.flatnonzero(fold == k)
-        model = train(spikes.take(np.flatnonzero(fold != k)), settings, seed=seed)
+        model = train(spikes.take(np.flatnonzero(fold != k)), settings, seed=seed, backend=backend)
         part = spikes.take(held_out)
-        decisions = decide(model.simulation(), part)
+        decisions = decide(model.simulation(backend), part)
         for vote in VOTES:
             right[vote][held_out] = decisions.by(vote) == part.labels
     return right

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from neuro.cli.energy import TARGETS, Target
 from neuro.cli.options import Backend, Seed, Set, assignments, whole
 
 if TYPE_CHECKING:
@@ -69,16 +70,42 @@ def try_model(
 ) -> None:
     """Test a model on recordings: accuracy, its 95 % interval, and the confusion of the classes."""
     from neuro_remus.model import Model
-    from neuro_remus.report import figures, show, try_out, write_confusion
+    from neuro_remus.report import figures, show, write_confusion
+    from neuro_remus.tried import try_out
 
     trained = Model.load(model)
-    results = try_out(trained, _recordings(data, "Test", trained.classes), backend)
+    tried = try_out(trained, _recordings(data, "Test", trained.classes), backend)
     if out is not None:
-        write_confusion(trained, results, out)
+        write_confusion(trained, tried, out)
     if json:
-        typer.echo(figures(trained, results))
+        typer.echo(figures(trained, tried))
     else:
-        show(trained, results)
+        show(trained, tried)
+
+
+@app.command()
+def energy(
+    model: ModelFile,
+    data: Data,
+    target: Target = TARGETS,
+    json: Annotated[bool, typer.Option("--json", help="Print the bills as JSON.")] = False,
+    backend: Backend = "event",
+) -> None:
+    """Show recordings to a model and print what one of them takes on chips: joules, time, and the sources."""
+    from neuro_remus.energy import bills, show, words
+    from neuro_remus.model import Model
+    from neuro_remus.tried import try_out
+
+    trained = Model.load(model)
+    sim = trained.simulation(backend)
+    for name in target:
+        sim.energy(name)  # what cannot be priced is told before anything is run
+    tried = try_out(trained, _recordings(data, "Test", trained.classes), sim)
+    priced = bills(tried, target)
+    if json:
+        typer.echo(words(trained, tried, priced))
+    else:
+        show(trained, tried, priced)
 
 
 @app.command()
@@ -104,7 +131,7 @@ def demo(
     out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Where everything goes.")] = Path("demo"),
     seed: Seed = 0,
 ) -> None:
-    """Learn to recognise digits from nothing: make recordings, train, test on unseen ones, draw."""
+    """Learn to recognise digits from nothing: make recordings, train, test on unseen ones, draw, price."""
     from neuro_remus.demo import run
 
     try:

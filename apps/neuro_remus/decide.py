@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro import Simulation
 from neuro_remus.features import Spikes
+
+if TYPE_CHECKING:
+    from neuro.trials import TrialResults
 
 Ints = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
@@ -54,9 +58,24 @@ def decide(sim: Simulation, spikes: Spikes) -> Decisions:
     Returns:
         Decisions for all of them.
     """
-    n, classes = len(spikes), len(spikes.classes)
+    return decisions(present(sim, spikes), spikes)
+
+
+def present(sim: Simulation, spikes: Spikes) -> TrialResults:
+    """Show all frames of recordings without teaching; how each ended, and what all took."""
     results = sim.trials(spikes.times, spikes.ids, spikes.offsets)
     sim.forget(before=sim.time)
+    return results
+
+
+def decisions(results: TrialResults, spikes: Spikes) -> Decisions:
+    """The decisions for recordings whose frames were shown.
+
+    Args:
+        results: of `present`.
+        spikes: of the same recordings.
+    """
+    n, classes = len(spikes), len(spikes.classes)
     decided = results.label >= 0
     counts = np.zeros((n, classes), np.int64)
     np.add.at(counts, (spikes.sample[decided], results.label[decided]), 1)

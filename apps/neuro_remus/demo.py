@@ -1,4 +1,4 @@
-"""The main job from nothing: recordings, training, test, pictures."""
+"""The main job from nothing: recordings, training, test, pictures, and what a recording takes on chips."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from neuro.cli.energy import TARGETS
 from neuro.events import Recordings, recordings
-from neuro_remus import report
+from neuro_remus import energy, report
 from neuro_remus.features import c1_spikes
 from neuro_remus.saccades import make_dataset
 from neuro_remus.settings import SETTINGS
 from neuro_remus.train import train
+from neuro_remus.tried import try_out
 
 N_TRAIN, N_TEST = 1500, 500
 
@@ -39,13 +41,17 @@ def run(data: Path | None, out: Path, seed: int) -> None:
     with report.Bar() as bar:
         model = train(spikes, SETTINGS["best"], seed=seed, out=out / "model.h5", report=bar.show)
     print(f"{out / 'model.h5'}: {report.learnt(model)}\n\ntesting on {len(unseen)} recordings that it has never seen\n")
-    results = report.try_out(model, unseen)
-    report.show(model, results)
-    (out / "results.json").write_text(report.figures(model, results) + "\n")
+    tried = try_out(model, unseen)
+    report.show(model, tried)
+    (out / "results.json").write_text(report.figures(model, tried) + "\n")
     print(out / "results.json")
-    report.write_confusion(model, results, out)
+    report.write_confusion(model, tried, out)
     report.write_pictures(model, out)
-    print(f"done in {time.perf_counter() - began:.0f} s")
+    priced = energy.bills(tried, TARGETS)
+    (out / "energy.json").write_text(energy.words(model, tried, priced) + "\n")
+    print(f"{out / 'energy.json'}\n", flush=True)
+    energy.show(model, tried, priced)
+    print(f"\ndone in {time.perf_counter() - began:.0f} s")
 
 
 def halves(data: Path, seed: int) -> tuple[Recordings, Recordings]:

@@ -121,10 +121,15 @@ def to_text(net: neuro.Network) -> str:
 
 
 def from_text(text: str) -> neuro.Network:
-    """The network that a YAML text describes."""
+    """The network that a YAML text describes; its parts have no places, as there is no file to look into."""
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "network.yaml").write_text(text, "utf-8")
-        return neuro.load(Path(folder) / "network.yaml")
+        net = neuro.load(Path(folder) / "network.yaml")
+    parts: tuple[dict[str, Any], ...] = (net.populations, net.projections, net.signals, net.groups, net.probes)
+    for group in parts:
+        group.update({name: replace(part, origin=None) for name, part in group.items()})
+    net.trials_origin = None
+    return net
 
 
 def versions() -> dict[str, str]:

@@ -4,25 +4,18 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from neuro import ModelError
 from neuro.cli.tables import console, table
-from neuro.events import Recordings
-from neuro_remus.decide import decide
-from neuro_remus.evaluate import Evaluation, evaluate
-from neuro_remus.features import c1_spikes
 from neuro_remus.model import Model
-from neuro_remus.settings import SETTINGS, VOTES, Settings
+from neuro_remus.settings import SETTINGS, Settings
 from neuro_remus.train import Progress
+from neuro_remus.tried import Tried
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Results = Mapping[str, Evaluation]
-"""An evaluation by the name of each vote."""
 
 
 class Bar:
@@ -74,28 +67,21 @@ def learnt(model: Model) -> str:
     )
 
 
-def try_out(model: Model, data: Recordings, backend: str = "event") -> Results:
-    """Let a model decide on recordings, by each vote."""
-    spikes = c1_spikes(data, model.settings.front)
-    decisions = decide(model.simulation(backend), spikes)
-    return {vote: evaluate(decisions.by(vote), spikes.labels, model.classes) for vote in VOTES}
-
-
-def figures(model: Model, results: Results) -> str:
+def figures(model: Model, tried: Tried) -> str:
     """All figures as JSON; those at the top are of the model's own vote."""
     own = model.settings.vote
-    words = {"vote": own, **results[own].as_words(), "classes": list(model.classes)}
-    return json.dumps(words | {"votes": {vote: found.as_words() for vote, found in results.items()}}, indent=1)
+    words = {"vote": own, **tried.votes[own].as_words(), "classes": list(model.classes)}
+    return json.dumps(words | {"votes": {vote: found.as_words() for vote, found in tried.votes.items()}}, indent=1)
 
 
-def show(model: Model, results: Results) -> None:
+def show(model: Model, tried: Tried) -> None:
     """Print the votes, and the confusion of the model's own."""
     rows = []
-    for vote, found in results.items():
+    for vote, found in tried.votes.items():
         low, high = found.interval
         name = f"{vote} *" if vote == model.settings.vote else vote
         rows.append((name, f"{found.accuracy:.1%}", f"{low:.1%} - {high:.1%}", found.correct, found.n))
-    own = results[model.settings.vote]
+    own = tried.votes[model.settings.vote]
     out = console()
     out.print(table(("vote", ">accuracy", ">95 % interval", ">right", ">of"), rows))
     columns = ("shown", *(f">{name}" for name in (*own.classes, "silent")))
@@ -123,11 +109,11 @@ def write_pictures(model: Model, folder: Path) -> None:
     _save(history(model), folder / "learning.png")
 
 
-def write_confusion(model: Model, results: Results, folder: Path) -> None:
+def write_confusion(model: Model, tried: Tried, folder: Path) -> None:
     """Draw the confusion by the model's own vote."""
     from neuro_remus.pictures import confusion
 
-    _save(confusion(results[model.settings.vote], model.settings.vote), folder / "confusion.png")
+    _save(confusion(tried.votes[model.settings.vote], model.settings.vote), folder / "confusion.png")
 
 
 def _save(figure: Figure, file: Path) -> None:

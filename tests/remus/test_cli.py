@@ -66,6 +66,46 @@ def test_train_test_show(neuro, folder, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cache", "model.h5", "pictures"]
 
 
+def test_energy(neuro, folder):
+    settings = ["--set", "theta=40", "--set", "per_class=1", "--epochs", 1]
+    assert neuro("train", "--data", folder, *settings)[0] == 0
+    code, out, err = neuro("energy", "model.h5", "--data", folder)
+    assert (code, err) == (0, "")
+    assert "of 8 right" in out
+    for target in ("loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu"):
+        assert f"\n {target} " in out
+    code, out, _ = neuro("energy", "model.h5", "--data", folder, "--target", "truenorth", "--target", "cpu", "--json")
+    told = json.loads(out)
+    assert code == 0
+    assert [bill["target"] for bill in told["bills"]] == ["truenorth", "cpu"]
+    tested = json.loads(neuro("test", "model.h5", "--data", folder, "--json")[1])
+    assert (told["accuracy"], told["recordings"]) == (tested["accuracy"], 8)
+
+
+def test_energy_of_a_target_that_is_none(neuro, folder):
+    """It is told before any recording is looked for."""
+    assert neuro("train", "--data", folder, "--set", "per_class=1", "--epochs", 1)[0] == 0
+    code, out, err = neuro("energy", "model.h5", "--data", "nowhere", "--target", "loihi", "--target", "lohi")
+    assert (code, out) == (2, "")
+    assert err == "error: unknown target 'lohi'\n  hint: did you mean 'loihi'?\n"
+    code, out, err = neuro("energy", "model.h5", "--data", folder, "--target", "loihi2")
+    assert (code, out) == (2, "")
+    assert err == (
+        "error: target 'loihi2' has no costs: none is published\n"
+        "  hint: write a table with 'like: loihi2' and 'costs: ...', and name its file as the target\n"
+    )
+
+
+@pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")
+def test_test_and_energy_on_a_chip(neuro, folder):
+    settings = ["--set", "theta=40", "--set", "per_class=2", "--epochs", 3]
+    assert neuro("train", "--data", folder, "--backend", "loihi", *settings)[0] == 0
+    figures = json.loads(neuro("test", "model.h5", "--data", folder, "--backend", "loihi", "--json")[1])
+    assert figures["accuracy"] == 7 / 8
+    told = json.loads(neuro("energy", "model.h5", "--data", folder, "--backend", "spinnaker", "--json")[1])
+    assert (told["backend"], told["accuracy"]) == ("spinnaker", 7 / 8)
+
+
 def test_thesis_settings_on_another_backend(neuro, folder):
     small = ["--set", "theta=40", "--set", "per_class=1", "--epochs", 1, "--settings", "thesis"]
     code, _, _ = neuro("train", "--data", folder / "Train", "--out", "a.h5", "--backend", "reference", *small)
@@ -87,6 +127,7 @@ def test_thesis_settings_on_another_backend(neuro, folder):
             "Invalid value for '--epochs': '0': expected a whole number >= 1\n  hint: see 'neuro remus train --help'",
         ),
         ("test model.h5 --data {folder}", "model.h5: no such file: expected a neuro remus model 1"),
+        ("energy model.h5 --data {folder}", "model.h5: no such file: expected a neuro remus model 1"),
         ("show {folder}/Train/lying/1.bin", "{folder}/Train/lying/1.bin: not a neuro remus model 1"),
         (
             "train --data {folder} --out no/model.h5 --epochs 1",
@@ -116,12 +157,14 @@ def test_new_classes_are_refused(neuro, folder, tmp_path):
     assert err == "error: other: class 'round' is new, expected one of lying, upright\n"
 
 
-def test_demo_of_given_recordings(neuro, folder):
+def test_demo_of_given_recordings(neuro, folder, tmp_path):
     for _ in range(2):
         code, out, _ = neuro("demo", "--data", folder, "--out", "demo")
         assert code == 0
         assert "learning from 16 recordings of 2 classes" in out
         assert "testing on 8 recordings that it has never seen" in out
+        assert "\n gpu " in out.partition("demo/energy.json\n\nenergy per recording; ")[2]
+    assert json.loads((tmp_path / "demo" / "energy.json").read_text())["recordings"] == 8
 
 
 def test_data_without_halves_is_divided(folder):

@@ -1,0 +1,112 @@
+"""Whether chips decide as the float simulator: `python benchmarks/remus_chips.py --settings thesis|best`.
+
+A network learns on `event`; its recordings are then shown to the same network with the same weights on each backend.
+With `--folds 5` each recording is shown to a network that has not learnt from it. Prints the share of frames with the
+same label and winner, the share of recordings with the same decision by each vote, the accuracy, and the time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from remus_folds import FILES, SHARED, stratified
+
+from neuro import ApproximationWarning
+from neuro.cli.options import assignments
+from neuro.events import recordings
+from neuro_remus.decide import decisions, present
+from neuro_remus.features import Spikes, c1_spikes
+from neuro_remus.model import Model
+from neuro_remus.settings import SETTINGS, VOTES, Settings
+from neuro_remus.train import train
+
+BACKENDS = ["event", "loihi", "spinnaker"]
+"""The first one is what the others are compared with."""
+
+FRAMES = ("frame_label", "frame_winner", "frame_step")
+Found = dict[str, np.ndarray[Any, Any]]
+
+
+def main() -> None:
+    """Measure and print."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--data", type=Path, default=SHARED / FILES["nmnist"], help="recordings")
+    options.add_argument("--settings", choices=SETTINGS, default="best")
+    options.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
+    options.add_argument("--folds", type=int, default=1, help="1: show what was learnt from")
+    options.add_argument("--seed", type=int, default=0)
+    options.add_argument("--json", action="store_true")
+    asked = options.parse_args()
+    warnings.simplefilter("ignore", ApproximationWarning)
+    settings = SETTINGS[asked.settings].changed(assignments(asked.set))
+    spikes = c1_spikes(recordings(asked.data), settings.front)
+    found: dict[str, list[Found]] = {backend: [] for backend in BACKENDS}
+    for model, part in shown(spikes, settings, asked.seed, asked.folds):
+        for backend in BACKENDS:
+            found[backend].append(decided(model, part, backend))
+    report = {"settings": asked.settings, "recordings": len(spikes), "frames": len(spikes.sample), "folds": asked.folds}
+    rows = {backend: compared(joined(found[backend]), joined(found[BACKENDS[0]])) for backend in BACKENDS}
+    for backend, row in rows.items():
+        learning = settings.changed({"epochs": 1})
+        row["learn_ms_a_frame"] = 1e3 * learning_time(spikes, learning, backend)
+        if not asked.json:
+            print(f"{backend:10}" + ", ".join(f"{name} {value:.4g}" for name, value in row.items()), flush=True)
+    if asked.json:
+        print(json.dumps(report | {"backends": rows}, indent=1))
+
+
+def shown(spikes: Spikes, settings: Settings, seed: int, folds: int) -> Iterator[tuple[Model, Spikes]]:
+    """Models, and the recordings to show to each."""
+    if folds == 1:
+        yield train(spikes, settings, seed=seed), spikes
+        return
+    fold = stratified(spikes.labels, folds, seed)
+    for k in range(folds):
+        model = train(spikes.take(np.flatnonzero(fold != k)), settings, seed=seed)
+        yield model, spikes.take(np.flatnonzero(fold == k))
+
+
+def decided(model: Model, spikes: Spikes, backend: str) -> Found:
+    """What a backend decides: of frames label, winner and step, of recordings the votes and whether they are right."""
+    sim = model.simulation(backend)
+    present(sim, spikes.take([0]))  # compiles
+    began = time.process_time()
+    trials = present(sim, spikes)
+    seconds = time.process_time() - began
+    by = decisions(trials, spikes)
+    found = dict(zip(FRAMES, (trials.label, trials.winner, trials.step), strict=True))
+    found |= {vote: by.by(vote) for vote in VOTES}
+    found |= {f"{vote}_right": by.by(vote) == spikes.labels for vote in VOTES}
+    return found | {"seconds": np.array([seconds])}
+
+
+def joined(parts: list[Found]) -> Found:
+    """What was found with several models, one after the other."""
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def compared(mine: Found, first: Found) -> dict[str, float]:
+    """Shares that are the same, accuracies, and the time of a frame."""
+    same = {f"same_{name}": float(np.mean(mine[name] == first[name])) for name in (*FRAMES, *VOTES)}
+    right = {f"{vote}_accuracy": float(mine[f"{vote}_right"].mean()) for vote in VOTES}
+    return same | right | {"decide_ms_a_frame": 1e3 * float(mine["seconds"].sum()) / len(mine["frame_label"])}
+
+
+def learning_time(spikes: Spikes, settings: Settings, backend: str) -> float:
+    """Seconds of one core for a frame of one epoch, over a fifth of the recordings."""
+    part = spikes.take(range(0, len(spikes), 5))
+    train(part.take(range(2)), settings, backend=backend)  # compiles
+    began = time.process_time()
+    train(part, settings, backend=backend)
+    return (time.process_time() - began) / len(part.sample)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,113 @@
+"""What a recording takes: the bill of what was shown, its sources, and what it leaves out."""
+
+import json
+
+import numpy as np
+import pytest
+
+from neuro_remus.decide import decisions, present
+from neuro_remus.energy import FRONT_END, bills, counted, notes, show, words
+from neuro_remus.evaluate import evaluate
+from neuro_remus.settings import VOTES
+from neuro_remus.train import train
+from neuro_remus.tried import Tried
+
+TARGETS = ("loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu")
+NEURONS = 6 * 2 * 2
+MACS = NEURONS * 4 * 7 * 7
+"""Of one step: six maps of 2 x 2 neurons, four orientations under a kernel of 7 x 7."""
+
+
+@pytest.fixture(scope="module")
+def model(letters, small):
+    return train(letters, small, seed=1)
+
+
+@pytest.fixture(scope="module")
+def tried(letters, model):
+    sim = model.simulation()
+    present(sim, letters.take([0, 1]))  # what was shown before is not in the bill
+    trials = present(sim, letters)
+    decided = decisions(trials, letters)
+    votes = {vote: evaluate(decided.by(vote), letters.labels, letters.classes) for vote in VOTES}
+    return Tried(votes, sim, trials, len(letters))
+
+
+def test_counts_of_a_recording(letters, small, tried):
+    told = counted(tried)
+    ticks = tried.trials.ticks
+    in_time = letters.times < np.repeat(ticks, np.diff(letters.offsets))
+    assert told["frames"] * 26 == 72
+    assert told["steps"] * 26 == ticks.sum()
+    assert told["input_spikes"] * 26 == in_time.sum()
+    assert told["neuron_updates"] * 26 == pytest.approx(NEURONS * ticks.sum())
+
+
+def test_a_bill_by_hand(tried):
+    told = counted(tried)
+    by_name = {bill.target: bill for bill in bills(tried, TARGETS)}
+    active = told["neuron_updates_active"]
+    sleeping = told["neuron_updates"] - active
+    on_prototype = told["synaptic_ops"] * 0.45e-9 + told["neuron_updates"] * 2.19e-9
+    assert by_name["spinnaker2"].dynamic_j == pytest.approx(on_prototype)
+    ways = sum(item.joules for item in by_name["loihi"].items if item.what.startswith(("hop", "spike")))
+    on_cores = told["synaptic_ops"] * 23.6e-12 + active * 81e-12 + sleeping * 52e-12
+    assert by_name["loihi"].dynamic_j == pytest.approx(on_cores + ways)
+    assert by_name["loihi"].static_j == pytest.approx(by_name["loihi"].chip_time_s * 0.104)
+    assert by_name["spinnaker"].chip_time_s == pytest.approx(told["steps"] * 1e-3)
+    assert by_name["gpu"].total_j == pytest.approx(told["steps"] * MACS * 0.3e-9)
+    assert all(bill.of == "recording" for bill in by_name.values())
+
+
+def test_the_bill_does_not_depend_on_the_backend(letters, model):
+    part = letters.take(range(3))
+    told = []
+    for backend in ("event", "reference"):
+        sim = model.simulation(backend)
+        told.append(bills(Tried({}, sim, present(sim, part), 3), ["loihi"])[0])
+    assert told[0] == told[1]
+
+
+def test_words(model, tried):
+    told = json.loads(words(model, tried, bills(tried, ("loihi", "gpu"))))
+    assert list(told) == [
+        "backend", "vote", "accuracy", "interval", "recordings", "per_recording", "bills", "notes",
+    ]  # fmt: skip
+    assert (told["backend"], told["vote"], told["recordings"]) == ("event", "majority", 26)
+    assert told["accuracy"] == tried.votes["majority"].accuracy
+    assert told["per_recording"] == counted(tried)
+    assert [bill["target"] for bill in told["bills"]] == ["loihi", "gpu"]
+    for bill in told["bills"]:
+        assert {"dynamic_j", "static_j", "total_j", "chip_time_s", "items", "notes"} <= set(bill)
+        assert all(item["source"] for item in bill["items"])
+    assert told["notes"][0] == FRONT_END
+
+
+def test_dense_once_a_frame(tried):
+    gpu = bills(tried, ["gpu"])
+    joules = 72 / 26 * MACS * 0.3e-9
+    steps = tried.trials.ticks.sum() / 72
+    assert notes(tried, gpu) == [
+        FRONT_END,
+        f"dense layers once a frame, not in each of its {steps:.4g} steps: gpu {joules * 1e6:.4g} uJ",
+    ]
+    assert notes(tried, bills(tried, ["loihi"])) == [FRONT_END]
+
+
+def test_table(model, tried, capsys):
+    show(model, tried, bills(tried, TARGETS))
+    text = capsys.readouterr().out
+    own = tried.votes["majority"]
+    low, high = own.interval
+    assert " ".join(text.split()).startswith(
+        f"energy per recording; {own.accuracy:.1%} of 26 right (95 % interval {low:.1%} - {high:.1%}) "
+        "by majority on event target what "
+    )
+    rows = {line.split()[0]: line for line in text.splitlines() if line.strip().startswith(TARGETS)}
+    assert tuple(rows) == TARGETS
+    joules = f"{counted(tried)['steps'] * MACS * 0.3e-9 * 1e6:.4g}"
+    assert rows["gpu"].split()[-8:] == [joules, "uJ", "not", "priced", joules, "uJ", "-", "-"]
+    assert f"{counted(tried)['steps'] * 1000:,.0f}" in rows["spinnaker"]
+    assert "- loihi: synaptic_op 23.6 pJ: Davies et al., IEEE Micro 38(1):82, 2018, Table 2 (minimum; " in text
+    assert "- cpu, gpu: neuron updates, learning and static power are not in the sums\n" in text
+    assert f"- {FRONT_END}\n" in text
