@@ -2,7 +2,8 @@
 # make demo         environment, install, then learn to recognise digits from event-camera recordings
 #                   (DATA=folder: real N-MNIST files instead of recordings made here)
 # make bench        how fast it is
-# make bench-peers  how fast NEST and Brian2 are with the same networks, in an environment of their own
+# make bench-peers  how fast NEST, Brian2 and public emulators of Loihi are with the same networks, in environments of
+#                   their own
 # make clean        remove what was made; make distclean: environments, too
 #
 # All it needs is Python 3.11 or newer (PYTHON=... names another than the first found) and the package index.
@@ -46,8 +47,9 @@ demo: $(VENV)/.demo
 bench: $(VENV)/.test
 	$(BIN)/pytest benchmarks --benchmark-only -p no:xdist
 
-bench-peers: $(VENV)/.test $(if $(wildcard $(PEERS)/bench_nest.py),$(VENV)-peers/.installed)
+bench-peers: $(VENV)/.test $(if $(wildcard $(PEERS)/bench_nest.py),$(VENV)-peers/.installed $(VENV)-peers-chips/.installed)
 	$(BIN)/python benchmarks/peers.py --scripts "$(PEERS)" --python $(VENV)-peers/bin/python
+	$(BIN)/python benchmarks/peers_chips.py --scripts "$(PEERS)" --python $(VENV)-peers-chips/bin/python
 
 $(VENV)/.demo: pyproject.toml
 	$(call environment,$(VENV))
@@ -64,9 +66,14 @@ $(VENV)-peers/.installed:
 	$(VENV)-peers/bin/python $(PIP) nest-simulator brian2 'numpy<2.4'
 	@touch $@
 
+$(VENV)-peers-chips/.installed:
+	$(call environment,$(VENV)-peers-chips)
+	$(VENV)-peers-chips/bin/python $(PIP) 'numpy<2' nengo-loihi brian2-loihi sanafe cython setuptools
+	@touch $@
+
 clean:
 	rm -rf demo build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
 	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
 
 distclean: clean
-	rm -rf $(VENV) $(VENV)-peers
+	rm -rf $(VENV) $(VENV)-peers $(VENV)-peers-chips

@@ -1,0 +1,55 @@
+"""Time public emulators of Loihi and neuro with the same networks, one after the other, and print the ratios.
+
+`python benchmarks/peers_chips.py --scripts FOLDER --python PEERS_PYTHON`: FOLDER holds bench_nengo_loihi.py,
+bench_brian2loihi.py and bench_sanafe.py, PEERS_PYTHON has nengo-loihi, brian2-loihi and sanafe installed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+from peers import timed
+
+STEPS = {"ff": "200", "rec": "50"}
+PEERS = {
+    "nengo-loihi": ("bench_nengo_loihi.py",),
+    "Brian2Loihi": ("bench_brian2loihi.py",),
+    "SANA-FE": ("bench_sanafe.py",),
+}
+OURS = Path(__file__).resolve().with_name("run_chip.py")
+
+
+def main() -> int:
+    """Print a table and one JSON line for each run; 0 also where the scripts are missing, which is said."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--scripts", type=Path, required=True)
+    options.add_argument("--python", default=sys.executable)
+    asked = options.parse_args()
+    missing = [script for (script,) in PEERS.values() if not (asked.scripts / script).is_file()]
+    if missing:
+        print(f"skipped: {asked.scripts / missing[0]} is not there; the peers' scripts come with the reference data")
+        return 0
+    scripts, python = asked.scripts.resolve(), os.path.abspath(asked.python)
+    print(f"load {os.getloadavg()[0]:.2f} on {os.cpu_count()} cores; run alone for figures worth keeping", flush=True)
+    rows = []
+    for net, steps in STEPS.items():
+        ours = timed([sys.executable, str(OURS), net])
+        if ours is None:
+            continue
+        rows.append((net, "neuro", ours["steps_per_s"], ""))
+        for name, (script,) in PEERS.items():
+            theirs = timed([python, str(scripts / script), net, steps])
+            if theirs is not None:
+                ratio = f"{ours['steps_per_s'] / theirs['steps_per_s']:.0f}"
+                rows.append((net, name, theirs["steps_per_s"], ratio))
+    print(f"\n{'net':<6}{'emulator':<14}{'steps/s':>12}{'neuro is faster by':>20}")
+    for net, name, rate, ratio in rows:
+        print(f"{net:<6}{name:<14}{rate:>12.5g}{ratio:>20}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
