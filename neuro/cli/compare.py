@@ -44,6 +44,8 @@ def compare(
     Clock(net.resolution).step(duration, "--for")
     for out in (html, json_out):
         spare(file, out)
+    if html is not None and html == json_out:
+        raise typer.BadParameter(f"'{html}' is the page already: expected another name", param_hint="'--json-out'")
     with Bar() as bar, ExitStack() as files:
         pages = files.enter_context(aside(html)) if html else None
         plain = files.enter_context(aside(json_out)) if json_out else None

@@ -1,6 +1,6 @@
 """One network on several backends, and how far each is from the first: spikes, weights, counts and joules."""
 
-from neuro.compare.compare import compare
 from neuro.compare.result import Bill, Comparison, Run
+from neuro.compare.runs import compare
 
 __all__ = ["Bill", "Comparison", "Run", "compare"]

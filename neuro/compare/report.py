@@ -63,8 +63,8 @@ def _card(comparison: Comparison, run: Run) -> Html:
     """What to know of a backend at a glance."""
     name = tag("h3", run.backend)
     if run.refused:
-        big = tag("p", "refused", class_="big")
-        return tag("section", name, big, tag("p", words.reason(run)), class_="card refused")
+        head = tag("p", "refused", class_="big")
+        return tag("section", name, head, tag("p", words.reason(run)), class_="card refused")
     assert run.counts is not None
     facts = [("spikes", f"{run.counts.spikes:,}"), ("synaptic operations", f"{run.counts.synaptic_ops:,}")]
     if run is comparison.first:

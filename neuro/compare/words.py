@@ -10,7 +10,8 @@ from neuro.compare.spikes import Divergence
 
 INPUTS = {"same": "the same", "merged": "the same, several spikes in a step as one", "other": "not the same"}
 
-SUMMARY = ("backend", ">spikes", ">synaptic ops", ">active updates", ">distance", "first difference", ">energy")
+COUNTS = (">spikes", ">synaptic ops", ">active updates", ">learning")
+SUMMARY = ("backend", *COUNTS, ">distance", "first difference", ">energy")
 POPULATIONS = ("population", "backend", ">neurons", ">spikes", ">rate Hz", "first difference", ">distance")
 PROJECTIONS = ("projection", "backend", ">largest", ">rms", ">relative rms", ">by rounding")
 ENERGY = ("target", "counts of", ">dynamic", ">static", ">total", ">chip time", ">chips")
@@ -21,10 +22,10 @@ def summary(comparison: Comparison) -> Iterator[tuple[str, ...]]:
     """A row for each backend, with what it is refused for."""
     for run in comparison.runs:
         if run.counts is None:
-            yield (run.backend, *4 * "-", f"refused: {reason(run)}", "-")
+            yield (run.backend, *5 * "-", f"refused: {reason(run)}", "-")
             continue
-        counts = (run.counts.spikes, run.counts.synaptic_ops, run.counts.neuron_updates_active)
-        numbers = (f"{count:,}" for count in counts)
+        c = run.counts
+        numbers = (f"{n:,}" for n in (c.spikes, c.synaptic_ops, c.neuron_updates_active, c.learning_updates))
         energy = "-" if run.own is None else quantity(run.own.total_j, "J")
         yield (run.backend, *numbers, far(run.per_spike), earliest(comparison, run), energy)
 

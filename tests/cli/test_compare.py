@@ -1,0 +1,159 @@
+import json
+import re
+import sys
+
+import pytest
+import typer
+
+import neuro as framework
+from neuro.cli.compare import compare
+from neuro.cli.mistakes import telling
+
+NETWORK = """\
+neuro: 1
+name: small
+resolution: 1.0
+parameters: {w: 300.0}
+populations:
+  noise: {model: {poisson_generator: {rate: 100.0}}, shape: 20}
+  exc: {model: iaf_psc_exp, shape: [2, 4]}
+projections:
+  noise_exc: {from: noise, to: exc, rule: all_to_all, weight: $w, delay: 1.0}
+"""
+RUN = ("net.yaml", "--for", "50")
+FLOATS = (*RUN, "--backends", "event,reference")
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Run `compare` alone with some words; return exit status, output and error."""
+    app = typer.Typer(pretty_exceptions_enable=False, add_completion=False)
+    app.command()(compare)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "net.yaml").write_text(NETWORK)
+
+    def words(*given):
+        monkeypatch.setattr(sys, "argv", ["compare", *map(str, given)])
+        capsys.readouterr()
+        try:
+            with telling():
+                status = app(standalone_mode=False) or 0
+        except SystemExit as leaving:
+            status = leaving.code
+        return status, *capsys.readouterr()
+
+    return words
+
+
+def cells(out):
+    """Rows of a table as lists of cells."""
+    return [re.split(r"  +", line.strip()) for line in out.splitlines() if line.strip()]
+
+
+def test_tables(run):
+    status, out, err = run(*RUN, "--backends", "event, reference ,loihi,spinnaker", "--seed", "3")
+    assert (status, err) == (0, "")
+    rows = cells(out)
+    assert rows[0] == ["small: 50 ms, seed 3, compared with event"]
+    names = [
+        "backend",
+        "spikes",
+        "synaptic ops",
+        "active updates",
+        "learning",
+        "distance",
+        "first difference",
+        "energy",
+    ]
+    assert rows[1] == names
+    assert [row[0] for row in rows[3:7]] == ["event", "reference", "loihi", "spinnaker"]
+    assert rows[4][1:5] == rows[3][1:5]
+    assert rows[4][-2:] == ["none", "-"]
+    assert rows[5][-1].endswith(" uJ")
+    assert ["population", "backend", "neurons", "spikes", "rate Hz", "first difference", "distance"] in rows
+    assert ["projection", "backend", "largest", "rms", "relative rms", "by rounding"] in rows
+    assert ["target", "counts of", "dynamic", "static", "total", "chip time", "chips"] in rows
+    assert [row[:2] for row in rows if row[0] in ("cpu", "gpu")] == [["cpu", "event"], ["gpu", "event"]]
+
+
+def test_json_goes_out_and_to_a_file(run, tmp_path):
+    status, out, err = run(*FLOATS, "--json", "--json-out", "found.json", "--seed", "2", "--set", "w=500")
+    assert (status, err) == (0, "")
+    told = json.loads(out)
+    assert told == json.loads((tmp_path / "found.json").read_text("utf-8"))
+    expected = framework.compile(framework.load("net.yaml", params={"w": 500.0}), seed=2)
+    expected.run(50.0)
+    assert told["backends"]["event"]["counts"]["spikes"] == expected.counts().spikes
+    assert told["backends"]["reference"]["populations"]["exc"]["same"] is True
+
+
+def test_the_page_is_written_whole(run, tmp_path):
+    status, out, _ = run(*RUN, "--backends", "event,loihi", "--html", "page.html")
+    assert status == 0
+    assert out.splitlines()[-1] == "page.html: written"
+    assert (tmp_path / "page.html").read_text("utf-8").endswith("</html>\n")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["net.yaml", "page.html"]
+
+
+REFUSED = NETWORK.replace("iaf_psc_exp", "izhikevich").replace("300.0", "5.0")
+
+
+def test_a_refusal_is_a_row(run, tmp_path):
+    (tmp_path / "net.yaml").write_text(REFUSED)
+    status, out, err = run(*RUN, "--backends", "event,reference,spinnaker")
+    assert (status, err) == (0, "")
+    told = " ".join(out.split())
+    assert "spinnaker - - - - - refused: net.yaml:7:3:" in told
+    assert "refused: backend 'spinnaker' cannot run this network (1 problem) net.yaml:7:3: population 'exc': " in told
+
+
+def test_too_few_backends_run(run, tmp_path):
+    (tmp_path / "net.yaml").write_text(REFUSED)
+    status, out, err = run(*RUN, "--html", "page.html", "--json-out", "found.json")
+    assert (status, out) == (2, "")
+    assert err.startswith("error: only 1 of the 3 backends runs this network: nothing to compare\nbackend 'loihi' ")
+    assert [path.name for path in tmp_path.iterdir()] == ["net.yaml"]
+
+
+def test_what_is_approximated_and_missing_is_told(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("neuro.compare.spikes._library", lambda: None)
+    (tmp_path / "net.yaml").write_text(NETWORK.replace("100.0", "400.0"))
+    status, out, err = run(*RUN, "--backends", "event,loihi")
+    assert (status, err) == (0, "")
+    told = " ".join(out.split())
+    assert "input of loihi: the same, several spikes in a step as one as on event" in told
+    assert "warning: backend 'loihi': net.yaml:6:3: population 'noise': poisson_generator: " in told
+    install = "pip install 'neuro[compare]' installs what computes them"
+    assert f"note: spike-train distances are left out: {install}" in told
+
+
+def test_an_interrupted_comparison_leaves_nothing(run, tmp_path, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("neuro.cli.progress.advance", interrupted)
+    assert run(*FLOATS, "--html", "page.html") == (130, "", "interrupted: nothing is compared\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["net.yaml"]
+
+
+MISTAKES = {
+    "one backend": (("--backends", "event"), "backends = event: expected two or more to compare"),
+    "unknown": (("--backends", "event,loihj"), "unknown backend 'loihj'\n  hint: did you mean 'loihi'?"),
+    "off the grid": (("--for", "0.5"), "--for = 0.5 ms: expected a multiple of the resolution, 1 ms"),
+    "over the network": (("--html", "net.yaml"), "net.yaml: this is the network itself: expected another name"),
+    "two in one": (
+        ("--html", "x", "--json-out", "x"),
+        "Invalid value for '--json-out': 'x' is the page already: expected another name",
+    ),
+    "no folder": (("--html", "none/page.html"), "none/page.html: No such file or directory"),
+}
+
+
+@pytest.mark.parametrize("what", MISTAKES)
+def test_mistakes_are_told_before_the_run(run, what, monkeypatch, tmp_path):
+    words, message = MISTAKES[what]
+    monkeypatch.setattr("neuro.compare.runs.compile", None)
+    status, out, err = run(*RUN, *words)
+    assert (status, out) == (2, "")
+    assert err.startswith(f"error: {message}")
+    assert (tmp_path / "net.yaml").read_text() == NETWORK
