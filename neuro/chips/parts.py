@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -38,13 +38,15 @@ class Inputs:
     Args:
         program: the whole network.
         index: which population.
+        modes: sign modes that are kept whatever the weights are now, by projection.
 
     Attributes:
         spikes, currents: indices of the projections that carry spikes, and currents.
     """
 
-    def __init__(self, program: Program, index: int) -> None:
+    def __init__(self, program: Program, index: int, modes: Mapping[str, str] | None = None) -> None:
         self.program, self.index, self.part = program, index, program.populations[index]
+        self._modes = modes or {}
         incoming = [i for i, p in enumerate(program.projections) if p.target == index]
         self.currents = [i for i in incoming if self._carries_current(i)]
         self.spikes = [i for i in incoming if i not in self.currents]
@@ -67,6 +69,8 @@ class Inputs:
 
     def sign_mode(self, index: int) -> str:
         """The signs that the weights of a projection have or may come to have."""
+        if kept := self._modes.get(self.program.projections[index].name):
+            return kept
         low, high = self._bounds[index]
         if low >= 0.0:
             return "excitatory"
@@ -122,6 +126,48 @@ def constants_of(part: Population, resolution: float) -> Floats:
         model.arithmetic.constants(row, resolution, c)
     found: Floats = constants[back.reshape(-1)]
     return found
+
+
+def value_at(part: Population, name: str, neuron: int) -> float:
+    """A parameter of one neuron."""
+    return float(np.broadcast_to(part.parameters[name], part.size)[neuron])
+
+
+def too_short(part: Population, name: str, resolution: float) -> Iterator[Problem]:
+    """A time constant below a step."""
+    shortest = float(part.parameters[name].min())
+    if shortest < resolution:
+        yield refused(
+            part.origin,
+            f"population '{part.name}': {name} = {shortest:g} ms",
+            f"it is below a step of {resolution:g} ms",
+            "use a finer resolution or a longer time constant",
+        )
+
+
+def too_long(
+    part: Population, name: str, resolution: float, limit: float, register: str, infinite: bool
+) -> Iterator[Problem]:
+    """A finite time constant beyond the longest that a decay register holds; `infinite`: it also holds no decay."""
+    tau = part.parameters[name]
+    longest = float(tau[np.isfinite(tau)].max(initial=0.0))
+    if longest > limit * (1.0 + 1e-9):
+        way = f"use at most {limit:.5g} ms, a coarser resolution" + (", or .inf for no leak" if infinite else "")
+        yield refused(
+            part.origin,
+            f"population '{part.name}': {name} = {longest:g} ms",
+            f"{register} holds at most {limit:.5g} ms at a resolution of {resolution:g} ms",
+            way if infinite else way.replace(", a ", " or a "),
+        )
+
+
+def one_kernel(inputs: Inputs, index: int, gains: int) -> list[Problem]:
+    """A shared kernel onto neurons whose weights would need different scales; `gains` is how many there are."""
+    part = inputs.program.projections[index]
+    if part.grid is None or gains == 1:
+        return []
+    told = f"projection '{part.name}': a shared kernel onto neurons that differ"
+    return [refused(part.origin, told, "a kernel has one scale", "give the neurons the same time constants and C_m")]
 
 
 def refused(origin: Where | None, what: str, why: str, way_out: str) -> Problem:

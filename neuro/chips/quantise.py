@@ -7,7 +7,7 @@ rounding is told where it exceeds a limit below. All problems of a program are f
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from types import ModuleType
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -16,30 +16,21 @@ import numpy as np
 
 from neuro.backend import Problem
 from neuro.chips import loihi, spinnaker
+from neuro.chips.by_hand import options_of
 from neuro.chips.chip import Chip
 from neuro.chips.fixed import FixedPopulation, FixedProgram, FixedProjection
 from neuro.chips.learning_fit import COARSE_UPDATE
 from neuro.chips.learning_map import Mapped, rule_of
+from neuro.chips.losses import LIMITS, losses, merged
 from neuro.chips.parts import Inputs, Options, approximated, refused
-from neuro.errors import ModelError, nearest
+from neuro.errors import ModelError
 from neuro.neurons import Neuron, dc_generator, iaf_psc_delta, parrot_neuron, poisson_generator, spike_generator
 from neuro.program import Floats, Program
 from neuro.synapses import loihi_learning
 
-ARITHMETIC: dict[str, ModuleType] = {"loihi": loihi, "spinnaker": spinnaker}
+__all__ = ["ARITHMETIC", "LIMITS", "quantise", "requantise", "rules_run"]
 
-LIMITS = {
-    "zeroed": (0.01, "of the weights other than 0 become 0"),
-    "rms": (0.02, "is the rms error of the weights"),
-    "tau_m": (0.02, "is the error of the membrane time constant"),
-    "tau_syn_ex": (0.02, "is the error of the synaptic time constant"),
-    "tau_syn_in": (0.02, "is the error of the synaptic time constant"),
-    "V_th": (0.001, "of the distance from E_L to V_th is the error of the threshold"),
-    "V_reset": (0.001, "of the distance from E_L to V_th is the error of V_reset"),
-    "I_e": (0.02, "is the error of the constant current"),
-    "merged": (0.01, "of the generator's spikes share a step with another of the same neuron and become one"),
-}
-"""Errors above which rounding is told as an approximation: of weights, of time constants and of potentials."""
+ARITHMETIC: dict[str, ModuleType] = {"loihi": loihi, "spinnaker": spinnaker}
 
 LARGEST_SIGNAL = 4.0
 """Dopamine that a signal may set, in those of one dopamine spike, 1/tau_n, where the option `signals` says nothing."""
@@ -74,32 +65,6 @@ def quantise(program: Program, chip: Chip, **options: Any) -> FixedProgram:
     return kept[key]
 
 
-def options_of(program: Program, chip: Chip, options: Mapping[str, Any]) -> Options:
-    """Options by name, checked.
-
-    Raises:
-        ModelError: one is unknown, or names a part that does not exist or a value that cannot be.
-    """
-    known = [entry.name for entry in fields(Options)]
-    for name in options:
-        if name not in known:
-            raise ModelError(f"backend '{chip.name}' has no option '{name}'", hint=nearest(name, known))
-    populations, projections = ([p.name for p in parts] for parts in (program.populations, program.projections))
-    for option, names in (
-        ("scales", populations),
-        ("shifts", populations),
-        ("exponents", projections),
-        ("signals", projections),
-    ):
-        for name in options.get(option, {}):
-            if name not in names:
-                raise ModelError(f"{option}: unknown part '{name}'", hint=nearest(name, names))
-    for name, scale in options.get("scales", {}).items():
-        if isinstance(scale, bool) or not isinstance(scale, (int, float, np.number)) or not scale > 0:
-            raise ModelError(f"scales['{name}'] = {scale!r}: expected units per mV, a number > 0")
-    return Options(**options)
-
-
 def _quantise(program: Program, chip: Chip, options: Options) -> FixedProgram:
     populations: list[FixedPopulation] = []
     projections: dict[int, FixedProjection] = {}
@@ -117,8 +82,8 @@ def _quantise(program: Program, chip: Chip, options: Options) -> FixedProgram:
     problems += _delays(program, chip, wires)
     if any(p.refused for p in problems):
         return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), ())
-    problems += _merged(program, chip)
-    problems += _losses(program, populations, wires)
+    problems += merged(program, chip)
+    problems += losses(program, populations, wires)
     return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), tuple(_notes(program, chip)))
 
 
@@ -198,7 +163,8 @@ def _learning(program: Program, chip: Chip, wires: dict[int, FixedProjection], o
                 yield refused(part.origin, told, error.message, error.hint)
                 continue
             wires[index] = replace(wires[index], rule=mapped.rule, n_scale=mapped.n_scale)
-            yield approximated(part.origin, told, "; ".join(mapped.approximations))
+            differs = "".join(f"\n    - {text}" for text in mapped.approximations)
+            yield approximated(part.origin, told, f"the chip's learning engine runs it otherwise:{differs}")
             if mapped.update < COARSE_UPDATE:
                 why = (
                     f"a change is {mapped.update:.2g} of a weight step: below {COARSE_UPDATE:g} much of it is cut away"
@@ -230,42 +196,6 @@ def _mapped(program: Program, index: int, wires: FixedProjection, options: Optio
         delay=int(part.delay.max(initial=1)),
         largest_n=float(options.signals.get(part.name, LARGEST_SIGNAL / told.get("tau_n", 1.0))),
     )
-
-
-def _merged(program: Program, chip: Chip) -> Iterator[Problem]:
-    """Poisson generators whose multiple spikes in a step become one."""
-    if chip.arithmetic != "loihi":
-        return
-    limit, told = LIMITS["merged"]
-    for part in program.populations:
-        if not isinstance(part.model, poisson_generator):
-            continue
-        mean = float(part.parameters["rate"].max()) * program.resolution / 1000.0
-        share = 1.0 - -np.expm1(-mean) / mean if mean > 0.0 else 0.0
-        if share > limit:
-            why = f"{share:.1%} {told}, since a spike on Loihi is one bit; counts().native tells how many"
-            way = "use a finer resolution or several generators of a lower rate"
-            yield approximated(part.origin, f"population '{part.name}': {part.model.name}", why, way)
-
-
-def _losses(
-    program: Program, populations: list[FixedPopulation], wires: tuple[FixedProjection | None, ...]
-) -> Iterator[Problem]:
-    """Roundings beyond the limits."""
-    for part, cells in zip(program.populations, populations, strict=True):
-        for r in cells.rounding:
-            if r.quantity in LIMITS and abs(r.error) > LIMITS[r.quantity][0]:
-                what = f"population '{part.name}': {r.quantity} = {r.wanted:g} becomes {r.got:.6g} {r.unit}"
-                why = f"{abs(r.error):.1%} {LIMITS[r.quantity][1]}"
-                yield approximated(part.origin, what, why)
-    for projection, fixed in zip(program.projections, wires, strict=True):
-        if fixed is None:
-            continue
-        for name in ("zeroed", "rms"):
-            value, (limit, told) = getattr(fixed.rounding, name), LIMITS[name]
-            if value > limit:
-                way = "raise the small weights, or lower the largest one, which sets the scale"
-                yield approximated(projection.origin, f"projection '{projection.name}'", f"{value:.1%} {told}", way)
 
 
 def _notes(program: Program, chip: Chip) -> Iterator[str]:
@@ -310,9 +240,10 @@ def requantise(
     part = replace(program.populations[population], parameters=dict(parameters))
     others = (*program.populations[:population], part, *program.populations[population + 1 :])
     changed = replace(program, populations=others, projections=projections)
+    modes = {w.name: w.sign_mode for w in fixed.projections if w is not None and w.sign_mode}
     exponents = {w.name: w.exponent for w in fixed.projections if w is not None and w.sign_mode}
     shifts = {}
     if "exc_shift" in cells.registers:
         shifts = {cells.name: tuple(int(cells.registers[f"{word}_shift"][0]) for word in ("exc", "inh"))}
     options = Options(scales={cells.name: cells.volt}, exponents=exponents, shifts=shifts)  # type: ignore[arg-type]
-    return _population(Inputs(changed, population), fixed.chip, options)
+    return _population(Inputs(changed, population, modes), fixed.chip, options)

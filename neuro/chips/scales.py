@@ -1,11 +1,13 @@
-"""Weights as mantissas: which scale loses least, and what is lost."""
+"""What rounding does: to weights, of which a scale loses more or less, and to the numbers of neurons."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
-from neuro.chips.fixed import WeightRounding, Words
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from neuro.chips.fixed import Rounding, WeightRounding, Words
 from neuro.program import Floats
 
 SAMPLE = 512
@@ -29,7 +31,7 @@ def rounded(weights: Floats, step: Floats | float, low: int, high: int, grain: i
     return mantissas
 
 
-def judged(weights: Floats, mantissas: Words, step: Floats | float, low: int, high: int) -> WeightRounding:
+def judged(weights: Floats, mantissas: Words | Floats, step: Floats | float, low: int, high: int) -> WeightRounding:
     """What rounding did to some weights.
 
     Args:
@@ -68,3 +70,27 @@ def errors(values: Floats, steps: NDArray[np.float64], low: int, high: int, grai
     lost: Floats = np.sum(((mantissas - exact) * steps[:, None]) ** 2, axis=1) / power
     lost[lost < 1e-24] = 0.0
     return lost
+
+
+class Beyond(NamedTuple):
+    """A weight that no mantissa reaches, and what one mantissa is worth there."""
+
+    weight: float
+    step: float
+
+
+def beyond(weights: Floats, step: Floats, low: int, high: int) -> Beyond:
+    """The weight that is furthest beyond the mantissas from low to high."""
+    every, steps = np.broadcast_arrays(weights, step)
+    exact = every / steps
+    at = int(np.argmax(np.maximum(exact - high, low - exact)))
+    return Beyond(float(every[at]), float(steps[at]))
+
+
+def worst(name: str, unit: str, wanted: ArrayLike, got: ArrayLike, scale: ArrayLike) -> Rounding:
+    """The rounding of the neuron whose register differs most, relative to `scale`."""
+    w, g, s = np.broadcast_arrays(np.atleast_1d(wanted), np.atleast_1d(got), np.asarray(scale, dtype=np.float64))
+    with np.errstate(invalid="ignore"):
+        error = np.nan_to_num(np.where(w == g, 0.0, (g - w) / s), nan=np.inf)
+    at = int(np.argmax(np.abs(error)))
+    return Rounding(name, unit, float(w[at]), float(g[at]), float(error[at]) if abs(error[at]) > 1e-12 else 0.0)

@@ -20,16 +20,13 @@ import numpy as np
 from neuro.backend import Problem
 from neuro.chips import scales
 from neuro.chips.fixed import FixedPopulation, FixedProjection, Rounding, WeightRounding, Words
-from neuro.chips.loihi import worst
-from neuro.chips.parts import Inputs, Options, constants_of, refused
+from neuro.chips.parts import Inputs, Options, constants_of, one_kernel, refused
+from neuro.chips.spinnaker_limits import FRACTION, LARGEST, LARGEST_SHIFT, NATIVE_DELAY, ONE, SLOT, lacking, overflows
 from neuro.neurons import iaf_psc_delta
 from neuro.program import Floats, Ints, Population
 
-ONE = 32768
-SLOT = 65535
-LARGEST = 2**31 - 1
-FRACTION = 2.0**32
-NATIVE_DELAY = 16
+__all__ = ["NATIVE_DELAY", "native", "native_projection", "population", "relay_projection"]
+
 FINE = 256
 """Steps that the largest weight keeps although a slot might then saturate."""
 
@@ -99,22 +96,22 @@ def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[
     """A population of `iaf_psc_delta` or `iaf_psc_exp`, and the projections onto it."""
     delta = isinstance(inputs.part.model, iaf_psc_delta)
     registers, gain, drive, rounding = _delta(inputs) if delta else _exponential(inputs)
-    problems = _problems(inputs, registers)
     shifts = options.shifts.get(inputs.part.name) or _shifts(inputs, gain)
     registers["exc_shift"], registers["inh_shift"] = (np.full(1, shift, dtype=np.int64) for shift in shifts)
-    part = inputs.part
+    part, p = inputs.part, inputs.part.parameters
     ampere: tuple[Floats, ...] = ()
-    initial = {"v": np.rint(part.initial["V_m"] * ONE).astype(np.int64)}
+    initial = {"v": part.initial["V_m"] * ONE}
     if not delta:
+        h = inputs.program.resolution
         ampere = tuple(
-            g * registers[f"{word}_init"] / FRACTION * ONE for word, g in zip(("exc", "inh"), gain, strict=True)
+            g * registers[f"{word}_init"] / FRACTION * ONE / np.exp(-h / p[tau])
+            for word, tau, g in zip(("exc", "inh"), ("tau_syn_ex", "tau_syn_in"), gain, strict=True)
         )
-        initial["g_exc"] = np.rint(np.abs(part.initial["I_syn_ex"]) * ampere[0]).astype(np.int64)
-        initial["g_inh"] = np.rint(np.abs(part.initial["I_syn_in"]) * ampere[1]).astype(np.int64)
+        initial["g_exc"], initial["g_inh"] = part.initial["I_syn_ex"] * ampere[0], -part.initial["I_syn_in"] * ampere[1]
+    problems = [*lacking(inputs), *overflows(inputs, initial, drive)]
+    states = {name: np.clip(np.rint(values), -LARGEST, LARGEST).astype(np.int64) for name, values in initial.items()}
     kind = "spinnaker_delta" if delta else "spinnaker_lif"
-    fixed = FixedPopulation(
-        part.name, kind, registers, initial, float(ONE), np.zeros(1), ampere, drive, tuple(rounding)
-    )
+    fixed = FixedPopulation(part.name, kind, registers, states, float(ONE), np.zeros(1), ampere, drive, tuple(rounding))
     found = {}
     for index in inputs.spikes:
         found[index], more = _weights(inputs, index, gain, shifts)
@@ -141,7 +138,10 @@ def _exponential(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats]
         with np.errstate(divide="ignore", invalid="ignore"):
             own = c[:, exact] / (r_m * -np.expm1(-h / p["tau_m"]) * share)
         gains.append(np.where(np.isfinite(own), own, 0.001))
-    rounding.append(worst("I_e", "pA", p["I_e"], registers["i_offset"] / ONE * 1000.0, np.abs(p["I_e"]).max() or 1.0))
+    if np.isfinite(p["tau_m"]).all():
+        got = p["tau_m"] / np.maximum(registers["r_m"] / ONE, 1e-300) * 1000.0
+        rounding.append(scales.worst("C_m", "pF", p["C_m"], got, p["C_m"]))
+    rounding += _rounded_current(p["I_e"], registers["i_offset"] / ONE * 1000.0)
     return registers, (gains[0], gains[1]), np.full(1, ONE / 1000.0), rounding
 
 
@@ -152,7 +152,15 @@ def _delta(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floa
     p, c = inputs.part.parameters, constants_of(inputs.part, inputs.program.resolution)
     registers = _potentials(inputs, c[:, P33])
     registers["i_offset"] = np.rint(c[:, P30] * p["I_e"] * ONE).astype(np.int64)
-    return registers, (np.ones(1), np.ones(1)), c[:, P30] * ONE, _rounded_potentials(inputs, registers, c[:, P33])
+    rounding = _rounded_potentials(inputs, registers, c[:, P33])
+    rounding += _rounded_current(p["I_e"], registers["i_offset"] / ONE / c[:, P30])
+    return registers, (np.ones(1), np.ones(1)), c[:, P30] * ONE, rounding
+
+
+def _rounded_current(wanted: Floats, got: Floats) -> list[Rounding]:
+    if not wanted.any():
+        return []
+    return [scales.worst("I_e", "pA", wanted, got, float(np.abs(wanted).max()))]
 
 
 def _potentials(inputs: Inputs, leak: Floats) -> dict[str, Ints]:
@@ -170,42 +178,11 @@ def _rounded_potentials(inputs: Inputs, registers: dict[str, Ints], leak: Floats
         tau = np.where(registers["exp_tc"] >= ONE, np.inf, -h / np.log(registers["exp_tc"] / ONE))
     distance = np.abs(p["V_th"] - p["E_L"])
     return [
-        worst("tau_m", "ms", p["tau_m"], tau, p["tau_m"]),
-        worst("V_th", "mV", p["V_th"], registers["v_thresh"] / ONE, distance),
-        worst("V_reset", "mV", p["V_reset"], registers["v_reset"] / ONE, distance),
-        worst("t_ref", "ms", p["t_ref"], registers["t_refract"] * h, 1.0),
+        scales.worst("tau_m", "ms", p["tau_m"], tau, p["tau_m"]),
+        scales.worst("V_th", "mV", p["V_th"], registers["v_thresh"] / ONE, distance),
+        scales.worst("V_reset", "mV", p["V_reset"], registers["v_reset"] / ONE, distance),
+        scales.worst("t_ref", "ms", p["t_ref"], registers["t_refract"] * h, 1.0),
     ]
-
-
-def _problems(inputs: Inputs, registers: dict[str, Ints]) -> list[Problem]:
-    """What 32-bit registers cannot hold, and features that the chip's programs lack."""
-    part, p, h = inputs.part, inputs.part.parameters, inputs.program.resolution
-    told = f"population '{part.name}'"
-    problems = []
-    for name in ("tau_m", "tau_syn_ex", "tau_syn_in"):
-        if name in p and p[name].min() < h:
-            what = f"{told}: {name} = {p[name].min():g} ms"
-            way = "use a finer resolution or a longer time constant"
-            problems.append(refused(part.origin, what, f"it is below a step of {h:g} ms", way))
-    if np.isinf(p["tau_m"]).any() and not isinstance(part.model, iaf_psc_delta):
-        what, why = f"{told}: tau_m = inf", "the membrane resistance tau_m / C_m would be infinite"
-        problems.append(refused(part.origin, what, why, "use a finite tau_m, or iaf_psc_delta"))
-    longest = p["tau_m"][np.isfinite(p["tau_m"])].max(initial=0.0)
-    if -np.expm1(-h / max(longest, h)) * ONE < 0.5:
-        what = f"{told}: tau_m = {longest:g} ms"
-        why = f"a decay of 15 bits holds at most {-h / np.log1p(-0.5 / ONE):.4g} ms at a resolution of {h:g} ms"
-        problems.append(refused(part.origin, what, why, "use a coarser resolution"))
-    for name, values in registers.items():
-        if name not in ("exc_decay", "exc_init", "inh_decay", "inh_init") and np.abs(values).max(initial=0) > LARGEST:
-            what = f"{told}: {name} = {np.abs(values).max() / ONE:g}"
-            problems.append(refused(part.origin, what, "s16.15 holds numbers below 65536", "scale the model down"))
-    if "V_min" in p and np.isfinite(p["V_min"]).any():
-        what = f"{told}: V_min = {p['V_min'].max():g} mV"
-        problems.append(refused(part.origin, what, "the chip's programs have no lowest potential", "leave V_min out"))
-    if p.get("refractory_input", np.zeros(1)).any():
-        way = "leave it out"
-        problems.append(refused(part.origin, f"{told}: refractory_input", "input while refractory is lost", way))
-    return problems
 
 
 def _shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
@@ -225,7 +202,7 @@ def _shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
         scale = ONE * float(own.max())
         safe = _fitting(float(total.max(initial=0.0)) * scale)
         fine = int(np.floor(np.log2(max(largest * scale / FINE, 1.0))))
-        found.append(int(np.clip(min(safe, max(fine, _fitting(largest * scale))), 0, 15)))
+        found.append(int(np.clip(min(safe, max(fine, _fitting(largest * scale))), 0, LARGEST_SHIFT)))
     return found[0], found[1]
 
 
@@ -255,11 +232,8 @@ def _weights(
 ) -> tuple[FixedProjection, list[Problem]]:
     """The weights of a projection as words."""
     part = inputs.program.projections[index]
-    problems: list[Problem] = []
+    problems = one_kernel(inputs, index, gain[0].size)
     delta = isinstance(inputs.part.model, iaf_psc_delta)
-    if part.grid is not None and gain[0].size > 1:
-        told = f"projection '{part.name}': a shared kernel onto neurons that differ"
-        problems.append(refused(part.origin, told, "a kernel has one scale", "give the neurons the same tau and C_m"))
     steps = [2.0**shift / (ONE * own) for shift, own in zip(shifts, gain, strict=True)]
     if steps[0].size > 1 and part.grid is None:
         steps = [step[inputs.targets(index)] for step in steps]
@@ -269,12 +243,14 @@ def _weights(
     words = scales.rounded(part.weight, step, -SLOT, SLOT, 1)
     found = scales.judged(np.broadcast_to(part.weight, words.shape), words, step, -SLOT, SLOT)
     if found.saturated > 0.0:
+        beyond = scales.beyond(part.weight, step, -SLOT, SLOT)
+        word, shift = ("inh_shift", shifts[1]) if beyond.weight < 0.0 else ("exc_shift", shifts[0])
         problems.append(
             refused(
                 part.origin,
-                f"projection '{part.name}': weight = {float(np.abs(part.weight).max()):g}",
-                f"a word of 16 bits holds at most {SLOT * float(step.max()):.6g} at shifts {shifts[0]} and {shifts[1]}",
-                "use larger shifts, or leave them to be chosen",
+                f"projection '{part.name}': weight = {beyond.weight:g}",
+                f"a word of 16 bits holds at most {SLOT * beyond.step:.6g} at {word} {shift}",
+                "use a larger shift, or leave it to be chosen" if shift < LARGEST_SHIFT else "scale the weights down",
             )
         )
     delay = (part.delay + (not delta)).astype(np.int32)

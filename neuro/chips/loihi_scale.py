@@ -1,0 +1,158 @@
+"""The scale of a population on Loihi: units of the voltage register per mV, so that its weights lose least."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from neuro.chips import scales
+from neuro.chips.loihi_words import (
+    BIAS_EXPONENT,
+    BIAS_MANTISSA,
+    U_LIMIT,
+    V_LIMIT,
+    VTH_LIMIT,
+    WEIGHT_EXPONENTS,
+    WORD_LIMIT,
+    bounds,
+)
+from neuro.chips.parts import Inputs, constants_of
+from neuro.neurons import iaf_psc_delta
+from neuro.program import Floats
+
+COMFORT = 2.0**21
+"""The threshold that automatic scales stay below, so that u has a factor 4 before it wraps."""
+
+BIAS_LARGEST = BIAS_MANTISSA << BIAS_EXPONENT
+SPARE = 1.0 - 2.0**-7
+"""Room for the rounding of mantissas: of the largest word, and of a bias that is the sum of two."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Described:
+    """What a population of `iaf_psc_delta` or `iaf_psc_exp` is, before its scale is chosen; one entry or one a neuron.
+
+    Attributes:
+        gain: mV in the step of arrival per unit of weight.
+        distance: V_th - E_L in mV.
+        leak: share of V - E_L left after a step.
+        fade: share of the current left after a step; 0 for delta input.
+        drive: mV in a step by the constant current, and by the largest that generators add.
+        drift: mV in a step per pA of constant current.
+        start: V_m - E_L in mV at step 0.
+        current: mV in a step by the synaptic current at step 0, taken one step back.
+        tau: the parameter that `fade` follows from, "" for delta input.
+    """
+
+    gain: Floats
+    distance: Floats
+    leak: Floats
+    fade: Floats
+    drive: Floats
+    drift: Floats
+    start: Floats
+    current: Floats
+    tau: str
+
+
+def described(inputs: Inputs) -> Described:
+    """Constants of the exact integration, and the states at step 0."""
+    part, p = inputs.part, inputs.part.parameters
+    c = constants_of(part, inputs.program.resolution)
+    tau = ""
+    if isinstance(part.model, iaf_psc_delta):
+        from neuro.neurons.iaf_psc_delta import I_E, P30, P33
+
+        gain, fade, current = np.ones(1), np.zeros(1), np.zeros(1)
+    else:
+        from neuro.neurons.iaf_psc_exp import I_E, P11_EX, P11_IN, P30, P32_EX, P32_IN, P33
+
+        tau = "tau_syn_in" if only_inhibitory(inputs) else "tau_syn_ex"
+        gain, fade = (c[:, P32_IN], c[:, P11_IN]) if tau == "tau_syn_in" else (c[:, P32_EX], c[:, P11_EX])
+        current = (part.initial["I_syn_ex"] + part.initial["I_syn_in"]) * gain / fade
+    drift = c[:, P30]
+    drive = np.abs(c[:, I_E] * drift) + inputs.current * np.abs(drift)
+    start = part.initial["V_m"] - p["E_L"]
+    return Described(gain, p["V_th"] - p["E_L"], c[:, P33], fade, drive, drift, start, current, tau)
+
+
+def receives(inputs: Inputs) -> tuple[bool, bool]:
+    """Whether an excitatory and an inhibitory current flow, from spikes or at step 0."""
+    initial = inputs.part.initial
+    return (
+        inputs.high > 0.0 or bool(np.any(initial.get("I_syn_ex", 0.0))),
+        inputs.low < 0.0 or bool(np.any(initial.get("I_syn_in", 0.0))),
+    )
+
+
+def only_inhibitory(inputs: Inputs) -> bool:
+    """Whether the one current of a compartment is the inhibitory one."""
+    return receives(inputs) == (False, True)
+
+
+def ceilings(d: Described) -> tuple[float, float]:
+    """The largest scale that is comfortable, and the largest that all registers but those of weights allow."""
+    bias, v, u = (
+        BIAS_LARGEST * SPARE / _largest(d.drive),
+        V_LIMIT / _largest(d.start),
+        (U_LIMIT - 1) / _largest(d.current),
+    )
+    distance = _largest(d.distance)
+    return min(COMFORT / distance, bias, v, u), min(64.0 * VTH_LIMIT / distance, bias, v, u)
+
+
+def _largest(values: Floats) -> float:
+    """The largest magnitude; a tiny one in place of 0, so that it bounds nothing."""
+    return max(float(np.abs(values).max(initial=0.0)), 1e-200)
+
+
+def choose_scale(inputs: Inputs, d: Described) -> float:
+    """Units per mV: the scale that loses least of the weights, as large as threshold, bias and weights allow.
+
+    Candidates let the largest weight of the strongest projection have the mantissas 129..256; powers of two change no
+    mantissa, so the largest allowed one is taken. Where weights learn in pairs, the largest that they may reach is the
+    largest mantissa, at which the chip stops, too.
+    """
+    cap, hard = ceilings(d)
+    values = [(index, scales.sample(gained(inputs, index, d))) for index in inputs.spikes]
+    values = [(index, v) for index, v in values if np.any(v)]
+    if not values:
+        return float(2.0 ** np.floor(np.log2(cap)))
+    strongest = max(_largest(v) for _, v in values)
+    word_cap = 64.0 * WORD_LIMIT / strongest * SPARE
+    cap, hard = min(cap, word_cap), min(hard, word_cap)
+    plastic = [(index, v) for index, v in values if inputs.program.projections[index].synapse.learns == "pairs"]
+    peak = max(_largest(v) for _, v in plastic or values)
+    mantissas = np.array([255.0]) if plastic else np.arange(256.0, 128.0, -1.0)
+    base = 64.0 * mantissas / peak  # scale at exponent 0
+    wanted = np.where(base > cap, np.minimum(base, hard), cap)
+    tried = base * 2.0 ** np.floor(np.log2(wanted / base) + 1e-12)
+    tried = tried[tried <= hard * (1.0 + 1e-12)]
+    lost = np.zeros(tried.size)
+    for index, v in values:
+        low, high, grain = bounds(inputs.sign_mode(index))
+        steps = np.array([64.0 * 2.0 ** exponent_of(v, s, low, high, inputs.learns(index)) / s for s in tried])
+        lost += scales.errors(v, steps, low, high, grain)
+    best = lost.min() * (1.0 + 1e-9)
+    return float(tried[lost <= best].max())
+
+
+def gained(inputs: Inputs, index: int, d: Described) -> Floats:
+    """What a spike along each synapse does to V_m in mV; of plastic synapses also what it may come to do."""
+    weight, part = inputs.range_of(index), inputs.program.projections[index]
+    if d.gain.size == 1:
+        return weight * float(d.gain[0])
+    if part.weight.size == 1 or part.grid is not None:
+        return np.concatenate((weight * d.gain.min(), weight * d.gain.max()))
+    own = part.weight * d.gain[inputs.targets(index)]
+    return np.concatenate((own, weight[part.weight.size :] * d.gain.max()))
+
+
+def exponent_of(values: Floats, scale: float, low: int, high: int, plastic: bool) -> int:
+    """The smallest exponent with which all values fit; below 0 only where learning needs finer steps."""
+    up = float(values.max(initial=0.0)) * scale / 64.0 / max(high, 1)
+    down = float(-values.min(initial=0.0)) * scale / 64.0 / max(-low, 1)
+    need = max(up, down)
+    exponent = int(np.ceil(np.log2(need) - 1e-9)) if need > 0.0 else 0
+    return int(np.clip(exponent, WEIGHT_EXPONENTS[0] if plastic else 0, WEIGHT_EXPONENTS[-1]))
