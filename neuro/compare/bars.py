@@ -1,6 +1,8 @@
-"""Weights before and after quantisation, as histograms."""
+"""Weights as histograms: before and after quantisation, and at the end of a run."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,28 +20,44 @@ MOST = 60
 
 
 def weights(comparison: Comparison) -> Html:
-    """A histogram of each projection with several weights, and a table of those with one."""
-    wide = [part for part in comparison.histograms if part.counts]
-    single = [part for part in comparison.histograms if not part.counts]
+    """Before and after quantisation: a histogram of each projection with several weights, a row of each with one."""
     chips = [run.backend for run in comparison.ran if run.fixed]
-    kinds = (("described", "as described"), *((f"chip{i}", f"on {name}") for i, name in enumerate(chips)))
-    parts: list[object] = [html.legend(*kinds)] if wide else []
-    parts.append(tag("div", *(_drawing(part, chips) for part in wide[:MOST]), class_="grid"))
+    return _drawings(comparison.histograms, {"described": "as described"} | {name: f"on {name}" for name in chips})
+
+
+def learnt(comparison: Comparison) -> Html:
+    """At the end of the run: the same of each projection that learns, on each backend."""
+    return _drawings(comparison.learnt, {run.backend: f"on {run.backend}" for run in comparison.ran})
+
+
+def _drawings(found: Sequence[Histogram], names: Mapping[str, str]) -> Html:
+    """Histograms; `names` says what each kind of weights is called, the first of which is filled."""
+    wide = [part for part in found if part.counts]
+    single = [part for part in found if not part.counts]
+    parts: list[object] = []
+    if wide:
+        parts.append(html.legend(*((_kind(i), told) for i, told in enumerate(names.values()))))
+        parts.append(tag("div", *(_drawing(part, list(names)) for part in wide[:MOST]), class_="grid"))
     if len(wide) > MOST:
         parts.append(tag("p", f"{len(wide) - MOST} more projections are not drawn."))
     if single:
-        columns = ("projection", ">synapses", ">as described", *(f">on {name}" for name in chips))
-        parts.append(html.table(columns, (_row(part, chips) for part in single), "Projections with one weight for all"))
+        columns = ("projection", ">synapses", *(f">{told}" for told in names.values()))
+        rows = (_row(part, names) for part in single)
+        parts.append(html.table(columns, rows, "Projections with one weight for all"))
     return html.join(parts)
 
 
-def _row(part: Histogram, chips: list[str]) -> list[str]:
-    told = (part.extent.get(name) for name in ("described", *chips))
+def _kind(index: int) -> str:
+    return f"chip{index - 1}" if index else "described"
+
+
+def _row(part: Histogram, names: Iterable[str]) -> list[str]:
+    told = (part.extent.get(name) for name in names)
     values = ("-" if pair is None else f"{pair[0]:.6g} {part.unit}".rstrip() for pair in told)
     return [part.projection, f"{part.synapses:,}", *values]
 
 
-def _drawing(part: Histogram, chips: list[str]) -> Html:
+def _drawing(part: Histogram, names: Sequence[str]) -> Html:
     most = max(int(counts.max()) for counts in part.counts.values())
     low, high = float(part.edges[0]), float(part.edges[-1])
 
@@ -49,10 +67,11 @@ def _drawing(part: Histogram, chips: list[str]) -> Html:
     floor = HEIGHT - _BOTTOM
     tops = {name: floor - (floor - _TOP) * counts / most for name, counts in part.counts.items()}
     xs = np.array([x(float(edge)) for edge in part.edges])
-    parts = [tag("path", d=_steps(xs, tops["described"], floor), class_="described")]
-    for i, name in enumerate(chips):
-        if name in tops:
-            parts.append(tag("path", d=_steps(xs, tops[name], floor), class_=f"outline chip{i}"))
+    kinds = [(name, _kind(i)) for i, name in enumerate(names) if name in tops]
+    parts = [
+        tag("path", d=_steps(xs, tops[name], floor), class_=kind if kind == "described" else f"outline {kind}")
+        for name, kind in kinds
+    ]
     parts.append(html.line(_LEFT, floor, WIDTH - _RIGHT, floor, "axis"))
     ends = (min(pair[0] for pair in part.extent.values()), max(pair[1] for pair in part.extent.values()))
     for weight, at, anchor in zip(ends, (_LEFT, WIDTH - _RIGHT), ("start", "end"), strict=True):
@@ -60,7 +79,7 @@ def _drawing(part: Histogram, chips: list[str]) -> Html:
     if _ROOM < x(0) < WIDTH - _ROOM:
         parts += [html.line(x(0), floor, x(0), floor + 4, "axis"), html.text(x(0), HEIGHT - 9, "0", "tick", "middle")]
     picture = html.svg(WIDTH, HEIGHT, *parts, label=f"weights of {part.projection}")
-    return html.figure(picture, _about(part, chips), part.projection)
+    return html.figure(picture, _about(part, names), part.projection)
 
 
 def _steps(xs: Floats, tops: NDArray[np.float64], floor: float) -> str:
@@ -68,6 +87,6 @@ def _steps(xs: Floats, tops: NDArray[np.float64], floor: float) -> str:
     return f"M{xs[0]:.1f} {floor:.1f}{path}V{floor:.1f}"
 
 
-def _about(part: Histogram, chips: list[str]) -> str:
-    count = f"{part.synapses:,} synapses, {part.distinct['described']:,} different weights"
-    return "; ".join([count, *(f"{part.distinct[name]:,} on {name}" for name in chips if name in part.distinct)])
+def _about(part: Histogram, names: Sequence[str]) -> str:
+    count = f"{part.synapses:,} synapses, {part.distinct[names[0]]:,} different weights"
+    return "; ".join([count, *(f"{part.distinct[name]:,} on {name}" for name in names[1:] if name in part.distinct)])

@@ -109,7 +109,8 @@ def title(placement: Placement, core: Core) -> str:
     """What a core holds, and how full it is."""
     loads = ", ".join(f"{LIMITS.get(name, name)} {share:.0%}" for name, share in core.load.items())
     place = "chip {}, tile {}, core {}".format(*_place(core))
-    return f"{place}\n{held(placement, core)}\n{core.neurons:,} neuron{'s' * (core.neurons != 1)}, {core.synapse_bytes:,} bytes of synapses\n{loads}"
+    size = f"{core.neurons:,} neuron{'s' * (core.neurons != 1)}, {core.synapse_bytes:,} bytes of synapses"
+    return f"{place}\n{held(placement, core)}\n{size}\n{loads}"
 
 
 def _scale() -> Html:

@@ -12,7 +12,7 @@ from neuro.compare.result import Comparison, Run
 from neuro.compare.spikes import Train, evenly
 from neuro.program import Ints
 
-MOST_ROWS = 60
+MOST_ROWS = 64
 LEAST_ROWS = 8
 MOST_DOTS = 3000
 MOST_DOTS_IN_ALL = 60_000

@@ -11,7 +11,7 @@ from neuro.chips.chip import chip
 from neuro.chips.energy import quantity
 from neuro.chips.fixed import FixedProgram
 from neuro.compare import words
-from neuro.compare.bars import weights
+from neuro.compare.bars import learnt, weights
 from neuro.compare.chipmap import chip_map
 from neuro.compare.energybars import joules
 from neuro.compare.html import Html, join, table, tag
@@ -104,6 +104,8 @@ def _weights(comparison: Comparison) -> Iterator[Html]:
         yield tag("p", "Before and after quantisation: as described, and as the weight memory of each chip holds them.")
     yield weights(comparison)
     yield tag("h3", f"At the end of the run, against {comparison.first.backend}")
+    if comparison.learnt:
+        yield learnt(comparison)
     yield tag("p", "The last column is what quantising alone does to the weights as described.")
     yield table(words.PROJECTIONS, words.projections(comparison))
 

@@ -157,6 +157,7 @@ class Comparison:
         seed: of everything random, the same for all.
         runs: of each backend, in the order asked for; the first that ran is what others are compared with.
         histograms: of the weights of each projection as described and on each chip.
+        learnt: of the final weights of each projection that learns, on each backend.
         notes: what else to know.
     """
 
@@ -166,6 +167,7 @@ class Comparison:
     seed: int
     runs: tuple[Run, ...]
     histograms: tuple[Histogram, ...]
+    learnt: tuple[Histogram, ...]
     notes: tuple[str, ...]
 
     @property

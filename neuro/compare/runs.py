@@ -18,7 +18,7 @@ from neuro.clock import Clock
 from neuro.compare import spikes
 from neuro.compare.result import Bill, Comparison, PopulationResult, Run
 from neuro.compare.spikes import Train
-from neuro.compare.weights import difference, histograms, rounding
+from neuro.compare.weights import difference, histograms, learnt, rounding
 from neuro.errors import ModelError
 from neuro.network import Network
 from neuro.neurons import Generator, dc_generator, poisson_generator
@@ -77,8 +77,16 @@ def _comparison(net: Network, ms: float, seed: int, runs: list[Run]) -> Comparis
     _enough(runs)
     program = next(run.program for run in runs if run.program is not None)
     fixed = {run.backend: run.fixed for run in runs if run.fixed is not None}
-    told = histograms(program, fixed)
-    return Comparison(net.name, float(ms), net.resolution, seed, tuple(runs), told, tuple(_notes(runs, float(ms))))
+    return Comparison(
+        network=net.name,
+        ms=float(ms),
+        resolution_ms=net.resolution,
+        seed=seed,
+        runs=tuple(runs),
+        histograms=histograms(program, fixed),
+        learnt=learnt(program, {run.backend: run.final for run in runs if not run.refused}),
+        notes=tuple(_notes(runs, float(ms))),
+    )
 
 
 def _check(backends: Sequence[str]) -> None:

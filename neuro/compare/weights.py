@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +40,7 @@ class Histogram:
         unit: of the weights, "" for registers of a chip.
         synapses: how many there are (of a grid: weights of its kernels).
         edges: of the bins, shape (bins + 1,); of length 1 where all weights are one number.
-        counts: by "described" and the name of each chip, shape (bins,).
+        counts: by what the weights are of, e.g. "described" and the name of each chip, shape (bins,).
         distinct: how many different weights there are, likewise.
         extent: smallest and largest weight, likewise.
     """
@@ -88,33 +89,45 @@ def rounding(fixed: FixedProgram) -> dict[str, WeightDifference]:
     return told
 
 
-def histograms(program: Program, chips: dict[str, FixedProgram]) -> tuple[Histogram, ...]:
+def histograms(program: Program, chips: Mapping[str, FixedProgram]) -> tuple[Histogram, ...]:
     """Of each projection: its weights as described and on each chip.
 
     Args:
         program: the network as the first backend saw it.
         chips: the same in the integers of some chips.
     """
-    return tuple(_histogram(program, index, chips) for index, part in enumerate(program.projections) if part.size)
+    found = []
+    for index, part in enumerate(program.projections):
+        on_chips = {name: rounded(fixed, index) for name, fixed in chips.items()}
+        weights = {"described": described(part)} | {name: w for name, w in on_chips.items() if w is not None}
+        found.append(_histogram(program, part, weights, _grain(chips, index)))
+    return tuple(part for part in found if part.synapses)
 
 
-def _histogram(program: Program, index: int, chips: dict[str, FixedProgram]) -> Histogram:
-    part = program.projections[index]
-    weights = {"described": described(part)}
-    for name, fixed in chips.items():
-        values = rounded(fixed, index)
-        if values is not None:
-            weights[name] = values
+def learnt(program: Program, final: Mapping[str, Mapping[str, Floats]]) -> tuple[Histogram, ...]:
+    """Of each projection that learns: its weights at the end of the run on each backend.
+
+    Args:
+        program: the network as the first backend saw it.
+        final: weights by backend and projection.
+    """
+    parts = [part for part in program.projections if part.synapse.learns and part.size]
+    return tuple(_histogram(program, part, {name: w[part.name] for name, w in final.items()}, 0.0) for part in parts)
+
+
+def _histogram(program: Program, part: Projection, weights: Mapping[str, Floats], grain: float) -> Histogram:
+    if not part.size:
+        return Histogram(part.name, "", 0, np.zeros(1), {}, {}, {})
     extent = {name: (float(values.min()), float(values.max())) for name, values in weights.items()}
     low, high = min(low for low, _ in extent.values()), max(high for _, high in extent.values())
     several = any(high > low for low, high in extent.values())
-    edges = _edges(low, high, _grain(chips, index)) if several else np.array([low])
+    edges = _edges(low, high, grain) if several else np.array([low])
     counts = {name: np.histogram(values, edges)[0] for name, values in weights.items()} if several else {}
     distinct = {name: int(np.unique(values).size) for name, values in weights.items()}
     return Histogram(part.name, unit(program, part), part.size, edges, counts, distinct, extent)
 
 
-def _grain(chips: dict[str, FixedProgram], index: int) -> float:
+def _grain(chips: Mapping[str, FixedProgram], index: int) -> float:
     """The coarsest difference of two weights that a chip can hold; 0 without a chip."""
     parts = (fixed.projections[index] for fixed in chips.values())
     return max((float(max(p.step.max(), p.step_below.max())) * p.grain for p in parts if p is not None), default=0.0)

@@ -4,7 +4,7 @@ import pytest
 import neuro
 from neuro.chips.chip import chip
 from neuro.chips.quantise import quantise
-from neuro.compare.weights import difference, histograms, rounding
+from neuro.compare.weights import difference, histograms, learnt, rounding
 
 
 @pytest.fixture
@@ -72,3 +72,17 @@ def test_histograms_without_a_chip(program):
     assert list(part.counts) == ["described"]
     assert part.edges[0] == part.extent["described"][0]
     assert part.edges[-1] == part.extent["described"][1]
+
+
+def test_what_was_learnt_is_of_projections_that_learn():
+    net = neuro.Network("learns")
+    cells = net.population("cells", 4, neuro.iaf_psc_exp())
+    net.connect(cells, cells, neuro.all_to_all(), neuro.stdp(Wmax=9.0), weight=1.0, name="plastic")
+    net.connect(cells, cells, neuro.all_to_all(), weight=1.0, name="fixed")
+    program = neuro.compile(net, backend="reference").program
+    final = {"a": {"plastic": np.ones(16)}, "b": {"plastic": np.r_[np.zeros(4), np.full(12, 2.0)]}}
+    (part,) = learnt(program, final)
+    assert (part.projection, part.distinct) == ("plastic", {"a": 1, "b": 2})
+    assert (part.edges[0], part.edges[-1]) == (0.0, 2.0)
+    assert [int(counts.sum()) for counts in part.counts.values()] == [16, 16]
+    assert (part.counts["b"][0], part.counts["b"][-1]) == (4, 12)
