@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from neuro.cli.options import NetworkFile, Seed, Set, assignments
+
+if TYPE_CHECKING:
+    from neuro.backend import Problem
 
 ChipName = Annotated[str, typer.Option("--chip", metavar="NAME", help="loihi or spinnaker, or the table of another.")]
 Order = Annotated[str, typer.Option("--order", metavar="NAME", help="Lay cores out as connected, or as declared.")]
@@ -30,6 +36,7 @@ def fit(
     from neuro.chips.chip import chip as find
     from neuro.chips.place import place
     from neuro.chips.quantise import ARITHMETIC, quantise
+    from neuro.chips.rounding import report
     from neuro.compiler import compile_network
 
     program = compile_network(neuro.load(file, params=assignments(set)), seed)
@@ -37,15 +44,44 @@ def fit(
     placement = place(program, target, order=order)
     fixed = quantise(program, target) if target.arithmetic in ARITHMETIC else None
     problems = [*(fixed.problems if fixed else ()), *placement.problems]
-    told = [
-        f"{'refused' if p.refused else 'approximated'}: {f'{p.origin}: ' if p.origin else ''}{p.what}: {p.why}"
-        + (f"\n  hint: {p.way_out}" if p.way_out else "")
-        for p in problems
-    ]
+    verdict = _verdict(program.name, target.name, problems)
     if as_json:
-        report = {"rounding": fixed.as_dict() if fixed else None, "placement": placement.as_dict(), "problems": told}
-        typer.echo(json.dumps(report, indent=2))
+        parts = {"rounding": fixed.as_dict() if fixed else None, "placement": placement.as_dict()}
+        typer.echo(json.dumps(_finite({**parts, "problems": _told(problems)}), indent=2, allow_nan=False))
     else:
-        typer.echo("\n\n".join([*([str(fixed)] if fixed else []), str(placement), *told]))
+        rounding = report(fixed) if fixed else _no_rounding(target.title)
+        typer.echo("\n\n".join([rounding, str(replace(placement, problems=())), *_told(problems), verdict]))
     if any(problem.refused for problem in problems):
         raise typer.Exit(1)
+
+
+def _no_rounding(title: str) -> str:
+    return f"the arithmetic of {title} is not known here: no rounding is told"
+
+
+def _told(problems: Sequence[Problem]) -> list[str]:
+    """Every problem as a paragraph, those that refuse the network first."""
+    return [
+        f"{'refused' if p.refused else 'approximated'}: {f'{p.origin}: ' if p.origin else ''}{p.what}: {p.why}"
+        + (f"\n  hint: {p.way_out}" if p.way_out else "")
+        for p in sorted(problems, key=lambda p: not p.refused)
+    ]
+
+
+def _verdict(network: str, chip: str, problems: Sequence[Problem]) -> str:
+    """One line: whether it fits, and how much is to be read above."""
+    refused = sum(p.refused for p in problems)
+    rest = len(problems) - refused
+    counts = [f"{n} {word}" for n, word in ((refused, "refused"), (rest, "approximated")) if n]
+    return f"'{network}' {'does not fit' if refused else 'fits'} on {chip}" + (
+        f": {', '.join(counts)}" if counts else ""
+    )
+
+
+def _finite(value: Any) -> Any:
+    """The same with texts in place of infinite numbers, which JSON lacks."""
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_finite(inner) for inner in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
