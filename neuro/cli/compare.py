@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from neuro.cli.options import NetworkFile, Seed, Set, Threads, assignments, milliseconds
+
+if TYPE_CHECKING:
+    from neuro.compare.result import Comparison
 
 Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]
 Backends = Annotated[str, typer.Option(metavar="A,B,...", help="What to run on; others are compared with the first.")]
@@ -33,22 +36,15 @@ def compare(
     import neuro
     from neuro.aside import aside
     from neuro.cli.progress import Bar, advance
-    from neuro.cli.tables import console
     from neuro.clock import Clock
     from neuro.compare import compare as run
-    from neuro.compare.report import page
-    from neuro.compare.table import show
 
     net = neuro.load(file, params=assignments(set))
     names = [name.strip() for name in backends.split(",") if name.strip()]
     Clock(net.resolution).step(duration, "--for")
-    for out in (html, json_out):
-        spare(file, out)
-    if html is not None and html == json_out:
-        raise typer.BadParameter(f"'{html}' is the page already: expected another name", param_hint="'--json-out'")
+    spare(file, html, json_out)
     with Bar() as bar, ExitStack() as files:
-        pages = files.enter_context(aside(html)) if html else None
-        plain = files.enter_context(aside(json_out)) if json_out else None
+        page_part, json_part = (files.enter_context(aside(out)) if out else None for out in (html, json_out))
         bar.say("preparing")
         try:
             found = run(net, names, duration, seed, threads=threads, advance=lambda sim, n: advance(sim, n, bar))
@@ -56,23 +52,44 @@ def compare(
             bar.stop()
             typer.echo("interrupted: nothing is compared", err=True)
             raise typer.Exit(130) from None
-        text = json.dumps(found.as_dict(), indent=2)
-        if pages:
-            pages.write_text(page(found), "utf-8")
-        if plain:
-            plain.write_text(text + "\n", "utf-8")
+        write(found, page_part, json_part)
+    tell(found, as_json, [out for out in (json_out, html) if out])
+
+
+def write(found: Comparison, page_part: Path | None, json_part: Path | None) -> None:
+    """Write the files that are asked for."""
+    from neuro.compare.report import page
+
+    if page_part:
+        page_part.write_text(page(found), "utf-8")
+    if json_part:
+        json_part.write_text(plain(found) + "\n", "utf-8")
+
+
+def plain(found: Comparison) -> str:
+    """A comparison as JSON."""
+    return json.dumps(found.as_dict(), indent=2)
+
+
+def tell(found: Comparison, as_json: bool, written: list[Path]) -> None:
+    """Print a comparison, and which files there are."""
+    from neuro.cli.tables import console
+    from neuro.compare.table import show
+
     if as_json:
-        typer.echo(text)
+        typer.echo(plain(found))
         return
     show(found, console())
-    for out in (json_out, html):
-        if out:
-            typer.echo(f"{out}: written")
+    for out in written:
+        typer.echo(f"{out}: written")
 
 
-def spare(file: Path, out: Path | None) -> None:
-    """Refuse to write over the network."""
+def spare(file: Path, html: Path | None, json_out: Path | None) -> None:
+    """Refuse to write over the network, or two things to one file."""
     from neuro.errors import ModelError
 
-    if out is not None and out.exists() and out.resolve() == file.resolve():
-        raise ModelError(f"{out}: this is the network itself: expected another name")
+    for out in (html, json_out):
+        if out is not None and out.exists() and out.resolve() == file.resolve():
+            raise ModelError(f"{out}: this is the network itself: expected another name")
+    if html is not None and json_out is not None and html.resolve() == json_out.resolve():
+        raise typer.BadParameter(f"'{json_out}' is the page already: expected another name", param_hint="'--json-out'")

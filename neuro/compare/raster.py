@@ -84,7 +84,7 @@ def _window(comparison: Comparison, name: str, dots: int) -> _Window:
     trains = [run.trains[name] for run in comparison.ran]
     size = trains[0].size
     total = max(train.ids.size for train in trains)
-    rows = max(min(MOST_ROWS, int(dots * size / max(total, 1))), LEAST_ROWS)
+    rows = max(min(MOST_ROWS, int(0.9 * dots * size / max(total, 1))), LEAST_ROWS)
     found = [run.populations[name].first for run in comparison.ran]
     neurons = np.union1d(evenly(size, rows), [part.neuron for part in found if part is not None]).astype(np.int64)
     end = round(comparison.ms / comparison.resolution_ms) + 1
