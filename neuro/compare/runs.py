@@ -237,5 +237,7 @@ def _measured(name: str, part: PopulationResult, ms: float) -> str:
     """What of a population its distance is of."""
     far = part.distance
     assert far is not None
+    chosen = f"{far.neurons:,} of {part.neurons:,} neurons, evenly chosen"
+    who = chosen if far.neurons < part.neurons else "all neurons"
     time = f", up to {far.until_ms:g} ms" if far.until_ms < ms else ""
-    return f"the distance of '{name}' is of {far.neurons:,} of {part.neurons:,} neurons, evenly chosen{time}"
+    return f"the distance of '{name}' is of {who}{time}"
