@@ -14,10 +14,28 @@ from neuro.program import Program
 
 OF_PLACE = ("order", "neurons_per_core")
 OWN = ("strict", *OF_PLACE)
+LEARNING_CASES = (
+    "counts_of_learning",
+    "cutting_does_not_matter_of_learning",
+    "cutting_does_not_matter_when_steered_of_learning",
+    "probes_do_not_matter_of_learning",
+    "a_seed_repeats_of_learning",
+    "seeds_differ_of_learning",
+    "threads_do_not_matter_of_learning",
+    "a_reset_repeats_of_learning",
+    "a_reset_keeps_weights_of_learning",
+    "another_population_does_not_matter_of_learning",
+    "counts_follow_from_spikes_of_learning",
+    "a_saved_state_continues_of_learning",
+    "a_state_saved_after_a_change_continues_of_learning",
+)
+"""Conformance cases of `neuro.testing` in which synapses learn from pairs of spikes."""
 
 
 class ChipBackend:
     """An emulated chip: integers only, bit-true to the public emulators."""
+
+    arithmetic = "integer"
 
     def __init__(self, name: str, description: str, unsupported: Mapping[str, str]) -> None:
         self.name, self.description, self.unsupported = name, description, dict(unsupported)
@@ -61,4 +79,8 @@ def _of_quantise(options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 loihi = ChipBackend("loihi", "Intel Loihi 1, emulated bit for bit: integers, 8-bit weights, cores and their limits", {})
-spinnaker = ChipBackend("spinnaker", "SpiNNaker 1, emulated: s16.15 neurons, 16-bit saturating ring buffers", {})
+spinnaker = ChipBackend(
+    "spinnaker",
+    "SpiNNaker 1, emulated: s16.15 neurons, 16-bit saturating ring buffers",
+    dict.fromkeys(LEARNING_CASES, "pairwise learning is not emulated on SpiNNaker"),
+)

@@ -86,6 +86,18 @@ def slots_of(fixed: FixedProgram, target: int) -> int:
     return 1 << (max(lags, default=1)).bit_length()
 
 
+def _late(fixed: FixedProgram, target: int) -> int:
+    """Steps from the arrival of a spike, as a network means it, to the update that sees it: 1 for `iaf_psc_exp`."""
+    return max(
+        (
+            int((wires.lag - part.delay).max(initial=0))
+            for wires, part in zip(fixed.projections, fixed.program.projections, strict=True)
+            if wires is not None and part.target == target
+        ),
+        default=0,
+    )
+
+
 def _populations(a: Arrays, fixed: FixedProgram) -> None:
     program = fixed.program
     pops = np.zeros((len(program.populations), t.POPULATION_COLUMNS), dtype=np.int64)
@@ -99,7 +111,7 @@ def _populations(a: Arrays, fixed: FixedProgram) -> None:
         at += part.size
         if kind in (t.RELAY, t.LOIHI, t.SPINNAKER, t.DELTA):
             slots = slots_of(fixed, k)
-            pops[k, [t.RING, t.SLOTS, t.HEARD]] = ring, slots, heard
+            pops[k, [t.RING, t.SLOTS, t.HEARD, t.LATE]] = ring, slots, heard, _late(fixed, k)
             ring += slots * part.size * (1 if kind == t.LOIHI else 2)
             heard += slots
     a["pops"] = pops

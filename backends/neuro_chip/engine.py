@@ -177,9 +177,10 @@ class ChipEngine:
 
     def _requantise(self, population: int) -> None:
         """New registers of a population under its scale, and the words of what it receives where its gain changed."""
-        found, wires = self._registers.again(population, self._weights.current())
+        found, wires = self._registers.again(population, self._weights.wanted(), self._learners)
         write_registers(self._a, population, found)
         self._weights.take(wires)
+        self._bind()
 
     def registers(self, population: int, name: str) -> Ints:
         """A register, by its own name or that of what it stands for."""
@@ -200,9 +201,10 @@ class ChipEngine:
             tags = self._learners.raw(projection, name)
             if tags is not None:
                 return tags
-            self._weights.mantissas[projection] = self._learners.mantissas(projection)
         if name not in ("weight", "mantissa"):
             raise unknown("register of synapses", name, ("weight", "t"))
+        if projection in self._learners:
+            return self._learners.mantissas(projection).astype(np.int64)
         return self._weights.raw(projection)
 
     def get_synapses(self, projection: int, name: str) -> Floats:
@@ -210,7 +212,7 @@ class ChipEngine:
         if projection in self._learners:
             if name != "weight":
                 return self._learners.read(projection, name)
-            self._weights.mantissas[projection] = self._learners.mantissas(projection)
+            return self._weights.read(projection, self._learners.mantissas(projection))
         return self._weights.read(projection)
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
@@ -279,15 +281,23 @@ class ChipEngine:
         self._a["clock"][t.STOP_GROUP] = t.NONE
         self.open_groups()
         for k in range(len(self.program.populations)):
-            write_states(self._a, k, self.fixed.populations[k])
+            write_states(self._a, k, self._registers.fixed[k])
         self._record = Record()
         self._listed = Listed(self.program, self._a)
+        self._start_currents_anew()
         self._weights.start_anew(weights)
         self._learners.start_anew(weights)
         self._told.clear()
         if self._trials:
             self._trials.start_anew()
         self._bind()
+
+    def _start_currents_anew(self) -> None:
+        """Amplitudes that were set hold from step 0."""
+        before, self._currents = self._currents, Currents(self.program)
+        for k, part in enumerate(self.program.populations):
+            if isinstance(part.model, dc_generator):
+                self._currents.set_amplitude(k, before.amplitude(k), 0)
 
     def open_groups(self) -> None:
         """No group has decided."""
@@ -308,7 +318,7 @@ class ChipEngine:
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Continue from a snapshot."""
-        self._registers.restore(arrays)
+        self._weights.take(self._registers.restore(arrays))
         for k in range(len(self.program.populations)):
             write_registers(self._a, k, self._registers.fixed[k])
         for name in _LIVE:

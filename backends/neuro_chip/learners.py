@@ -51,7 +51,7 @@ class Learners:
     def __bool__(self) -> bool:
         return bool(self._parts)
 
-    def __contains__(self, index: int) -> bool:
+    def __contains__(self, index: object) -> bool:
         return index in self._parts
 
     def after(self, step: int) -> None:

@@ -24,6 +24,7 @@ from neuro_chip.tables import (
     HEARD,
     INH_SHIFT,
     KIND,
+    LATE,
     LISTED,
     LOIHI,
     MERGED,
@@ -132,10 +133,10 @@ def update(net, pop, row, step):
 
 @inner
 def count_active(net, pop, row, step):
-    """Neurons that heard a spike or fired."""
+    """Neurons that heard a spike or fired; what arrives now may be seen by the next update only."""
     lo, hi = row[BEGIN], row[END]
     n = hi - lo
-    slot = step & (row[SLOTS] - 1)
+    slot = (step + row[LATE]) & (row[SLOTS] - 1)
     begin = row[RING] + slot * n
     heard, fired = net.heard[begin : begin + n], net.fired[lo:hi]
     if net.heard_all[row[HEARD] + slot]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.fixed import FixedProgram, FixedProjection
+from neuro.backend import Problem
+from neuro.chips.fixed import FixedPopulation, FixedProgram, FixedProjection
 from neuro.chips.quantise import requantise
 from neuro.errors import ModelError, unknown
 from neuro.neurons import Neuron
@@ -104,30 +105,43 @@ class Registers:
             raise unknown("register", name, own).at(None, f"population '{part.name}'")
         return name
 
-    def again(self, population: int, weights: Mapping[int, Floats]) -> tuple[Any, dict[int, FixedProjection]]:
+    def again(
+        self, population: int, weights: Mapping[int, Floats], learning: Container[int]
+    ) -> tuple[FixedPopulation, dict[int, FixedProjection]]:
         """Registers of a population for its present parameters, at the scale that it has.
 
         Args:
             population: which.
-            weights: the present weights of all projections.
+            weights: the weights that all projections should have.
+            learning: projections that learn on the chip; their rules hold for one scale.
 
         Returns:
             the population, and the projections onto it.
 
         Raises:
-            ModelError: a register would overflow; nothing is changed.
+            ModelError: a register would overflow, or a rule would not hold any more; nothing is changed.
         """
         part = self._program.program.populations[population]
         if not isinstance(part.model, Neuron):
             return self.fixed[population], {}
         found, wires, problems = requantise(self._program, population, self.parameters[population], weights)
         refused = [problem for problem in problems if problem.refused]
+        refused += [self._other_scale(k) for k in wires if k in learning and not self._same_scale(k, wires[k])]
         if refused:
             self.parameters[population] = dict(self._good[population])
             raise ModelError(f"{refused[0].what}: {refused[0].why}", hint=refused[0].way_out)
         self.fixed[population] = found
         self._good[population] = dict(self.parameters[population])
         return found, wires
+
+    def _same_scale(self, projection: int, wires: FixedProjection) -> bool:
+        before = self._program.projections[projection]
+        return before is not None and np.array_equal(before.step, wires.step)
+
+    def _other_scale(self, projection: int) -> Problem:
+        name = self._program.program.projections[projection].name
+        why = "the change gives its weights another scale, and the rule in the chip's microcode holds for one"
+        return Problem(True, f"projection '{name}' learns", why, "change the network and compile again")
 
     def snapshot(self) -> dict[str, Ints | Floats]:
         """The parameters by population."""
@@ -137,11 +151,15 @@ class Registers:
             for name, values in parameters.items()
         }
 
-    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Take over a snapshot."""
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> dict[int, FixedProjection]:
+        """Take over a snapshot; return the projections onto all populations at the scales that they have then."""
+        found: dict[int, FixedProjection] = {}
         for k, parameters in enumerate(self.parameters):
             for name in parameters:
                 parameters[name] = arrays[f"parameter.{k}.{name}"].copy()
             part = self._program.program.populations[k]
             if isinstance(part.model, Neuron):
-                self.fixed[k], _, _ = requantise(self._program, k, parameters, {})
+                self.fixed[k], wires, _ = requantise(self._program, k, parameters, {})
+                found |= wires
+            self._good[k] = dict(parameters)
+        return found

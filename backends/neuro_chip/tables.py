@@ -20,8 +20,9 @@ ONE_TO_ONE, DENSE, CSR, GRID = range(4)
     START,
     STOP,
     HEARD,
+    LATE,
     POPULATION_COLUMNS,
-) = range(14)
+) = range(15)
 
 # projections
 (

@@ -32,7 +32,8 @@ class Weights:
     def __init__(self, fixed: FixedProgram, arrays: dict[str, NDArray[Any]]) -> None:
         self._program, self._a, self._chip = fixed.program, arrays, fixed.chip.arithmetic
         self.wires = list(fixed.projections)
-        self._initial = [None if w is None else w.mantissas for w in self.wires]
+        self._described = fixed.projections
+        self._told: dict[int, Floats] = {}
         self.mantissas: list[Words] = []
         self.rules: dict[int, Floats] = {}
         self.updates: Ints = np.zeros(len(self.wires), dtype=np.int64)
@@ -50,21 +51,31 @@ class Weights:
         assert wires is not None
         return wires
 
-    def read(self, index: int) -> Floats:
-        """The weight of every synapse in the unit of the language."""
+    def read(self, index: int, learnt: Words | None = None) -> Floats:
+        """The weight of every synapse in the unit of the language; `learnt` are mantissas that are not sent yet."""
         part, wires = self._program.projections[index], self.wires[index]
         if wires is None:
             return np.broadcast_to(part.weight, part.size).copy()
-        return np.broadcast_to(wires.weights(self.mantissas[index]), part.size).copy()
+        mantissas = self.mantissas[index] if learnt is None else learnt
+        return np.broadcast_to(wires.weights(mantissas), part.size).copy()
 
     def raw(self, index: int) -> Ints:
         """The mantissa of every synapse."""
         part = self._program.projections[index]
         return np.broadcast_to(self.mantissas[index], part.size).astype(np.int64)
 
-    def current(self) -> dict[int, Floats]:
-        """The present weights of all projections that carry spikes."""
-        return {k: w.weights(self.mantissas[k]) for k, w in enumerate(self.wires) if w is not None}
+    def wanted(self) -> dict[int, Floats]:
+        """The weights of all projections that carry spikes: as they were told, or as they were learnt.
+
+        Another scale rounds these anew, so that nothing is rounded twice.
+        """
+        return {k: self._wanted(k) for k, wires in enumerate(self.wires) if wires is not None}
+
+    def _wanted(self, index: int) -> Floats:
+        part = self._program.projections[index]
+        if part.synapse.learns:
+            return self._wires(index).weights(self.mantissas[index])
+        return self._told.get(index, part.weight)
 
     def set(self, index: int, weights: Floats) -> None:
         """Replace all weights by the nearest mantissas.
@@ -84,8 +95,8 @@ class Weights:
                 "what its registers hold at the scale chosen from the described weights",
                 hint="describe the network with its largest weights",
             )
-        nearest = np.clip(np.rint(exact / wires.grain) * wires.grain, wires.low, wires.high)
-        self.put(index, nearest.astype(np.int32))
+        self._told[index] = weights.copy()
+        self.put(index, _nearest(wires, weights))
         self.writes += part.size
 
     def put(self, index: int, mantissas: Words) -> None:
@@ -100,7 +111,9 @@ class Weights:
         if self._chip == "loihi":
             words = word(mantissas, wires.exponent, wires.bits, wires.sign_mode == "mixed")
         row = self._a["projections"][index]
-        if mantissas.size > 1 and not row[t.WORD_STRIDE]:
+        if row[t.WORD_STRIDE]:
+            words = np.broadcast_to(words, self._program.projections[index].size)
+        elif mantissas.size > 1:
             row[[t.WORD, t.WORD_STRIDE]] = self._a["words"].size, 1
             self._a["words"] = np.concatenate((self._a["words"], words.astype(self._a["words"].dtype)))
         self._a["words"][row[t.WORD] : row[t.WORD] + words.size] = words
@@ -115,6 +128,14 @@ class Weights:
                 size = self.mantissas[index].size
                 self.put(index, np.broadcast_to(found.mantissas, max(size, found.mantissas.size)).copy())
 
+    def _anew(self, index: int) -> Words:
+        """The mantissas of the described weights at the present scale."""
+        wires, described = self._wires(index), self._described[index]
+        assert described is not None
+        if np.array_equal(wires.step, described.step):
+            return described.mantissas
+        return _nearest(wires, self._program.projections[index].weight)
+
     def native(self) -> dict[str, int]:
         """What only chips count."""
         return {"weight writes by the host": self.writes} if self.writes else {}
@@ -127,14 +148,18 @@ class Weights:
         """Back to step 0, and to the initial weights if asked."""
         self.updates[:] = 0
         self.writes = 0
-        for index, initial in enumerate(self._initial):
-            if weights and initial is not None:
-                self.put(index, np.broadcast_to(initial, self.mantissas[index].shape))
+        if not weights:
+            return
+        self._told.clear()
+        for index, wires in enumerate(self.wires):
+            if wires is not None:
+                self.put(index, np.broadcast_to(self._anew(index), self.mantissas[index].shape))
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that changes."""
         arrays: dict[str, NDArray[Any]] = {f"mantissas.{k}": m.copy() for k, m in enumerate(self.mantissas)}
         arrays |= {f"rule.{k}": rule.copy() for k, rule in self.rules.items()}
+        arrays |= {f"told.{k}": weights.copy() for k, weights in self._told.items()}
         return arrays | {"weights.updates": self.updates.copy(), "weights.writes": np.array(self.writes)}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -143,5 +168,13 @@ class Weights:
             if wires is not None:
                 self.put(k, arrays[f"mantissas.{k}"].astype(np.int32))
         self.rules = {k: arrays[f"rule.{k}"].copy() for k in self.rules}
+        self._told = {k: arrays[f"told.{k}"].copy() for k in range(len(self.wires)) if f"told.{k}" in arrays}
         self.updates[:] = arrays["weights.updates"]
         self.writes = int(arrays["weights.writes"])
+
+
+def _nearest(wires: FixedProjection, weights: Floats) -> Words:
+    """The mantissas nearest to some weights."""
+    steps = np.rint(wires.exact(weights) / wires.grain)
+    found: Words = np.clip(steps * wires.grain, wires.low, wires.high).astype(np.int32)
+    return found

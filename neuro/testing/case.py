@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from neuro.simulation import Simulation
 
 Found = dict[str, NDArray[Any]]
 Start = Callable[..., Simulation]
+Function = TypeVar("Function", bound=Callable[..., Any])
 LIMIT = 1e-9
 
 
@@ -27,12 +28,15 @@ class Case:
         run: makes a simulation by calling `start(net, seed=..., threads=...)`, uses it, and returns what to compare.
         exact: whether `run` returns two outcomes that must agree bit for bit, instead of one that is
             compared with the reference.
+        floats: whether its values are exact in floats only, so that a backend that computes in integers must
+            round them; such a backend does not run it.
     """
 
     name: str
     about: str
     run: Callable[[Start], Any]
     exact: bool = False
+    floats: bool = True
 
 
 CASES: dict[str, Case] = {}
@@ -40,17 +44,24 @@ CASES: dict[str, Case] = {}
 
 def case(function: Callable[[Start], Found]) -> Callable[[Start], Found]:
     """Enter a function as a case that is compared with the reference."""
-    CASES[function.__name__] = Case(function.__name__, _about(function), function)
+    CASES[function.__name__] = Case(function.__name__, about(function), function)
     return function
 
 
 def law(function: Callable[[Start], tuple[Found, Found]]) -> Callable[[Start], tuple[Found, Found]]:
     """Enter a function as a case whose two outcomes must agree bit for bit."""
-    CASES[function.__name__] = Case(function.__name__, _about(function), function, exact=True)
+    CASES[function.__name__] = Case(function.__name__, about(function), function, exact=True)
     return function
 
 
-def _about(function: Callable[..., Any]) -> str:
+def integers_too(function: Function) -> Function:
+    """Mark a case as one that integers run without rounding: every backend must pass it."""
+    CASES[function.__name__] = replace(CASES[function.__name__], floats=False)
+    return function
+
+
+def about(function: Callable[..., Any]) -> str:
+    """The first line of a function's documentation."""
     return (function.__doc__ or "").strip().partition("\n")[0]
 
 
@@ -90,10 +101,11 @@ def observe(sim: Simulation) -> Found:
     for probe in sim.program.probes:
         if probe.record != "spikes":
             found[f"trace of {probe.name}: times"], found[f"trace of {probe.name}"] = sim.trace(probe.name)
-    return found | _counts(sim)
+    return found | counted(sim)
 
 
-def _counts(sim: Simulation) -> Found:
+def counted(sim: Simulation) -> Found:
+    """The counts of a simulation by population and projection, as whole numbers."""
     counts = sim.counts()
     found: Found = {"steps": np.array(counts.steps)}
     for name, cells in counts.populations.items():

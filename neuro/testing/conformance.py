@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import warnings
 from functools import cache
 from typing import Any
 
 from neuro.backend import Backend, find
 from neuro.errors import ModelError
 from neuro.network import Network
-from neuro.simulation import Simulation, compile
-from neuro.testing import connections, features, laws, learning, trials  # noqa: F401
+from neuro.simulation import ApproximationWarning, Simulation, compile
+from neuro.testing import connections, exact, exact_trials, features, laws, learning, trials  # noqa: F401
 from neuro.testing.case import CASES, Found, differences
+
+ARITHMETIC = ("float", "integer")
+NEEDS_FLOATS = "its values are exact in floats only, and this backend computes in integers"
+"""Why a case is not run on a backend whose `arithmetic` is "integer"."""
 
 
 def check_backend(backend: str | Backend) -> None:
@@ -43,15 +48,22 @@ def check_case(backend: str | Backend, name: str) -> str:
         name: of the case.
 
     Returns:
-        "" if it passes; the reason if it is declared unsupported and indeed does not.
+        "" if it passes; the reason if it is declared unsupported and indeed does not pass, or if it needs floats
+        and the backend computes in integers.
 
     Raises:
-        AssertionError: it fails, or passes although it is declared unsupported.
+        AssertionError: it fails, or passes although it is declared unsupported, or the declarations are wrong.
     """
     chosen = find(backend) if isinstance(backend, str) else backend
     declared: dict[str, str] = getattr(chosen, "unsupported", {})
+    integer = _computes_in_integers(chosen)
     for other in declared:
         assert other in CASES, f"backend '{chosen.name}' declares an unknown case '{other}' as unsupported"
+        assert not (integer and CASES[other].floats), (
+            f"case '{other}' is declared unsupported but needs floats, which says as much: take it off the list"
+        )
+    if integer and CASES[name].floats:
+        return NEEDS_FLOATS
     found = deviations(chosen, name)
     if name in declared:
         assert found, f"case '{name}' is declared unsupported but passes: take it off the list"
@@ -60,12 +72,25 @@ def check_case(backend: str | Backend, name: str) -> str:
     return ""
 
 
+def _computes_in_integers(backend: Backend) -> bool:
+    """Whether a backend says that it rounds; one that says nothing computes in floats."""
+    arithmetic = getattr(backend, "arithmetic", "float")
+    told = f"backend '{backend.name}': arithmetic = {arithmetic!r}: expected one of {ARITHMETIC}"
+    assert arithmetic in ARITHMETIC, told
+    return bool(arithmetic == "integer")
+
+
 def deviations(backend: Backend, name: str) -> list[str]:
-    """What a backend does otherwise than the reference in one case; a refusal counts as one deviation."""
+    """What a backend does otherwise than the reference in one case.
+
+    A refusal counts as one deviation; what is approximated is judged by its outcome, not by its warning.
+    """
     case = CASES[name]
 
     def start(net: Network, seed: int = 1, threads: int = 1, **options: Any) -> Simulation:
-        return compile(net, backend, seed=seed, threads=threads, **options)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ApproximationWarning)
+            return compile(net, backend, seed=seed, threads=threads, **options)
 
     try:
         found = case.run(start)

@@ -22,7 +22,7 @@ from neuro.rules import (
     fixed_indegree,
     one_to_one,
 )
-from neuro.testing.case import Found, Start, after, case, network, observe
+from neuro.testing.case import Found, Start, after, case, integers_too, network, observe
 from neuro.testing.connections import connected
 
 INF = float("inf")
@@ -216,6 +216,7 @@ def best_of_each_step(start: Start) -> Found:
     return after(start, net, 100.0)
 
 
+@integers_too
 @case
 def first_to_fire(start: Start) -> Found:
     """winner_take_all with first_to_fire: one decision, ties drawn, until a reset."""

@@ -1,0 +1,124 @@
+"""What is read, set, saved and reset while an emulated chip runs."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro.simulation import ApproximationWarning, Simulation
+
+CHIPS = ("loihi", "spinnaker")
+
+
+def fed(weight: object = 400.0, synapse: neuro.Network | None = None) -> neuro.Network:
+    """Two sources onto two neurons, each to each."""
+    net = neuro.Network("fed", resolution=1.0)
+    source = net.population("source", 2, neuro.spike_generator(spike_times=[[2.0, 9.0, 20.0], [4.0, 9.0, 21.0]]))
+    cells = net.population("cells", 2, neuro.iaf_psc_exp())
+    net.connect(source, cells, neuro.all_to_all(), synapse or neuro.static(), weight=weight, name="in")
+    return net
+
+
+def made(net: neuro.Network, backend: str) -> Simulation:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ApproximationWarning)
+        return neuro.compile(net, backend)
+
+
+@pytest.mark.parametrize("backend", CHIPS)
+def test_neurons_that_come_to_differ_receive_their_own_words(backend: str):
+    """A shared word becomes one for each synapse; the loop must read the new ones at once."""
+    sim, right = made(fed(), backend), made(fed(), "reference")
+    for each in (sim, right):
+        each.set("cells", tau_m=np.array([5.0, 40.0]))
+        each.run(30.0)
+    assert np.abs(sim.get("cells", "V_m") - right.get("cells", "V_m")).max() < 0.05
+    assert right.get("cells", "V_m").max() > -69.0
+
+
+@pytest.mark.parametrize("backend", CHIPS)
+def test_weights_are_rounded_once_however_often_the_scale_changes(backend: str):
+    sim = made(fed(np.array([[400.0, 313.0], [111.0, 57.0]])), backend)
+    first = sim.get("in", "weight")
+    for tau in (31.0, 12.0, 17.0, 10.0):
+        sim.set("cells", tau_m=tau)
+    assert np.array_equal(sim.get("in", "weight"), first)
+
+
+@pytest.mark.parametrize("backend", CHIPS)
+def test_a_reset_brings_the_described_weights_back_at_any_scale(backend: str):
+    sim = made(fed(), backend)
+    sim.set_weights("in", [100.0, 200.0, 300.0, 50.0])
+    sim.set("cells", tau_m=20.0)
+    sim.reset(weights=True)
+    assert sim.get("in", "weight") == pytest.approx(400.0, rel=0.01)
+
+
+@pytest.mark.parametrize("backend", CHIPS)
+def test_a_saved_state_has_its_scale_and_its_shared_weight(backend: str, tmp_path: Path):
+    saved, other = made(fed(), backend), made(fed(), backend)
+    saved.set("cells", tau_m=20.0)
+    saved.save(tmp_path / "state.h5")
+    other.set_weights("in", [100.0, 200.0, 300.0, 50.0])
+    other.restore(tmp_path / "state.h5")
+    assert np.array_equal(other.get("in", "weight"), saved.get("in", "weight"))
+    for sim in (saved, other):
+        sim.run(30.0)
+    assert np.array_equal(other.get("cells", "V_m"), saved.get("cells", "V_m"))
+
+
+@pytest.mark.parametrize("backend", CHIPS)
+def test_an_amplitude_that_was_set_holds_from_step_0_after_a_reset(backend: str):
+    net = neuro.Network("driven", resolution=1.0)
+    source = net.population("source", 1, neuro.dc_generator(amplitude=500.0))
+    cells = net.population("cells", 1, neuro.iaf_psc_exp())
+    net.connect(source, cells, neuro.all_to_all())
+    sim = made(net, backend)
+    sim.run(10.0)
+    sim.set("source", amplitude=0.0)
+    sim.reset()
+    sim.run(10.0)
+    assert sim.get("cells", "V_m") == pytest.approx(-70.0)
+
+
+def test_resting_potentials_that_were_set_hold_after_a_reset():
+    sim = made(fed(), "spinnaker")
+    sim.set("cells", E_L=-65.0, V_reset=-65.0)
+    sim.reset()
+    assert sim.get("cells", "V_m") == pytest.approx(-70.0)
+    assert sim.get("cells", "E_L") == pytest.approx(-65.0)
+
+
+def learner() -> Simulation:
+    """Neurons that are taught by both sources."""
+    return made(fed(400.0, neuro.stdp(lambda_=0.1, Wmax=900.0)), "loihi")
+
+
+@pytest.mark.parametrize("raw", [False, True])
+def test_reading_what_is_learnt_sends_nothing_earlier(raw: bool, tmp_path: Path):
+    """What the last step taught is sent one step later, whether it was read and saved before or not."""
+    through, saved, other = learner(), learner(), learner()
+    for k in range(9, 22):
+        for sim in (through, saved):
+            sim.run(k - sim.time)
+        saved.get("in", "weight", raw=raw)
+        saved.save(tmp_path / f"{k}.h5")
+        other.restore(tmp_path / f"{k}.h5")
+        for sim in (through, other):
+            sim.run(4.0)
+        assert np.array_equal(through.get("cells", "V_m"), other.get("cells", "V_m"))
+        through.restore(tmp_path / f"{k}.h5")
+
+
+def test_a_projection_that_learns_keeps_its_scale():
+    sim = learner()
+    with pytest.raises(neuro.ModelError) as caught:
+        sim.set("cells", tau_m=20.0)
+    assert str(caught.value) == (
+        "projection 'in' learns: the change gives its weights another scale, and the rule in the chip's microcode "
+        "holds for one\n  hint: change the network and compile again"
+    )
+    assert sim.get("cells", "tau_m") == pytest.approx(10.0)
+    sim.set("cells", V_th=-50.0)
