@@ -40,6 +40,7 @@ class EventEngine:
     def _start_over(self, weights: dict[int, Floats] | None) -> None:
         self._a = build.build(self._program, self._n_threads)
         self._step = 0
+        self._told: dict[tuple[int, str], Floats] = {}
         self._changed: dict[int, Floats] = {}
         self._rules = {q: p.synapse.vector() for q, p in enumerate(self._program.projections)}
         self._record = Record(self._program, self._a.places)
@@ -225,6 +226,8 @@ class EventEngine:
     def set(self, population: int, name: str, values: Floats) -> None:
         """Change a state or parameter; acts from the next step on."""
         p, place = self._program.populations[population], self._a.places[population]
+        if name in p.parameters:
+            self._told[population, name] = values.copy()
         if isinstance(p.model, poisson_generator):
             sources.set_rate(self._a, population, values)
             return
@@ -353,7 +356,13 @@ class EventEngine:
         kept = None
         if not weights:
             kept = {q: self.get_synapses(q, "weight") for q in range(len(self._program.projections))}
+        told, rules = self._told, self._rules
         self._start_over(kept)
+        for (k, word), values in told.items():
+            self.set(k, word, values)
+        for q, rule in rules.items():
+            if np.any(rule != self._rules[q]):
+                self.set_rule(q, rule)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs to continue bit for bit."""
@@ -368,6 +377,8 @@ class EventEngine:
             own[f"changed.{k}"] = rows.copy()
         for q, kept in self._kept_weights.items():
             own[f"kept.{q}"] = kept.copy()
+        for (k, word), values in self._told.items():
+            own[f"told.{k}.{word}"] = values.copy()
         return {
             **net,
             **plastic,
@@ -399,6 +410,9 @@ class EventEngine:
                 self._changed[int(rest)] = value.copy()
             elif part == "kept":
                 self._kept_weights[int(rest)] = value.copy()
+            elif part == "told":
+                k, _, word = rest.partition(".")
+                self._told[int(k), word] = value.copy()
         self._step = int(arrays["engine.step"])
         self._trial_updates = arrays["engine.trial_updates"].copy()
         self._record.restore(arrays)
