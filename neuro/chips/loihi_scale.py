@@ -70,6 +70,7 @@ def described(inputs: Inputs) -> Described:
 
         tau = "tau_syn_in" if only_inhibitory(inputs) else "tau_syn_ex"
         gain, fade = (c[:, P32_IN], c[:, P11_IN]) if tau == "tau_syn_in" else (c[:, P32_EX], c[:, P11_EX])
+        gain = np.where(np.isfinite(gain) & (gain > 0.0), gain, 1.0)  # always so where the time constants are accepted
         current = (part.initial["I_syn_ex"] + part.initial["I_syn_in"]) * gain / fade
     drift = c[:, P30]
     drive = np.abs(c[:, I_E] * drift) + inputs.current * np.abs(drift)

@@ -152,11 +152,11 @@ def too_long(
     tau = part.parameters[name]
     longest = float(tau[np.isfinite(tau)].max(initial=0.0))
     if longest > limit * (1.0 + 1e-9):
-        way = f"use at most {limit:.5g} ms, a coarser resolution" + (", or .inf for no leak" if infinite else "")
+        way = f"use at most {limit:.6g} ms, a coarser resolution" + (", or .inf for no leak" if infinite else "")
         yield refused(
             part.origin,
             f"population '{part.name}': {name} = {longest:g} ms",
-            f"{register} holds at most {limit:.5g} ms at a resolution of {resolution:g} ms",
+            f"{register} holds at most {limit:.6g} ms at a resolution of {resolution:g} ms",
             way if infinite else way.replace(", a ", " or a "),
         )
 

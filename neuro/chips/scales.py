@@ -51,7 +51,8 @@ def judged(weights: Floats, mantissas: Words | Floats, step: Floats | float, low
     zeroed = nonzero & (mantissas == 0)
     kept = nonzero & (mantissas != 0)
     worst = float(np.max(np.abs(got[kept] / weights[kept] - 1.0), initial=0.0))
-    rms = float(np.sqrt(np.sum((got - weights) ** 2) / np.sum(weights**2)))
+    peak = float(np.abs(weights).max())
+    rms = float(np.sqrt(np.sum(((got - weights) / peak) ** 2) / np.sum((weights / peak) ** 2)))
     return WeightRounding(saturated, float(zeroed.sum() / nonzero.sum()), _clean(worst), _clean(rms))
 
 
@@ -62,12 +63,13 @@ def _clean(error: float) -> float:
 
 def errors(values: Floats, steps: NDArray[np.float64], low: int, high: int, grain: int) -> Floats:
     """Mean squared error, relative to the mean square, of some weights for each of some steps."""
-    exact = values[None, :] / steps[:, None]
-    mantissas = np.clip(np.rint(exact / grain) * grain, low, high)
-    power = float(np.sum(values**2))
-    if power == 0.0:
+    peak = float(np.abs(values).max(initial=0.0))
+    if peak == 0.0:
         return np.zeros(steps.size)
-    lost: Floats = np.sum(((mantissas - exact) * steps[:, None]) ** 2, axis=1) / power
+    relative, sizes = values[None, :] / peak, steps[:, None] / peak
+    exact = relative / sizes
+    mantissas = np.clip(np.rint(exact / grain) * grain, low, high)
+    lost: Floats = np.sum(((mantissas - exact) * sizes) ** 2, axis=1) / np.sum(relative**2)
     lost[lost < 1e-24] = 0.0
     return lost
 

@@ -32,6 +32,13 @@ def lacking(inputs: Inputs) -> Iterator[Problem]:
         what, why = f"{told}: tau_m = inf", "the membrane resistance tau_m / C_m would be infinite"
         yield refused(part.origin, what, why, "use a finite tau_m, or iaf_psc_delta")
     yield from too_long(part, "tau_m", h, -h / np.log1p(-1.0 / ONE), "a decay of 15 bits", delta)
+    ticks = float(p["t_ref"].max()) / h
+    if ticks > LARGEST:
+        what, why = (
+            f"{told}: t_ref = {p['t_ref'].max():g} ms",
+            f"{ticks:g} ticks, and t_refract holds at most {LARGEST}",
+        )
+        yield refused(part.origin, what, why, f"use at most {LARGEST * h:g} ms")
     if "V_min" in p and np.isfinite(p["V_min"]).any():
         what = f"{told}: V_min = {p['V_min'].max():g} mV"
         yield refused(part.origin, what, "the chip's programs have no lowest potential", "leave V_min out")
