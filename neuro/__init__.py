@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from neuro import chips, coding, events
+    from neuro import chips, coding, compare, events
     from neuro.backend import OverflowWarning
     from neuro.distributions import lognormal, normal, uniform
     from neuro.errors import ModelError
@@ -68,7 +68,7 @@ _HOMES = {
     "neuro.simulation": ("ApproximationWarning", "Simulation", "compile"),
     "neuro.synapses": ("loihi_learning", "loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"),
 }
-_MODULES = ("chips", "coding", "events")
+_MODULES = ("chips", "coding", "compare", "events")
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [

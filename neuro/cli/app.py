@@ -10,6 +10,7 @@ import neuro
 from neuro.cli.backends import backends
 from neuro.cli.check import check
 from neuro.cli.commands import Commands
+from neuro.cli.compare import compare
 from neuro.cli.energy import energy
 from neuro.cli.fit import fit
 from neuro.cli.models import models
@@ -19,7 +20,7 @@ from neuro.cli.schema import schema
 from neuro.cli.show import show
 from neuro.cli.verify import verify
 
-COMMANDS = (run, plot, check, show, fit, energy, schema, verify, models, backends)
+COMMANDS = (run, plot, compare, check, show, fit, energy, schema, verify, models, backends)
 
 app = typer.Typer(cls=Commands, name="neuro", add_completion=False, pretty_exceptions_enable=False)
 for command in COMMANDS:

@@ -9,8 +9,8 @@ from __future__ import annotations
 from neuro.events._events import EVENT, Events
 from neuro.events.dataset import Recording, Recordings, recordings
 from neuro.events.dvs import DVS, DVSParameters, dvs_events
-from neuro.events.errors import EventFileError
-from neuro.events.files import load, save
+from neuro.events.errors import EventFileError, EventFileWarning
+from neuro.events.files import load, save, stream
 from neuro.events.segmentation import msd_segments
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "EVENT",
     "DVSParameters",
     "EventFileError",
+    "EventFileWarning",
     "Events",
     "Recording",
     "Recordings",
@@ -26,4 +27,5 @@ __all__ = [
     "msd_segments",
     "recordings",
     "save",
+    "stream",
 ]

@@ -91,11 +91,30 @@ class Events:
             object.__setattr__(self, name, np.ascontiguousarray(a, EVENT[name]))
         object.__setattr__(self, "sensor_size", (int(width), int(height)))
 
+    @classmethod
+    def _trusted(
+        cls,
+        t: npt.NDArray[np.int64],
+        x: npt.NDArray[np.uint16],
+        y: npt.NDArray[np.uint16],
+        p: npt.NDArray[np.uint8],
+        sensor_size: tuple[int, int],
+        metadata: Mapping[str, Any],
+    ) -> Events:
+        """Events that were checked as they were read."""
+        self = object.__new__(cls)
+        values = (t, x, y, p, sensor_size, metadata)
+        for name, value in zip(("t", "x", "y", "p", "sensor_size", "metadata"), values, strict=True):
+            object.__setattr__(self, name, value)
+        return self
+
     def __len__(self) -> int:
         return len(self.t)
 
     def __getitem__(self, index: Index) -> Events:
         parts = (self.t[index], self.x[index], self.y[index], self.p[index])
+        if isinstance(index, slice) and (index.step or 1) > 0:
+            return Events._trusted(*parts, self.sensor_size, self.metadata)
         return Events(*parts, self.sensor_size, self.metadata)
 
     def __eq__(self, other: object) -> bool:

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 
+class EventFileWarning(UserWarning):
+    """A damaged event file was read as far as it is whole, or some of its events were left out."""
+
+
 class EventFileError(ValueError):
     """An event file is damaged, unknown, missing, or cannot hold what should be saved.
 

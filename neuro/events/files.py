@@ -1,38 +1,46 @@
-"""Read and write event files: find the format, decode, check."""
+"""Read and write event files: find the format, decode, check, cut into windows."""
 
 from __future__ import annotations
 
 import os
+import tempfile
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
-from neuro.events._events import Events, first_fault
-from neuro.events.errors import EventFileError
-from neuro.events.formats import FORMATS, Damage, Decoded, Format, Unsavable
+from neuro.events._events import Events
+from neuro.events.check import Arrays, Checked, joined
+from neuro.events.errors import EventFileError, EventFileWarning
+from neuro.events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Unsavable
+from neuro.events.source import WHOLE, Given, Source
 
-Source = str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO
+BLOCK = 1 << 22
+"""Bytes that `stream` reads at a time."""
 
 
 def load(
-    source: Source,
+    source: Given,
     *,
     format: str | None = None,
     sensor_size: tuple[int, int] | None = None,
     name: str | None = None,
     sort: bool = False,
+    strict: bool = True,
 ) -> Events:
     """Read the events of a file.
 
-    The format is found by how the file begins, else by the ending of its name.
+    The format is found by what the file holds, else by the ending of its name. Times stay as they are recorded;
+    ``metadata["t0"]`` is that of the first event.
 
     Args:
-        source: a path, the bytes of a file, or an open binary file (of a zip, for example).
-        format: its name, where neither content nor ending tells: ``nmnist``, ``aedat2``.
-        sensor_size: width and height, px; None takes the format's (see `neuro.events.formats`).
+        source: a path, the bytes of a file, or an open binary file (of a zip, or standard input).
+        format: its name, where neither content nor ending tells; see `neuro events formats`.
+        sensor_size: width and height, px; None takes that of the file or the format, else the smallest that holds all.
         name: what to call bytes or an open file; its ending may tell the format.
         sort: put events in the order of time instead of refusing a file whose time runs back.
+        strict: False gives what is whole of a damaged file, with an `EventFileWarning`.
 
     Returns:
         The events, in the order of the file.
@@ -40,86 +48,244 @@ def load(
     Raises:
         EventFileError: no such file, an unknown format, or damage; the message says at which byte.
     """
-    path, data = _contents(source, name)
-    reader = _find(path, data, format)
-    try:
-        found = reader.read(data, sensor_size)
-    except Damage as damage:
-        raise EventFileError(path, damage.what, damage.offset) from None
-    if sort:
-        found = _sorted(found)
-    if fault := first_fault(found.t, found.x, found.y, found.p, found.sensor_size):
-        k, what = fault
-        hint = "; load(..., sort=True) sorts the events" if what.startswith("time") else ""
-        raise EventFileError(path, f"event {k}: {what}{hint}", int(found.offsets[k]))
-    metadata = {"format": reader.name, **found.metadata}
-    return Events(found.t, found.x, found.y, found.p, found.sensor_size, metadata)
+    opened, reader, found = _open(source, format, name)
+    checked = Checked(opened.name, sensor_size or reader.sensor_size, strict, sort)
+    pieces = [checked.piece(piece) for piece in _whole(opened.name, reader, WHOLE, strict)]
+    if not strict:
+        checked.warn()
+    t, x, y, p = joined(pieces, sort)
+    size = checked.size or _default(found, pieces)
+    metadata = {"format": found.name, **({"t0": int(t[0])} if t.size else {}), **reader.metadata}
+    return Events._trusted(t, x, y, p, size, metadata)
 
 
-def save(events: Events, path: str | os.PathLike[str]) -> None:
-    """Write events in the format that the name's ending tells; now ``.bin``.
+def stream(
+    source: Given,
+    *,
+    window_us: int | None = None,
+    count: int | None = None,
+    start_us: int | None = None,
+    stop_us: int | None = None,
+    format: str | None = None,
+    sensor_size: tuple[int, int] | None = None,
+    name: str | None = None,
+    strict: bool = True,
+) -> Iterator[Events]:
+    """Read a file of any size in parts, in constant memory.
+
+    Args:
+        source: a path, bytes, or an open binary file such as standard input.
+        window_us: parts of so many us, the first beginning at the first event (or at `start_us`); a window without
+            events is an empty part.
+        count: parts of so many events, the last may be shorter. With neither, parts are as the file gives them.
+        start_us: leave out what is before.
+        stop_us: leave out what is at this time or later.
+        format: as for `load`.
+        sensor_size: as for `load`.
+        name: as for `load`.
+        strict: as for `load`.
+
+    Yields:
+        events in the order of time.
+
+    Raises:
+        EventFileError: as for `load`, when the damage is reached; also where time runs back.
+        ValueError: a window or count is not positive, or both are given.
+    """
+    for told, value in (("window_us", window_us), ("count", count)):
+        if value is not None and (isinstance(value, bool) or int(value) != value or value < 1):
+            raise ValueError(f"{told} = {value!r}: expected a whole number >= 1")
+    if window_us is not None and count is not None:
+        raise ValueError("window_us and count: expected one of them")
+    opened, reader, found = _open(source, format, name)
+    size = sensor_size or reader.sensor_size or _scanned(opened, reader, found, strict)
+    checked = Checked(opened.name, size, strict, sort=False)
+    parts: Iterator[Events] = (
+        Events._trusted(*checked.piece(piece), size, {"format": found.name, **reader.metadata})
+        for piece in _whole(opened.name, reader, BLOCK, strict)
+    )
+    parts = _between(parts, start_us, stop_us)
+    if window_us is not None:
+        yield from windows(parts, int(window_us), start_us)
+    elif count is not None:
+        yield from batches(parts, int(count))
+    else:
+        yield from (part for part in parts if len(part))
+    if not strict:
+        checked.warn()
+
+
+def _between(parts: Iterable[Events], start_us: int | None, stop_us: int | None) -> Iterator[Events]:
+    for part in parts:
+        if stop_us is not None and len(part) and part.t[0] >= stop_us:
+            return
+        first = 0 if start_us is None else int(np.searchsorted(part.t, start_us))
+        last = len(part) if stop_us is None else int(np.searchsorted(part.t, stop_us))
+        if first < last:
+            yield part[first:last] if last - first < len(part) else part
+
+
+def windows(parts: Iterable[Events], window_us: int, start_us: int | None = None) -> Iterator[Events]:
+    """Cut ordered parts of a recording into windows of equal length.
+
+    Args:
+        parts: of one recording, in order.
+        window_us: length of a window, us.
+        start_us: where the first begins; None: at the first event.
+    """
+    held: list[Events] = []
+    begin = start_us
+    for part in parts:
+        if not len(part):
+            continue
+        begin = int(part.t[0]) if begin is None else begin
+        while len(part) and part.t[-1] >= begin + window_us:
+            cut = int(np.searchsorted(part.t, begin + window_us))
+            yield together([*held, part[:cut]])
+            held, part, begin = [], part[cut:], begin + window_us
+        held.append(part)
+    if held:
+        yield together(held)
+
+
+def batches(parts: Iterable[Events], count: int) -> Iterator[Events]:
+    """Cut parts of a recording into parts of equally many events.
+
+    Args:
+        parts: of one recording, in order.
+        count: events of a part; the last may have fewer.
+    """
+    held: list[Events] = []
+    missing = count
+    for part in parts:
+        while len(part) >= missing:
+            yield together([*held, part[:missing]])
+            held, part, missing = [], part[missing:], count
+        if len(part):
+            held.append(part)
+            missing -= len(part)
+    if held:
+        yield together(held)
+
+
+def together(parts: list[Events]) -> Events:
+    """Parts of one recording as one."""
+    if len(parts) == 1:
+        return parts[0]
+    t, x, y, p = (np.concatenate([getattr(part, name) for part in parts]) for name in "txyp")
+    return Events._trusted(t, x, y, p, parts[0].sensor_size, parts[0].metadata)
+
+
+def save(events: Events | Iterable[Events], path: str | os.PathLike[str], *, format: str | None = None) -> None:
+    """Write events in the format that the name's ending tells.
 
     The file is written aside and renamed, so a failure leaves no half of one.
 
     Args:
-        events: what to write.
+        events: what to write, or the parts of one recording in order, as `stream` gives them.
         path: where to.
+        format: its name, where several have the ending.
 
     Raises:
         EventFileError: no format has this ending, or the format cannot hold an event, which is named.
     """
     path = Path(path)
-    writers = {suffix: f.write for f in FORMATS if f.write for suffix in f.suffixes}
-    write = writers.get(path.suffix.lower())
-    if write is None:
-        raise EventFileError(str(path), f"cannot save as {path.suffix!r}, expected {', '.join(writers)}")
+    write = _writer(path, format)
+    parts = iter([events]) if isinstance(events, Events) else iter(events)
     try:
-        data = write(events)
+        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+            part = Path(folder) / path.name
+            write(parts, part)
+            part.replace(path)
     except Unsavable as fault:
         raise EventFileError(str(path), f"cannot hold event {fault.event}: {fault.what}") from None
-    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        aside.write_bytes(data)
-        aside.replace(path)
     except OSError as error:
-        aside.unlink(missing_ok=True)
         raise EventFileError(str(path), f"cannot write: {error.strerror}") from None
 
 
-def _contents(source: Source, name: str | None) -> tuple[str, bytes]:
-    if isinstance(source, bytes | bytearray | memoryview):
-        return name or "<bytes>", bytes(source)
-    if isinstance(source, str | os.PathLike):
-        path = os.fspath(source)
-        try:
-            return path, Path(path).read_bytes()
-        except FileNotFoundError:
-            raise EventFileError(path, "no such file") from None
-        except IsADirectoryError:
-            raise EventFileError(path, "is a folder, expected a file") from None
-        except OSError as error:
-            raise EventFileError(path, f"cannot read: {error.strerror}") from None
-    own = getattr(source, "name", None)
-    return name or (own if isinstance(own, str) else "<file>"), source.read()
+def _writer(path: Path, format: str | None):  # type: ignore[no-untyped-def]
+    written = [f for f in FORMATS if f.write]
+    if format is not None:
+        chosen = [f for f in written if f.name == format]
+        if not chosen:
+            known = ", ".join(f.name for f in written)
+            raise EventFileError(str(path), f"cannot save as format {format!r}, expected one of {known}")
+        return chosen[0].write
+    for f in written:
+        if path.name.lower().endswith(f.suffixes):
+            return f.write
+    endings = ", ".join(dict.fromkeys(suffix for f in written for suffix in f.suffixes))
+    raise EventFileError(str(path), f"cannot save as {path.suffix!r}, expected {endings}")
 
 
-def _find(path: str, data: bytes, format: str | None) -> Format:
+def _open(source: Given, format: str | None, name: str | None) -> tuple[Source, Reader, Format]:
+    opened = _source(source, name)
+    found = find(opened, format)
+    try:
+        return opened, found.open(opened), found
+    except Damage as damage:
+        raise EventFileError(opened.name, damage.what, damage.offset) from None
+
+
+def _source(source: Given, name: str | None) -> Source:
+    try:
+        return Source(source, name)
+    except FileNotFoundError:
+        raise EventFileError(os.fspath(source), "no such file") from None  # type: ignore[arg-type]
+    except IsADirectoryError:
+        raise EventFileError(os.fspath(source), "is a folder, expected a file") from None  # type: ignore[arg-type]
+    except OSError as error:
+        raise EventFileError(os.fspath(source), f"cannot read: {error.strerror}") from None  # type: ignore[arg-type]
+
+
+def find(source: Source, format: str | None = None) -> Format:
+    """The format of a file: by name, else by content, else by ending.
+
+    Raises:
+        EventFileError: there is none.
+    """
     known = {f.name: f for f in FORMATS}
     if format is not None:
         if format not in known:
-            raise EventFileError(path, f"unknown format {format!r}, expected one of {', '.join(known)}")
+            raise EventFileError(source.name, f"unknown format {format!r}, expected one of {', '.join(known)}")
         return known[format]
+    head = source.head(HEAD)
     for f in FORMATS:
-        if f.magic and data.startswith(f.magic):
+        if f.knows(head):
             return f
     for f in FORMATS:
-        if path.lower().endswith(f.suffixes):
+        if source.name.lower().endswith(f.suffixes):
             return f
     titles = ", ".join(f"{f.title} ({' '.join(f.suffixes)})" for f in FORMATS)
-    raise EventFileError(path, f"unknown kind of event file, expected one of: {titles}")
+    raise EventFileError(source.name, f"unknown kind of event file, expected one of: {titles}")
 
 
-def _sorted(found: Decoded) -> Decoded:
-    order = np.argsort(found.t, kind="stable")
-    t, x, y, p, offsets = (a[order] for a in (found.t, found.x, found.y, found.p, found.offsets))
-    return Decoded(t, x, y, p, found.sensor_size, offsets, found.metadata)
+def _whole(path: str, reader: Reader, block: int, strict: bool) -> Iterator[Piece]:
+    """The pieces of a file; damage is an error or, where not strict, the end with a warning."""
+    try:
+        yield from reader.pieces(block)
+    except Damage as damage:
+        error = EventFileError(path, damage.what, damage.offset)
+        if strict:
+            raise error from None
+        warnings.warn(f"{error}; what is before it was read", EventFileWarning, stacklevel=4)
+
+
+def _scanned(source: Source, reader: Reader, found: Format, strict: bool) -> tuple[int, int]:
+    """The smallest sensor that holds all events of a file, which is read twice for that."""
+    if source.size is None:
+        raise EventFileError(source.name, "its sensor is not told", None)
+    checked = Checked(source.name, None, strict=False, sort=False)
+    sizes = [checked.highest(piece) for piece in _whole(source.name, reader, BLOCK, strict)]
+    return _smallest(found, max((x for x, _ in sizes), default=-1), max((y for _, y in sizes), default=-1))
+
+
+def _default(found: Format, pieces: Sequence[Arrays]) -> tuple[int, int]:
+    x = max((int(piece[1].max(initial=0)) for piece in pieces), default=0)
+    y = max((int(piece[2].max(initial=0)) for piece in pieces), default=0)
+    return _smallest(found, x, y)
+
+
+def _smallest(found: Format, x: int, y: int) -> tuple[int, int]:
+    width, height = found.usual or (1, 1)
+    return (width, height) if x < width and y < height else (max(x, 0) + 1, max(y, 0) + 1)

@@ -80,7 +80,7 @@ def test_aedat2_fields():
     assert events.records().tolist() == [(7, 9, 5, 1), (9, 9, 5, 0)]
     davis = load(DAVIS + words((5 << 22 | 9 << 12 | 1 << 11, 7), (1 << 31, 8), (1 << 10, 8), (140 << 22, 9)))
     assert davis.records().tolist() == [(7, 9, 5, 1), (9, 0, 140, 0)]
-    assert davis.metadata == {"format": "aedat2", "chip": "DAVIS240", "other_words": 2}
+    assert davis.metadata == {"format": "aedat2", "t0": 7, "chip": "DAVIS240", "other_words": 2}
 
 
 def test_aedat2_word_that_looks_like_a_comment():

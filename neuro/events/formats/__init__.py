@@ -5,11 +5,11 @@ A new format is a module with a `Format` and its name in `FORMATS`; nothing else
 
 from __future__ import annotations
 
-from neuro.events.formats._format import Damage, Decoded, Format, Unsavable
+from neuro.events.formats._format import HEAD, Damage, Format, Piece, Reader, Unsavable
 from neuro.events.formats.aedat2 import AEDAT2
 from neuro.events.formats.nmnist import NMNIST
 
 FORMATS: tuple[Format, ...] = (AEDAT2, NMNIST)
 """All formats, those with a signature in the file first."""
 
-__all__ = ["FORMATS", "Damage", "Decoded", "Format", "Unsavable"]
+__all__ = ["FORMATS", "HEAD", "Damage", "Format", "Piece", "Reader", "Unsavable"]

@@ -1,19 +1,27 @@
-"""What a file format is to the rest of the package."""
+"""What a file format is to the rest of the package.
+
+A reader gives the events of a file in pieces, so that a file of any size is read in constant memory and a damaged one
+gives what is whole. The same reader serves `load`, which asks for one piece, and `stream`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro.events._events import Events
+from neuro.events.source import Source
+
+Size = tuple[int, int]
 
 
 class Damage(ValueError):
-    """Raised by a reader: ``what`` is wrong at byte ``offset`` of the data."""
+    """Raised by a reader, after all whole pieces before it: ``what`` is wrong at byte ``offset`` of the data."""
 
     def __init__(self, what: str, offset: int) -> None:
         super().__init__(what, offset)
@@ -30,27 +38,50 @@ class Unsavable(ValueError):
         self.event = event
 
 
-@dataclass(frozen=True, slots=True)
-class Decoded:
-    """What a reader found, not yet checked against the sensor.
+def _no_place(event: int) -> int | None:
+    return None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """Some events in the order of the file, not yet checked against the sensor.
 
     Attributes:
-        t: (n,) int64, us, in the file's order.
-        x: (n,) column, px.
-        y: (n,) row, px.
-        p: (n,) 1 = ON.
-        sensor_size: width and height, px.
-        offsets: (n,) int64, the byte at which each event begins.
-        metadata: what the file says of itself.
+        t: (n,) int64, us.
+        x, y: (n,) uint16, px.
+        p: (n,) uint8, 1 = ON.
+        highest: largest x and y, (-1, -1) where there is no event; None: not looked at.
+        ordered: whether time does not run back within the piece; None: not looked at.
+        place: gives the byte at which an event of the piece begins, None where there is no such byte.
     """
 
     t: npt.NDArray[np.int64]
-    x: npt.NDArray[Any]
-    y: npt.NDArray[Any]
-    p: npt.NDArray[Any]
-    sensor_size: tuple[int, int]
-    offsets: npt.NDArray[np.int64]
-    metadata: Mapping[str, Any] = field(default_factory=dict)
+    x: npt.NDArray[np.uint16]
+    y: npt.NDArray[np.uint16]
+    p: npt.NDArray[np.uint8]
+    highest: tuple[int, int] | None = None
+    ordered: bool | None = None
+    place: Callable[[int], int | None] = _no_place
+
+
+class Reader(Protocol):
+    """An open file.
+
+    Attributes:
+        sensor_size: width and height that the file or the format tells, None where neither does.
+        metadata: what the file says of itself.
+    """
+
+    @property
+    def sensor_size(self) -> Size | None: ...
+    @property
+    def metadata(self) -> Mapping[str, Any]: ...
+    def pieces(self, block: int) -> Iterator[Piece]:
+        """The events from the beginning, each piece from about ``block`` bytes.
+
+        Raises:
+            Damage: after the last piece that is whole.
+        """
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,14 +92,36 @@ class Format:
         name: the word that ``load(..., format=name)`` takes.
         title: what to call it in a message.
         suffixes: endings of file names, lower case, with the dot.
-        magic: how such a file begins; empty where it has no signature.
-        read: from a file's bytes and the sensor size that the user asked for, or None; raises `Damage`.
-        write: to a file's bytes; raises `Unsavable`. None where the format is only read.
+        knows: whether the first bytes of a file (up to `HEAD`) are those of this format; a format without a signature
+            says False and is found by its suffixes.
+        open: make a reader; raises `Damage` where the header is damaged.
+        write: write pieces of one recording to a path that is new; raises `Unsavable`. None: only read.
+        usual: the sensor where the file tells none and all events fit.
+        untested: why nothing but files made from the specification was read, "" where real ones were.
     """
 
     name: str
     title: str
     suffixes: tuple[str, ...]
-    magic: bytes
-    read: Callable[[bytes, tuple[int, int] | None], Decoded]
-    write: Callable[[Events], bytes] | None = None
+    knows: Callable[[bytes], bool]
+    open: Callable[[Source], Reader]
+    write: Callable[[Iterator[Events], Path], None] | None = None
+    untested: str = ""
+    usual: Size | None = None
+
+
+HEAD = 4096
+"""Bytes by which formats are told apart."""
+
+
+@dataclass(slots=True)
+class Found:
+    """A reader made of a list of pieces, for formats that are read at once."""
+
+    sensor_size: Size | None
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    parts: tuple[Piece, ...] = ()
+
+    def pieces(self, block: int) -> Iterator[Piece]:
+        """The pieces as they are."""
+        yield from self.parts

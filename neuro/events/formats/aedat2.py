@@ -16,12 +16,15 @@ polarity and the axes of the DVS128 as in the published arrays of POKER-DVS.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events.formats._format import Damage, Decoded, Format
+from neuro.events.formats._format import Damage, Format, Piece, Size
+from neuro.events.source import Source
 
 MAGIC = b"#!AER-DAT2.0"
 WORD = 8
@@ -55,38 +58,40 @@ _CHIPS = {
 }
 
 
-def read(data: bytes, sensor_size: tuple[int, int] | None) -> Decoded:
-    """Decode an AEDAT 2.0 file.
+class Aedat2:
+    """An open AEDAT 2.0 file; ``metadata`` has ``chip`` and, once all is read, ``other_words``: words left out."""
 
-    Args:
-        data: the file.
-        sensor_size: width and height; None means that of the chip.
+    def __init__(self, source: Source) -> None:
+        self._data = source.all()
+        data = self._data.tobytes()
+        if not data.startswith(MAGIC):
+            raise Damage(f"begins with {data[:12]!r}, expected the line {MAGIC.decode()}", 0)
+        self._start = _header_length(data)
+        self._name = _chip_name(data[: self._start])
+        self._chip = _CHIPS[self._name]
+        self.sensor_size: Size | None = self._chip.size
+        self.metadata: dict[str, Any] = {"chip": self._name}
 
-    Returns:
-        The events; ``metadata`` has ``chip`` and ``other_words``, the number of words left out.
-    """
-    if not data.startswith(MAGIC):
-        raise Damage(f"begins with {data[:12]!r}, expected the line {MAGIC.decode()}", 0)
-    start = _header_length(data)
-    name = _chip_name(data[:start])
-    chip = _CHIPS[name]
-    if rest := (len(data) - start) % WORD:
-        n = (len(data) - start) // WORD
-        raise Damage(f"{rest} bytes left over after {n} words of 8 bytes", start + n * WORD)
-    words = np.frombuffer(data, ">u4", offset=start).reshape(-1, 2)
-    address, time = words[:, 0].astype(np.uint32), words[:, 1].astype(np.int64)
-    unused = (address & np.uint32(chip.unused)) != 0
-    if unused.any():
-        k = int(unused.argmax())
-        raise Damage(f"address 0x{address[k]:08x} is none of a {name}", start + k * WORD)
-    t = time + T_WRAP * np.cumsum(np.diff(time, prepend=time[:1]) < -(T_WRAP // 2))
-    event = (address & np.uint32(chip.other)) == 0
-    offsets = start + WORD * np.flatnonzero(event)
-    address = address[event]
-    p = (address >> np.uint32(chip.polarity) & np.uint32(1)) == chip.on
-    metadata = {"chip": name, "other_words": len(event) - len(address)}
-    x, y = chip.field(address, chip.x), chip.field(address, chip.y)
-    return Decoded(t[event], x, y, p.astype(np.uint8), sensor_size or chip.size, offsets, metadata)
+    def pieces(self, block: int) -> Iterator[Piece]:
+        """The events; see `Reader`."""
+        start, chip = self._start, self._chip
+        n = (self._data.size - start) // WORD
+        words = np.frombuffer(self._data[start : start + n * WORD].tobytes(), ">u4").reshape(-1, 2)
+        address, time = words[:, 0].astype(np.uint32), words[:, 1].astype(np.int64)
+        unused = (address & np.uint32(chip.unused)) != 0
+        if unused.any():
+            k = int(unused.argmax())
+            raise Damage(f"address 0x{address[k]:08x} is none of a {self._name}", start + k * WORD)
+        t = time + T_WRAP * np.cumsum(np.diff(time, prepend=time[:1]) < -(T_WRAP // 2))
+        event = (address & np.uint32(chip.other)) == 0
+        offsets = start + WORD * np.flatnonzero(event)
+        address = address[event]
+        p = (address >> np.uint32(chip.polarity) & np.uint32(1)) == chip.on
+        self.metadata["other_words"] = len(event) - len(address)
+        x, y = chip.field(address, chip.x), chip.field(address, chip.y)
+        yield Piece(t[event], x, y, p.astype(np.uint8), place=lambda k: int(offsets[k]))
+        if rest := (self._data.size - start) % WORD:
+            raise Damage(f"{rest} bytes left over after {n} words of 8 bytes", start + n * WORD)
 
 
 def _header_length(data: bytes) -> int:
@@ -112,5 +117,5 @@ def _chip_name(header: bytes) -> str:
     raise Damage(f"chip {full} is not known, expected one of {', '.join(_CHIPS)}", found.start(1))
 
 
-AEDAT2 = Format("aedat2", "AEDAT 2.0", (".aedat", ".aedat2"), MAGIC, read)
+AEDAT2 = Format("aedat2", "AEDAT 2.0", (".aedat", ".aedat2"), lambda head: head.startswith(MAGIC), Aedat2)
 """Read only."""

@@ -9,10 +9,15 @@ the rule for y = 240 comes: such a word is no event but adds 2^13 us to all time
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
 from neuro.events._events import Events
-from neuro.events.formats._format import Damage, Decoded, Format, Unsavable
+from neuro.events.formats._format import Damage, Format, Piece, Size, Unsavable
+from neuro.events.source import Source
 
 SENSOR_SIZE = (34, 34)
 """Of N-MNIST, px."""
@@ -23,50 +28,56 @@ OVERFLOW_US = 1 << 13
 T_LIMIT = 1 << 23
 
 
-def read(data: bytes, sensor_size: tuple[int, int] | None) -> Decoded:
-    """Decode a ``.bin``.
+class Bin:
+    """An open ``.bin``; ``sensor_size`` is None, since the file does not tell it."""
 
-    Args:
-        data: the file.
-        sensor_size: width and height; None means 34x34, or, where an event lies outside of that
-            (N-Caltech101), the smallest size that holds all events.
-    """
-    if len(data) % WORD:
-        n = len(data) // WORD
-        raise Damage(f"{len(data) % WORD} bytes left over after {n} events of 5 bytes", n * WORD)
-    words = np.frombuffer(data, np.uint8).reshape(-1, WORD)
-    x, y = words[:, 0], words[:, 1]
-    t = (words[:, 2] & 0x7F).astype(np.int64) << 16 | words[:, 3].astype(np.int64) << 8 | words[:, 4]
-    p = words[:, 2] >> 7
-    offsets = np.arange(0, len(data), WORD, dtype=np.int64)
-    overflow = y == OVERFLOW_ROW
-    if overflow.any() and (sensor_size is None or sensor_size[1] <= OVERFLOW_ROW):
-        t += OVERFLOW_US * np.cumsum(overflow)
-        t, x, y, p, offsets = (a[~overflow] for a in (t, x, y, p, offsets))
-    return Decoded(t, x, y, p, sensor_size or _size_of(x, y), offsets)
+    sensor_size: Size | None = None
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self.metadata: Mapping[str, Any] = {}
+
+    def pieces(self, block: int) -> Iterator[Piece]:
+        """The events; see `Reader`."""
+        from neuro.events.formats._nmnist_kernel import decode
+
+        begin = 0
+        for place, data in self._source.blocks(0, block, WORD):
+            n = data.size // WORD
+            t, x, y = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16)
+            p = np.empty(n, np.uint8)
+            found, x_max, y_max, ordered, after = decode(data, begin, t, x, y, p)
+            whole = found == n
+
+            def byte(event: int, place: int = place, data: Any = data, whole: bool = whole) -> int:
+                return place + WORD * (event if whole else int(np.flatnonzero(data[1::WORD] != OVERFLOW_ROW)[event]))
+
+            highest = (int(x_max), int(y_max)) if found else (-1, -1)
+            yield Piece(t[:found], x[:found], y[:found], p[:found], highest, bool(ordered), byte)
+            begin = after
+            if rest := data.size % WORD:
+                raise Damage(f"{rest} bytes left over after {place // WORD + n} events of 5 bytes", place + n * WORD)
 
 
-def _size_of(x: np.ndarray, y: np.ndarray) -> tuple[int, int]:
-    width = int(x.max(initial=0)) + 1
-    height = int(y.max(initial=0)) + 1
-    return SENSOR_SIZE if width <= SENSOR_SIZE[0] and height <= SENSOR_SIZE[1] else (width, height)
-
-
-def write(events: Events) -> bytes:
+def write(parts: Iterator[Events], path: Path) -> None:
     """Encode as ``.bin``; the sensor size and the metadata are not kept."""
-    bad = (events.t < 0) | (events.t >= T_LIMIT) | (events.x > 255) | (events.y > 255)
-    bad |= events.y == OVERFLOW_ROW
-    if bad.any():
-        k = int(bad.argmax())
-        t, x, y = events.t[k], events.x[k], events.y[k]
-        what = f"t {t}, x {x}, y {y}; expected t 0 to {T_LIMIT - 1} us, x and y 0 to 255, y not {OVERFLOW_ROW}"
-        raise Unsavable(what, k)
-    words = np.empty((len(events), WORD), np.uint8)
-    words[:, 0], words[:, 1] = events.x, events.y
-    words[:, 2] = events.p << 7 | (events.t >> 16).astype(np.uint8)
-    words[:, 3], words[:, 4] = events.t >> 8 & 0xFF, events.t & 0xFF
-    return words.tobytes()
+    done = 0
+    with path.open("wb") as file:
+        for events in parts:
+            bad = (events.t < 0) | (events.t >= T_LIMIT) | (events.x > 255) | (events.y > 255)
+            bad |= events.y == OVERFLOW_ROW
+            if bad.any():
+                k = int(bad.argmax())
+                t, x, y = events.t[k], events.x[k], events.y[k]
+                limits = f"expected t 0 to {T_LIMIT - 1} us, x and y 0 to 255, y not {OVERFLOW_ROW}"
+                raise Unsavable(f"t {t}, x {x}, y {y}; {limits}", done + k)
+            words = np.empty((len(events), WORD), np.uint8)
+            words[:, 0], words[:, 1] = events.x, events.y
+            words[:, 2] = events.p << 7 | (events.t >> 16).astype(np.uint8)
+            words[:, 3], words[:, 4] = events.t >> 8 & 0xFF, events.t & 0xFF
+            file.write(words.tobytes())
+            done += len(events)
 
 
-NMNIST = Format("nmnist", "N-MNIST .bin", (".bin",), b"", read, write)
+NMNIST = Format("nmnist", "N-MNIST .bin", (".bin",), lambda head: False, Bin, write, usual=SENSOR_SIZE)
 """Read and written."""

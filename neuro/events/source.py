@@ -1,0 +1,108 @@
+"""Where the bytes of a file come from: a path (mapped, not read), bytes, or an open file such as standard input."""
+
+from __future__ import annotations
+
+import mmap
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import numpy.typing as npt
+
+Given = str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO
+Bytes = npt.NDArray[np.uint8]
+WHOLE = 1 << 62
+"""A block that holds any file."""
+
+
+class Source:
+    """The bytes of one file.
+
+    Args:
+        given: a path, bytes, or an open binary file, which is read from where it stands.
+        name: what to call it; the path or the file's own name if not given.
+
+    Attributes:
+        name: for messages and the ending.
+        path: where it lies on the disk, None for bytes and open files.
+
+    Raises:
+        OSError: the path cannot be opened.
+    """
+
+    def __init__(self, given: Given, name: str | None = None) -> None:
+        self.path: Path | None = None
+        self._file: BinaryIO | None = None
+        self._bytes: Bytes = np.zeros(0, np.uint8)
+        self._head = b""
+        if isinstance(given, bytes | bytearray | memoryview):
+            self.name = name or "<bytes>"
+            self._bytes = np.frombuffer(given, np.uint8)
+        elif isinstance(given, str | os.PathLike):
+            self.path = Path(given)
+            self.name = name or os.fspath(given)
+            self._bytes = _mapped(self.path)
+        else:
+            own = getattr(given, "name", None)
+            self.name = name or (own if isinstance(own, str) else "<file>")
+            self._file = given
+
+    @property
+    def size(self) -> int | None:
+        """Number of bytes, None where it is not known before the end."""
+        return None if self._file is not None else self._bytes.size
+
+    def head(self, count: int) -> bytes:
+        """The first bytes, as many as there are; they are not used up."""
+        if self._file is None:
+            return self._bytes[:count].tobytes()
+        while len(self._head) < count and (more := self._file.read(count - len(self._head))):
+            self._head += more
+        return self._head[:count]
+
+    def all(self) -> Bytes:
+        """All bytes; those of a path are mapped."""
+        if self._file is not None:
+            self._bytes = np.frombuffer(self._head + self._file.read(), np.uint8)
+            self._file = None
+        return self._bytes
+
+    def blocks(self, start: int, size: int, unit: int = 1) -> Iterator[tuple[int, Bytes]]:
+        """The bytes from `start` on in blocks, each with its place.
+
+        Args:
+            start: first byte.
+            size: bytes of a block; rounded up to a multiple of `unit`.
+            unit: bytes of a word; only the last block may end within one.
+        """
+        size = max(unit, -(-size // unit) * unit)
+        if self._file is None:
+            for at in range(start, self._bytes.size, size):
+                yield at, self._bytes[at : at + size]
+            return
+        if size >= WHOLE:
+            yield start, self.all()[start:]
+            return
+        self.head(start)
+        rest, at = self._read(self._head[start:], size), start
+        while rest:
+            yield at, np.frombuffer(rest[:size], np.uint8)
+            at += min(size, len(rest))
+            rest = self._read(rest[size:], size)
+
+    def _read(self, begun: bytes, size: int) -> bytes:
+        """Read on until there are `size` bytes, or the end."""
+        assert self._file is not None
+        while len(begun) < size and (more := self._file.read(size - len(begun))):
+            begun += more
+        return begun
+
+
+def _mapped(path: Path) -> Bytes:
+    """The bytes of a file in the page cache; an empty one cannot be mapped."""
+    with path.open("rb") as file:
+        if os.fstat(file.fileno()).st_size == 0:
+            return np.zeros(0, np.uint8)
+        return np.frombuffer(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), np.uint8)
