@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -14,9 +15,11 @@ UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # typer has no publ
 
 @contextmanager
 def telling() -> Iterator[None]:
-    """Turn the mistakes of users that are raised inside into a message and exit status 2."""
+    """Turn the mistakes of users that are raised inside into a message and exit status 2, and warnings into lines."""
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.showwarning = _tell
+            yield
     except BrokenPipeError:  # the reader, say `head`, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
@@ -26,6 +29,11 @@ def telling() -> Iterator[None]:
             raise
         typer.echo(f"error: {message}", err=True)
         sys.exit(2)
+
+
+def _tell(message: Warning | str, category: type[Warning], filename: str, *more: object, **named: object) -> None:
+    """Print a warning for the user, without the place in our sources that raised it."""
+    typer.echo(f"warning: {message}", err=True)
 
 
 def mistake(error: Exception) -> str | None:

@@ -95,3 +95,17 @@ def test_results_do_not_replace_the_network(neuro, network):
     expected = "--out = net.yaml: this is the network itself: expected a new name, or results to replace"
     assert (answer.status, answer.err) == (2, f"error: {expected}\n")
     assert Path(network).read_bytes() == before
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_warning_is_a_line(neuro):
+    Path("fast.yaml").write_text(
+        "neuro: 1\nname: fast\nresolution: 1.0\n"
+        "populations:\n  in: {model: {poisson_generator: {rate: 100.0}}, shape: 4}\n"
+        "  out: {model: iaf_psc_exp, shape: 4}\n"
+        "projections:\n  w: {from: in, to: out, rule: one_to_one, weight: 10.0, delay: 1.0}\n"
+    )
+    answer = neuro("run", "fast.yaml", "--for", "10", "--backend", "loihi")
+    assert answer.status == 0
+    assert answer.err.startswith("warning: backend 'loihi': fast.yaml:5:3: population 'in': poisson_generator: 4.9% of")
+    assert ".py" not in answer.err
