@@ -1,5 +1,9 @@
 """What is known of chips: limits, costs, and how a float program becomes one of integers on cores.
 
-fixed = neuro.chips.quantise(sim.program, neuro.chips.chip("loihi"));  print(fixed)
-print(neuro.chips.place(sim.program, neuro.chips.chip("loihi")))
+    from neuro.chips.chip import chip
+    from neuro.chips.place import place
+    from neuro.chips.quantise import quantise
+
+    print(quantise(sim.program, chip("loihi")))     # registers, words, and what rounding does
+    print(place(sim.program, chip("loihi")))        # cores, memory, hops
 """

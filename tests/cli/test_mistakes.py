@@ -107,5 +107,5 @@ def test_a_warning_is_a_line(neuro):
     )
     answer = neuro("run", "fast.yaml", "--for", "10", "--backend", "loihi")
     assert answer.status == 0
-    assert answer.err.startswith("warning: backend 'loihi': fast.yaml:5:3: population 'in': poisson_generator: 4.9% of")
+    assert answer.err.startswith("warning: backend 'loihi': fast.yaml:5:3: population 'in': poisson_generator: 4.8% of")
     assert ".py" not in answer.err
