@@ -17,12 +17,15 @@ from neuro.chips.loihi_words import (
     WORD_LIMIT,
     bounds,
 )
-from neuro.chips.parts import Inputs, constants_of
+from neuro.chips.parts import Inputs, constants_of, converging
 from neuro.neurons import iaf_psc_delta
 from neuro.program import Floats
 
 COMFORT = 2.0**21
 """The threshold that automatic scales stay below, so that u has a factor 4 before it wraps."""
+
+FINE = 2.0**16
+"""The threshold that automatic scales stay above: of its register's steps one is 0.1 %."""
 
 BIAS_LARGEST = BIAS_MANTISSA << BIAS_EXPONENT
 SPARE = 1.0 - 2.0**-7
@@ -94,13 +97,30 @@ def only_inhibitory(inputs: Inputs) -> bool:
 
 def ceilings(d: Described) -> tuple[float, float]:
     """The largest scale that is comfortable, and the largest that all registers but those of weights allow."""
-    bias, v, u = (
-        BIAS_LARGEST * SPARE / _largest(d.drive),
-        V_LIMIT / _largest(d.start),
-        (U_LIMIT - 1) / _largest(d.current),
-    )
+    limits = ((BIAS_LARGEST * SPARE, d.drive), (V_LIMIT, d.start), (U_LIMIT - 1, d.current))
+    others = min(limit / _largest(values) for limit, values in limits)
     distance = _largest(d.distance)
-    return min(COMFORT / distance, bias, v, u), min(64.0 * VTH_LIMIT / distance, bias, v, u)
+    return min(COMFORT / distance, others), min(64.0 * VTH_LIMIT / distance, others)
+
+
+def calm(inputs: Inputs, d: Described) -> float:
+    """The scale at which all synapses of a neuron may be active in one step and u does not wrap.
+
+    It stays so large that the threshold and the truncation of decays are off by no more than 0.1 %.
+    """
+    total = 0.0
+    for sign in (1.0, -1.0):
+        arriving = np.zeros(inputs.part.size)
+        for index in inputs.spikes:
+            part = inputs.program.projections[index]
+            weight = np.maximum(sign * part.weight, 0.0)
+            if inputs.learns(index):
+                weight = np.full(1, max(0.0, float((sign * inputs.range_of(index)).max(initial=0.0))))
+            arriving += converging(inputs, index, weight)
+        total = max(total, _largest(arriving) * float(d.gain.max()))
+    lost = 1.0 - np.concatenate((d.leak, d.fade))
+    fine = max(FINE, 500.0 / float(lost[lost > 0.0].min(initial=1.0)))
+    return max((U_LIMIT - 1) * SPARE / total, fine / _largest(d.distance))
 
 
 def _largest(values: Floats) -> float:
@@ -113,7 +133,7 @@ def choose_scale(inputs: Inputs, d: Described) -> float:
 
     Candidates let the largest weight of the strongest projection have the mantissas 129..256; powers of two change no
     mantissa, so the largest allowed one is taken. Where weights learn in pairs, the largest that they may reach is the
-    largest mantissa, at which the chip stops, too.
+    largest mantissa, at which the chip stops, too. Of two that lose the same, the one that keeps u from wrapping.
     """
     cap, hard = ceilings(d)
     values = [(index, scales.sample(gained(inputs, index, d))) for index in inputs.spikes]
@@ -123,6 +143,17 @@ def choose_scale(inputs: Inputs, d: Described) -> float:
     strongest = max(_largest(v) for _, v in values)
     word_cap = 64.0 * WORD_LIMIT / strongest * SPARE
     cap, hard = min(cap, word_cap), min(hard, word_cap)
+    largest, lost = _search(inputs, values, cap, hard)
+    quiet = calm(inputs, d)
+    if quiet < cap:
+        smaller, lost_too = _search(inputs, values, quiet, hard)
+        if lost_too <= lost * (1.0 + 1e-9):
+            return smaller
+    return largest
+
+
+def _search(inputs: Inputs, values: list[tuple[int, Floats]], cap: float, hard: float) -> tuple[float, float]:
+    """The largest of the scales up to `cap` that lose least, at most `hard`; and what it loses."""
     plastic = [(index, v) for index, v in values if inputs.program.projections[index].synapse.learns == "pairs"]
     peak = max(_largest(v) for _, v in plastic or values)
     mantissas = np.array([255.0]) if plastic else np.arange(256.0, 128.0, -1.0)
@@ -135,8 +166,8 @@ def choose_scale(inputs: Inputs, d: Described) -> float:
         low, high, grain = bounds(inputs.sign_mode(index))
         steps = np.array([64.0 * 2.0 ** exponent_of(v, s, low, high, inputs.learns(index)) / s for s in tried])
         lost += scales.errors(v, steps, low, high, grain)
-    best = lost.min() * (1.0 + 1e-9)
-    return float(tried[lost <= best].max())
+    least = float(lost.min())
+    return float(tried[lost <= least * (1.0 + 1e-9)].max()), least
 
 
 def gained(inputs: Inputs, index: int, d: Described) -> Floats:

@@ -170,6 +170,22 @@ def one_kernel(inputs: Inputs, index: int, gains: int) -> list[Problem]:
     return [refused(part.origin, told, "a kernel has one scale", "give the neurons the same time constants and C_m")]
 
 
+def converging(inputs: Inputs, index: int, weight: Floats) -> Floats:
+    """Sum of the weights of a projection that each neuron could receive in one step."""
+    part, n = inputs.program.projections[index], inputs.part.size
+    source = inputs.program.populations[part.source].size
+    if part.grid is not None:
+        per_map: Floats = np.broadcast_to(weight, part.size).reshape(part.grid.maps, -1).sum(axis=1)
+        return np.repeat(per_map, n // part.grid.maps)
+    if part.layout == "one_to_one":
+        return np.broadcast_to(weight, n)
+    if part.layout == "dense":
+        column: Floats = np.broadcast_to(weight, source * n).reshape(source, n).sum(axis=0)
+        return column
+    counted = np.bincount(part.targets, weights=np.broadcast_to(weight, part.size), minlength=n)
+    return counted.astype(np.float64)
+
+
 def refused(origin: Where | None, what: str, why: str, way_out: str) -> Problem:
     """A problem that keeps a program from running."""
     return Problem(True, what, why, way_out, origin)

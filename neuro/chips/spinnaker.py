@@ -20,7 +20,7 @@ import numpy as np
 from neuro.backend import Problem
 from neuro.chips import scales
 from neuro.chips.fixed import FixedPopulation, FixedProjection, Rounding, WeightRounding, Words
-from neuro.chips.parts import Inputs, Options, constants_of, one_kernel, refused
+from neuro.chips.parts import Inputs, Options, constants_of, converging, one_kernel, refused
 from neuro.chips.spinnaker_limits import FRACTION, LARGEST, LARGEST_SHIFT, NATIVE_DELAY, ONE, SLOT, lacking, overflows
 from neuro.neurons import iaf_psc_delta
 from neuro.program import Floats, Ints, Population
@@ -198,7 +198,7 @@ def _shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
             part = inputs.program.projections[index]
             weight = np.maximum(sign * inputs.range_of(index), 0.0)
             largest = max(largest, float(weight.max(initial=0.0)))
-            total += _converging(inputs, index, np.maximum(sign * part.weight, 0.0))
+            total += converging(inputs, index, np.maximum(sign * part.weight, 0.0))
         scale = ONE * float(own.max())
         safe = _fitting(float(total.max(initial=0.0)) * scale)
         fine = int(np.floor(np.log2(max(largest * scale / FINE, 1.0))))
@@ -209,22 +209,6 @@ def _shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
 def _fitting(value: float) -> int:
     """The smallest shift with which a value fits into a slot."""
     return max(0, int(np.ceil(np.log2(value / SLOT)))) if value > SLOT else 0
-
-
-def _converging(inputs: Inputs, index: int, weight: Floats) -> Floats:
-    """Sum of the weights of a projection that each neuron could receive in one step."""
-    part, n = inputs.program.projections[index], inputs.part.size
-    source = inputs.program.populations[part.source].size
-    if part.grid is not None:
-        per_map: Floats = np.broadcast_to(weight, part.size).reshape(part.grid.maps, -1).sum(axis=1)
-        return np.repeat(per_map, n // part.grid.maps)
-    if part.layout == "one_to_one":
-        return np.broadcast_to(weight, n)
-    if part.layout == "dense":
-        column: Floats = np.broadcast_to(weight, source * n).reshape(source, n).sum(axis=0)
-        return column
-    counted = np.bincount(part.targets, weights=np.broadcast_to(weight, part.size), minlength=n)
-    return counted.astype(np.float64)
 
 
 def _weights(

@@ -260,3 +260,23 @@ def test_a_million_synapses_take_little_time(name, layout):
     took = time.perf_counter() - began
     assert fixed.projections[0].mantissas.size == 1_000_000
     assert took < 1.5, "0.03 to 0.1 s on a core of its own"
+
+
+# room for many spikes in one step
+
+
+def test_u_does_not_wrap_when_all_synapses_of_a_neuron_are_active_at_once():
+    net = neuro.Network("crowd", resolution=1.0)
+    net.population("in", 100, neuro.spike_generator(spike_times=[[3.0]] * 100))
+    net.population("out", 1, neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=10.0, tau_m=math.inf))
+    net.connect("in", "out", neuro.all_to_all(), weight=np.repeat([5.0, 0.5], 50), delay=1.0)
+    sim = neuro.compile(net, "loihi", strict=True)
+    sim.run(10.0)
+    assert sim.spikes("out")[0].tolist() == [4.0]
+
+
+def test_room_for_many_spikes_costs_no_precision():
+    few, many = (on("loihi", network([np.repeat([0.3, 0.11], n)])) for n in (1, 20_000))
+    assert many.projections[0].rounding.rms == few.projections[0].rounding.rms
+    assert many.projections[0].exponent == 0 < few.projections[0].exponent
+    assert many.populations[0].registers["vth"][0] >= 1023

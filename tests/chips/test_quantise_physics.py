@@ -1,0 +1,333 @@
+"""A neuron on a chip does what it does in floats, within what its registers can tell."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro.errors import ModelError
+from neuro.simulation import ApproximationWarning
+
+CHIPS = ["loihi", "spinnaker"]
+H = 0.5
+
+
+def build(model, backend, weights=(), times=(), delay=1.0, current=None, initial=None, **options):
+    """One neuron, a listed generator for each weight, and a current."""
+    net = neuro.Network("one", resolution=H)
+    net.population("out", 1, model, initial=initial or {})
+    for k, (weight, row) in enumerate(zip(weights, times, strict=True)):
+        net.population(f"in{k}", 1, neuro.spike_generator(spike_times=[list(row)]))
+        net.connect(f"in{k}", "out", neuro.one_to_one(), weight=weight, delay=delay, name=f"p{k}")
+    if current:
+        net.population("dc", 1, current)
+        net.connect("dc", "out", neuro.one_to_one(), weight=1.0, delay=H, name="drive")
+    net.probe("v", "out", "V_m")
+    for state in ("I_syn_ex", "I_syn_in"):
+        if state in [s.name for s in model.states]:
+            net.probe(state, "out", state)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ApproximationWarning)
+        return neuro.compile(net, backend, **options)
+
+
+def trace(sim, ms, name="v"):
+    sim.run(ms)
+    return sim.trace(name)[1][:, 0]
+
+
+def lazy(**values):
+    """A neuron that never fires."""
+    return neuro.iaf_psc_exp(**{"E_L": -70.0, "V_reset": -70.0, "V_th": -20.0, "tau_m": 10.0} | values)
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+@pytest.mark.parametrize("weight", [400.0, -400.0])
+@pytest.mark.parametrize("delay", [H, 3.0])
+def test_a_postsynaptic_potential_has_its_shape(chip, weight, delay):
+    model = lazy(tau_syn_ex=4.0, tau_syn_in=4.0)
+    ours, theirs = (trace(build(model, b, [weight], [[5.0]], delay), 80.0) for b in (chip, "event"))
+    peak = np.abs(theirs + 70.0).max()
+    assert peak > 2.0
+    assert np.abs(ours - theirs).max() < 0.01 * peak
+    assert np.flatnonzero(ours != ours[0])[0] == np.flatnonzero(theirs != theirs[0])[0]
+
+
+def test_spinnaker_has_a_time_constant_for_either_receptor():
+    model = lazy(tau_syn_ex=2.0, tau_syn_in=8.0)
+    ours, theirs = (trace(build(model, b, [300.0, -200.0], [[5.0], [5.0, 30.0]]), 90.0) for b in ("spinnaker", "event"))
+    assert theirs.max() > -70.0 + 0.15
+    assert theirs.min() < -70.0 - 1.0
+    assert np.abs(ours - theirs).max() < 0.02
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+@pytest.mark.parametrize("tau_m", [math.inf, 10.0])
+def test_a_delta_synapse_jumps_at_once(chip, tau_m):
+    model = neuro.iaf_psc_delta(E_L=-70.0, V_reset=-70.0, V_th=-20.0, tau_m=tau_m)
+    ours, theirs = (trace(build(model, b, [3.0, -5.0], [[4.0, 5.0], [8.0]]), 40.0) for b in (chip, "event"))
+    assert np.abs(np.diff(theirs)).max() > 2.5
+    assert np.abs(ours - theirs).max() < (1e-9 if math.isinf(tau_m) else 0.05)
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+@pytest.mark.parametrize("model", [neuro.iaf_psc_exp, neuro.iaf_psc_delta])
+def test_rates_follow_the_current(chip, model):
+    for i_e in (300.0, 400.0, 700.0, 1500.0):
+        cells = model(I_e=i_e, E_L=-70.0, V_reset=-70.0, t_ref=2.0)
+        counts, first = {}, {}
+        for backend in (chip, "event"):
+            sim = build(cells, backend)
+            sim.run(1000.0)
+            times = sim.spikes("out")[0]
+            counts[backend], first[backend] = times.size, times[:1]
+        assert abs(counts[chip] - counts["event"]) <= max(1, 0.02 * counts["event"]), i_e
+        if counts["event"]:
+            assert abs(first[chip][0] - first["event"][0]) <= H, i_e
+    assert counts["event"] > 150
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+@pytest.mark.parametrize("steps", [0, 1, 2, 5, 63])
+def test_refractory_periods_are_exact(chip, steps):
+    model = neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=4.0, tau_m=math.inf, t_ref=steps * H)
+    found = {}
+    for backend in (chip, "event"):
+        sim = build(model, backend, [4.0], [np.arange(1, 300) * H], H)
+        sim.run(150.0)
+        found[backend] = sim.spikes("out")[0]
+    assert found["event"].size > 3
+    np.testing.assert_array_equal(found[chip], found["event"])
+    assert set(np.rint(np.diff(found[chip]) / H)) == {steps + 1}
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+def test_the_threshold_is_reached_not_passed(chip):
+    model = neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=12.0, tau_m=math.inf, t_ref=0.0)
+    for weights, fires in (((4.0, 8.0), True), ((4.0, 7.0), False), ((12.0,), True)):
+        sim = build(model, chip, weights, [[1.0]] * len(weights), H)
+        sim.run(5.0)
+        assert sim.spikes("out")[0].tolist() == ([1.0 + H] if fires else [])
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+@pytest.mark.parametrize("model", [lazy(), neuro.iaf_psc_delta(E_L=-70.0, V_reset=-70.0, V_th=-20.0)])
+def test_a_current_switches_on_and_off(chip, model):
+    current = neuro.dc_generator(amplitude=350.0, start=10.0, stop=50.0)
+    ours, theirs = (trace(build(model, b, current=current), 120.0) for b in (chip, "event"))
+    top = (theirs + 70.0).max()
+    assert top > 10.0
+    assert np.abs(ours - theirs).max() < 0.01 * top
+    assert np.argmax(ours > -69.999) == np.argmax(theirs > -69.999)
+    assert np.argmax(ours) == np.argmax(theirs)
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+def test_a_current_can_be_changed_up_to_the_described_one(chip):
+    sims = [build(lazy(), b, current=neuro.dc_generator(amplitude=400.0)) for b in (chip, "event")]
+    rows = []
+    for sim in sims:
+        for amplitude in (400.0, -200.0, 0.0):
+            sim.set("dc", amplitude=amplitude)
+            sim.run(30.0)
+        rows.append(sim.trace("v")[1][:, 0])
+    assert np.abs(rows[0] - rows[1]).max() < 0.01 * np.ptp(rows[1])
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+@pytest.mark.parametrize(
+    ("state", "value"), [("V_m", -60.0), ("V_m", -95.0), ("I_syn_ex", 500.0), ("I_syn_in", -500.0)]
+)
+def test_states_at_step_0_and_states_that_are_set(chip, state, value):
+    rows = {}
+    for backend in (chip, "event"):
+        sim = build(lazy(), backend, initial={state: value})
+        assert sim.get("out", state)[0] == pytest.approx(value, rel=1e-4)
+        begun = trace(sim, 40.0)
+        sim = build(lazy(), backend)
+        sim.set("out", **{state: value})
+        assert sim.get("out", state)[0] == pytest.approx(value, rel=1e-4)
+        rows[backend] = begun, trace(sim, 40.0)
+    peak = np.abs(rows["event"][0] + 70.0).max()
+    for ours, theirs in zip(rows[chip], rows["event"], strict=True):
+        assert np.abs(ours - theirs).max() < 0.01 * peak
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+@pytest.mark.parametrize(("name", "weight"), [("I_syn_ex", 400.0), ("I_syn_in", -400.0)])
+def test_currents_are_told_but_for_what_arrives_in_the_step(chip, name, weight):
+    ours, theirs = (trace(build(lazy(), b, [weight], [[5.0, 20.0]], 2.0), 40.0, name) for b in (chip, "event"))
+    off = np.flatnonzero(np.abs(ours - theirs) > 0.01 * abs(weight))
+    assert (off * H + H).tolist() == [7.0, 22.0]
+    assert np.abs(theirs).max() == pytest.approx(400.0, rel=0.01)
+
+
+# changes while running
+
+CHANGES = [
+    {"V_th": -61.0},
+    {"I_e": 250.0},
+    {"tau_m": 20.0},
+    {"C_m": 500.0},
+    {"t_ref": 5.0},
+    {"V_th": -62.0, "t_ref": 1.0, "tau_m": 15.0},
+]
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+@pytest.mark.parametrize("values", CHANGES, ids=lambda values: ",".join(values))
+def test_parameters_change_while_it_runs(chip, values):
+    model = neuro.iaf_psc_exp(E_L=-70.0, V_reset=-70.0, I_e=100.0)
+    rows, spikes = [], []
+    for backend in (chip, "event"):
+        sim = build(model, backend, [900.0], [np.arange(1.0, 200.0, 5.0)])
+        sim.run(60.0)
+        sim.set("out", **values)
+        for name, value in values.items():
+            assert sim.get("out", name)[0] == value
+        sim.run(140.0)
+        rows.append(sim.trace("v")[1][:, 0])
+        spikes.append(sim.spikes("out")[0])
+    ours, theirs = spikes
+    assert theirs.size > 2
+    assert abs(ours.size - theirs.size) <= 1
+    if ours.size == theirs.size:
+        assert np.abs(ours - theirs).max() <= 2 * H
+    quiet = slice(0, int(min(ours[0], theirs[0]) / H) - 1)
+    assert np.abs(rows[0] - rows[1])[quiet].max() < 0.15
+
+
+@pytest.mark.parametrize("chip", CHIPS)
+def test_weights_change_while_it_runs(chip):
+    rows = []
+    for backend in (chip, "event"):
+        sim = build(lazy(), backend, [500.0], [[5.0, 45.0]])
+        sim.run(40.0)
+        sim.set_weights("p0", 200.0)
+        rows.append(trace(sim, 60.0))
+        assert sim.weights("p0")[2][0] == pytest.approx(200.0, rel=0.01)
+    assert np.abs(rows[0] - rows[1]).max() < 0.02 * (rows[1] + 70.0).max()
+
+
+REGISTERS = {
+    "loihi": {
+        "V_th": ("vth", lambda sim: 64 * (sim.get("out", "vth", raw=True) + 1)),
+        "tau_m": ("dv", lambda sim: 4096 - sim.get("out", "dv", raw=True)),
+        "t_ref": ("refractory", lambda sim: sim.get("out", "refractory", raw=True)),
+        "I_e": ("bias_mant", lambda sim: sim.get("out", "I_e", raw=True) << sim.get("out", "bias_exp", raw=True)),
+    },
+    "spinnaker": {
+        "V_th": ("v_thresh", lambda sim: sim.get("out", "v_thresh", raw=True)),
+        "tau_m": ("exp_tc", lambda sim: sim.get("out", "exp_tc", raw=True)),
+        "t_ref": ("t_refract", lambda sim: sim.get("out", "t_refract", raw=True)),
+        "I_e": ("i_offset", lambda sim: sim.get("out", "i_offset", raw=True)),
+        "C_m": ("r_m", lambda sim: sim.get("out", "r_m", raw=True)),
+    },
+}
+NEW = {"V_th": -62.5, "tau_m": 20.0, "t_ref": 4.0, "I_e": 50.0, "C_m": 500.0}
+FACTORS = {
+    "loihi": {"V_th": 0.5, "tau_m": math.exp(-H / 20.0) / math.exp(-H / 10.0), "t_ref": 9 / 5, "I_e": 0.5},
+    "spinnaker": {"V_th": 62.5 / 55.0, "tau_m": math.exp(-H / 20.0) / math.exp(-H / 10.0), "t_ref": 2.0, "I_e": 0.5}
+    | {"C_m": 0.5},
+}
+
+
+@pytest.mark.parametrize(("chip", "name"), [(chip, name) for chip in CHIPS for name in REGISTERS[chip]])
+def test_registers_follow_what_is_set(chip, name):
+    sim = build(neuro.iaf_psc_exp(E_L=-70.0, V_reset=-70.0, I_e=100.0), chip, [500.0], [[5.0]])
+    register, value = REGISTERS[chip][name]
+    before = value(sim)[0]
+    np.testing.assert_array_equal(sim.get("out", name, raw=True), sim.get("out", register, raw=True))
+    sim.set("out", **{name: NEW[name]})
+    assert value(sim)[0] / before == pytest.approx(FACTORS[chip][name], rel=2e-3)
+
+
+def test_raw_states_are_registers():
+    sim = build(lazy(), "loihi", [400.0], [[5.0]])
+    sim.run(8.0)
+    fixed = sim._engine.fixed.populations[0]
+    for name, register, unit in (("V_m", "v", fixed.volt), ("I_syn_ex", "u", fixed.ampere[0][0])):
+        raw = sim.get("out", name, raw=True)
+        assert raw.dtype == np.int64
+        np.testing.assert_array_equal(raw, sim.get("out", register, raw=True))
+        assert raw[0] / unit == pytest.approx(sim.get("out", name)[0] + (70.0 if name == "V_m" else 0.0))
+        assert raw[0] != 0
+    assert sim.get("p0", "weight", raw=True).tolist() == [sim._engine.fixed.projections[0].mantissas[0]]
+
+
+TOO_MUCH = [
+    ({"V_th": 0.0}, "population 'out': V_th - E_L needs", "the 17-bit threshold register holds at most 131071"),
+    (
+        {"I_e": 1e6},
+        "population 'out': the constant current needs",
+        "the bias register, 4095 x 2^7, holds at most 524160",
+    ),
+    ({"t_ref": 32.0}, "population 'out': t_ref = 32 ms", "the refractory register holds at most 63"),
+    ({"tau_m": 3000.0}, "population 'out': tau_m = 3000 ms", "a 12-bit decay holds at most 2047.75 ms"),
+    ({"V_reset": -75.0}, "population 'out': V_reset = -75 mV", "which is E_L = -70 mV"),
+    ({"C_m": 1.0}, "projection 'p0': weight = 500", "a mantissa in sign mode excitatory holds at most 255"),
+]
+
+
+@pytest.mark.parametrize(("values", "what", "why"), TOO_MUCH, ids=lambda v: ",".join(v) if isinstance(v, dict) else "")
+def test_what_a_register_cannot_hold_is_refused_and_changes_nothing(values, what, why):
+    sims = [build(neuro.iaf_psc_exp(E_L=-70.0, V_reset=-70.0), "loihi", [500.0], [[5.0, 6.0, 7.0]]) for _ in range(2)]
+    for sim in sims:
+        sim.run(6.0)
+    with pytest.raises(ModelError) as error:
+        sims[0].set("out", **values)
+    assert what in str(error.value)
+    assert why in str(error.value)
+    name = next(iter(values))
+    assert sims[0].get("out", name) == sims[1].get("out", name)
+    for register in ("vth", "dv", "du", "bias_mant", "bias_exp", "refractory", "v", "u"):
+        assert sims[0].get("out", register, raw=True) == sims[1].get("out", register, raw=True)
+    np.testing.assert_array_equal(*(trace(sim, 30.0) for sim in sims))
+
+
+def test_a_sign_mode_is_kept_while_weights_and_parameters_change():
+    net = neuro.Network("mixed", resolution=H)
+    net.population("in", 2, neuro.spike_generator())
+    net.population("out", 1, lazy())
+    net.connect("in", "out", neuro.all_to_all(), weight=[400.0, -400.0], delay=1.0, name="p")
+    sim = neuro.compile(net, "loihi")
+    sim.set_weights("p", [100.0, 200.0])
+    sim.set("out", V_th=-30.0)
+    sim.set("out", tau_m=12.0)
+    sim.set_weights("p", [100.0, -200.0])
+    np.testing.assert_allclose(sim.weights("p")[2], [100.0, -200.0], rtol=0.02)
+
+
+@pytest.mark.parametrize("v_th", [-60.0, -40.0])
+def test_the_threshold_that_is_set_is_the_threshold_that_acts(v_th):
+    sim = build(neuro.iaf_psc_exp(E_L=-70.0, V_reset=-70.0, V_th=-30.0, I_e=1000.0), "loihi", [2000.0], [[5.0]])
+    sim.set("out", V_th=v_th, I_e=1000.0)
+    voltages = trace(sim, 100.0)
+    assert v_th - 2.0 < voltages.max() < v_th
+
+
+def test_networks_whose_values_are_exact_fire_at_the_same_steps_everywhere():
+    rng = np.random.default_rng(5)
+    net = neuro.Network("exact", resolution=1.0)
+    times = [sorted(rng.choice(np.arange(1.0, 250.0), 60, replace=False)) for _ in range(12)]
+    net.population("in", 12, neuro.spike_generator(spike_times=times))
+    cells = neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=16.0, tau_m=math.inf, t_ref=2.0)
+    net.population("a", 10, cells)
+    net.population("b", 6, cells)
+    for name, source, target, size in (("ia", "in", "a", 120), ("ab", "a", "b", 60), ("ba", "b", "a", 60)):
+        weight = rng.integers(-15, 63, size) * 2.0 if name != "ba" else rng.integers(-12, 8, size) * 1.0
+        delay = rng.integers(1, 9, size).astype(float)
+        net.connect(source, target, neuro.all_to_all(), weight=weight / 8, delay=delay, name=name)
+    found = {}
+    for backend in ("reference", "event", *CHIPS):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ApproximationWarning)
+            sim = neuro.compile(net, backend)
+        sim.run(260.0)
+        found[backend] = [np.stack(sim.spikes(name)) for name in "ab"]
+    assert all(spikes.shape[1] > 30 for spikes in found["reference"])
+    for backend in ("event", *CHIPS):
+        for ours, theirs in zip(found[backend], found["reference"], strict=True):
+            np.testing.assert_array_equal(ours, theirs, err_msg=backend)
