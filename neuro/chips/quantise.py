@@ -84,7 +84,7 @@ def _quantise(program: Program, chip: Chip, options: Options) -> FixedProgram:
         return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), ())
     problems += merged(program, chip)
     problems += losses(program, populations, wires)
-    return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), tuple(_notes(program, chip)))
+    return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), tuple(_notes(program, chip, wires)))
 
 
 def _population(
@@ -198,7 +198,7 @@ def _mapped(program: Program, index: int, wires: FixedProjection, options: Optio
     )
 
 
-def _notes(program: Program, chip: Chip) -> Iterator[str]:
+def _notes(program: Program, chip: Chip, wires: tuple[FixedProjection | None, ...]) -> Iterator[str]:
     """What the host does for the chip."""
     if any(isinstance(p.model, (poisson_generator, spike_generator)) for p in program.populations):
         yield "the host sends the spikes of generators"
@@ -216,10 +216,9 @@ def _notes(program: Program, chip: Chip) -> Iterator[str]:
             )
     if chip.arithmetic == "spinnaker" and program.resolution != 1.0:
         yield f"a step of {program.resolution:g} ms takes a tick of 1 ms on the machine"
-    if chip.arithmetic == "spinnaker" and any(
-        p.delay.max(initial=0) + 1 > spinnaker.NATIVE_DELAY for p in program.projections
-    ):
-        yield f"delays above {spinnaker.NATIVE_DELAY} ticks need delay extensions, whose cores are not placed"
+    native = chip.limit("delay_native")
+    if native is not None and any(w.delay.max(initial=0) > native for w in wires if w is not None):
+        yield f"delays above {native} ticks need delay extensions, whose cores are not placed"
 
 
 def requantise(

@@ -21,11 +21,11 @@ from neuro.backend import Problem
 from neuro.chips import scales
 from neuro.chips.fixed import FixedPopulation, FixedProjection, Rounding, WeightRounding, Words
 from neuro.chips.parts import Inputs, Options, constants_of, converging, one_kernel, refused
-from neuro.chips.spinnaker_limits import FRACTION, LARGEST, LARGEST_SHIFT, NATIVE_DELAY, ONE, SLOT, lacking, overflows
+from neuro.chips.spinnaker_limits import FRACTION, LARGEST, LARGEST_SHIFT, ONE, SLOT, lacking, overflows
 from neuro.neurons import iaf_psc_delta
 from neuro.program import Floats, Ints, Population
 
-__all__ = ["NATIVE_DELAY", "native", "native_projection", "population", "relay_projection"]
+__all__ = ["native", "native_projection", "population", "relay_projection"]
 
 FINE = 256
 """Steps that the largest weight keeps although a slot might then saturate."""

@@ -18,7 +18,6 @@ SLOT = 65535
 LARGEST = 2**31 - 1
 FRACTION = 2.0**32
 LARGEST_SHIFT = 15
-NATIVE_DELAY = 16
 
 
 def lacking(inputs: Inputs) -> Iterator[Problem]:
