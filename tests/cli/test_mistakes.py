@@ -98,7 +98,7 @@ def test_results_do_not_replace_the_network(neuro, network):
 
 
 @pytest.mark.filterwarnings("default")
-def test_a_warning_is_a_line(neuro):
+def test_a_warning_is_a_line(neuro, network):
     Path("fast.yaml").write_text(
         "neuro: 1\nname: fast\nresolution: 1.0\n"
         "populations:\n  in: {model: {poisson_generator: {rate: 100.0}}, shape: 4}\n"
