@@ -1,14 +1,17 @@
 """The conformance suite itself: it finds a backend that is wrong, and holds one to what it declares."""
 
+import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from neuro.backend import Problem
+from neuro.backend import EngineCounts, Problem
 from neuro.neurons import izhikevich
 from neuro.program import Floats, Program
-from neuro.testing import CASES, check_backend, check_case
+from neuro.testing import CASES, NEEDS_FLOATS, check_backend, check_case
 from neuro_reference import ReferenceBackend
 from neuro_reference.engine import ReferenceEngine
 
@@ -38,6 +41,89 @@ class NoIzhikevich(ReferenceBackend):
     def problems(self, program: Program) -> Sequence[Problem]:
         found = [p for p in program.populations if isinstance(p.model, izhikevich)]
         return [Problem(True, f"population '{p.name}'", "it has no izhikevich") for p in found]
+
+
+class Whole(ReferenceBackend):
+    """Says that it computes in integers; rounds potentials that are shown and tells so."""
+
+    name = "whole"
+    arithmetic = "integer"
+
+    def __init__(self, digits: int = 12, unsupported: dict[str, str] | None = None) -> None:
+        self.digits, self.unsupported = digits, unsupported or {}
+
+    def problems(self, program: Program) -> Sequence[Problem]:
+        return [Problem(False, f"population '{p.name}'", "it is rounded") for p in program.populations]
+
+    def build(self, program: Program, *, threads: int = 1, **options: Any) -> ReferenceEngine:
+        return WholeEngine(program, self.digits)
+
+
+class WholeEngine(ReferenceEngine):
+    """Shows rounded potentials."""
+
+    def __init__(self, program: Program, digits: int) -> None:
+        super().__init__(program)
+        self.digits = digits
+
+    def get(self, population: int, name: str) -> Floats:
+        return np.round(super().get(population, name), self.digits)
+
+
+class Miscounting(ReferenceBackend):
+    """Counts an arrival at the next step where nobody is reached."""
+
+    name = "miscounting"
+
+    def build(self, program: Program, *, threads: int = 1, **options: Any) -> ReferenceEngine:
+        return MiscountingEngine(program)
+
+
+class MiscountingEngine(ReferenceEngine):
+    """One active neuron too many."""
+
+    def counts(self) -> EngineCounts:
+        counts = super().counts()
+        return replace(counts, active=counts.active + 1)
+
+
+def test_a_backend_of_integers_is_not_run_where_floats_are_needed():
+    assert check_case(Whole(), "delta_neuron") == NEEDS_FLOATS
+    assert check_case(Whole(), "exact_dense_rows") == ""
+    assert NEEDS_FLOATS == "its values are exact in floats only, and this backend computes in integers"
+
+
+def test_a_backend_of_integers_must_be_exact_where_it_can():
+    with pytest.raises(AssertionError, match="V_m of cells: 5 differ"):
+        check_case(Whole(digits=-1), "exact_dense_rows")
+
+
+def test_an_approximation_is_judged_by_its_outcome():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert check_case(Whole(), "exact_one_to_one") == ""
+
+
+def test_a_case_that_needs_floats_is_not_declared_by_a_backend_of_integers():
+    backend = Whole(unsupported={"delta_neuron": "it rounds"})
+    with pytest.raises(AssertionError, match="'delta_neuron' is declared unsupported but needs floats"):
+        check_case(backend, "exact_one_to_one")
+
+
+def test_an_unknown_arithmetic_is_a_failure():
+    backend = Whole()
+    backend.arithmetic = "decimal"
+    with pytest.raises(AssertionError) as caught:
+        check_case(backend, "delta_neuron")
+    assert str(caught.value).splitlines()[0] == (
+        "backend 'whole': arithmetic = 'decimal': expected one of ('float', 'integer')"
+    )
+
+
+@pytest.mark.parametrize("name", ["exact_grid", "counts_follow_from_spikes_of_fixed_weights"])
+def test_wrong_counts_are_found(name: str):
+    with pytest.raises(AssertionError, match=r"counts of \w+: 1 differ, first"):
+        check_case(Miscounting(), name)
 
 
 def test_a_wrong_backend_is_found():
@@ -77,5 +163,6 @@ def test_all_failures_are_told_at_once():
 
 
 def test_every_case_says_what_it_shows():
-    assert len(CASES) >= 70
+    assert len(CASES) >= 118
+    assert sum(not case.floats for case in CASES.values()) >= 48
     assert all(case.about.endswith(".") for case in CASES.values())

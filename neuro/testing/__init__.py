@@ -11,9 +11,13 @@ A stranger's backend is tested by `check_backend(backend)`, or case by case in p
 
 A backend that cannot do something says so in its attribute `unsupported`, a dict from the name of a case to the
 reason. It is held to that: a case declared unsupported that passes is a failure.
+
+A backend that computes in integers says so in its attribute `arithmetic = "integer"`. Cases whose values only floats
+hold exactly are then not run; `check_case` returns `NEEDS_FLOATS` for them. Those that integers hold exactly, too,
+and the laws of cutting, saving, seeds and counts must pass on every backend.
 """
 
 from neuro.testing.case import CASES, Case, Found, observe
-from neuro.testing.conformance import check_backend, check_case, deviations
+from neuro.testing.conformance import NEEDS_FLOATS, check_backend, check_case, deviations
 
-__all__ = ["CASES", "Case", "Found", "check_backend", "check_case", "deviations", "observe"]
+__all__ = ["CASES", "NEEDS_FLOATS", "Case", "Found", "check_backend", "check_case", "deviations", "observe"]

@@ -10,7 +10,16 @@ from neuro.backend import Backend, find
 from neuro.errors import ModelError
 from neuro.network import Network
 from neuro.simulation import ApproximationWarning, Simulation, compile
-from neuro.testing import connections, exact, exact_trials, features, laws, learning, trials  # noqa: F401
+from neuro.testing import (  # noqa: F401
+    connections,
+    exact,
+    exact_neurons,
+    exact_trials,
+    features,
+    laws,
+    learning,
+    trials,
+)
 from neuro.testing.case import CASES, Found, differences
 
 ARITHMETIC = ("float", "integer")
