@@ -21,9 +21,12 @@ Size = tuple[int, int]
 
 
 class Damage(ValueError):
-    """Raised by a reader, after all whole pieces before it: ``what`` is wrong at byte ``offset`` of the data."""
+    """Raised by a reader, after all whole pieces before it: ``what`` is wrong at byte ``offset`` of the data.
 
-    def __init__(self, what: str, offset: int) -> None:
+    The offset is None where no byte is to blame, as in a file that another library unpacks.
+    """
+
+    def __init__(self, what: str, offset: int | None) -> None:
         super().__init__(what, offset)
         self.what = what
         self.offset = offset
