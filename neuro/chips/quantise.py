@@ -148,12 +148,8 @@ def _learning(program: Program, chip: Chip, wires: dict[int, FixedProjection], o
     """Give rules to the projections that learn on the chip; tell what is refused and what is approximated."""
     for index, part in enumerate(program.projections):
         synapse, told = part.synapse, f"projection '{part.name}': {part.synapse.name}"
-        if synapse.chip and synapse.chip != chip.arithmetic:
-            way = f"backend '{synapse.chip}' runs it"
-            yield refused(part.origin, told, f"its parameters are registers of {synapse.chip}", way)
-        elif synapse.learns in ("pairs", "chip") and chip.arithmetic != "loihi":
-            way = "run it on loihi or event, or send static weights: sim.network() has what was learnt"
-            yield refused(part.origin, told, f"pairwise learning is not emulated on {chip.name}", way)
+        if (lacking := _no_rule(program, chip, index)) is not None:
+            yield lacking
         elif isinstance(synapse, loihi_learning) and index in wires:
             wires[index] = replace(wires[index], rule=synapse.rule())
         elif synapse.learns == "pairs" and index in wires:
@@ -170,6 +166,30 @@ def _learning(program: Program, chip: Chip, wires: dict[int, FixedProjection], o
                     f"a change is {mapped.update:.2g} of a weight step: below {COARSE_UPDATE:g} much of it is cut away"
                 )
                 yield approximated(part.origin, told, why, "learn faster, or lower Wmax, which sets the weight step")
+
+
+def _no_rule(program: Program, chip: Chip, index: int) -> Problem | None:
+    """Why a synapse model cannot be on the chip, or not onto these neurons; None if it can."""
+    part = program.projections[index]
+    synapse, target = part.synapse, program.populations[part.target].model
+    told = f"projection '{part.name}': {synapse.name}"
+    if synapse.chip and synapse.chip != chip.arithmetic:
+        why, way = f"its parameters are registers of {synapse.chip}", f"backend '{synapse.chip}' runs it"
+    elif synapse.learns in ("pairs", "chip") and chip.arithmetic != "loihi":
+        why = f"pairwise learning is not emulated on {chip.name}"
+        way = "run it on loihi or event, or send static weights: sim.network() has what was learnt"
+    elif isinstance(target, parrot_neuron) and synapse.learns in ("pairs", "chip"):
+        why, way = (
+            "the host relays the spikes of parrots, so there is no weight to learn",
+            "learn at the next projection",
+        )
+    elif synapse.chip and not target.chip and not isinstance(target, parrot_neuron):
+        why, way = f"its weights are mantissas, but {target.name} has mV and pA", "use static or stdp, or a loihi_lif"
+    elif synapse.learns == "pairs" and target.chip:
+        why, way = f"its weights are in mV or pA, but {target.name} has registers", "use loihi_learning"
+    else:
+        return None
+    return refused(part.origin, told, why, way)
 
 
 def _mapped(program: Program, index: int, wires: FixedProjection, options: Options) -> Mapped:

@@ -462,6 +462,35 @@ def test_rules_that_a_chip_lacks():
     ]
 
 
+@pytest.mark.parametrize(
+    ("model", "synapse", "why", "way"),
+    [
+        (
+            exp(),
+            neuro.loihi_static(weight_exp=3),
+            "its weights are mantissas, but iaf_psc_exp has mV and pA",
+            "use static or stdp, or a loihi_lif",
+        ),
+        (
+            neuro.loihi_lif(),
+            neuro.stdp(Wmax=100.0),
+            "its weights are in mV or pA, but loihi_lif has registers",
+            "use loihi_learning",
+        ),
+        (
+            neuro.parrot_neuron(),
+            neuro.stdp(Wmax=100.0),
+            "the host relays the spikes of parrots, so there is no weight to learn",
+            "learn at the next projection",
+        ),
+    ],
+)
+def test_synapses_that_do_not_go_with_their_neurons(model, synapse, why, way):
+    assert refusals(one(model, weight=5.0, synapse=synapse), "loihi") == [
+        (f"projection 'in_out': {synapse.name}", why, way)
+    ]
+
+
 def test_a_kernel_onto_neurons_that_differ():
     net = neuro.Network("grid", resolution=1.0)
     net.population("in", (1, 4, 4), neuro.spike_generator(spike_times=[[]] * 16))
