@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from neuro.events.formats._format import HEAD, Damage, Format, Piece, Reader, Unsavable
 from neuro.events.formats.aedat2 import AEDAT2
+from neuro.events.formats.aedat4 import AEDAT4
 from neuro.events.formats.nmnist import NMNIST
 
-FORMATS: tuple[Format, ...] = (AEDAT2, NMNIST)
+FORMATS: tuple[Format, ...] = (AEDAT4, AEDAT2, NMNIST)
 """All formats, those with a signature in the file first."""
 
 __all__ = ["FORMATS", "HEAD", "Damage", "Format", "Piece", "Reader", "Unsavable"]
