@@ -24,6 +24,7 @@ from neuro.events.formats._cursor import Cursor
 from neuro.events.formats._extra import extra
 from neuro.events.formats._flatbuffers import I32, I64, U32, Malformed, Table
 from neuro.events.formats._format import Damage, Format, Piece, Size
+from neuro.events.formats._growing import Growing
 from neuro.events.source import Bytes, Source
 
 MAGIC = b"#!AER-DAT4.0\r\n"
@@ -76,17 +77,18 @@ class Aedat4:
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
         others: Counter[str] = Counter()
-        held = _Columns(self.sensor_size is not None)
+        held = Growing()
         damage: Damage | None = None
+        begin = self._start
         try:
             for place, data in self._packets(block, others):
-                held.add(self._events(place, data), place)
-                if held.bytes >= block:
+                self._add(held, place, data)
+                if place + data.size - begin >= block:
                     yield held.piece()
+                    begin = place + data.size
         except Damage as found:
             damage = found
-        if held.used or damage is None:
-            yield held.piece()
+        yield held.piece()
         self.metadata["other_packets"] = dict(others)
         if damage is not None:
             raise damage
@@ -115,68 +117,23 @@ class Aedat4:
             else:
                 others[self._streams[stream]["type"]] += 1
 
-    def _events(self, place: int, data: Bytes) -> Any:
-        """The events of one packet as records."""
+    def _add(self, held: Growing, place: int, data: Bytes) -> None:
+        """Unpack one packet."""
+        from neuro.events.formats._aedat4_kernel import split
+
         plain = self._unpack(data, place)
         try:
             if len(plain) < 4 or U32.unpack_from(plain)[0] != len(plain) - 4:
-                raise Malformed(f"it does not hold the {len(plain)} bytes that it unpacks to")
+                raise Malformed(f"its {len(plain)} bytes are not as many as it says")
             start, count = Table(memoryview(plain)[4:], b"EVTS").vector(0, RECORD.itemsize)
         except Malformed as error:
             raise Damage(f"a packet is damaged: {error}", place) from None
-        return np.frombuffer(plain, RECORD, count, 4 + start)
-
-
-class _Columns:
-    """Events of many packets in arrays that grow."""
-
-    def __init__(self, sensor_told: bool) -> None:
-        self._told = sensor_told
-        self._reset(0)
-
-    def _reset(self, room: int) -> None:
-        kinds = (np.int64, np.uint16, np.uint16, np.uint8)
-        self._arrays = tuple(np.empty(room, kind) for kind in kinds)
-        self.used = self.bytes = 0
-        self._x = self._y = -1
-        self._ordered = True
-        self._begins: list[int] = []
-        self._places: list[int] = []
-
-    def add(self, events: Any, place: int) -> None:
-        from neuro.events.formats._aedat4_kernel import split
-
-        if not events.size:
-            return
-        after = self.used + events.size
-        if after > self._arrays[0].size:
-            self._grow(after)
-        x, y, ordered = split(events, *self._arrays, self.used)
-        if not self._told and max(x, y) > np.iinfo(np.int16).max:
+        held.room(count)
+        n, events = held.used, np.frombuffer(plain, RECORD, count, 4 + start)
+        x, y, ordered = split(events, held.t[n:], held.x[n:], held.y[n:], held.p[n:])
+        if self.sensor_size is None and max(x, y) > np.iinfo(np.int16).max:
             raise Damage("a packet has an event at a negative place", place)
-        self._ordered &= bool(ordered) and (not self.used or events["t"][0] >= self._arrays[0][self.used - 1])
-        self._x, self._y = max(self._x, int(x)), max(self._y, int(y))
-        self._begins.append(self.used)
-        self._places.append(place)
-        self.used, self.bytes = after, self.bytes + events.nbytes
-
-    def _grow(self, after: int) -> None:
-        old = self._arrays
-        self._arrays = tuple(np.empty(max(after, 2 * a.size), a.dtype) for a in old)
-        for a, b in zip(self._arrays, old, strict=True):
-            a[: self.used] = b[: self.used]
-
-    def piece(self) -> Piece:
-        """What there is; the next events begin anew."""
-        begins, places = np.array(self._begins, np.int64), self._places
-
-        def place(event: int) -> int:
-            return places[int(np.searchsorted(begins, event, side="right")) - 1]
-
-        t, x, y, p = (a[: self.used] for a in self._arrays)
-        piece = Piece(t, x, y, p, (self._x, self._y), self._ordered, place)
-        self._reset(self.used)
-        return piece
+        held.added(count, (int(x), int(y)), bool(ordered), place)
 
 
 def _header(data: bytes) -> tuple[str, int, dict[int, dict[str, Any]]]:
