@@ -1,0 +1,190 @@
+"""Event Stream 2.0 (``.es``) of the Vision Institute in Paris: DVS events, and generic ones as bytes.
+
+"Event Stream", three bytes of version and one of type (0 generic, 1 DVS, 2 ATIS, 3 display, 4 colour). A DVS file goes
+on with width and height (uint16, little-endian) and events of 5 bytes: time since the event before (7 bits, us) and
+polarity (lowest bit, 1 = ON), x, y (uint16, little-endian). Before an event, a byte 0xff adds 127 us and a byte 0xfe
+says nothing. A generic event is a byte of time, bytes of size (7 bits each, lowest first; the lowest bit of a byte is
+set where another follows), and so many bytes; 0xff adds 254 us.
+
+Rows stay as the file numbers them. The specification does not say where they begin: the format's own viewers count from
+the bottom and faery turns them round, while the file of POKER-DVS has the rows of the arrays that were published, which
+stand upright with y downwards.
+
+Source: github.com/neuromorphic-paris/event_stream, README, version 2.0.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neuro.events._events import Events
+from neuro.events.errors import EventFileError, EventFileWarning
+from neuro.events.formats._format import Damage, Format, Piece, Size, Unsavable
+from neuro.events.formats._write import in_order, refuse
+from neuro.events.source import Bytes, Given, Source
+
+MAGIC = b"Event Stream"
+VERSION = (2, 0, 0)
+HEADER = 16
+"""Bytes of the header up to the type."""
+START = 20
+"""Bytes of the header of a DVS file."""
+EVENT = 5
+OVERFLOW_US = 127
+GENERIC_OVERFLOW_US = 254
+GENERIC, DVS = 0, 1
+TYPES = {GENERIC: "generic", DVS: "DVS", 2: "ATIS", 3: "display", 4: "colour"}
+LONGEST_GAP = OVERFLOW_US << 26
+"""us; an event after a longer one would take more than 64 MB, since 127 us of silence take a byte."""
+
+
+class EventStream:
+    """An open Event Stream file of DVS events."""
+
+    def __init__(self, source: Source) -> None:
+        kind = _kind(source)
+        if kind == GENERIC:
+            raise Damage("has generic events, which neuro.events.formats.event_stream.generic reads", HEADER - 1)
+        if kind != DVS:
+            raise Damage(f"has {TYPES[kind]} events, expected DVS events", HEADER - 1)
+        header = source.head(START)
+        if len(header) < START:
+            raise Damage(f"the header has {len(header)} bytes, expected {START}", len(header))
+        width, height = (int.from_bytes(header[at : at + 2], "little") for at in (HEADER, HEADER + 2))
+        if not width or not height:
+            raise Damage(f"sensor size {width}x{height}, expected at least 1x1", HEADER)
+        self._source = source
+        self.sensor_size: Size | None = (width, height)
+        self.metadata: Mapping[str, Any] = {"version": ".".join(str(number) for number in header[12:15])}
+
+    def pieces(self, block: int) -> Iterator[Piece]:
+        """The events; see `Reader`."""
+        from neuro.events.formats._event_stream_kernel import begins, decode
+
+        now, held = 0, np.zeros(0, np.uint8)
+        for place, more in self._source.blocks(START, block):
+            data = np.concatenate((held, more)) if held.size else more
+            begin, n = place - held.size, data.size // EVENT
+            t, x, y = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16)
+            p = np.empty(n, np.uint8)
+            found, used, x_max, y_max, now = decode(data, now, t, x, y, p)
+            held = data[used:]
+
+            def byte(event: int, begin: int = begin, data: Bytes = data) -> int:
+                return begin + int(begins(data, event))
+
+            highest = (int(x_max), int(y_max)) if found else (-1, -1)
+            yield Piece(t[:found], x[:found], y[:found], p[:found], highest, True, byte)
+        if held.size:
+            raise Damage(f"the last event is cut after {held.size} of {EVENT} bytes", begin + used)
+
+
+def _kind(source: Source) -> int:
+    """Check the header up to the type, and give that."""
+    header = source.head(HEADER)
+    if not header.startswith(MAGIC):
+        raise Damage(f"begins with {header[: len(MAGIC)]!r}, expected {MAGIC!r}", 0)
+    if len(header) < HEADER:
+        raise Damage(f"the header has {len(header)} bytes, expected {HEADER}", len(header))
+    major, minor, patch, kind = header[12:]
+    if major != VERSION[0]:
+        raise Damage(f"version {major}.{minor}.{patch}, expected 2", 12)
+    if kind not in TYPES:
+        raise Damage(f"type {kind}, expected 0 to {max(TYPES)}", HEADER - 1)
+    return kind
+
+
+def generic(source: Given, *, name: str | None = None, strict: bool = True) -> list[tuple[int, bytes]]:
+    """Read the events of a generic Event Stream file.
+
+    Args:
+        source: a path, the bytes of a file, or an open binary file.
+        name: what to call bytes or an open file in messages.
+        strict: False gives what is whole of a damaged file, with an `EventFileWarning`.
+
+    Returns:
+        Time in us and bytes of each event.
+
+    Raises:
+        EventFileError: no such file, other events, or damage; the message says at which byte.
+    """
+    from neuro.events.files import _source
+
+    data = _source(source, name)
+    try:
+        kind = _kind(data)
+    except Damage as damage:
+        raise EventFileError(data.name, damage.what, damage.offset) from None
+    if kind != GENERIC:
+        raise EventFileError(data.name, f"has {TYPES[kind]} events, expected generic events", HEADER - 1)
+    events: list[tuple[int, bytes]] = []
+    try:
+        for event in _generic(data.all().tobytes()):
+            events.append(event)
+    except Damage as damage:
+        error = EventFileError(data.name, damage.what, damage.offset)
+        if strict:
+            raise error from None
+        warnings.warn(f"{error}; what is before it was read", EventFileWarning, stacklevel=2)
+    return events
+
+
+def _generic(data: bytes) -> Iterator[tuple[int, bytes]]:
+    now, at = 0, HEADER
+    while at < len(data):
+        first = data[at]
+        if first >= 0xFE:
+            now += GENERIC_OVERFLOW_US if first == 0xFF else 0
+            at += 1
+            continue
+        begin = at
+        size, shift, more = 0, 0, True
+        while more:
+            at += 1
+            if at >= len(data) or size > len(data):
+                raise Damage(f"the last event is cut after {len(data) - begin} bytes", begin)
+            size |= data[at] >> 1 << shift
+            shift, more = shift + 7, bool(data[at] & 1)
+        at += 1
+        if size > len(data) - at:
+            raise Damage(f"an event has {size} bytes, but only {len(data) - at} are left", begin)
+        now += first
+        yield now, data[at : at + size]
+        at += size
+
+
+def write(parts: Iterator[Events], path: Path) -> None:
+    """Encode as Event Stream 2.0 of DVS events; the metadata are not kept."""
+    from neuro.events.formats._event_stream_kernel import encode
+
+    now = 0
+    with path.open("wb") as file:
+        for done, events in in_order(parts):
+            if not file.tell():
+                file.write(_new_header(events.sensor_size))
+            gaps = np.diff(events.t, prepend=now)
+            limits = f"t from 0 us on, and at most {LONGEST_GAP} us after the event before or 0"
+            refuse(events, (gaps < 0) | (gaps > LONGEST_GAP), done, limits)
+            out = np.empty(EVENT * len(events) + int((gaps // OVERFLOW_US).sum()), np.uint8)
+            encode(events.t, events.x, events.y, events.p, now, out)
+            file.write(out.tobytes())
+            now = int(events.t[-1]) if len(events) else now
+        if not file.tell():
+            file.write(_new_header((1, 1)))
+
+
+def _new_header(size: Size) -> bytes:
+    if max(size) > 0xFFFF:
+        raise Unsavable(f"its sensor is {size[0]}x{size[1]}, expected at most 65535x65535", 0)
+    return MAGIC + bytes(VERSION) + bytes([DVS]) + np.array(size, "<u2").tobytes()
+
+
+EVENT_STREAM = Format(
+    "event_stream", "Event Stream", (".es",), lambda head: head.startswith(MAGIC), EventStream, write
+)  # fmt: skip
+"""Read and written."""
