@@ -24,8 +24,8 @@ from neuro.program import Floats
 COMFORT = 2.0**21
 """The threshold that automatic scales stay below, so that u has a factor 4 before it wraps."""
 
-FINE = 2.0**16
-"""The threshold that automatic scales stay above: of its register's steps one is 0.1 %."""
+FINE = 2.0**17
+"""Units that a scale with room keeps for the threshold; half as many, the power of two below, are 1024 steps of 64."""
 
 BIAS_LARGEST = BIAS_MANTISSA << BIAS_EXPONENT
 SPARE = 1.0 - 2.0**-7
@@ -119,7 +119,7 @@ def calm(inputs: Inputs, d: Described) -> float:
             arriving += converging(inputs, index, weight)
         total = max(total, _largest(arriving) * float(d.gain.max()))
     lost = 1.0 - np.concatenate((d.leak, d.fade))
-    fine = max(FINE, 500.0 / float(lost[lost > 0.0].min(initial=1.0)))
+    fine = max(FINE, 1000.0 / float(lost[lost > 0.0].min(initial=1.0)))
     return max((U_LIMIT - 1) * SPARE / total, fine / _largest(d.distance))
 
 

@@ -280,3 +280,29 @@ def test_room_for_many_spikes_costs_no_precision():
     assert many.projections[0].rounding.rms == few.projections[0].rounding.rms
     assert many.projections[0].exponent == 0 < few.projections[0].exponent
     assert many.populations[0].registers["vth"][0] >= 1023
+
+
+def test_room_for_many_spikes_keeps_the_threshold_fine():
+    cells = on("loihi", network([np.full(5000, 10.0)])).populations[0]
+    assert 1023 <= cells.registers["vth"][0] < 4096
+    leaky = neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=20.0, tau_m=2000.0)
+    cells = on("loihi", network([np.full(5000, 10.0)], leaky)).populations[0]
+    assert cells.volt * 20.0 >= 500 * 2000
+
+
+def test_room_for_many_spikes_is_not_taken_from_weak_weights():
+    weak = np.array([0.0011, 0.002, 0.0007])
+    alone, beside = (on("loihi", network([weak, strong])) for strong in ([2.0], np.full(5000, 2.0)))
+    assert beside.projections[0].rounding.rms == alone.projections[0].rounding.rms
+    assert alone.projections[0].rounding.rms > 0.0
+
+
+def test_a_bias_has_room_for_the_rounding_of_its_two_parts():
+    net = neuro.Network("bias", resolution=1.0)
+    net.population("dc", 1, neuro.dc_generator(amplitude=2093.5))
+    cells = neuro.iaf_psc_delta(tau_m=math.inf, C_m=1.0, E_L=0.0, V_reset=0.0, V_th=8e6, I_e=2001.5)
+    net.population("out", 1, cells)
+    net.connect("dc", "out", neuro.one_to_one(), weight=1.0, delay=1.0)
+    sim = neuro.compile(net, "loihi", scales={"out": 1.0})
+    sim.run(4.0)
+    assert sim.get("out", "v", raw=True)[0] == pytest.approx(2001.5 + 3 * 4095.0, abs=8)
