@@ -1,0 +1,34 @@
+"""Where a recording is cut into parts: by the clock, by count, or where the motion is.
+
+| method | a segment ends | thesis |
+| --- | --- | --- |
+| `time_segments`, `TimeWindows` | after a fixed time | hard segmentation (HES) |
+| `count_segments`, `Counts` | after a fixed number of events | hard segmentation (HES) |
+| `msd_segments`, `MSD` | when a leaky neuron reaches its threshold | soft segmentation (SES), ReMuS |
+| `peak_segments`, `Peaks` | where a leaky neuron's potential peaks | soft segmentation (SES), EDHMAX |
+
+The functions give the bounds of a whole recording: segment i is ``events[bounds[i]:bounds[i + 1]]``. The classes
+are the same with a memory: `segmented` cuts a recording with them that comes in parts, and gives the same segments.
+
+Source: thesis sections 3.3 (lines 875-890) and 6.1.1 (lines 2165-2176).
+"""
+
+from __future__ import annotations
+
+from neuro.events.segmentation._cutter import Cutter, segmented
+from neuro.events.segmentation.hard import Counts, TimeWindows, count_segments, time_segments
+from neuro.events.segmentation.msd import MSD, msd_segments
+from neuro.events.segmentation.peaks import Peaks, peak_segments
+
+__all__ = [
+    "MSD",
+    "Counts",
+    "Cutter",
+    "Peaks",
+    "TimeWindows",
+    "count_segments",
+    "msd_segments",
+    "peak_segments",
+    "segmented",
+    "time_segments",
+]
