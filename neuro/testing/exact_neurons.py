@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from neuro.network import winner_take_all
-from neuro.neurons import dc_generator, iaf_psc_exp, parrot_neuron, poisson_generator, spike_generator
+from neuro.neurons import dc_generator, iaf_psc_exp, poisson_generator, spike_generator
 from neuro.rules import all_to_all, one_to_one, pairs
 from neuro.synapses import stdp
 from neuro.testing.case import Found, Start, after, case, integers_too, network, observe
@@ -135,11 +135,13 @@ def exact_halving(start: Start) -> Found:
 @integers_too
 @case
 def counts_of_learning(start: Start) -> Found:
-    """learning_updates of stdp where spikes do not depend on what is learnt: onto parrots."""
-    net = driven(6, 0.03)
-    net.population("heard", 6, parrot_neuron())
-    net.connect("source", "heard", one_to_one(), stdp(lambda_=0.1), weight=50.0, delay=3.0, name="single")
-    net.connect("heard", "cells", all_to_all(), weight=1.0, delay=2.0)
-    net.population("end", 6, parrot_neuron())
-    net.connect("cells", "end", pairs(pre=[0, 1, 2, 5], post=[0, 1, 2, 3]), stdp(lambda_=0.1), weight=50.0, name="few")
+    """learning_updates of stdp, dense and listed, whose weights are too small to cause or delay a spike."""
+    net = driven(6, 0.03, tau_m=HALVED, V_th=5.5)
+    net.population("others", 6, cell(tau_m=HALVED, V_th=5.5))
+    net.connect("source", "cells", one_to_one(), weight=6.0, delay=3.0)
+    net.connect("cells", "others", one_to_one(), weight=6.0, delay=2.0)
+    rule = stdp(lambda_=0.1, Wmax=0.05)
+    net.connect("source", "cells", all_to_all(), rule, weight=0.03, delay=2.0, name="dense")
+    few = pairs(pre=[0, 1, 2, 5], post=[0, 1, 2, 3])
+    net.connect("cells", "others", few, rule, weight=0.03, delay=4.0, name="few")
     return spikes_and_counts(after(start, net, 150.0))
