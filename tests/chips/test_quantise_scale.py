@@ -61,7 +61,7 @@ def representable(draw):
 
 
 @given(representable())
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=100)
 def test_representable_weights_become_exact(weights):
     wires = on("loihi", network([weights])).projections[0]
     np.testing.assert_allclose(wires.weights(wires.mantissas), weights, rtol=1e-15, atol=0)
@@ -85,7 +85,7 @@ PARTS = st.lists(st.tuples(WEIGHTS, st.floats(1e-2, 1e2)), min_size=1, max_size=
 
 
 @given(PARTS, st.floats(1.0, 1e3), st.floats(0.0, 1e3))
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=80)
 def test_no_weight_is_off_by_more_than_half_a_grain(parts, v_th, i_e):
     weights = [np.array(values) * factor for values, factor in parts]
     program = network(weights, neuro.iaf_psc_exp(E_L=0.0, V_reset=0.0, V_th=v_th, I_e=i_e))
