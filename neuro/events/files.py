@@ -287,5 +287,5 @@ def _default(found: Format, pieces: Sequence[Arrays]) -> tuple[int, int]:
 
 
 def _smallest(found: Format, x: int, y: int) -> tuple[int, int]:
-    width, height = found.usual or (1, 1)
-    return (width, height) if x < width and y < height else (max(x, 0) + 1, max(y, 0) + 1)
+    known = (size for size in (found.usual, *found.larger) if size and x < size[0] and y < size[1])
+    return next(known, (max(x, 0) + 1, max(y, 0) + 1))

@@ -100,6 +100,7 @@ class Format:
         open: make a reader; raises `Damage` where the header is damaged.
         write: write pieces of one recording to a path that is new; raises `Unsavable`. None: only read.
         usual: the sensor where the file tells none and all events fit.
+        larger: sensors that are tried after `usual`, in this order.
         untested: why nothing but files made from the specification was read, "" where real ones were.
     """
 
@@ -111,6 +112,7 @@ class Format:
     write: Callable[[Iterator[Events], Path], None] | None = None
     untested: str = ""
     usual: Size | None = None
+    larger: tuple[Size, ...] = ()
 
 
 HEAD = 4096
