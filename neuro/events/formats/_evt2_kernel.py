@@ -1,0 +1,141 @@
+"""Decoding the words of EVT 2.0 and EVT 2.1."""
+
+# mypy: ignore-errors
+import numpy as np
+from numba import njit
+
+OTHER, STARTED, HIGH, WRAPS, LAST, STATES = range(6)
+"""State: words left out; whether a TIME_HIGH was seen; its value; us that wraps add; last time."""
+
+NEAR_WRAP = (1 << 28) // 16
+T_BITS = 34
+U = np.uint32
+
+
+@njit(cache=True)
+def time_high(state, value):
+    """A new TIME_HIGH: the time of events whose low bits are 0."""
+    if state[HIGH] >= (1 << 28) - NEAR_WRAP and value < NEAR_WRAP:
+        state[WRAPS] += 1 << T_BITS
+    state[STARTED] = 1
+    state[HIGH] = value
+    return state[WRAPS] + (value << 6)
+
+
+@njit(cache=True)
+def decode(words, state, t, x, y, p):
+    """Decode EVT 2.0.
+
+    Args:
+        words: (n,) uint32.
+        state: (STATES,) int64, zeros at first, changed.
+        t: (n,) int64, filled.
+        x: (n,) uint16, filled.
+        y: (n,) uint16, filled.
+        p: (n,) uint8, filled.
+
+    Returns:
+        number of events, largest x and y, whether time does not run back.
+    """
+    n = 0
+    x_max = U(0)
+    y_max = U(0)
+    ordered = True
+    other = 0
+    k = 0
+    while not state[STARTED] and k < words.size:
+        if words[k] >> U(28) == 8:
+            state[STARTED] = 1
+            state[HIGH] = words[k] & U(0x0FFFFFFF)
+        else:
+            other += 1
+            k += 1
+    begin = state[WRAPS] + (state[HIGH] << 6)
+    last = state[LAST]
+    for at in range(k, words.size):
+        word = words[at]
+        kind = word >> U(28)
+        if kind < 2:
+            now = begin + np.int64((word >> U(22)) & U(0x3F))
+            column = (word >> U(11)) & U(0x7FF)
+            row = word & U(0x7FF)
+            t[n] = now
+            x[n] = column
+            y[n] = row
+            p[n] = kind
+            x_max = max(x_max, column)
+            y_max = max(y_max, row)
+            ordered &= now >= last
+            last = now
+            n += 1
+        elif kind == 8:
+            begin = time_high(state, np.int64(word & U(0x0FFFFFFF)))
+        else:
+            other += 1
+    state[OTHER] += other
+    state[LAST] = last
+    return n, x_max, y_max, ordered
+
+
+@njit(cache=True)
+def room21(words):
+    """Events that EVT 2.1 words have at most."""
+    n = 0
+    for k in range(words.size // 2):
+        if words[2 * k + 1] >> U(28) < 2:
+            bits = words[2 * k]
+            bits -= (bits >> U(1)) & U(0x55555555)
+            bits = (bits & U(0x33333333)) + ((bits >> U(2)) & U(0x33333333))
+            bits = (bits + (bits >> U(4))) & U(0x0F0F0F0F)
+            n += (bits * U(0x01010101)) >> U(24)
+    return n
+
+
+@njit(cache=True)
+def decode21(words, state, t, x, y, p):
+    """Decode EVT 2.1.
+
+    Args:
+        words: (2 n,) uint32, the pixels that have an event, then kind, time and place.
+        state: as of `decode`.
+        t: (`room21`,) int64, filled, as are the others.
+        x: uint16.
+        y: uint16.
+        p: uint8.
+
+    Returns:
+        as `decode`.
+    """
+    n = 0
+    x_max = U(0)
+    y_max = U(0)
+    ordered = True
+    begin = state[WRAPS] + (state[HIGH] << 6)
+    last = state[LAST]
+    for k in range(words.size // 2):
+        word = words[2 * k + 1]
+        kind = word >> U(28)
+        if kind < 2 and state[STARTED]:
+            now = begin + np.int64((word >> U(22)) & U(0x3F))
+            column = (word >> U(11)) & U(0x7FF)
+            row = word & U(0x7FF)
+            bits = words[2 * k]
+            while bits:
+                if bits & U(1):
+                    t[n] = now
+                    x[n] = column
+                    y[n] = row
+                    p[n] = kind
+                    x_max = max(x_max, column)
+                    y_max = max(y_max, row)
+                    ordered &= now >= last
+                    last = now
+                    n += 1
+                bits >>= U(1)
+                column += U(1)
+        elif kind == 8:
+            begin = time_high(state, np.int64(word & U(0x0FFFFFFF)))
+        else:
+            state[OTHER] += 1
+    state[LAST] = last
+    return n, x_max, y_max, ordered
