@@ -68,7 +68,9 @@ class Checked:
         bad = off | back
         if self._strict:
             k = int(bad.argmax())
-            raise EventFileError(self.path, f"event {self._seen + k}: {self._fault(piece, k, off[k])}", piece.place(k))
+            line = piece.line(k)
+            where = f"event {self._seen + k}" if line is None else f"line {line}"
+            raise EventFileError(self.path, f"{where}: {self._fault(piece, k, off[k])}", piece.place(k))
         self._dropped += int(bad.sum())
         keep = ~bad
         return piece.t[keep], piece.x[keep], piece.y[keep], piece.p[keep]

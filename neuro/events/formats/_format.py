@@ -56,6 +56,7 @@ class Piece:
         highest: largest x and y, (-1, -1) where there is no event; None: not looked at.
         ordered: whether time does not run back within the piece; None: not looked at.
         place: gives the byte at which an event of the piece begins, None where there is no such byte.
+        line: gives the line of the text at which it stands, None where the file is no text.
     """
 
     t: npt.NDArray[np.int64]
@@ -65,6 +66,7 @@ class Piece:
     highest: tuple[int, int] | None = None
     ordered: bool | None = None
     place: Callable[[int], int | None] = _no_place
+    line: Callable[[int], int | None] = _no_place
 
 
 class Reader(Protocol):
