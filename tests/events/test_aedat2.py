@@ -122,7 +122,8 @@ def test_any_block_gives_the_same(pairs, block):
         pieces = list(reader.pieces(size))
         columns = [np.concatenate([getattr(piece, name) for piece in pieces]).tolist() for name in "txyp"]
         places = [piece.place(k) for piece in pieces for k in range(piece.t.size)]
-        results.append((columns, places, reader.metadata, max(piece.highest for piece in pieces)))
+        highest = np.max([piece.highest for piece in pieces], axis=0).tolist()
+        results.append((columns, places, reader.metadata, highest))
         assert all(piece.ordered == bool(np.all(np.diff(piece.t) >= 0)) for piece in pieces)
     assert results[0] == results[1]
     events = [k for k, (address, _) in enumerate(pairs) if not address & (1 << 31 | 1 << 10)]

@@ -32,7 +32,7 @@ def test_sort():
 
 
 ERRORS = {
-    "a.bin: byte 5: 2 bytes left over after 1 words of 5 bytes": ("a.bin", event(1, 1, 1) + b"ab", {}),
+    "a.bin: byte 5: 2 bytes left over after 1 events of 5 bytes": ("a.bin", event(1, 1, 1) + b"ab", {}),
     "a.bin: byte 5: event 1: time runs back from 50 to 40 us; load(..., sort=True) sorts the events": (
         "a.bin", event(1, 1, 50) + event(1, 1, 40), {},
     ),

@@ -73,7 +73,7 @@ def test_any_block_gives_the_same(words, block):
         assert not parts
         return
     assert joined(parts) == joined(whole)
-    assert max(piece.highest for piece in parts) == whole[0].highest
+    assert tuple(np.max([piece.highest for piece in parts], axis=0)) == whole[0].highest
     events = [k for k, word in enumerate(words) if word[1] != 240]
     assert [piece.place(k) for piece in parts for k in range(piece.t.size)] == [5 * k for k in events]
 
@@ -92,7 +92,7 @@ def test_cannot_hold(tmp_path, t, x, y):
 
 def test_cut(tmp_path):
     data = event(1, 2, 3) + event(0, 240, 0) + b"ab"
-    message = "a.bin: byte 10: 2 bytes left over after 2 words of 5 bytes"
+    message = "a.bin: byte 10: 2 bytes left over after 2 events of 5 bytes"
     with pytest.raises(EventFileError) as error:
         load(data, name="a.bin")
     assert str(error.value) == message

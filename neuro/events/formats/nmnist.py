@@ -56,7 +56,7 @@ class Bin:
             yield Piece(t[:found], x[:found], y[:found], p[:found], highest, bool(ordered), byte)
             begin = after
             if rest := data.size % WORD:
-                raise Damage(f"{rest} bytes left over after {place // WORD + n} words of 5 bytes", place + n * WORD)
+                raise Damage(f"{rest} bytes left over after {place // WORD + n} events of 5 bytes", place + n * WORD)
 
 
 def write(parts: Iterator[Events], path: Path) -> None:
