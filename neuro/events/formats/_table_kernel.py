@@ -1,0 +1,229 @@
+"""Events from and to lines of text."""
+
+# mypy: ignore-errors
+import numpy as np
+from numba import njit
+
+NOT_A_NUMBER, TOO_FEW, TOO_MANY, NOT_WHOLE, OUT_OF_RANGE = 1, 2, 3, 4, 5
+_LIMIT = np.int64(922337203685477580)
+"""The largest number that may be multiplied by ten."""
+
+
+@njit(cache=True)
+def parse(data, columns, where, unit, t, x, y, p):
+    """Read lines of numbers.
+
+    Args:
+        data: uint8, whole lines.
+        columns: how many a line has.
+        where: int64[4], columns of t, x, y, p.
+        unit: power of ten by which a time becomes us.
+        t: int64, filled.
+        x: uint16, filled.
+        y: uint16, filled.
+        p: uint8, filled.
+
+    Returns:
+        events read, byte and line at which it ended, and what is wrong there with which column (0: nothing).
+    """
+    n = 0
+    at = 0
+    line = 0
+    values = np.zeros(4, np.int64)
+    while at < data.size:
+        begin = at
+        at = _blanks(data, at)
+        if at < data.size and not _no_event(data[at]):
+            column = 0
+            while at < data.size and data[at] != 10 and data[at] != 13:
+                if column == columns:
+                    return n, begin, line, TOO_MANY, column
+                end = at
+                while end < data.size and not _ends(data[end]):
+                    end += 1
+                for k in range(4):
+                    if where[k] == column:
+                        values[k], wrong = _number(data, at, end, unit if k == 0 else 0, k == 0 and unit != 0)
+                        if (
+                            wrong == 0
+                            and k
+                            and (values[k] < (-1 if k == 3 else 0) or values[k] > (1 if k == 3 else 65535))
+                        ):
+                            wrong = OUT_OF_RANGE
+                        if wrong:
+                            return n, begin, line, wrong, column
+                at = _blanks(data, end)
+                if at < data.size and (data[at] == 44 or data[at] == 59):
+                    at = _blanks(data, at + 1)
+                column += 1
+            if column < columns:
+                return n, begin, line, TOO_FEW, column
+            t[n] = values[0]
+            x[n] = values[1]
+            y[n] = values[2]
+            p[n] = values[3] > 0
+            n += 1
+        while at < data.size and data[at] != 10:
+            at += 1
+        at += 1
+        line += 1
+    return n, data.size, line, 0, 0
+
+
+@njit(cache=True)
+def rows(data, wanted, begin):
+    """Byte and line at which the event of a number begins, or the last line where there are fewer.
+
+    `begin` is filled: int64[2].
+    """
+    at = 0
+    line = 0
+    while at < data.size:
+        first = _blanks(data, at)
+        event = (
+            first < data.size and data[first] != 10 and data[first] != 13 and data[first] != 35 and data[first] != 37
+        )
+        if event:
+            begin[0] = at
+            begin[1] = line
+            if wanted == 0:
+                return
+            wanted -= 1
+        while at < data.size and data[at] != 10:
+            at += 1
+        at += 1
+        line += 1
+
+
+@njit(cache=True)
+def _blanks(data, at):
+    """The next byte that is no space or tab."""
+    while at < data.size and (data[at] == 32 or data[at] == 9):
+        at += 1
+    return at
+
+
+@njit(cache=True)
+def _no_event(byte):
+    """Whether a line that begins with a byte is empty or a comment."""
+    return byte == 10 or byte == 13 or byte == 35 or byte == 37
+
+
+@njit(cache=True)
+def _ends(byte):
+    """Whether a byte ends a number: comma, semicolon, space, tab or the end of the line."""
+    return byte == 44 or byte == 59 or byte == 32 or byte == 9 or byte == 10 or byte == 13
+
+
+@njit(cache=True)
+def _number(data, at, end, unit, rounded):
+    """A decimal number times ten to the power of `unit`; exact, or rounded to the nearest if `rounded`."""
+    negative = at < end and data[at] == 45
+    if at < end and (data[at] == 45 or data[at] == 43):
+        at += 1
+    value = np.int64(0)
+    power = unit
+    digits = 0
+    point = False
+    lost = False
+    while at < end:
+        digit = np.int64(data[at]) - 48
+        if digit == -2 and not point:
+            point = True
+        elif 0 <= digit <= 9:
+            digits += 1
+            if value > _LIMIT - 1:
+                if not point:
+                    return value, OUT_OF_RANGE
+                lost |= digit != 0
+            else:
+                value = 10 * value + digit
+                power -= point
+        else:
+            break
+        at += 1
+    if digits == 0:
+        return value, NOT_A_NUMBER
+    if at < end:
+        if data[at] != 69 and data[at] != 101:
+            return value, NOT_A_NUMBER
+        at += 1
+        down = at < end and data[at] == 45
+        if at < end and (data[at] == 45 or data[at] == 43):
+            at += 1
+        if at == end or end - at > 4:
+            return value, NOT_A_NUMBER
+        exponent = 0
+        while at < end:
+            digit = np.int64(data[at]) - 48
+            if digit < 0 or digit > 9:
+                return value, NOT_A_NUMBER
+            exponent = 10 * exponent + digit
+            at += 1
+        power += -exponent if down else exponent
+    value, wrong = _scaled(value, power, lost, rounded)
+    return -value if negative else value, wrong
+
+
+@njit(cache=True)
+def _scaled(value, power, lost, rounded):
+    """A number of at least 0 times a power of ten; `lost`: it had more digits."""
+    while power > 0 and value:
+        if value > _LIMIT:
+            return value, OUT_OF_RANGE
+        value *= 10
+        power -= 1
+    last = np.int64(0)
+    while power < 0 and (value or last):
+        lost |= last != 0
+        last = value % 10
+        value //= 10
+        power += 1
+    if (lost or last) and not rounded:
+        return value, NOT_WHOLE
+    return value + (last >= 5), 0
+
+
+@njit(cache=True)
+def form(t, x, y, p, out):
+    """Write events as lines ``t,x,y,p``.
+
+    Args:
+        t: int64.
+        x: uint16.
+        y: uint16.
+        p: uint8.
+        out: uint8, at least 35 for each event, filled.
+
+    Returns:
+        bytes written.
+    """
+    at = 0
+    for k in range(t.size):
+        value = np.uint64(t[k])
+        if t[k] < 0:
+            out[at] = 45
+            at += 1
+            value = np.uint64(0) - value
+        at = _digits(value, out, at)
+        at = _digits(np.uint64(x[k]), out, at)
+        at = _digits(np.uint64(y[k]), out, at)
+        at = _digits(np.uint64(p[k]), out, at)
+        out[at - 1] = 10
+    return at
+
+
+@njit(cache=True)
+def _digits(value, out, at):
+    """Write a number and a comma."""
+    ten = np.uint64(10)
+    length = 1
+    rest = value // ten
+    while rest:
+        rest //= ten
+        length += 1
+    for k in range(length):
+        out[at + length - 1 - k] = 48 + value % ten
+        value //= ten
+    out[at + length] = 44
+    return at + length + 1

@@ -1,0 +1,182 @@
+"""NPZ of NumPy: arrays t, x, y, p, or one array of records with these fields.
+
+Names and units as in `_columns`. ``sensor_size`` (width, height), ``width`` and ``height`` are taken if they are there.
+The arrays are read in parts side by side, so that a file of any size needs little memory. Arrays of Python objects are
+refused, since reading those can run code.
+
+Written are ``t`` (int64, us), ``x``, ``y`` (uint16), ``p`` (uint8), ``sensor_size`` and ``metadata`` (JSON), none of
+them packed.
+
+Source: NumPy's "A simple file format for NumPy arrays".
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import shutil
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.events._events import EVENT, Events
+from neuro.events.formats._columns import Names, find_names, to_piece, unit_of
+from neuro.events.formats._format import Damage, Format, Piece, Size
+from neuro.events.formats._metadata import as_json, from_json
+from neuro.events.source import Source
+
+ROW = EVENT.itemsize
+SMALL = 1 << 16
+"""Most items of an array that is no column of events."""
+
+_FAILURES = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, RuntimeError, NotImplementedError)
+
+
+class _Member:
+    """One array in the archive, read from its beginning."""
+
+    def __init__(self, archive: zipfile.ZipFile, name: str) -> None:
+        self.name = name
+        self.place = archive.getinfo(name).header_offset
+        self._file: IO[bytes] = archive.open(name)
+        version = np.lib.format.read_magic(self._file)
+        read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+        if version not in read:
+            raise ValueError(f"version {version} of its arrays is not known")
+        self.shape, fortran, self.dtype = read[version](self._file)
+        if fortran and len(self.shape) > 1:
+            raise ValueError(f"array {name[:-4]} is stored by columns")
+
+    def take(self, count: int) -> npt.NDArray[Any]:
+        """The next items along the first axis."""
+        if self.dtype.hasobject:
+            raise ValueError(f"array {self.name[:-4]} holds Python objects, expected numbers")
+        shape = (count, *self.shape[1:])
+        size = math.prod(shape) * self.dtype.itemsize
+        data = self._file.read(size)
+        if len(data) < size:
+            raise EOFError(f"array {self.name[:-4]} ends early")
+        return np.frombuffer(data, self.dtype).reshape(shape)
+
+    def small(self) -> npt.NDArray[Any]:
+        """All of it."""
+        if math.prod(self.shape) > SMALL:
+            raise ValueError(f"array {self.name[:-4]} is too long")
+        shape, self.shape = self.shape, self.shape or (1,)
+        return self.take(self.shape[0]).reshape(shape)
+
+
+class Npz:
+    """An open NPZ."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        try:
+            self._archive = zipfile.ZipFile(source.path or io.BytesIO(source.all().data))
+            self._names, self._members = self._columns()
+            self.sensor_size: Size | None = self._size()
+            self.metadata: Mapping[str, Any] = self._metadata()
+        except _FAILURES as error:
+            raise Damage(f"no whole NPZ: {error}", None) from None
+
+    def _arrays(self) -> set[str]:
+        return {name[:-4] for name in self._archive.namelist() if name.endswith(".npy")}
+
+    def _columns(self) -> tuple[Names, list[str]]:
+        arrays = [name[:-4] for name in self._archive.namelist() if name.endswith(".npy")]
+        if names := find_names(arrays):
+            return names, [names.t, names.x, names.y, names.p]
+        for name in arrays:
+            if (fields := _Member(self._archive, name + ".npy").dtype.names) and (names := find_names(fields)):
+                return names, [name]
+        raise ValueError(f"has the arrays {', '.join(arrays) or 'none'}, expected t, x, y and p")
+
+    def _size(self) -> Size | None:
+        arrays = self._arrays()
+        if "sensor_size" in arrays:
+            values = _Member(self._archive, "sensor_size.npy").small().ravel()
+        elif {"width", "height"} <= arrays:
+            values = np.array([_Member(self._archive, f"{n}.npy").small().item() for n in ("width", "height")])
+        else:
+            return None
+        if values.shape != (2,) or values.dtype.kind not in "iu" or not np.all((values >= 1) & (values <= 65536)):
+            raise ValueError(f"sensor_size is {values.tolist()}, expected width and height from 1 to 65536")
+        return int(values[0]), int(values[1])
+
+    def _metadata(self) -> dict[str, Any]:
+        if "metadata" not in self._arrays():
+            return {}
+        member = _Member(self._archive, "metadata.npy")
+        return from_json(str(member.small())) if member.dtype.kind == "U" else {}
+
+    def pieces(self, block: int) -> Iterator[Piece]:
+        """The events; see `Reader`."""
+        done, unit = 0, self._names.unit
+        try:
+            members = [_Member(self._archive, f"{name}.npy") for name in self._members]
+            lengths = {member.shape for member in members}
+            if len(lengths) != 1 or len(members[0].shape) != 1:
+                told = ", ".join(f"{m.name[:-4]} {m.shape}" for m in members)
+                raise ValueError(f"its arrays have the shapes {told}, expected one axis and equal lengths")
+            total = members[0].shape[0]
+            while done < total or not done:
+                count = min(max(1, block // ROW), total - done)
+                columns = self._taken(members, count)
+                unit = unit_of(columns["t"]) if unit is None else unit
+                piece, fault = to_piece(columns, unit, done, members[0].place)
+                yield piece
+                if fault:
+                    raise Damage(fault, members[0].place)
+                done += count
+                if done == total:
+                    return
+        except _FAILURES as error:
+            if isinstance(error, Damage):
+                raise
+            raise Damage(f"event {done} on cannot be read: {error}", None) from None
+
+    def _taken(self, members: list[_Member], count: int) -> dict[str, npt.NDArray[Any]]:
+        if len(members) == 1:
+            records = members[0].take(count)
+            return {key: records[getattr(self._names, key)] for key in "txyp"}
+        return {key: member.take(count) for key, member in zip("txyp", members, strict=True)}
+
+
+def write(parts: Iterator[Events], path: Path) -> None:
+    """Encode as NPZ; columns are gathered beside the file, since an NPZ begins with their length."""
+    size, metadata, total = (1, 1), {}, 0
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        columns = {key: (Path(folder) / key).open("w+b") for key in "txyp"}
+        for events in parts:
+            size, metadata = events.sensor_size, dict(events.metadata)
+            for key, file in columns.items():
+                file.write(np.ascontiguousarray(getattr(events, key), EVENT[key]).data)
+            total += len(events)
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
+            for key, file in columns.items():
+                with archive.open(f"{key}.npy", "w", force_zip64=True) as member:
+                    descr = np.lib.format.dtype_to_descr(EVENT[key])
+                    header = {"descr": descr, "fortran_order": False, "shape": (total,)}
+                    np.lib.format.write_array_header_1_0(member, header)
+                    file.seek(0)
+                    shutil.copyfileobj(file, member, 1 << 20)
+                file.close()
+            for key, value in (("sensor_size", np.array(size, np.int64)), ("metadata", np.array(as_json(metadata)))):
+                with archive.open(f"{key}.npy", "w") as member:
+                    np.lib.format.write_array(member, value, allow_pickle=False)
+
+
+def _knows(head: bytes) -> bool:
+    """Whether a zip begins with an array."""
+    length = int.from_bytes(head[26:28], "little")
+    return head.startswith(b"PK\x03\x04") and head[30 : 30 + length].endswith(b".npy")
+
+
+NPZ = Format("npz", "NumPy NPZ", (".npz",), _knows, Npz, write)
+"""Read and written."""

@@ -1,0 +1,223 @@
+"""Text with one event a line: CSV, TXT, in any order of columns.
+
+Numbers are parted by commas, semicolons, spaces or tabs. Lines that begin with ``#`` or ``%`` and empty ones are left
+out; ``%geometry:WIDTH,HEIGHT`` or ``# sensor WIDTHxHEIGHT`` among the first, or a first line with two whole numbers
+only, tells the sensor. A line of names (also as the last comment) tells the columns and may tell the unit of time, as
+in `_columns`. Without names the first 64 KiB decide: coordinates are whole, polarities 0 or 1 (or -1 and 1), time goes
+on; x stands before y, and where several orders fit the likelier is taken, t x y p first. Times that are all whole are
+us, times with a fraction are seconds (as in the RPG's ``events.txt``), rounded to the nearest us.
+
+Written are a comment with the sensor, the names and lines ``t,x,y,p`` in us; metadata are not kept.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Generator, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.events._events import Events
+from neuro.events.formats._columns import find_names, order_of, unit_of
+from neuro.events.formats._format import Damage, Format, Piece, Size
+from neuro.events.source import Bytes, Source
+
+SAMPLE = 1 << 16
+"""Bytes by which columns and unit are found."""
+LINE_LIMIT = 1 << 16
+"""No line is longer."""
+ROW_LIMIT = 35
+"""Bytes of the longest line that is written: 20 + 5 + 5 + 1 digits and four signs between."""
+
+_SENSOR = re.compile(r"[#%] *(?:geometry *: *(\d+) *, *(\d+)|sensor +(\d+)x(\d+))", re.ASCII)
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+_PARTED = re.compile(r"[ \t]*[,;][ \t]*|[ \t]+")
+
+
+@dataclass(slots=True)
+class _Layout:
+    """What the beginning of a file tells: first byte and line of the events, columns, order, unit and sensor."""
+
+    start: int
+    line: int
+    columns: int
+    where: dict[str, int]
+    unit: int
+    size: Size | None
+
+
+class Table:
+    """An open text file; ``metadata`` has ``columns``, their order, and ``time_unit``."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._layout = layout = _layout(source.head(SAMPLE))
+        self.sensor_size: Size | None = layout.size
+        order = " ".join(sorted(layout.where, key=lambda name: layout.where[name]))
+        unit = {6: "s", 3: "ms", 0: "us", -3: "ns"}[layout.unit]
+        self.metadata: Mapping[str, Any] = {"columns": order, "time_unit": unit}
+
+    def pieces(self, block: int) -> Iterator[Piece]:
+        """The events; see `Reader`."""
+        line, at = self._layout.line, self._layout.start
+        rest = np.zeros(0, np.uint8)
+        for _, data in self._source.blocks(at, max(block, LINE_LIMIT)):
+            data = np.concatenate([rest, data]) if rest.size else data
+            whole = _whole_lines(data)
+            rest = data[whole:]
+            if rest.size > LINE_LIMIT:
+                raise Damage(f"line {line + 1} or a later one is longer than {LINE_LIMIT} bytes", at + whole)
+            if whole:
+                line, at = yield from self._lines(data[:whole], line, at)
+        if rest.size or at == self._layout.start:
+            yield from self._lines(rest, line, at)
+
+    def _lines(self, data: Bytes, line: int, at: int) -> Generator[Piece, None, tuple[int, int]]:
+        """The events of whole lines; gives the line and the byte after them."""
+        from neuro.events.formats._table_kernel import parse
+
+        layout = self._layout
+        room = int(np.count_nonzero(data == ord("\n"))) + 1
+        t, x, y, p = np.empty(room, np.int64), *(np.empty(room, np.uint16) for _ in "xy"), np.empty(room, np.uint8)
+        where = np.array([layout.where[name] for name in "txyp"], np.int64)
+        n, end, lines, wrong, column = parse(data, layout.columns, where, layout.unit, t, x, y, p)
+
+        def begin(event: int) -> tuple[int, int]:
+            from neuro.events.formats._table_kernel import rows
+
+            found = np.zeros(2, np.int64)
+            rows(data, event, found)
+            return int(found[0]), int(found[1])
+
+        yield Piece(
+            t[:n], x[:n], y[:n], p[:n],
+            place=lambda event: at + begin(event)[0], line=lambda event: line + 1 + begin(event)[1],
+        )  # fmt: skip
+        if wrong:
+            text = data[end:].tobytes().split(b"\n", 1)[0].decode("utf-8", "replace")
+            raise Damage(f"line {line + lines + 1}: {self._fault(wrong, column, text)}", at + int(end))
+        return line + int(lines), at + int(end)
+
+    def _fault(self, wrong: int, column: int, text: str) -> str:
+        """What is wrong with a column of a line."""
+        from neuro.events.formats._table_kernel import NOT_A_NUMBER, NOT_WHOLE, TOO_FEW, TOO_MANY
+
+        layout = self._layout
+        values = [value for value in _PARTED.split(text.strip()) if value]
+        if wrong in (TOO_FEW, TOO_MANY):
+            return f"has {len(values)} columns, expected {layout.columns}"
+        name = next(name for name, place in layout.where.items() if place == column)
+        value = values[column] if column < len(values) else ""
+        told = f"{name} is {value[:40]!r}"
+        if wrong == NOT_A_NUMBER:
+            return f"{told}, expected a number"
+        if name == "t":
+            return f"{told}, expected {'whole us, as before' if wrong == NOT_WHOLE else 'less than 2^63 us'}"
+        return (
+            f"{told}, expected {'1 for ON, and 0 or -1 for OFF' if name == 'p' else 'a whole number from 0 to 65535'}"
+        )
+
+
+def _whole_lines(data: Bytes) -> int:
+    """Where the last line that ends in `data` ends."""
+    ends = np.flatnonzero(data[-LINE_LIMIT:] == ord("\n"))
+    return max(0, data.size - LINE_LIMIT) + int(ends[-1]) + 1 if ends.size else 0
+
+
+def _layout(head: bytes) -> _Layout:
+    """What the first bytes of a file tell."""
+    if len(head) == SAMPLE:
+        head = head[: head.rfind(b"\n") + 1] or head
+    size: Size | None = None
+    names: list[str] | None = None
+    at = 0
+    for number, raw in enumerate(head.splitlines(keepends=True)):
+        text = raw.decode("utf-8-sig" if not at else "utf-8", "replace").strip()
+        values = _values(text)
+        if text.startswith(("#", "%")):
+            if told := _SENSOR.match(text):
+                size = _sensor([int(value) for value in told.groups() if value], number, at)
+            commented = _values(text.lstrip("#% "))
+            names = commented if find_names(commented) else names
+        elif len(values) == 2 and names is None and all(value.isdecimal() for value in values):
+            size = _sensor([int(value) for value in values], number, at)
+        elif values and all(_NUMBER.fullmatch(value) for value in values):
+            return _of_rows(head[at:], at, number, names, len(values), size)
+        elif values:
+            if names is not None or find_names(values) is None:
+                raise Damage(f"line {number + 1}: {text[:60]!r}, expected names or numbers of t, x, y and p", at)
+            names = values
+        at += len(raw)
+    return _of_rows(b"", at, head.count(b"\n"), names, len(names or "txyp"), size)
+
+
+def _values(text: str) -> list[str]:
+    text = text.rstrip(",; \t")
+    return [value.strip("\"' ") for value in _PARTED.split(text)] if text else []
+
+
+def _sensor(told: list[int], number: int, at: int) -> Size:
+    if not all(1 <= value <= 65536 for value in told):
+        raise Damage(f"line {number + 1}: the sensor is {told[0]}x{told[1]}, expected 1x1 to 65536x65536", at)
+    return told[0], told[1]
+
+
+def _of_rows(rows: bytes, at: int, number: int, names: list[str] | None, columns: int, size: Size | None) -> _Layout:
+    """The layout of a file whose events begin at a byte."""
+    told = find_names(names) if names else None
+    if names and told and len(names) == columns:
+        where = {name: names.index(getattr(told, name)) for name in "txyp"}
+    elif columns == 4:
+        told = None
+        where = {name: place for place, name in enumerate(order_of(_numbers(rows)))}
+    else:
+        raise Damage(f"line {number + 1}: has {columns} columns, expected {len(names or 'txyp')}", at)
+    unit = told.unit if told else None
+    if unit is None:
+        times = _numbers(rows, columns)[:, where["t"]]
+        unit = unit_of(times[np.isfinite(times)])
+    return _Layout(at, number, columns, where, unit, size)
+
+
+def _numbers(rows: bytes, columns: int = 4) -> npt.NDArray[np.float64]:
+    """The rows that have so many numbers."""
+    lines = (_values(line.strip()) for line in rows.decode("utf-8", "replace").splitlines())
+    found = [[_float(value) for value in line] for line in lines if len(line) == columns]
+    return np.array(found, np.float64).reshape(-1, columns)
+
+
+def _float(text: str) -> float:
+    return float(text) if _NUMBER.fullmatch(text) else float("nan")
+
+
+def _knows(head: bytes) -> bool:
+    """Whether a file begins with lines of names or numbers, by what a few bytes tell."""
+    if b"\0" in head or not head.isascii() or b"\n" not in head:
+        return False
+    try:
+        layout = _layout(head[: head.rfind(b"\n") + 1])
+    except Damage:
+        return False
+    return layout.start < len(head)
+
+
+def write(parts: Iterator[Events], path: Path) -> None:
+    """Encode as CSV."""
+    from neuro.events.formats._table_kernel import form
+
+    with path.open("wb") as file:
+        for k, events in enumerate(parts):
+            if not k:
+                file.write(b"# sensor %dx%d\nt,x,y,p\n" % events.sensor_size)
+            for begin in range(0, len(events), 1 << 18):
+                part = events[begin : begin + (1 << 18)]
+                out = np.empty(ROW_LIMIT * len(part), np.uint8)
+                file.write(out[: form(part.t, part.x, part.y, part.p, out)].data)
+
+
+TABLE = Format("csv", "CSV", (".csv", ".txt"), _knows, Table, write)
+"""Read and written."""
