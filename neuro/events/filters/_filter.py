@@ -1,0 +1,216 @@
+"""What all filters share: parameters that stay, a state that goes on from part to part, and checks of what comes in."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.events._events import Events
+from neuro.events.files import together
+
+Size = tuple[int, int]
+State = tuple[Any, ...]
+"""What a filter remembers; a kernel writes into its arrays."""
+
+NEVER = np.iinfo(np.int64).min
+"""A time before all others, us."""
+
+
+class FilterError(ValueError):
+    """A filter was given a parameter or events that it cannot work with.
+
+    The message reads ``FILTER: what was found, and what was expected``.
+    """
+
+
+@dataclass(frozen=True, eq=False)
+class Filter(ABC):
+    """Events in, events out, part by part.
+
+    The parameters are fixed; the state goes on from one part to the next, so that the parts of a recording, cut
+    anywhere, give what the whole gives::
+
+        tar = TAR((34, 34), tau=0.08, theta=2.4)
+        for part in tar.stream(neuro.events.stream(path)):
+            ...
+
+    Attributes:
+        sensor_size: width and height of the events that come in, px.
+    """
+
+    sensor_size: Size
+    _clock: npt.NDArray[np.int64] = field(init=False, repr=False)
+    _state: State = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        size = tuple(self.sensor_size)
+        fits = len(size) == 2 and all(_is_whole(side) and 1 <= side <= 65536 for side in size)
+        self._expect(fits, "sensor_size", self.sensor_size, "width and height of 1 to 65536 px")
+        object.__setattr__(self, "sensor_size", (int(size[0]), int(size[1])))
+        self._check()
+        self.reset()
+
+    @property
+    def out_size(self) -> Size:
+        """Width and height of the events that come out, px."""
+        return self.sensor_size
+
+    def reset(self) -> None:
+        """Forget all events; the filter is as new."""
+        object.__setattr__(self, "_clock", np.full(1, NEVER, np.int64))
+        self._hold(*self._fresh())
+
+    def __call__(self, events: Events) -> Events:
+        """Filter the next part of a recording.
+
+        Args:
+            events: of this sensor, not before those of the part before.
+
+        Returns:
+            The events that come out so far; `finish` gives those that are held back.
+
+        Raises:
+            FilterError: another sensor, or time runs back from the part before.
+        """
+        if events.sensor_size != self.sensor_size:
+            (w, h), (width, height) = events.sensor_size, self.sensor_size
+            raise FilterError(f"{self._name}: events of a {w}x{h} sensor, expected {width}x{height}")
+        if not len(events):
+            return self._of(events, (events.t, events.x, events.y, events.p))
+        if events.t[0] < self._clock[0]:
+            raise FilterError(
+                f"{self._name}: time runs back from {self._clock[0]} to {events.t[0]} us, expected the next part "
+                "of the same recording; reset() before another one"
+            )
+        out = self._part(events)
+        self._clock[0] = events.t[-1]
+        return out
+
+    def finish(self) -> Events:
+        """End the recording: the events that were held back, if the filter holds any. It is as new thereafter."""
+        rest = self._rest()
+        self.reset()
+        return rest
+
+    def apply(self, events: Events) -> Events:
+        """Filter a whole recording, forgetting what came before it.
+
+        Args:
+            events: the recording, of this sensor.
+        """
+        self.reset()
+        first = self(events)
+        rest = self.finish()
+        return together([first, rest]) if len(rest) else first
+
+    def stream(self, parts: Iterable[Events]) -> Iterator[Events]:
+        """Filter the parts of one recording, forgetting what came before it.
+
+        Args:
+            parts: in order, as `neuro.events.stream` gives them.
+
+        Yields:
+            What comes out of each part, and last what was held back, if there is anything.
+        """
+        self.reset()
+        for part in parts:
+            yield self(part)
+        rest = self.finish()
+        if len(rest):
+            yield rest
+
+    def fresh(self) -> Self:
+        """Another filter with the same parameters and an empty state, for another recording at the same time."""
+        return replace(self)
+
+    @abstractmethod
+    def _part(self, events: Events) -> Events:
+        """What comes out of a part that is not empty."""
+
+    def _check(self) -> None:  # noqa: B027 (not every filter has parameters)
+        """Refuse impossible parameters."""
+
+    def _fresh(self) -> State:
+        """The state before any event."""
+        return ()
+
+    def _rest(self) -> Events:
+        """What is held back."""
+        pixels = np.zeros(0, np.uint16)
+        return Events._trusted(np.zeros(0, np.int64), pixels, pixels, np.zeros(0, np.uint8), self.out_size, {})
+
+    def _hold(self, *state: Any) -> None:
+        object.__setattr__(self, "_state", state)
+
+    def _of(self, source: Events, arrays: tuple[npt.NDArray[Any], ...]) -> Events:
+        """Events of the outgoing sensor, which need no check."""
+        t, x, y, p = arrays
+        return Events._trusted(t, x, y, p, self.out_size, source.metadata)
+
+    @property
+    def _name(self) -> str:
+        return type(self).__name__
+
+    def _expect(self, right: bool, name: str, value: object, expected: str) -> None:
+        if not right:
+            raise FilterError(f"{self._name}: {name} is {value!r}, expected {expected}")
+
+    def _expect_whole(self, name: str, lowest: int | None, unit: str = "") -> None:
+        value = getattr(self, name)
+        right = _is_whole(value) and (lowest is None or value >= lowest) and abs(value) < 1 << 62
+        bound = "" if lowest is None else f" >= {lowest}"
+        self._expect(right, name, value, f"a whole number{bound}{unit}")
+
+    def _expect_positive(self, name: str, unit: str = "") -> None:
+        value = getattr(self, name)
+        self._expect(_is_number(value) and 0 < value < np.inf, name, value, f"a number > 0{unit}")
+
+
+class Sieve(Filter):
+    """A filter that lets events through or not, and changes none."""
+
+    @abstractmethod
+    def _keep(self, events: Events, keep: npt.NDArray[np.bool_]) -> None:
+        """Say of each event whether it passes.
+
+        Args:
+            events: a part that is not empty.
+            keep: (n,) to be written.
+        """
+
+    def _part(self, events: Events) -> Events:
+        keep = np.empty(len(events), np.bool_)
+        self._keep(events, keep)
+        return self._of(events, kept(events, keep))
+
+
+def kept(events: Events, keep: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[Any], ...]:
+    """The times, columns, rows and polarities of some events.
+
+    Args:
+        events: from which to take.
+        keep: (n,) whether to.
+    """
+    from neuro.events.filters._keep_kernel import compact
+
+    columns = (events.t, events.x, events.y, events.p)
+    n = int(np.count_nonzero(keep))
+    if n == len(events):
+        return columns
+    out = tuple(np.empty(n + 1, column.dtype) for column in columns)
+    for column, to in zip(columns, out, strict=True):
+        compact(keep, column, to)
+    return tuple(to[:n] for to in out)
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)

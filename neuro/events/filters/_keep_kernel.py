@@ -1,0 +1,13 @@
+# mypy: ignore-errors
+"""Leave out what is not kept."""
+
+from numba import njit
+
+
+@njit(cache=True)
+def compact(keep, values, out):
+    """keep: bool[n]; values: [n]; out: at least one longer than what is kept, since every value is written first."""
+    j = 0
+    for k in range(keep.shape[0]):
+        out[j] = values[k]
+        j += keep[k]

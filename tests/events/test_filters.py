@@ -1,0 +1,301 @@
+"""What each filter does, against the plainest code for it."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from neuro.events import Events
+from neuro.events.filters import (
+    FILTERS,
+    TAR,
+    BackgroundActivity,
+    Crop,
+    Downsample,
+    Flip,
+    HotPixels,
+    Jitter,
+    Polarity,
+    Refractory,
+    Reverse,
+    Rotate90,
+    Scale,
+    Shift,
+    ShotNoise,
+    TARSurfaces,
+    Transpose,
+    hot_pixels,
+)
+
+SIZE = (7, 5)
+
+
+def random_events(n=400, seed=0, size=SIZE, step=2000):
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(rng.integers(0, step, n)) - 50_000
+    return Events(t, rng.integers(0, size[0], n), rng.integers(0, size[1], n), rng.integers(0, 2, n), size)
+
+
+def frame(events):
+    width, height = events.sensor_size
+    counts = np.zeros((height, width), int)
+    np.add.at(counts, (events.y, events.x), 1)
+    return counts
+
+
+def rows(events):
+    return list(zip(*(getattr(events, name).tolist() for name in "txyp"), strict=True))
+
+
+def literal_tar(events, tau, theta, radius):
+    """Algorithm 14: all of the mask decays at every event."""
+    width, height = events.sensor_size
+    mask, last, keep = np.zeros((height, width)), int(events.t[0]), []
+    for t, x, y, _ in rows(events):
+        mask *= np.exp(-(t - last) * 1e-6 / tau)
+        mask[max(0, y - radius) : y + radius + 1, max(0, x - radius) : x + radius + 1] += 1
+        keep.append(mask[y, x] > theta)
+        last = t
+    return np.array(keep)
+
+
+@pytest.mark.parametrize("radius", [0, 1, 2, 9])
+@pytest.mark.parametrize(("tau", "theta"), [(0.08, 2.4), (0.005, 1.3), (1e-5, 1.0)])
+def test_tar_as_algorithm_14(radius, tau, theta):
+    events = random_events()
+    keep = literal_tar(events, tau, theta, radius)
+    assert 0 < keep.sum() < len(events) or tau == 1e-5
+    assert TAR(SIZE, tau=tau, theta=theta, radius=radius).apply(events) == events[keep]
+
+
+def test_tar_needs_more_than_theta_and_its_own_event_counts():
+    same_time = Events(np.zeros(4, int), [3, 3, 4, 6], [2, 2, 2, 2], np.array([0, 1, 0, 1]), SIZE)
+    assert TAR(SIZE, theta=2.0).apply(same_time).x.tolist() == [4]
+    assert TAR(SIZE, theta=0.9).apply(same_time) == same_time
+    assert TAR(SIZE, theta=2.0, first=1).apply(same_time).x.tolist() == [3, 4]
+
+
+def test_tar_learns_from_events_that_do_not_pass():
+    events = Events(np.array([0, 10, 20]), [2, 2, 2], [2, 2, 2], [1, 1, 1], SIZE)
+    assert TAR(SIZE, theta=2.5).apply(events).t.tolist() == [20]
+
+
+def literal_hats(events, tau, radius, cell):
+    """HATS with an endless memory: every event of the cell and polarity is looked at again."""
+    width, height = events.sensor_size
+    side = 2 * radius + 1
+    sums = np.zeros((-(-height // cell), -(-width // cell), 2, side, side))
+    counts = np.zeros(sums.shape[:2])
+    seen = rows(events)
+    for k, (t, x, y, p) in enumerate(seen):
+        counts[y // cell, x // cell] += 1
+        for t0, x0, y0, p0 in seen[:k]:
+            near = max(abs(x0 - x), abs(y0 - y)) <= radius
+            if near and p0 == p and (x0 // cell, y0 // cell) == (x // cell, y // cell):
+                sums[y // cell, x // cell, p, y0 - y + radius, x0 - x + radius] += np.exp((t0 - t) * 1e-6 / tau)
+    return sums / np.maximum(counts, 1)[:, :, None, None, None]
+
+
+@pytest.mark.parametrize("tau", [0.03, 2e-5])
+def test_surfaces_without_threshold_are_hats(tau):
+    events, surfaces = random_events(200), TARSurfaces(SIZE, tau=tau, theta=0.5, radius=2, cell=3)
+    assert surfaces(events) == events
+    np.testing.assert_allclose(surfaces.histograms(), literal_hats(events, tau, 2, 3), rtol=1e-9, atol=1e-12)
+    assert surfaces.histograms().max() > 0
+
+
+def test_surfaces_pass_what_tar_passes_and_count_no_other():
+    events, surfaces = random_events(), TARSurfaces(SIZE, theta=1.7, tau=0.01, cell=4)
+    kept = TAR(SIZE, theta=1.7, tau=0.01).apply(events)
+    assert surfaces(events) == kept
+    assert 0 < len(kept) < len(events)
+    alone = TARSurfaces(SIZE, theta=100.0)
+    assert len(alone(events)) == 0
+    assert not alone.histograms().any()
+
+
+def test_background_as_the_definition():
+    events, dt = random_events(), 5000
+    keep = [
+        any(t - t0 <= dt and max(abs(x - x0), abs(y - y0)) == 1 for t0, x0, y0, _ in rows(events)[:k])
+        for k, (t, x, y, _) in enumerate(rows(events))
+    ]
+    assert 0 < sum(keep) < len(keep)
+    assert BackgroundActivity(SIZE, dt_us=dt).apply(events) == events[np.array(keep)]
+
+
+@pytest.mark.parametrize(("extend", "kept"), [(False, [0, 100, 200]), (True, [0, 200])])
+def test_refractory(extend, kept):
+    t = np.array([0, 60, 99, 100, 200])
+    events = Events(t, [1] * 5, [1] * 5, [1, 0, 1, 0, 1], SIZE)
+    assert Refractory(SIZE, period_us=100, extend=extend).apply(events).t.tolist() == kept
+    both = Events(np.array([0, 1]), [1, 2], [1, 1], [1, 1], SIZE)
+    assert Refractory(SIZE, period_us=100).apply(both) == both
+    assert Refractory(SIZE, period_us=0).apply(events) == events
+
+
+def test_hot_pixels_are_found_and_left_out():
+    good, hot = random_events(), np.arange(300) * 1000 - 50_000
+    t = np.concatenate([good.t, hot])
+    order = np.argsort(t, kind="stable")
+    x, y = (np.concatenate([a, np.full(300, place)])[order] for a, place in ((good.x, 6), (good.y, 0)))
+    events = Events(t[order], x, y, np.concatenate([good.p, np.ones(300, int)])[order], SIZE)
+    assert hot_pixels(events).tolist() == [[6, 0]]
+    assert hot_pixels(events, times=40.0).tolist() == []
+    span_s = float(events.t[-1] - events.t[0]) * 1e-6
+    rate = frame(events)[0, 6] / span_s
+    assert hot_pixels([events[:100], events[100:]], above_hz=rate * 0.999).tolist() == [[6, 0]]
+    assert hot_pixels(events, above_hz=rate * 1.001).tolist() == []
+    assert HotPixels(SIZE, hot_pixels(events)).apply(events) == events[(events.x != 6) | (events.y != 0)]
+    assert HotPixels(SIZE).apply(events) == events
+    assert hot_pixels([]).shape == (0, 2)
+
+
+def test_polarity():
+    events = random_events()
+    assert Polarity(SIZE, keep=1).apply(events) == events[events.p == 1]
+    assert Polarity(SIZE, keep=0).apply(events) == events[events.p == 0]
+
+
+def test_crop():
+    events = random_events()
+    inside = events[(events.x >= 2) & (events.x < 5) & (events.y >= 1)]
+    assert Crop(SIZE, x=(2, 5), y=(1, 5), move=False).apply(events) == inside
+    cropped = Crop(SIZE, x=(2, 5), y=(1, 5)).apply(events)
+    assert cropped.sensor_size == (3, 4)
+    assert np.array_equal(frame(cropped), frame(events)[1:, 2:5])
+    assert Crop(SIZE).apply(events) == events
+
+
+def test_downsample():
+    events = random_events()
+    small = Downsample(SIZE, factor=(2, 3)).apply(events)
+    assert small.sensor_size == (4, 2)
+    assert small == Events(events.t, events.x // 2, events.y // 3, events.p, (4, 2))
+
+
+def test_downsample_sums_up():
+    t = np.arange(9)
+    events = Events(t, [0, 1, 0, 1, 2, 0, 1, 0, 0], [0, 0, 1, 1, 0, 0, 0, 0, 0], [1, 1, 1, 1, 1, 0, 0, 0, 0], SIZE)
+    joined = Downsample(SIZE, integrate=4).apply(events)
+    assert rows(joined) == [(3, 0, 0, 1), (8, 0, 0, 0)]
+
+
+TURNS = [
+    (Flip(SIZE, "x"), lambda f: f[:, ::-1]),
+    (Flip(SIZE, "y"), lambda f: f[::-1]),
+    (Transpose(SIZE), lambda f: f.T),
+    *((Rotate90(SIZE, k), lambda f, k=k: np.rot90(f, k)) for k in range(-1, 5)),
+]
+
+
+@pytest.mark.parametrize(("turn", "as_frame"), TURNS, ids=lambda v: str(v) if isinstance(v, Flip | Rotate90) else "")
+def test_space(turn, as_frame):
+    events = random_events()
+    turned = turn.apply(events)
+    assert np.array_equal(frame(turned), as_frame(frame(events)))
+    assert turned.sensor_size == turn.out_size
+    assert np.array_equal(turned.t, events.t)
+    assert np.array_equal(turned.p, events.p)
+
+
+def test_shift_and_scale():
+    events = random_events()
+    assert np.array_equal(Shift(SIZE, by_us=-7).apply(events).t, events.t - 7)
+    assert np.array_equal(Shift(SIZE, to_us=5).apply(events).t, events.t - events.t[0] + 5)
+    assert np.array_equal(Scale(SIZE, factor=3).apply(events).t, events.t[0] + 3 * (events.t - events.t[0]))
+    assert np.array_equal(Scale(SIZE, factor=3, origin_us=0).apply(events).t, 3 * events.t)
+    assert Scale(SIZE, 0.5, origin_us=0).apply(Events(np.array([1, 3, 4]), *[[0] * 3] * 3, SIZE)).t.tolist() == [
+        0,
+        2,
+        2,
+    ]
+
+
+def test_reverse():
+    events = Events(np.array([5, 5, 9]), [0, 1, 2], [0, 0, 1], [1, 1, 0], SIZE)
+    assert rows(Reverse(SIZE).apply(events)) == [(5, 2, 1, 1), (9, 1, 0, 0), (9, 0, 0, 0)]
+    twice = Reverse(SIZE).apply(Reverse(SIZE).apply(events))
+    assert twice == events
+    assert Reverse(SIZE, invert=False).apply(events).p.tolist() == [0, 1, 1]
+
+
+@given(seed=st.integers(0, 1000), amount=st.integers(0, 100_000))
+def test_jitter_is_sorted_bounded_and_loses_nothing(seed, amount):
+    events = random_events(60)
+    marked = Events(events.t, np.arange(60), np.zeros(60, int), events.p, (60, 1))
+    shaken = Jitter((60, 1), amount_us=amount, seed=seed).apply(marked)
+    assert (np.diff(shaken.t) >= 0).all()
+    assert sorted(shaken.x) == list(range(60))
+    moved = shaken.t - events.t[shaken.x]
+    assert np.abs(moved).max() <= amount
+    ties = np.diff(shaken.t) == 0
+    assert (np.diff(shaken.x.astype(int))[ties] > 0).all()
+
+
+def test_jitter_is_even_and_keyed():
+    n = 20_000
+    events = Events(np.arange(n) * 1000, *[np.zeros(n, int)] * 3, SIZE)
+    moved = Jitter(SIZE, amount_us=2).apply(events).t - events.t
+    counts = np.bincount(moved + 2)
+    assert len(counts) == 5
+    assert np.abs(counts - n / 5).max() < 5 * np.sqrt(n * 0.16)
+    assert not np.array_equal(moved, Jitter(SIZE, amount_us=2, seed=1).apply(events).t - events.t)
+
+
+def noise_only(stop=10_000_000, start=0, **options):
+    """The noise alone: two events of a polarity that noise has too are taken out again."""
+    ends = Events(np.array([start, stop]), [0, 0], [0, 0], [1, 1], SIZE)
+    noisy = rows(ShotNoise(SIZE, **options).apply(ends))
+    noisy.remove((start, 0, 0, 1))
+    noisy.remove((stop, 0, 0, 1))
+    return np.array(noisy)
+
+
+def test_noise_is_poisson():
+    noise = noise_only(rate_hz=20.0)
+    expected = 20.0 * 10 * SIZE[0] * SIZE[1]
+    assert abs(len(noise) - expected) < 5 * np.sqrt(expected)
+    per_pixel = np.bincount(noise[:, 2] * SIZE[0] + noise[:, 1], minlength=35)
+    assert np.abs(per_pixel - expected / 35).max() < 5 * np.sqrt(expected / 35)
+    assert abs(noise[:, 3].mean() - 0.5) < 5 * 0.5 / np.sqrt(expected)
+    gaps = np.diff(noise[:, 0])
+    assert abs(gaps.std() / gaps.mean() - 1.0) < 0.05
+    per_bin = np.bincount(noise[:, 0] // 1500)
+    assert abs(per_bin.var() / per_bin.mean() - 1.0) < 0.1
+
+
+def test_noise_is_a_function_of_time_and_seed():
+    all_of_it, late = noise_only(rate_hz=50.0), noise_only(rate_hz=50.0, start=4_000_321)
+    assert np.array_equal(late, all_of_it[all_of_it[:, 0] >= 4_000_321])
+    assert not np.array_equal(noise_only(rate_hz=50.0, seed=1), all_of_it)
+
+
+def test_noise_keeps_the_events_and_comes_first():
+    events = random_events()
+    noisy = rows(ShotNoise(SIZE, rate_hz=5.0).apply(events))
+    assert len(noisy) > len(events) + 10
+    left = iter(noisy)
+    assert all(event in left for event in rows(events))
+    assert [row[0] for row in noisy] == sorted(row[0] for row in noisy)
+    crowd = Events(np.arange(0, 2000), *[np.full(2000, 6)] * 1, np.full(2000, 4), np.ones(2000, int), SIZE)
+    noisy = rows(ShotNoise(SIZE, rate_hz=1000.0).apply(crowd))
+    places = {t: k for k, (t, x, y, p) in enumerate(noisy) if (x, y, p) == (6, 4, 1)}
+    assert all(places[t] >= k for k, (t, *_) in enumerate(noisy))
+
+
+def test_names():
+    assert {kind.__name__ for kind in FILTERS.values()} >= {"TAR", "Crop", "ShotNoise"}
+    for kind in FILTERS.values():
+        made = kind(SIZE)
+        assert repr(made).startswith(f"{kind.__name__}(sensor_size=(7, 5)")
+        assert kind.__doc__
+
+
+def test_import_is_light():
+    code = "import sys, neuro.events.filters; print([m for m in ('numba', 'scipy', 'h5py') if m in sys.modules])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
