@@ -150,6 +150,7 @@ def test_a_real_recording(shared):
         (lambda t: msd_segments(t[::-1]), "event 1: time runs back from 2 to 1 us"),
         (lambda t: time_segments(t, 0), "window_us is 0, expected a whole number of at least 1"),
         (lambda t: time_segments(t, 2.5), "window_us is 2.5, expected a whole number of at least 1"),
+        (lambda t: time_segments(t, 5, start_us=0.5), "start_us is 0.5, expected a whole number of us"),
         (lambda t: count_segments(t, True), "count is True, expected a whole number of at least 1"),
         (
             lambda t: time_segments(t, 1, start_us=2),

@@ -92,28 +92,6 @@ def _between(whole: Events, begin: int, cuts: Times) -> Iterator[Events]:
         first = cut - begin
 
 
-def positive(name: str, value: float, unit: str) -> float:
-    """A number above 0.
-
-    Raises:
-        ModelError: it is none.
-    """
-    if not value > 0:
-        raise ModelError(f"{name} is {value} {unit}, expected more than 0")
-    return float(value)
-
-
-def whole(name: str, value: int) -> int:
-    """A whole number of at least 1.
-
-    Raises:
-        ModelError: it is none.
-    """
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise ModelError(f"{name} is {value!r}, expected a whole number of at least 1")
-    return int(value)
-
-
 def _checked(t: npt.NDArray[Any]) -> Times:
     given = np.asarray(t)
     if given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):

@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.errors import ModelError
-from neuro.events.segmentation._cutter import NONE, Times, bounds, whole
+from neuro.events._arguments import moment, whole
+from neuro.events.segmentation._cutter import NONE, Times, bounds
 
 MOST = 10**8
 """More windows at once than this are a mistake in the unit or in a time: their bounds alone would take 1 GB."""
@@ -22,12 +23,12 @@ class TimeWindows:
         start_us: where the first begins, us; None: at the first event.
 
     Raises:
-        ModelError: the length is not a whole number of at least 1.
+        ModelError: the length is not a whole number of at least 1, or the start not a whole number.
     """
 
     def __init__(self, window_us: int, start_us: int | None = None) -> None:
         self._window = whole("window_us", window_us)
-        self._begin = start_us
+        self._begin = None if start_us is None else moment("start_us", start_us)
         self._seen = 0
 
     def cuts(self, t: Times) -> Times:
@@ -38,7 +39,7 @@ class TimeWindows:
         """
         if not t.size:
             return NONE
-        begin = int(t[0]) if self._begin is None else int(self._begin)
+        begin = int(t[0]) if self._begin is None else self._begin
         if t[0] < begin:
             raise ModelError(
                 f"event {self._seen} is at {t[0]} us, before start_us = {begin}",

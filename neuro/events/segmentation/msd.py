@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events.segmentation._cutter import NONE, Times, bounds, positive
+from neuro.events._arguments import positive
+from neuro.events.segmentation._cutter import NONE, Times, bounds
 
 
 class MSD:

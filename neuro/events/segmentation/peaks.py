@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.errors import ModelError
-from neuro.events.segmentation._cutter import Times, bounds, positive
+from neuro.events._arguments import positive
+from neuro.events.segmentation._cutter import Times, bounds
 
 
 class Peaks:

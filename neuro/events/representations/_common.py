@@ -1,0 +1,73 @@
+"""What the representations share: choices, times, and torch."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.errors import ModelError
+from neuro.events._arguments import moment
+from neuro.events._events import Events
+
+Polarity = Literal["separate", "signed", "ignored"]
+Representation = npt.NDArray[Any] | Any
+"""An array, or a torch tensor where it was asked for."""
+
+
+def given(array: npt.NDArray[Any], as_torch: bool) -> Representation:
+    """The array, or a tensor that shares its memory.
+
+    Raises:
+        ModelError: torch is asked for and missing.
+    """
+    if not as_torch:
+        return array
+    try:
+        torch = import_module("torch")
+    except ImportError:
+        raise ModelError("as_torch=True: torch is not installed", hint="pip install 'neuro[torch]'") from None
+    return torch.from_numpy(array)
+
+
+def real(dtype: npt.DTypeLike) -> np.dtype[Any]:
+    """float32 or float64.
+
+    Raises:
+        ModelError: it is another type.
+    """
+    kind = np.dtype(dtype)
+    if kind not in (np.dtype(np.float32), np.dtype(np.float64)):
+        raise ModelError(f"dtype is {kind}, expected float32 or float64")
+    return kind
+
+
+def span(events: Events, start_us: int | None, stop_us: int | None) -> tuple[int, int]:
+    """The first and last time that are looked at: those given, else of the first and last event.
+
+    Raises:
+        ModelError: the last is before the first.
+    """
+    first, last = (int(events.t[0]), int(events.t[-1])) if len(events) else (0, 0)
+    start = first if start_us is None else moment("start_us", start_us)
+    stop = max(start, last) if stop_us is None else moment("stop_us", stop_us)
+    if stop < start:
+        raise ModelError(f"stop_us is {stop} us, expected at least {start}, the start")
+    return start, stop
+
+
+def moments(at_us: int | npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """Times at which a surface is read.
+
+    Raises:
+        ModelError: they are not whole, or run back.
+    """
+    at = np.atleast_1d(np.asarray(at_us))
+    if at.ndim != 1 or (at.size and at.dtype.kind not in "iu"):
+        raise ModelError(f"at_us is {at.dtype} of shape {at.shape}, expected a whole number of us, or (n,) of them")
+    if np.any(at[1:] < at[:-1]):
+        k = int((at[1:] < at[:-1]).argmax()) + 1
+        raise ModelError(f"at_us runs back from {at[k - 1]} to {at[k]} us, expected an order of time")
+    return at.astype(np.int64)

@@ -1,0 +1,68 @@
+"""HATS in one pass: each cell remembers the sum of its decayed events per pixel, and forgets the oldest.
+
+The memory of a cell is kept for a reference time, so that nothing need be decayed at an event: an event of time t_j
+is remembered as exp((t_j - reference) / tau), and all of the memory is scaled when it is read. The reference is moved
+before weights grow beyond e^30. An event that leaves the window is taken out again; a pixel whose last event left is
+set to exactly 0.
+"""
+
+# mypy: ignore-errors
+from math import exp
+
+from numba import njit
+
+FURTHEST = 30.0
+
+
+@njit(cache=True)
+def histograms(t, x, y, p, constants, memory, inside, queues, following, sums, counts):
+    """Sum the time surfaces of all events.
+
+    Args:
+        t: (n,) int64.
+        x: (n,) uint16.
+        y: (n,) uint16.
+        p: (n,) uint8.
+        constants: side of a cell, radius, window, tau, and what an event adds to its own surface.
+        memory: (rows, columns, 2, cell + 2 radius, cell + 2 radius) float64, 0: with a margin that stays 0.
+        inside: int32 of that shape, 0.
+        queues: (3, rows, columns, 2) int64, -1.
+        following: (n,) int64.
+        sums: (rows, columns, 2, size, size) float64, 0; filled.
+        counts: (rows, columns, 2) int64, 0; filled.
+    """
+    cell, radius, window, tau, own = constants
+    size = 2 * radius + 1
+    for k in range(t.shape[0]):
+        now = t[k]
+        r, c, q = y[k] // cell, x[k] // cell, p[k]
+        here, filled = memory[r, c, q], inside[r, c, q]
+        oldest, newest, reference = queues[0, r, c, q], queues[1, r, c, q], queues[2, r, c, q]
+        if counts[r, c, q] == 0:
+            reference = now
+        while oldest >= 0 and now - t[oldest] > window:
+            i, j = y[oldest] % cell + radius, x[oldest] % cell + radius
+            filled[i, j] -= 1
+            here[i, j] = here[i, j] - exp((t[oldest] - reference) / tau) if filled[i, j] else 0.0
+            oldest = following[oldest]
+        if (now - reference) / tau > FURTHEST:
+            scale = exp((reference - now) / tau)
+            for i in range(here.shape[0]):
+                for j in range(here.shape[1]):
+                    here[i, j] *= scale
+            reference = now
+        top, left = y[k] % cell, x[k] % cell
+        scale = exp((reference - now) / tau)
+        for i in range(size):
+            for j in range(size):
+                sums[r, c, q, i, j] += here[top + i, left + j] * scale
+        sums[r, c, q, radius, radius] += own
+        counts[r, c, q] += 1
+        here[top + radius, left + radius] += exp((now - reference) / tau)
+        filled[top + radius, left + radius] += 1
+        following[k] = -1
+        if oldest < 0:
+            oldest = k
+        else:
+            following[newest] = k
+        queues[0, r, c, q], queues[1, r, c, q], queues[2, r, c, q] = oldest, k, reference

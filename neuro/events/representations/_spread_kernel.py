@@ -1,0 +1,38 @@
+"""Spreading events over bins of time."""
+
+# mypy: ignore-errors
+from numba import njit
+
+
+@njit(cache=True)
+def spread(t, x, y, p, start, stop, separate, signed, timed, out):
+    """Add events to the two bins next to them.
+
+    Args:
+        t: (n,) int64.
+        x: (n,) uint16.
+        y: (n,) uint16.
+        p: (n,) uint8.
+        start: time of the first bin.
+        stop: time of the last bin, >= start.
+        separate: whether polarity is an axis.
+        signed: whether OFF counts -1.
+        timed: whether events count their time, from 0 to 1.
+        out: (1 or 2, bins, height, width) float, added to.
+    """
+    last = out.shape[1] - 1
+    length = float(max(stop - start, 1))
+    for k in range(t.shape[0]):
+        if t[k] < start or t[k] > stop:
+            continue
+        passed = float(t[k] - start)
+        place = last * passed / length
+        low = int(place)
+        above = place - low
+        value = 2.0 * p[k] - 1.0 if signed else 1.0
+        if timed:
+            value *= passed / length
+        channel = p[k] if separate else 0
+        out[channel, low, y[k], x[k]] += value * (1.0 - above)
+        if low < last:
+            out[channel, low + 1, y[k], x[k]] += value * above

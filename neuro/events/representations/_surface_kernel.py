@@ -1,0 +1,69 @@
+"""Surfaces: marking and leaking pixels, and reading all of them."""
+
+# mypy: ignore-errors
+from math import exp
+
+import numpy as np
+from numba import njit
+
+NEVER = np.iinfo(np.int64).min
+
+
+@njit(cache=True)
+def mark(t, x, y, p, separate, last):
+    """Note the time of each pixel's last event in last, int64 (1 or 2, height, width)."""
+    for k in range(t.shape[0]):
+        last[p[k] if separate else 0, y[k], x[k]] = t[k]
+
+
+@njit(cache=True)
+def ages(last, now, tau, linear, out):
+    """Read the surface of last, int64 (pixels,), at a time into out, float (pixels,)."""
+    for i in range(last.shape[0]):
+        if last[i] == NEVER:
+            out[i] = 0.0
+        elif linear:
+            out[i] = max(0.0, 1.0 - (now - last[i]) / tau)
+        else:
+            out[i] = exp(-(now - last[i]) / tau)
+
+
+@njit(cache=True)
+def leak(t, x, y, p, before, options, values, value, since):
+    """Add events to leaky pixels.
+
+    Args:
+        t: (n,) int64.
+        x: (n,) uint16.
+        y: (n,) uint16.
+        p: (n,) uint8.
+        before: time of the event before the first.
+        options: whether polarity is an axis, decay is linear, and events count from the event before them.
+        values: tau and increment.
+        value: (1 or 2, height, width) float64 of the pixels.
+        since: (1 or 2, height, width) int64, the time that the value is of.
+    """
+    separate, linear, late = options
+    tau, increment = values
+    for k in range(t.shape[0]):
+        when = before if late else t[k]
+        before = t[k]
+        c = p[k] if separate else 0
+        u = value[c, y[k], x[k]]
+        if u > 0.0:
+            passed = (when - since[c, y[k], x[k]]) / tau
+            u = max(0.0, u - passed) if linear else u * exp(-passed)
+        value[c, y[k], x[k]] = u + increment
+        since[c, y[k], x[k]] = when
+
+
+@njit(cache=True)
+def leaked(value, since, now, tau, linear, out):
+    """Read leaky pixels, float64 and int64 (pixels,), at a time into out, float (pixels,)."""
+    for i in range(value.shape[0]):
+        if value[i] == 0.0:
+            out[i] = 0.0
+        elif linear:
+            out[i] = max(0.0, value[i] - (now - since[i]) / tau)
+        else:
+            out[i] = value[i] * exp(-(now - since[i]) / tau)

@@ -1,0 +1,298 @@
+"""Frames, voxel grids, spike tensors and HATS: against their definitions, and what always holds."""
+
+import sys
+from types import SimpleNamespace
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from neuro.events import Events, load
+from neuro.events.representations import (
+    binary_frame,
+    event_frame,
+    event_spike_tensor,
+    hats,
+    leaky_surface,
+    time_surface,
+    voxel_grid,
+)
+
+WIDTH, HEIGHT = 7, 5
+EVENT = st.tuples(st.integers(0, 30), st.integers(0, WIDTH - 1), st.integers(0, HEIGHT - 1), st.integers(0, 1))
+
+
+def recording(rows, shift=0):
+    steps, x, y, p = np.array(rows, np.int64).reshape(-1, 4).T
+    return Events(np.cumsum(steps) + shift, x, y, p, (WIDTH, HEIGHT))
+
+
+RECORDINGS = st.lists(EVENT, max_size=60).map(recording)
+ALL = {
+    "event_frame": event_frame,
+    "binary_frame": binary_frame,
+    "voxel_grid": lambda e: voxel_grid(e, 4, dtype=np.float64),
+    "event_spike_tensor": lambda e: event_spike_tensor(e, 4, dtype=np.float64),
+    "time_surface": lambda e: time_surface(e, tau_us=40, dtype=np.float64),
+    "leaky_surface": lambda e: leaky_surface(e, tau_us=40, decay="linear", dtype=np.float64),
+    "hats": lambda e: hats(e, cell=3, radius=1, tau_us=40, window_us=50, dtype=np.float64),
+}
+
+
+def opposite(events):
+    return Events(events.t, events.x, events.y, 1 - events.p, events.sensor_size)
+
+
+def random(n, size=(31, 22), length=200_000, seed=0):
+    rng = np.random.default_rng(seed)
+    t = np.sort(rng.integers(0, length, n))
+    return Events(t, rng.integers(0, size[0], n), rng.integers(0, size[1], n), rng.integers(0, 2, n), size)
+
+
+def spread_literal(events, bins, start, stop, value):
+    out = np.zeros((2, bins, *events.sensor_size[::-1]))
+    for t, x, y, p in zip(events.t, events.x, events.y, events.p, strict=True):
+        if start <= t <= stop:
+            place = (bins - 1) * (t - start) / max(stop - start, 1)
+            weights = np.maximum(0, 1 - np.abs(place - np.arange(bins)))
+            out[p, :, y, x] += weights * value((t - start) / max(stop - start, 1), p)
+    return out
+
+
+def hats_literal(events, cell, radius, window, tau, itself):
+    width, height = events.sensor_size
+    size = 2 * radius + 1
+    sums = np.zeros((-(-height // cell), -(-width // cell), 2, size, size))
+    counts = np.zeros(sums.shape[:3], int)
+    t, x, y, p = (a.astype(int) for a in (events.t, events.x, events.y, events.p))
+    for i in range(len(t)):
+        at = (y[i] // cell, x[i] // cell, p[i])
+        counts[at] += 1
+        sums[at][radius, radius] += itself
+        dx, dy = x[:i] - x[i], y[:i] - y[i]
+        near = (np.abs(dx) <= radius) & (np.abs(dy) <= radius) & (p[:i] == p[i]) & (t[i] - t[:i] <= window)
+        near &= (x[:i] // cell == at[1]) & (y[:i] // cell == at[0])
+        np.add.at(sums[at], (dy[near] + radius, dx[near] + radius), np.exp((t[:i][near] - t[i]) / tau))
+    return sums, counts
+
+
+def test_a_frame_by_hand():
+    events = Events([1, 2, 3, 4], [0, 0, 2, 0], [1, 1, 0, 1], [1, 0, 0, 1], (3, 2))
+    assert event_frame(events).tolist() == [[[0, 0, 1], [1, 0, 0]], [[0, 0, 0], [2, 0, 0]]]
+    assert event_frame(events, polarity="signed").tolist() == [[0, 0, -1], [1, 0, 0]]
+    assert event_frame(events, polarity="ignored").tolist() == [[0, 0, 1], [3, 0, 0]]
+    assert event_frame(events).dtype == np.int32
+    assert binary_frame(events).tolist() == [[False, False, True], [True, False, False]]
+    assert binary_frame(events, polarity="separate")[1].tolist() == [[False, False, False], [True, False, False]]
+
+
+def test_frames_of_segments():
+    events = random(500)
+    bounds = np.array([0, 10, 10, 300, 500])
+    frames = event_frame(events, segments=bounds)
+    assert frames.shape == (4, 2, 22, 31)
+    for frame, first, last in zip(frames, bounds[:-1], bounds[1:], strict=True):
+        assert np.array_equal(frame, event_frame(events[first:last]))
+    overlapping = binary_frame(events, segments=[[0, 300], [200, 500]])
+    assert np.array_equal(overlapping[1], binary_frame(events[200:500]))
+    assert event_frame(events, segments=[0], polarity="signed").shape == (0, 22, 31)
+
+
+@given(events=RECORDINGS)
+@settings(max_examples=60, deadline=None)
+def test_counts_are_kept(events):
+    assert event_frame(events).sum() == len(events)
+    assert event_frame(events, polarity="signed").sum() == 2 * int(events.p.sum()) - len(events)
+    assert voxel_grid(events, 4, polarity="ignored").sum() == pytest.approx(len(events), rel=1e-5)
+    tensor = event_spike_tensor(events, 4, measurement="count", dtype=np.float64)
+    assert tensor.sum(axis=1) == pytest.approx(event_frame(events), rel=1e-12)
+    assert tensor[1] - tensor[0] == pytest.approx(voxel_grid(events, 4, dtype=np.float64), rel=1e-12, abs=1e-12)
+
+
+@given(events=RECORDINGS, cut=st.integers(0, 60))
+@settings(max_examples=60, deadline=None)
+def test_parts_add_up(events, cut):
+    parts = (events[:cut], events[cut:])
+    assert np.array_equal(sum(event_frame(part) for part in parts), event_frame(events))
+    assert np.array_equal(np.any([binary_frame(part) for part in parts], axis=0), binary_frame(events))
+    start, stop = (int(events.t[0]), int(events.t[-1])) if len(events) else (0, 0)
+    for function in (voxel_grid, event_spike_tensor):
+        options = {"start_us": start, "stop_us": stop, "dtype": np.float64}
+        whole = function(events, 5, **options)
+        assert sum(function(part, 5, **options) for part in parts) == pytest.approx(whole, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ALL)
+@given(rows=st.lists(EVENT, max_size=40), shift=st.integers(-(2**60), 2**60))
+@settings(max_examples=30, deadline=None)
+def test_the_origin_of_time_does_not_matter(name, rows, shift):
+    assert np.array_equal(ALL[name](recording(rows, shift)), ALL[name](recording(rows)))
+
+
+@given(events=RECORDINGS)
+@settings(max_examples=40, deadline=None)
+def test_polarities_are_alike(events):
+    other = opposite(events)
+    assert np.array_equal(event_frame(other), event_frame(events)[::-1])
+    assert np.array_equal(binary_frame(other), binary_frame(events))
+    assert np.array_equal(voxel_grid(other, 4), -voxel_grid(events, 4))
+    for name in ("event_spike_tensor", "time_surface", "leaky_surface"):
+        assert np.array_equal(ALL[name](other), ALL[name](events)[::-1])
+    assert np.array_equal(ALL["hats"](other), ALL["hats"](events)[:, :, ::-1])
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_no_events_make_zeros(name):
+    found = ALL[name](recording([]))
+    assert found.size >= WIDTH * HEIGHT
+    assert not found.any()
+
+
+@pytest.mark.parametrize("bins", [1, 2, 5])
+def test_voxels_are_as_the_definition(bins):
+    events = random(300)
+    start, stop = int(events.t[0]), int(events.t[-1])
+    ones = spread_literal(events, bins, start, stop, lambda t, p: 1)
+    assert voxel_grid(events, bins, polarity="separate", dtype=np.float64) == pytest.approx(ones, abs=1e-12)
+    assert voxel_grid(events, bins) == pytest.approx(ones[1] - ones[0], abs=1e-5)
+    assert voxel_grid(events, bins).dtype == np.float32
+    part = spread_literal(events, bins, 50_000, 120_001, lambda t, p: 1)
+    found = voxel_grid(events, bins, start_us=50_000, stop_us=120_001, polarity="ignored", dtype=np.float64)
+    assert found == pytest.approx(part.sum(0), abs=1e-12)
+
+
+def test_voxels_by_hand():
+    events = Events([0, 10, 40], [0, 0, 0], [0, 0, 0], [1, 1, 0], (1, 1))
+    assert voxel_grid(events, 3).ravel().tolist() == [1.5, 0.5, -1.0]
+    assert voxel_grid(events[:1], 3).ravel().tolist() == [1.0, 0.0, 0.0]
+    assert event_spike_tensor(events, 3).ravel().tolist() == [0.0, 0.0, 1.0, 0.125, 0.125, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("measurement", "value"), [("time", lambda t, p: t), ("polarity", lambda t, p: 2 * int(p) - 1)]
+)
+def test_spike_tensor_is_as_the_definition(measurement, value):
+    events = random(300)
+    expected = spread_literal(events, 9, int(events.t[0]), int(events.t[-1]), value)
+    assert event_spike_tensor(events, measurement=measurement) == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize("itself", [False, True])
+@pytest.mark.parametrize(("cell", "radius", "tau", "window"), [(10, 3, 1e9, 20_000), (4, 1, 300.0, 900), (8, 9, 1, 9)])
+def test_hats_is_as_the_definition(itself, cell, radius, tau, window):
+    events = random(2000, length=40_000)
+    sums, counts = hats_literal(events, cell, radius, window, tau, itself)
+    options = {"cell": cell, "radius": radius, "window_us": window, "tau_us": tau, "itself": itself}
+    found = {n: hats(events, normalise=n, dtype=np.float64, **options) for n in ("none", "cell", "polarity")}
+    assert found["none"] == pytest.approx(sums, rel=1e-9, abs=1e-12)
+    assert found["cell"] == pytest.approx(sums / np.maximum(counts.sum(2), 1)[:, :, None, None, None], rel=1e-9)
+    assert found["polarity"] == pytest.approx(sums / np.maximum(counts, 1)[..., None, None], rel=1e-9)
+    assert sums.any()
+
+
+def test_hats_forgets_to_exactly_nothing():
+    t = np.array([0, 1, 2, 10_000])
+    events = Events(t, [0, 1, 0, 1], [0] * 4, [1] * 4, (2, 1))
+    found = hats(events, cell=2, radius=1, window_us=100, tau_us=3.0, normalise="none", dtype=np.float64)
+    assert np.array_equal(found, hats(events[:3], cell=2, radius=1, window_us=100, tau_us=3.0, normalise="none",
+                                      dtype=np.float64))  # fmt: skip
+
+
+def test_a_real_recording(shared):
+    events = load(shared / "data/formats/ncaltech101_faces_easy_0001.bin")
+    frame = event_frame(events)
+    assert frame.sum() == 67445
+    assert frame[1].sum() == 33770
+    assert hats(events).shape[2:] == (2, 7, 7)
+    assert voxel_grid(events, 5, polarity="ignored", dtype=np.float64).sum() == pytest.approx(67445, rel=1e-12)
+
+
+def test_torch_is_named_where_it_is_missing(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    for function in ALL.values():
+        assert isinstance(function(recording([])), np.ndarray)
+    with pytest.raises(ValueError, match="as_torch=True: torch is not installed") as error:
+        event_frame(recording([]), as_torch=True)
+    assert str(error.value) == "as_torch=True: torch is not installed\n  hint: pip install 'neuro[torch]'"
+
+
+def test_torch_gets_each_representation(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(from_numpy=lambda array: ("tensor", array)))
+    events = random(50)
+    calls = [
+        event_frame(events, as_torch=True),
+        binary_frame(events, as_torch=True),
+        voxel_grid(events, 3, as_torch=True),
+        event_spike_tensor(events, 3, as_torch=True),
+        time_surface(events, tau_us=5, as_torch=True),
+        leaky_surface(events, tau_us=5, as_torch=True),
+        hats(events, as_torch=True),
+    ]
+    assert all(kind == "tensor" and isinstance(array, np.ndarray) for kind, array in calls)
+
+
+def test_real_torch():
+    torch = pytest.importorskip("torch", reason="torch is not installed")
+    events = random(50)
+    for function in (event_frame, binary_frame, lambda e, as_torch: voxel_grid(e, 3, as_torch=as_torch)):
+        tensor = function(events, as_torch=True)
+        assert isinstance(tensor, torch.Tensor)
+        assert np.array_equal(tensor.numpy(), function(events, as_torch=False))
+
+
+SEGMENTS_HINT = "\n  hint: bounds = msd_segments(events.t), or another function of neuro.events.segmentation"
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda e: event_frame(e, polarity="both"),
+            "polarity is 'both', expected one of 'separate', 'signed', 'ignored'",
+        ),
+        (
+            lambda e: binary_frame(e, polarity="signed"),
+            "polarity is 'signed', expected one of 'separate', 'ignored'",
+        ),
+        (
+            lambda e: event_frame(e, segments=[0.0, 1.0]),
+            "segments is float64 of shape (2,), expected whole numbers (n + 1,) or (n, 2)" + SEGMENTS_HINT,
+        ),
+        (
+            lambda e: event_frame(e, segments=np.zeros((2, 3), int)),
+            "segments is int64 of shape (2, 3), expected whole numbers (n + 1,) or (n, 2)" + SEGMENTS_HINT,
+        ),
+        (
+            lambda e: event_frame(e, segments=[0, 2, 9]),
+            "segment 1 is events 2 to before 9, expected 0 <= first <= last <= 4",
+        ),
+        (
+            lambda e: event_frame(e, segments=[[0, 1], [3, 2]]),
+            "segment 1 is events 3 to before 2, expected 0 <= first <= last <= 4",
+        ),
+        (
+            lambda e: event_frame(e, segments=[-1, 2]),
+            "segment 0 is events -1 to before 2, expected 0 <= first <= last <= 4",
+        ),
+        (lambda e: voxel_grid(e, 0), "bins is 0, expected a whole number of at least 1"),
+        (lambda e: voxel_grid(e, 2.0), "bins is 2.0, expected a whole number of at least 1"),
+        (lambda e: voxel_grid(e, 2, start_us=7, stop_us=5), "stop_us is 5 us, expected at least 7, the start"),
+        (lambda e: voxel_grid(e, 2, start_us=0.5), "start_us is 0.5, expected a whole number of us"),
+        (lambda e: voxel_grid(e, 2, dtype=int), "dtype is int64, expected float32 or float64"),
+        (
+            lambda e: event_spike_tensor(e, measurement="sum"),
+            "measurement is 'sum', expected one of 'time', 'polarity', 'count'",
+        ),
+        (lambda e: event_spike_tensor(e, -1), "bins is -1, expected a whole number of at least 1"),
+        (lambda e: hats(e, cell=0), "cell is 0, expected a whole number of at least 1"),
+        (lambda e: hats(e, radius=-1), "radius is -1, expected a whole number of at least 0"),
+        (lambda e: hats(e, window_us=1.5), "window_us is 1.5, expected a whole number of at least 1"),
+        (lambda e: hats(e, tau_us=0), "tau_us is 0 us, expected more than 0"),
+        (lambda e: hats(e, normalise="L2"), "normalise is 'L2', expected one of 'cell', 'polarity', 'none'"),
+    ],
+)
+def test_messages(call, message):
+    with pytest.raises(ValueError) as error:  # noqa: PT011 (the text is compared below)
+        call(recording([(1, 0, 0, 1)] * 4))
+    assert str(error.value) == message
