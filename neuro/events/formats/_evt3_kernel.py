@@ -136,6 +136,24 @@ def vector(t, x, y, p, k, start):
 
 
 @njit(cache=True)
+def tell(now, time, words, n):
+    """Words from `n` on that bring a clock (-1: none yet) to a time; a wrap is told by its last and first TIME_HIGH."""
+    high = now >> 12
+    for wrap in range(max(now, 0) >> 24, time >> 24):
+        if high != (wrap << 12) | 0xFFF:
+            words[n] = (TIME_HIGH << 12) | 0xFFF
+            n += 1
+        high = (wrap + 1) << 12
+        words[n] = TIME_HIGH << 12
+        n += 1
+    if time >> 12 != high:
+        words[n] = (TIME_HIGH << 12) | ((time >> 12) & 0xFFF)
+        n += 1
+    words[n] = (TIME_LOW << 12) | (time & 0xFFF)
+    return n + 1
+
+
+@njit(cache=True)
 def encode(t, x, y, p, state, words):
     """Encode events; three and more neighbours of one row, time and polarity in rising order go as vectors.
 
@@ -155,19 +173,7 @@ def encode(t, x, y, p, state, words):
     now, row = state[0], state[1]
     while k < t.size:
         if t[k] != now:
-            high = now >> 12
-            for wrap in range(max(now, 0) >> 24, t[k] >> 24):
-                if high != (wrap << 12) | 0xFFF:
-                    words[n] = (TIME_HIGH << 12) | 0xFFF
-                    n += 1
-                high = (wrap + 1) << 12
-                words[n] = TIME_HIGH << 12
-                n += 1
-            if t[k] >> 12 != high or now < 0:
-                words[n] = (TIME_HIGH << 12) | ((t[k] >> 12) & 0xFFF)
-                n += 1
-            words[n] = (TIME_LOW << 12) | (t[k] & 0xFFF)
-            n += 1
+            n = tell(now, t[k], words, n)
             now = t[k]
         if y[k] != row:
             row = np.int64(y[k])
