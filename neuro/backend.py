@@ -171,6 +171,7 @@ class Engine(Protocol):
 class Backend(Protocol):
     """How a program gets to run.
 
+    A backend that computes in integers says `arithmetic = "integer"`; "float" is taken otherwise.
     A backend that cannot run some cases of `neuro.testing` lists them, with reasons, in an attribute
     `unsupported: dict[str, str]`.
     """
