@@ -193,7 +193,7 @@ def _natural(name: str) -> tuple[tuple[int, int, str], ...]:
 def _by_folder(where: str, files: Files) -> dict[str, str]:
     """Class of every recording, classes in order."""
     endings = tuple(suffix for f in FORMATS for suffix in f.suffixes)
-    events = [name for name in files if name.lower().endswith(endings)]
+    events = [name for name in files if name.lower().endswith(endings) and name != MANIFEST]
     if not events:
         raise EventFileError(where, f"no recordings, expected class folders with {' or '.join(endings)} files")
     folders = {name: PurePosixPath(name).parent.name for name in events}

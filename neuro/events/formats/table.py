@@ -1,4 +1,4 @@
-"""Text with one event a line: CSV, TXT, in any order of columns.
+"""Text with one event a line: CSV, TXT, in any order of columns; ``.txt`` is known by its lines alone.
 
 Numbers are parted by commas, semicolons, spaces or tabs. Lines that begin with ``#`` or ``%`` and empty ones are left
 out; ``%geometry:WIDTH,HEIGHT`` or ``# sensor WIDTHxHEIGHT`` among the first, or a first line with two whole numbers
@@ -219,5 +219,5 @@ def write(parts: Iterator[Events], path: Path) -> None:
                 file.write(out[: form(part.t, part.x, part.y, part.p, out)].data)
 
 
-TABLE = Format("csv", "CSV", (".csv", ".txt"), _knows, Table, write)
+TABLE = Format("csv", "CSV", (".csv",), _knows, Table, write)
 """Read and written."""
