@@ -72,7 +72,8 @@ class Aedat4:
         self._unpack = _unpacker(packed)
         wanted = streams[self._wanted]
         self.sensor_size: Size | None = (wanted["width"], wanted["height"]) if "width" in wanted else None
-        self.metadata: dict[str, Any] = {"compression": packed, "streams": streams}
+        told = {str(number): stream for number, stream in streams.items()}
+        self.metadata: dict[str, Any] = {"compression": packed, "streams": told}
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""

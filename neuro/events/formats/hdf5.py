@@ -26,12 +26,13 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events._events import Events
+from neuro.events.errors import EventFileError
 from neuro.events.formats._columns import Names, find_names, to_piece, unit_of
 from neuro.events.formats._extra import extra
 from neuro.events.formats._format import Damage, Format, Piece, Size
 from neuro.events.formats._hdf5_write import write, write_sample
 from neuro.events.formats._metadata import from_json
-from neuro.events.source import Source
+from neuro.events.source import WHOLE, Source
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 ECF = 36559
@@ -131,22 +132,20 @@ def read_sample(dataset: Any) -> Events:
         dataset: an open h5py dataset of rows.
 
     Raises:
-        Damage: it has no rows of events, or they cannot be read.
+        EventFileError: it has no rows of events, or they cannot be read.
         ValueError: an event is impossible; the first is named.
     """
     names = find_names(dataset.dtype.names or ())
+    place = f"{dataset.file.filename}:{dataset.name}"
     if names is None:
-        raise Damage(f"{dataset.name} has rows of {dataset.dtype}, expected fields ts, x, y, p", None)
-    pieces = list(_Recording(dataset, names, dataset, 0).pieces(1 << 62))
-    piece = pieces[0] if len(pieces) == 1 else _joined(pieces)
-    attributes = dict(dataset.attrs)
-    size = _size(attributes) or (int(piece.x.max(initial=0)) + 1, int(piece.y.max(initial=0)) + 1)
-    return Events(piece.t, piece.x, piece.y, piece.p, size, _metadata(attributes))
-
-
-def _joined(pieces: list[Piece]) -> Piece:
-    t, x, y, p = (np.concatenate([getattr(piece, key) for piece in pieces]) for key in "txyp")
-    return Piece(t, x, y, p)
+        raise EventFileError(place, f"has rows of {dataset.dtype}, expected fields ts, x, y, p")
+    try:
+        (piece,) = _Recording(dataset, names, dataset, 0).pieces(WHOLE)
+        attributes = dict(dataset.attrs)
+        size = _size(attributes) or (int(piece.x.max(initial=0)) + 1, int(piece.y.max(initial=0)) + 1)
+        return Events(piece.t, piece.x, piece.y, piece.p, size, _metadata(attributes))
+    except Damage as damage:
+        raise EventFileError(place, damage.what, damage.offset) from None
 
 
 def _find(file: Any) -> _Recording:
