@@ -1,5 +1,6 @@
 """Frames, voxel grids, spike tensors and HATS: against their definitions, and what always holds."""
 
+import subprocess
 import sys
 from types import SimpleNamespace
 
@@ -206,6 +207,13 @@ def test_a_real_recording(shared):
     assert frame[1].sum() == 33770
     assert hats(events).shape[2:] == (2, 7, 7)
     assert voxel_grid(events, 5, polarity="ignored", dtype=np.float64).sum() == pytest.approx(67445, rel=1e-12)
+
+
+def test_import_is_light():
+    heavy = ("numba", "scipy", "h5py", "torch")
+    code = f"import sys, neuro.events.representations; print([m for m in {heavy} if m in sys.modules])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
 
 
 def test_torch_is_named_where_it_is_missing(monkeypatch):

@@ -41,7 +41,7 @@ class Peaks:
         self._tau = positive("tau_us", tau_us, "us")
         self._rise = self._tau / 4 if rise_us is None else float(rise_us)
         if not 0 <= self._rise < self._tau:
-            raise ModelError(f"rise_us is {rise_us} us, expected 0 to below tau_us = {self._tau:g}")
+            raise ModelError(f"rise_us is {self._rise:g} us, expected 0 to below tau_us = {self._tau:g}")
         if not threshold >= 0:
             raise ModelError(f"threshold is {threshold}, expected 0 or more")
         self._threshold = float(threshold)
