@@ -54,7 +54,15 @@ class Saccades:
     blur: float = 0.5
     camera: DVSParameters = field(
         default_factory=lambda: DVSParameters(
-            threshold_on=0.33, threshold_off=0.33, mismatch=0.05, refractory=1500.0, leak=0.3, noise=0.1, floor=0.1
+            pos_thres=0.33,
+            neg_thres=0.33,
+            sigma_thres=0.05,
+            refractory_period_s=1500e-6,
+            leak_rate_hz=0.3,
+            noise_rate_cov_decades=0.0,
+            shot_noise_rate_hz=0.1,
+            shot_noise_bright=1.0,
+            floor=0.1,
         )
     )
 

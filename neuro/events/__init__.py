@@ -11,6 +11,7 @@ from neuro.events.dataset import Recording, Recordings, recordings
 from neuro.events.dvs import DVS, DVSParameters, dvs_events
 from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.files import load, save, stream
+from neuro.events.scenes import frames_of
 from neuro.events.segmentation import msd_segments
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "Recording",
     "Recordings",
     "dvs_events",
+    "frames_of",
     "load",
     "msd_segments",
     "recordings",

@@ -1,10 +1,42 @@
 # mypy: ignore-errors
-"""Compiled loops of `neuro.events.dvs`."""
+"""Compiled loops of `neuro.events.dvs`.
 
-from math import inf, log
+Times are float64, us since the first image. While the image of a pixel changes along a straight line
+of slope s, its low-passed log intensity lags behind by lag(u) = (lag + s/r) exp(-ru) - s/r, where u is
+the time since then and r the bandwidth in 1/us. So what the pixel sees of a change is
+v(u) = v + a u + q (exp(-ru) - 1), with a = s + leak and q = lag + s/r (0 without a limit of bandwidth).
+"""
+
+from math import exp, expm1, inf, isnan, log, nan
 
 import numpy as np
 from numba import njit
+
+BLOCK = 64
+SETTLED = 40.0
+"""Time constants after which a lag is gone: exp(-40) is less than the rounding of 1."""
+TIE = 1e-9
+"""Log units by which a threshold may be missed, so that light that comes back to where it was makes as many
+OFF as ON events in spite of rounding. v2e rounds its log intensities to 1e-8 for this."""
+PIXEL = np.dtype(
+    [
+        ("on", "f8"),  # thresholds, log units
+        ("off", "f8"),
+        ("leak", "f8"),  # log units per us
+        ("log", "f8"),  # of the image that was last different
+        ("bright", "f8"),  # its intensity, v2e's inten01
+        ("since", "f8"),  # time at which v and lag hold
+        ("v", "f8"),  # change since the last event
+        ("lag", "f8"),  # low-passed minus true log intensity
+        ("listen", "f8"),  # blind until then
+        ("noise", "f8"),  # time of the next noise event, if it is let through
+        ("drawn", "i8"),  # random words used
+    ]
+)
+"""State of a pixel."""
+FIXED = np.dtype([("cutoff", "f8"), ("blind", "f8"), ("wait", "f8"), ("dimmed", "f8"), ("seed", "i8")])
+"""Of all pixels: cutoff 1/us at full scale or 0, refractory us, mean us between noise events in the dark,
+share of them that full scale takes away, seed."""
 
 
 @njit(cache=True)
@@ -23,63 +55,251 @@ def draw(seed, pixel, number):
 
 
 @njit(cache=True)
-def exponential(word, mean):
-    """From a random word, whose lowest bit is left for the polarity."""
-    return -mean * log((float(word >> np.uint64(11)) + 0.5) / 9007199254740992.0)
+def unit(word):
+    """A number between 0 and 1, both excluded, from the upper 53 bits."""
+    return (float(word >> np.uint64(11)) + 0.5) / 9007199254740992.0
 
 
 @njit(cache=True)
-def advance(
-    pixel, log0, log1, t0, t1, change, listen, on, off, refractory, leak,
-    seed, noise_mean, noise_time, noise_number, out_t, out_pixel, out_p,
-):  # fmt: skip
-    """Let all pixels from `pixel` on see the log intensity go straight from log0 at t0 to log1 at t1.
+def next_noise(state, i, all_):
+    """Draw the time of the next noise event; the lowest bit of the word is its polarity."""
+    state.drawn += 1
+    state.noise -= all_.wait * log(unit(draw(all_.seed, i, state.drawn)))
 
-    State, one value per pixel: change float64, since the last event (log units); listen float64, us,
-    until when the pixel is blind; noise_time float64, us, of the next noise event; noise_number int64,
-    random words used. on, off: float64, thresholds. leak: rise per us in units of the ON threshold.
-    noise_mean: us between noise events. out_t int64 us, out_pixel int64, out_p uint8: buffers.
-    Returns (events written, pixel to go on from); the latter is less than the number of pixels where
-    the buffers were full, and the call must be repeated with fresh ones.
+
+@njit(cache=True)
+def eased(q, r, u):
+    """What the lag, and so v, has changed by because of the limited bandwidth."""
+    return q * expm1(-r * u) if q != 0.0 else 0.0
+
+
+@njit(cache=True)
+def value(v, a, q, r, u):
+    """v(u), see above."""
+    return v + a * u + eased(q, r, u)
+
+
+@njit(cache=True)
+def root(v, a, q, r, target, left, right):
+    """Time in [left, right], where v(u) is monotone and reaches the target.
+
+    v(u) is bent to one side only, so Newton's steps from the outer side of the bend do not overshoot.
     """
-    n = 0
-    room = out_t.shape[0]
-    for i in range(pixel, log0.shape[0]):
-        rate = (log1[i] - log0[i]) / (t1 - t0) + leak * on[i]
-        t = max(float(t0), listen[i])
-        if t >= t1:
+    u = right if (value(v, a, q, r, right) - target) * q > 0.0 else left
+    for _ in range(60):
+        slope = a - q * r * exp(-r * u)
+        if slope == 0.0:
+            break
+        step = (value(v, a, q, r, u) - target) / slope
+        u = min(max(u - step, left), right)
+        if abs(step) < 1e-6:
+            break
+    return u
+
+
+@njit(cache=True)
+def crossing(v, a, q, r, on, off, span):
+    """First time up to span at which v(u) reaches a threshold, and the polarity; inf if it does not."""
+    if q == 0.0:
+        if a > 0.0 and v + a * span >= on - TIE:
+            return min((on - v) / a, span), 1
+        if a < 0.0 and v + a * span <= TIE - off:
+            return min((-off - v) / a, span), 0
+        return inf, 0
+    if max(a * span, 0.0) + abs(q) < on - TIE - v and min(a * span, 0.0) - abs(q) > TIE - off - v:
+        return inf, 0
+    turn = span
+    if a * q > 0.0 and q * r / a > 1.0:
+        turn = min(span, log(q * r / a) / r)
+    left = 0.0
+    for right in (turn, span):
+        end = value(v, a, q, r, right)
+        if end >= on - TIE:
+            return root(v, a, q, r, on, left, right), 1
+        if end <= TIE - off:
+            return root(v, a, q, r, -off, left, right), 0
+        left = right
+    return inf, 0
+
+
+@njit(cache=True)
+def bandwidth(state, all_):
+    """1/us; in proportion to the intensity."""
+    return all_.cutoff * state.bright
+
+
+@njit(cache=True)
+def due_time(state, all_):
+    """Until when the pixel has no event and draws no noise while its image stays as it is, or a bit less."""
+    r = bandwidth(state, all_)
+    wait = max(state.listen - state.since, 0.0)
+    q = state.lag + eased(state.lag, r, wait)
+    high = state.v + abs(q)
+    if high < state.on and state.v - abs(q) > -state.off:
+        u = (state.on - high) / state.leak if state.leak > 0.0 else inf
+    else:
+        span = inf
+        if q != 0.0:
+            span = SETTLED / r + ((state.on + state.off + abs(q)) / state.leak if state.leak > 0.0 else 0.0)
+        u, _ = crossing(state.v, state.leak, q, r, state.on, state.off, span)
+    return min(state.since + wait + u, state.noise)
+
+
+@njit(cache=True)
+def run(state, i, s, end, all_, origin, earliest, n, out_t, out_pixel, out_p):
+    """Let a pixel see the log intensity go with slope s until `end`; returns events written, whether it got there."""
+    r = bandwidth(state, all_)
+    start = state.since
+    span = end - start
+    u = 0.0
+    blind = state.listen - start
+    a = s + state.leak
+    tail = s / r if r > 0.0 else 0.0
+    while True:
+        if blind > u:
+            wake = min(blind, span)
+            state.lag += eased(state.lag + tail, r, wake - u)
+            u = wake
+            if u >= span:
+                break
+        q = state.lag + tail
+        ahead, p = crossing(state.v, a, q, r, state.on, state.off, span - u)
+        at = min(u + ahead, span) if ahead < inf else inf
+        while state.noise - start <= u:
+            next_noise(state, i, all_)
+        random = False
+        while state.noise - start < at and state.noise <= end and not random:
+            word = draw(all_.seed, i, state.drawn)
+            if unit(mix(word)) >= all_.dimmed * min(state.bright, 1.0):
+                random = True
+                at = state.noise - start
+                p = int(word & np.uint64(1))
+            else:
+                next_noise(state, i, all_)
+        if at == inf:
+            change = eased(q, r, span - u)
+            state.v += a * (span - u) + change
+            state.lag += change
+            break
+        if n == out_t.shape[0]:
+            state.since = start + u
+            return n, False
+        out_t[n] = origin + max(int(start + at), earliest)
+        out_pixel[n] = i
+        out_p[n] = p
+        n += 1
+        if random:
+            next_noise(state, i, all_)
+        state.lag += eased(q, r, at - u)
+        state.v = 0.0
+        u = at
+        blind = at + all_.blind
+        state.listen = start + blind
+    state.since = end
+    return n, True
+
+
+@njit(cache=True)
+def look(new, old, first, table, scale, floor, knee, slope, height, due, block_due, t1, blocks, index, logs, bright):
+    """Find the pixels that changed or are due until t1; they lie in blocks, most of which are skipped.
+
+    Args: new, old: images, flat; first: look at every pixel; table: (levels,) log intensities, empty for
+    floats; scale: of the images; floor, knee, slope, height: of the curve; due: (n,) and block_due:
+    (blocks,), us. Filled: blocks looked at, index of each pixel, its log (nan: as before), its inten01.
+    Returns (number of pixels, number of blocks, first pixel with an impossible intensity or -1).
+    """
+    k = 0
+    b = 0
+    for block in range(block_due.size):
+        low = block * BLOCK
+        high = min(low + BLOCK, new.size)
+        differs = 0
+        for i in range(low, high):
+            differs |= new[i] != old[i]
+        if differs == 0 and block_due[block] > t1 and not first:
             continue
-        v = change[i]
-        while True:
-            at = inf
-            p = 0
-            end = v + rate * (t1 - t)
-            if end >= on[i]:
-                at = t + (on[i] - v) / rate
-                p = 1
-            elif end <= -off[i]:
-                at = t + (-off[i] - v) / rate
-            while noise_time[i] <= t:
-                noise_number[i] += 1
-                noise_time[i] += exponential(draw(seed, i, noise_number[i]), noise_mean)
-            if noise_time[i] < at and noise_time[i] <= t1:
-                at = noise_time[i]
-                p = int(draw(seed, i, noise_number[i]) & np.uint64(1))
-            if at == inf:
-                v = end
-                break
-            if n == room:
-                change[i], listen[i] = v, t
-                return n, i
-            at = min(max(at, t), float(t1))
-            out_t[n] = int(at)
-            out_pixel[n] = i
-            out_p[n] = p
-            n += 1
-            v = 0.0
-            t = at + refractory
-            listen[i] = t
-            if t >= t1:
-                break
-        change[i] = v
-    return n, log0.shape[0]
+        blocks[b] = block
+        b += 1
+        for i in range(low, high):
+            if new[i] != old[i] or first:
+                light = new[i] * scale
+                if not (light >= 0.0 and light < inf):
+                    return k, b, i
+                index[k] = i
+                if table.size:
+                    logs[k] = table[int(new[i])]
+                else:
+                    seen = light + floor
+                    logs[k] = log(seen) if seen > knee else seen * slope + height
+                bright[k] = (255.0 * light + 20.0) / 275.0
+                k += 1
+            elif due[i] <= t1:
+                index[k] = i
+                logs[k] = nan
+                k += 1
+    return k, b, -1
+
+
+@njit(cache=True)
+def advance(k, count, index, logs, bright, t0, t1, fixed, origin, pixels, due, out_t, out_pixel, out_p):
+    """Let the pixels found by `look` see the image of t1; between t0 and t1 their log goes straight.
+
+    Returns (events written, pixel to go on from); the latter is less than count where the buffers were
+    full, and the call must be repeated with fresh ones.
+    """
+    all_ = fixed[0]
+    n = 0
+    earliest = int(t0)
+    for j in range(k, count):
+        i = index[j]
+        state = pixels[i]
+        s = 0.0
+        if not isnan(logs[j]):
+            if state.since < t0:
+                n, done = run(state, i, 0.0, t0, all_, origin, earliest, n, out_t, out_pixel, out_p)
+                if not done:
+                    return n, j
+            s = (logs[j] - state.log) / (t1 - t0)
+            state.bright = bright[j]
+            end = state.v + (s + state.leak) * (t1 - t0)
+            quiet = all_.cutoff == 0.0 and state.listen <= t0 and state.noise > t1
+            if quiet and TIE - state.off < end < state.on - TIE:
+                state.v = end
+                state.since = t1
+                state.log = logs[j]
+                later = t1 + (state.on - end) / state.leak if state.leak > 0.0 else inf
+                due[i] = min(later, state.noise)
+                continue
+        n, done = run(state, i, s, t1, all_, origin, earliest, n, out_t, out_pixel, out_p)
+        if not done:
+            return n, j
+        if not isnan(logs[j]):
+            state.log = logs[j]
+        due[i] = due_time(state, all_)
+    return n, count
+
+
+@njit(cache=True)
+def begin(logs, bright, fixed, pixels, due):
+    """Show the first image, at time 0."""
+    all_ = fixed[0]
+    for i in range(pixels.size):
+        state = pixels[i]
+        state.log = logs[i]
+        state.bright = bright[i]
+        if all_.wait < inf:
+            next_noise(state, i, all_)
+        else:
+            state.noise = inf
+        due[i] = due_time(state, all_)
+
+
+@njit(cache=True)
+def settle(blocks, count, due, block_due):
+    """When the first pixel of each block is due."""
+    for k in range(count):
+        low = blocks[k] * BLOCK
+        soonest = inf
+        for i in range(low, min(low + BLOCK, due.size)):
+            soonest = min(soonest, due[i])
+        block_due[blocks[k]] = soonest

@@ -2,57 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events._events import EVENT, Events
+from neuro.errors import ModelError
+from neuro.events._dvs_parameters import LOWEST_THRESHOLD, DVSParameters, Image, shares
+from neuro.events._events import Events
 
-Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.floating]
+__all__ = ["DVS", "DVSParameters", "dvs_events"]
 
-Found = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.uint8]]
+Found = tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], npt.NDArray[np.uint8]]
 
-_MIN_THRESHOLD = 0.01
-_NONE: Found = (np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.uint8))
-
-
-@dataclass(frozen=True, slots=True)
-class DVSParameters:
-    """What the pixels of an event camera are like.
-
-    Attributes:
-        threshold_on: rise of the natural log of the intensity that makes an ON event (C of eq. 20).
-        threshold_off: fall that makes an OFF event (C of eq. 21), as a positive number.
-        mismatch: standard deviation of the thresholds from pixel to pixel, log units; a threshold is
-            never less than 0.01.
-        refractory: time after an event in which the pixel sees nothing, us; its reference is what it
-            sees when it wakes.
-        leak: ON events of a pixel that looks at nothing, Hz.
-        noise: further events at random times, ON and OFF alike, Hz per pixel.
-        floor: intensity added before the logarithm (dark current), as a share of full scale.
-
-    Raises:
-        ValueError: a value is out of its range.
-
-    Source: thesis eqs 20-21, lines 796-800. Sizes of the defaults: Lichtsteiner et al., IEEE JSSC
-        43:566, 2008 (thresholds, mismatch); Nozaki and Delbruck, IEEE TED 64:3239, 2017 (leak).
-    """
-
-    threshold_on: float = 0.2
-    threshold_off: float = 0.2
-    mismatch: float = 0.03
-    refractory: float = 100.0
-    leak: float = 0.1
-    noise: float = 0.1
-    floor: float = 0.005
-
-    def __post_init__(self) -> None:
-        lowest = {"threshold_on": _MIN_THRESHOLD, "threshold_off": _MIN_THRESHOLD, "floor": 1e-9}
-        for field in fields(self):
-            value, low = getattr(self, field.name), lowest.get(field.name, 0.0)
-            if not low <= value < np.inf:
-                raise ValueError(f"{field.name} is {value}, expected a number of at least {low}")
+_KINDS = ("uint8", "uint16", "float16", "float32", "float64")
 
 
 class DVS:
@@ -61,99 +25,178 @@ class DVS:
     Between two images the log intensity of a pixel is taken to go in a straight line, so events have
     times of their own between those of the images. A pixel compares with its intensity at its last
     event; leak is a slow rise of that difference. Every draw depends on seed, pixel and the count of
-    draws only: the same images give the same events.
+    draws only: the same images give the same events. Only pixels that change, or whose leak or noise
+    is due, are worked on.
 
     Args:
         sensor_size: width and height, px.
         parameters: of the pixels; None takes the defaults.
         seed: of thresholds and noise, not negative.
 
+    Raises:
+        ModelError: the size or the seed cannot be.
+
     Example:
         >>> import numpy as np
-        >>> camera = DVS((2, 1), DVSParameters(mismatch=0.0, noise=0.0, leak=0.0, refractory=0.0))
-        >>> len(camera.feed(0, np.array([[0.1, 0.1]])))
+        >>> camera = DVS((2, 1), DVSParameters.ideal())
+        >>> len(camera.see(np.array([[0.1, 0.1]]), 0))
         0
-        >>> camera.feed(1000, np.array([[0.1, 0.2]])).t
-        array([298, 597, 896])
+        >>> camera.see(np.array([[0.1, 0.2]]), 1000).t
+        array([288, 577, 865])
     """
 
     def __init__(self, sensor_size: tuple[int, int], parameters: DVSParameters | None = None, *, seed: int = 0) -> None:
+        width, height = sensor_size
+        if not (1 <= width <= 65536 and 1 <= height <= 65536):
+            raise ModelError(f"sensor size is {width}x{height}, expected 1x1 to 65536x65536 px")
         if seed < 0:
-            raise ValueError(f"seed is {seed}, expected 0 or more")
-        self.sensor_size = (int(sensor_size[0]), int(sensor_size[1]))
+            raise ModelError(f"seed is {seed}, expected 0 or more")
+        self.sensor_size = (int(width), int(height))
         self.parameters = parameters or DVSParameters()
         self.seed = seed
         self.reset()
 
     def reset(self) -> None:
         """Forget all images; the camera is as new."""
-        n = self.sensor_size[0] * self.sensor_size[1]
-        p = self.parameters
-        spread = np.random.default_rng([self.seed, 1]).normal(0.0, p.mismatch, (2, n))
-        self._on = np.maximum(p.threshold_on + spread[0], _MIN_THRESHOLD)
-        self._off = np.maximum(p.threshold_off + spread[1], _MIN_THRESHOLD)
-        self._change = np.zeros(n)
-        self._listen = np.full(n, -np.inf)
-        self._noise_time = np.full(n, np.inf)
-        self._noise_number = np.zeros(n, np.int64)
-        self._log: npt.NDArray[np.float64] | None = None
-        self._t = 0
+        from neuro.events._dvs_kernels import BLOCK, FIXED, PIXEL
 
-    def feed(self, t_us: int, image: Image) -> Events:
+        p, n = self.parameters, self.sensor_size[0] * self.sensor_size[1]
+        spread = np.random.default_rng([self.seed, 1]).normal(0.0, p.sigma_thres, (2, n))
+        decades = np.random.default_rng([self.seed, 4]).normal(0.0, p.noise_rate_cov_decades, n)
+        self._pixels = np.zeros(n, PIXEL)
+        self._pixels["on"] = np.maximum(p.pos_thres + spread[0], LOWEST_THRESHOLD)
+        self._pixels["off"] = np.maximum(p.neg_thres + spread[1], LOWEST_THRESHOLD)
+        self._pixels["leak"] = 1e-6 * p.leak_rate_hz * self._pixels["on"] * 10.0**decades
+        wait = 1e6 / p.shot_noise_rate_hz if p.shot_noise_rate_hz else np.inf
+        cutoff, blind = 2e-6 * np.pi * p.cutoff_hz, 1e6 * p.refractory_period_s
+        self._fixed = np.array([(cutoff, blind, wait, 1.0 - p.shot_noise_bright, self.seed % 2**63)], FIXED)
+        self._due = np.zeros(n)
+        self._block_due = np.zeros(-(-n // BLOCK))
+        self._blocks = np.zeros(len(self._block_due), np.int64)
+        self._index, self._logs, self._bright = np.zeros(n, np.int64), np.zeros(n), np.zeros(n)
+        self._out = _room(max(1024, n // 4))
+        self._old: npt.NDArray[Any] | None = None
+        self._origin = self._t = 0
+
+    def see(self, image: Image, t_us: int) -> Events:
         """Show the next image.
 
         Args:
+            image: (height, width) intensities, linear in light and not negative: uint8 or uint16, whose
+                largest value is full scale, or floats of which 1 is full scale (there may be more).
             t_us: its time, us; more than that of the image before.
-            image: (height, width) intensities, linear in light: integers, whose type's largest value
-                is full scale, or floats of which 1 is full scale. Not negative.
 
         Returns:
             The events between the image before and this one, by time; none for the first image.
 
         Raises:
-            ValueError: another shape, time not later, or an intensity that is negative or not finite.
+            ModelError: another shape or type than before, time not later, or an intensity that is
+                negative or not finite; the camera is then as it was.
         """
-        log1 = self._log_intensity(image)
-        if self._log is None:
-            if self.parameters.noise:
-                self._noise_time[:] = float(t_us)
-            self._t, self._log = int(t_us), log1
-            return _events([_NONE], self.sensor_size)
-        if not t_us > self._t:
-            raise ValueError(f"image at {t_us} us, expected later than the one before, at {self._t} us")
-        found = self._advance(self._log, log1, int(t_us))
-        self._t, self._log = int(t_us), log1
-        return _events(found, self.sensor_size)
+        from neuro.events._dvs_kernels import advance, begin, look, settle
 
-    def _advance(self, log0: npt.NDArray[np.float64], log1: npt.NDArray[np.float64], t1: int) -> list[Found]:
-        from neuro.events._dvs_kernels import advance
-
-        p = self.parameters
-        noise_mean = 1e6 / p.noise if p.noise else np.inf
+        new, t = self._checked(image, t_us)
+        first = self._old is None
+        if self._old is None:
+            self._start(new.dtype, t)
+        assert self._old is not None
+        t0, t1 = float(self._t - self._origin), float(t - self._origin)
+        count, blocks, bad = look(
+            new, self._old, first, self._table, self._scale, *self.parameters.curve(), self._due, self._block_due, t1,
+            self._blocks, self._index, self._logs, self._bright,
+        )  # fmt: skip
+        if bad >= 0:
+            self._old = None if first else self._old
+            raise self._impossible(new, bad, t)
         found: list[Found] = []
-        pixel, room = 0, max(1024, len(log0) // 4)
-        while pixel < len(log0):
-            t, i, on = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.uint8)
-            n, pixel = advance(
-                pixel, log0, log1, self._t, t1, self._change, self._listen, self._on, self._off,
-                float(p.refractory), 1e-6 * p.leak, self.seed % 2**63, noise_mean,
-                self._noise_time, self._noise_number, t, i, on,
-            )  # fmt: skip
-            found.append((t[:n], i[:n], on[:n]))
-            room *= 4
-        return found
+        if first:
+            begin(self._logs, self._bright, self._fixed, self._pixels, self._due)
+        elif count:
+            done = 0
+            while done < count:
+                n, done = advance(
+                    done, count, self._index, self._logs, self._bright, t0, t1, self._fixed, self._origin,
+                    self._pixels, self._due, *self._out,
+                )  # fmt: skip
+                found.append((self._out[0][:n], self._out[1][:n], self._out[2][:n]))
+                if done < count:
+                    self._out = _room(4 * len(self._out[0]))
+        settle(self._blocks, blocks, self._due, self._block_due)
+        if blocks:
+            self._old[:] = new
+        before, self._t = self._t, t
+        return self._sorted(found, before, t)
 
-    def _log_intensity(self, image: Image) -> npt.NDArray[np.float64]:
+    def watch(self, images: Iterable[tuple[int, Image]]) -> Iterator[Events]:
+        """Show images as they come.
+
+        Args:
+            images: time (us) and image, as for `see`; more than one call goes on where the last ended.
+
+        Yields:
+            The events before each image but the first.
+        """
+        for t, image in images:
+            first = self._old is None
+            events = self.see(image, t)
+            if not first:
+                yield events
+
+    def record(self, images: Iterable[tuple[int, Image]]) -> Events:
+        """All events of `watch` as one recording.
+
+        Args:
+            images: as for `watch`.
+        """
+        parts = [(e.t, e.x, e.y, e.p) for e in self.watch(images)]
+        kinds = (np.int64, np.uint16, np.uint16, np.uint8)
+        t, x, y, p = (np.concatenate([np.zeros(0, kind), *(part[k] for part in parts)]) for k, kind in enumerate(kinds))
+        return Events._trusted(t, x, y, p, self.sensor_size, {})
+
+    def _checked(self, image: Image, t_us: int) -> tuple[npt.NDArray[Any], int]:
+        """The image as a flat array, and its time."""
+        array, t = np.asarray(image), int(t_us)
         width, height = self.sensor_size
-        if image.shape != (height, width):
-            raise ValueError(f"image has shape {image.shape}, expected ({height}, {width})")
-        values = np.asarray(image, np.float64).ravel()
-        if image.dtype.kind in "ui":
-            values = values / float(np.iinfo(str(image.dtype)).max)
-        if not (values.min() >= 0.0 and values.max() < np.inf):
-            raise ValueError("image has a negative or infinite intensity, expected 0 or more")
-        log_intensity: npt.NDArray[np.float64] = np.log(values + self.parameters.floor)
-        return log_intensity
+        where = f"image at {t_us} us"
+        if t != t_us:
+            raise ModelError(f"{where}: expected a time in whole us")
+        if array.shape != (height, width):
+            hint = "one grey value for each pixel; mix colours first" if array.ndim == 3 else ""
+            raise ModelError(f"{where} has shape {array.shape}, expected ({height}, {width})", hint=hint)
+        if str(array.dtype) not in _KINDS:
+            raise ModelError(
+                f"{where} has type {array.dtype}, expected one of {', '.join(_KINDS)}",
+                hint="integers have their type's largest value as full scale, floats have 1",
+            )
+        if array.dtype == np.float16:
+            array = array.astype(np.float32)
+        if self._old is not None:
+            if array.dtype != self._old.dtype:
+                raise ModelError(f"{where} has type {array.dtype}, expected {self._old.dtype} like the one before")
+            if t <= self._t:
+                raise ModelError(f"{where}: expected a time later than that of the image before, {self._t} us")
+        return np.ascontiguousarray(array).reshape(-1), t
+
+    def _start(self, kind: np.dtype[Any], t: int) -> None:
+        """Take on the type and the time of the first image."""
+        self._old = np.zeros(len(self._due), kind)
+        self._origin = self._t = t
+        levels = np.arange(np.iinfo(str(kind)).max + 1 if kind.kind == "u" else 0).astype(kind)
+        self._scale = 1.0 / (len(levels) - 1) if len(levels) else 1.0
+        self._table = self.parameters.log_intensity(shares(levels))
+
+    def _impossible(self, image: npt.NDArray[Any], bad: int, t: int) -> ModelError:
+        y, x = divmod(int(bad), self.sensor_size[0])
+        text = f"image at {t} us: intensity at x {x}, y {y} is {image[bad]}, expected a finite number of at least 0"
+        return ModelError(text)
+
+    def _sorted(self, found: list[Found], before: int, now: int) -> Events:
+        """What the kernel wrote, by time and then by pixel."""
+        t, pixel, p = found[0] if len(found) == 1 else _joined(found or [_room(0)])
+        key = (t - before).astype(np.uint16) if now - before < 65536 else t
+        order = np.argsort(key, kind="stable")
+        y, x = np.divmod(pixel[order], np.int32(self.sensor_size[0]))
+        return Events._trusted(t[order], x.astype(np.uint16), y.astype(np.uint16), p[order], self.sensor_size, {})
 
 
 def dvs_events(
@@ -163,7 +206,7 @@ def dvs_events(
 
     Args:
         t_us: (n,) increasing times, us.
-        images: (n, height, width), as for `DVS.feed`.
+        images: (n, height, width), as for `DVS.see`.
         parameters: of the pixels; None takes the defaults.
         seed: of thresholds and noise.
 
@@ -171,20 +214,21 @@ def dvs_events(
         All events, by time.
 
     Raises:
-        ValueError: as of `DVS.feed`.
+        ModelError: as of `DVS.see`.
     """
-    stack = np.asarray(images)
-    if stack.ndim != 3 or len(stack) != len(np.asarray(t_us)):
-        raise ValueError(f"images have shape {stack.shape}, expected ({len(np.asarray(t_us))}, height, width)")
+    stack, times = np.asarray(images), np.asarray(t_us)
+    if stack.ndim != 3 or times.shape != stack.shape[:1]:
+        expected = f"({len(times)}, height, width)" if times.ndim == 1 else "(n, height, width) and (n,) times"
+        raise ModelError(f"images have shape {stack.shape}, expected {expected}")
     camera = DVS((stack.shape[2], stack.shape[1]), parameters, seed=seed)
-    parts = [camera.feed(int(t), image).records() for t, image in zip(np.asarray(t_us), stack, strict=True)]
-    out = np.concatenate(parts) if parts else np.empty(0, EVENT)
-    return Events(out["t"], out["x"], out["y"], out["p"], camera.sensor_size)
+    return camera.record(zip(times.tolist(), stack, strict=True))
 
 
-def _events(found: list[Found], sensor_size: tuple[int, int]) -> Events:
-    """What the kernel wrote, by time and then by pixel."""
-    t, pixel, p = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    order = np.argsort(t, kind="stable")
-    y, x = np.divmod(pixel[order], sensor_size[0])
-    return Events(t[order], x.astype(np.uint16), y.astype(np.uint16), p[order], sensor_size)
+def _room(n: int) -> Found:
+    """Buffers for times, pixels and polarities."""
+    return np.empty(n, np.int64), np.empty(n, np.int32), np.empty(n, np.uint8)
+
+
+def _joined(found: list[Found]) -> Found:
+    t, pixel, p = zip(*found, strict=True)
+    return np.concatenate(t), np.concatenate(pixel), np.concatenate(p)

@@ -3,10 +3,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from neuro.events import DVS, DVSParameters, dvs_events
+from neuro import ModelError
+from neuro.events import DVS, DVSParameters, dvs_events, frames_of
 
-BAD_LIGHT = "image has a negative or infinite intensity, expected 0 or more"
-IDEAL = DVSParameters(mismatch=0.0, refractory=0.0, leak=0.0, noise=0.0, floor=1e-9)
+US = 1e6
+
+
+def pure(**changes):
+    """Equal, noiseless pixels with the log for a curve."""
+    return DVSParameters.ideal(**{"linear_below": 0.0, "floor": 1e-9, **changes})
 
 
 def log_ramp(values):
@@ -14,76 +19,240 @@ def log_ramp(values):
     return np.exp(np.asarray(values, float)).reshape(-1, 1, 1)
 
 
+def counts(events, size):
+    """ON and OFF events of each pixel, (2, height, width)."""
+    out = np.zeros((2, size[1], size[0]), int)
+    np.add.at(out, (1 - events.p, events.y, events.x), 1)
+    return out
+
+
+def still(size, parameters, *, light=0.5, us=10_000_000, seed=0):
+    """What a camera says of a grey wall."""
+    camera = DVS(size, parameters, seed=seed)
+    wall = np.full((size[1], size[0]), light)
+    return camera.record([(0, wall), (us, wall)])
+
+
 def test_a_ramp_has_one_event_per_threshold():
-    events = dvs_events([0, 1_000_000], log_ramp([-3.0, -1.0]), IDEAL)
-    assert len(events) in (9, 10)  # the tenth lies on the last image
-    np.testing.assert_allclose(events.t[:9], np.arange(1, 10) * 100_000, atol=1)
+    events = dvs_events([0, 1_000_000], log_ramp([-3.0, -1.0 + 1e-6]), pure())
+    np.testing.assert_allclose(events.t, np.arange(1, 11) * 100_000, atol=1)
     assert events.p.all()
-    down = dvs_events([0, 1_000_000], log_ramp([-1.0, -2.9]), IDEAL)
+    down = dvs_events([0, 1_000_000], log_ramp([-1.0, -2.9]), pure())
     assert len(down) == 9
     assert not down.p.any()
 
 
 def test_thresholds_of_their_own():
-    p = DVSParameters(threshold_on=0.5, threshold_off=0.25, mismatch=0, refractory=0, leak=0, noise=0, floor=1e-9)
+    p = pure(pos_thres=0.5, neg_thres=0.25)
     events = dvs_events([0, 1000, 2000], log_ramp([-3.0, -1.9, -3.0]), p)
     assert events.p.tolist() == [1, 1, 0, 0, 0, 0]  # 1.1 up leaves 0.1; 1.1 down from there
 
 
 def test_a_moving_edge():
-    width, contrast = 40, 1.0
-    x = np.arange(width)
-    images = [np.tile(np.exp(-3 + contrast * (x < edge)), (3, 1)) for edge in range(5, 36)]
-    events = dvs_events(1000 * np.arange(len(images)), images, IDEAL)
-    per_pixel = np.zeros((3, width), int)
-    np.add.at(per_pixel, (events.y, events.x), 1)
-    steps = round(contrast / 0.2)
-    assert ((per_pixel[:, 5:35] == steps) | (per_pixel[:, 5:35] == steps - 1)).all()
-    assert per_pixel[:, :5].sum() + per_pixel[:, 35:].sum() == 0
-    assert events.p.all()
-    assert (events.t // 1000 - (events.x.astype(int) - 5)).max() <= 1
+    """Column x sees 0.9 between images x - 5 and x - 4: four events, evenly spaced from the first image on."""
+    width, contrast = 40, 0.9
+    images = [np.tile(np.exp(-3 + contrast * (np.arange(width) < edge)), (3, 1)) for edge in range(5, 36)]
+    events = dvs_events(1000 * np.arange(len(images)), images, pure())
+    on, off = counts(events, (width, 3))
+    assert (on[:, 5:35] == 4).all()
+    assert on.sum() == 4 * 3 * 30
+    assert off.sum() == 0
+    for x in (5, 17, 34):
+        expected = (x - 5 + np.arange(1, 5) * 0.2 / contrast) * 1000
+        np.testing.assert_allclose(events.t[(events.x == x) & (events.y == 1)], expected, atol=1)
+
+
+def test_an_object_that_passes_leaves_as_many_off_as_on():
+    rng = np.random.default_rng(4)
+    images = np.full((40, 9, 70), 90, np.uint8)
+    shape = rng.integers(0, 255, (9, 12))
+    for k in range(1, 39):
+        images[k, :, k : k + 12] = shape
+    on, off = counts(dvs_events(1000 * np.arange(40), images, DVSParameters.ideal()), (70, 9))
+    assert on.sum() > 500
+    np.testing.assert_array_equal(on, off)
 
 
 def test_flicker_balances():
-    """0.55 up: 2 thresholds of 0.2; then 0.95 down and up again: 4 each; the last rise ends half way."""
+    """0.55 up: 2 thresholds of 0.2; then 0.95 down and up again: 4 each; the last rise ends on a threshold."""
     light = log_ramp(-2 + 0.55 * np.sin(2 * np.pi * np.arange(401) / 100))
-    events = dvs_events(1000 * np.arange(401), light, IDEAL)
-    assert "".join("+" if on else "-" for on in events.p) == "++" + 3 * "----++++" + "----+"
+    events = dvs_events(1000 * np.arange(401), light, pure())
+    assert "".join("+" if on else "-" for on in events.p) == "++" + 3 * "----++++" + "----++"
+
+
+def test_the_curve_is_that_of_v2e():
+    """lin_log of v2e on its 256 greys, but for the log of 255: a constant that no event depends on."""
+    grey = np.arange(256.0)
+    v2e = np.where(grey <= 20, grey * np.log(20) / 20, np.log(np.maximum(grey, 1)))
+    np.testing.assert_allclose(DVSParameters().log_intensity(grey / 255) + np.log(255), v2e, atol=1e-12)
+    np.testing.assert_allclose(pure(floor=0.1).log_intensity([0.0, 0.9]), np.log([0.1, 1.0]), atol=1e-12)
+
+
+def test_counts_are_those_of_v2e():
+    """The equations of v2e for clean pixels, image by image: floor(difference / threshold) events."""
+    rng = np.random.default_rng(1)
+    blobs = np.cumsum(rng.normal(0, 12, (30, 20, 33)), axis=0) + rng.uniform(0, 255, (20, 33))
+    images = np.clip(blobs, 0, 255).astype(np.uint8)
+    p = DVSParameters.ideal(pos_thres=0.17, neg_thres=0.23)
+    camera, grey = DVS((33, 20), p), images.astype(float)
+    seen = np.round(np.where(grey <= 20, grey * np.log(20) / 20, np.log(np.maximum(grey, 1))), 8)
+    base, total = seen[0], 0
+    camera.see(images[0], 0)
+    for k in range(1, 30):
+        difference = seen[k] - base
+        on, off = (np.floor(np.maximum(d, 0) + 1e-7) for d in (difference / 0.17, -difference / 0.23))
+        base = base + 0.17 * on - 0.23 * off
+        np.testing.assert_array_equal(counts(camera.see(images[k], 1000 * k), (33, 20)), [on, off])
+        total += on.sum()
+    assert total > 5000
+
+
+@pytest.mark.parametrize("images_after", [1, 1000])
+def test_step_response_of_limited_bandwidth(images_after):
+    """ln 4 (1 - exp(-t/tau)) meets threshold k at -tau ln(1 - 0.2 k / ln 4), however many images show it."""
+    bright = (255 * 0.8 + 20) / 275
+    tau = US / (2 * np.pi * 100 * bright)
+    later = [(1 + (k + 1) * 1_000_000 // images_after, np.full((1, 1), 0.8)) for k in range(images_after)]
+    events = DVS((1, 1), pure(cutoff_hz=100.0)).record([(0, np.full((1, 1), 0.2)), (1, np.full((1, 1), 0.8)), *later])
+    expected = -tau * np.log(1 - 0.2 * np.arange(1, 7) / np.log(4))
+    np.testing.assert_allclose(events.t, expected, atol=2)
+
+
+@pytest.mark.parametrize("ratio", [0.25, 1.0, 4.0])
+def test_attenuation_and_phase(ratio):
+    """At its events the signal is known, so a sine fitted to them is what the low pass left."""
+    f, amplitude, threshold = 10.0, 0.15, 0.01
+    bright = (255 * 0.5 + 20) / 275
+    t = np.arange(0, 1_000_001, 500)
+    light = log_ramp(np.log(0.5) + amplitude * np.sin(2e-6 * np.pi * f * t))
+    p = pure(pos_thres=threshold, neg_thres=threshold, cutoff_hz=f / ratio / bright)
+    events = dvs_events(t, light, p)
+    level = threshold * np.cumsum(2.0 * events.p - 1.0)
+    late = events.t > 300_000
+    angle = 2e-6 * np.pi * f * events.t[late]
+    (s, c, _), *_ = np.linalg.lstsq(np.stack([np.sin(angle), np.cos(angle), np.ones(len(angle))], 1), level[late])
+    assert np.hypot(s, c) / amplitude == pytest.approx(1 / np.hypot(1, ratio), rel=0.02)
+    assert np.arctan2(c, s) == pytest.approx(-np.arctan(ratio), abs=0.03)
+
+
+def test_bandwidth_follows_the_intensity():
+    """Times of the same contrast are longer in the dark, by (I + 8 %)."""
+    first = []
+    for scale in (1.0, 0.1):
+        light = scale * np.array([0.3, 0.6, 0.6]).reshape(-1, 1, 1)
+        first.append(dvs_events([0, 1, US], light, pure(cutoff_hz=10.0)).t[0])
+    assert first[1] / first[0] == pytest.approx((0.6 + 20 / 255) / (0.06 + 20 / 255), rel=1e-3)
+
+
+def test_bandwidth_is_the_limit_of_v2es_steps():
+    """v2e's update eps = inten01 dt / tau at 20 us, in NumPy, counts as ours does in one."""
+    rng = np.random.default_rng(0)
+    levels = 0.2 + 0.6 * rng.random((10, 40))
+    ours = dvs_events(np.arange(10) * 20_000, levels[:, None, :], DVSParameters.ideal(cutoff_hz=30.0))
+    curve = DVSParameters().log_intensity(levels)
+    low, base = curve[0].copy(), curve[0].copy()
+    total = np.zeros((2, 40))
+    for k in range(9):
+        bright = (255 * levels[k + 1] + 20) / 275
+        for step in range(1000):
+            goal = curve[k] + (curve[k + 1] - curve[k]) * (step + 1) / 1000
+            low += bright * 20e-6 * 2 * np.pi * 30.0 * (goal - low)
+            on, off = (np.floor(np.maximum(d, 0) / 0.2) for d in (low - base, base - low))
+            base += 0.2 * (on - off)
+            total += [on, off]
+    here = counts(ours, (40, 1))[:, 0]
+    assert total.sum() > 200
+    assert np.abs(here - total).sum() <= 0.01 * total.sum()
 
 
 def test_refractory_pixels_are_blind():
-    p = DVSParameters(mismatch=0.0, refractory=50_000.0, leak=0.0, noise=0.0, floor=1e-9)
+    p = pure(refractory_period_s=0.05)
     events = dvs_events([0, 1_000_000], log_ramp([-3.0, -1.0]), p)
     np.testing.assert_allclose(np.diff(events.t), 150_000, atol=1)
     fast = dvs_events([0, 10_000, 500_000], log_ramp([-3.0, -1.0, -1.0]), p)
     assert len(fast) == 1
 
 
-def test_leak_and_noise_rates():
-    image = np.full((50, 50), 0.5)
-    leak = DVS((50, 50), DVSParameters(mismatch=0.0, refractory=0.0, leak=2.0, noise=0.0))
-    leak.feed(0, image)
-    events = leak.feed(10_100_000, image)
+def test_refractory_period_is_a_smallest_interval():
+    images = np.random.default_rng(5).random((50, 8, 9))
+    p = DVSParameters(refractory_period_s=0.003, shot_noise_rate_hz=300.0, leak_rate_hz=50.0, cutoff_hz=200.0)
+    events = dvs_events(np.arange(50) * 2000, images, p)
+    pixel = events.y * 9 + events.x.astype(int)
+    gaps = np.concatenate([np.diff(events.t[pixel == k]) for k in range(72)])
+    assert len(gaps) > 1000
+    assert 2999 <= gaps.min() < 3100
+
+
+def test_leak_rate():
+    p = pure(sigma_thres=0.03, leak_rate_hz=2.0, noise_rate_cov_decades=0.0)
+    events = still((50, 50), p, us=10_100_000)
     assert len(events) == 2500 * 20
     assert events.p.all()
-    noise = DVS((50, 50), DVSParameters(leak=0.0, noise=4.0), seed=3)
-    noise.feed(0, image)
-    events = noise.feed(10_000_000, image)
-    n = 2500 * 10 * 4
-    assert abs(len(events) - n) < 5 * np.sqrt(n)
-    assert abs(events.p.mean() - 0.5) < 0.01
-    gaps = np.diff(events.t[(events.x == 3) & (events.y == 7)])
-    assert 0.5 < gaps.std() / gaps.mean() < 1.5
+
+
+def test_leak_rates_differ_from_pixel_to_pixel():
+    """Else all pixels of a still scene fire at the same time."""
+    events = still((40, 40), pure(leak_rate_hz=1.0, noise_rate_cov_decades=0.2), us=500_000_000)
+    rates = counts(events, (40, 40))[0].ravel() / 500
+    assert np.log10(rates).std() == pytest.approx(0.2, rel=0.1)
+    assert np.log10(rates).mean() == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.parametrize(("light", "share"), [(0.0, 1 - 0.75 * 20 / 275), (0.5, 1 - 0.75 * 147.5 / 275), (1.0, 0.25)])
+def test_shot_noise_is_less_in_the_light(light, share):
+    events = still((50, 50), DVSParameters.ideal(shot_noise_rate_hz=4.0), light=light, seed=3)
+    n = 2500 * 10 * 4 * share
+    assert abs(len(events) - n) < 4 * np.sqrt(n)
+    assert abs(events.p.mean() - 0.5) < 4 * 0.5 / np.sqrt(n)
+    each = counts(events, (50, 50)).sum(0)
+    assert each.var() / each.mean() == pytest.approx(1.0, abs=0.12)  # Poisson: 0.028 is one sigma
+    gaps = np.diff(events.t)
+    assert gaps.std() / gaps.mean() == pytest.approx(1.0, abs=0.05)
 
 
 def test_mismatch_spreads_thresholds():
-    images = [np.full((50, 50), np.exp(v)) for v in (-4.0, -1.0)]
-    counts = []
-    for mismatch in (0.0, 0.05):
-        p = DVSParameters(mismatch=mismatch, refractory=0.0, leak=0.0, noise=0.0, floor=1e-9)
-        events = dvs_events([0, 1000], images, p)
-        counts.append(np.bincount(events.y * 50 + events.x.astype(int), minlength=2500).std())
-    assert counts[0] < 1e-9 < 1.0 < counts[1]
+    images = [np.full((50, 50), np.exp(v)) for v in (-4.0, -0.99)]
+    found = [counts(dvs_events([0, 1000], images, pure(sigma_thres=s)), (50, 50))[0] for s in (0.0, 0.02)]
+    assert (found[0] == 15).all()
+    assert (3.01 / found[1]).std() == pytest.approx(0.02, rel=0.15)
+
+
+def one_pixel(times, logs, on, off, leak, blind):
+    """Twin of the kernel for one pixel without noise and limit of bandwidth; times in us, leak per us."""
+    found, v, listen = [], 0.0, -1.0
+    for k, t1 in enumerate(times[1:]):
+        rate, t = (logs[k + 1] - logs[k]) / (t1 - times[k]) + leak, max(times[k], listen)
+        while t < t1:
+            goal = on if rate > 0 else -off
+            end = v + rate * (t1 - t)
+            if rate == 0 or (abs(end - goal) > 1e-9 and (end < goal) == (rate > 0)):
+                v = end
+                break
+            t, v = min(t + (goal - v) / rate, t1), 0.0
+            found.append((t, int(rate > 0)))
+            t = listen = t + blind
+    return found
+
+
+@given(
+    st.integers(0, 10_000), st.floats(0, 3000), st.floats(0, 20), st.lists(st.integers(1, 40), min_size=1, max_size=9)
+)
+@settings(max_examples=50, deadline=None)
+def test_pixels_are_those_of_the_twin(seed, blind, leak, gaps):
+    """On images of which parts stay the same; more than one block."""
+    rng = np.random.default_rng(seed)
+    times = np.concatenate([[0], np.cumsum(gaps) * 500])
+    logs = [rng.normal(-3, 0.5, (7, 11))]
+    for _ in gaps:
+        logs.append(np.where(rng.random((7, 11)) < 0.2, rng.normal(-3, 0.5, (7, 11)), logs[-1]))
+    logs = np.array(logs)
+    p = pure(refractory_period_s=1e-6 * blind, leak_rate_hz=leak, noise_rate_cov_decades=0.0)
+    events = dvs_events(times, np.exp(logs), p)
+    for y, x in np.ndindex(7, 11):
+        mine = (events.x == x) & (events.y == y)
+        twin = one_pixel(times, np.log(np.exp(logs[:, y, x]) + 1e-9), 0.2, 0.2, 0.2e-6 * leak, blind)
+        assert events.p[mine].tolist() == [on for _, on in twin]
+        np.testing.assert_allclose(events.t[mine], [t for t, _ in twin], atol=1.01)
 
 
 @given(st.integers(0, 10_000), st.lists(st.integers(1, 50), min_size=1, max_size=4), st.floats(0, 3000))
@@ -91,7 +260,7 @@ def test_mismatch_spreads_thresholds():
 def test_more_images_of_a_line_change_nothing(seed, cuts, refractory):
     """Cutting an interval of constant slope moves times by rounding only."""
     rng = np.random.default_rng(seed)
-    p = DVSParameters(refractory=refractory, leak=5.0, noise=5.0, floor=1e-9)
+    p = pure(refractory_period_s=1e-6 * refractory, leak_rate_hz=5.0, shot_noise_rate_hz=5.0, shot_noise_bright=1.0)
     start, end = rng.normal(-3, 1, (2, 6, 5))
     times = np.concatenate([[0], np.cumsum(cuts) * 1000])
     line = [np.exp(start + (end - start) * t / times[-1]) for t in times]
@@ -103,48 +272,158 @@ def test_more_images_of_a_line_change_nothing(seed, cuts, refractory):
         assert np.abs(whole.t[a] - parts.t[b]).max(initial=0) <= 1
 
 
-def test_same_seed_same_events_and_reset():
-    images = np.random.default_rng(0).random((5, 20, 30))
-    times = np.arange(5) * 10_000
-    one = dvs_events(times, images, seed=1)
-    assert one == dvs_events(times, images, seed=1)
-    assert one != dvs_events(times, images, seed=2)
-    camera = DVS((30, 20), seed=1)
+def test_looking_longer_at_the_same_changes_nothing():
+    """Everything on: what stays the same is the same, shown a hundred times or once."""
+    images = np.random.default_rng(2).random((3, 9, 20)).astype(np.float32)
+    p = DVSParameters(cutoff_hz=3.0, leak_rate_hz=3.0, shot_noise_rate_hz=3.0)
+    often = [(1000 * k, images[(k + 100) // 101 % 3 if k else 0]) for k in range(203)]
+    once = [often[k] for k in (0, 1, 101, 102, 202)]
+    one, other = DVS((20, 9), p).record(often), DVS((20, 9), p).record(once)
+    assert len(one) == len(other) > 600
+    a, b = (np.lexsort((e.t, e.x, e.y)) for e in (one, other))
+    assert np.abs(one.t[a] - other.t[b]).max() <= 1
+    assert np.array_equal(one.p[a], other.p[b])
+
+
+@pytest.mark.parametrize("cutoff", [0.0, 50.0])
+def test_same_seed_same_events_however_cut(cutoff):
+    images = np.random.default_rng(0).random((6, 20, 30))
+    times = np.arange(6) * 10_000
+    p = DVSParameters(leak_rate_hz=5.0, shot_noise_rate_hz=20.0, cutoff_hz=cutoff)
+    frames = list(zip(times.tolist(), images, strict=True))
+    one = dvs_events(times, images, p, seed=1)
+    assert one == dvs_events(times, images, p, seed=1)
+    assert one != dvs_events(times, images, p, seed=2)
+    assert (np.diff(one.t) >= 0).all()
+    camera = DVS((30, 20), p, seed=1)
     for _ in range(2):
-        parts = [camera.feed(int(t), image) for t, image in zip(times, images, strict=True)]
-        assert np.array_equal(np.concatenate([e.records() for e in parts]), one.records())
+        parts = [*camera.watch(iter(frames[:2])), *camera.watch(iter(frames[2:3])), camera.record(frames[3:])]
+        assert [len(parts), np.concatenate([e.records() for e in parts]).tolist()] == [3, one.records().tolist()]
         camera.reset()
 
 
+def test_the_origin_of_time_does_not_matter():
+    images = np.random.default_rng(0).random((5, 20, 30))
+    times = np.arange(5) * 10_000
+    p = DVSParameters(leak_rate_hz=5.0, shot_noise_rate_hz=20.0, cutoff_hz=100.0)
+    one, late = dvs_events(times, images, p), dvs_events(times + 1_763_000_000_000_000, images, p)
+    assert np.array_equal(late.t - 1_763_000_000_000_000, one.t)
+    assert np.array_equal(late.x, one.x)
+
+
 def test_many_events_fit():
-    """One pixel with more events than the first buffer holds."""
-    p = DVSParameters(threshold_on=0.01, mismatch=0.0, refractory=0.0, leak=0.0, noise=0.0, floor=1e-9)
-    events = dvs_events([0, 1_000_000], log_ramp([-13.0, 0.005]), p)
-    assert len(events) == 1300
+    """One pixel with more events than the first buffer holds, within 1 us."""
+    p = pure(pos_thres=0.01, refractory_period_s=0.0)
+    assert len(dvs_events([0, 1], log_ramp([-13.0, 0.005]), p)) == 1300
+    steep = np.tile(log_ramp([-13.0, -1.0, -2.0]), (1, 2, 3))
+    limited = pure(pos_thres=0.01, cutoff_hz=1e4)
+    events = dvs_events([0, 100_000, 100_001], steep, limited)
+    assert len(events) in range(6 * 1198, 6 * 1201)
+    assert (np.diff(events.t) >= 0).all()
 
 
-def test_integer_images_have_a_full_scale():
-    p = DVSParameters(mismatch=0.0)
-    shades = np.array([[[10, 200]], [[200, 10]]], np.uint8)
-    assert dvs_events([0, 1000], shades, p) == dvs_events([0, 1000], shades / 255.0, p)
+@pytest.mark.parametrize("kind", ["uint8", "uint16", "float16", "float32"])
+def test_types_of_images(kind):
+    """Integers have their type's largest value as full scale; memory may lie in any order."""
+    shades = np.array([[[0, 10], [200, 255]], [[200, 255], [3, 7]]], np.uint8)
+    expected = dvs_events([0, 1000], shades / 255.0)
+    given = (shades * 257.0).astype(kind) if kind == "uint16" else shades if kind == "uint8" else (shades / 255.0)
+    turned = np.asfortranarray(given.astype(kind))
+    found = dvs_events([0, 1000], turned)
+    assert counts(found, (2, 2)).tolist() == counts(expected, (2, 2)).tolist()
+    np.testing.assert_allclose(found.t, expected.t, atol=10 if kind == "float16" else 1)
+
+
+def test_frames_of_a_function_of_time():
+    assert [t for t, _ in frames_of(lambda t: np.zeros((1, 1)), 5, 2105)] == [5, 1005, 2005, 2105]
+    image = np.zeros((1, 1))
+
+    def scene(t):
+        """Still, then e^2 brighter within 2 ms; gives the same array each time."""
+        image[0, 0] = 0.1 * np.exp(np.clip((t - 30_000) / 1000, 0, 2.001))
+        return image
+
+    frames = list(frames_of(scene, 0, 100_000, step_us=20_000, change=0.1))
+    times = np.array([t for t, _ in frames])
+    assert times[[0, -1]].tolist() == [0, 100_000]
+    assert 20 < len(times) < 60
+    assert np.diff(times)[(times[:-1] < 30_000) | (times[:-1] > 32_000)].max() >= 5_000
+    events = DVS((1, 1), pure()).record(frames)
+    np.testing.assert_allclose(events.t, 30_000 + 200 * np.arange(1, 11), atol=40)
+    jump = list(frames_of(lambda t: np.full((1, 1), 0.9 if t > 777 else 0.1), 0, 1000, change=0.1, shortest_us=4))
+    assert [t for t, image in jump if image < 0.5][-1] in range(773, 778)
+
+
+def camera_at_5():
+    camera = DVS((2, 2), pure())
+    camera.see(np.ones((2, 2)), 5)
+    return camera
+
+
+HALF = np.full((2, 2), 0.5)
+BAD = np.array([[1.0, 1.0], [1.0, np.nan]])
 
 
 @pytest.mark.parametrize(
     ("act", "message"),
     [
-        (lambda c: c.feed(5, np.ones((2, 2))), "image at 5 us, expected later than the one before, at 5 us"),
-        (lambda c: c.feed(6, np.ones((2, 3))), "image has shape (2, 3), expected (2, 2)"),
-        (lambda c: c.feed(6, -np.ones((2, 2))), BAD_LIGHT),
-        (lambda c: c.feed(6, np.full((2, 2), np.nan)), BAD_LIGHT),
+        (lambda c: c.see(HALF, 5), "image at 5 us: expected a time later than that of the image before, 5 us"),
+        (lambda c: c.see(HALF, 6.5), "image at 6.5 us: expected a time in whole us"),
+        (lambda c: c.see(np.ones((2, 3)), 6), "image at 6 us has shape (2, 3), expected (2, 2)"),
+        (
+            lambda c: c.see(np.ones((2, 2, 3)), 6),
+            "image at 6 us has shape (2, 2, 3), expected (2, 2)\n"
+            "  hint: one grey value for each pixel; mix colours first",
+        ),
+        (
+            lambda c: c.see(np.ones((2, 2), int), 6),
+            "image at 6 us has type int64, expected one of uint8, uint16, float16, float32, float64\n"
+            "  hint: integers have their type's largest value as full scale, floats have 1",
+        ),
+        (
+            lambda c: c.see(HALF.astype("f4"), 6),
+            "image at 6 us has type float32, expected float64 like the one before",
+        ),
+        (
+            lambda c: c.see(-HALF, 6),
+            "image at 6 us: intensity at x 0, y 0 is -0.5, expected a finite number of at least 0",
+        ),
+        (
+            lambda c: c.see(BAD, 6),
+            "image at 6 us: intensity at x 1, y 1 is nan, expected a finite number of at least 0",
+        ),
+        (
+            lambda c: DVS((2, 2)).see(np.full((2, 2), np.inf), 6),
+            "image at 6 us: intensity at x 0, y 0 is inf, expected a finite number of at least 0",
+        ),
+        (lambda c: DVS((0, 2)), "sensor size is 0x2, expected 1x1 to 65536x65536 px"),
         (lambda c: DVS((2, 2), seed=-1), "seed is -1, expected 0 or more"),
-        (lambda c: DVSParameters(leak=-1.0), "leak is -1.0, expected a number of at least 0.0"),
-        (lambda c: DVSParameters(threshold_on=0.0), "threshold_on is 0.0, expected a number of at least 0.01"),
+        (lambda c: DVSParameters(leak_rate_hz=-1.0), "leak_rate_hz is -1.0, expected a number of at least 0.0"),
+        (lambda c: DVSParameters(cutoff_hz=np.nan), "cutoff_hz is nan, expected a number of at least 0.0"),
+        (lambda c: DVSParameters(pos_thres=0.0), "pos_thres is 0.0, expected a number of at least 0.01"),
+        (lambda c: DVSParameters(shot_noise_bright=2.0), "shot_noise_bright is 2.0, expected 0.0 to 1.0"),
+        (lambda c: DVSParameters(linear_below=0.001), "linear_below is 0.001, expected 0 or more than 2/255"),
+        (
+            lambda c: DVSParameters(linear_below=0.0),
+            "linear_below is 0 and floor is 0.0, expected at least 1e-9 of one\n  hint: the log of black is not finite",
+        ),
         (lambda c: dvs_events([0], np.ones((2, 2, 2))), "images have shape (2, 2, 2), expected (1, height, width)"),
+        (lambda c: frames_of(HALF.max, 3, 2), "stop_us is 2, expected at least start_us, 3"),
+        (lambda c: frames_of(HALF.max, 0, 2, step_us=0), "step_us is 0, expected at least 1"),
+        (lambda c: frames_of(HALF.max, 0, 2, change=0.0), "change is 0.0, expected more than 0"),
     ],
 )  # fmt: skip
 def test_messages(act, message):
-    camera = DVS((2, 2))
-    camera.feed(5, np.ones((2, 2)))
-    with pytest.raises(ValueError) as error:  # noqa: PT011 (the text is compared below)
+    camera = camera_at_5()
+    with pytest.raises(ModelError) as error:
         act(camera)
     assert str(error.value) == message
+    assert camera.see(HALF, 1005) == camera_at_5().see(HALF, 1005)
+
+
+def test_a_wrong_first_image_is_forgotten():
+    camera = DVS((2, 2), pure())
+    with pytest.raises(ModelError):
+        camera.see(BAD, 0)
+    assert len(camera.see(HALF, 0)) == 0
+    assert len(camera.see(2 * HALF, 1000)) == 4 * 3
