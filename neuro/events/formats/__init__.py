@@ -12,16 +12,19 @@ from neuro.events.formats.aedat4 import AEDAT4
 from neuro.events.formats.dat import DAT
 from neuro.events.formats.event_stream import EVENT_STREAM
 from neuro.events.formats.evt2 import EVT2
-from neuro.events.formats.evt21 import EVT21
 from neuro.events.formats.evt3 import EVT3
+from neuro.events.formats.evt21 import EVT21
 from neuro.events.formats.hdf5 import HDF5
 from neuro.events.formats.mat import MAT
 from neuro.events.formats.nmnist import NMNIST
 from neuro.events.formats.npz import NPZ
 from neuro.events.formats.raw import RAW
+from neuro.events.formats.rosbag import ROS1, ROS2
 from neuro.events.formats.table import TABLE
 
 FORMATS: tuple[Format, ...] = (
+    ROS1,
+    ROS2,
     MAT,
     HDF5,
     NPZ,
