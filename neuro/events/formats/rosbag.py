@@ -1,0 +1,254 @@
+"""Bags of ROS 1 (version 2.0) and ROS 2 with events; for the messages see `_ros_messages`.
+
+ROS 1: the line ``#ROSBAG V2.0``, then records of a header (fields ``name=value``) and data, each after its size. Chunks
+(op 5) hold messages (op 2) and connections (op 7), plain or packed with bz2 or LZ4. Records are read one after the
+other without the index at the end, so a bag that was cut or not closed gives what is whole.
+ROS 2: ``.db3`` (SQLite) and ``.mcap``, through the package ``rosbags``.
+
+The first topic with events is read; ``metadata`` has ``topic``, ``message``, ``encoding`` and ``topics`` (others with
+events).
+
+Source: "Bag format 2.0", wiki.ros.org/Bags/Format/2.0.
+"""
+
+from __future__ import annotations
+
+import bz2
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from struct import Struct, error
+from typing import Any
+
+import numpy as np
+
+from neuro.events.formats._cursor import Cursor
+from neuro.events.formats._extra import extra
+from neuro.events.formats._format import Damage, Format, Piece, Size
+from neuro.events.formats._growing import Growing
+from neuro.events.formats._ros_messages import KINDS, Packet, Unpacker, packet
+from neuro.events.source import Bytes, Source
+
+MAGIC = b"#ROSBAG V2.0\n"
+RECORD_LIMIT = 1 << 30
+"""No record is longer; a damaged size must not fill the memory."""
+
+MESSAGE, CHUNK, CONNECTION = 2, 5, 7
+OPS = frozenset(range(2, 8))
+
+_U32 = Struct("<I")
+Message = tuple[int, str, str, Bytes]
+"""Byte, topic, type and content."""
+
+
+class _Bag:
+    """What both kinds of bags have in common: events of the messages of one topic."""
+
+    cdr: bool
+
+    def __init__(self, source: Source) -> None:
+        self.source = source
+        self.sensor_size: Size | None = None
+        self.metadata: dict[str, Any] = {}
+        self._topic = ""
+        for place, topic, kind, data in self.messages(1 << 20):
+            if kind.split("/")[-1] in KINDS:
+                first = self._content(place, kind, data)
+                self._topic, self.sensor_size = topic, first.size
+                self.metadata |= {"topic": topic, "message": kind, "encoding": first.encoding}
+                break
+        if not self._topic:
+            raise Damage(f"has no messages with events, expected {' or '.join(KINDS)}", None)
+
+    def messages(self, block: int) -> Iterator[Message]:
+        """All messages from the beginning."""
+        raise NotImplementedError
+
+    def _content(self, place: int, kind: str, data: Bytes) -> Packet:
+        try:
+            return packet(data, kind.split("/")[-1], self.cdr)
+        except Damage as damage:
+            raise Damage(damage.what, self._byte(place)) from None
+
+    def _byte(self, place: int) -> int | None:
+        return place
+
+    def pieces(self, block: int) -> Iterator[Piece]:
+        """The events; see `Reader`."""
+        held, unpacker, taken = Growing(), Unpacker(), 0
+        damage: Damage | None = None
+        others: set[str] = set()
+        try:
+            for place, topic, kind, data in self.messages(block):
+                if topic != self._topic:
+                    others |= {topic} if kind.split("/")[-1] in KINDS else set()
+                    continue
+                self._add(held, place, unpacker.piece(self._content(place, kind, data)))
+                taken += data.size
+                if taken >= block:
+                    yield held.piece()
+                    taken = 0
+        except Damage as found:
+            damage = found
+        yield held.piece()
+        self.metadata["topics"] = sorted(others)
+        if damage is not None:
+            raise damage
+
+    def _add(self, held: Growing, place: int, piece: Piece) -> None:
+        n, count = held.used, piece.t.size
+        held.room(count)
+        held.t[n : n + count], held.p[n : n + count] = piece.t, piece.p
+        held.x[n : n + count], held.y[n : n + count] = piece.x, piece.y
+        highest = piece.highest or (int(piece.x.max(initial=0)), int(piece.y.max(initial=0)))
+        ordered = bool(np.all(piece.t[1:] >= piece.t[:-1])) if piece.ordered is None else piece.ordered
+        held.added(count, highest, ordered, self._byte(place))
+
+
+class Ros1Bag(_Bag):
+    """An open bag of ROS 1."""
+
+    cdr = False
+
+    def __init__(self, source: Source) -> None:
+        head = source.head(len(MAGIC))
+        if head != MAGIC:
+            raise Damage(f"begins with {head!r}, expected the line {MAGIC[:-1].decode()}", 0)
+        source.all()
+        super().__init__(source)
+
+    def messages(self, block: int) -> Iterator[Message]:
+        """See `_Bag`; messages in a chunk have the chunk's byte."""
+        cursor = Cursor(self.source, len(MAGIC), block)
+        known: dict[int, tuple[str, str]] = {}
+        while True:
+            place = cursor.at
+            if not (size := cursor.take(4)).size:
+                return
+            fields, data = _record(cursor, place, size)
+            if fields["op"] == bytes([CHUNK]):
+                inner = Cursor(Source(_unpacked(fields, data, place).data), 0, 1 << 62)
+                while (size := inner.take(4)).size:
+                    yield from _message(*_record(inner, place, size), known, place)
+            else:
+                yield from _message(fields, data, known, place)
+
+
+def _message(fields: dict[str, bytes], data: Bytes, known: dict[int, tuple[str, str]], place: int) -> Iterator[Message]:
+    """The message of a record, if it is one; connections become known."""
+    op = fields["op"][0]
+    if op not in (MESSAGE, CONNECTION):
+        return
+    number = fields.get("conn", b"")
+    if len(number) != 4:
+        raise Damage("a record does not tell its connection", place)
+    connection = _U32.unpack(number)[0]
+    if op == CONNECTION:
+        kind = _fields(data.tobytes(), place).get("type", b"")
+        known[connection] = (fields.get("topic", b"").decode("utf-8", "replace"), kind.decode("utf-8", "replace"))
+    elif connection not in known:
+        raise Damage(f"a message of connection {connection}, which is not told", place)
+    else:
+        yield (place, *known[connection], data)
+
+
+def _record(cursor: Cursor, place: int, size: Bytes) -> tuple[dict[str, bytes], Bytes]:
+    """Header and data of the record whose first four bytes are taken."""
+    head = _part(cursor, place, size)
+    fields = _fields(head.tobytes(), place)
+    if len(fields.get("op", b"")) != 1 or fields["op"][0] not in OPS:
+        raise Damage(f"a record of kind {fields.get('op', b'')!r}, expected 2 to 7", place)
+    return fields, _part(cursor, place, cursor.take(4))
+
+
+def _part(cursor: Cursor, place: int, size: Bytes) -> Bytes:
+    count = int.from_bytes(size.tobytes(), "little")
+    if count > RECORD_LIMIT:
+        raise Damage(f"a record of {count} bytes, expected at most {RECORD_LIMIT}", place)
+    taken = cursor.take(count)
+    if size.size < 4 or taken.size < count:
+        raise Damage("the file ends in a record", place)
+    return taken
+
+
+def _fields(data: bytes, place: int) -> dict[str, bytes]:
+    """Fields ``name=value``, each after its size."""
+    found, at = {}, 0
+    while at < len(data):
+        try:
+            (size,) = _U32.unpack_from(data, at)
+        except error:
+            size = len(data)
+        field = data[at + 4 : at + 4 + size]
+        if len(field) < size or b"=" not in field:
+            raise Damage("a record has no whole header", place)
+        name, value = field.split(b"=", 1)
+        found[name.decode("ascii", "replace")] = value
+        at += 4 + size
+    return found
+
+
+def _unpacked(fields: dict[str, bytes], data: Bytes, place: int) -> Bytes:
+    """The records of a chunk."""
+    packed = fields.get("compression", b"").decode("ascii", "replace")
+    size = int.from_bytes(fields.get("size", b""), "little")
+    plain: Any
+    try:
+        if packed == "none":
+            plain = data
+        elif packed == "bz2":
+            plain = bz2.BZ2Decompressor().decompress(data.data, min(size, RECORD_LIMIT) + 1)
+        elif packed == "lz4":
+            plain = extra("lz4.frame", "a bag with LZ4 chunks").decompress(data)
+        else:
+            raise Damage(f"a chunk is packed with {packed!r}, expected none, bz2 or lz4", place)
+    except (OSError, EOFError, RuntimeError, MemoryError):
+        raise Damage(f"a chunk is no {packed} data", place) from None
+    if len(plain) != size:
+        raise Damage(f"a chunk has {len(plain)} bytes, expected {size}", place)
+    return np.frombuffer(plain, np.uint8)
+
+
+class Ros2Bag(_Bag):
+    """An open file of a ROS 2 bag; its messages have no byte, since another library finds them."""
+
+    cdr = True
+
+    def messages(self, block: int) -> Iterator[Message]:
+        """See `_Bag`."""
+        bags = extra("rosbags.rosbag2", "a ROS 2 bag")
+        failures = (bags.ReaderError, OSError, ValueError, KeyError, TypeError, AssertionError, EOFError)
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                with bags.Reader(self._path(Path(folder))) as bag:
+                    for connection, _, data in bag.messages():
+                        yield 0, connection.topic, connection.msgtype, np.frombuffer(data, np.uint8)
+            except Damage:
+                raise
+            except failures as failure:
+                raise Damage(f"no whole ROS 2 bag: {' '.join(str(failure).split())}", None) from None
+
+    def _path(self, folder: Path) -> Path:
+        """The file on the disk with the ending that its content needs."""
+        ending = ".mcap" if self.source.head(len(MCAP)) == MCAP else ".db3"
+        path = self.source.path
+        if path is not None and path.suffix == ending:
+            return path
+        copy = folder / f"bag{ending}"
+        copy.write_bytes(self.source.all().data)
+        return copy
+
+    def _byte(self, place: int) -> int | None:
+        return None
+
+
+MCAP = b"\x89MCAP0\r\n"
+SQLITE = b"SQLite format 3\0"
+
+ROS1 = Format("rosbag1", "ROS 1 bag", (".bag",), lambda head: head.startswith(MAGIC), Ros1Bag)
+"""Read only. Bags with EventPacket are tested with a real one, those with EventArray with made ones."""
+ROS2 = Format(
+    "rosbag2", "ROS 2 bag", (".mcap", ".db3"), lambda head: head.startswith((MCAP, SQLITE)), Ros2Bag,
+    untested="made with the package rosbags; no recording of a camera was at hand",
+)  # fmt: skip
+"""Read only."""
