@@ -88,7 +88,13 @@ class Registers:
                 )
             value: NDArray[np.int32] = (mantissas << r["bias_exp"]).astype(np.int32)
             return value
-        return (r["i_offset"] + np.rint(current * part.drive).astype(np.int64)).astype(np.int32)
+        offset = r["i_offset"] + np.rint(current * part.drive).astype(np.int64)
+        if np.abs(offset).max() > _LIMIT:
+            raise ModelError(
+                f"population '{part.name}': a current of {np.abs(current).max():g} pA overflows the offset register",
+                hint="lower the amplitude of the dc_generator",
+            )
+        return offset.astype(np.int32)
 
     def register_of(self, population: int, name: str) -> str:
         """The register of that name, or the one that holds a state or parameter of that name.

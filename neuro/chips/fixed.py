@@ -5,7 +5,6 @@ This is all that the chip backend sees beside the program itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -156,7 +155,9 @@ class FixedProgram:
 
     def __str__(self) -> str:
         """The report as a text."""
-        return "\n".join(_lines(self))
+        from neuro.chips.rounding import report
+
+        return report(self)
 
     def as_dict(self) -> dict[str, Any]:
         """The report for JSON."""
@@ -179,6 +180,7 @@ class FixedProgram:
                     "sign_mode": part.sign_mode,
                     "bits": part.bits,
                     "step": float(part.step.max()),
+                    "delay": [int(part.delay.min(initial=0)), int(part.delay.max(initial=0))],
                     "saturated": part.rounding.saturated,
                     "zeroed": part.rounding.zeroed,
                     "largest_error": part.rounding.worst,
@@ -189,25 +191,3 @@ class FixedProgram:
             },
             "notes": list(self.notes),
         }
-
-
-def _lines(fixed: FixedProgram) -> Iterator[str]:
-    yield f"network '{fixed.program.name}' in the integers of {fixed.chip.title}"
-    for part in fixed.populations:
-        if part.kind in ("source", "current"):
-            continue
-        yield f"  population '{part.name}': {part.kind}, {part.volt:.6g} units per mV"
-        for r in part.rounding:
-            yield f"    {r.quantity}: {r.wanted:.6g} -> {r.got:.6g} {r.unit} ({r.error:+.3%})"
-    for wires in fixed.projections:
-        if wires is None:
-            continue
-        lost = wires.rounding
-        scale = f"exponent {wires.exponent}, {wires.sign_mode}, " if wires.sign_mode else ""
-        yield f"  projection '{wires.name}': {scale}{wires.bits} bits, step {float(wires.step.max()):.6g}"
-        yield (
-            f"    saturated {lost.saturated:.3%}, turned to 0 {lost.zeroed:.3%}, "
-            f"largest relative error {lost.worst:.3%}, rms {lost.rms:.3%}"
-        )
-    for note in fixed.notes:
-        yield f"  note: {note}"

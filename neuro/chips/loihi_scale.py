@@ -43,6 +43,7 @@ class Described:
         fade: share of the current left after a step; 0 for delta input.
         drive: mV in a step by the constant current, and by the largest that generators add.
         drift: mV in a step per pA of constant current.
+        bias: mV in a step by the constant current.
         start: V_m - E_L in mV at step 0.
         current: mV in a step by the synaptic current at step 0, taken one step back.
         tau: the parameter that `fade` follows from, "" for delta input.
@@ -54,6 +55,7 @@ class Described:
     fade: Floats
     drive: Floats
     drift: Floats
+    bias: Floats
     start: Floats
     current: Floats
     tau: str
@@ -76,9 +78,10 @@ def described(inputs: Inputs) -> Described:
         gain = np.where(np.isfinite(gain) & (gain > 0.0), gain, 1.0)  # always so where the time constants are accepted
         current = (part.initial["I_syn_ex"] + part.initial["I_syn_in"]) * gain / fade
     drift = c[:, P30]
+    bias = np.unique(c[:, I_E] * drift)
     drive = np.abs(c[:, I_E] * drift) + inputs.current * np.abs(drift)
     start = part.initial["V_m"] - p["E_L"]
-    return Described(gain, p["V_th"] - p["E_L"], c[:, P33], fade, drive, drift, start, current, tau)
+    return Described(gain, p["V_th"] - p["E_L"], c[:, P33], fade, drive, drift, bias, start, current, tau)
 
 
 def receives(inputs: Inputs) -> tuple[bool, bool]:
@@ -143,17 +146,22 @@ def choose_scale(inputs: Inputs, d: Described) -> float:
     strongest = max(_largest(v) for _, v in values)
     word_cap = 64.0 * WORD_LIMIT / strongest * SPARE
     cap, hard = min(cap, word_cap), min(hard, word_cap)
-    largest, lost = _search(inputs, values, cap, hard)
+    largest, lost = _search(inputs, d, values, cap, hard)
     quiet = calm(inputs, d)
     if quiet < cap:
-        smaller, lost_too = _search(inputs, values, quiet, hard)
+        smaller, lost_too = _search(inputs, d, values, quiet, hard)
         if lost_too <= lost * (1.0 + 1e-9):
             return smaller
     return largest
 
 
-def _search(inputs: Inputs, values: list[tuple[int, Floats]], cap: float, hard: float) -> tuple[float, float]:
-    """The largest of the scales up to `cap` that lose least, at most `hard`; and what it loses."""
+def _search(
+    inputs: Inputs, d: Described, values: list[tuple[int, Floats]], cap: float, hard: float
+) -> tuple[float, float]:
+    """The largest of the scales up to `cap` that lose least, at most `hard`; and what it loses.
+
+    Of those that lose the same of the weights the ones that lose least of the constant drive and the threshold.
+    """
     plastic = [(index, v) for index, v in values if inputs.program.projections[index].synapse.learns == "pairs"]
     peak = max(_largest(v) for _, v in plastic or values)
     mantissas = np.array([255.0]) if plastic else np.arange(256.0, 128.0, -1.0)
@@ -167,7 +175,26 @@ def _search(inputs: Inputs, values: list[tuple[int, Floats]], cap: float, hard: 
         steps = np.array([64.0 * 2.0 ** exponent_of(v, s, low, high, inputs.learns(index)) / s for s in tried])
         lost += scales.errors(v, steps, low, high, grain)
     least = float(lost.min())
-    return float(tried[lost <= least * (1.0 + 1e-9)].max()), least
+    equal = tried[lost <= least * (1.0 + 1e-9)]
+    rest = _misfit(equal, d)
+    return float(equal[rest <= rest.min()].max()), least
+
+
+def _misfit(volts: Floats, d: Described) -> Floats:
+    """What the constant drive and the threshold lose at some scales, relative to them.
+
+    It matters where nothing leaks and so nothing else is rounded; elsewhere all scales are alike.
+    """
+    if np.any(d.leak < 1.0):
+        return np.zeros(volts.size)
+    drive = volts[:, None] * d.bias[None, :]
+    largest = np.maximum(np.abs(drive).max(axis=1, keepdims=True, initial=0.0), 1.0)
+    grain = 2.0 ** np.maximum(0.0, np.ceil(np.log2(largest / BIAS_MANTISSA)))
+    lost: Floats = np.abs(np.rint(drive / grain) * grain - drive).max(axis=1, initial=0.0) / largest[:, 0]
+    steps = volts[:, None] * d.distance[None, :] / 64.0
+    lost += (np.abs(np.rint(steps) - steps) / np.maximum(steps, 1.0)).max(axis=1)
+    lost[lost < 1e-12] = 0.0
+    return lost
 
 
 def gained(inputs: Inputs, index: int, d: Described) -> Floats:

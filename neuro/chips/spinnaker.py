@@ -186,7 +186,7 @@ def _rounded_potentials(inputs: Inputs, registers: dict[str, Ints], leak: Floats
 
 
 def _shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
-    """Shifts of the two receptors: no sum of a step can saturate, unless the largest weight would lose its grain.
+    """Shifts of the two receptors: one spike of every synapse saturates no slot, unless weights lose their grain.
 
     A slot that could hold all synapses of a neuron at once is too coarse for a weight where many converge; then the
     largest weight keeps `FINE` steps and saturation, should it happen, is counted.
@@ -202,7 +202,7 @@ def _shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
         scale = ONE * float(own.max())
         safe = _fitting(float(total.max(initial=0.0)) * scale)
         fine = int(np.floor(np.log2(max(largest * scale / FINE, 1.0))))
-        found.append(int(np.clip(min(safe, max(fine, _fitting(largest * scale))), 0, LARGEST_SHIFT)))
+        found.append(int(np.clip(max(_fitting(largest * scale), min(safe, fine)), 0, LARGEST_SHIFT)))
     return found[0], found[1]
 
 
