@@ -41,16 +41,21 @@ def main() -> None:
     """Measure and print."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("case", choices=FILES)
+    options.add_argument("--data", type=Path, help="recordings, if not those of ../shared")
     options.add_argument("--seeds", type=int, default=5)
     options.add_argument("--folds", type=int, default=5)
+    options.add_argument("--tau", type=float, help="of TAR, s; the thesis' if not given, as theta and radius")
+    options.add_argument("--theta", type=float, help="of TAR, events")
+    options.add_argument("--radius", type=int, help="of TAR, px")
     options.add_argument("--svm", type=float, default=1.0, help="C of the classifier")
     asked = options.parse_args()
-    found = recordings(SHARED / FILES[asked.case])
+    found = recordings(asked.data or SHARED / FILES[asked.case])
     labels = np.array([one.label for one in found])
     plain = [one.load() for one in found]
     size = (max(int(one.x.max()) for one in plain) + 1, max(int(one.y.max()) for one in plain) + 1)
     plain = [Events(one.t, one.x, one.y, one.p, size) for one in plain]
-    tar = TAR(size, **PARAMETERS[asked.case])
+    given = {name: getattr(asked, name) for name in ("tau", "theta", "radius") if getattr(asked, name) is not None}
+    tar = TAR(size, **(PARAMETERS[asked.case] | given))
     filtered = [tar.apply(one) for one in plain]
     removed = 1.0 - sum(map(len, filtered)) / sum(map(len, plain))
     print(f"{asked.case}: {len(plain)} recordings, {tar} removes {removed:.2%} of the events")

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neuro.events import Events
@@ -99,9 +99,10 @@ def literal_hats(events, tau, radius, cell):
     return sums / np.maximum(counts, 1)[:, :, None, None, None]
 
 
-@pytest.mark.parametrize("tau", [0.03, 2e-5])
-def test_surfaces_without_threshold_are_hats(tau):
-    events, surfaces = random_events(200), TARSurfaces(SIZE, tau=tau, theta=0.5, radius=2, cell=3)
+@pytest.mark.parametrize(("n", "tau", "step"), [(200, 0.03, 2000), (200, 2e-5, 2000), (700, 2e-6, 6)])
+def test_surfaces_without_threshold_are_hats(n, tau, step):
+    """The last case spans more than 600 time constants without a pause, where the unit is set anew."""
+    events, surfaces = random_events(n, step=step), TARSurfaces(SIZE, tau=tau, theta=0.5, radius=2, cell=3)
     assert surfaces(events) == events
     np.testing.assert_allclose(surfaces.histograms(), literal_hats(events, tau, 2, 3), rtol=1e-9, atol=1e-12)
     assert surfaces.histograms().max() > 0
@@ -115,6 +116,23 @@ def test_surfaces_pass_what_tar_passes_and_count_no_other():
     alone = TARSurfaces(SIZE, theta=100.0)
     assert len(alone(events)) == 0
     assert not alone.histograms().any()
+
+
+def test_a_surface_by_hand():
+    events = Events(np.array([0, 1000, 2000]), [2, 3, 3], [1, 1, 2], [1, 1, 0], SIZE)
+    surfaces = TARSurfaces(SIZE, tau=0.001, theta=1.3, cell=4)
+    assert surfaces(events).t.tolist() == [1000, 2000]
+    expected = np.zeros((2, 2, 2, 3, 3))
+    expected[0, 0, 1, 1, 0] = np.exp(-1) / 2
+    np.testing.assert_allclose(surfaces.histograms(), expected, rtol=1e-12)
+    surfaces.reset()
+    assert surfaces(events[:2]).t.tolist() == [1000]
+    np.testing.assert_allclose(surfaces.histograms(), 2 * expected, rtol=1e-12)
+
+
+def test_background_at_the_limit():
+    events = Events(np.array([0, 100, 201]), [2, 3, 2], [1, 2, 3], [0, 1, 0], SIZE)
+    assert BackgroundActivity(SIZE, dt_us=100).apply(events).t.tolist() == [100]
 
 
 def test_background_as_the_definition():
@@ -154,6 +172,11 @@ def test_hot_pixels_are_found_and_left_out():
     assert hot_pixels([]).shape == (0, 2)
 
 
+@pytest.mark.parametrize(("count", "found"), [(10, []), (11, [[4, 2]])])
+def test_a_few_events_alone_make_no_hot_pixel(count, found):
+    assert hot_pixels(Events(np.arange(count), [4] * count, [2] * count, [1] * count, SIZE)).tolist() == found
+
+
 def test_polarity():
     events = random_events()
     assert Polarity(SIZE, keep=1).apply(events) == events[events.p == 1]
@@ -178,10 +201,11 @@ def test_downsample():
 
 
 def test_downsample_sums_up():
-    t = np.arange(9)
-    events = Events(t, [0, 1, 0, 1, 2, 0, 1, 0, 0], [0, 0, 1, 1, 0, 0, 0, 0, 0], [1, 1, 1, 1, 1, 0, 0, 0, 0], SIZE)
+    signs = [1] * 5 + [0] * 4 + [0, 1, 0, 0, 0, 0] + [1] * 4
+    x, y = [0, 1, 0, 1, 2] + [0, 1] * 7, [0, 0, 1, 1] + [0] * 15
+    events = Events(np.arange(19), x, y, signs, SIZE)
     joined = Downsample(SIZE, integrate=4).apply(events)
-    assert rows(joined) == [(3, 0, 0, 1), (8, 0, 0, 0)]
+    assert rows(joined) == [(3, 0, 0, 1), (8, 0, 0, 0), (14, 0, 0, 0), (18, 0, 0, 1)]
 
 
 TURNS = [
@@ -223,6 +247,7 @@ def test_reverse():
     assert Reverse(SIZE, invert=False).apply(events).p.tolist() == [0, 1, 1]
 
 
+@settings(deadline=None)
 @given(seed=st.integers(0, 1000), amount=st.integers(0, 100_000))
 def test_jitter_is_sorted_bounded_and_loses_nothing(seed, amount):
     events = random_events(60)

@@ -10,6 +10,7 @@ from neuro.events.filters import (
     FILTERS,
     TAR,
     BackgroundActivity,
+    Chain,
     Crop,
     Downsample,
     FilterError,
@@ -75,7 +76,7 @@ def cut_recordings(draw):
 
 
 @pytest.mark.parametrize("made", MADE, ids=str)
-@settings(max_examples=20)
+@settings(max_examples=20, deadline=None)
 @given(recording=cut_recordings())
 def test_cutting_does_not_matter(made, recording):
     events, parts = recording
@@ -124,6 +125,18 @@ def test_a_chain_has_its_own_state():
     assert both(events_at(0, 1)).t.tolist() == [6]
     assert len(tar(events_at(1))) == 1
     assert chain(both, both).apply(events_at(0, 1, 2)).t.tolist() == [12]
+
+
+@pytest.mark.parametrize("made", [made for made in MADE if isinstance(made, Chain)], ids=lambda _: "")
+def test_a_chain_is_its_filters_one_by_one(made):
+    rng = np.random.default_rng(0)
+    t = np.cumsum(rng.integers(0, 300, 500))
+    events = Events(t, rng.integers(0, 9, 500), rng.integers(0, 6, 500), rng.integers(0, 2, 500), SIZE)
+    step_by_step = events
+    for one in made.filters:
+        step_by_step = one.apply(step_by_step)
+    assert made.apply(events) == step_by_step
+    assert len(step_by_step) > 20
 
 
 def test_metadata_and_size_come_through():
