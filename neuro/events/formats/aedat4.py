@@ -154,6 +154,8 @@ def _streams(info: bytes) -> dict[int, dict[str, Any]]:
     try:
         nodes = ElementTree.fromstring(info).findall("./node[@name='outInfo']/node")
         found = {int(node.get("name", "")): _stream(node) for node in nodes}
+    except Malformed:
+        raise
     except (ElementTree.ParseError, ValueError) as error:
         raise Malformed(f"its list of streams cannot be read ({error})") from None
     return found

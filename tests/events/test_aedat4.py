@@ -1,0 +1,247 @@
+import hashlib
+import io
+import json
+import struct
+import sys
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from neuro.events import EventFileError, EventFileWarning, Events, load, stream
+from neuro.events.formats.aedat4 import RECORD
+
+FILES = ["dvxplorer_lite_320x240.aedat4", "davis346_aestream.aedat4", "davis346_small.aedat4"]
+INFO = (
+    "<dv><node name='outInfo'>"
+    "<node name='0'><attr key='typeIdentifier'>EVTS</attr>{size}</node>"
+    "<node name='1'><attr key='typeIdentifier'>FRME</attr></node></node></dv>"
+)
+SIZE = "<node name='info'><attr key='sizeX'>40</attr><attr key='sizeY'>30</attr><attr key='source'>cam</attr></node>"
+
+
+def table(kind, *fields):
+    """A FlatBuffer: a root table whose fields are numbers or (items, count, bytes)."""
+    vtable = struct.pack("<HH", 4 + 2 * len(fields), 4 + 8 * len(fields))
+    vtable += b"".join(struct.pack("<H", 4 + 8 * k) for k in range(len(fields)))
+    begin = 8 + len(vtable)
+    body, tail = struct.pack("<i", len(vtable)), b""
+    for k, field in enumerate(fields):
+        if isinstance(field, int):
+            body += struct.pack("<q", field)
+        else:
+            count, data = field
+            place = begin + 4 + 8 * k
+            body += struct.pack("<Q", begin + 4 + 8 * len(fields) + len(tail) - place)
+            tail += struct.pack("<I", count) + data
+    return struct.pack("<I", begin) + kind + vtable + body + tail
+
+
+def sized(data):
+    return struct.pack("<I", len(data)) + data
+
+
+def events_table(rows):
+    records = np.zeros(len(rows), RECORD)
+    for name, values in zip("txyp", np.array(rows).reshape(-1, 4).T, strict=True):
+        records[name] = values
+    return sized(table(b"EVTS", (len(rows), records.tobytes())))
+
+
+def packet(data, stream=0):
+    return struct.pack("<ii", stream, len(data)) + data
+
+
+def header(compression=0, end=-1, info=None):
+    text = (INFO.format(size=SIZE) if info is None else info).encode()
+    return b"#!AER-DAT4.0\r\n" + sized(table(b"IOHE", compression, end, (len(text), text)))
+
+
+ROWS = [(5, 1, 2, 1), (6, 3, 4, 0)]
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_decoding_is_the_known_one(shared, name):
+    path = shared / "data" / "formats" / name
+    truth = json.loads((path.parent / "truth.json").read_text())[name]
+    events = load(path)
+    assert hashlib.sha256(events.records().tobytes()).hexdigest() == truth["events_sha256_t_i8_x_u2_y_u2_p_u1"]
+    singular = {"frames": "frame"}
+    streams = events.metadata["streams"]
+    assert {k: singular.get(s["type"], s["type"]) for k, s in streams.items()} == {
+        k: s["type"] for k, s in truth["streams"].items()
+    }
+    assert events.sensor_size == (truth["streams"]["0"]["width"], truth["streams"]["0"]["height"])
+    others = {singular.get(kind, kind): count for kind, count in events.metadata["other_packets"].items()}
+    assert others == truth["other_packets"]
+    assert events.metadata["compression"] == "LZ4"
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_streamed_is_the_same(shared, name):
+    path = shared / "data" / "formats" / name
+    whole = load(path)
+    for source in (path, io.BytesIO(path.read_bytes())):
+        parts = list(stream(source, name=name, count=1000))
+        assert [len(part) for part in parts[:-1]] == [1000] * (len(parts) - 1)
+        assert np.array_equal(np.concatenate([part.records() for part in parts]), whole.records())
+
+
+def test_pieces_are_as_large_as_asked(shared):
+    from neuro.events.formats.aedat4 import Aedat4
+    from neuro.events.source import Source
+
+    reader = Aedat4(Source(shared / "data" / "formats" / FILES[0]))
+    pieces = list(reader.pieces(50_000))
+    assert len(pieces) > 5
+    assert sum(piece.t.size for piece in pieces) == 111954
+    assert all(piece.highest == (piece.x.max(), piece.y.max()) and piece.ordered for piece in pieces if piece.t.size)
+
+
+def test_cut_in_a_packet_gives_the_packets_before(shared):
+    """Cut at places all over the file: strict names the packet, else the whole ones are there."""
+    name = "davis346_small.aedat4"
+    data = (shared / "data" / "formats" / name).read_bytes()
+    whole = load(data)
+    starts = [14 + 4 + struct.unpack_from("<I", data, 14)[0]]
+    counts = [0]
+    for _ in range(50):
+        number, size = struct.unpack_from("<ii", data, starts[-1])
+        counts.append(counts[-1] + (number == 0))
+        starts.append(starts[-1] + 8 + size)
+    seen = set()
+    for k in (0, 1, 7, 20, 49):
+        for cut in (starts[k] + 1, starts[k] + 8, starts[k] + 9, starts[k + 1] - 1):
+            with pytest.raises(EventFileError, match="the file ends") as error:
+                load(data[:cut])
+            assert error.value.offset == starts[k]
+            with pytest.warns(EventFileWarning, match=f"byte {starts[k]}: the file ends.*what is before it was read"):
+                part = load(data[:cut], strict=False)
+            assert np.array_equal(part.records(), whole.records()[: len(part)])
+            seen.add((counts[k], len(part)))
+    assert len(seen) == len({count for count, _ in seen})
+    assert max(length for _, length in seen) > 6000
+    with pytest.raises(EventFileError, match="the file ends before its table of packets"):
+        load(data[: starts[10]])
+
+
+@pytest.mark.parametrize("compression", [0, 1, 2, 3, 4])
+def test_compressions(compression):
+    import lz4.frame
+    import zstandard
+
+    pack = {0: bytes, 1: lz4.frame.compress, 3: zstandard.compress}[(compression + 1) // 2 * 2 - (compression > 0)]
+    frames = packet(pack(b"a picture"), 1)
+    data = header(compression) + packet(pack(events_table(ROWS))) + frames + packet(pack(events_table([])))
+    events = load(data)
+    assert events.records().tolist() == ROWS
+    assert events.sensor_size == (40, 30)
+    told = {"0": {"type": "events", "width": 40, "height": 30, "source": "cam"}, "1": {"type": "frames"}}
+    assert events.metadata == {
+        "format": "aedat4", "t0": 5, "compression": ["none", "LZ4", "LZ4", "Zstandard", "Zstandard"][compression],
+        "streams": told, "other_packets": {"frames": 1},
+    }  # fmt: skip
+
+
+def test_sensor_that_is_not_told():
+    plain = header(info=INFO.format(size=""))
+    assert load(plain + packet(events_table(ROWS))).sensor_size == (4, 5)
+    assert len(load(plain)) == 0
+    with pytest.raises(EventFileError, match="a packet has an event at a negative place"):
+        load(plain + packet(events_table([(1, -1, 0, 1)])))
+
+
+def test_the_second_stream_of_events_is_counted():
+    info = INFO.format(size=SIZE).replace("FRME", "EVTS")
+    events = load(header(info=info) + packet(events_table([(1, 2, 3, 1)]), 1) + packet(events_table(ROWS)))
+    assert events.records().tolist() == ROWS
+    assert events.metadata["other_packets"] == {"events": 1}
+
+
+HEAD = len(header())
+ERRORS = {
+    "f: byte 0: begins with b'#!AER-DAT3.1\\r\\n', expected the line #!AER-DAT4.0": b"#!AER-DAT3.1\r\n",
+    "f: byte 14: the file ends within its header": b"#!AER-DAT4.0\r\n",
+    "f: byte 14: the header has 4294967295 bytes, which the file has not": b"#!AER-DAT4.0\r\n\xff\xff\xff\xff",
+    "f: byte 18: the header is damaged: its kind is b'EVTS', expected b'IOHE'": header().replace(b"IOHE", b"EVTS"),
+    "f: byte 18: the header is damaged: compression 5 is not known": header(5),
+    "f: byte 18: the header is damaged: its list of streams is no plain XML": header(info="<!DOCTYPE x><dv/>"),
+    "f: byte 18: the header is damaged: its list of streams cannot be read "
+    "(not well-formed (invalid token): line 1, column 4)": header(info="<dv <"),
+    "f: byte 18: the header is damaged: its sensor is 0x30, expected 1x1 to 32768x32768": header(
+        info=INFO.format(size=SIZE.replace("40", "0"))
+    ),
+    "f: byte 18: the header lists no stream of events": header(info="<dv/>"),
+    f"f: byte {HEAD}: a packet of stream 7, which the header does not list": header() + packet(b"", 7),
+    f"f: byte {HEAD}: a packet of -1 bytes, which do not fit before the table of packets": (
+        header() + struct.pack("<ii", 0, -1)
+    ),
+    f"f: byte {HEAD}: a packet of 9 bytes, which do not fit before the table of packets": (
+        header(end=HEAD + 9) + packet(bytes(9)) + bytes(99)
+    ),
+    f"f: byte {HEAD}: the file ends in a packet: it has 3 of 9 bytes": header() + packet(bytes(9))[:-6],
+    f"f: byte {HEAD}: the file ends in a packet": header() + b"abc",
+    f"f: byte {HEAD}: the file ends before its table of packets": header(end=HEAD + 50),
+    f"f: byte {HEAD}: a packet of 3 bytes is no LZ4 data": header(1) + packet(b"abc"),
+    f"f: byte {HEAD}: a packet of 3 bytes is no Zstandard data": header(3) + packet(b"abc"),
+    f"f: byte {HEAD}: a packet is damaged: its 3 bytes are not as many as it says": header() + packet(b"abc"),
+    f"f: byte {HEAD}: a packet is damaged: an offset leads out of it": (
+        header() + packet(sized(b"\xff\xff\xff\x7fEVTS"))
+    ),
+    f"f: byte {HEAD}: a packet is damaged: 9 items of 16 bytes do not fit in its 46 bytes": (
+        header() + packet(sized(table(b"EVTS", (9, bytes(16)))))
+    ),
+    f"f: byte {HEAD}: event 0: x is 40, expected 0 to 39 (sensor 40x30)": (
+        header() + packet(events_table([(1, 40, 0, 1)]))
+    ),
+    f"f: byte {HEAD + len(packet(events_table(ROWS)))}: event 2: time runs back from 6 to 1 us; "
+    "load(..., sort=True) sorts the events": (
+        header() + packet(events_table(ROWS)) + packet(events_table([(1, 2, 0, 1)]))
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("message", ERRORS)
+def test_messages(message):
+    with pytest.raises(EventFileError) as error:
+        load(ERRORS[message], name="f", format="aedat4")
+    assert str(error.value) == message
+
+
+@pytest.mark.parametrize(("compression", "package"), [(1, "lz4"), (3, "zstandard")])
+def test_a_missing_package_is_named(monkeypatch, compression, package):
+    for name in [name for name in sys.modules if name.split(".")[0] == package]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(EventFileError, match=rf"needs the package {package}: pip install 'neuro\[events\]'"):
+        load(header(compression) + packet(b""))
+
+
+@given(st.data())
+@settings(deadline=None, max_examples=200)
+def test_damage_is_told(data):
+    import lz4.frame
+
+    compression = data.draw(st.sampled_from([0, 1]))
+    pack = (bytes, lz4.frame.compress)[compression]
+    whole = bytearray(header(compression) + b"".join(packet(pack(events_table(ROWS))) for _ in range(3)))
+    for _ in range(data.draw(st.integers(1, 4))):
+        whole[data.draw(st.integers(14, len(whole) - 1))] = data.draw(st.integers(0, 255))
+    damaged = bytes(whole[: data.draw(st.integers(0, len(whole)))])
+    fault = None
+    try:
+        assert isinstance(load(damaged, name="a.aedat4", sort=True), Events)
+    except EventFileError as error:
+        fault = error
+    assert fault is None or fault.offset is None or 0 <= fault.offset <= len(damaged)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", EventFileWarning)
+        try:
+            load(damaged, name="a.aedat4", strict=False)
+        except EventFileError as error:
+            fault = error
+        else:
+            fault = None
+    assert fault is None or fault.offset is None or fault.offset <= HEAD
