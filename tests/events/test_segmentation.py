@@ -94,12 +94,30 @@ def test_one_event_has_no_peak_since_its_potential_rises_later():
     assert peak_segments(np.array([3]), 10, rise_us=0).tolist() == [0, 1]
 
 
+def test_the_search_holds_both_its_ends():
+    alone = {"tau_us": 1, "rise_us": 0}  # nothing is left of an event when the next comes
+    t = np.array([0, 1000])
+    assert peak_segments(t, 1000, **alone).tolist() == [0, 1]  # of two alike the first
+    assert peak_segments(t, 999, **alone).tolist() == [0, 1, 2]
+    t = np.array([0, 1000, 1000])
+    assert peak_segments(t, 1000, **alone).tolist() == [0, 3]
+    assert peak_segments(t, 999, **alone).tolist() == [0, 1, 3]
+
+
 @pytest.mark.parametrize("rise", [0.0, 12.5, 49.0])
 def test_peaks_are_as_the_definition(rise):
     t = np.cumsum(np.random.default_rng(1).integers(1, 60, 600))
     found = peak_segments(t, 150, tau_us=50, rise_us=rise, threshold=0.4)
     assert found.tolist() == peaks_literal(t, 150, 50.0, rise, 0.4)
     assert len(found) > 20
+
+
+def test_the_rise_is_a_quarter_of_the_decay():
+    s = np.linspace(0, 100, 100_001)
+    kernel = np.exp(-s / 50) - np.exp(-s / 12.5)
+    v = kernel[10_000] / kernel.max()  # of one event, 10 us later
+    assert peak_segments(np.array([0, 10]), 5, tau_us=50, threshold=v - 1e-6).tolist() == [0, 2]
+    assert peak_segments(np.array([0, 10]), 5, tau_us=50, threshold=v + 1e-6).tolist() == [0]
 
 
 @pytest.mark.parametrize("method", METHODS)
