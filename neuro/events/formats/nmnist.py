@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from neuro.events._events import Events
-from neuro.events.formats._format import Damage, Format, Piece, Size, Unsavable
+from neuro.events.formats._format import Damage, Format, Piece, Size
+from neuro.events.formats._write import in_order, refuse
 from neuro.events.source import Source
 
 SENSOR_SIZE = (34, 34)
@@ -61,22 +62,16 @@ class Bin:
 
 def write(parts: Iterator[Events], path: Path) -> None:
     """Encode as ``.bin``; the sensor size and the metadata are not kept."""
-    done = 0
+    limits = f"t 0 to {T_LIMIT - 1} us, x and y 0 to 255, y not {OVERFLOW_ROW}"
     with path.open("wb") as file:
-        for events in parts:
+        for done, events in in_order(parts):
             bad = (events.t < 0) | (events.t >= T_LIMIT) | (events.x > 255) | (events.y > 255)
-            bad |= events.y == OVERFLOW_ROW
-            if bad.any():
-                k = int(bad.argmax())
-                t, x, y = events.t[k], events.x[k], events.y[k]
-                limits = f"expected t 0 to {T_LIMIT - 1} us, x and y 0 to 255, y not {OVERFLOW_ROW}"
-                raise Unsavable(f"t {t}, x {x}, y {y}; {limits}", done + k)
+            refuse(events, bad | (events.y == OVERFLOW_ROW), done, limits)
             words = np.empty((len(events), WORD), np.uint8)
             words[:, 0], words[:, 1] = events.x, events.y
             words[:, 2] = events.p << 7 | (events.t >> 16).astype(np.uint8)
             words[:, 3], words[:, 4] = events.t >> 8 & 0xFF, events.t & 0xFF
             file.write(words.tobytes())
-            done += len(events)
 
 
 NMNIST = Format("nmnist", "N-MNIST .bin", (".bin",), lambda head: False, Bin, write, usual=SENSOR_SIZE)
