@@ -130,8 +130,11 @@ class Engine(Protocol):
     def get(self, population: int, name: str) -> Floats:
         """A state or parameter, shape (size,)."""
 
-    def set(self, population: int, name: str, values: Floats) -> None:
-        """Change a state or parameter; acts from the next step on. `values` has the shape (1,) or (size,)."""
+    def set(self, population: int, values: Mapping[str, Floats]) -> None:
+        """Change states and parameters together, all or none; acts from the next step on.
+
+        Each value has the shape (1,) or (size,). A `ModelError` tells what the engine cannot hold.
+        """
 
     def get_synapses(self, projection: int, name: str) -> Floats:
         """A state of every synapse, in the order of the program's weights.

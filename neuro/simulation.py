@@ -159,8 +159,7 @@ class Simulation:
             for word, value in values.items()
         }
         changes.check_together(self.program, index, new, self._engine, self._clock)
-        for word, array in new.items():
-            self._engine.set(index, word, array)
+        self._engine.set(index, new)
 
     def _set_rule(self, index: int, values: Mapping[str, Any]) -> None:
         rule = changes.new_rule(self.program.projections[index], self._rules[index], values)

@@ -155,20 +155,30 @@ class ChipEngine:
             return self._currents.amplitude(population).copy()
         return np.broadcast_to(self._registers.parameters[population][name], part.size).copy()
 
-    def set(self, population: int, name: str, values: Floats) -> None:
-        """Change a state or parameter."""
+    def set(self, population: int, values: Mapping[str, Floats]) -> None:
+        """Change states and parameters: all, or none where a register would overflow."""
         part = self.program.populations[population]
-        if name in [state.name for state in part.model.states]:
-            register, units = self._registers.units(population, name, values)
-            self._a[STATES[register]][self.slice(population)] = units
-            return
-        self._registers.parameters[population][name] = values.copy()
+        names = [state.name for state in part.model.states]
+        states = {name: each for name, each in values.items() if name in names}
+        parameters = {name: each.copy() for name, each in values.items() if name not in names}
+        if "E_L" in parameters and "V_m" not in states:
+            states["V_m"] = self.get(population, "V_m")  # the register counts from E_L
+        before = dict(self._registers.parameters[population])
+        self._registers.parameters[population].update(parameters)
         if isinstance(part.model, poisson_generator):
-            self._set_rate(population, values)
+            self._set_rate(population, parameters["rate"])
         elif isinstance(part.model, dc_generator):
-            self._currents.set_amplitude(population, values, self.step)
-        elif not isinstance(part.model, spike_generator):
+            self._currents.set_amplitude(population, parameters["amplitude"], self.step)
+        elif parameters and not isinstance(part.model, spike_generator):
             self._requantise(population)
+        try:
+            written = [self._registers.units(population, name, each) for name, each in states.items()]
+        except ModelError:
+            self._registers.parameters[population] = before
+            self._requantise(population)
+            raise
+        for register, units in written:
+            self._a[STATES[register]][self.slice(population)] = units
 
     def _set_rate(self, population: int, rate: Floats) -> None:
         here = self.slice(population)

@@ -223,8 +223,12 @@ class EventEngine:
         value = self._currents.amplitude(population) if name == "amplitude" else p.parameters[name]
         return np.broadcast_to(value, p.size).astype(np.float64)
 
-    def set(self, population: int, name: str, values: Floats) -> None:
-        """Change a state or parameter; acts from the next step on."""
+    def set(self, population: int, values: Mapping[str, Floats]) -> None:
+        """Change states and parameters; acts from the next step on."""
+        for name, each in values.items():
+            self._set(population, name, each)
+
+    def _set(self, population: int, name: str, values: Floats) -> None:
         p, place = self._program.populations[population], self._a.places[population]
         if name in p.parameters:
             self._told[population, name] = values.copy()
@@ -359,7 +363,7 @@ class EventEngine:
         told, rules = self._told, self._rules
         self._start_over(kept)
         for (k, word), values in told.items():
-            self.set(k, word, values)
+            self._set(k, word, values)
         for q, rule in rules.items():
             if np.any(rule != self._rules[q]):
                 self.set_rule(q, rule)

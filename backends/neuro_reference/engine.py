@@ -105,14 +105,15 @@ class ReferenceEngine:
         values = cells.states[cells.names.index(name)] if name in cells.names else cells.parameters[name]
         return np.broadcast_to(values, cells.size).copy()
 
-    def set(self, population: int, name: str, values: Floats) -> None:
-        """Change a state or parameter."""
+    def set(self, population: int, values: Mapping[str, Floats]) -> None:
+        """Change states and parameters."""
         cells = self.net.cells[population]
-        if name in cells.names:
-            cells.states[cells.names.index(name)] = values
-        else:
-            cells.parameters[name] = values.copy()
-            cells.refresh()
+        for name, each in values.items():
+            if name in cells.names:
+                cells.states[cells.names.index(name)] = each
+            else:
+                cells.parameters[name] = each.copy()
+        cells.refresh()
 
     def get_synapses(self, projection: int, name: str) -> Floats:
         """A state of every synapse."""

@@ -114,3 +114,19 @@ def test_a_projection_that_learns_keeps_its_scale():
     )
     assert sim.get("cells", "tau_m") == pytest.approx(10.0)
     sim.set("cells", V_th=-50.0)
+
+
+@pytest.mark.parametrize("chip", ["loihi", "spinnaker"])
+def test_words_are_set_together_or_not_at_all(chip):
+    net = neuro.Network("together", resolution=1.0)
+    net.population("out", 2, neuro.iaf_psc_exp())
+    sim = neuro.compile(net, backend=chip)
+    sim.set("out", E_L=-60.0, V_reset=-60.0)
+    np.testing.assert_allclose(sim.get("out", "V_m"), -70.0, atol=1e-4)
+    sim.set("out", E_L=-65.0, V_reset=-65.0, V_m=-62.0)
+    np.testing.assert_allclose(sim.get("out", "V_m"), -62.0, atol=1e-4)
+    with pytest.raises(neuro.ModelError, match="V_th"):
+        sim.set("out", tau_m=20.0, V_th=1e6)
+    with pytest.raises(neuro.ModelError, match="its register 'v' holds at most"):
+        sim.set("out", tau_m=20.0, V_m=1e6)
+    assert (sim.get("out", "tau_m") == 10.0).all()
