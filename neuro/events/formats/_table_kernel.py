@@ -5,8 +5,8 @@ import numpy as np
 from numba import njit
 
 NOT_A_NUMBER, TOO_FEW, TOO_MANY, NOT_WHOLE, OUT_OF_RANGE = 1, 2, 3, 4, 5
-_LIMIT = np.int64(922337203685477580)
-"""The largest number that may be multiplied by ten."""
+_LOW = np.int64(-922337203685477580)
+"""The lowest number that may be multiplied by ten; numbers are gathered below 0, where int64 has one more."""
 
 
 @njit(cache=True)
@@ -126,19 +126,21 @@ def _number(data, at, end, unit, rounded):
     digits = 0
     point = False
     lost = False
+    full = False
     while at < end:
         digit = np.int64(data[at]) - 48
         if digit == -2 and not point:
             point = True
         elif 0 <= digit <= 9:
             digits += 1
-            if value > _LIMIT - 1:
-                if not point:
-                    return value, OUT_OF_RANGE
+            full |= value < _LOW or (value == _LOW and digit > 8)
+            if not full:
+                value = 10 * value - digit
+                power -= point
+            elif point:
                 lost |= digit != 0
             else:
-                value = 10 * value + digit
-                power -= point
+                return value, OUT_OF_RANGE
         else:
             break
         at += 1
@@ -162,26 +164,31 @@ def _number(data, at, end, unit, rounded):
             at += 1
         power += -exponent if down else exponent
     value, wrong = _scaled(value, power, lost, rounded)
-    return -value if negative else value, wrong
+    if negative:
+        return value, wrong
+    if -value < 0:
+        wrong = OUT_OF_RANGE
+    return -value, wrong
 
 
 @njit(cache=True)
 def _scaled(value, power, lost, rounded):
-    """A number of at least 0 times a power of ten; `lost`: it had more digits."""
+    """A number of at most 0 times a power of ten; `lost`: it had more digits."""
     while power > 0 and value:
-        if value > _LIMIT:
+        if value < _LOW:
             return value, OUT_OF_RANGE
         value *= 10
         power -= 1
     last = np.int64(0)
     while power < 0 and (value or last):
         lost |= last != 0
-        last = value % 10
-        value //= 10
+        tenth = (value + 9) // 10
+        last = 10 * tenth - value
+        value = tenth
         power += 1
     if (lost or last) and not rounded:
         return value, NOT_WHOLE
-    return value + (last >= 5), 0
+    return value - (last >= 5), 0
 
 
 @njit(cache=True)

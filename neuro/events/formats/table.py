@@ -35,7 +35,8 @@ ROW_LIMIT = 35
 
 _SENSOR = re.compile(r"[#%] *(?:geometry *: *(\d+) *, *(\d+)|sensor +(\d+)x(\d+))", re.ASCII)
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
-_PARTED = re.compile(r"[ \t]*[,;][ \t]*|[ \t]+")
+_BOM = b"\xef\xbb\xbf"
+"""What some programs write before text."""
 
 
 @dataclass(slots=True)
@@ -69,10 +70,10 @@ class Table:
             data = np.concatenate([rest, data]) if rest.size else data
             whole = _whole_lines(data)
             rest = data[whole:]
-            if rest.size > LINE_LIMIT:
-                raise Damage(f"line {line + 1} or a later one is longer than {LINE_LIMIT} bytes", at + whole)
             if whole:
                 line, at = yield from self._lines(data[:whole], line, at)
+            if rest.size > LINE_LIMIT:
+                raise Damage(f"line {line + 1} is longer than {LINE_LIMIT} bytes", at)
         if rest.size or at == self._layout.start:
             yield from self._lines(rest, line, at)
 
@@ -107,7 +108,7 @@ class Table:
         from neuro.events.formats._table_kernel import NOT_A_NUMBER, NOT_WHOLE, TOO_FEW, TOO_MANY
 
         layout = self._layout
-        values = [value for value in _PARTED.split(text.strip()) if value]
+        values = _values(text.strip())
         if wrong in (TOO_FEW, TOO_MANY):
             return f"has {len(values)} columns, expected {layout.columns}"
         name = next(name for name, place in layout.where.items() if place == column)
@@ -124,8 +125,11 @@ class Table:
 
 def _whole_lines(data: Bytes) -> int:
     """Where the last line that ends in `data` ends."""
-    ends = np.flatnonzero(data[-LINE_LIMIT:] == ord("\n"))
-    return max(0, data.size - LINE_LIMIT) + int(ends[-1]) + 1 if ends.size else 0
+    for begin in (max(0, data.size - LINE_LIMIT), 0):
+        ends = np.flatnonzero(data[begin:] == ord("\n"))
+        if ends.size:
+            return begin + int(ends[-1]) + 1
+    return 0
 
 
 def _layout(head: bytes) -> _Layout:
@@ -134,9 +138,9 @@ def _layout(head: bytes) -> _Layout:
         head = head[: head.rfind(b"\n") + 1] or head
     size: Size | None = None
     names: list[str] | None = None
-    at = 0
-    for number, raw in enumerate(head.splitlines(keepends=True)):
-        text = raw.decode("utf-8-sig" if not at else "utf-8", "replace").strip()
+    at = len(_BOM) if head.startswith(_BOM) else 0
+    for number, raw in enumerate(head[at:].splitlines(keepends=True)):
+        text = raw.decode("utf-8", "replace").strip()
         values = _values(text)
         if text.startswith(("#", "%")):
             if told := _SENSOR.match(text):
@@ -145,19 +149,24 @@ def _layout(head: bytes) -> _Layout:
             names = commented if find_names(commented) else names
         elif len(values) == 2 and names is None and all(value.isdecimal() for value in values):
             size = _sensor([int(value) for value in values], number, at)
-        elif values and all(_NUMBER.fullmatch(value) for value in values):
+        elif find_names(values):
+            names = values
+        elif values and (names is not None or all(_NUMBER.fullmatch(value) for value in values)):
             return _of_rows(head[at:], at, number, names, len(values), size)
         elif values:
-            if names is not None or find_names(values) is None:
-                raise Damage(f"line {number + 1}: {text[:60]!r}, expected names or numbers of t, x, y and p", at)
-            names = values
+            raise Damage(f"line {number + 1}: {text[:60]!r}, expected names or numbers of t, x, y and p", at)
         at += len(raw)
     return _of_rows(b"", at, head.count(b"\n"), names, len(names or "txyp"), size)
 
 
 def _values(text: str) -> list[str]:
+    """Names or numbers of a line: parted by commas or semicolons, else by tabs, else by spaces."""
     text = text.rstrip(",; \t")
-    return [value.strip("\"' ") for value in _PARTED.split(text)] if text else []
+    if "," in text or ";" in text:
+        parts = re.split("[,;]", text)
+    else:
+        parts = text.split("\t") if "\t" in text else text.split()
+    return [part.strip("\"' \t") for part in parts] if text else []
 
 
 def _sensor(told: list[int], number: int, at: int) -> Size:

@@ -1,0 +1,214 @@
+import io
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
+from neuro.events.formats._columns import ORDERS
+
+ROWS = [(-7, 3, 2, 1), (0, 3, 40000, 0), (10, 5, 0, 1), (10, 65535, 9, 0), (1 << 62, 0, 0, 1)]
+
+
+def text(rows, order="txyp", sign=","):
+    places = ["txyp".index(name) for name in order]
+    return "".join(sign.join(str(row[k]) for k in places) + "\n" for row in rows).encode()
+
+
+def of(data, **options):
+    return load(data if isinstance(data, bytes) else data.encode(), name="a.csv", **options)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("sign", [",", " ", ";", "\t", " , "])
+def test_columns_are_found_by_content(order, sign):
+    rows = [(100 * k + 70000, 200 + k * 37 % 90, 100 + k * 53 % 80, k % 2) for k in range(50)]
+    events = of(text(rows, order, sign))
+    assert events.records().tolist() == rows
+    assert events.metadata == {"format": "csv", "t0": 70000, "columns": " ".join(order), "time_unit": "us"}
+
+
+@pytest.mark.parametrize("order", ["pyxt", "txyp", "yxpt", "tpyx"])
+def test_columns_are_found_by_name(order):
+    name = {"t": "timestamp_us", "x": '"X"', "y": "ev_y", "p": "Polarity"}
+    head = ",".join(name[key] for key in order) + "\n"
+    assert of(head.encode() + text(ROWS, order)).records().tolist() == ROWS
+    spaced = "# " + " ".join(order) + "\n"
+    assert of(spaced.encode() + text(ROWS, order, " ")).records().tolist() == ROWS
+
+
+def test_more_columns_than_needed():
+    events = of(",t,x,label,y,p\n0,5,1,left,2,1\n1,6,3,nan,4,-1\n")
+    assert events.records().tolist() == [(5, 1, 2, 1), (6, 3, 4, 0)]
+
+
+def test_seconds_are_known_by_their_fraction():
+    """The RPG's events.txt: t in s, x, y, p."""
+    events = of("0.000000000 33 39 1\n1468939993.067416019 158 145 1\n1468939993.0674165 5 6 0\n")
+    assert events.t.tolist() == [0, 1468939993067416, 1468939993067417]
+    assert events.metadata["time_unit"] == "s"
+    assert of("1e0 1 2 1\n2.5e-6 1 2 1\n", sort=True).t.tolist() == [3, 1000000]
+
+
+def test_times_that_are_whole_are_us():
+    assert of("1.0,2.0,3.0,1.0\n2e1,2,3,0\n").records().tolist() == [(1, 2, 3, 1), (20, 2, 3, 0)]
+
+
+@pytest.mark.parametrize(
+    ("name", "told", "us"),
+    [
+        ("t [s]", "12", 12000000),
+        ("t_ms", "1.0005", 1001),
+        ("ts (ns)", "1499", 1),
+        ("time_us", "7", 7),
+        ("t_ns", "1500", 2),
+    ],
+)
+def test_the_unit_may_be_told(name, told, us):
+    assert of(f"{name},x,y,p\n{told},1,2,1\n").t.tolist() == [us]
+
+
+def test_savetxt(tmp_path):
+    path = tmp_path / "a.txt"
+    table = np.array(ROWS[1:4], np.float64)
+    np.savetxt(path, table)
+    assert load(path).records().tolist() == ROWS[1:4]
+    np.savetxt(path, table, fmt="%d", delimiter=", ", header="t x y p")
+    assert load(path).records().tolist() == ROWS[1:4]
+
+
+@pytest.mark.parametrize("head", ["%geometry:640,480\n", "# sensor 640x480\n", "640 480\n", "\n#no\n640,480\n# x\n"])
+def test_sensor(head):
+    assert of(head + "5 100 200 1\n").sensor_size == (640, 480)
+    assert of("5 100 200 1\n").sensor_size == (101, 201)
+
+
+def test_lines_of_all_kinds():
+    plain = "1,2,3,1\n2,4,5,0\n"
+    for same in ("\ufeff" + plain, plain.replace("\n", "\r\n"), plain[:-1], "\n1,2,3,1\n\n# x\n% y\n  2,4,5,0 \n\n",
+                 "+1,2.,3.0,1,\n2,4,5,0,\n", "00001,2,3,1\n2,.4e1,50e-1,0\n"):  # fmt: skip
+        assert of(same).records().tolist() == [(1, 2, 3, 1), (2, 4, 5, 0)]
+    assert len(of("")) == len(of("t,x,y,p\n")) == 0
+
+
+def test_known_by_content():
+    assert load(b"1.5 2 3 1\n2.5 3 4 0\n", name="events").metadata["format"] == "csv"
+    assert load(io.BytesIO(b"x,y,p,t\n1,2,1,5\n")).records().tolist() == [(5, 1, 2, 1)]
+    for other in (b"hello world\n", b"1 2 3\n4 5 6\n", b"1 2 3 4"):
+        with pytest.raises(EventFileError, match="unknown kind of event file"):
+            load(other, name="notes")
+
+
+GOOD = "t,x,y,p\n1,2,3,1\n2,3,4,0\n"
+ERRORS = {
+    "a.csv: byte 24: line 4: x is 'abc', expected a number": GOOD + "3,abc,4,1\n",
+    "a.csv: byte 24: line 4: t is 'nan', expected a number": GOOD + "nan,1,4,1\n",
+    "a.csv: byte 24: line 4: y is '-inf', expected a number": GOOD + "3,1,-inf,1\n",
+    "a.csv: byte 24: line 4: y is '0x12', expected a number": GOOD + "3,1,0x12,1\n",
+    "a.csv: byte 24: line 4: y is '1e', expected a number": GOOD + "3,1,1e,1\n",
+    "a.csv: byte 24: line 4: x is '-1', expected a whole number from 0 to 65535": GOOD + "3,-1,4,1\n",
+    "a.csv: byte 24: line 4: y is '65536', expected a whole number from 0 to 65535": GOOD + "3,1,65536,1\n",
+    "a.csv: byte 24: line 4: x is '1.5', expected a whole number from 0 to 65535": GOOD + "3,1.5,4,1\n",
+    "a.csv: byte 24: line 4: p is '2', expected 1 for ON, and 0 or -1 for OFF": GOOD + "3,1,4,2\n",
+    "a.csv: byte 24: line 4: t is '99999999999999999999', expected less than 2^63 us": (
+        GOOD + "99999999999999999999,1,4,1\n"
+    ),
+    "a.csv: byte 24: line 4: has 3 columns, expected 4": GOOD + "3,1,4\n",
+    "a.csv: byte 24: line 4: has 5 columns, expected 4": GOOD + "3,1,4,1,1\n",
+    "a.csv: byte 24: line 4: time runs back from 2 to 0 us; load(..., sort=True) sorts the events": GOOD + "0,1,4,1\n",
+    "a.csv: byte 30: line 6: time runs back from 2 to 0 us; load(..., sort=True) sorts the events": (
+        GOOD + "\n#  x\n" + "0,1,4,1\n"
+    ),
+    "a.csv: byte 0: line 1: has 3 columns, expected 4": "1,2,3\n",
+    "a.csv: byte 0: line 1: 'a,b,c', expected names or numbers of t, x, y and p": "a,b,c\n1,2,3\n",
+    "a.csv: byte 8: line 2: t is 'a', expected a number": "t,x,y,p\na,b,c,d\n",
+    "a.csv: byte 8: line 2: has 3 columns, expected 4": "t,x,y,p\n1,2,3\n",
+    "a.csv: byte 0: line 1: the sensor is 0x480, expected 1x1 to 65536x65536": "0 480\n1 2 3 1\n",
+}
+
+
+@pytest.mark.parametrize("message", ERRORS)
+def test_messages(message):
+    with pytest.raises(EventFileError) as error:
+        of(ERRORS[message])
+    assert str(error.value) == message
+
+
+def test_a_fraction_after_whole_times():
+    lines = b"".join(b"%d,2,3,1\n" % k for k in range(10000))
+    with pytest.raises(EventFileError, match=r"line 10001: t is '10000\.5', expected whole us, as before"):
+        of(lines + b"10000.5,2,3,1\n")
+
+
+def test_what_is_whole():
+    with pytest.warns(EventFileWarning, match="line 4: x is 'abc'"):
+        assert len(of(GOOD + "3,abc,4,1\n4,1,2,1\n", strict=False)) == 2
+    with pytest.warns(EventFileWarning, match="1 of 3 events"):
+        assert len(of(GOOD + "0,1,4,1\n", strict=False)) == 2
+
+
+def test_an_endless_line():
+    with pytest.raises(EventFileError, match="line 2 is longer than 65536 bytes"):
+        of(b"1 2 3 1\n2 3 4 " + b"0" * 200_000)
+
+
+def test_streamed_is_the_same(tmp_path):
+    rows = [(10 * k, k % 240, k % 180, k % 2) for k in range(20000)]
+    path = tmp_path / "a.csv"
+    path.write_bytes(b"# sensor 240x180\n" + text(rows))
+    from neuro.events.formats.table import Table
+    from neuro.events.source import Source
+
+    pieces = list(Table(Source(path)).pieces(1))
+    assert len(pieces) > 3
+    assert [t for piece in pieces for t in piece.t.tolist()] == [row[0] for row in rows]
+    last = pieces[-1]
+    assert path.read_bytes()[last.place(5) :].startswith(b"%d," % last.t[5])
+    assert path.read_text().splitlines()[last.line(5) - 1].startswith(f"{last.t[5]},")
+    parts = list(stream(io.BytesIO(path.read_bytes()), window_us=1000))
+    assert [len(part) for part in parts] == [100] * 200
+
+
+@st.composite
+def recordings(draw):
+    n = draw(st.integers(0, 40))
+    t = sorted(draw(st.lists(st.integers(-(2**63), 2**63 - 1), min_size=n, max_size=n)))
+    places = st.lists(st.integers(0, 65535), min_size=n, max_size=n)
+    p = draw(st.lists(st.integers(0, 1), min_size=n, max_size=n))
+    fields = (t, draw(places), draw(places), p)
+    return Events(*(np.array(values, np.int64) for values in fields), (65536, 65536))
+
+
+@given(recordings(), st.integers(1, 9))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+def test_what_is_saved_is_loaded(tmp_path, events, count):
+    path = tmp_path / "a.csv"
+    save((events[k : k + count] for k in range(0, max(1, len(events)), count)), path)
+    assert load(path) == events
+    assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]
+
+
+@given(st.binary(max_size=200) | st.text("0123456789.,-+e \n#%txyp", max_size=200).map(str.encode))
+@settings(deadline=None, max_examples=300)
+def test_any_bytes(data):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", EventFileWarning)
+        for strict in (True, False):
+            offset = 0
+            try:
+                assert isinstance(load(data, format="csv", strict=strict), Events)
+            except EventFileError as error:
+                offset = error.offset
+            assert 0 <= offset <= len(data)
+
+
+@given(st.integers(-(10**12), 10**12), st.integers(0, 12))
+@settings(deadline=None)
+def test_seconds_are_rounded_to_the_nearest_us(mantissa, digits):
+    from decimal import ROUND_HALF_UP, Decimal
+
+    number = Decimal(mantissa).scaleb(-digits)
+    expected = int((number * 10**6).to_integral_value(ROUND_HALF_UP))
+    assert of(f"t_s,x,y,p\n{number:f},1,2,1\n").t.tolist() == [expected]
