@@ -115,7 +115,7 @@ def room21(words):
             bits -= (bits >> U(1)) & U(0x55555555)
             bits = (bits & U(0x33333333)) + ((bits >> U(2)) & U(0x33333333))
             bits = (bits + (bits >> U(4))) & U(0x0F0F0F0F)
-            n += (bits * U(0x01010101)) >> U(24)
+            n += ((bits * U(0x01010101)) >> U(24)) & U(0x3F)
     return n
 
 

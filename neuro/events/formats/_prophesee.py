@@ -15,7 +15,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from neuro.events._events import Events
-from neuro.events.formats._format import HEAD, Damage, Size, Unsavable
+from neuro.events.formats._format import HEAD, Damage, Size
+from neuro.events.formats._write import refuse
 from neuro.events.source import Source
 
 ATIS = (304, 240)
@@ -137,35 +138,17 @@ def raw_text(version: str, size: Size | None) -> bytes:
     )
 
 
-@dataclass(slots=True)
-class Room:
-    """What a format has room for; `check` goes through the parts of one recording.
+def check_room(events: Events, done: int, times: int, side: int) -> None:
+    """See that a format has room for a part of a recording.
 
-    Attributes:
-        times: times from 0 up to this, us, not included.
-        side: columns and rows from 0 up to this, not included.
+    Args:
+        events: the part.
+        done: number of events before it.
+        times: times from 0 up to this, us, not included, can be held.
+        side: columns and rows from 0 up to this, not included, can be held.
+
+    Raises:
+        Unsavable: there is an event that cannot.
     """
-
-    times: int
-    side: int
-    done: int = 0
-    last: int = 0
-
-    def check(self, events: Events) -> None:
-        """See that the next part can be held.
-
-        Raises:
-            Unsavable: it cannot; the first such event is named.
-        """
-        if not len(events):
-            return
-        t, x, y = events.t, events.x, events.y
-        bad = (t < 0) | (t >= self.times) | (x >= self.side) | (y >= self.side)
-        if bad.any():
-            k = int(bad.argmax())
-            limits = f"expected t 0 to {self.times - 1} us, x and y 0 to {self.side - 1}"
-            raise Unsavable(f"t {t[k]}, x {x[k]}, y {y[k]}; {limits}", self.done + k)
-        if t[0] < self.last:
-            raise Unsavable(f"time runs back from {self.last} to {t[0]} us", self.done)
-        self.done += len(events)
-        self.last = int(t[-1])
+    bad = (events.t < 0) | (events.t >= times) | (events.x >= side) | (events.y >= side)
+    refuse(events, bad, done, f"t 0 to {times - 1} us, x and y 0 to {side - 1}")

@@ -27,7 +27,8 @@ import numpy.typing as npt
 
 from neuro.events._events import Events
 from neuro.events.formats._format import Damage, Format, Piece
-from neuro.events.formats._prophesee import ATIS, GEN3, GEN4, Header, Room, header_text, parse, read_header
+from neuro.events.formats._prophesee import ATIS, GEN3, GEN4, Header, check_room, header_text, parse, read_header
+from neuro.events.formats._write import in_order
 from neuro.events.source import Source
 
 WORD = 8
@@ -127,12 +128,11 @@ def _unwrap(t: npt.NDArray[np.int64], last: int, begin: int) -> tuple[bool, int,
 
 def write(parts: Iterator[Events], path: Path) -> None:
     """Encode as version 2, kind 0x0C, with the sensor in the header; metadata are not kept."""
-    room = Room(T_LIMIT, 1 << 14)
     with path.open("wb") as file:
-        for number, events in enumerate(parts):
-            if number == 0:
+        for done, events in in_order(parts):
+            if file.tell() == 0:
                 file.write(_text(events.sensor_size))
-            room.check(events)
+            check_room(events, done, T_LIMIT, 1 << 14)
             words = np.empty((len(events), 2), "<u4")
             words[:, 0] = events.t
             words[:, 1] = events.x | events.y.astype(np.uint32) << 14 | events.p.astype(np.uint32) << 28

@@ -23,7 +23,8 @@ import numpy.typing as npt
 from neuro.events._events import Events
 from neuro.events.formats._evt import Decoder, Evt
 from neuro.events.formats._format import Format
-from neuro.events.formats._prophesee import GEN3, GEN4, Room, parse, raw_text
+from neuro.events.formats._prophesee import GEN3, GEN4, check_room, parse, raw_text
+from neuro.events.formats._write import in_order
 
 TIME_HIGH = 8
 ROOM = (1 << 34, 1 << 11)
@@ -46,13 +47,12 @@ class Evt2(Evt):
 
 def write(parts: Iterator[Events], path: Path) -> None:
     """Encode, with the sensor in the header; metadata are not kept."""
-    room = Room(*ROOM)
     high = -1
     with path.open("wb") as file:
-        for number, events in enumerate(parts):
-            if number == 0:
+        for done, events in in_order(parts):
+            if file.tell() == 0:
                 file.write(raw_text("2.0", events.sensor_size))
-            room.check(events)
+            check_room(events, done, *ROOM)
             words, high = _words(events, high)
             file.write(words.tobytes())
         if file.tell() == 0:

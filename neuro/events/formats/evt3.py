@@ -25,7 +25,8 @@ import numpy as np
 from neuro.events._events import Events
 from neuro.events.formats._evt import Decoder, Evt
 from neuro.events.formats._format import Format
-from neuro.events.formats._prophesee import GEN3, GEN4, Room, parse, raw_text
+from neuro.events.formats._prophesee import GEN3, GEN4, check_room, parse, raw_text
+from neuro.events.formats._write import in_order
 
 ROOM = (1 << 40, 1 << 11)
 """Times and sides that are written. Wraps could tell any time, with two words each; this bounds their number."""
@@ -55,13 +56,12 @@ def write(parts: Iterator[Events], path: Path) -> None:
     """Encode, with the sensor in the header; metadata are not kept."""
     from neuro.events.formats._evt3_kernel import encode
 
-    room = Room(*ROOM)
     state = np.array([-1, -1], np.int64)
     with path.open("wb") as file:
-        for number, events in enumerate(parts):
-            if number == 0:
+        for done, events in in_order(parts):
+            if file.tell() == 0:
                 file.write(raw_text("3.0", events.sensor_size))
-            room.check(events)
+            check_room(events, done, *ROOM)
             for first in range(0, len(events), SLICE):
                 part = events[first : first + SLICE]
                 wraps = (int(part.t[-1]) >> 24) - (max(int(state[0]), 0) >> 24)
