@@ -167,15 +167,13 @@ def run(state, i, s, end, all_, origin, earliest, n, out_t, out_pixel, out_p):
         at = min(u + ahead, span) if ahead < inf else inf
         while state.noise - start <= u:
             next_noise(state, i, all_)
-        random = False
-        while state.noise - start < at and state.noise <= end and not random:
+        while state.noise - start < at and state.noise <= end:
             word = draw(all_.seed, i, state.drawn)
             if unit(mix(word)) >= all_.dimmed * min(state.bright, 1.0):
-                random = True
                 at = state.noise - start
                 p = int(word & np.uint64(1))
-            else:
-                next_noise(state, i, all_)
+                break
+            next_noise(state, i, all_)
         if at == inf:
             change = eased(q, r, span - u)
             state.v += a * (span - u) + change
@@ -188,8 +186,6 @@ def run(state, i, s, end, all_, origin, earliest, n, out_t, out_pixel, out_p):
         out_pixel[n] = i
         out_p[n] = p
         n += 1
-        if random:
-            next_noise(state, i, all_)
         state.lag += eased(q, r, at - u)
         state.v = 0.0
         u = at

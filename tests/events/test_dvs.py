@@ -322,6 +322,29 @@ def test_many_events_fit():
     assert (np.diff(events.t) >= 0).all()
 
 
+def test_small_buffers_change_nothing():
+    """What is left of a pixel's interval is made up for when there is room again, to rounding."""
+    images = np.random.default_rng(7).random((6, 3, 4))
+    p = DVSParameters(pos_thres=0.02, neg_thres=0.02, sigma_thres=0.0, cutoff_hz=20.0, shot_noise_rate_hz=300.0)
+    large, small = DVS((4, 3), p), DVS((4, 3), p)
+    total = 0
+    for k, image in enumerate(images):
+        small._out = tuple(part[:2] for part in small._out)
+        one, other = large.see(image, 20_000 * k), small.see(image, 20_000 * k)
+        assert len(one) == len(other)
+        a, b = (np.lexsort((e.t, e.x, e.y)) for e in (one, other))
+        assert np.abs(one.t[a] - other.t[b]).max(initial=0) <= 1
+        assert np.array_equal(one.p[a], other.p[b])
+        total += len(one)
+    assert total > 1000
+
+
+def test_times_are_rounded_down():
+    camera = DVS((1, 1), DVSParameters.ideal())
+    camera.see(np.full((1, 1), 0.1), 7)
+    assert camera.see(np.full((1, 1), 0.2), 1007).t.tolist() == [295, 584, 872]  # 7 + 1000 k 0.2 / ln 2
+
+
 @pytest.mark.parametrize("kind", ["uint8", "uint16", "float16", "float32"])
 def test_types_of_images(kind):
     """Integers have their type's largest value as full scale; memory may lie in any order."""
