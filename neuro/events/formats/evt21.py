@@ -7,7 +7,7 @@ in bits 32-42; bit i of bits 0-31 tells whether pixel x + i has one.
 holds here, too.
 
 The IMX636 sends the upper half of each word before the lower (``endianness=legacy`` in the header). Where no header
-tells, the order is that in which x of all events of the first words is a multiple of 32.
+tells, the order is that in which the first words can be: x of events is a multiple of 32, and TIME_HIGH is there.
 
 Source: Prophesee, "EVT 2.1 format", docs.prophesee.ai.
 """
@@ -24,6 +24,7 @@ from neuro.events.formats._format import HEAD, Format
 from neuro.events.formats._prophesee import GEN3, GEN4, parse
 
 WORD = 8
+TIME_HIGH = 8
 
 
 class Evt21(Evt):
@@ -50,14 +51,15 @@ class Evt21(Evt):
     def _upper_first(self) -> bool:
         data = self.source.head(self.header.length + HEAD)[self.header.length :]
         words = np.frombuffer(data[: len(data) // WORD * WORD], "<u4").reshape(-1, 2)
-        return int(strange(words[:, 1]).sum()) > int(strange(words[:, 0]).sum())
+        lower, upper = (int(strange(half).sum()) - int((half >> 28 == TIME_HIGH).sum()) for half in words.T)
+        return upper > lower
 
 
 def strange(upper: npt.NDArray[np.uint32]) -> npt.NDArray[np.bool_]:
     """Which of these upper halves of words can be none."""
     kind = upper >> 28
     event = kind < 2
-    known: npt.NDArray[np.bool_] = event | (kind == 8) | (kind == 10) | (kind >= 14)
+    known: npt.NDArray[np.bool_] = event | (kind == TIME_HIGH) | (kind == 10) | (kind >= 14)
     aligned: npt.NDArray[np.bool_] = (upper >> 11 & 31) == 0
     return ~known | (event & ~aligned)
 
