@@ -116,12 +116,11 @@ class Evt(ABC):
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
-        decoder, start, found = self.decoder(), self.header.length, 0
+        decoder, start = self.decoder(), self.header.length
         size = block if block >= WHOLE else block // self.swell
         for place, data in self.source.blocks(start, size, self.word):
             whole = data[: data.size // self.word * self.word]
             piece = decoder.piece(whole, self._places(decoder.copy(), place, whole))
-            found += piece.t.size
             self.metadata["other_words"] = int(decoder.state[OTHER])
             yield piece
             if rest := data.size - whole.size:
