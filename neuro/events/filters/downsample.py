@@ -22,8 +22,8 @@ class Downsample(Filter):
         integrate: net events of a block that make one of its own; columns times rows is what one pixel that sees the
             mean log intensity of the block would send.
 
-    Source: equations 20-21 of the thesis, averaged over a block; Cohen et al., IEEE TNNLS 29:5030, 2018, for
-        downsampling without the sum.
+    Source: equations 20-21 of the thesis, averaged over a block; Cohen et al., Spatial and temporal downsampling
+        in event-based visual classification, IEEE TNNLS, 2018, for downsampling without the sum.
     """
 
     factor: int | tuple[int, int] = 2

@@ -17,8 +17,8 @@ class Refractory(Sieve):
 
     Attributes:
         period_us: time to the next event that can pass, us.
-        extend: whether an event that does not pass begins the time anew, as in jAER's RefractoryFilter; otherwise it
-            does not, as in a pixel that is held in reset.
+        extend: whether an event that does not pass begins the time anew, as in jAER's RefractoryFilter (which lets
+            pass only after more than the period); otherwise it does not, as in a pixel that is held in reset.
 
     Source: dead time of the pixel, Lichtsteiner et al., IEEE JSSC 43:566, 2008.
     """
