@@ -16,7 +16,7 @@ from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Unsavable
 from neuro.events.source import WHOLE, Given, Source
 
-BLOCK = 1 << 22
+BLOCK = 1 << 20
 """Bytes that `stream` reads at a time."""
 
 

@@ -78,6 +78,9 @@ class Source:
             unit: bytes of a word; only the last block may end within one.
         """
         size = max(unit, -(-size // unit) * unit)
+        if self.path is not None and size < self._bytes.size:
+            yield from self._read_blocks(start, size)
+            return
         if self._file is None:
             for at in range(start, self._bytes.size, size):
                 yield at, self._bytes[at : at + size]
@@ -91,6 +94,16 @@ class Source:
             yield at, np.frombuffer(rest[:size], np.uint8)
             at += min(size, len(rest))
             rest = self._read(rest[size:], size)
+
+    def _read_blocks(self, start: int, size: int) -> Iterator[tuple[int, Bytes]]:
+        """The bytes of a path, read and not mapped: mapped pages would count as memory until the end."""
+        assert self.path is not None
+        with self.path.open("rb") as file:
+            file.seek(start)
+            at = start
+            while (block := np.fromfile(file, np.uint8, size)).size:
+                yield at, block
+                at += block.size
 
     def _read(self, begun: bytes, size: int) -> bytes:
         """Read on until there are `size` bytes, or the end."""
