@@ -1,6 +1,7 @@
 # make test         environment, install, lint, types, all tests
 # make demo         environment, install, then learn to recognise digits from event-camera recordings
 #                   (DATA=folder: real N-MNIST files instead of recordings made here)
+# make test-oracles the tests of event files beside other libraries, in an environment of their own
 # make bench        how fast it is
 # make bench-peers  how fast NEST, Brian2 and public emulators of Loihi are with the same networks, in environments of
 #                   their own
@@ -30,7 +31,7 @@ $(PYTHON) -m venv $(1)
 endef
 
 .DEFAULT_GOAL := help
-.PHONY: help test demo bench bench-peers clean distclean
+.PHONY: help test test-oracles demo bench bench-peers clean distclean
 
 help:
 	@sed -n 's/^# \{0,1\}//p;/^$$/q' Makefile
@@ -40,6 +41,9 @@ test: $(VENV)/.test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/pytest -n 2 --dist loadfile -p no:benchmark --hypothesis-seed=0
+
+test-oracles: $(VENV)-oracles/.installed
+	$(VENV)-oracles/bin/python -m pytest tests/events -n 2 -p no:benchmark -ra
 
 demo: $(VENV)/.demo
 	$(BIN)/neuro remus demo --out "$(OUT)" $(if $(DATA),--data "$(DATA)")
@@ -61,6 +65,11 @@ $(VENV)/.test: pyproject.toml $(VENV)/.demo
 	$(BIN)/python $(PIP) --editable '.[test]'
 	@touch $@
 
+$(VENV)-oracles/.installed: pyproject.toml
+	$(call environment,$(VENV)-oracles)
+	$(VENV)-oracles/bin/python $(PIP) --editable '.[test]' expelliarmus faery event_stream aedat tonic torch==2.13.0
+	@touch $@
+
 $(VENV)-peers/.installed:
 	$(call environment,$(VENV)-peers)
 	$(VENV)-peers/bin/python $(PIP) nest-simulator brian2 'numpy<2.4'
@@ -76,4 +85,4 @@ clean:
 	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
 
 distclean: clean
-	rm -rf $(VENV) $(VENV)-peers $(VENV)-peers-chips
+	rm -rf $(VENV) $(VENV)-oracles $(VENV)-peers $(VENV)-peers-chips
