@@ -74,7 +74,8 @@ def test_manifest(tmp_path):
 def test_messages(tmp_path):
     with pytest.raises(EventFileError) as error:
         recordings(tmp_path)
-    expected = "no recordings, expected class folders with .aedat or .aedat2 or .bin files"
+    expected = "no recordings, expected class folders with event files such as 3/00017.bin; "
+    expected += "'neuro events formats' lists the endings"
     assert str(error.value) == f"{tmp_path}: {expected}"
     with pytest.raises(EventFileError) as error:
         recordings(tmp_path / "none")

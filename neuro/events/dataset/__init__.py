@@ -1,0 +1,10 @@
+"""Labelled recordings: found in a folder, a zip or an HDF5 file, drawn, split, cached and loaded one at a time."""
+
+from __future__ import annotations
+
+from neuro.events.dataset._dataset import Dataset, Sample
+from neuro.events.dataset._layouts import LAYOUTS, Layout
+from neuro.events.dataset._recordings import Recording, Recordings, recordings
+from neuro.events.dataset._store import Stored
+
+__all__ = ["LAYOUTS", "Dataset", "Layout", "Recording", "Recordings", "Sample", "Stored", "recordings"]

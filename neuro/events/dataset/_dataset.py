@@ -1,0 +1,271 @@
+"""A data set: labelled samples that are drawn, split, cached and loaded one at a time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol, Self, overload
+
+import numpy as np
+
+from neuro.errors import ModelError, unknown
+from neuro.events._events import Events
+from neuro.events.dataset._recordings import recordings
+from neuro.events.dataset._store import Report, Stored, store
+from neuro.events.dataset._stored import is_hdf5, stored_samples
+
+
+class Sample(Protocol):
+    """One labelled recording.
+
+    Attributes:
+        name: of the recording within its data set.
+        path: the data set with the name behind it, for messages.
+        label: index of its class.
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def path(self) -> str: ...
+    @property
+    def label(self) -> int: ...
+    def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
+        """The events; arguments and errors as of `neuro.events.load`."""
+
+
+class Dataset(Sequence[tuple[Any, int]]):
+    """Labelled recordings of a folder, a zip or an HDF5 file.
+
+    ``data[i]`` is (events, label), so that PyTorch's ``DataLoader`` takes it as it is; ``data[10:20]`` and an array of
+    indices give a data set of those samples. Nothing is read before it is asked for. Drawing and splitting give new
+    data sets of the same samples and change nothing.
+
+    Args:
+        path: the folder, zip or HDF5 file (``/<class>/<sample>``, as aertb lays it out and `to_hdf5` writes it).
+        part: of data with parts, such as ``Train`` and ``Test``, only this one.
+        classes: class names in the order of their labels; None takes those found.
+        layout: name of the layout of a folder or zip, see `neuro.events.dataset.LAYOUTS`; None finds it.
+        ending: only files whose names end so, such as ``bin``.
+        sensor_size: width and height of all recordings, px; None takes those that the files tell.
+
+    Attributes:
+        path: where it lies.
+        classes: class names; a label is an index into them.
+        samples: name, path, label and ``load()`` of each.
+        layout: how it lies there.
+
+    Raises:
+        EventFileError: there are no labelled recordings; the message says what was expected.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        part: str | None = None,
+        classes: Sequence[str] | None = None,
+        layout: str | None = None,
+        ending: str | None = None,
+        sensor_size: tuple[int, int] | None = None,
+    ) -> None:
+        self.path = os.fspath(path)
+        self._size = sensor_size
+        self._transform: Callable[[Events], Any] | None = None
+        self.samples: tuple[Sample, ...]
+        if is_hdf5(self.path):
+            self.classes, self.samples = stored_samples(self.path, classes)
+            self.layout = "hdf5"
+        else:
+            found = recordings(path, part=part, classes=classes, layout=layout, ending=ending)
+            self.classes, self.samples, self.layout = found.classes, tuple(found), found.layout
+
+    def _with(self, **changed: Any) -> Self:
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__ | changed)
+        return other
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    @overload
+    def __getitem__(self, index: int) -> tuple[Any, int]: ...
+    @overload
+    def __getitem__(self, index: slice | Sequence[int]) -> Self: ...
+    def __getitem__(self, index: int | slice | Sequence[int]) -> tuple[Any, int] | Self:
+        if isinstance(index, slice):
+            return self._with(samples=self.samples[index])
+        if isinstance(index, int | np.integer):
+            sample = self.samples[index]
+            events = sample.load(sensor_size=self._size)
+            return (events if self._transform is None else self._transform(events)), sample.label
+        return self._with(samples=tuple(self.samples[k] for k in index))
+
+    def __iter__(self) -> Iterator[tuple[Any, int]]:
+        return (self[k] for k in range(len(self)))
+
+    def __repr__(self) -> str:
+        return f"<Dataset {len(self)} of {len(self.classes)} classes in {self.path}>"
+
+    @property
+    def labels(self) -> Any:
+        """(samples,) int64, the label of each."""
+        return np.array([sample.label for sample in self.samples], np.int64)
+
+    def only(self, *names: str) -> Self:
+        """The samples of some classes; labels stay as they are.
+
+        Args:
+            names: of classes.
+
+        Raises:
+            ModelError: there is no such class.
+        """
+        for name in names:
+            if name not in self.classes:
+                raise unknown("class", name, self.classes)
+        kept = {self.classes.index(name) for name in names}
+        return self._with(samples=tuple(sample for sample in self.samples if sample.label in kept))
+
+    def shuffled(self, seed: int) -> Self:
+        """All samples in an order that the seed decides.
+
+        Args:
+            seed: >= 0.
+        """
+        order: list[int] = np.random.default_rng(seed).permutation(len(self)).tolist()
+        return self[order]
+
+    def per_class(self, n: int, *, seed: int | None = None) -> Self:
+        """Equally many samples of each class that has any, in the order of the data set.
+
+        Args:
+            n: of each class.
+            seed: which ones are drawn; None takes the first.
+
+        Raises:
+            ModelError: a class has fewer.
+        """
+        taken: list[int] = []
+        for label, mine in self._by_class(seed):
+            if not 1 <= n <= len(mine):
+                raise ModelError(
+                    f"per_class(n={n!r}): class '{self.classes[label]}' has {len(mine)} samples, "
+                    f"expected n from 1 to {len(mine)}"
+                )
+            taken += mine[:n]
+        return self[sorted(taken)]
+
+    def split(self, share: float, *, seed: int) -> tuple[Self, Self]:
+        """Two parts with the same share of each class; every sample is in one of them.
+
+        Of a class of k samples, round(share * k) are in the first part, halves rounded up, drawn by the seed.
+
+        Args:
+            share: of the first part, between 0 and 1.
+            seed: of the draw, >= 0.
+
+        Returns:
+            The two parts, each in the order of the data set.
+
+        Raises:
+            ModelError: the share is not between 0 and 1.
+        """
+        if not 0 < share < 1:
+            raise ModelError(f"split(share={share!r}): expected a share between 0 and 1")
+        first: list[int] = []
+        for _, mine in self._by_class(seed):
+            first += mine[: int(np.floor(share * len(mine) + 0.5))]
+        chosen = set(first)
+        return self[sorted(first)], self[[k for k in range(len(self)) if k not in chosen]]
+
+    def _by_class(self, seed: int | None) -> Iterator[tuple[int, list[int]]]:
+        """Each label with the indices of its samples, in order or shuffled."""
+        for label in sorted({sample.label for sample in self.samples}):
+            mine = [k for k, sample in enumerate(self.samples) if sample.label == label]
+            if seed is not None:
+                mine = np.random.default_rng((seed, label)).permutation(mine).tolist()
+            yield label, mine
+
+    def mapped(self, transform: Callable[[Events], Any]) -> Self:
+        """The same samples, of which ``data[i]`` is (transform(events), label).
+
+        Args:
+            transform: makes what is wanted of events, such as a representation; after an earlier one.
+        """
+        before = self._transform
+        return self._with(_transform=transform if before is None else lambda events: transform(before(events)))
+
+    def cached(self, path: str | os.PathLike[str] | None = None, *, jobs: int | None = None) -> Self:
+        """The same samples, decoded once.
+
+        Args:
+            path: an HDF5 file that is made with `to_hdf5` if it is not there; None keeps events in memory as they are
+                asked for.
+            jobs: processes that make it; None: one for each core.
+
+        Raises:
+            EventFileError: a sample is damaged, or the file is of other samples.
+        """
+        if path is None:
+            return self._with(samples=tuple(_Kept(sample) for sample in self.samples))
+        self.to_hdf5(path, jobs=jobs, damaged="stop")
+        _, samples = stored_samples(os.fspath(path), self.classes)
+        in_order = {sample.number: sample for sample in samples}
+        return self._with(samples=tuple(in_order[k] for k in range(len(self))), path=os.fspath(path), layout="hdf5")
+
+    def to_hdf5(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        jobs: int | None = None,
+        damaged: str = "skip",
+        report: Report | None = None,
+    ) -> Stored:
+        """Write all samples to one HDF5 file as ``/<class>/<sample>``, by several processes.
+
+        After a kill the same call goes on where it was: what is done lies in a folder beside the file, which appears
+        when it is whole. A script that calls this needs ``if __name__ == "__main__":``, as all do that use processes.
+
+        Args:
+            path: the file; it may exist only if it is the result of the same call.
+            jobs: processes; None: one for each core.
+            damaged: what to do with a damaged sample: ``"skip"`` leaves it out, ``"mend"`` takes what is whole,
+                ``"stop"`` stops.
+            report: called with what is going on, samples done, and all samples.
+
+        Returns:
+            How many samples there are, and which are damaged.
+
+        Raises:
+            EventFileError: the file or its folder belongs to something else; or damage with ``"stop"``.
+        """
+        return store(self.samples, self.classes, Path(path), self._size, jobs=jobs, damaged=damaged, report=report)
+
+
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """A sample whose events are kept when they were loaded."""
+
+    sample: Sample
+    _events: dict[Any, Events] = field(default_factory=dict, repr=False)
+
+    @property
+    def name(self) -> str:
+        return self.sample.name
+
+    @property
+    def path(self) -> str:
+        return self.sample.path
+
+    @property
+    def label(self) -> int:
+        return self.sample.label
+
+    def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
+        key = sensor_size, sort, strict
+        if key not in self._events:
+            self._events[key] = self.sample.load(sensor_size=sensor_size, sort=sort, strict=strict)
+        return self._events[key]

@@ -1,0 +1,202 @@
+"""Writing a data set to one HDF5 file: by all cores, and so that a kill costs only what was being done.
+
+Processes decode samples and pack them into small HDF5 files in a folder beside the one to be written, each of which is
+whole or not there. When all samples are done, their packed rows are copied as they are into one file, which takes its
+name at the end. So all files are valid at any time, and the same call goes on with the samples that are missing.
+
+The layout is aertb's: ``/<class>/<sample>`` with rows ts, x, y, p, see `neuro.events.formats.hdf5`; all else is in
+attributes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from neuro.errors import unknown
+from neuro.events.dataset import _pack
+from neuro.events.dataset._stored import CLASSES, NUMBER, is_hdf5
+from neuro.events.errors import EventFileError
+
+BATCH = 64
+"""Samples of a small file; a kill costs at most so many of each process."""
+
+PLAN = "plan"
+"""Attribute of the file: what was asked for; equal for equal calls."""
+CHOICE = "choice"
+"""Attribute of the file: what was to become of damaged samples."""
+DAMAGED = "damaged"
+"""Attribute of the file: number of each damaged sample, and what is wrong with it, as JSON."""
+
+Report = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """What `Dataset.to_hdf5` did.
+
+    Attributes:
+        path: the file.
+        samples: how many samples it holds.
+        damaged: path of each damaged sample and what is wrong with it.
+    """
+
+    path: str
+    samples: int
+    damaged: Mapping[str, str]
+
+
+def store(
+    samples: Sequence[Any],
+    classes: Sequence[str],
+    path: Path,
+    sensor_size: tuple[int, int] | None,
+    *,
+    jobs: int | None,
+    damaged: str,
+    report: Report | None,
+) -> Stored:
+    """Write samples to one file; arguments and errors as of `neuro.events.Dataset.to_hdf5`."""
+    if damaged not in _pack.CHOICES:
+        raise unknown("choice for damaged", damaged, _pack.CHOICES)
+    tell = report or (lambda what, done, total: None)
+    plan = _plan(samples, classes, sensor_size)
+    if path.exists():
+        return _finished(path, samples, plan, damaged)
+    folder = path.with_name(f"{path.name}.parts")
+    _begin(folder, f"{plan} {damaged}")
+    done = _done(folder)
+    missing = [k for k in range(len(samples)) if k not in done]
+    tell("reading", len(done), len(samples))
+    job = _pack.Job(tuple(samples), sensor_size, damaged, str(folder))
+    size = max(1, min(BATCH, len(missing) // (8 * (jobs or os.cpu_count() or 1))))
+    batches = [missing[k : k + size] for k in range(0, len(missing), size)]
+    count = len(done)
+    for finished in _pack_all(job, batches, jobs or os.cpu_count() or 1):
+        count += finished
+        tell("reading", count, len(samples))
+    _join(folder, path, samples, classes, {PLAN: plan, CHOICE: damaged}, tell)
+    shutil.rmtree(folder)
+    return _finished(path, samples, plan, damaged)
+
+
+def _plan(samples: Sequence[Any], classes: Sequence[str], size: tuple[int, int] | None) -> str:
+    digest = hashlib.sha256(repr((1, tuple(classes), size)).encode())
+    for sample in samples:
+        digest.update(f"\0{sample.name}\0{sample.label}".encode())
+    return digest.hexdigest()
+
+
+def _finished(path: Path, samples: Sequence[Any], plan: str, choice: str) -> Stored:
+    """What a finished file holds.
+
+    Raises:
+        EventFileError: it is another file.
+    """
+    import h5py
+
+    if is_hdf5(str(path)):
+        with h5py.File(path, "r") as file:
+            damaged = json.loads(file.attrs.get(DAMAGED, "{}"))
+            if file.attrs.get(PLAN) == plan and (not damaged or file.attrs[CHOICE] == choice):
+                count = sum(len(file[name]) for name in file)
+                return Stored(str(path), count, {samples[int(k)].path: what for k, what in damaged.items()})
+    raise EventFileError(str(path), "exists and holds something else; expected a new name")
+
+
+def _begin(folder: Path, plan: str) -> None:
+    """Make the folder, or see that it is of this plan."""
+    note = folder / "plan.txt"
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise EventFileError(str(folder), f"cannot write: {error.strerror}") from None
+    if note.exists():
+        if note.read_text() != plan:
+            text = "is what another conversion to the same name has done so far; go on with that one, or remove it"
+            raise EventFileError(str(folder), text)
+    elif any(folder.glob("*.h5")):
+        raise EventFileError(str(folder), "exists and is no conversion that was begun; expected a new name")
+    else:
+        aside = folder / f".{os.getpid()}.part"
+        aside.write_text(plan)
+        aside.replace(note)
+
+
+def _done(folder: Path) -> set[int]:
+    """The numbers of all samples in whole small files; others, and what was being written, are removed."""
+    import h5py
+
+    done: set[int] = set()
+    for stray in folder.glob(".*.part"):
+        stray.unlink(missing_ok=True)
+    for part in folder.glob("*.h5"):
+        try:
+            with h5py.File(part, "r") as file:
+                done |= {*map(int, file), *map(int, json.loads(file.attrs[DAMAGED]))}
+        except (OSError, KeyError, ValueError):
+            part.unlink()
+    return done
+
+
+def _pack_all(job: _pack.Job, batches: Sequence[Sequence[int]], jobs: int) -> Iterator[int]:
+    """Pack all batches; gives the number of samples of each when it is done."""
+    if jobs == 1 or len(batches) < 2:
+        _pack.begin(job, alone=False)
+        yield from map(_pack.pack, batches)
+        return
+    context = get_context("spawn")
+    with ProcessPoolExecutor(min(jobs, len(batches)), context, _pack.begin, (job,)) as pool:
+        waiting = {pool.submit(_pack.pack, batch) for batch in batches}
+        try:
+            yield from (future.result() for future in as_completed(waiting))
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _names(samples: Sequence[Any], classes: Sequence[str]) -> list[str]:
+    """``class/sample`` of each: the file's name without ending, or the whole path where a class has that name twice."""
+    stems = [f"{classes[s.label]}/{_stem(s.name)}" for s in samples]
+    often = Counter(stems)
+    whole = [f"{classes[s.label]}/{s.name.replace('/', '_')}" for s in samples]
+    return [stem if often[stem] == 1 else name for stem, name in zip(stems, whole, strict=True)]
+
+
+def _stem(name: str) -> str:
+    file, mark, number = PurePosixPath(name).name.partition("#")
+    return PurePosixPath(file).stem + (f"_{number}" if mark else "")
+
+
+def _join(
+    folder: Path, path: Path, samples: Sequence[Any], classes: Sequence[str], notes: Mapping[str, str], tell: Report
+) -> None:
+    """Copy all small files into one."""
+    import h5py
+
+    from neuro.aside import aside
+
+    names, damaged, done = _names(samples, classes), dict[str, str](), 0
+    tell("writing", 0, len(samples))
+    with aside(path) as part, h5py.File(part, "w", libver=("v108", "v108")) as out:
+        for small in sorted(folder.glob("*.h5")):
+            with h5py.File(small, "r") as file:
+                damaged |= json.loads(file.attrs[DAMAGED])
+                for number in sorted(file, key=int):
+                    group, _, name = names[int(number)].partition("/")
+                    target = out.require_group(group)
+                    file.copy(number, target, name)
+                    target[name].attrs[NUMBER] = int(number)
+                done += len(file)
+            tell("writing", done, len(samples))
+        out.attrs[CLASSES] = json.dumps(list(classes))
+        out.attrs[DAMAGED] = json.dumps(damaged)
+        out.attrs.update(notes)

@@ -1,0 +1,129 @@
+"""Samples in an HDF5 file that is laid out ``/<class>/<sample>``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from neuro.events._events import Events
+from neuro.events.dataset._files import natural
+from neuro.events.errors import EventFileError
+
+MAGIC = b"\x89HDF\r\n\x1a\n"
+CLASSES = "classes"
+"""Attribute of the file: names in the order of their labels, as JSON."""
+NUMBER = "number"
+"""Attribute of a sample: its number in the data set that it was made of."""
+
+
+def is_hdf5(path: str) -> bool:
+    """Whether there is such a file."""
+    try:
+        with Path(path).open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except OSError:
+        return False
+
+
+class _File:
+    """An HDF5 file that is opened when it is used, and anew in another process."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self._open: Any = None
+
+    def __getstate__(self) -> str:
+        return self.path
+
+    def __setstate__(self, path: str) -> None:
+        self.__init__(path)  # type: ignore[misc]
+
+    @property
+    def file(self) -> Any:
+        import h5py
+
+        if self._open is None:
+            try:
+                self._open = h5py.File(self.path, "r")
+            except OSError as error:
+                raise EventFileError(self.path, f"no whole HDF5: {error}") from None
+        return self._open
+
+
+@dataclass(frozen=True, slots=True)
+class StoredSample:
+    """A sample of an HDF5 file.
+
+    Attributes:
+        name: ``class/sample``.
+        path: the file with the name behind it, for messages.
+        label: index of its class.
+        number: in the data set that the file was made of; by name in a file of another library.
+    """
+
+    name: str
+    path: str
+    label: int
+    number: int
+    _file: _File
+
+    def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
+        """The events; arguments and errors as of `neuro.events.load`. Samples have no damage that could be left out."""
+        from neuro.events.formats import Damage
+        from neuro.events.formats.hdf5 import read_sample
+
+        try:
+            events = read_sample(self._file.file[self.name])
+            if sensor_size is None or sensor_size == events.sensor_size:
+                return events
+            return Events(events.t, events.x, events.y, events.p, sensor_size, events.metadata)
+        except Damage as damage:
+            raise EventFileError(self.path, damage.what, damage.offset) from None
+        except (OSError, KeyError, ValueError) as error:
+            raise EventFileError(self.path, " ".join(str(error).split())) from None
+
+
+def stored_samples(path: str, classes: Sequence[str] | None = None) -> tuple[tuple[str, ...], tuple[StoredSample, ...]]:
+    """The classes and samples of a file, sorted by class and name (numbers by value).
+
+    Args:
+        path: the HDF5 file.
+        classes: names in the order of their labels; None takes those that the file tells, else its groups by name.
+
+    Raises:
+        EventFileError: it has no samples, or a class that ``classes`` lacks.
+    """
+    import h5py
+
+    holder = _File(path)
+    file = holder.file
+    groups = sorted((name for name in file if isinstance(file.get(name), h5py.Group)), key=natural)
+    names = [(group, name) for group in groups for name in sorted(file[group], key=natural)]
+    names = [pair for pair in names if _has_rows(file.get("/".join(pair)))]
+    if not names:
+        raise EventFileError(path, "holds no samples, expected /<class>/<sample> with rows ts, x, y, p")
+    known = tuple(classes if classes is not None else _told(file, groups))
+    if missing := [group for group in groups if group not in known]:
+        raise EventFileError(path, f"class {missing[0]!r} is new, expected one of {', '.join(known)}")
+    samples = []
+    for k, (group, name) in enumerate(names):
+        inside = f"{group}/{name}"
+        number = int(file[inside].attrs.get(NUMBER, k))
+        samples.append(StoredSample(inside, f"{path}/{inside}", known.index(group), number, holder))
+    return known, tuple(samples)
+
+
+def _has_rows(node: Any) -> bool:
+    return getattr(getattr(node, "dtype", None), "names", None) is not None
+
+
+def _told(file: Any, groups: Sequence[str]) -> Sequence[str]:
+    text = file.attrs.get(CLASSES)
+    try:
+        told = json.loads(text) if isinstance(text, str) else groups
+    except ValueError:
+        told = groups
+    return told if isinstance(told, list) and set(groups) <= set(told) else groups

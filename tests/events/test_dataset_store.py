@@ -1,0 +1,179 @@
+"""Data sets written to HDF5 by several processes, killed and gone on with."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import pytest
+
+from neuro.errors import ModelError
+from neuro.events import EventFileError
+from neuro.events.dataset import Dataset
+
+
+def word(t):
+    return bytes([1, 2, 128, t >> 8 & 255, t & 255])
+
+
+@pytest.fixture
+def folder(tmp_path):
+    root = tmp_path / "set"
+    for k in range(30):
+        path = root / "Train" / str(k % 3) / f"{k}.bin"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"".join(word(t) for t in range(k)))
+    return root
+
+
+def same(path, folder):
+    stored, data = Dataset(path), Dataset(folder)
+    events = {(sample.label, sample.name.split("/")[-1]): sample.load() for sample in stored.samples}
+    assert events == {(s.label, s.name.split("/")[-1][:-4]): s.load() for s in data.samples}
+    assert stored.classes == data.classes
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_the_layout_is_that_of_aertb(folder, tmp_path, jobs):
+    seen = []
+    done = Dataset(folder).to_hdf5(tmp_path / "o.h5", jobs=jobs, report=lambda *what: seen.append(what))
+    assert (done.path, done.samples, done.damaged) == (str(tmp_path / "o.h5"), 30, {})
+    same(done.path, folder)
+    assert seen[0] == ("reading", 0, 30)
+    assert ("reading", 30, 30) in seen
+    assert seen[-1] == ("writing", 30, 30)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["o.h5", "set"]
+    with h5py.File(done.path) as file:
+        assert list(file) == ["0", "1", "2"]
+        sample = file["2/29"]
+        assert sample.dtype.names == ("ts", "x", "y", "p")
+        assert (sample.compression, sample.shuffle, sample.chunks) == ("gzip", True, (29,))
+        assert sample.attrs["sensor_size"].tolist() == [34, 34]
+        assert sample["ts"].tolist() == list(range(29))
+
+
+def test_the_same_call_again_does_nothing_and_another_is_refused(folder, tmp_path):
+    data, out = Dataset(folder), tmp_path / "o.h5"
+    first = data.to_hdf5(out, jobs=1)
+    made = out.stat().st_mtime_ns
+    assert data.to_hdf5(out, jobs=1) == first
+    assert out.stat().st_mtime_ns == made
+    with pytest.raises(EventFileError) as error:
+        data[:4].to_hdf5(out, jobs=1)
+    assert str(error.value) == f"{out}: exists and holds something else; expected a new name"
+    (tmp_path / "other.h5").write_text("mine")
+    with pytest.raises(EventFileError, match=r"other\.h5: exists and holds something else; expected a new name$"):
+        data.to_hdf5(tmp_path / "other.h5", jobs=1)
+    assert (tmp_path / "other.h5").read_text() == "mine"
+
+
+def test_damaged_samples(folder, tmp_path):
+    (folder / "Train/1/4.bin").write_bytes(word(7) + b"ab")
+    data = Dataset(folder)
+    told = {f"{folder}/Train/1/4.bin": "byte 5: 2 bytes left over after 1 events of 5 bytes"}
+    skipped = data.to_hdf5(tmp_path / "skip.h5", jobs=1)
+    assert (skipped.samples, skipped.damaged) == (29, told)
+    assert data.to_hdf5(tmp_path / "skip.h5", jobs=1).damaged == told
+    mended = data.to_hdf5(tmp_path / "mend.h5", jobs=1, damaged="mend")
+    assert mended.samples == 30
+    text = "byte 5: 2 bytes left over after 1 events of 5 bytes; what is before it was read"
+    assert mended.damaged == {f"{folder}/Train/1/4.bin": text}
+    with h5py.File(mended.path) as file:
+        assert file["1/4"]["ts"].tolist() == [7]
+    with pytest.raises(EventFileError) as error:
+        data.to_hdf5(tmp_path / "stop.h5", jobs=2, damaged="stop")
+    assert str(error.value) == f"{folder}/Train/1/4.bin: {next(iter(told.values()))}"
+    (folder / "Train/1/4.bin").write_bytes(word(7))
+    assert data.to_hdf5(tmp_path / "stop.h5", jobs=1, damaged="stop").samples == 30
+    with pytest.raises(EventFileError, match="exists and holds something else"):
+        data.to_hdf5(tmp_path / "skip.h5", jobs=1, damaged="stop")
+    with pytest.raises(ModelError) as wrong:
+        data.to_hdf5(tmp_path / "x.h5", damaged="skipp")
+    assert str(wrong.value) == "unknown choice for damaged 'skipp'\n  hint: did you mean 'skip'?"
+
+
+def test_a_folder_of_another_conversion_is_left_alone(folder, tmp_path):
+    parts = tmp_path / "o.h5.parts"
+    data = Dataset(folder)
+    parts.mkdir()
+    (parts / "mine.h5").write_text("mine")
+    with pytest.raises(EventFileError) as error:
+        data.to_hdf5(tmp_path / "o.h5")
+    assert str(error.value) == f"{parts}: exists and is no conversion that was begun; expected a new name"
+    (parts / "mine.h5").unlink()
+    (parts / "plan.txt").write_text("other")
+    with pytest.raises(EventFileError) as error:
+        data.to_hdf5(tmp_path / "o.h5")
+    text = "is what another conversion to the same name has done so far; go on with that one, or remove it"
+    assert str(error.value) == f"{parts}: {text}"
+    with pytest.raises(EventFileError, match="cannot write: No such file or directory"):
+        data.to_hdf5(tmp_path / "none" / "o.h5")
+
+
+def test_names_that_come_twice_in_a_class_are_told_apart(tmp_path):
+    for part in ("Train", "Test"):
+        (tmp_path / "set" / part / "7").mkdir(parents=True)
+        (tmp_path / "set" / part / "7" / "1.bin").write_bytes(word(len(part)))
+    done = Dataset(tmp_path / "set").to_hdf5(tmp_path / "o.h5", jobs=1)
+    with h5py.File(done.path) as file:
+        found = {name: rows["ts"].tolist() for name, rows in file["7"].items()}
+    assert found == {"Test_7_1.bin": [4], "Train_7_1.bin": [5]}
+
+
+SLOW = """
+import sys, time
+from neuro.events.dataset import Dataset, _store
+_store.BATCH = 1
+def report(what, done, total):
+    print(what, done, flush=True)
+    if done >= 5: time.sleep(30)
+if __name__ == "__main__":
+    Dataset(sys.argv[1]).to_hdf5(sys.argv[2], jobs=2, report=report)
+"""
+
+
+def test_after_a_kill_the_same_call_goes_on(folder, tmp_path):
+    script, out, parts = tmp_path / "slow.py", tmp_path / "o.h5", tmp_path / "o.h5.parts"
+    script.write_text(SLOW)
+    running = subprocess.Popen([sys.executable, script, folder, out], stdout=subprocess.PIPE, text=True)
+    while not running.stdout.readline().startswith("reading 5"):
+        assert running.poll() is None
+    children = _children(running.pid)
+    os.kill(running.pid, signal.SIGKILL)
+    running.wait()
+    running.stdout.close()
+    limit = time.monotonic() + 10
+    while any(_runs(child) for child in children) and time.monotonic() < limit:
+        time.sleep(0.02)
+    assert [child for child in children if _runs(child)] == []
+    assert len(children) >= 2
+    assert not out.exists()
+    done = {}
+    for part in parts.glob("*.h5"):
+        with h5py.File(part) as file:
+            assert json.loads(file.attrs["damaged"]) == {}
+            done |= dict.fromkeys(map(int, file), part.stat().st_mtime_ns)
+    assert len(done) >= 5
+    (parts / ".00000099.1.part").write_bytes(b"half")
+    (parts / "00000099.h5").write_bytes(b"cut by a crash of the machine")
+    Dataset(folder).samples[min(done)].read.__self__.write_bytes(b"not read again")
+    seen = []
+    stored = Dataset(folder).to_hdf5(out, jobs=1, report=lambda *what: seen.append(what))
+    assert seen[0] == ("reading", len(done), 30)
+    assert (stored.samples, stored.damaged) == (30, {})
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["o.h5", "set", "slow.py"]
+
+
+def _children(pid):
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def _runs(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
