@@ -1,11 +1,13 @@
-"""Events of event cameras: the type, files, data sets, segmentation and a pixel model.
+"""Events of event cameras: the type, files, data sets, filters, segmentation, representations and a pixel model.
 
-`Events` holds a recording; `load` and `save` read and write files; `recordings` goes through a
-labelled folder or zip; `msd_segments` cuts a recording into frames; `DVS` makes events from images.
+`Events` holds a recording; `load`, `stream` and `save` read and write files; `recordings` goes through a labelled folder
+or zip; `filters` clean and change a stream; `segmentation` cuts it; `representations` makes arrays of it; `DVS` makes
+events from images.
 """
 
 from __future__ import annotations
 
+from neuro.events import filters, representations, segmentation
 from neuro.events._events import EVENT, Events
 from neuro.events.dataset import Recording, Recordings, recordings
 from neuro.events.dvs import DVS, DVSParameters, dvs_events
@@ -24,10 +26,13 @@ __all__ = [
     "Recording",
     "Recordings",
     "dvs_events",
+    "filters",
     "frames_of",
     "load",
     "msd_segments",
     "recordings",
+    "representations",
     "save",
+    "segmentation",
     "stream",
 ]

@@ -140,8 +140,31 @@ class Events:
         first, last = np.searchsorted(self.t, (start_us, stop_us))
         return self[first:last]
 
-    def records(self) -> npt.NDArray[np.void]:
-        """The events as one structured array of type `EVENT` (n,), packed little-endian."""
+    def inside(self, x: tuple[int, int], y: tuple[int, int]) -> Events:
+        """The events of a part of the sensor, on the same sensor; `neuro.events.filters.Crop` makes it smaller.
+
+        Args:
+            x: first column and the one after the last, px.
+            y: first row and the one after the last, px.
+        """
+        return self[(self.x >= x[0]) & (self.x < x[1]) & (self.y >= y[0]) & (self.y < y[1])]
+
+    def of_polarity(self, p: int) -> Events:
+        """The ON events (1) or the OFF events (0).
+
+        Raises:
+            ValueError: `p` is neither.
+        """
+        if p not in (0, 1):
+            raise ValueError(f"polarity {p!r}: expected 1 (ON) or 0 (OFF)")
+        return self[self.p == p]
+
+    def records(self, time: str = "t") -> npt.NDArray[np.void]:
+        """The events as one structured array (n,), packed little-endian.
+
+        Args:
+            time: name of the field of times: "t" gives the type `EVENT`, "ts" the names of aertb.
+        """
         out = np.empty(len(self), EVENT)
         out["t"], out["x"], out["y"], out["p"] = self.t, self.x, self.y, self.p
-        return out
+        return out if time == "t" else out.view([(time, "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])

@@ -59,3 +59,19 @@ def test_import_is_light():
     code = "import sys, neuro.events; print([m for m in ('numba', 'scipy', 'h5py') if m in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
+
+
+def test_parts_by_place_and_polarity():
+    events = Events([1, 2, 3, 4], [0, 5, 5, 9], [0, 1, 2, 3], [1, 0, 1, 0], (10, 4), {"a": 1})
+    assert events.inside((5, 9), (1, 3)).t.tolist() == [2, 3]
+    assert events.inside((0, 10), (0, 4)) == events
+    assert (events.of_polarity(1).t.tolist(), events.of_polarity(0).t.tolist()) == ([1, 3], [2, 4])
+    assert events.of_polarity(1).metadata == {"a": 1}
+    with pytest.raises(ValueError, match=r"polarity 2: expected 1 \(ON\) or 0 \(OFF\)"):
+        events.of_polarity(2)
+
+
+def test_records_as_aertb_names_them():
+    events = Events([7], [1], [2], [1], (3, 3))
+    assert events.records("ts").dtype.names == ("ts", "x", "y", "p")
+    assert events.records("ts").tolist() == events.records().tolist()

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from neuro.events._events import EVENT, Events
 from neuro.events.formats._format import Unsavable
-from neuro.events.formats._metadata import as_json
+from neuro.events.formats._hdf5_attributes import describe
 
 SAMPLE = np.dtype([("ts", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
 """A row of a sample: aertb's field names, with times that are exact."""
@@ -40,7 +40,7 @@ def write(parts: Iterator[Events], path: Path) -> None:
         columns = {key: _column(group, key, EVENT[key]) for key in "txyp"}
         index, offset, done = _column(file, "ms_to_idx", np.dtype("<u8")), 0, 0
         for events in parts:
-            describe(group, events)
+            describe(group, events.sensor_size, events.metadata)
             if not len(events):
                 continue
             offset = offset if done else int(events.t[0])
@@ -73,14 +73,7 @@ def write_sample(group: Any, name: str, events: Events) -> None:
     rows["ts"], rows["x"], rows["y"], rows["p"] = events.t, events.x, events.y, events.p
     chunk = max(1, min(len(rows), CHUNK))
     dataset = group.create_dataset(name, data=rows, maxshape=(None,), chunks=(chunk,), **PACKED)
-    describe(dataset, events)
-
-
-def describe(target: Any, events: Events) -> None:
-    """Put sensor size and metadata into attributes of a group or dataset, once."""
-    if "sensor_size" not in target.attrs:
-        target.attrs["sensor_size"] = np.array(events.sensor_size, np.int64)
-        target.attrs["metadata"] = as_json(events.metadata)
+    describe(dataset, events.sensor_size, events.metadata)
 
 
 def _column(group: Any, name: str, kind: np.dtype[Any]) -> Any:

@@ -30,6 +30,7 @@ from neuro.events.errors import EventFileError
 from neuro.events.formats._columns import Names, find_names, to_piece, unit_of
 from neuro.events.formats._extra import extra
 from neuro.events.formats._format import Damage, Format, Piece, Size
+from neuro.events.formats._hdf5_attributes import attributes, heaps_whole
 from neuro.events.formats._hdf5_write import write, write_sample
 from neuro.events.formats._metadata import from_json
 from neuro.events.source import WHOLE, Source
@@ -38,7 +39,7 @@ MAGIC = b"\x89HDF\r\n\x1a\n"
 ECF = 36559
 """Prophesee's registered filter number."""
 
-_FAILURES = (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError)
+_FAILURES = (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError, OverflowError)
 _ROW = 13
 
 
@@ -51,10 +52,10 @@ class Hdf5:
         try:
             self._file = h5py.File(source.path or io.BytesIO(source.all().data), "r")
             self._recording = _find(self._file)
-            places = (self._recording.node, self._file)
-            sizes = (size for place in places if (size := _size(dict(place.attrs))))
-            self.sensor_size: Size | None = next(sizes, None)
-            self.metadata: Mapping[str, Any] = _metadata(dict(self._recording.node.attrs))
+            self._heaps = heaps_whole(source.all())
+            own, whole = (attributes(node, self._heaps) for node in (self._recording.node, self._file))
+            self.sensor_size: Size | None = _size(own) or _size(whole)
+            self.metadata: Mapping[str, Any] = _metadata(own)
         except Damage:
             raise
         except _FAILURES as error:
@@ -63,6 +64,8 @@ class Hdf5:
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
         yield from self._recording.pieces(block)
+        if not self._heaps:
+            raise Damage("a heap of strings is damaged; attributes with strings were left out", None)
 
 
 @dataclass(slots=True)
@@ -141,9 +144,9 @@ def read_sample(dataset: Any) -> Events:
         raise EventFileError(place, f"has rows of {dataset.dtype}, expected fields ts, x, y, p")
     try:
         (piece,) = _Recording(dataset, names, dataset, 0).pieces(WHOLE)
-        attributes = dict(dataset.attrs)
-        size = _size(attributes) or (int(piece.x.max(initial=0)) + 1, int(piece.y.max(initial=0)) + 1)
-        return Events(piece.t, piece.x, piece.y, piece.p, size, _metadata(attributes))
+        told = attributes(dataset, heaps=False)
+        size = _size(told) or (int(piece.x.max(initial=0)) + 1, int(piece.y.max(initial=0)) + 1)
+        return Events(piece.t, piece.x, piece.y, piece.p, size, _metadata(told))
     except Damage as damage:
         raise EventFileError(place, damage.what, damage.offset) from None
 
@@ -218,27 +221,26 @@ def _byte(columns: list[Any], event: int) -> int | None:
     return found
 
 
-def _size(attributes: Mapping[str, Any]) -> Size | None:
+def _size(told: Mapping[str, Any]) -> Size | None:
     """The sensor that attributes tell."""
-    if "sensor_size" in attributes:
-        told = np.ravel(attributes["sensor_size"]).tolist()
-    elif {"width", "height"} <= attributes.keys():
-        told = [np.ravel(attributes[key]).tolist()[0] for key in ("width", "height")]
-    elif (geometry := attributes.get("geometry")) is not None:
-        text = geometry.decode("ascii", "replace") if isinstance(geometry, bytes) else str(geometry)
-        told = [int(number) for number in re.findall(r"\d+", text)]
+    if "sensor_size" in told:
+        size = np.ravel(told["sensor_size"]).tolist()
+    elif {"width", "height"} <= told.keys():
+        size = [np.ravel(told[key]).tolist()[0] for key in ("width", "height")]
+    elif "geometry" in told:
+        size = [int(number) for number in re.findall(r"\d+", str(told["geometry"]))]
     else:
         return None
-    if len(told) != 2 or not all(isinstance(n, int) and 1 <= n <= 65536 for n in told):
-        raise Damage(f"its sensor is {told}, expected width and height from 1 to 65536", None)
-    return told[0], told[1]
+    if len(size) != 2 or not all(isinstance(n, int) and 1 <= n <= 65536 for n in size):
+        raise Damage(f"its sensor is {size}, expected width and height from 1 to 65536", None)
+    return size[0], size[1]
 
 
-def _metadata(attributes: dict[str, Any]) -> dict[str, Any]:
+def _metadata(told: dict[str, Any]) -> dict[str, Any]:
     """Attributes as metadata; those that this library wrote as JSON as they were."""
-    attributes.pop("sensor_size", None)
-    text = attributes.pop("metadata", None)
-    plain = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in attributes.items()}
+    text = told.get("metadata", "{}")
+    rest = {key: value for key, value in told.items() if key not in ("sensor_size", "metadata")}
+    plain = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in rest.items()}
     return plain | (from_json(text) if isinstance(text, str) else {})
 
 
