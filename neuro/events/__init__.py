@@ -1,8 +1,8 @@
 """Events of event cameras: the type, files, data sets, filters, segmentation, representations and a pixel model.
 
-`Events` holds a recording; `load`, `stream` and `save` read and write files; `recordings` goes through a labelled folder
-or zip; `filters` clean and change a stream; `segmentation` cuts it; `representations` makes arrays of it; `DVS` makes
-events from images.
+`Events` holds a recording; `load`, `stream` and `save` read and write files; `recordings` goes through a labelled
+folder or zip; `filters` clean and change a stream; `segmentation` cuts it; `representations` makes arrays of it; `DVS`
+makes events from images.
 """
 
 from __future__ import annotations
