@@ -190,7 +190,7 @@ def _offset(file: Any, group: Any) -> int:
         if "t_offset" in place:
             value = place["t_offset"][()]
             if np.ndim(value) or np.asarray(value).dtype.kind not in "iu":
-                raise Damage(f"t_offset is {value!r}, expected one whole number of us", None)
+                raise Damage(f"t_offset is {value}, expected one whole number of us", None)
             return int(value)
     return 0
 

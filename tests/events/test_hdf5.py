@@ -1,0 +1,295 @@
+import io
+import sys
+import warnings
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
+from neuro.events.formats import _hdf5_write
+from neuro.events.formats.hdf5 import read_sample, write_sample
+
+ROWS = [(70, 3, 2, 1), (1000, 3, 400, 0), (1070, 5, 0, 1), (1070, 600, 9, 0), (9000, 0, 0, 1)]
+T, X, Y, P = (np.array(values) for values in zip(*ROWS, strict=True))
+EVENTS = Events(T, X, Y, P, (640, 480), {"chip": "a", "parts": [1, 2]})
+
+
+def hdf5(**datasets):
+    """A file with these datasets and, as attributes of the file, numbers and strings."""
+    data = io.BytesIO()
+    with h5py.File(data, "w") as file:
+        for name, value in datasets.items():
+            if isinstance(value, int | str):
+                file.attrs[name] = value
+            else:
+                file[name.replace("__", "/")] = value
+    return data.getvalue()
+
+
+def columns(group, t=T, x=X, y=Y, p=P):
+    return {f"{group}__{name}": np.asarray(values) for name, values in zip("txyp", (t, x, y, p), strict=True)}
+
+
+def test_layout_is_that_of_dsec(tmp_path):
+    path = tmp_path / "a.h5"
+    save(EVENTS, path)
+    with h5py.File(path) as file:
+        assert set(file) == {"events", "ms_to_idx", "t_offset"}
+        assert file["t_offset"][()] == 70
+        assert file["events/t"][:].tolist() == (T - 70).tolist()
+        assert {name: d.dtype.str for name, d in file["events"].items()} == {
+            "t": "<i8", "x": "<u2", "y": "<u2", "p": "|u1",
+        }  # fmt: skip
+        for dataset in (*file["events"].values(), file["ms_to_idx"]):
+            assert (dataset.compression, dataset.shuffle, dataset.maxshape) == ("gzip", True, (None,))
+        assert dict(file["events"].attrs)["sensor_size"].tolist() == [640, 480]
+        index = file["ms_to_idx"][:]
+    assert index.tolist() == [0, 2, 4, 4, 4, 4, 4, 4, 4]
+    assert load(path) == EVENTS
+    assert load(path).metadata == {"format": "hdf5", "t0": 70, "chip": "a", "parts": [1, 2]}
+
+
+@given(st.lists(st.integers(0, 20000), min_size=1, max_size=60).map(sorted), st.integers(1, 9))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=50)
+def test_index_of_ms(tmp_path, times, count):
+    t = np.array(times)
+    zeros = np.zeros(t.size, int)
+    events = Events(t, zeros, zeros, zeros, (1, 1))
+    save((events[k : k + count] for k in range(0, t.size, count)), tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5") as file:
+        index, own = file["ms_to_idx"][:], file["events/t"][:]
+    assert len(index) == own[-1] // 1000 + 1
+    assert index.tolist() == [int(np.argmax(own >= 1000 * ms)) for ms in range(len(index))]
+
+
+def test_long_recordings_get_no_index(tmp_path, monkeypatch):
+    monkeypatch.setattr(_hdf5_write, "INDEX_LIMIT", 5)
+    path = tmp_path / "a.h5"
+    save([EVENTS[:3], EVENTS[3:]], path)
+    with h5py.File(path) as file:
+        assert "ms_to_idx" not in file
+    assert load(path) == EVENTS
+
+
+def test_index_in_blocks(tmp_path, monkeypatch):
+    monkeypatch.setattr(_hdf5_write, "INDEX_BLOCK", 2)
+    save(EVENTS, tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5") as file:
+        assert file["ms_to_idx"][:].tolist() == [0, 2, 4, 4, 4, 4, 4, 4, 4]
+
+
+def test_dsec():
+    """t in uint32 from t_offset on, no sensor."""
+    data = hdf5(**columns("events", T.astype("u4")), t_offset=np.int64(49599300523), ms_to_idx=np.zeros(3, "u8"))
+    events = load(data)
+    assert events.t.tolist() == (T + 49599300523).tolist()
+    assert events.sensor_size == (601, 401)
+
+
+def test_prophesee():
+    rows = np.array([(x, y, p, t) for t, x, y, p in ROWS], [("x", "u2"), ("y", "u2"), ("p", "i2"), ("t", "i8")])
+    events = load(hdf5(CD__events=rows, CD__indexes=np.zeros(2, [("id", "u8"), ("ts", "i8")]), geometry="1280x720"))
+    assert events.records().tolist() == ROWS
+    assert events.sensor_size == (1280, 720)
+
+
+def test_prophesee_with_its_own_filter():
+    data = io.BytesIO()
+    with h5py.File(data, "w") as file:
+        plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        plist.set_chunk((4,))
+        plist.set_filter(36559, h5py.h5z.FLAG_OPTIONAL, ())
+        kind = h5py.h5t.py_create(np.dtype([("x", "u2"), ("y", "u2"), ("p", "i2"), ("t", "i8")]))
+        h5py.h5d.create(file.create_group("CD").id, b"events", kind, h5py.h5s.create_simple((4,)), plist)
+    with pytest.raises(EventFileError) as error:
+        load(data.getvalue(), name="f")
+    assert str(error.value) == (
+        "f: /CD/events is packed with Prophesee's ECF filter, which HDF5 alone cannot unpack: "
+        "use the RAW file, or export it with Metavision's tools"
+    )
+
+
+def test_an_unknown_filter(monkeypatch):
+    data = io.BytesIO()
+    with h5py.File(data, "w") as file:
+        plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        plist.set_chunk((4,))
+        plist.set_filter(300, h5py.h5z.FLAG_OPTIONAL, ())
+        for name in "txyp":
+            file.require_group("events")
+            h5py.h5d.create(
+                file["events"].id, name.encode(), h5py.h5t.NATIVE_INT32, h5py.h5s.create_simple((4,)), plist
+            )
+    monkeypatch.setitem(sys.modules, "hdf5plugin", None)
+    with pytest.raises(EventFileError, match="/events/t, packed with HDF5 filter 300, needs the package hdf5plugin"):
+        load(data.getvalue())
+    monkeypatch.setitem(sys.modules, "hdf5plugin", h5py)
+    with pytest.raises(EventFileError, match="/events/t is packed with HDF5 filter 300, which is not known"):
+        load(data.getvalue())
+
+
+def test_aertb():
+    """Rows x, y, ts, p with times as float32 and polarities -1 and 1."""
+    kind = [("x", "u2"), ("y", "u2"), ("ts", "f4"), ("p", "i1")]
+    rows = np.array([(x, y, t, 2 * p - 1) for t, x, y, p in ROWS], kind)
+    assert load(hdf5(cars__1=rows)).records().tolist() == ROWS
+    with pytest.raises(EventFileError, match=r"data set with 2 recordings or more \(/cars/1, /cars/2\), expected one"):
+        load(hdf5(cars__1=rows, cars__2=rows))
+
+
+def test_samples(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        group = file.create_group("cars")
+        write_sample(group, "1", EVENTS)
+        write_sample(group, "none", EVENTS[:0])
+        assert group["1"].dtype.names == ("ts", "x", "y", "p")
+        assert (group["1"].compression, group["1"].shuffle) == ("gzip", True)
+        assert read_sample(group["1"]) == EVENTS
+        assert read_sample(group["1"]).metadata == EVENTS.metadata
+        assert len(read_sample(group["none"])) == 0
+        with pytest.raises(ValueError, match="name already exists"):
+            write_sample(group, "1", EVENTS)
+        group["other"] = np.zeros(3)
+        with pytest.raises(EventFileError, match="/cars/other: has rows of float64, expected fields ts, x, y, p"):
+            read_sample(group["other"])
+        group["bad"] = np.array([(1, 2, 3, 7)], [("ts", "i8"), ("x", "u2"), ("y", "u2"), ("p", "u1")])
+        with pytest.raises(EventFileError, match="event 0: p is 7"):
+            read_sample(group["bad"])
+        del group["none"], group["other"], group["bad"]
+    assert load(tmp_path / "a.h5") == EVENTS
+
+
+def test_seconds_and_the_root():
+    arrays = {"ts": T / 1e6, "x": X, "y": Y, "pol": P > 0, "width": 700, "height": 500}
+    events = load(hdf5(**arrays))
+    assert events.records().tolist() == ROWS
+    assert events.sensor_size == (700, 500)
+    assert events.metadata["width"] == 700
+
+
+ERRORS = {
+    "f: has a; expected /events/t, x, y, p, rows at /CD/events or /<class>/<sample>": {"a": np.zeros(3)},
+    "f: its columns have the shapes /events/t (5,), /events/x (4,), /events/y (5,), /events/p (5,), "
+    "expected one axis and equal lengths": columns("events", x=X[:4]),
+    "f: t_offset is 0.5, expected one whole number of us": {**columns("events"), "t_offset": np.float64(0.5)},
+    "f: events 0 on: t_offset 9223372036854775807 leads beyond 2^63 us": {
+        **columns("events"), "t_offset": np.int64(2**63 - 1),
+    },
+    "f: its sensor is [640, 0], expected width and height from 1 to 65536": {
+        **columns("events"), "geometry": "640x0",
+    },
+    "f: event 2: x is -1, expected a whole number from 0 to 65535": columns("events", x=[1, 2, -1, 4, 5]),
+    "f: event 4: t is nan, expected a time below 2^63 us": columns("events", t=[1.5, 2, 3, 4, np.nan]),
+    "f: event 1: time runs back from 5 to 2 us; load(..., sort=True) sorts the events": columns(
+        "events", t=[5, 2, 3, 4, 5]
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("message", ERRORS)
+def test_messages(message):
+    with pytest.raises(EventFileError) as error:
+        load(hdf5(**ERRORS[message]), name="f")
+    assert str(error.value) == message
+
+
+def test_a_cut_file():
+    with pytest.raises(EventFileError, match=r"f: no whole HDF5: .*truncated file"):
+        load(hdf5(**columns("events"))[:-10], name="f", strict=False)
+
+
+def long(n=100_000):
+    t = np.arange(n) * 3
+    return Events(t, t % 640, t % 480, t % 2, (640, 480))
+
+
+def test_chunks_before_a_damaged_one_are_read(tmp_path):
+    path = tmp_path / "a.h5"
+    save(long(), path)
+    with h5py.File(path) as file:
+        place = file["events/t"].id.get_chunk_info_by_coord((70_000,)).byte_offset
+    data = bytearray(path.read_bytes())
+    data[place + 20 : place + 60] = bytes(40)
+    with pytest.raises(EventFileError, match=f"byte {place}: event 65536 on cannot be read") as error:
+        load(bytes(data))
+    assert error.value.offset == place
+    with pytest.warns(EventFileWarning, match="what is before it was read"):
+        part = load(bytes(data), strict=False)
+    assert part == long()[:65536]
+
+
+def test_streamed_in_chunks(tmp_path):
+    path = tmp_path / "a.h5"
+    save(long(), path)
+    from neuro.events.formats.hdf5 import Hdf5
+    from neuro.events.source import Source
+
+    assert [piece.t.size for piece in Hdf5(Source(path)).pieces(1)] == [32768, 32768, 32768, 100_000 - 3 * 32768]
+    assert [len(part) for part in stream(path, count=25_000)] == [25_000] * 4
+    save(stream(path, count=999), tmp_path / "b.h5")
+    assert load(tmp_path / "b.h5") == long()
+
+
+def test_a_damaged_heap_is_told():
+    """HDF5 itself goes round without end in it."""
+    data = bytearray(hdf5(**columns("events"), note="hello"))
+    heap = data.index(b"GCOL")
+    free = data.index(b"hello", heap) + 8
+    assert data[free : free + 2] == b"\0\0"
+    data[free + 8] ^= 0x80
+    with pytest.raises(EventFileError, match="a heap of strings is damaged; attributes with strings were left out"):
+        load(bytes(data))
+    with pytest.warns(EventFileWarning, match="a heap of strings is damaged"):
+        assert load(bytes(data), strict=False).records().tolist() == ROWS
+
+
+def test_long_metadata(tmp_path):
+    events = Events(T, X, Y, P, (640, 480), {"header": "ä" * 100_000})
+    save(events, tmp_path / "a.h5")
+    assert load(tmp_path / "a.h5").metadata["header"] == "ä" * 100_000
+
+
+def test_a_span_that_no_column_holds(tmp_path):
+    events = Events([-5, 2**63 - 1], [0, 0], [0, 0], [0, 0], (1, 1))
+    with pytest.raises(EventFileError, match=r"cannot hold event 1: t 9223372036854775807 lies 2\^63 us or more after"):
+        save(events, tmp_path / "a.h5")
+
+
+@st.composite
+def recordings(draw):
+    n = draw(st.integers(0, 40))
+    t = sorted(draw(st.lists(st.integers(-(2**62), 2**62), min_size=n, max_size=n)))
+    places = st.lists(st.integers(0, 65535), min_size=n, max_size=n)
+    p = draw(st.lists(st.integers(0, 1), min_size=n, max_size=n))
+    fields = (t, draw(places), draw(places), p)
+    return Events(*(np.array(values, np.int64) for values in fields), (65536, 65536))
+
+
+@given(recordings(), st.integers(1, 9))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=50)
+def test_what_is_saved_is_loaded(tmp_path, events, count):
+    path = tmp_path / "a.h5"
+    save((events[k : k + count] for k in range(0, max(1, len(events)), count)), path)
+    assert load(path) == events
+    assert [file.name for file in tmp_path.iterdir()] == ["a.h5"]
+
+
+@given(st.data())
+@settings(deadline=None, max_examples=150)
+def test_damage_is_told(data):
+    rows = np.array([(x, y, p, t) for t, x, y, p in ROWS], [("x", "u2"), ("y", "u2"), ("p", "i2"), ("t", "i8")])
+    files = [hdf5(**columns("events"), t_offset=np.int64(3)), hdf5(CD__events=rows, geometry="640x480")]
+    whole = bytearray(data.draw(st.sampled_from(files)))
+    for _ in range(data.draw(st.integers(1, 4))):
+        whole[data.draw(st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", EventFileWarning)
+        for strict in (True, False):
+            try:
+                events = load(bytes(whole), name="a.h5", strict=strict)
+            except EventFileError:
+                continue
+            assert isinstance(events, Events)
