@@ -181,6 +181,8 @@ ERRORS = {
     "f: its sensor is [640, 0], expected width and height from 1 to 65536": {
         **columns("events"), "geometry": "640x0",
     },
+    "f: its columns have the shapes /events/t (), /events/x (5,), /events/y (5,), /events/p (5,), "
+    "expected one axis and equal lengths": columns("events", t=5),
     "f: event 2: x is -1, expected a whole number from 0 to 65535": columns("events", x=[1, 2, -1, 4, 5]),
     "f: event 4: t is nan, expected a time below 2^63 us": columns("events", t=[1.5, 2, 3, 4, np.nan]),
     "f: event 1: time runs back from 5 to 2 us; load(..., sort=True) sorts the events": columns(
@@ -194,6 +196,15 @@ def test_messages(message):
     with pytest.raises(EventFileError) as error:
         load(hdf5(**ERRORS[message]), name="f")
     assert str(error.value) == message
+
+
+def test_a_length_that_cannot_be():
+    data = io.BytesIO()
+    with h5py.File(data, "w") as file:
+        for name in "txyp":
+            file.create_dataset(f"events/{name}", (10**15,), "i4", chunks=(1000,))
+    with pytest.raises(EventFileError, match="/events/t has 1000000000000000 items, which 0 bytes cannot hold"):
+        load(data.getvalue())
 
 
 def test_a_cut_file():
@@ -261,7 +272,7 @@ def test_a_span_that_no_column_holds(tmp_path):
 @st.composite
 def recordings(draw):
     n = draw(st.integers(0, 40))
-    t = sorted(draw(st.lists(st.integers(-(2**62), 2**62), min_size=n, max_size=n)))
+    t = sorted(draw(st.lists(st.integers(-(2**61), 2**61), min_size=n, max_size=n)))
     places = st.lists(st.integers(0, 65535), min_size=n, max_size=n)
     p = draw(st.lists(st.integers(0, 1), min_size=n, max_size=n))
     fields = (t, draw(places), draw(places), p)

@@ -39,6 +39,9 @@ MAGIC = b"\x89HDF\r\n\x1a\n"
 ECF = 36559
 """Prophesee's registered filter number."""
 
+SWELL = 1100
+"""Most bytes that one byte of a file unpacks to; 1032 of gzip, which is the most that HDF5's own filters reach."""
+
 _FAILURES = (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError, OverflowError)
 _ROW = 13
 
@@ -92,6 +95,7 @@ class _Recording:
             raise Damage(f"its columns have the shapes {told}, expected one axis and equal lengths", None)
         for column in columns:
             _unpackable(column)
+            _believable(column)
         total, unit = columns[0].shape[0], self.names.unit
         chunk = (columns[0].chunks or (1 << 15,))[0]
         step = max(1, block // _ROW // chunk) * chunk
@@ -210,6 +214,16 @@ def _unpackable(dataset: Any) -> None:
         extra("hdf5plugin", f"{dataset.name}, packed with HDF5 filter {number},")
         if not h5py.h5z.filter_avail(number):
             raise Damage(f"{dataset.name} is packed with HDF5 filter {number}, which is not known", None)
+
+
+def _believable(dataset: Any) -> None:
+    """Refuse a dataset whose length cannot be: it would fill the memory."""
+    try:
+        stored = min(dataset.id.get_storage_size(), dataset.file.id.get_filesize())
+    except _FAILURES as error:
+        raise Damage(f"{dataset.name} cannot be read: {_text(error)}", None) from None
+    if dataset.size * dataset.dtype.itemsize > SWELL * stored:
+        raise Damage(f"{dataset.name} has {dataset.size} items, which {stored} bytes cannot hold", None)
 
 
 def _byte(columns: list[Any], event: int) -> int | None:
