@@ -73,6 +73,23 @@ class Currents:
                 self._add(current, q, step)
         return current
 
+    def full(self, population: int, source: int, amplitude: Floats) -> Floats:
+        """The current in pA into every neuron of a population while all generators are on, one with another amplitude.
+
+        Args:
+            population: the target.
+            source: the generator whose amplitude is not the present one.
+            amplitude: one value for all of it, or one each.
+        """
+        current = np.zeros(self._program.populations[population].size)
+        for q, p in enumerate(self._program.projections):
+            if p.target == population and p.source in self._history:
+                pre, post = self._program.connections(q)
+                own = amplitude if p.source == source else self.amplitude(p.source)
+                value = np.broadcast_to(own, self._program.populations[p.source].size)
+                np.add.at(current, post, value[pre] * p.weight)
+        return current
+
     def _add(self, current: Floats, q: int, step: int) -> None:
         p = self._program.projections[q]
         source = self._program.populations[p.source]

@@ -106,9 +106,23 @@ class ChipEngine:
         for what in found.keys() - self._told:
             self._told.add(what)
             text = f"backend '{self.fixed.chip.name}': {found[what]} {what} up to step {self.step}"
+            hint = self._way_out(what)
             if self._strict:
-                raise ModelError(text, hint="lower its scale or its weights, or run without strict=True")
-            warnings.warn(f"{text}; counts().native has their number", OverflowWarning, stacklevel=4)
+                raise ModelError(text, hint=f"{hint}, or run without strict=True")
+            told = f"{text}; counts().native has their number\n  hint: {hint}"
+            warnings.warn(told, OverflowWarning, stacklevel=4)
+
+    def _way_out(self, what: str) -> str:
+        """What would keep a register from overflowing."""
+        for part, cells in zip(self.program.populations, self._registers.fixed, strict=True):
+            if not what.endswith(f" of {part.name}") or part.model.chip:
+                continue
+            if cells.kind == "loihi_lif":
+                return f"scales={{'{part.name}': {cells.volt / 4:.4g}}} leaves 4 times the room"
+            if "exc_shift" in cells.registers:
+                shifts = tuple(min(15, int(cells.registers[f"{word}_shift"][0]) + 2) for word in ("exc", "inh"))
+                return f"shifts={{'{part.name}': {shifts}}} leaves 4 times the room"
+        return "lower its weights or its input"
 
     def slice(self, population: int) -> slice:
         """Where a population lies among all neurons."""
@@ -163,6 +177,9 @@ class ChipEngine:
         parameters = {name: each.copy() for name, each in values.items() if name not in names}
         if "E_L" in parameters and "V_m" not in states:
             states["V_m"] = self.get(population, "V_m")  # the register counts from E_L
+        if isinstance(part.model, dc_generator):
+            for target in self._currents.targets:  # refused here, not when it is on its way
+                self._registers.bias(target, self._currents.full(target, population, parameters["amplitude"]))
         before = dict(self._registers.parameters[population])
         self._registers.parameters[population].update(parameters)
         if isinstance(part.model, poisson_generator):

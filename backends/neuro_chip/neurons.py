@@ -36,7 +36,8 @@ def step_loihi(x, v, u, hold, keep_u, keep_v, threshold, bias, fired):
         w = i32(i32(kept(v[i], keep_v[i]) + now) + bias[i])
         clipped = i32(min(max(w, i32(-V_LIMIT)), V_LIMIT))
         free = i32(hold[i] == ZERO)
-        wraps = i32(wraps + i32(now != full))
+        lost = i32(i32(i32(x[i] << SIX) >> SIX) != x[i])
+        wraps = i32(wraps + i32(i32(now != full) | lost))
         clips = i32(clips + i32(free & i32(clipped != w)))
         clipped = i32(clipped * free)
         x[i] = ZERO

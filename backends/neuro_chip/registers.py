@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from neuro.neurons import Neuron
 from neuro.program import Floats, Ints
 
 _LIMIT = 2**31 - 1
+_KEPT = "a running chip keeps its scale: describe the network with these values, or lower them"
 _STANDS_FOR = {
     "loihi_lif": {"V_m": "v", "I_syn_ex": "u", "I_syn_in": "u", "tau_m": "dv", "tau_syn_ex": "du", "tau_syn_in": "du"}
     | {"V_th": "vth", "I_e": "bias_mant", "t_ref": "refractory"},
@@ -131,7 +133,7 @@ class Registers:
         if not isinstance(part.model, Neuron):
             return self.fixed[population], {}
         found, wires, problems = requantise(self._program, population, self.parameters[population], weights)
-        refused = [problem for problem in problems if problem.refused]
+        refused = [replace(problem, way_out=_KEPT) for problem in problems if problem.refused]
         refused += [self._other_scale(k) for k in wires if k in learning and not self._same_scale(k, wires[k])]
         if refused:
             self.parameters[population] = dict(self._good[population])

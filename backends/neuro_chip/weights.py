@@ -87,6 +87,8 @@ class Weights:
         if wires is None:
             raise ModelError(f"weights of '{part.name}', which carries a current, are fixed on a chip")
         exact = wires.exact(weights)
+        if wires.native:
+            self._check_native(part.name, wires, weights)
         bad = np.flatnonzero((exact > wires.high + 0.5) | (exact < wires.low - 0.5))
         if bad.size:
             low, high = wires.weights(np.array([wires.low, wires.high], dtype=np.int32))[[0, -1]]
@@ -98,6 +100,15 @@ class Weights:
         self._told[index] = weights.copy()
         self.put(index, _nearest(wires, weights))
         self.writes += part.size
+
+    def _check_native(self, name: str, wires: FixedProjection, weights: Floats) -> None:
+        """Refuse what is no mantissa, as where it is described."""
+        bad = np.flatnonzero((weights != np.rint(weights)) | (weights < wires.low) | (weights > wires.high))
+        if bad.size:
+            raise ModelError(
+                f"weights of '{name}': weight[{bad[0]}] = {weights[bad[0]]:g}: "
+                f"a mantissa in sign mode {wires.sign_mode} is a whole number from {wires.low} to {wires.high}"
+            )
 
     def put(self, index: int, mantissas: Words) -> None:
         """Replace all mantissas."""

@@ -28,13 +28,13 @@ class EventBackend:
         Args:
             program: what to run.
             threads: how many threads share the neurons.
-            options: none are known.
+            options: `strict` is accepted as by chips: nothing overflows here.
 
         Raises:
             ModelError: an option is unknown or `threads` is not a whole number >= 1.
         """
-        if options:
-            raise ModelError(f"backend 'event' has no option '{next(iter(options))}'", hint="known: threads")
+        for name in options.keys() - {"strict"}:
+            raise ModelError(f"backend 'event' has no option '{name}'", hint="known: strict, threads")
         if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
             raise ModelError(f"threads = {threads!r}: expected a whole number >= 1, e.g. {os.cpu_count()}")
         from neuro_event.engine import EventEngine

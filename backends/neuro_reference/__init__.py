@@ -27,8 +27,8 @@ class ReferenceBackend:
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> ReferenceEngine:
         """Make an engine at step 0; `threads` is accepted and ignored."""
-        for name in options:
-            raise ModelError(f"backend 'reference' has no option '{name}'", hint=nearest(name, ["threads"]))
+        for name in options.keys() - {"strict"}:
+            raise ModelError(f"backend 'reference' has no option '{name}'", hint=nearest(name, ["strict", "threads"]))
         return ReferenceEngine(program)
 
 

@@ -29,7 +29,8 @@ def options_of(program: Program, chip: Chip, options: Mapping[str, Any]) -> Opti
     known = [entry.name for entry in fields(Options) if OF_CHIP[entry.name] == chip.arithmetic]
     for name, values in options.items():
         if name not in known:
-            raise ModelError(f"backend '{chip.name}' has no option '{name}'", hint=nearest(name, known))
+            everywhere = ("strict", "order", "neurons_per_core")
+            raise ModelError(f"backend '{chip.name}' has no option '{name}'", hint=nearest(name, [*known, *everywhere]))
         if not isinstance(values, Mapping):
             raise ModelError(f"{name} = {values!r}: expected values by name, such as {{'exc': ...}}")
         for part, value in values.items():

@@ -102,6 +102,7 @@ class FixedProjection:
         delay: the delay register, likewise.
         rule: of synapses that learn on the chip, else None.
         n_scale: dopamine in 1/ms of one unit of the modulatory traces.
+        native: whether the weights of the language are the mantissas, bits that the chip drops included.
         rounding: what became of the weights.
     """
 
@@ -120,6 +121,7 @@ class FixedProjection:
     delay: Words
     rule: LearningRule | None = None
     n_scale: float = 0.0
+    native: bool = False
     rounding: WeightRounding = WeightRounding(0.0, 0.0, 0.0, 0.0)
 
     def weights(self, mantissas: Words) -> Floats:

@@ -107,7 +107,7 @@ def ceilings(d: Described) -> tuple[float, float]:
 
 
 def calm(inputs: Inputs, d: Described) -> float:
-    """The scale at which all synapses of a neuron may be active in one step and u does not wrap.
+    """The scale at which all synapses of a neuron may be active in every step and u does not wrap.
 
     It stays so large that the threshold and the truncation of decays are off by no more than 0.1 %.
     """
@@ -121,6 +121,7 @@ def calm(inputs: Inputs, d: Described) -> float:
                 weight = np.full(1, max(0.0, float((sign * inputs.range_of(index)).max(initial=0.0))))
             arriving += converging(inputs, index, weight)
         total = max(total, _largest(arriving) * float(d.gain.max()))
+    total /= 1.0 - float(min(d.fade.max(), 1.0 - 2.0**-12))
     lost = 1.0 - np.concatenate((d.leak, d.fade))
     fine = max(FINE, 1000.0 / float(lost[lost > 0.0].min(initial=1.0)))
     return max((U_LIMIT - 1) * SPARE / total, fine / _largest(d.distance))

@@ -5,6 +5,8 @@ Source of the limits: Davies et al., IEEE Micro 38(1):82, 2018; nengo-loihi 1.1;
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from neuro.backend import Problem
@@ -83,7 +85,8 @@ def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list
     kept = dropped(asked, bits, mode == "mixed")
     found = scales.judged(asked.astype(np.float64), kept, 1.0, low, high)
     delay = (part.delay - 1).astype(np.int32)
-    return fixed_projection(part.name, asked, exponent, mode, bits, np.ones(1), delay, found), problems
+    fixed = fixed_projection(part.name, asked, exponent, mode, bits, np.ones(1), delay, found)
+    return replace(fixed, low=first, high=last, grain=1, native=True), problems
 
 
 def fixed_projection(

@@ -10,7 +10,7 @@ import numpy as np
 from neuro.backend import Problem
 from neuro.chips.chip import Chip
 from neuro.chips.fixed import FixedPopulation, FixedProjection
-from neuro.chips.parts import approximated
+from neuro.chips.parts import approximated, refused
 from neuro.neurons import poisson_generator
 from neuro.program import Program
 
@@ -33,6 +33,9 @@ class Limit:
 _WEIGHTS = "raise the small weights, or lower the largest one, which sets the scale"
 _DECAY = "use a coarser resolution: a decay register has few steps where little decays in a step"
 _SCALE = "choose a larger scale; the largest V_th - E_L, current, V_m and weight of its population bound it"
+
+HOPELESS = 10.0
+"""Error of the threshold, relative to V_th - E_L, above which a network is refused."""
 
 LIMITS = {
     "zeroed": Limit(0.01, "of the weights other than 0 become 0", _WEIGHTS),
@@ -60,7 +63,11 @@ def losses(
     for part, cells in zip(program.populations, populations, strict=True):
         for r in cells.rounding:
             limit = LIMITS.get(r.quantity)
-            if limit is not None and abs(r.error) > limit.share:
+            if r.quantity == "V_th" and abs(r.error) > HOPELESS:
+                what = f"population '{part.name}': V_th = {r.wanted:g} becomes {r.got:.6g} {r.unit}"
+                why = f"{cells.volt:.3g} units per mV leave no threshold: its largest weight or current takes all bits"
+                yield refused(part.origin, what, why, "lower what is far above V_th - E_L, or set another scale")
+            elif limit is not None and abs(r.error) > limit.share:
                 what = f"population '{part.name}': {r.quantity} = {r.wanted:g} becomes {r.got:.6g} {r.unit}"
                 yield approximated(part.origin, what, f"{abs(r.error):.1%} {limit.told}", limit.way_out)
     for projection, fixed in zip(program.projections, wires, strict=True):

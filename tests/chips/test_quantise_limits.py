@@ -527,12 +527,13 @@ OPTIONS = {
     "of the other chip": (
         "loihi",
         {"shifts": {"out": (1, 1)}},
-        "backend 'loihi' has no option 'shifts'\n  hint: known: exponents, scales, signals",
+        "backend 'loihi' has no option 'shifts'\n"
+        "  hint: known: exponents, neurons_per_core, order, scales, signals, strict",
     ),
     "exponents on spinnaker": (
         "spinnaker",
         {"exponents": {"in_out": 1}},
-        "backend 'spinnaker' has no option 'exponents'\n  hint: known: shifts",
+        "backend 'spinnaker' has no option 'exponents'\n  hint: known: neurons_per_core, order, shifts, strict",
     ),
     "no mapping": ("loihi", {"scales": 3.0}, "scales = 3.0: expected values by name, such as {'exc': ...}"),
     "unknown part": ("loihi", {"scales": {"aut": 1.0}}, "scales: unknown part 'aut'\n  hint: did you mean 'out'?"),

@@ -130,3 +130,38 @@ def test_words_are_set_together_or_not_at_all(chip):
     with pytest.raises(neuro.ModelError, match="its register 'v' holds at most"):
         sim.set("out", tau_m=20.0, V_m=1e6)
     assert (sim.get("out", "tau_m") == 10.0).all()
+
+
+@pytest.mark.parametrize("chip", ["loihi", "spinnaker"])
+def test_a_current_that_overflows_is_refused_and_changes_nothing(chip):
+    net = neuro.Network("current", resolution=1.0)
+    net.population("dc", 1, neuro.dc_generator(amplitude=100.0))
+    net.population("out", 2, neuro.iaf_psc_exp())
+    net.connect("dc", "out", neuro.all_to_all(), weight=1.0, delay=1.0)
+    sim = neuro.compile(net, backend=chip)
+    with pytest.raises(neuro.ModelError, match="a current of 1e\\+11 pA overflows the"):
+        sim.set("dc", amplitude=1e11)
+    assert sim.get("dc", "amplitude").tolist() == [100.0]
+    sim.run(20.0)
+
+
+def test_mantissas_that_are_set_are_those_that_are_described():
+    for told in ([3.0, 101.0, -101.0], [2.0, 7.0, 254.0]):
+        net = neuro.Network("native", resolution=1.0)
+        net.population("in", 3, neuro.spike_generator(spike_times=[[1.0]] * 3))
+        net.population("out", 1, neuro.loihi_lif(du=4095, dv=0, vth=131071))
+        net.connect(
+            "in", "out", neuro.all_to_all(), neuro.loihi_static(), weight=np.array(told)[:, None], delay=1.0, name="w"
+        )
+        described = neuro.compile(net, backend="loihi")
+        other = neuro.compile(net, backend="loihi")
+        other.set_weights("w", np.zeros(3))
+        other.set_weights("w", np.array(told))
+        for sim in (described, other):
+            sim.run(3.0)
+        assert (described.get("out", "v") == other.get("out", "v")).all()
+        assert (described.get("w", "weight", raw=True) == other.get("w", "weight", raw=True)).all()
+        with pytest.raises(
+            neuro.ModelError, match=r"weight\[0\] = 1.5: a mantissa in sign mode mixed is a whole number"
+        ):
+            other.set_weights("w", [1.5, 2.0, 3.0])
