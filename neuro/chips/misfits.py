@@ -1,4 +1,9 @@
-"""What of a network fits on no core, or on no machine."""
+"""What of a network fits on no core, on no machine, or into no delay register.
+
+A delay of D steps takes a register of D where the target has a synaptic current (`I_syn`), else of D - 1, since NEST's
+currents act a step later than they arrive; on SpiNNaker one more, see `neuro.chips.loihi` and `neuro.chips.spinnaker`.
+Chips without an arithmetic here are taken to count as Loihi 1.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +13,16 @@ import numpy as np
 
 from neuro.backend import Problem
 from neuro.chips.chip import Chip
+from neuro.chips.fan import spiking
 from neuro.chips.incoming import Incoming
 from neuro.chips.mesh import capacity
-from neuro.chips.packing import memory_limit
+from neuro.chips.packing import in_rows, memory_limit
 from neuro.chips.split import Split
 from neuro.program import Ints, Program
 
 
 def misfits(program: Program, chip: Chip, into: Incoming, split: Split, chips: int) -> tuple[Problem, ...]:
-    """All that does not fit, at once.
+    """All that does not fit, at once; delays only where the arithmetic is not emulated, as quantising tells them else.
 
     Args:
         program: tells names and places in the description.
@@ -30,7 +36,28 @@ def misfits(program: Program, chip: Chip, into: Incoming, split: Split, chips: i
         *_too_much(program, chip, split, "in", split.axons_in, chip.limit("axons_in_per_core"), split.sends, into),
         *_too_much(program, chip, split, "out", split.axons_out, chip.limit("axons_out_per_core"), split.sends, into),
         *_too_large(program, chip, split, chips),
+        *(() if chip.arithmetic else too_late(program, chip)),
     )
+
+
+def too_late(program: Program, chip: Chip) -> Iterator[Problem]:
+    """Projections with a delay that the chip's register does not hold, in the words of `neuro.chips.quantise`."""
+    most, h = chip.limit("delay_max"), program.resolution
+    if most is None:
+        return
+    for part in (program.projections[index] for index in spiking(program)):
+        steps = int(part.delay.max(initial=0))
+        model = program.populations[part.target].model
+        late = any(state.name.startswith("I_syn") for state in model.states)
+        register = steps - (not late) + in_rows(chip)
+        if register > most:
+            yield Problem(
+                True,
+                f"projection '{part.name}': a delay of {steps * h:g} ms",
+                f"{register} steps in the delay register, which holds at most {most} on {chip.name}",
+                f"use at most {(most - register + steps) * h:g} ms, a coarser resolution, or a chain of parrots",
+                part.origin,
+            )
 
 
 def _too_much(

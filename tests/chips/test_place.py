@@ -15,8 +15,10 @@ import neuro
 import neuro_models
 from neuro.chips.chip import Chip, Figure, Mesh, chip
 from neuro.chips.mesh import exchange, lay_out
+from neuro.chips.misfits import too_late
 from neuro.chips.packing import block_bits, index_bits, synapse_bits
 from neuro.chips.place import place
+from neuro.chips.quantise import quantise
 from neuro.compiler import compile_network
 from neuro.neurons import Neuron
 
@@ -279,6 +281,57 @@ def test_too_large_for_the_largest_machine():
     assert placed.problems[0].origin == program.populations[1].origin
     (crowd,) = told(place(network(*((name, 30) for name in "abcd")), machine))
     assert crowd[3] == "the network must be smaller: fewer neurons, or fewer synapses onto each"
+
+
+DELAYED = {
+    "iaf_psc_exp": (neuro.iaf_psc_exp(), 63),
+    "iaf_psc_alpha": (neuro.iaf_psc_alpha(), 63),
+    "iaf_psc_delta": (neuro.iaf_psc_delta(), 64),
+    "parrot_neuron": (neuro.parrot_neuron(), 64),
+    "loihi_lif": (neuro.loihi_lif(), 64),
+}
+
+
+def delayed(model, delay):
+    words = {"weight": 2.0, "delay": float(delay)}
+    if model.chip:
+        words["synapse"] = neuro.loihi_static()
+    return network(sources(2), ("a", 2, model), connect=[("in", "a", neuro.all_to_all(), words)])
+
+
+@pytest.mark.parametrize("name", DELAYED)
+def test_a_delay_beyond_the_register(name):
+    model, longest = DELAYED[name]
+    assert place(delayed(model, longest), chip("loihi2")).problems == ()
+    program = delayed(model, longest + 1)
+    placed = place(program, chip("loihi2"))
+    assert told(placed) == [
+        (
+            True,
+            f"projection 'in_a': a delay of {longest + 1} ms",
+            "64 steps in the delay register, which holds at most 63 on loihi2",
+            f"use at most {longest} ms, a coarser resolution, or a chain of parrots",
+        )
+    ]
+    assert placed.problems[0].origin == program.projections[0].origin is not None
+
+
+def test_a_current_has_no_delay_register():
+    current = ("dc", 3, neuro.dc_generator(amplitude=1.0))
+    program = network(current, ("a", 2), connect=[("dc", "a", neuro.all_to_all(), {"delay": 100.0})])
+    assert place(program, chip("loihi2")).problems == ()
+
+
+@pytest.mark.parametrize("base", [LOIHI, SPINNAKER], ids=["loihi", "spinnaker"])
+@pytest.mark.parametrize("model", [neuro.iaf_psc_exp(), neuro.iaf_psc_delta(), neuro.parrot_neuron()])
+def test_a_delay_is_told_as_where_the_arithmetic_is_emulated_and_once(base, model):
+    """Quantising tells it of these chips, with the registers that run; placing leaves it to that."""
+    limit = base.limit("delay_max")
+    for delay in range(limit - 1, limit + 3):
+        program = delayed(model, delay)
+        assert list(too_late(program, base)) == [p for p in quantise(program, base).problems if "a delay of" in p.what]
+        assert place(program, base).problems == ()
+    assert list(too_late(delayed(model, limit + 2), base)) != []
 
 
 @pytest.mark.parametrize(
