@@ -7,6 +7,7 @@ is priced as dense layers instead: every synapse in every step.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from neuro.backend import EngineCounts
@@ -14,6 +15,8 @@ from neuro.chips.chip import Chip
 from neuro.chips.duration import chip_time, told_times
 from neuro.chips.energy import STATIC, Energy, Item, number
 from neuro.chips.fan import dense_size, spiking
+from neuro.chips.misfits import too_late
+from neuro.chips.quantise import ARITHMETIC, quantise
 from neuro.counts import Counts, Tally
 from neuro.errors import ModelError
 from neuro.neurons import Generator, Neuron
@@ -57,13 +60,27 @@ def check_costs(chip: Chip) -> None:
 
 
 def check_fits(program: Program, placement: Placement, chip: Chip) -> None:
-    """Refuse a placement in which something does not fit; all of it is told."""
-    refused = [problem for problem in placement.problems if problem.refused]
+    """Refuse a placement in which something does not fit, or a delay beyond the chip's register; all of it is told."""
+    problems = dict.fromkeys((*placement.problems, *too_late(program, chip)))
+    refused = [problem for problem in problems if problem.refused]
     if refused:
         told = [f"{p.origin}: " * bool(p.origin) + f"{p.what}: {p.why}" for p in refused]
         hints = [f"\n  hint: {p.way_out}" * bool(p.way_out) for p in refused]
         lines = [line + hint for line, hint in zip(told, hints, strict=True)]
         raise ModelError("\n".join([f"network '{program.name}' does not fit on target '{chip.name}'", *lines]))
+
+
+def unrunnable(program: Program, chip: Chip, placed: bool) -> Iterator[str]:
+    """Notes that what is priced cannot run on the chip, as far as that is known of it."""
+    as_if = "priced as if it could"
+    if chip.arithmetic in ARITHMETIC:
+        refused = sum(problem.refused for problem in quantise(program, chip).problems)
+        if refused:
+            told = f"{refused} refusal" + "s" * (refused > 1)
+            yield f"{chip.name} cannot run this network ({told}, see neuro fit): {as_if}"
+    elif not placed:
+        for problem in too_late(program, chip):
+            yield f"{chip.name} cannot run this network: {problem.what}: {problem.why}: {as_if}"
 
 
 class _Bill:
@@ -137,6 +154,7 @@ class _Bill:
 
     def explain(self, raw: EngineCounts, placement: Placement | None, time: float | None) -> None:
         """Note what is assumed and what is left out."""
+        self.notes += unrunnable(self.program, self.chip, placement is not None)
         if time is not None:
             self.notes += told_times(self.program, self.chip)
         if STATIC not in self.chip.costs or time is None:

@@ -278,6 +278,56 @@ def test_what_does_not_fit_has_no_price(run):
     assert price(*run, placed(problems=problems[1:2]), chip("loihi")) == price(*run, placed(), chip("loihi"))
 
 
+def delayed(delay):
+    """A run of a current-based neuron behind a long delay."""
+    net = neuro.Network("late", resolution=1.0)
+    net.population("input", 1, neuro.spike_generator(spike_times=((1.0,),)))
+    net.population("out", 1, neuro.iaf_psc_exp())
+    net.connect("input", "out", neuro.one_to_one(), weight=1.0, delay=float(delay))
+    sim = neuro.compile(net, "reference")
+    sim.run(5.0)
+    return sim
+
+
+@pytest.mark.parametrize(("target", "steps", "most"), [("loihi", 63, 62), ("spinnaker", 145, 144)])
+def test_a_delay_beyond_the_register_has_no_price(target, steps, most):
+    extra = target == "spinnaker"
+    assert delayed(most - extra).energy(target).total_j > 0.0
+    sim = delayed(most - extra + 1)
+    with pytest.raises(ModelError) as caught:
+        sim.energy(target)
+    first, second, hint = str(caught.value).splitlines()
+    assert first == f"network 'late' does not fit on target '{target}'"
+    told = f"{steps} steps in the delay register, which holds at most {most} on {target}"
+    assert second.endswith(f": projection 'input_out': a delay of {most - extra + 1} ms: {told}")
+    assert hint == f"  hint: use at most {most - extra} ms, a coarser resolution, or a chain of parrots"
+
+
+def test_a_delay_beyond_the_register_of_a_target_that_is_not_placed_is_noted():
+    """Its other limits are not looked at, either."""
+    note = (
+        "truenorth cannot run this network: projection 'input_out': a delay of 16 ms: 16 steps in the delay register, "
+        "which holds at most 15 on truenorth: priced as if it could"
+    )
+    assert note in delayed(16).energy("truenorth").notes
+    assert not any("cannot run" in text for text in delayed(15).energy("truenorth").notes)
+
+
+def test_a_network_that_the_chip_cannot_run_is_noted(run):
+    net = neuro.Network("odd", resolution=1.0)
+    net.population("one", 1, neuro.izhikevich())
+    net.population("two", 1, neuro.iaf_psc_exp(tau_m=math.inf))
+    sim = neuro.compile(net, "reference")
+    sim.run(5.0)
+    for target, refusals in (("loihi", "1 refusal"), ("spinnaker", "2 refusals")):
+        note = f"{target} cannot run this network ({refusals}, see neuro fit): priced as if it could"
+        assert sim.energy(target).notes[0] == note
+    for target in ("cpu", "truenorth", "spinnaker2"):
+        assert not any("cannot run" in text for text in sim.energy(target).notes)
+    assert not any("cannot run" in text for text in price(*run, placed(), chip("loihi")).notes)
+    assert price(*run, placed(), chip("spinnaker")).notes[0].startswith("spinnaker cannot run this network (1 refusal,")
+
+
 def test_the_real_placement(run):
     """All on one core of the tile at which the host's spikes enter: nothing leaves the tile."""
     program, counts = run
