@@ -95,7 +95,7 @@ class _Recording:
             raise Damage(f"its columns have the shapes {told}, expected one axis and equal lengths", None)
         for column in columns:
             _unpackable(column)
-            _believable(column)
+            believable(column)
         total, unit = columns[0].shape[0], self.names.unit
         chunk = (columns[0].chunks or (1 << 15,))[0]
         step = max(1, block // _ROW // chunk) * chunk
@@ -216,8 +216,15 @@ def _unpackable(dataset: Any) -> None:
             raise Damage(f"{dataset.name} is packed with HDF5 filter {number}, which is not known", None)
 
 
-def _believable(dataset: Any) -> None:
-    """Refuse a dataset whose length cannot be: it would fill the memory."""
+def believable(dataset: Any) -> None:
+    """Refuse a dataset whose length cannot be: it would fill the memory.
+
+    Args:
+        dataset: an open h5py dataset.
+
+    Raises:
+        Damage: it is longer than what is stored of it can be when unpacked, or cannot be looked at.
+    """
     try:
         stored = min(dataset.id.get_storage_size(), dataset.file.id.get_filesize())
     except _FAILURES as error:

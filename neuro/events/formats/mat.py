@@ -1,6 +1,6 @@
 """MATLAB ``.mat``: four vectors, in the file itself or in structs and cells at any depth.
 
-Names and units as in `_columns`. Versions 4 to 7 are read by SciPy, 7.3 by h5py, both at once into memory.
+Names and units as in `_columns`. Versions 4 to 7 are read as in `_mat5`, 7.3 by h5py, both at once into memory.
 
 A struct with ``ts`` beside ``x``, ``y``, ``p`` (the ``TD`` of Orchard's scripts, and in DVS-BARREL also the cells of
 ``ROI``) counts columns and rows from 1, so 1 is taken from them; its polarities may be 1 for OFF and 2 for ON. One with
@@ -24,13 +24,13 @@ from neuro.events._events import Events
 from neuro.events.errors import EventFileError
 from neuro.events.formats._columns import Names, find_names, to_piece, unit_of
 from neuro.events.formats._format import Damage, Format, Found, Piece
+from neuro.events.formats._mat5 import DEPTH, ITEMS, variables
+from neuro.events.formats.hdf5 import believable
 from neuro.events.source import WHOLE, Given, Source
 
 MAGIC = b"MATLAB "
-DEPTH = 8
-"""Structs within structs that are looked into."""
-CELLS = 1000
-"""Cells of an array that are looked into."""
+
+_FAILURES = (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError, OverflowError)
 
 Columns = Mapping[str, npt.NDArray[Any]]
 Candidate = tuple[str, Columns, Names]
@@ -85,14 +85,14 @@ def _candidates(source: Source) -> list[Candidate]:
     if not data.size:
         raise Damage("is empty, expected a MAT file", 0)
     try:
-        variables = _version_73(data.data) if b"MATLAB 7.3" in source.head(128) else _scipy(data.data)
-        found = [candidate for name, value in variables.items() for candidate in _search(name, value, DEPTH)]
-    except Exception as error:
-        # SciPy lets errors of every kind through for a damaged file.
-        told = f"{type(error).__name__} {' '.join(str(error).split())}".strip()
-        raise Damage(f"no whole MAT file: {told}", None) from None
+        known = _version_73(data.data) if b"MATLAB 7.3" in source.head(128) else variables(data.data)
+    except Damage:
+        raise
+    except _FAILURES as error:
+        raise Damage(f"no whole MAT file: {' '.join(str(error).split())}", None) from None
+    found = [candidate for name, value in _named(known).items() for candidate in _search(name, value, DEPTH)]
     if not found:
-        told = ", ".join(variables) or "nothing"
+        told = ", ".join(known) or "nothing"
         raise Damage(f"has {told}; expected vectors t (or ts), x, y and p (or pol), also in a struct", None)
     return found
 
@@ -142,7 +142,7 @@ def _search(name: str, value: Any, depth: int) -> Iterator[Candidate]:
             for key, item in value.items():
                 yield from _search(f"{name}.{key}" if name else key, item, depth - 1)
     elif isinstance(value, list) and depth:
-        for k, item in enumerate(value[:CELLS]):
+        for k, item in enumerate(value[:ITEMS]):
             yield from _search(f"{name}{{{k + 1}}}", item, depth - 1)
 
 
@@ -150,29 +150,13 @@ def _is_vector(value: Any) -> bool:
     return isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.size == max(value.shape, default=1)
 
 
-def _scipy(data: Any) -> dict[str, Any]:
-    """Variables of versions 4 to 7: structs as mappings, cells as lists."""
-    from scipy.io import loadmat
-
-    loaded = loadmat(io.BytesIO(data), simplify_cells=False, squeeze_me=False)
-    variables = {name: _plain(value, DEPTH) for name, value in loaded.items() if not name.startswith("__")}
-    return {"": variables} if find_names(_vectors(variables)) else variables
+def _named(found: dict[str, Any]) -> dict[str, Any]:
+    """Variables; those that are a recording together, under no name."""
+    return {"": found} if find_names(_vectors(found)) else found
 
 
 def _vectors(variables: Mapping[str, Any]) -> list[str]:
     return [name for name, value in variables.items() if _is_vector(value)]
-
-
-def _plain(value: Any, depth: int) -> Any:
-    if not isinstance(value, np.ndarray) or not depth:
-        return value
-    if value.dtype.names:
-        items = [{name: _plain(item[name], depth - 1) for name in value.dtype.names} for item in value.ravel()[:CELLS]]
-        return items[0] if len(items) == 1 else items
-    if value.dtype == object:
-        items = [_plain(item, depth - 1) for item in value.ravel()[:CELLS]]
-        return items[0] if len(items) == 1 else items
-    return value
 
 
 def _version_73(data: Any) -> dict[str, Any]:
@@ -180,8 +164,7 @@ def _version_73(data: Any) -> dict[str, Any]:
     import h5py
 
     with h5py.File(io.BytesIO(data), "r") as file:
-        variables = {name: _of_hdf5(file, node, DEPTH) for name, node in file.items() if not name.startswith("#")}
-    return {"": variables} if find_names(_vectors(variables)) else variables
+        return {name: _of_hdf5(file, node, DEPTH) for name, node in file.items() if not name.startswith("#")}
 
 
 def _of_hdf5(file: Any, node: Any, depth: int) -> Any:
@@ -191,8 +174,9 @@ def _of_hdf5(file: Any, node: Any, depth: int) -> Any:
         return None
     if isinstance(node, h5py.Group):
         return {name: _of_hdf5(file, item, depth - 1) for name, item in node.items()}
+    believable(node)
     if node.dtype == h5py.ref_dtype:
-        return [_of_hdf5(file, file[reference], depth - 1) for reference in node[()].ravel()[:CELLS]]
+        return [_of_hdf5(file, file[reference], depth - 1) for reference in node[()].ravel()[:ITEMS]]
     return node[()]
 
 

@@ -83,7 +83,11 @@ class _Bag:
                 if topic != self._topic:
                     others |= {topic} if kind.split("/")[-1] in KINDS else set()
                     continue
-                self._add(held, place, unpacker.piece(self._content(place, kind, data)))
+                content = self._content(place, kind, data)
+                try:
+                    self._add(held, place, unpacker.piece(content))
+                except Damage as found:
+                    raise Damage(found.what, self._byte(place)) from None
                 taken += data.size
                 if taken >= block:
                     yield held.piece()
@@ -217,7 +221,6 @@ class Ros2Bag(_Bag):
     def messages(self, block: int) -> Iterator[Message]:
         """See `_Bag`."""
         bags = extra("rosbags.rosbag2", "a ROS 2 bag")
-        failures = (bags.ReaderError, OSError, ValueError, KeyError, TypeError, AssertionError, EOFError)
         with tempfile.TemporaryDirectory() as folder:
             try:
                 with bags.Reader(self._path(Path(folder))) as bag:
@@ -225,7 +228,8 @@ class Ros2Bag(_Bag):
                         yield 0, connection.topic, connection.msgtype, np.frombuffer(data, np.uint8)
             except Damage:
                 raise
-            except failures as failure:
+            except Exception as failure:
+                # The package lets errors of many kinds through for a damaged bag.
                 raise Damage(f"no whole ROS 2 bag: {' '.join(str(failure).split())}", None) from None
 
     def _path(self, folder: Path) -> Path:
