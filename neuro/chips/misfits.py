@@ -99,15 +99,16 @@ def _too_large(program: Program, chip: Chip, split: Split, chips: int) -> Iterat
     held = np.bincount([index for parts in split.cores for index in {population for population, _, _ in parts}])
     largest, cores = int(np.argmax(held)), len(split.cores)
     part, own = program.populations[largest], int(held.max())
-    room = most * capacity(chip, cores)
-    spare = room - (cores - own)
+    surplus = cores - most * capacity(chip, cores)
+    alone = np.sort([split.neurons[i] for i, parts in enumerate(split.cores) if {p for p, _, _ in parts} == {largest}])
+    fit = part.size - int(alone[:surplus].sum())
     machine = f"{most:,} chip{'s' if most > 1 else ''} of {capacity(chip, cores):,} cores"
     yield Problem(
         True,
         f"population '{part.name}': {own:,} of {cores:,} cores",
         f"the network needs {chips:,} chips, the largest machine of {chip.name} has {machine}",
-        f"about {part.size * spare // own:,} of its {part.size:,} neurons would fit, or more with fewer synapses"
-        if 0 < spare < own
+        f"about {fit:,} of its {part.size:,} neurons would fit, or more with fewer synapses"
+        if 0 < surplus <= len(alone) and surplus < own
         else "the network must be smaller: fewer neurons, or fewer synapses onto each",
         part.origin,
     )

@@ -48,15 +48,16 @@ def place(program: Program, chip: Chip, *, order: str = "connected", neurons_per
         neurons_per_core: put fewer neurons on a core than the chip allows.
 
     Returns:
-        the same placement for the same arguments; what does not fit is in its `problems`.
+        the same placement for the same arguments; what does not fit is in its `problems`, but the delays of a chip
+        whose arithmetic is emulated, which `neuro.chips.quantise` tells.
 
     Raises:
         ModelError: an argument cannot be.
     """
     if order not in ORDERS:
         raise unknown("order", order, ORDERS)
-    if neurons_per_core is not None and (type(neurons_per_core) is not int or neurons_per_core < 1):
-        raise ModelError(f"neurons_per_core = {neurons_per_core!r}: expected a whole number >= 1")
+    if neurons_per_core is not None:
+        _check_neurons(neurons_per_core, chip)
     into = incoming(program)
     declared = neurons_of(program)
     cut = split(program, chip, into, declared, neurons_per_core)
@@ -68,6 +69,14 @@ def place(program: Program, chip: Chip, *, order: str = "connected", neurons_per
         drafts.insert(0, _draft(program, chip, into, *_close(chip, into, cut)))
     best = min(drafts, key=lambda draft: (draft.chips, draft.hops))
     return _placement(program, chip, into, best, order)
+
+
+def _check_neurons(neurons_per_core: int, chip: Chip) -> None:
+    if type(neurons_per_core) is not int or neurons_per_core < 1:
+        raise ModelError(f"neurons_per_core = {neurons_per_core!r}: expected a whole number >= 1")
+    limit = chip.limit("neurons_per_core")
+    if limit is not None and neurons_per_core > limit:
+        raise ModelError(f"neurons_per_core = {neurons_per_core}: expected at most {limit}, the limit of {chip.name}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

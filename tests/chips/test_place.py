@@ -64,7 +64,9 @@ def test_neurons_of_a_core(size, cores):
 def test_fewer_neurons_on_a_core_if_asked():
     placed = place(network(("a", 100)), LOIHI, neurons_per_core=40)
     assert [core.neurons for core in placed.cores] == [40, 40, 20]
-    assert len(place(network(("a", 1025)), LOIHI, neurons_per_core=5000).cores) == 2
+    assert [core.neurons for core in place(network(("a", 1025)), LOIHI, neurons_per_core=1024).cores] == [1024, 1]
+    bare = Chip("bare", "Bare", "")
+    assert len(place(network(("a", 1025)), bare, neurons_per_core=5000).cores) == 1
 
 
 def test_memory_of_a_core():
@@ -275,7 +277,7 @@ def test_too_large_for_the_largest_machine():
             True,
             "population 'b': 7 of 9 cores",
             "the network needs 3 chips, the largest machine of loihi has 2 chips of 4 cores",
-            "about 52 of its 61 neurons would fit, or more with fewer synapses",
+            "about 60 of its 61 neurons would fit, or more with fewer synapses",
         )
     ]
     assert placed.problems[0].origin == program.populations[1].origin
@@ -334,12 +336,29 @@ def test_a_delay_is_told_as_where_the_arithmetic_is_emulated_and_once(base, mode
     assert list(too_late(delayed(model, limit + 2), base)) != []
 
 
+@given(sizes=st.lists(st.integers(1, 40), min_size=1, max_size=4), limit=st.integers(1, 12), chips=st.integers(1, 4))
+def test_as_many_neurons_as_are_told_would_fit(sizes, limit, chips):
+    """Of a network of one population no more; else one more may find room beside another population."""
+    machine = limited(mesh=Mesh(1, 1, 3), cores_per_chip=3, neurons_per_core=limit, chips=chips)
+    names = "abcd"[: len(sizes)]
+    for problem in place(network(*zip(names, sizes, strict=True)), machine).problems:
+        if problem.way_out.startswith("the network must be smaller"):
+            continue
+        which = names.index(problem.what[12])
+        told = int(problem.way_out.split()[1])
+        other = [*sizes[:which], told, *sizes[which + 1 :]]
+        assert place(network(*zip(names, other, strict=True)), machine).problems == ()
+        if len(sizes) == 1:
+            assert place(network(("a", told + 1)), machine).problems != ()
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         ({"order": "conected"}, "unknown order 'conected'\n  hint: did you mean 'connected'?"),
         ({"neurons_per_core": 0}, "neurons_per_core = 0: expected a whole number >= 1"),
         ({"neurons_per_core": 2.0}, "neurons_per_core = 2.0: expected a whole number >= 1"),
+        ({"neurons_per_core": 1025}, "neurons_per_core = 1025: expected at most 1024, the limit of loihi"),
     ],
 )
 def test_arguments(words, message):
