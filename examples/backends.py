@@ -1,4 +1,4 @@
-"""One network, every backend: equal spikes from the float ones, a chip that rounds and learns coarsely, and its bill."""
+"""One network on every backend: equal spikes from the float ones; a chip that rounds and learns coarsely, its bill."""
 
 import warnings
 from pathlib import Path

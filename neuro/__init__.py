@@ -82,6 +82,7 @@ __all__ = [
     "all_to_all",
     "chips",
     "coding",
+    "compare",
     "compile",
     "dc_generator",
     "dropout",
