@@ -139,7 +139,7 @@ LIES = {
     "nmnist": ["Train/3/1.bin", "Train/7/2.bin", "Test/3/3.bin"],
     "ncars": ["n-cars_train/cars/obj_1_td.dat", "n-cars_train/background/o_2_td.dat", "n-cars_test/cars/o_3_td.dat"],
     "ncaltech101": [
-        "Caltech101/ant/image_0001.bin", "Caltech101/bee/image_0001.bin", "Caltech101_annotations/ant/annotation_01.bin",
+        "Caltech101/ant/image_0001.bin", "Caltech101/bee/image_0001.bin", "Caltech101_annotations/ant/annotation_1.bin",
     ],
     "poker_dvs": ["xclub01.aedat", "xheart02i.aedat", "readme.txt"],
     "dvs_gesture": ["user01_led.aedat", "user01_led_labels.csv"],

@@ -1,0 +1,29 @@
+"""`neuro events`: files of event cameras looked at, converted, filtered, cut, drawn and gathered."""
+
+from __future__ import annotations
+
+import typer
+
+from neuro.cli.events.convert import convert
+from neuro.cli.events.filter import filter
+from neuro.cli.events.formats import formats
+from neuro.cli.events.gif import gif
+from neuro.cli.events.info import info
+from neuro.cli.events.shell import shell
+from neuro.cli.events.split import split
+from neuro.cli.events.tohdf5 import tohdf5
+from neuro.cli.events.view import view
+
+COMMANDS = (info, formats, convert, filter, split, gif, view, tohdf5, shell)
+
+app = typer.Typer(name="events", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+for command in COMMANDS:
+    app.command()(command)
+
+
+@app.callback()
+def events() -> None:
+    """Look at, convert, filter, cut, draw and gather the files of event cameras."""
+
+
+__all__ = ["app", "shell"]

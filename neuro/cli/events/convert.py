@@ -1,0 +1,28 @@
+"""`neuro events convert`."""
+
+from __future__ import annotations
+
+import typer
+
+from neuro.cli.events.options import Force, From, In, Lenient, Out, Sensor, To, events_so_far, going, spare
+
+
+def convert(
+    source: In,
+    target: Out,
+    from_format: From = None,
+    to_format: To = None,
+    sensor: Sensor = None,
+    lenient: Lenient = False,
+    force: Force = False,
+) -> None:
+    """Write a recording in another format, which the ending of OUT tells."""
+    from neuro.events.convert import convert as write
+
+    spare(source, target, force)
+    with going(f"{target} is not written") as bar:
+        done = write(
+            source, target, from_format=from_format, to_format=to_format, sensor_size=sensor, strict=not lenient,
+            report=events_so_far(bar),
+        )  # fmt: skip
+    typer.echo(f"{target}: {done:,} events", err=target == "-")

@@ -1,0 +1,116 @@
+"""`neuro events filter`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from neuro.cli.events.options import Force, From, In, Lenient, Out, Sensor, To, events_so_far, going, spare
+
+if TYPE_CHECKING:
+    from neuro.events import Events
+    from neuro.events.filters import Chain
+
+Filters = Annotated[
+    list[str], typer.Argument(metavar="FILTER...", help="A name, or 'name: {parameter: value}'; see --list.")
+]
+
+
+def filter(
+    source: In,
+    target: Out,
+    filters: Filters,
+    from_format: From = None,
+    to_format: To = None,
+    sensor: Sensor = None,
+    lenient: Lenient = False,
+    force: Force = False,
+    list_all: Annotated[
+        bool, typer.Option("--list", is_eager=True, callback=lambda given: _list(given), help="List all filters.")
+    ] = False,
+) -> None:
+    """Write a recording through filters, one after the other: 'tar: {tau: 0.08}' 'crop: {x: [0, 300]}'."""
+    from neuro.events.convert import read, write
+
+    spare(source, target, force)
+    chosen = [_parsed(text) for text in filters]
+    seen = 0
+
+    def through() -> Iterator[Events]:
+        nonlocal seen
+        made: Chain | None = None
+        for part in read(source, from_format, sensor, not lenient):
+            made = made or _chain(part.sensor_size, chosen)
+            seen += len(part)
+            yield made(part)
+        if made is not None:
+            yield made.finish()
+
+    with going(f"{target} is not written") as bar:
+        done = write(through(), target, to_format, events_so_far(bar))
+    typer.echo(f"{target}: {done:,} of {seen:,} events", err=target == "-")
+
+
+def _parsed(text: str) -> tuple[str, dict[str, Any]]:
+    """Name and parameters of a filter, written as any choice in a network is."""
+    import yaml
+
+    from neuro.cli.options import number
+    from neuro.errors import unknown
+    from neuro.events.filters import FILTERS
+
+    try:
+        given = yaml.safe_load(text)
+    except yaml.YAMLError:
+        raise typer.BadParameter(f"'{text}': is not YAML", param_hint="FILTER") from None
+    given = {given: {}} if isinstance(given, str) else given
+    if not isinstance(given, dict) or len(given) != 1 or not isinstance(next(iter(given.values())), dict):
+        expected = "expected a name, or 'name: {parameter: value}'"
+        raise typer.BadParameter(f"'{text}': {expected}", param_hint="FILTER")
+    name, values = next(iter(given.items()))
+    if name not in FILTERS:
+        raise unknown("filter", str(name), FILTERS)
+    for key in values:
+        if key not in (known := _parameters(FILTERS[name])):
+            raise unknown(f"parameter of filter '{name}'", str(key), known)
+    return name, {key: number(value) for key, value in values.items()}
+
+
+def _parameters(kind: Any) -> dict[str, str]:
+    """Each parameter of a filter with what it is if not given."""
+    from dataclasses import MISSING, fields
+
+    own = [f for f in fields(kind) if f.init and f.name != "sensor_size"]
+    return {f.name: f.name if f.default is MISSING else f"{f.name}={f.default}" for f in own}
+
+
+def _chain(size: tuple[int, int], chosen: Sequence[tuple[str, dict[str, Any]]]) -> Chain:
+    from neuro.errors import ModelError
+    from neuro.events.filters import FILTERS, FilterError, chain
+
+    made = []
+    for name, values in chosen:
+        try:
+            made.append(FILTERS[name](size, **values))
+        except FilterError as error:
+            raise ModelError(str(error)) from None
+        except TypeError:
+            raise ModelError(f"filter '{name}': expected all of {', '.join(_parameters(FILTERS[name]))}") from None
+        size = made[-1].out_size
+    return chain(*made)
+
+
+def _list(given: bool) -> None:
+    if not given:
+        return
+    from neuro.cli.tables import console, table
+    from neuro.events.filters import FILTERS
+
+    rows = [
+        (name, ", ".join(_parameters(kind).values()), (kind.__doc__ or "").partition("\n")[0])
+        for name, kind in FILTERS.items()
+    ]
+    console().print(table(("filter", "parameters", "what it does"), rows))
+    raise typer.Exit

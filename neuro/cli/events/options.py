@@ -1,0 +1,92 @@
+"""Options that the commands for event files share."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from neuro.cli.options import whole
+from neuro.cli.progress import Bar
+
+
+def sensor(text: str) -> tuple[int, int]:
+    """Width and height, such as 346x260."""
+    found = re.fullmatch(r"([1-9]\d{0,4})[x×]([1-9]\d{0,4})", text)
+    if found is None:
+        raise typer.BadParameter(f"'{text}': expected WIDTHxHEIGHT in px, such as 346x260")
+    return int(found[1]), int(found[2])
+
+
+def count(text: str) -> int:
+    """A whole number >= 1."""
+    return whole(text, 1)
+
+
+def microseconds(ms: float, option: str) -> int:
+    """A time in us; a part of one is refused."""
+    us = ms * 1000.0
+    if abs(us - round(us)) > 1e-6 or round(us) < 1:
+        raise typer.BadParameter(f"'{ms:g}': expected a whole number of us, such as 0.001 or 40 ms", param_hint=option)
+    return round(us)
+
+
+File = Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")]
+In = Annotated[str, typer.Argument(metavar="IN", help="A recording, - for standard input.")]
+Out = Annotated[str, typer.Argument(metavar="OUT", help="The file to write, - for standard output.")]
+From = Annotated[str | None, typer.Option("--from", metavar="FORMAT", help="What IN is, where it does not tell.")]
+To = Annotated[str | None, typer.Option("--to", metavar="FORMAT", help="What to write, where OUT does not tell.")]
+Lenient = Annotated[bool, typer.Option("--lenient", help="Take what is whole of a damaged file.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace what stands at OUT.")]
+Sensor = Annotated[
+    Any, typer.Option("--sensor", metavar="WxH", parser=sensor, help="Sensor, where the file does not tell it.")
+]
+
+
+def spare(source: str | Path, target: str | Path, force: bool) -> None:
+    """Refuse to write over the recording itself, and over anything else unless that is wanted."""
+    from neuro.errors import ModelError
+
+    path = Path(target)
+    if str(target) == "-" or not path.exists():
+        return
+    if str(source) != "-" and os.path.exists(source) and path.samefile(source):
+        raise ModelError(f"{target}: this is the recording itself: expected a new name")
+    if not force:
+        raise ModelError(f"{target}: exists: expected a new name, or --force to replace it")
+
+
+class Counter(Bar):
+    """A bar that also counts."""
+
+    def count(self, what: str, done: int, total: int) -> None:
+        """Show how many of how many are done."""
+        self._bar.update(self._task, description=f"{what}: {done:,} of {total:,}", completed=done, total=total)
+
+
+@contextmanager
+def going(left: str) -> Iterator[Counter]:
+    """A bar; Ctrl-C takes it away and says what is left.
+
+    Args:
+        left: what to say.
+    """
+    bar = Counter()
+    with bar:
+        try:
+            bar.say("reading")
+            yield bar
+        except KeyboardInterrupt:
+            bar.stop()
+            typer.echo(f"interrupted: {left}", err=True)
+            raise typer.Exit(130) from None
+
+
+def events_so_far(bar: Counter) -> Callable[[int], None]:
+    """A report that shows how many events are done."""
+    return lambda done: bar.say(f"{done:,} events")

@@ -1,0 +1,120 @@
+"""`neuro shell` and `neuro events shell`: commands one after the other, with completion and help."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+import typer
+
+LEAVE = ("exit", "quit")
+
+
+def shell(context: typer.Context) -> None:
+    """Type commands without their beginning; Tab completes, help lists them, exit leaves."""
+    assert context.parent is not None
+    group, prompt = context.parent.command, f"{context.parent.command_path}> "
+    lines = _typed(context.parent, prompt) if sys.stdin.isatty() else sys.stdin
+    for line in lines:
+        words = _words(line)
+        if words and words[0] in LEAVE:
+            return
+        if words:
+            _run(group, context.parent.command_path, words)
+
+
+def _words(line: str) -> list[str]:
+    """The words of a line; what follows # is left out."""
+    try:
+        return shlex.split(line, comments=True)
+    except ValueError as error:
+        typer.echo(f"error: {str(error).lower()}", err=True)
+        return []
+
+
+def _run(group: Any, path: str, words: list[str]) -> None:
+    """Run one command; a mistake leaves the shell open."""
+    from neuro.cli.mistakes import telling
+
+    if words[0] == "help":
+        words = [*words[1:], "--help"]
+    try:
+        with telling():
+            group.main(words, prog_name=path, standalone_mode=False)
+    except SystemExit:
+        pass
+    except KeyboardInterrupt:
+        typer.echo("interrupted", err=True)
+
+
+def _typed(context: Any, prompt: str) -> Iterator[str]:
+    """The lines that a person types."""
+    from neuro.errors import ModelError
+
+    try:
+        from prompt_toolkit import PromptSession
+        from prompt_toolkit.history import FileHistory
+    except ImportError:
+        raise ModelError(
+            "the shell needs the package prompt_toolkit", hint="pip install 'neuro[events]'; pipes work without it"
+        ) from None
+    from platformdirs import user_state_path
+
+    folder = user_state_path("neuro", ensure_exists=True)
+    session: Any = PromptSession(history=FileHistory(str(folder / "shell-history")), completer=_completer(context))
+    typer.echo("Tab completes, 'help' lists the commands, 'help COMMAND' tells more, 'exit' leaves.")
+    while True:
+        try:
+            yield session.prompt(prompt)
+        except KeyboardInterrupt:
+            continue
+        except EOFError:
+            return
+
+
+def _completer(context: Any) -> Any:
+    from prompt_toolkit.completion import Completer, Completion, PathCompleter
+    from prompt_toolkit.document import Document
+
+    class Words(Completer):
+        def get_completions(self, document: Any, event: Any) -> Iterable[Any]:
+            before = document.text_before_cursor
+            words = before.split()
+            last = "" if before[-1:].isspace() or not before else words.pop()
+            found = choices(context, words, last)
+            for word, told in found:
+                yield Completion(word, -len(last), display_meta=told)
+            if not found and words:
+                paths = PathCompleter(expanduser=True)
+                yield from paths.get_completions(Document(last, len(last)), event)
+
+    return Words()
+
+
+def choices(context: Any, words: Sequence[str], last: str) -> list[tuple[str, str]]:
+    """What may stand at the end of a line, each with what it means; none where a path is expected.
+
+    Args:
+        context: of the group in which the shell is.
+        words: whole words before.
+        last: the word that is begun, may be empty.
+    """
+    command = context.command
+    inside = [word for word in words if not word.startswith("-")]
+    inside = inside[1:] if inside[:1] == ["help"] else inside
+    while inside and hasattr(command, "get_command"):
+        command = command.get_command(context, inside.pop(0))
+        if command is None:
+            return []
+    if hasattr(command, "list_commands"):
+        names = command.list_commands(context)
+        known = [(name, command.get_command(context, name).get_short_help_str(60)) for name in names]
+        if not words:
+            known += [("help", "List the commands."), ("exit", "Leave.")]
+    elif last.startswith("-"):
+        known = [(word, param.help or "") for param in command.params for word in param.opts if word.startswith("-")]
+    else:
+        return []
+    return [(word, told) for word, told in known if word.startswith(last)]

@@ -1,0 +1,130 @@
+"""From one event file to another, in constant memory; also from standard input and to standard output."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
+from pathlib import Path
+
+from neuro.events._events import Events
+from neuro.events.errors import EventFileError
+from neuro.events.files import load, save, stream
+from neuro.events.formats import FORMATS, Unsavable
+
+STANDARD = "-"
+"""Standard input, or standard output."""
+
+STREAMED = ("csv", "nmnist")
+"""Formats that a pipe takes part by part; others are written to a temporary file first."""
+
+OUTPUT = "<standard output>"
+
+Report = Callable[[int], None]
+Path_ = str | os.PathLike[str]
+
+
+def convert(
+    source: Path_,
+    target: Path_,
+    *,
+    from_format: str | None = None,
+    to_format: str | None = None,
+    sensor_size: tuple[int, int] | None = None,
+    strict: bool = True,
+    report: Report | None = None,
+) -> int:
+    """Write the events of a file in another format.
+
+    Args:
+        source: the file, ``-`` for standard input.
+        target: the file to write, ``-`` for standard output.
+        from_format: its name, where neither content nor ending tells.
+        to_format: its name, where the ending does not tell.
+        sensor_size: width and height, px; None takes those that the file tells, else the smallest that holds all.
+        strict: False takes what is whole of a damaged file, with an `EventFileWarning`.
+        report: called with the number of events written so far.
+
+    Returns:
+        Number of events.
+
+    Raises:
+        EventFileError: the file is damaged or unknown, or the format cannot hold an event.
+    """
+    return write(read(source, from_format, sensor_size, strict), target, to_format, report)
+
+
+def read(
+    source: Path_, format: str | None = None, sensor_size: tuple[int, int] | None = None, strict: bool = True
+) -> Iterator[Events]:
+    """The parts of a recording; one at least, unless standard input has none.
+
+    Args:
+        source: the file, ``-`` for standard input.
+        format: its name, where neither content nor ending tells.
+        sensor_size: as for `neuro.events.load`.
+        strict: as for `neuro.events.load`.
+    """
+    standard = os.fspath(source) == STANDARD
+    name = "<standard input>" if standard else None
+    given = sys.stdin.buffer if standard else source
+    parts = stream(given, format=format, sensor_size=sensor_size, name=name, strict=strict)
+    first = next(parts, None)
+    if first is not None:
+        yield from chain([first], parts)
+    elif not standard:
+        yield load(source, format=format, sensor_size=sensor_size, strict=strict)
+
+
+def write(parts: Iterable[Events], target: Path_, format: str | None = None, report: Report | None = None) -> int:
+    """Write the parts of a recording.
+
+    Args:
+        parts: in order.
+        target: the file, ``-`` for standard output.
+        format: its name, where the ending does not tell.
+        report: called with the number of events written so far.
+
+    Returns:
+        Number of events.
+
+    Raises:
+        EventFileError: as for `neuro.events.save`; or standard output without a format.
+    """
+    done = 0
+
+    def counted() -> Iterator[Events]:
+        nonlocal done
+        for part in parts:
+            yield part
+            done += len(part)
+            if report is not None:
+                report(done)
+
+    if os.fspath(target) == STANDARD:
+        _write_out(counted(), format)
+    else:
+        save(counted(), target, format=format)
+    return done
+
+
+def _write_out(parts: Iterator[Events], format: str | None) -> None:
+    writers = {f.name: f.write for f in FORMATS if f.write}
+    if format not in writers or (write := writers[format]) is None:
+        told = "to no format" if format is None else f"as format {format!r}"
+        raise EventFileError(OUTPUT, f"cannot write {told}, expected one of {', '.join(writers)}")
+    sys.stdout.flush()
+    try:
+        if format in STREAMED:
+            write(parts, Path("/dev/stdout"))
+            return
+        with tempfile.TemporaryDirectory() as folder:
+            whole = Path(folder) / "whole"
+            write(parts, whole)
+            with whole.open("rb") as file, open("/dev/stdout", "wb") as out:
+                shutil.copyfileobj(file, out)
+    except Unsavable as fault:
+        raise EventFileError(OUTPUT, f"cannot hold event {fault.event}: {fault.what}") from None

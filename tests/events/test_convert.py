@@ -1,0 +1,107 @@
+"""From one event file to another."""
+
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+from neuro.events import EventFileError, EventFileWarning, Events, load, save
+from neuro.events.convert import STREAMED, convert
+from neuro.events.formats import FORMATS
+
+
+@pytest.fixture
+def events():
+    rng = np.random.default_rng(1)
+    n = 3000
+    t = np.sort(rng.integers(0, 1 << 20, n))
+    return Events(t, rng.integers(0, 34, n), rng.integers(0, 34, n), rng.integers(0, 2, n), (34, 34))
+
+
+WRITTEN = [f.name for f in FORMATS if f.write]
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_to_every_format_that_is_written(name, events, tmp_path):
+    save(events, tmp_path / "in.npz")
+    seen = []
+    assert convert(tmp_path / "in.npz", tmp_path / "out", to_format=name, report=seen.append) == len(events)
+    assert seen[-1] == len(events)
+    again = load(tmp_path / "out", format=name, sensor_size=(128, 128) if name == "aedat2" else (34, 34))
+    assert np.array_equal(again.records(), events.records())
+
+
+PIPE = "import sys; from neuro.events.convert import convert; convert({!r}, '-', to_format={!r})"
+
+
+@pytest.mark.parametrize("name", [*STREAMED, "hdf5", "event_stream"])
+def test_standard_output_has_the_bytes_of_a_file(name, events, tmp_path):
+    save(events, tmp_path / "in.npz")
+    code = PIPE.format(str(tmp_path / "in.npz"), name)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+    (tmp_path / "got").write_bytes(done.stdout)
+    assert np.array_equal(load(tmp_path / "got", format=name).records(), events.records())
+
+
+def test_standard_input(events, tmp_path, monkeypatch):
+    save(events, tmp_path / "in.csv")
+    with (tmp_path / "in.csv").open() as file:
+        monkeypatch.setattr(sys, "stdin", file)
+        assert convert("-", tmp_path / "out.h5") == len(events)
+    assert load(tmp_path / "out.h5") == events
+
+
+def test_standard_output_needs_a_format(events, tmp_path):
+    save(events, tmp_path / "in.npz")
+    with pytest.raises(EventFileError) as error:
+        convert(tmp_path / "in.npz", "-")
+    assert str(error.value) == f"<standard output>: cannot write to no format, expected one of {', '.join(WRITTEN)}"
+    with pytest.raises(EventFileError, match="cannot write as format 'rosbag1', expected one of "):
+        convert(tmp_path / "in.npz", "-", to_format="rosbag1")
+
+
+def test_what_a_format_cannot_hold_is_refused_on_both_ways(tmp_path):
+    save(Events([5, 1 << 23], [1, 2], [3, 4], [0, 1], (34, 34)), tmp_path / "in.npz")
+    text = r"cannot hold event 1: t 8388608, x 2, y 4; expected t 0 to 8388607 us"
+    with pytest.raises(EventFileError, match=text):
+        convert(tmp_path / "in.npz", tmp_path / "out.bin")
+    with pytest.raises(EventFileError, match=f"^<standard output>: {text}"):
+        convert(tmp_path / "in.npz", "-", to_format="nmnist")
+    assert [path.name for path in tmp_path.iterdir()] == ["in.npz"]
+
+
+def test_damage_stops_or_is_told(events, tmp_path):
+    save(events, tmp_path / "in.bin")
+    (tmp_path / "in.bin").write_bytes((tmp_path / "in.bin").read_bytes()[:-2])
+    with pytest.raises(EventFileError, match=r"byte 14995: 3 bytes left over"):
+        convert(tmp_path / "in.bin", tmp_path / "out.h5")
+    assert not (tmp_path / "out.h5").exists()
+    with pytest.warns(EventFileWarning, match="what is before it was read"):
+        assert convert(tmp_path / "in.bin", tmp_path / "out.h5", strict=False) == len(events) - 1
+
+
+def test_a_recording_without_events_keeps_its_sensor(tmp_path):
+    empty = Events([], [], [], [], (12, 7))
+    save(empty, tmp_path / "in.es")
+    with warnings.catch_warnings():
+        assert convert(tmp_path / "in.es", tmp_path / "out.h5") == 0
+    assert load(tmp_path / "out.h5").sensor_size == (12, 7)
+
+
+def test_a_large_file_needs_little_memory(tmp_path):
+    n = 12_000_000
+    rows = np.zeros((n, 5), np.uint8)
+    rows[:, 2:] = (np.arange(n) * 8_000_000 // n)[:, None] >> np.array([16, 8, 0]) & 0xFF
+    rows.tofile(tmp_path / "in.bin")
+    code = (
+        "import resource, sys; from neuro.events.convert import convert\n"
+        "from neuro.events import load; load(bytes(5), name='a.bin')\n"
+        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        f"done = convert({str(tmp_path / 'in.bin')!r}, {str(tmp_path / 'out.dat')!r})\n"
+        "print(done, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) // 1024)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert int(done[0]) == n
+    assert int(done[1]) < 180  # MB; the events alone take 13 bytes each, 156 MB, and the mapped file 60 MB

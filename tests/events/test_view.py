@@ -1,0 +1,215 @@
+"""Pages, pictures and figures of a recording."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from PIL import Image
+
+from neuro.errors import ModelError
+from neuro.events import Events, save, stream
+from neuro.events.info import info
+from neuro.events.pictures import gif
+from neuro.events.view import view
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+
+
+@pytest.fixture
+def moving():
+    """A bar that moves to the right in 60 ms: ON in front, OFF behind."""
+    t = np.repeat(np.arange(60) * 1000, 20)
+    y = np.tile(np.arange(10), 120)
+    side = np.tile(np.repeat([0, 1], 10), 60)
+    x = np.clip(t // 2000 + 5 * side, 0, 39)
+    return Events(t + 7, x, y, side, (40, 10))
+
+
+def data_of(path):
+    text = path.read_text("utf-8")
+    data = json.loads(re.search(r'id="data">(.*?)</script>', text)[1])
+    kinds = {"t": "<u4", "x": "<u2", "y": "<u2", "p": "u1"}
+    return data, {key: np.frombuffer(base64.b64decode(data[key]), kind) for key, kind in kinds.items()}, text
+
+
+def test_the_page_holds_all_events(moving, tmp_path):
+    assert view(moving, tmp_path / "v.html", title="a <b> & c") == 1
+    data, columns, text = data_of(tmp_path / "v.html")
+    assert np.array_equal(columns["t"] * data["unit"] + int(data["start"]), moving.t)
+    assert all(np.array_equal(columns[key], getattr(moving, key)) for key in "xyp")
+    assert (data["width"], data["height"], data["step"], sum(data["bars"])) == (40, 10, 1, len(moving))
+    assert "<h1>a &lt;b&gt; &amp; c</h1>" in text
+    assert "1,200 events, 40×10 px, 0.059 s</p>" in text
+    assert "http" not in text.replace("http-equiv", "")
+
+
+@pytest.mark.parametrize("cut", [1, 7, 100, 1200])
+def test_of_many_events_an_even_choice_is_shown_and_told(moving, tmp_path, cut):
+    parts = [moving[k : k + cut] for k in range(0, len(moving), cut)]
+    assert view(parts, tmp_path / "v.html", title="many", most=200) == 8
+    _, columns, text = data_of(tmp_path / "v.html")
+    assert np.array_equal(columns["x"], moving.x[::8])
+    assert "one of every 8 events is shown (150)" in text
+
+
+def test_a_recording_of_days_has_times_that_fit(tmp_path):
+    long = Events([0, 3 * 10**11], [0, 1], [0, 1], [0, 1], (2, 2))
+    view(long, tmp_path / "v.html", title="days")
+    data, columns, _ = data_of(tmp_path / "v.html")
+    assert abs(int(columns["t"][1]) * data["unit"] - 3 * 10**11) < data["unit"]
+
+
+def test_nothing_to_show(tmp_path):
+    empty = Events([], [], [], [], (2, 2))
+    with pytest.raises(ModelError, match=r"^e: the recording has no events: nothing to show$"):
+        view(empty, tmp_path / "v.html", title="e")
+    with pytest.raises(ModelError, match=r"^most = 0: expected a whole number >= 1$"):
+        view(empty, tmp_path / "v.html", title="e", most=0)
+    with pytest.raises(ModelError, match=r"^the recording has no events: nothing to draw$"):
+        gif(empty, tmp_path / "g.gif")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def chromium(tmp_path):
+    if BROWSER is None:
+        pytest.skip("no Chromium on PATH")
+
+    def run(*words):
+        fixed = ("--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}")
+        quiet = ("--no-first-run", "--disable-background-networking", "--disable-sync", "--hide-scrollbars")
+        log = ("--enable-logging=stderr", "--v=0", "--window-size=900,900")
+        done = subprocess.run([BROWSER, *fixed, *quiet, *log, *words], capture_output=True, text=True, timeout=60)
+        assert done.returncode == 0, done.stderr
+        assert [line for line in done.stderr.splitlines() if ":CONSOLE" in line] == []
+        return done.stdout
+
+    return run
+
+
+STEPS = """
+<script>
+const seen = [get("now").textContent, get("shown").textContent];
+slider.value = 10000; slider.oninput(); draw();
+seen.push(get("now").textContent, get("shown").textContent);
+get("window").value = 0; get("window").oninput(); draw();
+seen.push(get("span").textContent, get("shown").textContent);
+get("play").onclick(); seen.push(get("play").textContent, String(now));
+get("play").onclick(); seen.push(get("play").textContent);
+const row = pen.getImageData(0, 0, W, 1).data, drawn = [];
+for (let k = 0; k < W; k++) if (row[4 * k] !== row[0]) drawn.push(k);
+seen.push(drawn.join());
+document.title = seen.join("|");
+</script></body>"""
+
+
+def test_a_browser_draws_it_moves_in_time_and_plays(moving, tmp_path, chromium):
+    page = tmp_path / "v.html"
+    view(moving, page, title="bar")
+    page.write_text(page.read_text("utf-8").replace("</body>", STEPS), "utf-8")
+    title = re.search("<title>(.*?)</title>", chromium("--dump-dom", f"file://{page}"))[1]
+    assert title.split("|") == [
+        "33.0 ms of 59.0 ms", "680 events", "59.0 ms of 59.0 ms", "680 events", "1.0 ms", "40 events", "Pause", "0",
+        "Play", "29,34",
+    ]  # fmt: skip
+
+
+def test_it_looks_as_the_events_do(moving, tmp_path, chromium):
+    view(moving, tmp_path / "v.html", title="bar")
+    light = "--blink-settings=preferredColorScheme=1"
+    chromium(light, f"--screenshot={tmp_path / 'v.png'}", f"file://{tmp_path / 'v.html'}")
+    pixels = imread(tmp_path / "v.png")[..., :3]
+    blue = (np.abs(pixels - np.array([0, 0x72, 0xB2]) / 255).max(2) < 0.02).nonzero()
+    red = (np.abs(pixels - np.array([0xD5, 0x5E, 0]) / 255).max(2) < 0.02).nonzero()
+    assert min(len(blue[0]), len(red[0])) > 500
+    assert np.median(blue[1]) > np.median(red[1]) + 50  # ON runs before OFF
+
+
+def test_a_gif_shows_each_window(moving, tmp_path):
+    made = gif([moving[:100], moving[100:]], tmp_path / "g.gif", window_us=20_000, fps=10)
+    assert (made.frames, made.fps, made.size) == (3, 10.0, (240, 60))
+    with Image.open(tmp_path / "g.gif") as picture:
+        assert (picture.n_frames, picture.info["duration"], picture.info["loop"]) == (3, 100, 0)
+        for k in range(3):
+            picture.seek(k)
+            shown = np.asarray(picture.convert("RGB"))[3::6, 3::6]
+            part = moving.between(7 + 20_000 * k, 7 + 20_000 * (k + 1))
+            expected = np.full((10, 40, 3), 255)
+            for x, y, p in zip(part.x, part.y, part.p, strict=True):
+                expected[y, x] = (0, 0x72, 0xB2) if p else (0xD5, 0x5E, 0)
+            assert np.array_equal(shown, expected)
+
+
+def test_pauses_of_a_gif_are_told(moving, tmp_path):
+    assert gif(moving, tmp_path / "g.gif", fps=30, scale=2).fps == pytest.approx(100 / 3)
+    assert gif(moving, tmp_path / "h.gif", scale=2, colours=("red", "#00ff00", "black")).size == (80, 20)
+    with Image.open(tmp_path / "h.gif") as picture:
+        assert {colour for _, colour in picture.convert("RGB").getcolors()} == {(0, 0, 0), (255, 0, 0), (0, 255, 0)}
+
+
+@pytest.mark.parametrize(("words", "what"), [
+    ({"fps": 60}, "fps = 60: expected more than 0 and at most 50 frames per second"),
+    ({"window_us": 0}, "window_us = 0, scale = None: expected whole numbers >= 1"),
+    ({"colours": ("blu", "red", "white")}, "unknown colour 'blu', expected a name such as white, or #rrggbb"),
+])  # fmt: skip
+def test_wrong_arguments_of_a_gif(moving, tmp_path, words, what):
+    with pytest.raises(ModelError) as error:
+        gif(moving, tmp_path / "g.gif", **words)
+    assert str(error.value) == what
+
+
+@pytest.mark.parametrize("name", ["x.h5", "x.csv", "x.dat"])
+def test_info_counts(moving, tmp_path, name, monkeypatch):
+    monkeypatch.setattr("neuro.events.info.BLOCK", 1000)
+    late = Events(
+        np.append(moving.t, 500_000), np.append(moving.x, 3), np.append(moving.y, 9), np.append(moving.p, 0), (40, 10)
+    )
+    save(late, tmp_path / name)
+    found = info(tmp_path / name)
+    assert (found.events, found.on, found.sensor_size) == (1201, 600, (40, 10))
+    assert (found.start_us, found.stop_us, found.duration_us) == (7, 500_000, 499_993)
+    assert found.rate_hz == pytest.approx(1201 / 0.499993)
+    assert found.peak_hz == 20_000
+    assert found.gaps == [(59_007, 440_993), (7, 1000), (1007, 1000)]
+    assert found.active_pixels == len(set(zip(late.x.tolist(), late.y.tolist(), strict=True)))
+    assert (found.hot_pixels, found.damage) == (0, [])
+    assert found.as_dict()["on_share"] == 600 / 1201
+
+
+def test_info_names_hot_pixels_and_damage(tmp_path):
+    n = 500
+    hot = Events(np.arange(n) * 100, np.full(n, 6), np.full(n, 2), np.zeros(n, int), (34, 34))
+    save(hot, tmp_path / "x.bin")
+    (tmp_path / "x.bin").write_bytes((tmp_path / "x.bin").read_bytes() + b"ab")
+    found = info(tmp_path / "x.bin")
+    assert (found.hot, found.hot_pixels, found.sensor_told) == ([(6, 2, 500)], 1, False)
+    assert found.damage == ["byte 2500: 2 bytes left over after 500 events of 5 bytes; what is before it was read"]
+    (tmp_path / "e.bin").write_bytes(b"")
+    empty = info(tmp_path / "e.bin")
+    assert (empty.events, empty.rate_hz, empty.duration_us, empty.as_dict()["on_share"]) == (0, None, 0, None)
+
+
+def test_info_of_real_files(shared):
+    formats = shared / "data" / "formats"
+    truth = json.loads((formats / "truth.json").read_text())
+    for name in ("nmnist_sample.bin", "davis346_small.aedat4", "evt3_imx636_wrap.raw", "es_dvs_320x240.es"):
+        found = info(formats / name)
+        assert (found.events, found.on) == (truth[name]["n_events"], truth[name]["n_on"])
+        assert (found.start_us, found.stop_us) == (truth[name]["first_txyp"][0], truth[name]["last_txyp"][0])
+        assert found.damage == []
+    assert info(formats / "davis346_small.aedat4").metadata["other_packets"] == {
+        "triggers": 13,
+        "frames": 4,
+        "imus": 16,
+    }
+
+
+def test_a_real_recording_as_a_page(shared, tmp_path):
+    path = shared / "data" / "formats" / "evt2_gen3.raw"
+    assert view(stream(path), tmp_path / "v.html", title=path.name) == 2
+    assert (tmp_path / "v.html").stat().st_size < 6_000_000
