@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from neuro.events import filters, representations, segmentation
 from neuro.events._events import EVENT, Events
-from neuro.events.dataset import Recording, Recordings, recordings
+from neuro.events.dataset import Dataset, Recording, Recordings, recordings
 from neuro.events.dvs import DVS, DVSParameters, dvs_events
 from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.files import load, save, stream
@@ -20,6 +20,7 @@ __all__ = [
     "DVS",
     "EVENT",
     "DVSParameters",
+    "Dataset",
     "EventFileError",
     "EventFileWarning",
     "Events",
