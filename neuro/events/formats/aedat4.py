@@ -16,6 +16,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
 from collections.abc import Callable, Iterator
+from struct import Struct
 from typing import Any
 
 import numpy as np
@@ -36,9 +37,13 @@ HEADER_LIMIT = 1 << 24
 """No header is longer; a damaged length must not fill the memory."""
 PACKET_LIMIT = 1 << 28
 """No packet is longer when unpacked, for the same reason."""
+USUAL = 1 << 18
+"""Most packets are not longer when unpacked."""
 TYPES = {"EVTS": "events", "FRME": "frames", "IMUS": "imus", "TRIG": "triggers"}
 
-_ENTRY = np.dtype([("stream", "<i4"), ("size", "<i4")])
+_ENTRY = Struct("<ii")
+_GUESS = 8, 1 << 24
+"""Bytes of a packed event, about, and events at most, by which room is made at once."""
 
 
 class Aedat4:
@@ -49,6 +54,8 @@ class Aedat4:
     """
 
     def __init__(self, source: Source) -> None:
+        from neuro.events.formats._aedat4_kernel import split
+
         self._source = source
         lead = source.head(len(MAGIC) + 4)
         if not lead.startswith(MAGIC):
@@ -69,7 +76,8 @@ class Aedat4:
         if not events:
             raise Damage("the header lists no stream of events", len(lead))
         self._wanted = events[0]
-        self._unpack = _unpacker(packed)
+        self._unpack, self._split = _unpacker(packed), split
+        self._lead = b""
         wanted = streams[self._wanted]
         self.sensor_size: Size | None = (wanted["width"], wanted["height"]) if "width" in wanted else None
         told = {str(number): stream for number, stream in streams.items()}
@@ -79,6 +87,7 @@ class Aedat4:
         """The events; see `Reader`."""
         others: Counter[str] = Counter()
         held = Growing()
+        held.room(min(block, self._source.size or 0, _GUESS[0] * _GUESS[1]) // _GUESS[0])
         damage: Damage | None = None
         begin = self._start
         try:
@@ -100,12 +109,12 @@ class Aedat4:
         end = self._table if self._table > 0 else None
         while end is None or cursor.at < end:
             place = cursor.at
-            entry = cursor.take(_ENTRY.itemsize)
+            entry = cursor.take(_ENTRY.size)
             if end is None and not entry.size:
                 return
-            if entry.size < _ENTRY.itemsize:
+            if entry.size < _ENTRY.size:
                 raise Damage("the file ends before its table of packets" if end else "the file ends in a packet", place)
-            stream, size = (int(value) for value in entry.view(_ENTRY)[0])
+            stream, size = _ENTRY.unpack(entry.data)
             if stream not in self._streams:
                 raise Damage(f"a packet of stream {stream}, which the header does not list", place)
             if not 0 <= size <= PACKET_LIMIT or (end is not None and place + 8 + size > end):
@@ -120,21 +129,33 @@ class Aedat4:
 
     def _add(self, held: Growing, place: int, data: Bytes) -> None:
         """Unpack one packet."""
-        from neuro.events.formats._aedat4_kernel import split
-
         plain = self._unpack(data, place)
-        try:
-            if len(plain) < 4 or U32.unpack_from(plain)[0] != len(plain) - 4:
-                raise Malformed(f"its {len(plain)} bytes are not as many as it says")
-            start, count = Table(memoryview(plain)[4:], b"EVTS").vector(0, RECORD.itemsize)
-        except Malformed as error:
-            raise Damage(f"a packet is damaged: {error}", place) from None
+        start, count = self._vector(plain, place)
         held.room(count)
-        n, events = held.used, np.frombuffer(plain, RECORD, count, 4 + start)
-        x, y, ordered = split(events, held.t[n:], held.x[n:], held.y[n:], held.p[n:])
+        n, events = held.used, np.frombuffer(plain, RECORD, count, start)
+        x, y, ordered = self._split(events, held.t[n:], held.x[n:], held.y[n:], held.p[n:])
         if self.sensor_size is None and max(x, y) > np.iinfo(np.int16).max:
             raise Damage("a packet has an event at a negative place", place)
         held.added(count, (int(x), int(y)), bool(ordered), place)
+
+    def _vector(self, plain: bytes, place: int) -> tuple[int, int]:
+        """Where the events of an unpacked packet begin, and how many there are.
+
+        Packets of one file mostly begin alike, up to the number of events; then no offset needs to be followed.
+        """
+        start = 4 + len(self._lead) + 4
+        try:
+            if len(plain) < 12 or U32.unpack_from(plain)[0] != len(plain) - 4:
+                raise Malformed(f"its {len(plain)} bytes are not as many as it says")
+            if self._lead and len(plain) >= start and plain.startswith(self._lead, 4):
+                count = U32.unpack_from(plain, start - 4)[0]
+                if start + count * RECORD.itemsize <= len(plain):
+                    return start, count
+            start, count = Table(memoryview(plain)[4:], b"EVTS").vector(0, RECORD.itemsize)
+        except Malformed as error:
+            raise Damage(f"a packet is damaged: {error}", place) from None
+        self._lead = plain[4 : max(start, 4)]
+        return 4 + start, count
 
 
 def _header(data: bytes) -> tuple[str, int, dict[int, dict[str, Any]]]:
@@ -182,7 +203,7 @@ def _unpacker(packed: str) -> Callable[[Bytes, int], bytes]:
         return lambda data, place: data.tobytes()
     if packed == "LZ4":
         lz4 = extra("lz4.frame", "AEDAT 4 with LZ4 packets")
-        plain, failure = lz4.decompress, RuntimeError
+        plain, failure = _lz4(lz4), RuntimeError
     else:
         zstandard = extra("zstandard", "AEDAT 4 with Zstandard packets")
         plain, failure = _zstandard(zstandard), zstandard.ZstdError
@@ -195,6 +216,29 @@ def _unpacker(packed: str) -> Callable[[Bytes, int], bytes]:
         return unpacked
 
     return unpack
+
+
+def _lz4(module: Any) -> Callable[[Bytes], bytes]:
+    """Unpacks a frame; with room for a usual one at once this takes half the time of the package's own function."""
+    context = module.create_decompression_context()
+
+    def plain(data: Bytes) -> bytes:
+        room, used = USUAL, 0
+        parts = []
+        ended = False
+        try:
+            while not ended:
+                part, taken, ended = module.decompress_chunk(context, data[used:], max_length=room)
+                if not (ended or part or taken):
+                    raise EOFError
+                parts.append(part)
+                used, room = used + taken, 2 * room
+        finally:
+            if not ended:
+                module.reset_decompression_context(context)
+        return parts[0] if len(parts) == 1 else b"".join(parts)
+
+    return plain
 
 
 def _zstandard(module: Any) -> Callable[[Bytes], bytes]:
