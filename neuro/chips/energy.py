@@ -76,11 +76,19 @@ class Energy:
         """Joules of chips being on; 0 where no figure is published, then a note says so."""
         return _sum(item for item in self.items if item.what == STATIC)
 
+    @property
+    def static_known(self) -> bool:
+        """Whether there is a figure of static power, and a time that it lasts."""
+        return any(item.what == STATIC for item in self.items)
+
     def sums(self) -> tuple[str, str, str]:
         """Dynamic, static and total energy as text; static is "not priced" where no figure is published."""
-        known = any(item.what == STATIC for item in self.items)
-        static = quantity(self.static_j, "J") if known else "not priced"
+        static = quantity(self.static_j, "J") if self.static_known else "not priced"
         return quantity(self.dynamic_j, "J"), static, quantity(self.total_j, "J")
+
+    def machine(self) -> tuple[str, str]:
+        """Chip time and chips as text; "-" where no time is known, since then nothing is said of chips either."""
+        return ("-", "-") if self.chip_time_s is None else (quantity(self.chip_time_s, "s"), f"{self.chips:,}")
 
     def by_population(self) -> dict[str, float]:
         """Dynamic joules of each population's neurons."""
@@ -126,9 +134,11 @@ class Energy:
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain values, for JSON; what is not known is None."""
-        sums = {"total_j": self.total_j, "dynamic_j": self.dynamic_j, "static_j": self.static_j}
+        static = self.static_j if self.static_known else None
+        sums = {"total_j": self.total_j, "dynamic_j": self.dynamic_j, "static_j": static}
         about = {"target": self.target, "title": self.title, "of": self.of, **sums}
-        time = {"chip_time_s": self.chip_time_s, "chips": self.chips, "steps": self.steps}
+        chips = None if self.chip_time_s is None else self.chips
+        time = {"chip_time_s": self.chip_time_s, "chips": chips, "steps": self.steps}
         return {**about, **time, "items": [asdict(item) for item in self.items], "notes": list(self.notes)}
 
     def __str__(self) -> str:

@@ -95,15 +95,11 @@ def plain(sim: Simulation, bills: list[Energy], placement: Placement | None, per
 
 def tell(bills: list[Energy]) -> None:
     """Print the bills and, if there are several, a row of each."""
-    from neuro.chips.energy import quantity
     from neuro.cli.tables import console, table
 
     for priced in bills:
         typer.echo(f"{priced}\n")
     if len(bills) > 1:
-        rows = []
-        for e in bills:
-            time = ("-", "-") if e.chip_time_s is None else (quantity(e.chip_time_s, "s"), e.chips)
-            rows.append((e.target, *e.sums(), *time))
+        rows = [(e.target, *e.sums(), *e.machine()) for e in bills]
         columns = ("target", ">dynamic", ">static", ">total", ">chip time", ">chips")
         console().print(table(columns, rows, title=f"energy per {bills[0].of}"))

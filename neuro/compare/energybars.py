@@ -118,10 +118,7 @@ def _details(bill: Bill, e: Energy) -> Html:
     rows = [_line(item, sources) for item in e.items[:MOST_LINES]]
     if len(e.items) > MOST_LINES:
         rows.append((f"{len(e.items) - MOST_LINES:,} more lines", "", "", "", "", ""))
-    rows += [
-        (name, "", "", "", quantity(j, "J"), "")
-        for name, j in (("dynamic", e.dynamic_j), ("static", e.static_j), ("total", e.total_j))
-    ]
+    rows += [(name, "", "", "", told, "") for name, told in zip(("dynamic", "static", "total"), e.sums(), strict=True)]
     time = "" if e.chip_time_s is None else f", {quantity(e.chip_time_s, 's')} of chip time"
     head = f"{e.title}, counts of {bill.counted_on}: {quantity(e.total_j, 'J')}{time}"
     foot = tag("ol", *(tag("li", source) for source in sources))

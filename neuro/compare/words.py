@@ -84,9 +84,7 @@ def bills(comparison: Comparison) -> Iterator[tuple[str, ...]]:
     for bill in comparison.bills:
         e = bill.energy
         if e is not None:
-            joules = (quantity(j, "J") for j in (e.dynamic_j, e.static_j, e.total_j))
-            time = "-" if e.chip_time_s is None else quantity(e.chip_time_s, "s")
-            yield (bill.target, bill.counted_on, *joules, time, f"{e.chips:,}")
+            yield (bill.target, bill.counted_on, *e.sums(), *e.machine())
 
 
 def unpriced(comparison: Comparison) -> Iterator[Bill]:

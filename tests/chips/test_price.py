@@ -403,6 +403,18 @@ def test_json(run):
     assert told["notes"] == list(energy.notes)
 
 
+def test_what_is_not_known_is_null_in_json(run):
+    dense = price(*run, None, chip("cpu"))
+    assert (dense.static_j, dense.static_known) == (0.0, False)
+    told = json.loads(json.dumps(dense.as_dict()))
+    assert (told["static_j"], told["chip_time_s"], told["chips"]) == (None, None, None)
+    assert told["total_j"] == told["dynamic_j"] == dense.total_j > 0.0
+    free = price(*run, None, chip("truenorth"))  # its figure is 0 and published
+    assert free.static_known
+    assert (free.as_dict()["static_j"], free.as_dict()["chips"]) == (0.0, 1)
+    assert [energy.machine() for energy in (dense, free)] == [("-", "-"), ("10 ms", "1")]
+
+
 TEXT = """\
 SpiNNaker 2 (prototype) (spinnaker2), energy per half: 1 chip, 5 steps, 5 ms of chip time
 

@@ -63,6 +63,15 @@ def test_the_page_needs_nothing_else(three):
     assert len(text) < 500_000
 
 
+def test_what_is_not_priced_is_told_in_the_words_of_energy(three):
+    told = Tree(page(three)).text
+    cpu = next(bill.energy for bill in three.bills if bill.target == "cpu")
+    dynamic, static, total = cpu.sums()
+    assert static == "not priced"
+    assert f"dynamic {dynamic} static not priced total {total}" in told
+    assert "static 0 J" not in told
+
+
 def test_the_page_tells_all(three):
     told = Tree(page(three)).text
     for part in ("In numbers", "Spikes", "Weights", "Chips", "Energy", "Rounding", "Warnings and notes"):
