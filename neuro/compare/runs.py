@@ -99,10 +99,13 @@ def _check(backends: Sequence[str]) -> None:
 
 
 def _enough(runs: list[Run]) -> None:
-    """Refuse to compare one run with nothing."""
+    """Refuse to compare one run with nothing; what is wrong on all backends alike is told as it is."""
     ran = sum(not run.refused for run in runs)
+    told = dict.fromkeys(run.refused for run in runs if run.refused)
+    if ran == 0 and len(told) == 1:
+        raise ModelError(*told)
     if ran < 2:
-        reasons = "\n".join(run.refused for run in runs if run.refused)
+        reasons = "\n".join(told)
         who = {0: "none", 1: "only 1"}[ran]
         verb = "runs" if ran else "run"
         raise ModelError(f"{who} of the {len(runs)} backends {verb} this network: nothing to compare\n{reasons}")

@@ -73,7 +73,9 @@ def test_tables(run):
     assert ["population", "backend", "neurons", "spikes", "rate Hz", "first difference", "distance"] in rows
     assert ["projection", "backend", "largest", "rms", "relative rms", "by rounding"] in rows
     assert ["target", "counts of", "dynamic", "static", "total", "chip time", "chips"] in rows
-    assert [row[:2] for row in rows if row[0] in ("cpu", "gpu")] == [["cpu", "event"], ["gpu", "event"]]
+    dense = [row for row in rows if row[0] in ("cpu", "gpu")]
+    assert [row[:2] for row in dense] == [["cpu", "event"], ["gpu", "event"]]
+    assert [row[3:] for row in dense] == [["not priced", row[2], "-", "-"] for row in dense]
 
 
 def test_json_goes_out_and_to_a_file(run, tmp_path):
@@ -113,6 +115,17 @@ def test_too_few_backends_run(run, tmp_path):
     assert (status, out) == (2, "")
     assert err.startswith("error: only 1 of the 3 backends runs this network: nothing to compare\nbackend 'loihi' ")
     assert [path.name for path in tmp_path.iterdir()] == ["net.yaml"]
+
+
+def test_a_mistake_of_the_network_is_told_once(run, tmp_path):
+    """It is no refusal of a backend."""
+    (tmp_path / "net.yaml").write_text(NETWORK.replace("all_to_all", "one_to_one"))
+    assert run(*RUN) == (
+        2,
+        "",
+        "error: net.yaml:9:3: projection 'noise_exc': one_to_one from 20 to 8 neurons: "
+        "expected populations of equal size\n  hint: all_to_all connects populations of any size\n",
+    )
 
 
 def test_what_is_approximated_and_missing_is_told(run, tmp_path, monkeypatch):
