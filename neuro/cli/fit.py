@@ -14,6 +14,7 @@ from neuro.cli.options import NetworkFile, Seed, Set, assignments
 
 if TYPE_CHECKING:
     from neuro.backend import Problem
+    from neuro.chips.chip import Chip
 
 ChipName = Annotated[str, typer.Option("--chip", metavar="NAME", help="loihi or spinnaker, or the table of another.")]
 Order = Annotated[str, typer.Option("--order", metavar="NAME", help="Lay cores out as connected, or as declared.")]
@@ -39,8 +40,9 @@ def fit(
     from neuro.chips.rounding import report
     from neuro.compiler import compile_network
 
-    program = compile_network(neuro.load(file, params=assignments(set)), seed)
     target = find(chip)
+    _check(target)
+    program = compile_network(neuro.load(file, params=assignments(set)), seed)
     placement = place(program, target, order=order)
     fixed = quantise(program, target) if target.arithmetic in ARITHMETIC else None
     problems = [*(fixed.problems if fixed else ()), *placement.problems]
@@ -53,6 +55,20 @@ def fit(
         typer.echo("\n\n".join([rounding, str(replace(placement, problems=())), *_told(problems), verdict]))
     if any(problem.refused for problem in problems):
         raise typer.Exit(1)
+
+
+def _check(target: Chip) -> None:
+    """Refuse a target of which nothing is known that a network could exceed."""
+    from neuro.chips.chip import chip as find
+    from neuro.chips.chip import chips
+    from neuro.errors import ModelError
+
+    if target.mesh is None and not target.limits:
+        known = ", ".join(name for name in chips() if find(name).limits)
+        raise ModelError(
+            f"target '{target.name}' has no cores or limits to fit",
+            hint=f"expected one of {known}, or a table with limits",
+        )
 
 
 def _no_rounding(title: str) -> str:

@@ -105,6 +105,26 @@ def test_a_chip_without_arithmetic(neuro, file):
     assert answer.out.startswith("the arithmetic of Intel Loihi 2 is not known here: no rounding is told\n\n'fits' on ")
 
 
+def test_a_delay_that_is_too_long_is_told_once(neuro, file):
+    text = FITS.replace("delay: 1.0", "delay: 50.0")
+    for chip, most in (("loihi2", 63), ("loihi", 62)):
+        answer = neuro("fit", file(text), "--chip", chip)
+        assert answer.status == 1
+        told = f"100 steps in the delay register, which holds at most {most} on {chip}"
+        assert answer.out.count(told) == 1
+        assert answer.out.endswith(f"'fits' does not fit on {chip}: 1 refused\n")
+
+
+@pytest.mark.parametrize("target", ["cpu", "gpu", "arm", "spinnaker2"])
+def test_a_target_without_cores_or_limits(neuro, file, target):
+    answer = neuro("fit", file(FITS), "--chip", target)
+    assert (answer.status, answer.out) == (2, "")
+    assert answer.err == (
+        f"error: target '{target}' has no cores or limits to fit\n"
+        "  hint: expected one of loihi, loihi2, spinnaker, truenorth, or a table with limits\n"
+    )
+
+
 def test_json(neuro, file):
     answer = neuro("fit", file(FITS), "--json")
     found = json.loads(answer.out)
