@@ -276,7 +276,9 @@ def _scanned(source: Source, reader: Reader, found: Format, strict: bool) -> tup
     if source.size is None:
         raise EventFileError(source.name, "its sensor is not told", None)
     checked = Checked(source.name, None, strict=False, sort=False)
-    sizes = [checked.highest(piece) for piece in _whole(source.name, reader, BLOCK, strict)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", EventFileWarning)  # the second time tells of damage
+        sizes = [checked.highest(piece) for piece in _whole(source.name, reader, BLOCK, strict)]
     return _smallest(found, max((x for x, _ in sizes), default=-1), max((y for _, y in sizes), default=-1))
 
 
