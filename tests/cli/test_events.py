@@ -111,7 +111,7 @@ def test_convert(run, recording, tmp_path):
     assert "cannot save as '.xyz'" in run("convert", "in.bin", "out.xyz")[2]
 
 
-@pytest.mark.filterwarnings("always")
+@pytest.mark.filterwarnings("default")
 def test_lenient(run, recording, tmp_path):
     (tmp_path / "in.bin").write_bytes((tmp_path / "in.bin").read_bytes()[:-1])
     text = "in.bin: byte 495: 4 bytes left over after 99 events of 5 bytes"
