@@ -13,6 +13,7 @@ from neuro.chips.chip import Chip, chip, chips
 from neuro.chips.fixed import FixedProgram
 from neuro.chips.place import place
 from neuro.chips.placement import Placement
+from neuro.chips.price import unrunnable
 from neuro.chips.quantise import quantise
 from neuro.clock import Clock
 from neuro.compare import spikes
@@ -229,6 +230,10 @@ def _notes(runs: list[Run], ms: float) -> Iterable[str]:
     if any(part.distance is None for _, part in told):
         yield spikes.MISSING
     yield from dict.fromkeys(_measured(name, part, ms) for name, part in told if _in_part(part, ms))
+    program = ran[0].program
+    assert program is not None
+    for target in (chip(bill.target) for bill in ran[0].bills if bill.energy is not None):
+        yield from unrunnable(program, target, target.mesh is not None)
 
 
 def _in_part(part: PopulationResult, ms: float) -> bool:

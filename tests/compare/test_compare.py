@@ -144,6 +144,12 @@ def test_a_refusal_is_a_result():
     assert [run.backend for run in found.ran] == ["event", "reference"]
 
 
+def test_a_bill_of_a_chip_that_cannot_run_the_network_is_noted():
+    found = compare(unfit(), ["event", "reference"], 20.0)
+    as_if = "cannot run this network (1 refusal, see neuro fit): priced as if it could"
+    assert [note for note in found.notes if "cannot run" in note] == [f"loihi {as_if}", f"spinnaker {as_if}"]
+
+
 def test_where_the_first_refuses_others_are_compared_with_the_next():
     found = compare(unfit(), ["loihi", "reference", "event"], 20.0)
     assert found.first.backend == "reference"
