@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from neuro.events import EventFileError, EventFileWarning, Events, load, save
-from neuro.events.convert import STREAMED, convert
+from neuro.events.convert import convert
 from neuro.events.formats import FORMATS
 
 
@@ -36,7 +36,7 @@ def test_to_every_format_that_is_written(name, events, tmp_path):
 PIPE = "import sys; from neuro.events.convert import convert; convert({!r}, '-', to_format={!r})"
 
 
-@pytest.mark.parametrize("name", [*STREAMED, "hdf5", "event_stream"])
+@pytest.mark.parametrize("name", ["csv", "hdf5"])
 def test_standard_output_has_the_bytes_of_a_file(name, events, tmp_path):
     save(events, tmp_path / "in.npz")
     code = PIPE.format(str(tmp_path / "in.npz"), name)
@@ -91,7 +91,7 @@ def test_a_recording_without_events_keeps_its_sensor(tmp_path):
 
 
 def test_a_large_file_needs_little_memory(tmp_path):
-    n = 12_000_000
+    n = 8_000_000
     rows = np.zeros((n, 5), np.uint8)
     rows[:, 2:] = (np.arange(n) * 8_000_000 // n)[:, None] >> np.array([16, 8, 0]) & 0xFF
     rows.tofile(tmp_path / "in.bin")
@@ -104,4 +104,4 @@ def test_a_large_file_needs_little_memory(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert int(done[0]) == n
-    assert int(done[1]) < 180  # MB; the events alone take 13 bytes each, 156 MB, and the mapped file 60 MB
+    assert int(done[1]) < 125  # MB; all events at once take 104 MB, and the mapped file 40 MB

@@ -85,7 +85,7 @@ def test_damaged_samples(folder, tmp_path):
     with h5py.File(mended.path) as file:
         assert file["1/4"]["ts"].tolist() == [7]
     with pytest.raises(EventFileError) as error:
-        data.to_hdf5(tmp_path / "stop.h5", jobs=2, damaged="stop")
+        data.to_hdf5(tmp_path / "stop.h5", jobs=1, damaged="stop")
     assert str(error.value) == f"{folder}/Train/1/4.bin: {next(iter(told.values()))}"
     (folder / "Train/1/4.bin").write_bytes(word(7))
     assert data.to_hdf5(tmp_path / "stop.h5", jobs=1, damaged="stop").samples == 30
