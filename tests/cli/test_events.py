@@ -314,3 +314,20 @@ def test_completion():
     assert words(context, ["events"], "co") == ["convert"]
     assert words(context, ["events", "gif", "a.bin"], "--fp") == ["--fps"]
     assert dict(choices(there, [], "view"))["view"].startswith("Write a page")
+
+
+def test_files_are_completed_where_a_command_takes_them(recording, tmp_path, monkeypatch):
+    document = pytest.importorskip("prompt_toolkit.document")
+    from neuro.cli.events.shell import _completer
+
+    monkeypatch.chdir(tmp_path)
+    command = typer.main.get_command(app)
+    completer = _completer(command.make_context("events", [], resilient_parsing=True))
+
+    def found(line):
+        return [one.text for one in completer.get_completions(document.Document(line), None)]
+
+    assert found("info i") == ["n.bin"]
+    assert found("inf") == ["info"]
+    assert found("gif in.bin --fp") == ["--fps"]
+    assert found("gi") == ["gif"]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from neuro.events.dataset._dataset import Dataset, Sample
+from neuro.events.dataset._dataset import Dataset
 from neuro.events.dataset._layouts import LAYOUTS, Layout
 from neuro.events.dataset._recordings import Recording, Recordings, recordings
+from neuro.events.dataset._sample import Sample
 from neuro.events.dataset._store import Stored
 
 __all__ = ["LAYOUTS", "Dataset", "Layout", "Recording", "Recordings", "Sample", "Stored", "recordings"]

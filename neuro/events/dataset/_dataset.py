@@ -4,36 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, Self, overload
+from typing import Any, Self, overload
 
 import numpy as np
 
 from neuro.errors import ModelError, unknown
 from neuro.events._events import Events
 from neuro.events.dataset._recordings import recordings
+from neuro.events.dataset._sample import Kept, Sample
 from neuro.events.dataset._store import Report, Stored, store
 from neuro.events.dataset._stored import is_hdf5, stored_samples
-
-
-class Sample(Protocol):
-    """One labelled recording.
-
-    Attributes:
-        name: of the recording within its data set.
-        path: the data set with the name behind it, for messages.
-        label: index of its class.
-    """
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def path(self) -> str: ...
-    @property
-    def label(self) -> int: ...
-    def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
-        """The events; arguments and errors as of `neuro.events.load`."""
 
 
 class Dataset(Sequence[tuple[Any, int]]):
@@ -210,7 +191,7 @@ class Dataset(Sequence[tuple[Any, int]]):
             EventFileError: a sample is damaged, or the file is of other samples.
         """
         if path is None:
-            return self._with(samples=tuple(_Kept(sample) for sample in self.samples))
+            return self._with(samples=tuple(Kept(sample) for sample in self.samples))
         self.to_hdf5(path, jobs=jobs, damaged="stop")
         _, samples = stored_samples(os.fspath(path), self.classes)
         in_order = {sample.number: sample for sample in samples}
@@ -243,29 +224,3 @@ class Dataset(Sequence[tuple[Any, int]]):
             EventFileError: the file or its folder belongs to something else; or damage with ``"stop"``.
         """
         return store(self.samples, self.classes, Path(path), self._size, jobs=jobs, damaged=damaged, report=report)
-
-
-@dataclass(frozen=True, slots=True)
-class _Kept:
-    """A sample whose events are kept when they were loaded."""
-
-    sample: Sample
-    _events: dict[Any, Events] = field(default_factory=dict, repr=False)
-
-    @property
-    def name(self) -> str:
-        return self.sample.name
-
-    @property
-    def path(self) -> str:
-        return self.sample.path
-
-    @property
-    def label(self) -> int:
-        return self.sample.label
-
-    def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
-        key = sensor_size, sort, strict
-        if key not in self._events:
-            self._events[key] = self.sample.load(sensor_size=sensor_size, sort=sort, strict=strict)
-        return self._events[key]
