@@ -12,6 +12,7 @@ from neuro.cli.check import check
 from neuro.cli.commands import Commands
 from neuro.cli.compare import compare
 from neuro.cli.energy import energy
+from neuro.cli.events import app as events
 from neuro.cli.fit import fit
 from neuro.cli.models import models
 from neuro.cli.plot import plot
@@ -25,6 +26,7 @@ COMMANDS = (run, plot, compare, check, show, fit, energy, schema, verify, models
 app = typer.Typer(cls=Commands, name="neuro", add_completion=False, pretty_exceptions_enable=False)
 for command in COMMANDS:
     app.command()(command)
+app.add_typer(events)
 
 
 @app.callback(invoke_without_command=True)
