@@ -103,7 +103,7 @@ class ChipEngine:
             f"{t.NATIVE[column]} of {self.program.populations[k].name}": int(columns[k, column])
             for k, column in zip(*np.nonzero(columns), strict=True)
         } | self._learners.overflows()
-        for what in found.keys() - self._told:
+        for what in [what for what in found if what not in self._told]:
             self._told.add(what)
             text = f"backend '{self.fixed.chip.name}': {found[what]} {what} up to step {self.step}"
             hint = self._way_out(what)
