@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import tempfile
 import warnings
@@ -14,7 +15,11 @@ from neuro.events._events import Events
 from neuro.events.check import Arrays, Checked, joined
 from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Unsavable
+from neuro.events.formats._write import in_order
 from neuro.events.source import WHOLE, Given, Source
+
+MOST_EMPTY = 10**6
+"""Windows without events between two events; more are a jump in the times of a damaged file."""
 
 BLOCK = 1 << 20
 """Bytes that `stream` reads at a time."""
@@ -48,6 +53,7 @@ def load(
     Raises:
         EventFileError: no such file, an unknown format, or damage; the message says at which byte.
     """
+    sensor_size = _sensor(sensor_size)
     opened, reader, found = _open(source, format, name)
     checked = Checked(opened.name, sensor_size or reader.sensor_size, strict, sort)
     pieces = [checked.piece(piece) for piece in _whole(opened.name, reader, WHOLE, strict)]
@@ -97,6 +103,7 @@ def stream(
             raise ValueError(f"{told} = {value!r}: expected a whole number >= 1")
     if window_us is not None and count is not None:
         raise ValueError("window_us and count: expected one of them")
+    sensor_size = _sensor(sensor_size)
     opened, reader, found = _open(source, format, name)
     size = sensor_size or reader.sensor_size or _scanned(opened, reader, found, strict)
     checked = Checked(opened.name, size, strict, sort=False)
@@ -139,6 +146,14 @@ def windows(parts: Iterable[Events], window_us: int, start_us: int | None = None
         if not len(part):
             continue
         begin = int(part.t[0]) if begin is None else begin
+        empty = (int(part.t[0]) - begin) // window_us
+        if empty > MOST_EMPTY:
+            raise EventFileError(
+                "stream",
+                f"{empty} windows of {window_us} us without events before {part.t[0]} us, "
+                f"expected at most {MOST_EMPTY}: "
+                "look for a jump in the times, or take longer windows",
+            )
         while len(part) and part.t[-1] >= begin + window_us:
             cut = int(np.searchsorted(part.t, begin + window_us))
             yield together([*held, part[:cut]])
@@ -191,7 +206,8 @@ def save(events: Events | Iterable[Events], path: str | os.PathLike[str], *, for
     """
     path = Path(path)
     write = _writer(path, format)
-    parts = iter([events]) if isinstance(events, Events) else iter(events)
+    given = iter([events]) if isinstance(events, Events) else iter(events)
+    parts = (part for _, part in in_order(given))
     try:
         with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
             part = Path(folder) / path.name
@@ -216,6 +232,23 @@ def _writer(path: Path, format: str | None):  # type: ignore[no-untyped-def]
             return f.write
     endings = ", ".join(dict.fromkeys(suffix for f in written for suffix in f.suffixes))
     raise EventFileError(str(path), f"cannot save as {path.suffix!r}, expected {endings}")
+
+
+def _sensor(size: tuple[int, int] | None) -> tuple[int, int] | None:
+    """The sensor that the user gives.
+
+    Raises:
+        ValueError: it is no width and height.
+    """
+    if size is None:
+        return None
+    try:
+        width, height = (operator.index(value) for value in size)
+    except (TypeError, ValueError):
+        raise ValueError(f"sensor_size = {size!r}: expected width and height, two whole numbers") from None
+    if not (1 <= width <= 65536 and 1 <= height <= 65536):
+        raise ValueError(f"sensor_size = {size!r}: expected 1x1 to 65536x65536 px")
+    return width, height
 
 
 def _open(source: Given, format: str | None, name: str | None) -> tuple[Source, Reader, Format]:

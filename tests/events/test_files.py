@@ -3,7 +3,8 @@ import pickle
 
 import pytest
 
-from neuro.events import EventFileError, load, save
+from neuro.events import EventFileError, Events, load, save
+from neuro.events.files import windows
 from neuro.events.formats import FORMATS
 
 
@@ -88,3 +89,25 @@ def test_cannot_save_as(tmp_path):
             save(events, path, format=format)
         assert str(error.value) == f"{path}: {what}"
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("size", [(34, 34, 2), (33.5, 34), (34,), "34x34", 34])
+def test_a_sensor_size_is_two_whole_numbers(size):
+    with pytest.raises(ValueError, match="expected width and height, two whole numbers"):
+        load(event(1, 2, 3), format="nmnist", sensor_size=size)
+    with pytest.raises(ValueError, match="expected 1x1 to 65536x65536 px"):
+        load(event(1, 2, 3), format="nmnist", sensor_size=(0, 5))
+
+
+def test_a_jump_in_time_does_not_give_endless_windows():
+    far = Events([0, 10**12], [0, 1], [0, 1], [1, 0], (4, 4))
+    with pytest.raises(EventFileError, match="1000000000 windows of 1000 us without events before 1000000000000 us"):
+        list(windows([far[:1], far[1:]], 1000))
+
+
+@pytest.mark.parametrize("ending", [".npz", ".h5", ".csv", ".bin", ".dat"])
+def test_parts_that_run_back_are_not_written(tmp_path, ending):
+    events = Events([5, 9], [0, 1], [0, 1], [1, 0], (34, 34))
+    with pytest.raises(EventFileError, match="time runs back from 9 to 5 us"):
+        save([events, events], tmp_path / f"back{ending}")
+    assert list(tmp_path.iterdir()) == []

@@ -16,9 +16,11 @@ import io
 import math
 import shutil
 import tempfile
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, Any
 
@@ -35,7 +37,16 @@ ROW = EVENT.itemsize
 SMALL = 1 << 16
 """Most items of an array that is no column of events."""
 
-_FAILURES = (zipfile.BadZipFile, zlib.error, EOFError, OSError, ValueError, RuntimeError, NotImplementedError)
+_FAILURES = (
+    zipfile.BadZipFile,
+    zlib.error,
+    EOFError,
+    OSError,
+    ValueError,
+    RuntimeError,
+    NotImplementedError,
+    tokenize.TokenError,
+)
 
 
 class _Member:
@@ -151,8 +162,8 @@ class Npz:
 def write(parts: Iterator[Events], path: Path) -> None:
     """Encode as NPZ; columns are gathered beside the file, since an NPZ begins with their length."""
     size, metadata, total = (1, 1), {}, 0
-    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        columns = {key: (Path(folder) / key).open("w+b") for key in "txyp"}
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder, ExitStack() as opened:
+        columns = {key: opened.enter_context((Path(folder) / key).open("w+b")) for key in "txyp"}
         for events in parts:
             size, metadata = events.sensor_size, dict(events.metadata)
             for key, file in columns.items():
@@ -166,7 +177,6 @@ def write(parts: Iterator[Events], path: Path) -> None:
                     np.lib.format.write_array_header_1_0(member, header)
                     file.seek(0)
                     shutil.copyfileobj(file, member, 1 << 20)
-                file.close()
             for key, value in (("sensor_size", np.array(size, np.int64)), ("metadata", np.array(as_json(metadata)))):
                 with archive.open(f"{key}.npy", "w") as member:
                     np.lib.format.write_array(member, value, allow_pickle=False)

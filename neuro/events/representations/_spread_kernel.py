@@ -21,13 +21,15 @@ def spread(t, x, y, p, start, stop, separate, signed, timed, out):
         out: (1 or 2, bins, height, width) float, added to.
     """
     last = out.shape[1] - 1
-    length = float(max(stop - start, 1))
+    span = stop - start  # below 0 where it exceeds 64 bits
+    length = float(max(span, 1)) if span >= 0 else float(stop) - float(start)
     for k in range(t.shape[0]):
         if t[k] < start or t[k] > stop:
             continue
-        passed = float(t[k] - start)
+        gap = t[k] - start
+        passed = float(gap) if gap >= 0 else float(t[k]) - float(start)
         place = last * passed / length
-        low = int(place)
+        low = min(max(int(place), 0), last)
         above = place - low
         value = 2.0 * p[k] - 1.0 if signed else 1.0
         if timed:
