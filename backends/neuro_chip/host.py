@@ -3,7 +3,7 @@
 # mypy: ignore-errors
 import numpy as np
 
-from neuro.kernels.draws import mix, uniform
+from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.jit import compiled, inner, kernel
 from neuro.synapses import r_stdp
 
@@ -20,7 +20,7 @@ def rounded(exact, low, high, grain, draw):
 
 
 @kernel
-def reward(mantissas, step, low, high, grain, slots, early, won, rule, base):
+def reward(mantissas, step, low, high, grain, slots, early, won, rule, key, count):
     """The rule for the inputs of one neuron.
 
     Args:
@@ -33,22 +33,19 @@ def reward(mantissas, step, low, high, grain, slots, early, won, rule, base):
         early: whether its spike arrived up to the decision.
         won: whether the trial is rewarded.
         rule: constants of the rule.
-        base: word of the keyed draws, one for each call.
+        key: of the draws.
+        count: how many changes there were, this one included; each has draws of its own.
     """
+    base = step_word(key, count)
     for k in range(slots.size):
         w = _reward(mantissas[slots[k]] * step, early[k] != 0, won, rule)
         mantissas[slots[k]] = rounded(w / step, low, high, grain, uniform(base, slots[k]))
 
 
 @kernel
-def encourage(mantissas, step, low, high, grain, begin, end, rule, base):
-    """The rule for all weights from begin to end."""
+def encourage(mantissas, step, low, high, grain, begin, end, rule, key, count):
+    """The rule for all weights from begin to end; arguments as of `reward`."""
+    base = step_word(key, count)
     for k in range(begin, end):
         w = _encourage(mantissas[k] * step, rule)
         mantissas[k] = rounded(w / step, low, high, grain, uniform(base, k))
-
-
-@kernel
-def word_of(key, count):
-    """The word of the draws of the count-th change."""
-    return mix(key + np.uint64(count) * np.uint64(0x9E3779B97F4A7C15))

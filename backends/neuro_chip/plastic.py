@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.chips.learning import FACTORS, FRACTION_BITS, MODULATORY, POST, PRE, LearningRule, Term
+from neuro.chips.loihi_words import bounds, grain_of
 from neuro.keyed import key
 from neuro_chip import learning as kernels
 
 Ints = NDArray[np.int64]
-BOUNDS = {"mixed": (-256, 254), "excitatory": (0, 255), "inhibitory": (-255, 0)}
-"""Smallest and largest mantissa of each sign mode."""
 GATES = {"x0": kernels.X0, "y0": kernels.Y0, "u": kernels.U}
-DTYPES: dict[str, Any] = {"xs": np.uint8, "ys": np.uint8}
-
-
-def resolution(bits: int, sign_mode: str) -> int:
-    """Step between two mantissas: 8-bit weights lose `8 - bits` low bits, one more in mixed mode."""
-    return 1 << (8 - bits + (sign_mode == "mixed"))
 
 
 def table(rule: LearningRule) -> Ints:
@@ -73,11 +66,11 @@ class Plastic:
     ) -> None:
         self.rule, self.epoch, self.terms = rule, rule.epoch, table(rule)
         n_sources = row_ends.size - 1
-        low, high = BOUNDS[sign_mode]
+        low, high, _ = bounds(sign_mode)
         due = [term for term in (*rule.dw, *rule.dt) if term.gate == "u"]
         self.settings: Ints = np.array(
             [
-                *(rule.epoch, resolution(bits, sign_mode), low, high, rule.rounding == "away"),
+                *(rule.epoch, grain_of(bits, sign_mode == "mixed"), low, high, rule.rounding == "away"),
                 *(all(_is_zero_without_tag(term) for term in due), len(rule.dw)),
             ],
             dtype=np.int64,

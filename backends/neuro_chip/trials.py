@@ -8,8 +8,9 @@ import numpy as np
 
 from neuro import keyed
 from neuro.backend import Outcome, Trial
+from neuro.chips.fixed import FixedProjection
 from neuro.clock import NEVER
-from neuro.program import Ints, Projection
+from neuro.program import Floats, Ints, Projection
 from neuro_chip import host
 from neuro_chip import tables as t
 from neuro_chip.build import STATES, write_states
@@ -99,10 +100,10 @@ class Trials:
         first = engine._a["first"][engine.slice(part.source)][sources] - self._began - 1
         delay = np.broadcast_to(part.delay, part.size)[slots] if part.grid is None else part.delay[0]
         early = (first + delay <= decided).astype(np.uint8)
-        wires, rule, base = self._prepared(projection)
+        wires, rule, key = self._prepared(projection)
         host.reward(
             weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
-            slots, early, won, rule, base,
+            slots, early, won, rule, key, self.changes,
         )  # fmt: skip
         weights.write(projection)
         weights.updates[projection] += len(slots)
@@ -111,11 +112,11 @@ class Trials:
         """Let every weight of some maps grow, rounding stochastically."""
         weights = self._engine._weights
         part = self._engine.program.projections[projection]
-        wires, rule, base = self._prepared(projection)
+        wires, rule, key = self._prepared(projection)
         for begin, end in self._ranges(part, maps):
             host.encourage(
                 weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
-                begin, end, rule, base,
+                begin, end, rule, key, self.changes,
             )  # fmt: skip
             weights.updates[projection] += end - begin
         weights.write(projection)
@@ -131,15 +132,14 @@ class Trials:
         begins = np.concatenate(([0], ends[:-1] + 1))
         return [(int(slots[a]), int(slots[b]) + 1) for a, b in zip(begins, ends, strict=True)] if slots.size else []
 
-    def _prepared(self, projection: int):  # type: ignore[no-untyped-def]
-        """The scale of a projection, its rule's constants, and the word of this change's draws."""
+    def _prepared(self, projection: int) -> tuple[FixedProjection, Floats, np.uint64]:
+        """The scale of a projection, its rule's constants, and the key of its draws; counts a change."""
         engine = self._engine
         rule = np.zeros(_RULE_WIDTH)
         synapse = engine.program.projections[projection].synapse
         synapse.arithmetic.constants(engine._weights.rules[projection], engine.program.resolution, rule)
         self.changes += 1
-        base = np.uint64(host.word_of(np.uint64(self._keys[projection]), self.changes))
-        return engine._weights._wires(projection), rule, base
+        return engine._weights._wires(projection), rule, np.uint64(self._keys[projection])
 
 
 def _under_kernel(part: Projection, neuron: int) -> tuple[Ints, Ints]:

@@ -66,7 +66,8 @@ def _quantise(program: Program, chip: Chip, options: Options) -> FixedProgram:
     problems: list[Problem] = []
     for index, part in enumerate(program.populations):
         if not isinstance(part.model, Neuron):
-            populations.append(FixedPopulation(part.name, "current" if part.model.emits == "current" else "source"))  # type: ignore[attr-defined]
+            kind = "current" if isinstance(part.model, dc_generator) else "source"
+            populations.append(FixedPopulation(part.name, kind))
             continue
         fixed, found, told = _population(Inputs(program, index), chip, options)
         populations.append(fixed)
@@ -184,6 +185,6 @@ def requantise(
     exponents = {w.name: w.exponent for w in fixed.projections if w is not None and w.sign_mode}
     shifts = {}
     if "exc_shift" in cells.registers:
-        shifts = {cells.name: tuple(int(cells.registers[f"{word}_shift"][0]) for word in ("exc", "inh"))}
-    options = Options(scales={cells.name: cells.volt}, exponents=exponents, shifts=shifts)  # type: ignore[arg-type]
+        shifts = {cells.name: (int(cells.registers["exc_shift"][0]), int(cells.registers["inh_shift"][0]))}
+    options = Options(scales={cells.name: cells.volt}, exponents=exponents, shifts=shifts)
     return _population(Inputs(changed, population, modes), fixed.chip, options)

@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 from neuro import keyed
 from neuro.chips.learning import FACTORS, MODULATORY, POST, PRE, WIDTHS, Factor, LearningRule, Term, Trace
 from neuro.chips.learning_map import rule_of
+from neuro.chips.loihi_words import bounds, grain_of
 from neuro.chips.rule_text import parse
 from neuro.synapses import stdp, stdp_dopa
-from neuro_chip.plastic import BOUNDS, Plastic, resolution
+from neuro.synapses.loihi_static import SIGN_MODES
+from neuro_chip.plastic import Plastic
 
 NONE = np.zeros(0, dtype=np.int64)
 
@@ -35,7 +37,7 @@ class Twin:
         self.rule, self.seed, self.name = rule, seed, name
         self.w = weights.astype(int).copy()
         self.t = np.zeros_like(self.w)
-        self.step_of_weight, self.bounds = resolution(bits, mode), BOUNDS[mode]
+        self.step_of_weight, self.bounds = grain_of(bits, mode == "mixed"), bounds(mode)[:2]
         sizes = {**dict.fromkeys(PRE, n_source), **dict.fromkeys((*POST, *MODULATORY), n_target)}
         self.trace = {name: [0] * size for name, size in sizes.items()}
         self.past: list[dict[str, list[int]]] = []
@@ -140,8 +142,8 @@ def same_as_twin(rule, bits, mode, seed, *, steps=13, size=(2, 3), rewards=0):
     """Run kernel and twin side by side and demand equal weights, tags and traces; return the kernel's side."""
     n, m = size
     rng = np.random.default_rng(seed)
-    low, high = BOUNDS[mode]
-    step_of_weight = resolution(bits, mode)
+    low, high, _ = bounds(mode)
+    step_of_weight = grain_of(bits, mode == "mixed")
     weights = rng.integers(-(-low // step_of_weight), high // step_of_weight + 1, size) * step_of_weight
     plastic = dense(rule, n, m, weights, bits, mode, seed)
     twin = Twin(rule, n, m, weights, bits, mode, seed, "p")
@@ -163,7 +165,7 @@ def same_as_twin(rule, bits, mode, seed, *, steps=13, size=(2, 3), rewards=0):
 
 
 @settings(max_examples=60, deadline=None)
-@given(RULE, st.integers(3, 8), st.sampled_from(sorted(BOUNDS)), st.integers(0, 2**32), st.booleans())
+@given(RULE, st.integers(3, 8), st.sampled_from(sorted(SIGN_MODES)), st.integers(0, 2**32), st.booleans())
 def test_kernel_equals_twin(rule, bits, mode, seed, rewarded):
     same_as_twin(rule, bits, mode, seed, rewards=5 if rewarded else 0)
 
