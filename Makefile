@@ -62,7 +62,7 @@ $(VENV)/.demo: pyproject.toml
 	@touch $@
 
 $(VENV)/.test: pyproject.toml $(VENV)/.demo
-	$(BIN)/python $(PIP) --editable '.[test]'
+	$(BIN)/python $(PIP) --editable '.[test,rl]' torch==2.13.0
 	@touch $@
 
 $(VENV)-oracles/.installed: pyproject.toml
