@@ -1,6 +1,9 @@
+import multiprocessing
 import pickle
+import random
 import zipfile
 
+import h5py
 import pytest
 
 from neuro.events import EventFileError, recordings
@@ -71,24 +74,64 @@ def test_manifest(tmp_path):
     assert str(error.value) == f"{root}: MANIFEST.csv line 3: no file 'd.bin'"
 
 
+def told(path, **options):
+    """What is said of a path, without its name."""
+    with pytest.raises(EventFileError) as error:
+        recordings(path, **options)
+    assert str(error.value).startswith(f"{path}: ")
+    return str(error.value).removeprefix(f"{path}: ")
+
+
 def test_messages(tmp_path):
-    with pytest.raises(EventFileError) as error:
-        recordings(tmp_path)
-    expected = "no recordings, expected class folders with event files such as 3/00017.bin; "
-    expected += "'neuro events formats' lists the endings"
-    assert str(error.value) == f"{tmp_path}: {expected}"
-    with pytest.raises(EventFileError) as error:
-        recordings(tmp_path / "none")
-    assert str(error.value) == f"{tmp_path / 'none'}: no such folder or zip"
-    write(tmp_path, "a.bin")
-    with pytest.raises(EventFileError) as error:
-        recordings(tmp_path / "a.bin")
-    expected = "is neither a folder nor a zip, expected one with recordings"
-    assert str(error.value) == f"{tmp_path / 'a.bin'}: {expected}"
-    with pytest.raises(EventFileError) as error:
-        recordings(tmp_path)
-    expected = "a.bin lies in no class folder, and there is no MANIFEST.csv with the columns file, label, class"
-    assert str(error.value) == f"{tmp_path}: {expected}"
+    expected = "no recordings, expected class folders with event files such as 3/00017.bin"
+    hint = "; 'neuro events formats' lists the endings"
+    assert told(tmp_path) == expected + hint
+    write(tmp_path / "npy", "cl/1.npy", "he/notes", "README.md")
+    assert told(tmp_path / "npy") == f"{expected} (there are only .md, .npy){hint}"
+    assert told(tmp_path / "none") == "no such folder, zip or HDF5 file"
+    write(tmp_path, "a.bin", "b.tar.gz")
+    expected = "is no folder, zip or HDF5 file, expected one with recordings"
+    assert told(tmp_path / "a.bin") == expected
+    assert told(tmp_path / "b.tar.gz") == f"{expected}; unpack it first"
+    expected = "a.bin lies in no class folder (is this one? then give the one above it), and there is no MANIFEST.csv "
+    assert told(tmp_path) == f"{expected}with the columns file, label, class"
+
+
+def test_archives_come_in_archives(folder, tmp_path):
+    """N-MNIST's zip holds Train.zip and Test.zip; N-CARS' and N-Caltech101's are like it."""
+    zipped(folder).rename(write(tmp_path / "outer", "README.md") / "Train.zip")
+    expected = "no recordings, but Train.zip: unpack it first, or give its name if it is a zip"
+    assert told(tmp_path / "outer") == told(zipped(tmp_path / "outer")) == expected
+
+
+def test_hdf5_is_for_data_sets(tmp_path):
+    with h5py.File(tmp_path / "x.h5", "w"):
+        pass
+    assert told(tmp_path / "x.h5") == "is HDF5, expected a folder or zip; neuro.events.Dataset reads it"
+
+
+def test_a_part_may_be_a_must(folder):
+    assert len(recordings(folder / "Train", part="Test")) == len(recordings(folder / "Train"))
+    expected = "has no parts, expected one named 'Test'; split() divides it"
+    assert told(folder / "Train", part="Test", whole=False) == expected
+    assert len(recordings(folder / "Train", part="train", whole=False)) == 3
+    assert len(recordings(folder, part="train", whole=False)) == 3
+
+
+def test_forked_processes_read_a_zip_side_by_side(tmp_path):
+    """They must not share the place in the open file."""
+    write(tmp_path / "set", *(f"a/{k}.bin" for k in range(3)), data=random.Random(0).randbytes(200_000))
+    INHERITED[:] = recordings(zipped(tmp_path / "set"))
+    assert size_of(0) == 200_000
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        assert pool.map(size_of, [0, 1, 2] * 50, chunksize=5) == [200_000] * 150
+
+
+INHERITED = []
+
+
+def size_of(k):
+    return len(INHERITED[k].read())
 
 
 def test_damaged_recording_names_itself(folder):

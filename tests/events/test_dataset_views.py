@@ -42,6 +42,11 @@ def test_it_is_a_sequence_of_events_and_labels(small):
     assert [sample.name for sample in small[7:9].samples] == ["b/0.bin", "b/1.bin"]
     assert small[-1][0].t.tolist() == [11]
     assert small[np.array([3, 1])][0][0].t.tolist() == [3]
+    assert names(small[small.labels == 1]) == [f"b/{k}.bin" for k in range(4)]
+    assert len(small[[]]) == 0
+    with pytest.raises(ModelError) as error:
+        small[[True, False]]
+    assert str(error.value) == "mask of length 2: expected 12, one for each sample"
     with pytest.raises(IndexError):
         small[12]
 
@@ -49,6 +54,7 @@ def test_it_is_a_sequence_of_events_and_labels(small):
 def test_transforms_stand_one_behind_the_other(small):
     counts = small.mapped(lambda events: int(events.t[0])).mapped(lambda t: 10 * t)
     assert list(counts[2:4]) == [(20, 0), (30, 0)]
+    assert pickle.loads(pickle.dumps(small.mapped(len).mapped(float)))[0] == (1.0, 0)
     assert isinstance(small[0][0], Events)
 
 
@@ -142,11 +148,12 @@ LIES = {
         "Caltech101/ant/image_0001.bin", "Caltech101/bee/image_0001.bin", "Caltech101_annotations/ant/annotation_1.bin",
     ],
     "poker_dvs": ["xclub01.aedat", "xheart02i.aedat", "readme.txt"],
+    "poker_dvs_es": ["trcl0.es", "trsp16.es", "tssp1.es"],
     "dvs_gesture": ["user01_led.aedat", "user01_led_labels.csv"],
     "folders": ["x/one/1.bin", "x/two/2.aedat", "notes.txt"],
 }  # fmt: skip
 CLASSES = {"nmnist": ("3", "7"), "ncars": ("background", "cars"), "ncaltech101": ("ant", "bee"),
-           "poker_dvs": ("club", "heart"), "folders": ("one", "two"),
+           "poker_dvs": ("club", "heart"), "poker_dvs_es": ("club", "spade"), "folders": ("one", "two"),
            "dvs_gesture": ("hand_clapping", "arm_roll")}  # fmt: skip
 LABELS = b"class,startTime_usec,endTime_usec\n8,10,20\n1,20,45\n"
 
@@ -166,6 +173,24 @@ def test_parts_of_known_layouts(tmp_path):
     with pytest.raises(EventFileError) as error:
         Dataset(tmp_path, part="val")
     assert str(error.value) == f"{tmp_path}: no recordings in a folder 'val'"
+
+
+def test_parts_in_names(tmp_path):
+    write(tmp_path, *LIES["poker_dvs_es"])
+    assert names(Dataset(tmp_path, part="Train")) == ["trcl0.es", "trsp16.es"]
+    assert names(Dataset(tmp_path, part="test")) == ["tssp1.es"]
+
+
+def test_a_part_that_is_not_there_is_not_the_whole(small, tmp_path):
+    with pytest.raises(EventFileError) as error:
+        Dataset(small.path, part="Train")
+    assert str(error.value) == f"{small.path}: has no parts, expected one named 'Train'; split() divides it"
+    file = small.to_hdf5(tmp_path / "o.h5", jobs=1).path
+    assert len(Dataset(file, layout="hdf5")) == 12
+    for name, value in (("part", "Train"), ("ending", "bin"), ("layout", "nmnist")):
+        with pytest.raises(ModelError) as wrong:
+            Dataset(file, **{name: value})
+        assert str(wrong.value) == f"{name}='{value}': expected None, since {file} is an HDF5 file"
 
 
 def test_a_wrong_layout_is_told(tmp_path):

@@ -115,7 +115,7 @@ def test_thesis_settings_on_another_backend(neuro, folder):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("train --data nowhere", "nowhere: no such folder or zip"),
+        ("train --data nowhere", "nowhere: no such folder, zip or HDF5 file"),
         ("train --data {folder} --settings good", "unknown settings 'good': expected thesis or best"),
         ("train --data {folder} --set maps=3", "'maps' cannot be set: it follows from the classes and per_class"),
         (

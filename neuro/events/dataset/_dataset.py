@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import operator
 import os
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self, overload
 
@@ -11,22 +13,34 @@ import numpy as np
 
 from neuro.errors import ModelError, unknown
 from neuro.events._events import Events
+from neuro.events.dataset._files import is_hdf5
 from neuro.events.dataset._recordings import recordings
 from neuro.events.dataset._sample import Kept, Sample
 from neuro.events.dataset._store import Report, Stored, store
-from neuro.events.dataset._stored import is_hdf5, stored_samples
+from neuro.events.dataset._stored import stored_samples
+
+
+@dataclass(frozen=True, slots=True)
+class _Both:
+    """One function after the other; unlike a lambda it can be sent to another process."""
+
+    first: Callable[[Events], Any]
+    second: Callable[[Any], Any]
+
+    def __call__(self, events: Events) -> Any:
+        return self.second(self.first(events))
 
 
 class Dataset(Sequence[tuple[Any, int]]):
     """Labelled recordings of a folder, a zip or an HDF5 file.
 
-    ``data[i]`` is (events, label), so that PyTorch's ``DataLoader`` takes it as it is; ``data[10:20]`` and an array of
-    indices give a data set of those samples. Nothing is read before it is asked for. Drawing and splitting give new
-    data sets of the same samples and change nothing.
+    ``data[i]`` is (events, label), so that PyTorch's ``DataLoader`` takes it as it is; ``data[10:20]``, an array of
+    indices and a mask such as ``data.labels == 3`` give a data set of those samples. Nothing is read before it is
+    asked for. Drawing and splitting give new data sets of the same samples and change nothing.
 
     Args:
         path: the folder, zip or HDF5 file (``/<class>/<sample>``, as aertb lays it out and `to_hdf5` writes it).
-        part: of data with parts, such as ``Train`` and ``Test``, only this one.
+        part: of a folder or zip with parts, such as ``Train`` and ``Test``, only this one.
         classes: class names in the order of their labels; None takes those found.
         layout: name of the layout of a folder or zip, see `neuro.events.dataset.LAYOUTS`; None finds it.
         ending: only files whose names end so, such as ``bin``.
@@ -39,7 +53,8 @@ class Dataset(Sequence[tuple[Any, int]]):
         layout: how it lies there.
 
     Raises:
-        EventFileError: there are no labelled recordings; the message says what was expected.
+        EventFileError: there are no labelled recordings, or no such part; the message says what was expected.
+        ModelError: a part, an ending or a layout of an HDF5 file.
     """
 
     def __init__(
@@ -57,10 +72,13 @@ class Dataset(Sequence[tuple[Any, int]]):
         self._transform: Callable[[Events], Any] | None = None
         self.samples: tuple[Sample, ...]
         if is_hdf5(self.path):
+            for name, value in (("part", part), ("layout", layout), ("ending", ending)):
+                if value not in (None, "hdf5" if name == "layout" else None):
+                    raise ModelError(f"{name}={value!r}: expected None, since {self.path} is an HDF5 file")
             self.classes, self.samples = stored_samples(self.path, classes)
             self.layout = "hdf5"
         else:
-            found = recordings(path, part=part, classes=classes, layout=layout, ending=ending)
+            found = recordings(path, part=part, classes=classes, layout=layout, ending=ending, whole=False)
             self.classes, self.samples, self.layout = found.classes, tuple(found), found.layout
 
     def _with(self, **changed: Any) -> Self:
@@ -78,11 +96,16 @@ class Dataset(Sequence[tuple[Any, int]]):
     def __getitem__(self, index: int | slice | Sequence[int]) -> tuple[Any, int] | Self:
         if isinstance(index, slice):
             return self._with(samples=self.samples[index])
-        if isinstance(index, int | np.integer):
-            sample = self.samples[index]
+        if np.ndim(index) == 0:
+            sample = self.samples[operator.index(index)]  # type: ignore[arg-type]
             events = sample.load(sensor_size=self._size)
             return (events if self._transform is None else self._transform(events)), sample.label
-        return self._with(samples=tuple(self.samples[k] for k in index))
+        chosen = np.asarray(index)
+        if chosen.dtype == bool:
+            if len(chosen) != len(self):
+                raise ModelError(f"mask of length {len(chosen)}: expected {len(self)}, one for each sample")
+            chosen = np.flatnonzero(chosen)
+        return self._with(samples=tuple(self.samples[k] for k in chosen.tolist()))
 
     def __iter__(self) -> Iterator[tuple[Any, int]]:
         return (self[k] for k in range(len(self)))
@@ -177,7 +200,7 @@ class Dataset(Sequence[tuple[Any, int]]):
             transform: makes what is wanted of events, such as a representation; after an earlier one.
         """
         before = self._transform
-        return self._with(_transform=transform if before is None else lambda events: transform(before(events)))
+        return self._with(_transform=transform if before is None else _Both(before, transform))
 
     def cached(self, path: str | os.PathLike[str] | None = None, *, jobs: int | None = None) -> Self:
         """The same samples, decoded once.

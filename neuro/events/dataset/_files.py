@@ -15,6 +15,20 @@ from neuro.events.errors import EventFileError
 Files = Mapping[str, Callable[[], bytes]]
 """Path inside the folder or zip, with ``/``, to what gives the bytes."""
 
+HDF5 = b"\x89HDF\r\n\x1a\n"
+"""How an HDF5 file begins."""
+ARCHIVES = (".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".rar")
+"""Endings of archives that have to be unpacked first."""
+
+
+def is_hdf5(path: str) -> bool:
+    """Whether there is an HDF5 file of this name."""
+    try:
+        with Path(path).open("rb") as file:
+            return file.read(len(HDF5)) == HDF5
+    except OSError:
+        return False
+
 
 def files_of(where: str) -> Files:
     """All files but hidden ones.
@@ -31,20 +45,28 @@ def files_of(where: str) -> Files:
         found = {f.relative_to(path).as_posix(): f.read_bytes for f in inside}
         return {name: read for name, read in found.items() if not _hidden(name)}
     if not path.exists():
-        raise EventFileError(where, "no such folder or zip")
+        raise EventFileError(where, "no such folder, zip or HDF5 file")
+    if is_hdf5(where):
+        raise EventFileError(where, "is HDF5, expected a folder or zip; neuro.events.Dataset reads it")
     try:
         archive = _Zip(where)
         return {name: archive.reader(name) for name in archive.names() if not _hidden(name)}
     except zipfile.BadZipFile:
-        raise EventFileError(where, "is neither a folder nor a zip, expected one with recordings") from None
+        text = "is no folder, zip or HDF5 file, expected one with recordings"
+        hint = "; unpack it first" if where.lower().endswith(ARCHIVES) else ""
+        raise EventFileError(where, f"{text}{hint}") from None
 
 
 class _Zip:
-    """A zip that is open while it is used and can be sent to another process."""
+    """A zip that is open while it is used and can be sent to another process.
+
+    A forked process opens it anew: the place in an open file is one for all who have inherited it.
+    """
 
     def __init__(self, path: str) -> None:
         self.path = path
         self._open: zipfile.ZipFile | None = None
+        self._process = 0
 
     def __getstate__(self) -> str:
         return self.path
@@ -53,8 +75,8 @@ class _Zip:
         self.__init__(path)  # type: ignore[misc]
 
     def _zip(self) -> zipfile.ZipFile:
-        if self._open is None:
-            self._open = zipfile.ZipFile(self.path)
+        if self._open is None or self._process != os.getpid():
+            self._open, self._process = zipfile.ZipFile(self.path), os.getpid()
         return self._open
 
     def names(self) -> list[str]:

@@ -6,6 +6,7 @@
 | ncaltech101 | N-Caltech101 | ``Caltech101/<class>/image_0001.bin``; the annotations, also ``.bin``, are left out |
 | ncars | N-CARS | ``n-cars_train/<class>/obj_000001_td.dat`` |
 | poker_dvs | POKER-DVS | ``xclub01.aedat``: the class is in the name; 35x35 px |
+| poker_dvs_es | POKER-DVS as Event Stream | ``trcl0.es``, ``tscl0.es``: part and class are in the name |
 | dvs_gesture | DVS Gesture | ``user01_led.aedat``, the gestures of a file in ``user01_led_labels.csv`` |
 | manifest | any | ``MANIFEST.csv`` with the columns file, label, class |
 | folders | any | ``.../<class>/<sample>`` |
@@ -25,7 +26,7 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 
 from neuro.errors import unknown
-from neuro.events.dataset._files import Files, natural
+from neuro.events.dataset._files import ARCHIVES, Files, natural
 from neuro.events.dataset._gesture import gestures, is_gestures
 from neuro.events.dataset._item import Item
 from neuro.events.errors import EventFileError
@@ -38,13 +39,20 @@ TABLES = (".csv", ".txt")
 """Endings that are recordings only where there is nothing else: notes and lists have them too."""
 
 _POKER = re.compile(r"x?(club|diamond|heart|spade)\d+i?\.aedat")
+_POKER_ES = re.compile(r"(tr|ts)(cl|di|he|sp)\d+\.es")
+_SUITS = {"cl": "club", "di": "diamond", "he": "heart", "sp": "spade"}
+_NCALTECH = re.compile(r"image_\d{4}\.bin")
 _NCARS = {"background", "cars"}
 
 
+def is_part(folder: str, part: str) -> bool:
+    """Whether a folder of this name is that of a part (lower case): ``Train`` or such as ``n-cars_train``."""
+    return folder.lower() == part or folder.lower().endswith((f"-{part}", f"_{part}"))
+
+
 def _by_folder(item: Item, part: str) -> bool:
-    """Whether a folder above the class folder is that of a part: ``train`` or such as ``n-cars_train``."""
-    above = (folder.lower() for folder in item.file.split("/")[:-2])
-    return any(folder == part or folder.endswith((f"-{part}", f"_{part}")) for folder in above)
+    """Whether a folder above the class folder is that of a part."""
+    return any(is_part(folder, part) for folder in item.file.split("/")[:-2])
 
 
 def _by_item(item: Item, part: str) -> bool:
@@ -83,14 +91,23 @@ def recordings_in(files: Files) -> list[str]:
 def _folders(where: str, files: Files) -> list[Item]:
     events = recordings_in(files)
     if not events:
-        text = "no recordings, expected class folders with event files such as 3/00017.bin"
-        raise EventFileError(where, f"{text}; 'neuro events formats' lists the endings")
+        raise EventFileError(where, f"no recordings, {_others(files)}")
     if flat := [name for name in events if "/" not in name]:
         raise EventFileError(
-            where, f"{flat[0]} lies in no class folder, and there is no {MANIFEST} with "
-            f"the columns {', '.join(MANIFEST_COLUMNS)}"
+            where, f"{flat[0]} lies in no class folder (is this one? then give the one above it), and there is no "
+            f"{MANIFEST} with the columns {', '.join(MANIFEST_COLUMNS)}"
         )  # fmt: skip
     return _in_order([Item(name, name, PurePosixPath(name).parent.name) for name in events])
+
+
+def _others(files: Files) -> str:
+    """What there is in place of recordings, and what to do about it."""
+    if packed := sorted((name for name in files if name.lower().endswith((".zip", *ARCHIVES))), key=natural):
+        return f"but {packed[0]}: unpack it first, or give its name if it is a zip"
+    endings = sorted({PurePosixPath(name).suffix.lower() for name in files} - {""})
+    there = f" (there are only {', '.join(endings[:5])})" if endings else ""
+    text = f"expected class folders with event files such as 3/00017.bin{there}"
+    return f"{text}; 'neuro events formats' lists the endings"
 
 
 def _in_order(items: list[Item]) -> list[Item]:
@@ -120,6 +137,14 @@ def _poker(where: str, files: Files) -> list[Item]:
     return _in_order([Item(name, name, match[1]) for name, match in found.items() if match])
 
 
+def _poker_es(where: str, files: Files) -> list[Item]:
+    parts, found = {"tr": "train", "ts": "test"}, []
+    for name in files:
+        if match := _POKER_ES.fullmatch(PurePosixPath(name).name):
+            found.append(Item(name, name, _SUITS[match[2]], part=parts[match[1]]))
+    return _in_order(found)
+
+
 def _classes(files: Files, ending: str) -> tuple[set[str], bool]:
     """The folders of all event files, and whether all have an ending."""
     events = recordings_in(files)
@@ -136,9 +161,14 @@ def _is_ncars(files: Files) -> bool:
     return bool(classes) and same and classes <= _NCARS
 
 
-def _is_poker(files: Files) -> bool:
-    events = recordings_in(files)
-    return bool(events) and all(_POKER.fullmatch(PurePosixPath(name).name) for name in events)
+def _named(pattern: re.Pattern[str]) -> Callable[[Files], bool]:
+    """Whether there are recordings, and the names of all are of a pattern."""
+
+    def fits(files: Files) -> bool:
+        events = recordings_in(files)
+        return bool(events) and all(pattern.fullmatch(PurePosixPath(name).name) for name in events)
+
+    return fits
 
 
 def _images(files: Files) -> Files:
@@ -147,8 +177,7 @@ def _images(files: Files) -> Files:
 
 
 def _is_ncaltech(files: Files) -> bool:
-    images = [PurePosixPath(name).name for name in recordings_in(_images(files))]
-    return bool(images) and all(re.fullmatch(r"image_\d{4}\.bin", name) for name in images)
+    return _named(_NCALTECH)(_images(files))
 
 
 LAYOUTS: Sequence[Layout] = (
@@ -157,7 +186,8 @@ LAYOUTS: Sequence[Layout] = (
     Layout("nmnist", "N-MNIST", _is_nmnist, _folders),
     Layout("ncaltech101", "N-Caltech101", _is_ncaltech, lambda where, files: _folders(where, _images(files))),
     Layout("ncars", "N-CARS", _is_ncars, _folders),
-    Layout("poker_dvs", "POKER-DVS", _is_poker, _poker, sensor_size=(35, 35)),
+    Layout("poker_dvs", "POKER-DVS", _named(_POKER), _poker, sensor_size=(35, 35)),
+    Layout("poker_dvs_es", "POKER-DVS as Event Stream", _named(_POKER_ES), _poker_es, _by_item),
     Layout("folders", "a folder for each class", lambda files: True, _folders),
 )
 """In the order in which they are tried."""

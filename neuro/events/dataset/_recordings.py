@@ -6,12 +6,13 @@ import hashlib
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import overload
 
 from neuro.events._events import Events
 from neuro.events.dataset._files import files_of, natural
 from neuro.events.dataset._item import Item
-from neuro.events.dataset._layouts import Layout, layout_of
+from neuro.events.dataset._layouts import Layout, is_part, layout_of
 from neuro.events.errors import EventFileError
 from neuro.events.files import load
 
@@ -93,6 +94,7 @@ def recordings(
     classes: Sequence[str] | None = None,
     layout: str | None = None,
     ending: str | None = None,
+    whole: bool = True,
 ) -> Recordings:
     """Find the labelled recordings of a folder or zip.
 
@@ -103,11 +105,11 @@ def recordings(
     Args:
         path: the folder or zip.
         part: of data with parts, such as ``Train`` and ``Test``, only this one; upper and lower case are the same.
-            Data without parts is taken whole.
         classes: class names in the order of their labels, of the data trained on for example; None
             takes those found: folders by name (numbers by value), those of a manifest by its labels.
         layout: name of the layout; None finds it.
         ending: only files whose names end so, such as ``bin``.
+        whole: whether data without parts stands for any part; if not, only ``Train`` and its like stand for themselves.
 
     Returns:
         The recordings, sorted by name (numbers by value).
@@ -125,7 +127,7 @@ def recordings(
     if not items:
         raise EventFileError(where, f"no recordings with names that end in {tail}")
     classes_in_order = list(dict.fromkeys(item.label for item in items))
-    items = _of_part(where, chosen, sorted(items, key=lambda item: natural(item.name)), part)
+    items = _of_part(where, chosen, sorted(items, key=lambda item: natural(item.name)), part, whole)
     present = {item.label for item in items}
     found = [c for c in classes_in_order if c in present]
     if classes is None:
@@ -138,14 +140,16 @@ def recordings(
     return Recordings(where, made, classes, chosen.name)
 
 
-def _of_part(where: str, layout: Layout, items: list[Item], part: str | None) -> list[Item]:
+def _of_part(where: str, layout: Layout, items: list[Item], part: str | None, whole: bool) -> list[Item]:
     """The items of a part."""
     if part is None:
         return items
     wanted = part.lower()
-    if not any(layout.in_part(item, name) for item in items for name in {"train", "test", wanted}):
-        return items
     inside = [item for item in items if layout.in_part(item, wanted)]
-    if not inside:
+    if inside:
+        return inside
+    if any(layout.in_part(item, name) for item in items for name in ("train", "test")):
         raise EventFileError(where, f"no recordings in a folder {part!r}")
-    return inside
+    if whole or is_part(Path(where).resolve().stem, wanted):
+        return items
+    raise EventFileError(where, f"has no parts, expected one named {part!r}; split() divides it")

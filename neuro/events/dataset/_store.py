@@ -24,7 +24,8 @@ from typing import Any
 
 from neuro.errors import unknown
 from neuro.events.dataset import _pack
-from neuro.events.dataset._stored import CLASSES, NUMBER, is_hdf5
+from neuro.events.dataset._files import is_hdf5
+from neuro.events.dataset._stored import CLASSES, NUMBER
 from neuro.events.errors import EventFileError
 
 BATCH = 64

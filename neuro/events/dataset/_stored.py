@@ -5,27 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from neuro.events._events import Events
 from neuro.events.dataset._files import natural
 from neuro.events.errors import EventFileError
 
-MAGIC = b"\x89HDF\r\n\x1a\n"
 CLASSES = "classes"
 """Attribute of the file: names in the order of their labels, as JSON."""
 NUMBER = "number"
 """Attribute of a sample: its number in the data set that it was made of."""
-
-
-def is_hdf5(path: str) -> bool:
-    """Whether there is such a file."""
-    try:
-        with Path(path).open("rb") as file:
-            return file.read(len(MAGIC)) == MAGIC
-    except OSError:
-        return False
 
 
 class _File:
