@@ -1,0 +1,238 @@
+# mypy: ignore-errors
+"""Compiled loops of `neuro_drone.eye`: outlines in the world become exact shares of pixels in the picture.
+
+An outline is a flat polygon in the world. It is cut off in front of the camera, projected, and each of its edges
+leaves in every row that it crosses how the area to its right grows from pixel to pixel; summed along a row this is
+the share of each pixel that lies inside. No pixel is sampled, so the share is exact for polygons.
+"""
+
+from math import ceil, floor, pi, sin, sqrt
+
+import numpy as np
+from numba import njit
+
+NEAR = 1e-3
+"""Depth in front of the camera at which outlines are cut off, m."""
+FAR = 1e6
+"""Half a side of the square that stands for the endless ground, heights; off by 1e-4 px at the horizon."""
+SAGITTA = 0.004
+"""Largest distance between a ball's round outline and the polygon that stands for it, px. Their areas are equal, so
+the outline is off by half of it at most."""
+FEWEST = 64
+"""Corners of a ball in the picture."""
+
+
+@njit(cache=True)
+def project(points, n, matrix, focal, middle, corners):
+    """Where an outline is in the picture; what is behind the camera is cut off.
+
+    points: (n, 3), m. corners: filled with column and row, whole numbers at the upper left corners of pixels.
+    Returns how many corners there are.
+    """
+    m = 0
+    last = points[n - 1]
+    depth0, right0, down0 = in_camera(last[0], last[1], last[2], matrix)
+    for k in range(n):
+        depth1, right1, down1 = in_camera(points[k, 0], points[k, 1], points[k, 2], matrix)
+        if (depth0 < NEAR) != (depth1 < NEAR):
+            share = (NEAR - depth0) / (depth1 - depth0)
+            corners[m, 0] = middle + 0.5 + focal * (right0 + share * (right1 - right0)) / NEAR
+            corners[m, 1] = middle + 0.5 + focal * (down0 + share * (down1 - down0)) / NEAR
+            m += 1
+        if depth1 >= NEAR:
+            corners[m, 0] = middle + 0.5 + focal * right1 / depth1
+            corners[m, 1] = middle + 0.5 + focal * down1 / depth1
+            m += 1
+        depth0, right0, down0 = depth1, right1, down1
+    return m
+
+
+@njit(cache=True)
+def in_camera(x, y, z, matrix):
+    """Depth, distance to the right and downwards of a point, m."""
+    x -= matrix[3, 0]
+    y -= matrix[3, 1]
+    z -= matrix[3, 2]
+    depth = x * matrix[2, 0] + y * matrix[2, 1] + z * matrix[2, 2]
+    right = x * matrix[0, 0] + y * matrix[0, 1] + z * matrix[0, 2]
+    return depth, right, x * matrix[1, 0] + y * matrix[1, 1] + z * matrix[1, 2]
+
+
+@njit(cache=True)
+def left_of(column, x0, x1):
+    """Mean of max(0, column - x) over an edge that goes from x0 to x1 >= x0."""
+    if column <= x0:
+        return 0.0
+    if column >= x1:
+        return column - 0.5 * (x0 + x1)
+    return (column - x0) ** 2 / (2.0 * (x1 - x0))
+
+
+@njit(cache=True)
+def fill(corners, n, cover, spans):
+    """Add an outline to the shares.
+
+    corners: (n, 2). cover: (height, width), differences along the rows. spans: (height, 2), first and behind the last
+    column that is touched in each row.
+    """
+    height, width = cover.shape
+    for k in range(n):
+        xa, ya, xb, yb = corners[k - 1, 0], corners[k - 1, 1], corners[k, 0], corners[k, 1]
+        if k == 0:
+            xa, ya = corners[n - 1, 0], corners[n - 1, 1]
+        if ya == yb:
+            continue
+        sign = 1.0
+        if ya > yb:
+            xa, ya, xb, yb = xb, yb, xa, ya
+            sign = -1.0
+        slope = (xb - xa) / (yb - ya)
+        for row in range(max(floor(ya), 0), min(ceil(yb), height)):
+            top, bottom = max(ya, float(row)), min(yb, row + 1.0)
+            x0, x1 = xa + (top - ya) * slope, xa + (bottom - ya) * slope
+            if x0 > x1:
+                x0, x1 = x1, x0
+            first, last = max(floor(min(x0, width)), 0), min(floor(max(x1, -2.0)) + 2, width)
+            spans[row, 0] = min(spans[row, 0], first)
+            spans[row, 1] = max(spans[row, 1], last, 1)
+            whole = sign * (bottom - top)
+            if last <= 0:
+                cover[row, 0] += whole
+                continue
+            before, reached = 0.0, left_of(float(first), x0, x1)
+            for column in range(first, last):
+                ahead = left_of(column + 1.0, x0, x1)
+                share = ahead - reached
+                cover[row, column] += whole * (share - before)
+                before, reached = share, ahead
+
+
+@njit(cache=True)
+def blend(shade, cover, spans, image, painted):
+    """Paint what was filled in one shade; cover is then empty again, and painted holds these spans, too."""
+    for row in range(cover.shape[0]):
+        first, last = spans[row, 0], spans[row, 1]
+        if first >= last:
+            continue
+        inside = 0.0
+        for column in range(first, last):
+            inside += cover[row, column]
+            cover[row, column] = 0.0
+            share = min(abs(inside), 1.0)
+            image[row, column] = (1.0 - share) * image[row, column] + share * shade
+        painted[row, 0], painted[row, 1] = min(painted[row, 0], first), max(painted[row, 1], last)
+        spans[row, 0], spans[row, 1] = cover.shape[1], 0
+
+
+@njit(cache=True)
+def ball_outline(ball, matrix, focal, circle, points):
+    """The circle on a ball, as a polygon of the same area, along which rays from the camera touch it.
+
+    ball: x, y, z, radius, m. circle: (n, 2), cosine and sine round the circle, n a power of 2. Returns how many
+    points it has: enough for SAGITTA, 0 where the camera is inside or the ball straight to its right or left.
+    """
+    x, y, z, radius = ball[0] - matrix[3, 0], ball[1] - matrix[3, 1], ball[2] - matrix[3, 2], ball[3]
+    far = sqrt(x * x + y * y + z * z)
+    if far <= radius:
+        return 0
+    x, y, z = x / far, y / far, z / far
+    along = x * matrix[0, 0] + y * matrix[0, 1] + z * matrix[0, 2]
+    norm = sqrt(max(1.0 - along * along, 0.0))
+    if norm < 1e-6:
+        return 0
+    ax, ay, az = matrix[0, 0] - along * x, matrix[0, 1] - along * y, matrix[0, 2] - along * z
+    ax, ay, az = ax / norm, ay / norm, az / norm
+    bx, by, bz = y * az - z * ay, z * ax - x * az, x * ay - y * ax
+    depth = far * (x * matrix[2, 0] + y * matrix[2, 1] + z * matrix[2, 2]) - radius
+    n = FEWEST
+    while n < circle.shape[0] and (depth < radius or focal * radius * far * (pi / n) ** 2 > 2.0 * SAGITTA * depth**2):
+        n *= 2
+    back = radius * radius / far
+    turn = 2.0 * pi / n
+    wide = radius * sqrt(1.0 - (radius / far) ** 2) * sqrt(turn / sin(turn))
+    step = circle.shape[0] // n
+    for k in range(n):
+        c, s = wide * circle[k * step, 0], wide * circle[k * step, 1]
+        points[k, 0] = matrix[3, 0] + (far - back) * x + c * ax + s * bx
+        points[k, 1] = matrix[3, 1] + (far - back) * y + c * ay + s * by
+        points[k, 2] = matrix[3, 2] + (far - back) * z + c * az + s * bz
+    return n
+
+
+@njit(cache=True)
+def all_ground(matrix, focal, middle):
+    """Whether no corner of the picture sees the sky."""
+    edge = (middle + 0.5) / focal
+    return matrix[2, 2] + edge * (abs(matrix[0, 2]) + abs(matrix[1, 2])) < 0.0
+
+
+@njit(cache=True)
+def plain_ground(matrix, focal, middle, shades, work, base):
+    """Ground of one shade under the sky."""
+    points, corners, cover, spans, painted = work
+    base[:] = shades[0]
+    reach = FAR * matrix[3, 2]
+    for k in range(4):
+        points[k, 0] = matrix[3, 0] + (reach if k in (0, 3) else -reach)
+        points[k, 1] = matrix[3, 1] + (reach if k < 2 else -reach)
+        points[k, 2] = 0.0
+    fill(corners, project(points, 4, matrix, focal, middle, corners), cover, spans)
+    blend(shades[1], cover, spans, base, painted)
+
+
+@njit(cache=True)
+def paint(matrix, focal, middle, shades, ball, strips, circle, work, drawn, base, image, box):
+    """Draw the next picture over the one before.
+
+    shades: of sky, ground, line and ball. ball: x, y, z, radius, m; radius 0 for none. strips: (n, 4, 2), parts of
+    the line on the ground, m. work: buffers. drawn: matrix of the base, and 1 where all is to be drawn. box: filled
+    with columns and rows that may differ from the picture before (first and behind the last).
+    """
+    points, corners, cover, spans, painted = work
+    height, width = image.shape
+    box[0], box[1], box[2], box[3] = width, height, 0, 0
+    for row in range(height):
+        if painted[row, 0] < painted[row, 1]:
+            widen(box, row, painted[row, 0], painted[row, 1])
+            image[row, painted[row, 0] : painted[row, 1]] = base[row, painted[row, 0] : painted[row, 1]]
+            painted[row, 0], painted[row, 1] = width, 0
+    level = True
+    for k in range(3):
+        level &= drawn[k, 2] == matrix[k, 2]
+    if not level or drawn[4, 0]:
+        if drawn[4, 0] or not (all_ground(matrix, focal, middle) and all_ground(drawn, focal, middle)):
+            plain_ground(matrix, focal, middle, shades, work, base)
+            image[:] = base
+            painted[:, 0], painted[:, 1] = width, 0
+            box[0], box[1], box[2], box[3] = 0, 0, width, height
+        drawn[:4] = matrix
+        drawn[4, 0] = 0.0
+    if strips.shape[0]:
+        for i in range(strips.shape[0]):
+            for k in range(4):
+                points[k, 0], points[k, 1], points[k, 2] = strips[i, k, 0], strips[i, k, 1], 0.0
+            fill(corners, project(points, 4, matrix, focal, middle, corners), cover, spans)
+        blend(shades[2], cover, spans, image, painted)
+    if ball[3] > 0.0:
+        n = ball_outline(ball, matrix, focal, circle, points)
+        fill(corners, project(points, n, matrix, focal, middle, corners) if n else 0, cover, spans)
+        blend(shades[3], cover, spans, image, painted)
+    for row in range(height):
+        if painted[row, 0] < painted[row, 1]:
+            widen(box, row, painted[row, 0], painted[row, 1])
+    if box[0] >= box[2]:
+        box[:] = 0
+
+
+@njit(cache=True)
+def widen(box, row, first, last):
+    """Take columns of a row into a box."""
+    box[0], box[2] = min(box[0], first), max(box[2], last)
+    box[1], box[3] = min(box[1], row), max(box[3], row + 1)
+
+
+def buffers(height, width, corners):
+    """What `paint` works in: points, their pictures, shares, columns touched now and before."""
+    spans = np.zeros((2, height, 2), np.int64)
+    spans[:, :, 0] = width
+    return np.zeros((corners, 3)), np.zeros((corners + 4, 2)), np.zeros((height, width)), spans[0], spans[1]

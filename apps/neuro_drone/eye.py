@@ -1,0 +1,131 @@
+"""The drone's eye: pictures of the world with exact shares of pixels, and the events that a DVS makes of them."""
+
+from __future__ import annotations
+
+from math import radians
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.events import DVS, DVSParameters, Events
+from neuro_drone.geometry import Pose, View
+from neuro_drone.scenario import Camera, Line, Scenario
+from neuro_drone.scene import Scene
+from neuro_drone.strips import strips
+
+__all__ = ["SKY", "Eye"]
+
+SKY = 0.9
+"""Brightness above the horizon, as a share of full scale; it is in the picture at tilts below 32.5 degrees."""
+
+CORNERS = 1024
+"""Most corners of the polygon that stands for a ball's outline; a power of 2."""
+
+Box = tuple[int, int, int, int]
+
+
+class Eye:
+    """What the camera sees, and the events that it makes of it.
+
+    A pixel's brightness is the mean over its square: ball, line, ground and sky count by the share that they cover.
+    Brightness is the same all over a body (no shading), times the scenario's light.
+
+    Args:
+        scenario: camera, ground, light and task.
+        seed: as for `reset`.
+
+    Attributes:
+        view: the camera, as it stood when it saw last.
+        image: (128, 128) float32, what it saw last, linear in light, 1 = full scale; drawn over by the next.
+    """
+
+    def __init__(self, scenario: Scenario, *, seed: int = 0) -> None:
+        from neuro_drone._paint_kernels import buffers, paint
+
+        camera, task, light = scenario.camera, scenario.task, scenario.light
+        self.view = View(fov=camera.fov, tilt=camera.tilt, fixed=camera.mount == "body")
+        size = self.view.size
+        self._shake = radians(camera.shake)
+        self._shades = light * np.array([SKY, scenario.ground.brightness, task.brightness, task.brightness])
+        self._width = task.width if isinstance(task, Line) else 0.0
+        self._parameters = pixels(camera)
+        self._paint, self._work = paint, buffers(size, size, CORNERS)
+        angle = 2.0 * np.pi / CORNERS * np.arange(CORNERS)
+        self._circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        self._ball, self._box = np.zeros(4), np.zeros(4, np.int64)
+        self._line: npt.NDArray[np.float64] | None = None
+        self._strips = np.zeros((0, 4, 2))
+        self._base, self._drawn = np.zeros((size, size), np.float32), np.zeros((5, 3))
+        self.image: npt.NDArray[np.float32] = np.zeros((size, size), np.float32)
+        self.reset(seed)
+
+    def reset(self, seed: int) -> None:
+        """A new episode: the next picture is the first.
+
+        Args:
+            seed: of the camera's noise and shake, not negative.
+        """
+        size = self.view.size
+        self._rng = np.random.default_rng([seed, 2])
+        self._dvs = DVS((size, size), self._parameters, seed=seed)
+        self._drawn[4, 0] = 1.0
+
+    def see(self, pose: Pose, scene: Scene, t_us: int) -> Events:
+        """Look at the world.
+
+        Args:
+            pose: of the drone.
+            scene: what there is on the ground. Arrays of a scene are not changed after it was seen.
+            t_us: time, us; more than that of the look before.
+
+        Returns:
+            The events since the look before; none after a reset.
+        """
+        self.draw(pose, scene)
+        return self._dvs.see(self.image, t_us)
+
+    def draw(self, pose: Pose, scene: Scene) -> npt.NDArray[np.float32]:
+        """The picture alone.
+
+        Args:
+            pose: of the drone.
+            scene: what there is on the ground.
+
+        Returns:
+            The attribute `image`, drawn anew.
+        """
+        view = self.view
+        if self._shake:
+            right, down = self._rng.normal(0.0, self._shake, 2).tolist()
+            view.look(pose, (right, down))
+        else:
+            view.look(pose)
+        if scene.line is not self._line:
+            self._line = scene.line
+            self._strips = np.zeros((0, 4, 2)) if scene.line is None else strips(scene.line, self._width)
+        self._ball[:] = scene.ball or (0.0, 0.0, 0.0, 0.0)
+        self._paint(
+            view.matrix, view.focal, view.middle, self._shades, self._ball, self._strips, self._circle, self._work,
+            self._drawn, self._base, self.image, self._box,
+        )  # fmt: skip
+        return self.image
+
+    @property
+    def box(self) -> Box:
+        """Columns and rows of the image that may differ from the one before: first x and y, x and y behind the last."""
+        x0, y0, x1, y1 = self._box.tolist()
+        return x0, y0, x1, y1
+
+
+def pixels(camera: Camera) -> DVSParameters:
+    """The pixels of a scenario's camera.
+
+    Args:
+        camera: of the scenario.
+    """
+    names = (
+        "pos_thres", "neg_thres", "sigma_thres", "leak_rate_hz", "shot_noise_rate_hz", "refractory_period_s"
+    )  # fmt: skip
+    given: dict[str, Any] = {name: getattr(camera, name) for name in names}
+    return DVSParameters(**given)
