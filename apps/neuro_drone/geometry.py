@@ -116,6 +116,17 @@ class View:
             a * right[2] + b * down[2] + forward[2],
         )
 
+    def row(self, v: float) -> tuple[float, float, float]:
+        """A vector at right angles to all that a row of the picture sees; it points upwards in the picture."""
+        _, down, forward, _ = self._rows
+        b = (v - self.middle) / self.focal
+        return b * forward[0] - down[0], b * forward[1] - down[1], b * forward[2] - down[2]
+
+    def place(self) -> tuple[float, float, float]:
+        """Where the camera is, m."""
+        x, y, z = self._rows[3]
+        return x, y, z
+
     def ground(self, u: float, v: float, height: float = 0.0) -> tuple[float, float] | None:
         """Where on a level plane a pixel looks.
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
-__all__ = ["Ball", "Camera", "Drone", "Ground", "Line", "Scenario"]
+__all__ = ["Ball", "Camera", "Drone", "Ground", "Line", "NAMES", "Scenario", "load"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,3 +135,29 @@ class Scenario:
     ground: Ground = field(default_factory=Ground)
     drone: Drone = field(default_factory=Drone)
     light: float = 1.0
+
+
+SCENARIOS = {
+    "A30": Scenario("A30", 20.0, Ball(lap=3.0, radius=0.27), Camera(tilt=30.0)),
+    "A60": Scenario("A60", 20.0, Ball(lap=3.0)),
+    "B30": Scenario("B30", 50.0, Ball(radius=0.27), Camera(tilt=30.0)),
+    "B60": Scenario("B60"),
+    "C60": Scenario("C60", 20.0, Ball(lap=15.0, speed=0.375)),
+    "line": Scenario("line", 50.0, Line()),
+    "B60-texture": Scenario("B60-texture", ground=Ground(texture=0.3)),
+}
+NAMES = tuple(SCENARIOS)
+
+
+def load(name: Scenario | str | Path, **changes: Any) -> Scenario:
+    """A scenario by its name or from a YAML file, with some values changed."""
+    scenario = name if isinstance(name, Scenario) else SCENARIOS[str(name)]
+    for path, value in changes.items():
+        part, dot, word = path.partition(".")
+        if dot:
+            scenario = replace(scenario, **{part: replace(getattr(scenario, part), **{word: value})})
+        elif isinstance(value, dict):
+            scenario = replace(scenario, **{part: replace(getattr(scenario, part), **value)})
+        else:
+            scenario = replace(scenario, **{part: value})
+    return scenario

@@ -1,0 +1,111 @@
+"""How the drone follows commands of velocity."""
+
+from __future__ import annotations
+
+from math import atan, cos, exp, hypot, sin
+from typing import Protocol
+
+from neuro_drone.geometry import Pose
+from neuro_drone.scenario import Drone
+
+__all__ = ["GRAVITY", "Body", "Kinematic"]
+
+GRAVITY = 9.81
+"""m/s^2."""
+
+
+class Body(Protocol):
+    """A quadrotor with a controller of its velocity.
+
+    Attributes:
+        pose: where it is; the same object all the time, changed by each step.
+        velocity: x and y in the world, m/s.
+    """
+
+    pose: Pose
+    velocity: tuple[float, float]
+
+    def reset(self, x: float, y: float, yaw: float, right: float = 0.0, forward: float = 0.0) -> None:
+        """Be at a place, m, with a heading, rad, level and with a velocity in the frame of the heading, m/s."""
+
+    def step(self, right: float, forward: float, turn: float, seconds: float) -> None:
+        """Follow a command for some time.
+
+        Args:
+            right: velocity to the right of the heading, m/s.
+            forward: velocity along the heading, m/s.
+            turn: rate of turning clockwise seen from above, rad/s.
+            seconds: how long.
+        """
+
+    def close(self) -> None:
+        """Give back what the body holds of the machine."""
+
+
+class Kinematic:
+    """A body whose velocity goes to the commanded one with a lag and a largest acceleration.
+
+    dv/dt = (command - v) / lag, but never more than a_max; the rate of turning has the same lag. A step is solved
+    exactly for straight flight, so that it does not matter how time is cut; while the drone turns, the command is that
+    of the heading halfway, an error of second order. The body leans as thrust must for the acceleration.
+
+    Args:
+        drone: height, lag and largest acceleration.
+    """
+
+    def __init__(self, drone: Drone) -> None:
+        self.lag, self.a_max, self.height = drone.lag, drone.a_max, drone.height
+        self.pose = Pose(0.0, 0.0, drone.height)
+        self.velocity = (0.0, 0.0)
+        self.rate = 0.0
+
+    def reset(self, x: float, y: float, yaw: float, right: float = 0.0, forward: float = 0.0) -> None:
+        """See `Body`."""
+        pose, c, s = self.pose, cos(yaw), sin(yaw)
+        pose.x, pose.y, pose.z, pose.yaw, pose.pitch, pose.roll = x, y, self.height, yaw, 0.0, 0.0
+        self.velocity = (forward * c + right * s, forward * s - right * c)
+        self.rate = 0.0
+
+    def step(self, right: float, forward: float, turn: float, seconds: float) -> None:
+        """See `Body`."""
+        pose, lag = self.pose, self.lag
+        fall = exp(-seconds / lag)
+        middle = pose.yaw
+        if turn or self.rate:
+            behind = self.rate + turn  # the rate is counter-clockwise, the command clockwise
+            half = exp(-0.5 * seconds / lag)
+            middle += -turn * 0.5 * seconds + behind * lag * (1.0 - half)
+            pose.yaw += -turn * seconds + behind * lag * (1.0 - fall)
+            self.rate = behind * fall - turn
+        c, s = cos(middle), sin(middle)
+        wx, wy = forward * c + right * s, forward * s - right * c
+        vx, vy = self.velocity
+        ex, ey = wx - vx, wy - vy
+        size = hypot(ex, ey)
+        if size == 0.0:
+            pose.x, pose.y = pose.x + vx * seconds, pose.y + vy * seconds
+            pose.pitch = pose.roll = 0.0
+            return
+        left, gap = _towards(size, self.a_max, lag, seconds, fall)
+        share, way = left / size, gap / size
+        self.velocity = (wx - ex * share, wy - ey * share)
+        pose.x += wx * seconds - ex * way
+        pose.y += wy * seconds - ey * way
+        a = min(left / lag, self.a_max) / (size * GRAVITY)
+        c, s = cos(pose.yaw), sin(pose.yaw)
+        pose.pitch, pose.roll = atan(a * (ex * c + ey * s)), atan(a * (ex * s - ey * c))
+
+    def close(self) -> None:
+        """See `Body`."""
+
+
+def _towards(size: float, a_max: float, lag: float, seconds: float, fall: float) -> tuple[float, float]:
+    """What is left after some time of a difference to the command, m/s, and its integral, m."""
+    knee = a_max * lag
+    if size <= knee:
+        return size * fall, size * lag * (1.0 - fall)
+    limited = (size - knee) / a_max
+    if seconds <= limited:
+        return size - a_max * seconds, (size - 0.5 * a_max * seconds) * seconds
+    fall = exp(-(seconds - limited) / lag)
+    return knee * fall, 0.5 * (size + knee) * limited + knee * lag * (1.0 - fall)

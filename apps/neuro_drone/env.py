@@ -1,0 +1,189 @@
+"""The drone, its camera and its task as a gymnasium environment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+
+from neuro import ModelError
+from neuro_drone.ball import BallTask
+from neuro_drone.body import Body, Kinematic
+from neuro_drone.eye import Eye
+from neuro_drone.geometry import View
+from neuro_drone.line import LineTask
+from neuro_drone.scenario import Ball, Scenario, load
+from neuro_drone.tasks import Task
+
+__all__ = ["ACTIONS", "DroneEnv"]
+
+ACTIONS = (
+    (-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (0.0, 0.0),
+)  # fmt: skip
+"""The nine discrete actions: left, right, forward, backwards, northeast, northwest, southeast, southwest, nothing.
+
+For the line "forward" is turn left and "backwards" turn right. Source: thesis, section 7.3.5.
+"""
+
+CELLS = 8
+OBSERVATIONS = ("counts", "binary", "frame")
+MOST_EVENTS = 2**20
+
+
+class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
+    """A drone with an event camera that shall keep a target at the middle of its picture.
+
+    Args:
+        scenario: a `Scenario`, the name of one, or a YAML file.
+        observation: counts (events in 8 x 8 cells), binary (whether there were any), or frame (128 x 128 x 1, each
+            pixel's last event: 255 brighter, 0 darker, 128 none).
+        actions: continuous (two numbers in [-1, 1]) or discrete (see `ACTIONS`).
+        render_mode: rgb_array or None.
+        **changes: of the scenario, see `neuro_drone.scenario.load`.
+
+    Actions are in the directions of the picture. Ball: right and down the picture (backwards), times v_max. Line: right,
+    times v_max, and turn right, times yaw_max, while the drone flies forward. Values beyond 1 are taken for 1.
+
+    ``reset(options={"start": (a, b), "direction": 1})`` sets the error at the beginning, in the units of
+    ``info["error"]``, and the direction of the line; what is not given is drawn.
+
+    ``info`` holds: events (`neuro.events.Events` of the step), counts ((8, 8) int64), target (column, row, px), error
+    (signed, two numbers: px and px, line px and degrees), error_px, supervised_error ((2,) float64, the error as a
+    share of the largest: a supervised signal, not the reward), progress (0 to 1), lap (True where a lap ended that
+    counts).
+
+    The reward is 1 - e / e_max, 0 where the target is lost, which also terminates the episode; the end of the path
+    truncates it.
+
+    Raises:
+        ModelError: the scenario, an option or an action cannot be.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 20}
+
+    def __init__(
+        self,
+        scenario: Scenario | str | Path = "B60",
+        *,
+        observation: str = "counts",
+        actions: str = "continuous",
+        render_mode: str | None = None,
+        **changes: Any,
+    ) -> None:
+        self.scenario = scenario = load(scenario, **changes)
+        _one_of("observation", observation, OBSERVATIONS)
+        _one_of("actions", actions, ("continuous", "discrete"))
+        _one_of("render_mode", render_mode, (None, *self.metadata["render_modes"]))
+        self.observation, self.render_mode = observation, render_mode
+        self.metadata = {**self.metadata, "render_fps": round(1000.0 / scenario.step)}
+        self.observation_space = _space(observation)
+        self.action_space: gymnasium.Space[Any]
+        if actions == "continuous":
+            self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
+        else:
+            self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
+        self.discrete = actions == "discrete"
+        camera, drone = scenario.camera, scenario.drone
+        self.view = View(fov=camera.fov, tilt=camera.tilt, fixed=camera.mount == "body")
+        level = View(fov=camera.fov, tilt=camera.tilt)
+        maker: Any = BallTask if isinstance(scenario.task, Ball) else LineTask
+        self.task: Task = maker(scenario.task, level, drone.height)
+        self.body: Body = Kinematic(drone)
+        self.eye = Eye(scenario, seed=0)
+        self._step_us, self._seconds = round(scenario.step * 1000.0), scenario.step / 1000.0
+        self._t_us = 0
+        self._running = False
+        from neuro_drone._counts_kernel import count
+
+        self._count = count
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
+        """Begin an episode; see the class for `options`."""
+        super().reset(seed=seed)
+        options = options or {}
+        x, y, yaw = self.task.reset(self.np_random, options.get("start"), options.get("direction", 0))
+        self.body.reset(x, y, yaw, forward=self.task.forward)
+        self.eye.reset(int(self.np_random.integers(2**31)))
+        self._t_us, self._running = 0, True
+        return self._look(self.task.scene())[:2]
+
+    def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:
+        """One step of control; see the class."""
+        a, b = self._commands(action)
+        drone, task = self.scenario.drone, self.task
+        if task.turns:
+            self.body.step(a * drone.v_max, task.forward, b * drone.yaw_max, self._seconds)
+        else:
+            self.body.step(a * drone.v_max, -b * drone.v_max, 0.0, self._seconds)
+        self._t_us += self._step_us
+        seen, info, judged = self._look(task.advance(self._seconds))
+        return seen, judged.reward, judged.lost, judged.done and not judged.lost, info
+
+    def _look(self, scene: Any) -> tuple[npt.NDArray[Any], dict[str, Any], Any]:
+        pose = self.body.pose
+        self._events = events = self.eye.see(pose, scene, self._t_us)
+        self.view.look(pose)
+        judged = self.task.judge(self.view, pose)
+        counts = np.zeros((CELLS, CELLS), np.int64)
+        if len(events.x):
+            self._count(events.x, events.y, 4, counts)
+        info = {
+            "events": events,
+            "counts": counts,
+            "target": judged.target,
+            "error": judged.error,
+            "error_px": judged.error_px,
+            "supervised_error": np.array(judged.scaled),
+            "progress": judged.progress,
+            "lap": judged.lap,
+        }
+        return self._observed(counts, events), info, judged
+
+    def _observed(self, counts: npt.NDArray[np.int64], events: Any) -> npt.NDArray[Any]:
+        if self.observation == "counts":
+            return counts
+        if self.observation == "binary":
+            return (counts > 0).astype(np.uint8)
+        frame = np.full((128, 128, 1), 128, np.uint8)
+        frame[events.y, events.x, 0] = np.where(events.p, 255, 0)
+        return frame
+
+    def _commands(self, action: Any) -> tuple[float, float]:
+        """The two commands of an action, in [-1, 1]."""
+        if self.discrete:
+            return ACTIONS[int(action)]
+        a, b = np.asarray(action, np.float64).tolist()
+        return max(-1.0, min(1.0, a)), max(-1.0, min(1.0, b))
+
+    def render(self) -> npt.NDArray[np.uint8] | None:  # type: ignore[override]
+        """The camera's picture with the step's events, (128, 128, 3); None without a render mode."""
+        if self.render_mode is None:
+            return None
+        grey = np.clip(255.0 * self.eye.image, 0, 255).astype(np.uint8)
+        picture = np.repeat(grey[:, :, None], 3, 2)
+        e = self._events
+        picture[e.y, e.x] = np.where(e.p[:, None] == 1, (0, 200, 0), (220, 0, 0))
+        return picture
+
+    def close(self) -> None:
+        """Give back what the physics holds of the machine."""
+        self.body.close()
+
+
+def _space(observation: str) -> gymnasium.Space[Any]:
+    if observation == "frame":
+        return gymnasium.spaces.Box(0, 255, (128, 128, 1), np.uint8)
+    if observation == "binary":
+        return gymnasium.spaces.Box(0, 1, (CELLS, CELLS), np.uint8)
+    return gymnasium.spaces.Box(0, MOST_EVENTS, (CELLS, CELLS), np.int64)
+
+
+def _one_of(name: str, value: object, known: tuple[object, ...]) -> None:
+    if value not in known:
+        raise ModelError(f"{name} = {value!r}: expected {' or '.join(str(one) for one in known)}")

@@ -1,0 +1,161 @@
+"""The line task: fly along a painted hexagon, with the line in the middle and upright in the picture."""
+
+from __future__ import annotations
+
+from math import atan2, cos, degrees, hypot, inf, pi, radians, sin, tan
+
+import numpy as np
+
+from neuro import ModelError
+from neuro_drone.geometry import AIM, Pose, View
+from neuro_drone.paths import hexagon
+from neuro_drone.scenario import Line
+from neuro_drone.scene import Scene
+from neuro_drone.tasks import FARTHEST, Judged
+
+__all__ = ["LineTask"]
+
+SPREAD_PX = 35.0
+SPREAD_DEGREES = 15.0
+ALONG = radians(45.0)
+SLOWEST = 1.5
+
+
+class LineTask:
+    """A hexagon on the ground, and a drone that flies forward, moves sideways and turns.
+
+    Where a side crosses row 63 of the picture its column and its lean (to the right of upright, in the picture) give
+    the error; of several sides the one nearest to column 63 counts. The line is lost when none crosses the row in the
+    picture. e = (|u - 63| / 64.5 + |lean| / 90) / 2 and e_max = 1.
+
+    Progress is that of the point of the hexagon nearest to where the camera aims: ways back are taken off, ways
+    forward are added while the heading is within 45 degrees of the side's direction of travel. A lap counts when the
+    progress is the whole hexagon and the drone turned by 360 degrees, 45 more or less, in its direction. After 1.5
+    times the time that a lap takes along the line the episode ends without one.
+
+    Args:
+        line: path, speed and width.
+        view: of the drone's camera.
+        height: of the drone, m.
+
+    Source: thesis, sections 7.3.1.3 and 7.3.7.
+    """
+
+    turns = True
+
+    def __init__(self, line: Line, view: View, height: float) -> None:
+        self.line, self.view, self.height, self.forward = line, view, height, line.speed
+        self._paths = {way: hexagon(line.side, way) for way in (1, -1)}
+        self._scenes = {way: Scene(line=path.segments()) for way, path in self._paths.items()}
+        self._begin(1, 0.0)
+
+    def _begin(self, direction: int, yaw: float) -> None:
+        self.direction = direction
+        self.path, self._scene = self._paths[direction], self._scenes[direction]
+        self._sides: list[list[float]] = self.path.segments().tolist()
+        self._headings = [atan2(y1 - y0, x1 - x0) for x0, y0, x1, y1 in self._sides]
+        self._place: float | None = None
+        self.way = self.time = 0.0
+        self._yaw = self._yaw0 = yaw
+
+    def reset(
+        self, rng: np.random.Generator, start: tuple[float, float] | None = None, direction: int = 0
+    ) -> tuple[float, float, float]:
+        """See `Task`; the start is in px and degrees, at the middle of the first side."""
+        drawn = (int(rng.integers(2)) * 2 - 1, *rng.uniform(-1.0, 1.0, 2).tolist())
+        direction = direction or self.line.direction or drawn[0]
+        du, lean = (drawn[1] * SPREAD_PX, drawn[2] * SPREAD_DEGREES) if start is None else start
+        self._begin(direction, 0.0)
+        place = self._start(AIM + du, radians(lean)) if abs(lean) < 90.0 else None
+        if place is None:
+            raise ModelError(
+                f"start [{du:g} px, {lean:g} degrees]: expected a column of the picture and a lean within 90 degrees"
+            )
+        x, y, yaw = place
+        self._begin(direction, yaw)
+        return x, y, yaw
+
+    def _start(self, u: float, lean: float) -> tuple[float, float, float] | None:
+        """The pose whose picture of the middle of the first side crosses row 63 at `u` with a lean."""
+        view = self.view
+        view.look(Pose(0.0, 0.0, self.height))
+        here = view.ground(u, AIM) if view.sees(u, AIM) else None
+        there = view.ground(u + 0.5 * tan(lean), AIM - 0.5)
+        if here is None or there is None:
+            return None
+        yaw = self._headings[0] - atan2(there[1] - here[1], there[0] - here[0])
+        x0, y0, x1, y1 = self._sides[0]
+        c, s = cos(yaw), sin(yaw)
+        x = 0.5 * (x0 + x1) - (here[0] * c - here[1] * s)
+        y = 0.5 * (y0 + y1) - (here[0] * s + here[1] * c)
+        return x, y, yaw
+
+    def scene(self) -> Scene:
+        """See `Task`."""
+        return self._scene
+
+    def advance(self, seconds: float) -> Scene:
+        """See `Task`; the line stays where it is."""
+        self.time += seconds
+        return self._scene
+
+    def judge(self, view: View, pose: Pose) -> Judged:
+        """See `Task`."""
+        u, lean = self._crossing(view)
+        lost = not view.sees(u, AIM)
+        self._go(view, pose.yaw)
+        length = self.path.length
+        turned = (pose.yaw - self._yaw0) * self.direction
+        whole = self.way >= length
+        lap = whole and not lost and abs(turned - 2.0 * pi) <= ALONG
+        done = whole or self.time > SLOWEST * length / self.line.speed
+        du = u - AIM
+        reward = 0.0 if lost else 1.0 - 0.5 * (abs(du) / FARTHEST + abs(lean) / 90.0)
+        scaled = (max(-1.0, min(1.0, du / 64.0)), lean / 90.0)
+        progress = max(0.0, min(1.0, self.way / length))
+        return Judged((u, AIM), (du, lean), scaled, abs(du), reward, progress, lost, done, lap)
+
+    def _crossing(self, view: View) -> tuple[float, float]:
+        """Column at which a side crosses row 63, nearest to column 63, and its lean, degrees; infinite for none."""
+        # A point of the ground is on the row where its dot product with `n` is 0; n is normal to all rays of the row.
+        best, lean = inf, 0.0
+        n, (px, py, pz) = view.row(AIM), view.place()
+        base = n[0] * px + n[1] * py + n[2] * pz
+        for x0, y0, x1, y1 in self._sides:
+            a, b = n[0] * x0 + n[1] * y0 - base, n[0] * x1 + n[1] * y1 - base
+            if (a > 0.0) == (b > 0.0):
+                continue
+            s = a / (a - b)
+            x, y = x0 + s * (x1 - x0), y0 + s * (y1 - y0)
+            u, v, depth = view.project(x, y, 0.0)
+            if depth > 0.0 and abs(u - AIM) < abs(best - AIM):
+                u1, v1, _ = view.project(x + 1e-3 * (x1 - x0), y + 1e-3 * (y1 - y0), 0.0)
+                up = 1.0 if v1 < v else -1.0
+                best, lean = u, degrees(atan2(up * (u1 - u), up * (v - v1)))
+        return best, lean
+
+    def _go(self, view: View, yaw: float) -> None:
+        """Take account of the way made since the last moment."""
+        aim = view.ground(AIM, AIM)
+        if aim is None:
+            return
+        place, side = self._nearest(*aim)
+        if self._place is not None:
+            length = self.path.length
+            way = (place - self._place + 0.5 * length) % length - 0.5 * length
+            off = (yaw - self._headings[side] + pi) % (2.0 * pi) - pi
+            if way < 0.0 or (abs(off) <= ALONG and way <= 0.5 * self.line.side):
+                self.way += way
+        self._place = place
+
+    def _nearest(self, x: float, y: float) -> tuple[float, int]:
+        """Where on the hexagon the point nearest to a place is: m from the first corner, and the side."""
+        best, place, side, length = inf, 0.0, 0, self.line.side
+        for k, (x0, y0, x1, y1) in enumerate(self._sides):
+            dx, dy = x1 - x0, y1 - y0
+            s = ((x - x0) * dx + (y - y0) * dy) / (length * length)
+            s = 0.0 if s < 0.0 else 1.0 if s > 1.0 else s
+            away = hypot(x - x0 - s * dx, y - y0 - s * dy)
+            if away < best:
+                best, place, side = away, (k + s) * length, k
+        return place, side

@@ -1,0 +1,90 @@
+"""Closed paths on the ground: the star that the ball goes round, and the hexagon that is painted."""
+
+from __future__ import annotations
+
+from math import cos, pi, sin
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Path", "hexagon", "star"]
+
+Floats = npt.NDArray[np.float64]
+
+INNER = 0.5
+"""Distance of the star's inner points from its middle, as a share of that of its tips; the thesis gives a picture."""
+
+PIECES = 4096
+
+
+class Path:
+    """A closed path along straight pieces of equal length.
+
+    Args:
+        points: (n, 2) corners, m; the last is joined to the first, and all pieces are equally long.
+
+    Attributes:
+        points: as given.
+        length: once round, m.
+    """
+
+    def __init__(self, points: Floats) -> None:
+        self.points = points
+        self.length = float(np.hypot(*(np.roll(points, -1, 0) - points).T).sum())
+        self._xs: list[float] = [*points[:, 0].tolist(), float(points[0, 0])]
+        self._ys: list[float] = [*points[:, 1].tolist(), float(points[0, 1])]
+        self._per_metre = len(points) / self.length
+
+    def at(self, s: float) -> tuple[float, float]:
+        """The place after `s` metres from the first point; further rounds go on from there."""
+        f = s * self._per_metre
+        i = int(f // 1.0)
+        f -= i
+        i %= len(self._xs) - 1
+        xs, ys = self._xs, self._ys
+        return xs[i] + f * (xs[i + 1] - xs[i]), ys[i] + f * (ys[i + 1] - ys[i])
+
+    def segments(self) -> Floats:
+        """All pieces, (n, 4): from x, y to x, y, m."""
+        return np.hstack([self.points, np.roll(self.points, -1, 0)])
+
+
+def star(lap: float) -> Path:
+    """The closed Bezier curve through the eight points of a star of four branches, around the origin.
+
+    Between two points it is a cubic whose tangents are parallel to the chord of the neighbours, so that the curve is
+    smooth all round; then it is cut into pieces of equal length.
+
+    Args:
+        lap: its length, m.
+
+    Source: thesis, figures 62 and 63 ("a Bezier curve defined by 8 control points, positioned in a four-branch star
+        shape").
+    """
+    angle = np.arange(8) * (pi / 4)
+    radius = np.where(np.arange(8) % 2 == 0, 1.0, INNER)
+    p = np.stack([radius * np.cos(angle), radius * np.sin(angle)], 1)
+    tangent = (np.roll(p, -1, 0) - np.roll(p, 1, 0)) / 6.0
+    q = np.roll(p, -1, 0)
+    t = np.linspace(0.0, 1.0, 2 * PIECES, endpoint=False)[:, None, None]
+    u = 1.0 - t
+    curve = u**3 * p + 3 * u**2 * t * (p + tangent) + 3 * u * t**2 * (q - np.roll(tangent, -1, 0)) + t**3 * q
+    fine = curve.transpose(1, 0, 2).reshape(-1, 2)
+    fine = np.vstack([fine, fine[:1]])
+    along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(fine, axis=0).T))))
+    even = np.arange(PIECES) * (along[-1] / PIECES)
+    points = np.stack([np.interp(even, along, fine[:, k]) for k in range(2)], 1)
+    return Path(points * (lap / Path(points).length))
+
+
+def hexagon(side: float, direction: int = 1) -> Path:
+    """A regular hexagon around the origin.
+
+    Args:
+        side: m.
+        direction: 1 anticlockwise seen from above, -1 clockwise.
+
+    Source: thesis, figures 64 and 65.
+    """
+    corners = [(side * cos(k * pi / 3), side * sin(k * direction * pi / 3)) for k in range(6)]
+    return Path(np.array(corners))

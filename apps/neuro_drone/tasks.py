@@ -1,0 +1,79 @@
+"""What a task is: it sets a start, moves the target, and judges by geometry, never by the picture."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from neuro_drone.geometry import Pose, View
+from neuro_drone.scene import Scene
+
+__all__ = ["FARTHEST", "Judged", "Task"]
+
+FARTHEST = 64.5
+"""Largest error that is still in the picture, px: from the aim to the right or the lower border."""
+
+
+class Judged(NamedTuple):
+    """How the drone stands at one moment.
+
+    Attributes:
+        target: column and row of the target, px.
+        error: signed, on both axes: ball px and px, line px and degrees.
+        scaled: the error as a share of the largest, on both axes.
+        error_px: ball: distance of the target from the aim; line: distance to the side, px.
+        reward: 1 - e / e_max, 0 to 1.
+        progress: share of the lap, 0 to 1.
+        lost: the target is out of the picture.
+        done: the lap is over.
+        lap: it counts.
+    """
+
+    target: tuple[float, float]
+    error: tuple[float, float]
+    scaled: tuple[float, float]
+    error_px: float
+    reward: float
+    progress: float
+    lost: bool
+    done: bool
+    lap: bool
+
+
+class Task(Protocol):
+    """What is followed.
+
+    Attributes:
+        forward: speed that the drone has whatever the action, m/s.
+        turns: the second action turns the drone; else it moves it backwards.
+    """
+
+    forward: float
+    turns: bool
+
+    def reset(
+        self, rng: np.random.Generator, start: tuple[float, float] | None = None, direction: int = 0
+    ) -> tuple[float, float, float]:
+        """Begin an episode.
+
+        Args:
+            rng: of what is not given.
+            start: error on both axes at the beginning, in the units of `Judged.error`; None draws one.
+            direction: 1 anticlockwise, -1 clockwise, 0 as the scenario says.
+
+        Returns:
+            x and y of the drone, m, and its heading, rad.
+
+        Raises:
+            ModelError: no place of the drone gives this start.
+        """
+
+    def scene(self) -> Scene:
+        """What there is to be seen now."""
+
+    def advance(self, seconds: float) -> Scene:
+        """Let time pass; returns what there is to be seen then."""
+
+    def judge(self, view: View, pose: Pose) -> Judged:
+        """Judge the drone at `pose`, whose camera is `view`; once after each `advance`."""
