@@ -1,0 +1,123 @@
+"""What decides on the actions: all controllers behind one small interface, by name.
+
+`CONTROLLERS` is the table; a new controller is a class with the methods of `Controller` (of `Learner` if it learns), a
+frozen dataclass of its settings and one row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro_drone.controllers.lms import LMS, LMSSettings
+from neuro_drone.controllers.settings import changed, unknown
+from neuro_drone.controllers.simple import Centroid, Gain, Nothing, NothingSettings, Oracle
+from neuro_drone.controllers.spiking import Spiking, SpikingSettings
+from neuro_drone.scenario import Scenario
+
+__all__ = ["CONTROLLERS", "Controller", "Kind", "Learner", "make"]
+
+
+class Controller(Protocol):
+    """What flies the drone."""
+
+    def begin(self) -> None:
+        """An episode begins."""
+
+    def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> npt.NDArray[np.float64]:
+        """Decide.
+
+        Args:
+            counts: (8, 8) events of the last step in each field of the picture.
+            info: what the environment told beside them; only the oracle looks at it.
+
+        Returns:
+            (2,) in [-1, 1]: to the right and down the picture; of a line to the right and turn right.
+        """
+
+    def learn(self, info: Mapping[str, Any]) -> None:
+        """Hear what the last action led to: `info["supervised_error"]` is the signed error of each axis, in [-1, 1]."""
+
+
+@runtime_checkable
+class Learner(Controller, Protocol):
+    """A controller that learns."""
+
+    def learnt(self) -> dict[str, npt.NDArray[Any]]:
+        """What was learnt, for the model file."""
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """All that it takes to go on with learning bit for bit, for a checkpoint."""
+
+    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Take up what `learnt` or `state` gave."""
+
+    def frozen(self, backend: str = "event") -> Controller:
+        """The same as it is now, without learning; each of its episodes is the same whatever came before.
+
+        Args:
+            backend: what runs it, if it is a spiking network.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A row of the table.
+
+    Attributes:
+        what: it is, for lists.
+        maker: class or function of scenario, seed and settings.
+        settings: the defaults, a frozen dataclass.
+    """
+
+    what: str
+    maker: Callable[[Scenario, int, Any], Controller]
+    settings: Any
+
+
+CONTROLLERS: dict[str, Kind] = {
+    "nothing": Kind("never moves", Nothing, NothingSettings()),
+    "oracle": Kind("in proportion to the true error, which no other one sees", Oracle, Gain()),
+    "centroid": Kind("in proportion to where the events are on average", Centroid, Gain()),
+    "static": Kind("the network with weights by side", Spiking, SpikingSettings(start="sign", learns=False)),
+    "static-linear": Kind(
+        "the network with weights by distance", Spiking, SpikingSettings(start="linear", learns=False)
+    ),
+    "lms": Kind("linear in the counts, learnt from the same error by least mean squares", LMS, LMSSettings()),
+    "snn": Kind("the network, learning by dopamine from equal weights", Spiking, SpikingSettings()),
+    "snn-static-init": Kind("the network, learning from weights by side", Spiking, SpikingSettings(start="sign")),
+    "snn-eta0": Kind("a check: the network without dopamine", Spiking, SpikingSettings(eta=0.0)),
+    "snn-flipped": Kind("a check: the network with dopamine of the wrong sign", Spiking, SpikingSettings(eta=-1e-3)),
+}
+"""The controllers by name."""
+
+
+def make(name: str, scenario: Scenario, seed: int = 0, settings: Mapping[str, Any] | None = None) -> Controller:
+    """A controller, before learning.
+
+    Args:
+        name: one of `CONTROLLERS`.
+        scenario: what it is going to fly in.
+        seed: of everything random in it.
+        settings: values by name that differ from its defaults; of a spiking network also the network's parameters.
+
+    Raises:
+        ModelError: there is no such controller or setting, or a value is out of its bounds.
+    """
+    kind = kind_of(name)
+    return kind.maker(scenario, seed, changed(kind.settings, settings or {}, f"controller '{name}'"))
+
+
+def kind_of(name: str) -> Kind:
+    """The row of a controller.
+
+    Raises:
+        ModelError: there is none.
+    """
+    if name not in CONTROLLERS:
+        raise unknown("controller", name, CONTROLLERS)
+    return CONTROLLERS[name]

@@ -1,0 +1,38 @@
+"""The 8 x 8 fields of the picture: where they look, and which of them speak for which direction."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro_drone.geometry import AIM
+from neuro_drone.scenario import Line, Scenario
+
+__all__ = ["DOWN", "RIGHT", "UNIT", "pattern"]
+
+UNIT = 64.0
+"""Pixels that an error of 1 stands for: half of the picture."""
+
+_MIDDLES = (16.0 * np.arange(8) + 7.5 - AIM) / UNIT
+RIGHT: npt.NDArray[np.float64] = np.tile(_MIDDLES, (8, 1))
+"""(8, 8), how far the middle of each field lies to the right of the aim, in units of 64 px."""
+DOWN: npt.NDArray[np.float64] = np.ascontiguousarray(RIGHT.T)
+"""(8, 8), how far it lies below it."""
+
+
+def pattern(scenario: Scenario, shape: str) -> npt.NDArray[np.float64]:
+    """How strongly each field speaks for the positive direction of each axis, as a person would set it.
+
+    Args:
+        scenario: of a ball, whose axes are right and down; or of a line, whose second axis is its lean: what is
+            right above the aim or left below it leans to the right.
+        shape: sign (by the side only) or linear (in the distance).
+
+    Returns:
+        (64, 2), in [-1, 1].
+
+    Source: thesis, section 7.3.8 ("static weights set with human knowledge"), which prints no values.
+    """
+    second = -RIGHT * DOWN if isinstance(scenario.task, Line) else DOWN
+    both = np.stack((RIGHT.ravel(), second.ravel()), axis=1)
+    return np.sign(both) if shape == "sign" else both / np.abs(both).max(axis=0)

@@ -1,0 +1,189 @@
+"""The spiking network: rates in, spikes out, dopamine back."""
+
+from __future__ import annotations
+
+import copy
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import neuro
+from neuro_drone.controllers.fields import pattern
+from neuro_drone.controllers.settings import choice, number, numbers
+from neuro_drone.scenario import Scenario
+from neuro_models import names
+from neuro_models import path as network_path
+
+__all__ = ["Spiking", "SpikingSettings"]
+
+Floats = npt.NDArray[np.float64]
+CELLS, MOTORS = "cells", "motors"
+SIDES = np.array((1.0, -1.0))  # of an axis: the positive motor, the negative one
+
+
+@dataclass(frozen=True, slots=True)
+class SpikingSettings:
+    """What the controller is told; any other name is a parameter of its network.
+
+    Attributes:
+        network: one of `neuro_models`, a YAML file, or the network itself.
+        eta: dopamine of the positive motor for an error of 1 (64 px), 1/ms; the negative motor has the opposite.
+        gain: factor on the action of eq. 129.
+        rate: Hz of a cell for one event in its field.
+        rate_max: Hz, at most.
+        start: weights before learning: equal (the network's own), sign or linear, see `fields.pattern`.
+        strength: mean of the weights by sign or linear, pA; they lie between 0 and twice that.
+        learns: whether the network does; if not, its synapses are static.
+        parameters: of the network.
+    """
+
+    network: str | neuro.Network = "drone"
+    eta: float = number(1e-3)
+    gain: float | tuple[float, float] = numbers(1.0, 0.0, above=True)
+    rate: float = number(20.0, 0.0, above=True)
+    rate_max: float = number(300.0, 0.0, above=True)
+    start: str = choice("equal", "equal", "sign", "linear")
+    strength: float = number(1500.0, 0.0, above=True)
+    learns: bool = field(default=True, metadata={"fixed": True})
+    parameters: Mapping[str, Any] = field(default_factory=dict, metadata={"fixed": True})
+
+
+class Spiking:
+    """A network with 64 cells, whose rates follow the events in their fields, and two motors an axis.
+
+    An action is the difference of a pair's spikes over the most that are possible. After each step the error of an
+    axis is the dopamine of its positive motor and, with the opposite sign, of its negative one.
+
+    Args:
+        scenario: gives the time of a step and the sides of the fields.
+        seed: of the network.
+        settings: see there.
+        backend: what runs the network.
+
+    Attributes:
+        sim: the network in execution.
+
+    Raises:
+        ModelError: the network has no fitting populations, or cannot be run as described.
+
+    Source: thesis, sections 7.2.2, 7.3.4 and 7.3.5 (eq. 129) and section 7.3.7 (rewards linear in the distance,
+        opposite in sign). Rates and eta are measured choices.
+    """
+
+    def __init__(self, scenario: Scenario, seed: int, settings: SpikingSettings, backend: str = "event") -> None:
+        self._scenario, self._seed, self._settings = scenario, seed, settings
+        net = _load(settings)
+        self._signals = [s.name for s in net.signals.values() if s.to == MOTORS] if settings.learns else []
+        self.sim = neuro.compile(net if settings.learns else static(net), backend=backend, seed=seed)
+        if settings.start != "equal":
+            self._start_from(pattern(scenario, settings.start))
+        self._step, self._most = scenario.step, _most_spikes(net, scenario.step)
+        self._factor = np.broadcast_to(np.asarray(settings.gain), 2) / self._most
+
+    def _start_from(self, wished: Floats) -> None:
+        name = f"{CELLS}_{MOTORS}"
+        weights = self._settings.strength * (1.0 + wished[:, :, None] * SIDES).ravel()
+        projection = {p.name: p for p in self.sim.program.projections}.get(name)
+        if projection is None or projection.size != weights.size:
+            raise neuro.ModelError(
+                f"start = {self._settings.start}: expected a projection '{name}' of all cells to all motors",
+                hint="start = equal takes the network's own weights",
+            )
+        self.sim.set_weights(name, weights)
+
+    def begin(self) -> None:
+        """Take away the dopamine; without learning also begin at time 0, so that no episode depends on another."""
+        for name in self._signals:
+            self.sim.signal(name, 0.0)
+        if not self._settings.learns:
+            self.sim.reset()
+
+    def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
+        """Run the network for a step; the action is the difference of the motors' spikes."""
+        sim, s = self.sim, self._settings
+        begin = sim.time
+        sim.set(CELLS, rate=np.minimum(s.rate_max, s.rate * counts.ravel()))
+        sim.run(self._step)
+        _, ids = sim.spikes(MOTORS, since=begin)
+        sim.forget(before=sim.time)
+        n = np.bincount(ids, minlength=4)
+        return np.clip(self._factor * (n[0::2] - n[1::2]), -1.0, 1.0)
+
+    def learn(self, info: Mapping[str, Any]) -> None:
+        """Set the dopamine of the next step."""
+        if self._signals:
+            dopamine = np.outer(self._settings.eta * info["supervised_error"], SIDES).ravel()
+            for name in self._signals:
+                self.sim.signal(name, dopamine)
+
+    def network(self) -> neuro.Network:
+        """The network with the weights of now."""
+        return self.sim.network()
+
+    def learnt(self) -> dict[str, npt.NDArray[Any]]:
+        """The weights of each projection, in the form of `Simulation.weights`."""
+        return {p.name: _values(self.sim.weights(p.name)).copy() for p in self.sim.program.projections}
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """The whole state of the simulation, as the bytes of the file that it saves."""
+        with tempfile.TemporaryDirectory() as folder:
+            self.sim.save(Path(folder) / "state.h5")
+            return {"simulation": np.fromfile(Path(folder) / "state.h5", np.uint8)}
+
+    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Take up weights, or a whole state."""
+        if "simulation" not in state:
+            for name, weights in state.items():
+                self.sim.set_weights(name, weights)
+            return
+        with tempfile.TemporaryDirectory() as folder:
+            state["simulation"].tofile(Path(folder) / "state.h5")
+            self.sim.restore(Path(folder) / "state.h5")
+
+    def frozen(self, backend: str = "event") -> Spiking:
+        """The network with the weights of now and static synapses: no dopamine, and nothing learns."""
+        settings = replace(self._settings, network=self.network(), learns=False, start="equal", parameters={})
+        return Spiking(self._scenario, self._seed, settings, backend)
+
+
+def static(net: neuro.Network) -> neuro.Network:
+    """The same network with static synapses and without signals."""
+    other = copy.copy(net)
+    other.projections = {name: replace(p, synapse=neuro.static()) for name, p in net.projections.items()}
+    other.signals = {}
+    return other
+
+
+def _values(weights: Any) -> npt.NDArray[Any]:
+    """What `Simulation.set_weights` takes of what `Simulation.weights` gives."""
+    return np.asarray(weights[2] if isinstance(weights, tuple) else weights)
+
+
+def _load(settings: SpikingSettings) -> neuro.Network:
+    """The network, if it has what a controller needs."""
+    net = settings.network
+    if not isinstance(net, neuro.Network):
+        file = network_path(net) if net in names() else Path(net)
+        net = neuro.load(file, params=settings.parameters)
+    for name, size, what in ((CELLS, 64, "one a field of the picture"), (MOTORS, 4, "two an axis")):
+        found = net.populations.get(name)
+        if found is None or prod(n for n in found.shape if isinstance(n, int)) != size:
+            has = "none" if found is None else f"one of shape {list(found.shape)}"
+            raise neuro.ModelError(
+                f"network '{net.name}': expected a population '{name}' of {size}, {what}: found {has}"
+            )
+    if not isinstance(net.populations[CELLS].model, neuro.poisson_generator):
+        raise neuro.ModelError(f"network '{net.name}': expected '{CELLS}' to be a poisson_generator, whose rate is set")
+    return net
+
+
+def _most_spikes(net: neuro.Network, step: float) -> float:
+    """How often a motor can fire in a step of so many ms, as its refractory time allows."""
+    rest = getattr(net.populations[MOTORS].model, "t_ref", 0.0)
+    return max(1.0, step / max(float(np.max(rest)), net.resolution))
