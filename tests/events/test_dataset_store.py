@@ -13,7 +13,7 @@ import pytest
 
 from neuro.errors import ModelError
 from neuro.events import EventFileError
-from neuro.events.dataset import Dataset
+from neuro.events.dataset import Dataset, _pack, _store
 
 
 def word(t):
@@ -166,6 +166,28 @@ def test_after_a_kill_the_same_call_goes_on(folder, tmp_path):
     assert seen[0] == ("reading", len(done), 30)
     assert (stored.samples, stored.damaged) == (30, {})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["o.h5", "set", "slow.py"]
+
+
+def test_a_file_that_was_gone_on_with_has_the_same_bytes(folder, tmp_path, monkeypatch):
+    data = Dataset(folder)
+    (folder / "Train/1/4.bin").write_bytes(b"ab")
+    (folder / "Train/0/21.bin").write_bytes(b"ab")
+    plain = data.to_hdf5(tmp_path / "plain.h5", jobs=1)
+    for left in ([17, 18, 21], [2, 3], []):
+        with monkeypatch.context() as patch:
+            patch.setattr(_store, "_pack_all", lambda job, batches, jobs, left=left: stopped(job, left))
+            with pytest.raises(KeyboardInterrupt):
+                data.to_hdf5(tmp_path / "o.h5", jobs=1)
+    assert data.to_hdf5(tmp_path / "o.h5", jobs=1).damaged == plain.damaged
+    assert (tmp_path / "o.h5").read_bytes() == (tmp_path / "plain.h5").read_bytes()
+
+
+def stopped(job, numbers):
+    """Pack only these, then be interrupted."""
+    _pack.begin(job, alone=False)
+    if numbers:
+        yield _pack.pack(numbers)
+    raise KeyboardInterrupt
 
 
 def _children(pid):
