@@ -229,10 +229,3 @@ def widen(box, row, first, last):
     """Take columns of a row into a box."""
     box[0], box[2] = min(box[0], first), max(box[2], last)
     box[1], box[3] = min(box[1], row), max(box[3], row + 1)
-
-
-def buffers(height, width, corners):
-    """What `paint` works in: points, their pictures, shares, columns touched now and before."""
-    spans = np.zeros((2, height, 2), np.int64)
-    spans[:, :, 0] = width
-    return np.zeros((corners, 3)), np.zeros((corners + 4, 2)), np.zeros((height, width)), spans[0], spans[1]

@@ -41,7 +41,7 @@ class Eye:
     """
 
     def __init__(self, scenario: Scenario, *, seed: int = 0) -> None:
-        from neuro_drone._paint_kernels import buffers, paint
+        from neuro_drone._paint_kernels import paint
 
         camera, task, light = scenario.camera, scenario.task, scenario.light
         self.view = View(fov=camera.fov, tilt=camera.tilt, fixed=camera.mount == "body")
@@ -50,7 +50,7 @@ class Eye:
         self._shades = light * np.array([SKY, scenario.ground.brightness, task.brightness, task.brightness])
         self._width = task.width if isinstance(task, Line) else 0.0
         self._parameters = pixels(camera)
-        self._paint, self._work = paint, buffers(size, size, CORNERS)
+        self._paint, self._work = paint, buffers(size, CORNERS)
         angle = 2.0 * np.pi / CORNERS * np.arange(CORNERS)
         self._circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         self._ball, self._box = np.zeros(4), np.zeros(4, np.int64)
@@ -129,3 +129,10 @@ def pixels(camera: Camera) -> DVSParameters:
     )  # fmt: skip
     given: dict[str, Any] = {name: getattr(camera, name) for name in names}
     return DVSParameters(**given)
+
+
+def buffers(size: int, corners: int) -> tuple[npt.NDArray[Any], ...]:
+    """What `paint` works in: points, their pictures, shares of pixels, columns touched now and before."""
+    spans = np.zeros((2, size, 2), np.int64)
+    spans[:, :, 0] = size
+    return np.zeros((corners, 3)), np.zeros((corners + 4, 2)), np.zeros((size, size)), spans[0], spans[1]
