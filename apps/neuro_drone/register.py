@@ -1,12 +1,15 @@
-"""Tells gymnasium of the environment; gymnasium calls this when it is imported."""
+"""Tells gymnasium of the environment."""
 
 from __future__ import annotations
 
-__all__ = ["register"]
+import gymnasium
+
+__all__ = ["ID", "register"]
+
+ID = "neuro/Drone-v0"
 
 
 def register() -> None:
-    """Make ``gymnasium.make("neuro/Drone-v0")`` work; the name before the slash is the entry point's."""
-    import gymnasium
-
-    gymnasium.register(id="Drone-v0", entry_point="neuro_drone.env:DroneEnv")
+    """Make ``gymnasium.make("neuro/Drone-v0")`` work; gymnasium 1.0 and later look for no plug-ins of themselves."""
+    if ID not in gymnasium.registry:
+        gymnasium.register(id=ID, entry_point="neuro_drone.env:DroneEnv")
