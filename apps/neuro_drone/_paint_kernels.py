@@ -8,7 +8,6 @@ the share of each pixel that lies inside. No pixel is sampled, so the share is e
 
 from math import ceil, floor, pi, sin, sqrt
 
-import numpy as np
 from numba import njit
 
 NEAR = 1e-3
