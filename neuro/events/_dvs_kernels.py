@@ -196,24 +196,61 @@ def run(state, i, s, end, all_, origin, earliest, n, out_t, out_pixel, out_p):
 
 
 @njit(cache=True)
-def look(new, old, first, table, scale, floor, knee, slope, height, due, block_due, t1, blocks, index, logs, bright):
+def differ(new, old):
+    """Whether two runs of pixels differ anywhere; without a branch, so that it is done many pixels at a time."""
+    found = 0
+    for i in range(new.size):
+        found |= new[i] != old[i]
+    return found != 0
+
+
+@njit(cache=True)
+def outside(low, high, width, box):
+    """Whether pixels low to high - 1 of the flat image certainly have none in a box; its rows are looked at before."""
+    row = low // width
+    return high <= (row + 1) * width and (high - row * width <= box[0] or low - row * width >= box[2])
+
+
+@njit(cache=True)
+def look(
+    new,
+    old,
+    first,
+    box,
+    width,
+    table,
+    scale,
+    floor,
+    knee,
+    slope,
+    height,
+    due,
+    block_due,
+    t1,
+    blocks,
+    index,
+    logs,
+    bright,
+):
     """Find the pixels that changed or are due until t1; they lie in blocks, most of which are skipped.
 
-    Args: new, old: images, flat; first: look at every pixel; table: (levels,) log intensities, empty for
-    floats; scale: of the images; floor, knee, slope, height: of the curve; due: (n,) and block_due:
-    (blocks,), us. Filled: blocks looked at, index of each pixel, its log (nan: as before), its inten01.
+    Args: new, old: images, flat; first: look at every pixel; box: x0, y0, x1, y1, outside of which nothing
+    changed; width: of the image; table: (levels,) log intensities, empty for floats; scale: of the
+    images; floor, knee, slope, height: of the curve; due: (n,) and block_due: (blocks,), us. Filled:
+    blocks looked at, index of each pixel, its log (nan: as before), its inten01.
     Returns (number of pixels, number of blocks, first pixel with an impossible intensity or -1).
     """
     k = 0
     b = 0
+    above, below = box[1] * width, box[3] * width
     for block in range(block_due.size):
         low = block * BLOCK
         high = min(low + BLOCK, new.size)
-        differs = 0
-        for i in range(low, high):
-            differs |= new[i] != old[i]
-        if differs == 0 and block_due[block] > t1 and not first:
-            continue
+        if block_due[block] > t1 and not first:
+            if high <= above or low >= below or outside(low, high, width, box):
+                continue
+            if not differ(new[low:high], old[low:high]):
+                continue
         blocks[b] = block
         b += 1
         for i in range(low, high):
@@ -291,11 +328,38 @@ def begin(logs, bright, fixed, pixels, due):
 
 
 @njit(cache=True)
-def settle(blocks, count, due, block_due):
-    """When the first pixel of each block is due."""
+def settle(blocks, count, new, old, due, block_due):
+    """Keep what was looked at, and when the first pixel of each block is due."""
     for k in range(count):
         low = blocks[k] * BLOCK
+        high = min(low + BLOCK, due.size)
         soonest = inf
-        for i in range(low, min(low + BLOCK, due.size)):
+        for i in range(low, high):
+            old[i] = new[i]
             soonest = min(soonest, due[i])
         block_due[blocks[k]] = soonest
+
+
+@njit(cache=True)
+def in_order(t, pixel, p, width, order, out_t, out_x, out_y, out_p):
+    """Columns and rows of pixels, all in the given order."""
+    for k in range(order.size):
+        i = order[k]
+        out_t[k] = t[i]
+        out_y[k] = pixel[i] // width
+        out_x[k] = pixel[i] % width
+        out_p[k] = p[i]
+
+
+@njit(cache=True)
+def few_in_order(t, pixel, p, width, out_t, out_x, out_y, out_p):
+    """As `in_order`, by time and then as they come: each is put in its place among those before."""
+    for i in range(t.size):
+        k = i
+        while k > 0 and out_t[k - 1] > t[i]:
+            out_t[k], out_x[k], out_y[k], out_p[k] = out_t[k - 1], out_x[k - 1], out_y[k - 1], out_p[k - 1]
+            k -= 1
+        out_t[k] = t[i]
+        out_y[k] = pixel[i] // width
+        out_x[k] = pixel[i] % width
+        out_p[k] = p[i]

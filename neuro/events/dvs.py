@@ -16,7 +16,12 @@ __all__ = ["DVS", "DVSParameters", "dvs_events"]
 
 Found = tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], npt.NDArray[np.uint8]]
 
+Box = tuple[int, int, int, int]
+
 _KINDS = ("uint8", "uint16", "float16", "float32", "float64")
+
+_FEW = 48
+"""Up to so many events are put in order one by one."""
 
 
 class DVS:
@@ -52,6 +57,7 @@ class DVS:
         if seed < 0:
             raise ModelError(f"seed is {seed}, expected 0 or more")
         self.sensor_size = (int(width), int(height))
+        self._whole = (0, 0, *self.sensor_size)
         self.parameters = parameters or DVSParameters()
         self.seed = seed
         self.reset()
@@ -78,32 +84,36 @@ class DVS:
         self._old: npt.NDArray[Any] | None = None
         self._origin = self._t = 0
 
-    def see(self, image: Image, t_us: int) -> Events:
+    def see(self, image: Image, t_us: int, *, changed: Box | None = None) -> Events:
         """Show the next image.
 
         Args:
             image: (height, width) intensities, linear in light and not negative: uint8 or uint16, whose
                 largest value is full scale, or floats of which 1 is full scale (there may be more).
             t_us: its time, us; more than that of the image before.
+            changed: first column and row, and column and row behind the last, of the part that may differ
+                from the image before; a promise that saves the comparison of the rest. What differs
+                outside is seen then or with a later image. Nothing is asked of the first image.
 
         Returns:
             The events between the image before and this one, by time; none for the first image.
 
         Raises:
-            ModelError: another shape or type than before, time not later, or an intensity that is
-                negative or not finite; the camera is then as it was.
+            ModelError: another shape or type than before, time not later, an intensity that is
+                negative or not finite, or `changed` not on the image; the camera is then as it was.
         """
         from neuro.events._dvs_kernels import advance, begin, look, settle
 
         new, t = self._checked(image, t_us)
+        box = self._whole if changed is None else self._inside(changed, t)
         first = self._old is None
         if self._old is None:
             self._start(new.dtype, t)
         assert self._old is not None
         t0, t1 = float(self._t - self._origin), float(t - self._origin)
         count, blocks, bad = look(
-            new, self._old, first, self._table, self._scale, *self.parameters.curve(), self._due, self._block_due, t1,
-            self._blocks, self._index, self._logs, self._bright,
+            new, self._old, first, box, self.sensor_size[0], self._table, self._scale, *self.parameters.curve(),
+            self._due, self._block_due, t1, self._blocks, self._index, self._logs, self._bright,
         )  # fmt: skip
         if bad >= 0:
             self._old = None if first else self._old
@@ -121,9 +131,7 @@ class DVS:
                 found.append((self._out[0][:n], self._out[1][:n], self._out[2][:n]))
                 if done < count:
                     self._out = _room(4 * len(self._out[0]))
-        settle(self._blocks, blocks, self._due, self._block_due)
-        if blocks:
-            self._old[:] = new
+        settle(self._blocks, blocks, new, self._old, self._due, self._block_due)
         before, self._t = self._t, t
         return self._sorted(found, before, t)
 
@@ -163,12 +171,13 @@ class DVS:
         if array.shape != (height, width):
             hint = "one grey value for each pixel; mix colours first" if array.ndim == 3 else ""
             raise ModelError(f"{where} has shape {array.shape}, expected ({height}, {width})", hint=hint)
-        if str(array.dtype) not in _KINDS:
+        known = self._old is not None and array.dtype == self._old.dtype
+        if not known and str(array.dtype) not in _KINDS:
             raise ModelError(
                 f"{where} has type {array.dtype}, expected one of {', '.join(_KINDS)}",
                 hint="integers have their type's largest value as full scale, floats have 1",
             )
-        if array.dtype == np.float16:
+        if not known and array.dtype == np.float16:
             array = array.astype(np.float32)
         if self._old is not None:
             if array.dtype != self._old.dtype:
@@ -176,6 +185,15 @@ class DVS:
             if t <= self._t:
                 raise ModelError(f"{where}: expected a time later than that of the image before, {self._t} us")
         return np.ascontiguousarray(array).reshape(-1), t
+
+    def _inside(self, changed: Box, t: int) -> Box:
+        """The part that changed, if it is on the image."""
+        width, height = self.sensor_size
+        x0, y0, x1, y1 = box = tuple(int(edge) for edge in changed)
+        if box != tuple(changed) or not (0 <= x0 <= x1 <= width and 0 <= y0 <= y1 <= height):
+            expected = f"x0, y0, x1, y1 with 0 <= x0 <= x1 <= {width} and 0 <= y0 <= y1 <= {height}"
+            raise ModelError(f"image at {t} us: changed is {tuple(changed)}, expected {expected}")
+        return x0, y0, x1, y1
 
     def _start(self, kind: np.dtype[Any], t: int) -> None:
         """Take on the type and the time of the first image."""
@@ -192,11 +210,17 @@ class DVS:
 
     def _sorted(self, found: list[Found], before: int, now: int) -> Events:
         """What the kernel wrote, by time and then by pixel."""
+        from neuro.events._dvs_kernels import few_in_order, in_order
+
         t, pixel, p = found[0] if len(found) == 1 else _joined(found or [_room(0)])
-        key = (t - before).astype(np.uint16) if now - before < 65536 else t
-        order = np.argsort(key, kind="stable")
-        y, x = np.divmod(pixel[order], np.int32(self.sensor_size[0]))
-        return Events._trusted(t[order], x.astype(np.uint16), y.astype(np.uint16), p[order], self.sensor_size, {})
+        n, width = len(t), self.sensor_size[0]
+        out = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16), np.empty(n, np.uint8)
+        if n <= _FEW:
+            few_in_order(t, pixel, p, width, *out)
+        else:
+            key = (t - before).astype(np.uint16) if now - before < 65536 else t
+            in_order(t, pixel, p, width, np.argsort(key, kind="stable"), *out)
+        return Events._trusted(*out, self.sensor_size, {})
 
 
 def dvs_events(
