@@ -83,7 +83,7 @@ class Eye:
             The events since the look before; none after a reset.
         """
         self.draw(pose, scene)
-        return self._dvs.see(self.image, t_us)
+        return self._dvs.see(self.image, t_us, changed=self.box)
 
     def draw(self, pose: Pose, scene: Scene) -> npt.NDArray[np.float32]:
         """The picture alone.
