@@ -11,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neuro.events import EventFileError, EventFileWarning, Events, load, stream
-from neuro.events.formats.aedat4 import RECORD
+from neuro.events.formats._aedat4_packet import RECORD
+from neuro.events.formats.aedat4 import Aedat4
+from neuro.events.source import Source
 
 FILES = ["dvxplorer_lite_320x240.aedat4", "davis346_aestream.aedat4", "davis346_small.aedat4"]
 INFO = (
@@ -90,9 +92,6 @@ def test_streamed_is_the_same(shared, name):
 
 
 def test_pieces_are_as_large_as_asked(shared):
-    from neuro.events.formats.aedat4 import Aedat4
-    from neuro.events.source import Source
-
     reader = Aedat4(Source(shared / "data" / "formats" / FILES[0]))
     pieces = list(reader.pieces(50_000))
     assert len(pieces) > 5
@@ -217,6 +216,71 @@ def test_a_missing_package_is_named(monkeypatch, compression, package):
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(EventFileError, match=rf"needs the package {package}: pip install 'neuro\[events\]'"):
         load(header(compression) + packet(b""))
+
+
+def checked_lz4(data):
+    import lz4.frame
+
+    return lz4.frame.compress(data, content_checksum=True)
+
+
+def usual_lz4(data):
+    import lz4.frame
+
+    return lz4.frame.compress(data, store_size=False)
+
+
+def apart_lz4(data):
+    import lz4.frame
+
+    return lz4.frame.compress(data, store_size=False, block_linked=False)
+
+
+def other_layout(rows):
+    """Further fields before the events, as a later schema might have."""
+    return sized(table(b"EVTS", (len(rows), events_table(rows)[-16 * len(rows) :] if rows else b""), 7))
+
+
+@given(st.data())
+@settings(deadline=None, max_examples=100)
+def test_packets_that_are_not_alike(data):
+    """Other layouts, packings and streams between each other; the file in blocks and cut gives the same events."""
+    compression = data.draw(st.sampled_from([0, 1]))
+    pack = st.sampled_from([bytes] if not compression else [usual_lz4, usual_lz4, checked_lz4, apart_lz4])
+    rows, packets, ends = [], [], [(len(header()), 0)]
+    for k in range(data.draw(st.integers(0, 8))):
+        made = [(10 * k + i, (k * i) % 40, i % 30, i % 2) for i in range(data.draw(st.sampled_from([0, 1, 3, 200])))]
+        layout = data.draw(st.sampled_from([events_table, events_table, other_layout]))
+        other = data.draw(st.sampled_from([b"", b"", packet(b"a picture", 1)]))
+        packets.append(other + packet(data.draw(pack)(layout(made))))
+        rows += made
+        ends.append((ends[-1][0] + len(packets[-1]), len(rows)))
+    whole = header(compression) + b"".join(packets)
+    assert load(whole, sort=True) == load(io.BytesIO(whole), name="a.aedat4", sort=True)
+    pieces = [Aedat4(Source(whole)).pieces(block) for block in (64, 1 << 20)]
+    for found in pieces:
+        found = [zip(*(getattr(piece, name).tolist() for name in "txyp"), strict=True) for piece in found]
+        assert [row for piece in found for row in piece] == rows
+    cut = data.draw(st.integers(len(header()), len(whole)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", EventFileWarning)
+        part = load(whole[:cut], strict=False, sort=True)
+    assert len(part) == max(count for end, count in ends if end <= cut)
+
+
+def test_what_is_like_the_packet_before_is_decoded_at_once(monkeypatch):
+    """Few packets are looked at one by one: the first, the last for want of bytes after it, and those without room."""
+    one, seen = Aedat4._add, []
+    monkeypatch.setattr(
+        Aedat4, "_add", lambda self, held, place, *rest: (seen.append(place), one(self, held, place, *rest))
+    )
+    for compression, pack in ((0, bytes), (1, usual_lz4)):
+        packets = [packet(pack(events_table([(k, 1, 2, 1)] * 50))) for k in range(100)]
+        whole = header(compression) + b"".join(packets)
+        seen.clear()
+        assert len(load(whole)) == 5000
+        assert seen[0] == len(header())
+        assert len(seen) < 8
 
 
 @given(st.data())

@@ -25,6 +25,11 @@ class Cursor:
         self._held: Bytes = np.zeros(0, np.uint8)
         self._used = 0
 
+    @property
+    def held(self) -> Bytes:
+        """What comes next, as far as it is read."""
+        return self._held[self._used :]
+
     def take(self, count: int) -> Bytes:
         """The next ``count`` bytes; fewer only at the end of the file."""
         if self._held.size - self._used < count:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -26,7 +27,6 @@ class Growing:
         x, y: uint16, px.
         p: uint8, 1 = ON.
         used: number of events.
-        packets: number of packets with events.
     """
 
     def __init__(self) -> None:
@@ -41,11 +41,6 @@ class Growing:
         self._begins: list[int] = []
         self._places: list[int | None] = []
 
-    @property
-    def packets(self) -> int:
-        """Number of packets with events."""
-        return len(self._begins)
-
     def room(self, count: int) -> None:
         """Make room for so many events after those that are there."""
         needed = self.used + count
@@ -54,23 +49,25 @@ class Growing:
             self.t, self.p = _longer(self.t, size), _longer(self.p, size)
             self.x, self.y = _longer(self.x, size), _longer(self.y, size)
 
-    def added(self, count: int, highest: tuple[int, int], ordered: bool, place: int | None) -> None:
+    def added(
+        self, begins: Sequence[int], places: Sequence[int | None], used: int, highest: tuple[int, int], ordered: bool
+    ) -> None:
         """Say what was filled in.
 
         Args:
-            count: events of the packet.
-            highest: largest x and y among them.
-            ordered: whether time does not run back among them.
-            place: byte at which the packet begins.
+            begins: first event of each packet.
+            places: byte at which each begins.
+            used: number of events that there are now.
+            highest: largest x and y of the new ones.
+            ordered: whether time does not run back among them, and from the last one before them.
         """
-        if not count:
+        if used == self.used:
             return
-        begin = self.used
-        self._ordered &= ordered and (not begin or bool(self.t[begin] >= self.t[begin - 1]))
+        self._ordered &= ordered
         self._highest = (max(self._highest[0], highest[0]), max(self._highest[1], highest[1]))
-        self._begins.append(begin)
-        self._places.append(place)
-        self.used += count
+        self._begins += begins
+        self._places += places
+        self.used = used
 
     def piece(self) -> Piece:
         """What there is; what comes next begins anew."""

@@ -15,35 +15,33 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from struct import Struct
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
+from neuro.events.formats._aedat4_packet import LIMIT, USUAL, Packets
 from neuro.events.formats._cursor import Cursor
-from neuro.events.formats._extra import extra
 from neuro.events.formats._flatbuffers import I32, I64, U32, Malformed, Table
 from neuro.events.formats._format import Damage, Format, Piece, Size
 from neuro.events.formats._growing import Growing
-from neuro.events.source import Bytes, Source
+from neuro.events.source import Source
 
 MAGIC = b"#!AER-DAT4.0\r\n"
-RECORD = np.dtype([("t", "<i8"), ("x", "<i2"), ("y", "<i2"), ("p", "u1"), ("unused", "u1", 3)])
 COMPRESSIONS = ("none", "LZ4", "LZ4", "Zstandard", "Zstandard")
 """By the number in the header; LZ4 and Zstandard each have a thorough variant that is read alike."""
 
 HEADER_LIMIT = 1 << 24
 """No header is longer; a damaged length must not fill the memory."""
-PACKET_LIMIT = 1 << 28
-"""No packet is longer when unpacked, for the same reason."""
-USUAL = 1 << 18
-"""Most packets are not longer when unpacked."""
 TYPES = {"EVTS": "events", "FRME": "frames", "IMUS": "imus", "TRIG": "triggers"}
 
 _ENTRY = Struct("<ii")
 _GUESS = 8, 1 << 24
 """Bytes of a packed event, about, and events at most, by which room is made at once."""
+_MOST = 1 << 12
+"""Packets with events that are decoded at once, at most."""
 
 
 class Aedat4:
@@ -54,7 +52,7 @@ class Aedat4:
     """
 
     def __init__(self, source: Source) -> None:
-        from neuro.events.formats._aedat4_kernel import split
+        from neuro.events.formats._aedat4_kernel import split, walk
 
         self._source = source
         lead = source.head(len(MAGIC) + 4)
@@ -76,86 +74,86 @@ class Aedat4:
         if not events:
             raise Damage("the header lists no stream of events", len(lead))
         self._wanted = events[0]
-        self._unpack, self._split = _unpacker(packed), split
-        self._lead = b""
+        self._packets, self._split, self._walk = Packets(packed), split, walk
+        self._plain = np.empty(USUAL, np.uint8)
         wanted = streams[self._wanted]
         self.sensor_size: Size | None = (wanted["width"], wanted["height"]) if "width" in wanted else None
+        self._highest = np.iinfo(np.int16 if self.sensor_size is None else np.uint16).max
         told = {str(number): stream for number, stream in streams.items()}
         self.metadata: dict[str, Any] = {"compression": packed, "streams": told}
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
-        others: Counter[str] = Counter()
-        held = Growing()
+        cursor, held = Cursor(self._source, self._start, block), Growing()
         held.room(min(block, self._source.size or 0, _GUESS[0] * _GUESS[1]) // _GUESS[0])
+        counts = np.array([0 if number in self._streams else -1 for number in range(256)])
+        others: Counter[str] = Counter()
         damage: Damage | None = None
         begin = self._start
         try:
-            for place, data in self._packets(block, others):
-                self._add(held, place, data)
-                if place + data.size - begin >= block:
+            while self._one(cursor, held, others):
+                self._alike(cursor, held, counts)
+                if cursor.at - begin >= block:
                     yield held.piece()
-                    begin = place + data.size
+                    begin = cursor.at
         except Damage as found:
             damage = found
         yield held.piece()
+        for number, stream in self._streams.items():
+            if number != self._wanted and 0 <= number < counts.size and counts[number]:
+                others[stream["type"]] += int(counts[number])
         self.metadata["other_packets"] = dict(others)
         if damage is not None:
             raise damage
 
-    def _packets(self, block: int, others: Counter[str]) -> Iterator[tuple[int, Bytes]]:
-        """Place and content of each packet with events; the others are counted."""
-        cursor = Cursor(self._source, self._start, block)
-        end = self._table if self._table > 0 else None
-        while end is None or cursor.at < end:
-            place = cursor.at
-            entry = cursor.take(_ENTRY.size)
-            if end is None and not entry.size:
-                return
-            if entry.size < _ENTRY.size:
-                raise Damage("the file ends before its table of packets" if end else "the file ends in a packet", place)
-            stream, size = _ENTRY.unpack(entry.data)
-            if stream not in self._streams:
-                raise Damage(f"a packet of stream {stream}, which the header does not list", place)
-            if not 0 <= size <= PACKET_LIMIT or (end is not None and place + 8 + size > end):
-                raise Damage(f"a packet of {size} bytes, which do not fit before the table of packets", place)
-            data = cursor.take(size)
-            if data.size < size:
-                raise Damage(f"the file ends in a packet: it has {data.size} of {size} bytes", place)
-            if stream == self._wanted:
-                yield place, data
-            else:
-                others[self._streams[stream]["type"]] += 1
+    def _one(self, cursor: Cursor, held: Growing, others: Counter[str]) -> bool:
+        """Take one packet of any kind; whether there was one."""
+        place, end = cursor.at, self._table if self._table > 0 else None
+        if end is not None and place >= end:
+            return False
+        entry = cursor.take(_ENTRY.size)
+        if end is None and not entry.size:
+            return False
+        if entry.size < _ENTRY.size:
+            raise Damage("the file ends before its table of packets" if end else "the file ends in a packet", place)
+        stream, size = _ENTRY.unpack(entry.data)
+        if stream not in self._streams:
+            raise Damage(f"a packet of stream {stream}, which the header does not list", place)
+        if not 0 <= size <= LIMIT or (end is not None and place + _ENTRY.size + size > end):
+            raise Damage(f"a packet of {size} bytes, which do not fit before the table of packets", place)
+        data = cursor.take(size)
+        if data.size < size:
+            raise Damage(f"the file ends in a packet: it has {data.size} of {size} bytes", place)
+        if stream == self._wanted:
+            self._add(held, place, *self._packets.events(data, place))
+        else:
+            others[self._streams[stream]["type"]] += 1
+        return True
 
-    def _add(self, held: Growing, place: int, data: Bytes) -> None:
-        """Unpack one packet."""
-        plain = self._unpack(data, place)
-        start, count = self._vector(plain, place)
+    def _add(self, held: Growing, place: int, plain: bytes, start: int, count: int) -> None:
+        """Add the events of one packet."""
         held.room(count)
-        n, events = held.used, np.frombuffer(plain, RECORD, count, start)
-        x, y, ordered = self._split(events, held.t[n:], held.x[n:], held.y[n:], held.p[n:])
-        if self.sensor_size is None and max(x, y) > np.iinfo(np.int16).max:
+        columns = held.t, held.x, held.y, held.p
+        x, y, ordered = self._split(np.frombuffer(plain, np.uint8), start, count, held.used, *columns)
+        if max(x, y) > self._highest:
             raise Damage("a packet has an event at a negative place", place)
-        held.added(count, (int(x), int(y)), bool(ordered), place)
+        held.added([held.used], [place], held.used + count, (x, y), ordered)
 
-    def _vector(self, plain: bytes, place: int) -> tuple[int, int]:
-        """Where the events of an unpacked packet begin, and how many there are.
-
-        Packets of one file mostly begin alike, up to the number of events; then no offset needs to be followed.
-        """
-        start = 4 + len(self._lead) + 4
-        try:
-            if len(plain) < 12 or U32.unpack_from(plain)[0] != len(plain) - 4:
-                raise Malformed(f"its {len(plain)} bytes are not as many as it says")
-            if self._lead and len(plain) >= start and plain.startswith(self._lead, 4):
-                count = U32.unpack_from(plain, start - 4)[0]
-                if start + count * RECORD.itemsize <= len(plain):
-                    return start, count
-            start, count = Table(memoryview(plain)[4:], b"EVTS").vector(0, RECORD.itemsize)
-        except Malformed as error:
-            raise Damage(f"a packet is damaged: {error}", place) from None
-        self._lead = plain[4 : max(start, 4)]
-        return 4 + start, count
+    def _alike(self, cursor: Cursor, held: Growing, counts: npt.NDArray[np.int64]) -> None:
+        """Add the packets that come next and are like those before, as far as they are read and there is room."""
+        if not self._packets.alike:
+            return
+        place, data = cursor.at, cursor.held
+        data = data[: self._table - place] if self._table > 0 else data[:]
+        data.flags.writeable = False
+        room = min(data.size // _ENTRY.size, _MOST)
+        begins, places = np.empty(room, np.int64), np.empty(room, np.int64)
+        like = self._wanted, self._packets.head, self._packets.lead, self._highest
+        columns = held.t, held.x, held.y, held.p
+        taken = self._walk(data, counts, *like, self._plain, begins, places, held.used, *columns)
+        used, found, n, highest, ordered = taken
+        cursor.take(used)
+        held.added(begins[:found].tolist(), (place + places[:found]).tolist(), n, highest, ordered)
 
 
 def _header(data: bytes) -> tuple[str, int, dict[int, dict[str, Any]]]:
@@ -192,67 +190,6 @@ def _stream(node: ElementTree.Element) -> dict[str, Any]:
             raise Malformed(f"its sensor is {width}x{height}, expected 1x1 to 32768x32768")
         stream |= {"width": width, "height": height}
     return stream | ({"source": told["source"]} if told["source"] else {})
-
-
-def _unpacker(packed: str) -> Callable[[Bytes, int], bytes]:
-    """A function that unpacks the packet that stands at a place.
-
-    It raises `Damage` for one that cannot be unpacked.
-    """
-    if packed == "none":
-        return lambda data, place: data.tobytes()
-    if packed == "LZ4":
-        lz4 = extra("lz4.frame", "AEDAT 4 with LZ4 packets")
-        plain, failure = _lz4(lz4), RuntimeError
-    else:
-        zstandard = extra("zstandard", "AEDAT 4 with Zstandard packets")
-        plain, failure = _zstandard(zstandard), zstandard.ZstdError
-
-    def unpack(data: Bytes, place: int) -> bytes:
-        try:
-            unpacked: bytes = plain(data)
-        except (failure, EOFError, ValueError, MemoryError):
-            raise Damage(f"a packet of {data.size} bytes is no {packed} data", place) from None
-        return unpacked
-
-    return unpack
-
-
-def _lz4(module: Any) -> Callable[[Bytes], bytes]:
-    """Unpacks a frame; with room for a usual one at once this takes half the time of the package's own function."""
-    context = module.create_decompression_context()
-
-    def plain(data: Bytes) -> bytes:
-        room, used = USUAL, 0
-        parts = []
-        ended = False
-        try:
-            while not ended:
-                part, taken, ended = module.decompress_chunk(context, data[used:], max_length=room)
-                if not (ended or part or taken):
-                    raise EOFError
-                parts.append(part)
-                used, room = used + taken, 2 * room
-        finally:
-            if not ended:
-                module.reset_decompression_context(context)
-        return parts[0] if len(parts) == 1 else b"".join(parts)
-
-    return plain
-
-
-def _zstandard(module: Any) -> Callable[[Bytes], bytes]:
-    """Unpacks a frame, which need not tell its length, and not without limit."""
-
-    def plain(data: Bytes) -> bytes:
-        reader, parts = module.ZstdDecompressor().stream_reader(data), []
-        while part := reader.read(1 << 20):
-            parts.append(part)
-            if len(parts) << 20 > PACKET_LIMIT:
-                raise ValueError
-        return b"".join(parts)
-
-    return plain
 
 
 AEDAT4 = Format("aedat4", "AEDAT 4", (".aedat4",), lambda head: head.startswith(MAGIC), Aedat4)

@@ -104,9 +104,12 @@ class _Bag:
         held.room(count)
         held.t[n : n + count], held.p[n : n + count] = piece.t, piece.p
         held.x[n : n + count], held.y[n : n + count] = piece.x, piece.y
+        if not count:
+            return
         highest = piece.highest or (int(piece.x.max(initial=0)), int(piece.y.max(initial=0)))
         ordered = bool(np.all(piece.t[1:] >= piece.t[:-1])) if piece.ordered is None else piece.ordered
-        held.added(count, highest, ordered, self._byte(place))
+        forward = ordered and (not n or bool(held.t[n] >= held.t[n - 1]))
+        held.added([n], [self._byte(place)], n + count, highest, forward)
 
 
 class Ros1Bag(_Bag):

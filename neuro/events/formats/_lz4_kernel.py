@@ -1,0 +1,162 @@
+"""Unpacking LZ4 frames of the usual kind, with all offsets and lengths checked.
+
+A block is a row of sequences: a token (4 bits number of literals, 4 bits length of the match less 4; 15 says that bytes
+follow which are added, up to one below 255), the literals, and how many bytes back the match begins (uint16). The last
+sequence has literals only.
+
+Sequences of packed events are short. So the path that these take has no loops, and copies a match in parts as short as
+those by which it was written: the processor can read a byte that is not yet in its cache only from a write that has all
+bytes of the read.
+
+What is unpacked here is unpacked alike by the reference decoder, whose limits this one keeps: a block has 8 bytes after
+the last literals that a match follows; the last match begins 12 and ends 5 bytes before the most that a block may hold.
+
+Source: lz4_Block_format.md and lz4_Frame_format.md of the LZ4 project.
+"""
+
+# mypy: ignore-errors
+from numba import njit
+
+from neuro.events.formats._unaligned import address, apart, copy1, copy4, copy8, copy16, load1, load2, load4
+
+WIDE = 16
+"""Bytes of the largest copy, and so the most that is written beyond what is unpacked."""
+HEADER = 7
+"""Bytes of the header of a frame that tells neither its length nor a dictionary."""
+TAIL, MATCH_TAIL, PACKED_TAIL = 5, 12, 8
+"""Least bytes after the end and the beginning of a match, and packed ones after the literals before it."""
+
+
+@njit(cache=True)
+def _longer(at, end, count):
+    """Address after the bytes that make a length longer, and the length."""
+    apart()
+    more = 255
+    while more == 255 and at < end:
+        more = load1(at)
+        count += more
+        at += 1
+    return at, count
+
+
+@njit(cache=True)
+def _each(to, start, count):
+    """Copy bytes one after the other; those that are written are read again where the places overlap."""
+    apart()
+    for k in range(count):
+        copy1(to + k, start + k)
+
+
+@njit(cache=True)
+def _wide(to, start, count):
+    """Copy bytes, and some more."""
+    apart()
+    k = 0
+    while k < count:
+        copy16(to + k, start + k)
+        k += WIDE
+
+
+@njit(cache=True)
+def straight(to, start, count):
+    """Copy bytes to an address from another that is not near, and no more."""
+    whole = count & -WIDE
+    _wide(to, start, whole)
+    _each(to + whole, start + whole, count - whole)
+
+
+@njit(cache=True)
+def block(at, end, readable, to, base, limit):
+    """Unpack a block.
+
+    Args:
+        at: address of its first byte.
+        end: address after its last.
+        readable: address after the last byte that may be read; with less than `WIDE` bytes after the end, a block
+            that is right may be refused.
+        to: address of the first byte to write; `WIDE` bytes after `limit` may be written, too.
+        base: address of the first byte that a match may have.
+        limit: address that the unpacked bytes may reach.
+
+    Returns:
+        address after the last unpacked byte, 0 where this is no block or does not fit.
+    """
+    last = min(end - PACKED_TAIL, readable - WIDE)
+    while at < end:
+        token = load1(at)
+        at += 1
+        count = token >> 4
+        if count == 15:
+            at, count = _longer(at, end, count)
+        if at + count > last or to + count > limit - MATCH_TAIL:
+            if at + count != end or to + count > limit:
+                return 0
+            straight(to, at, count)
+            return to + count
+        copy16(to, at)
+        if count > WIDE:
+            _wide(to + WIDE, at + WIDE, count - WIDE)
+        at += count
+        to += count
+        start = to - load2(at)
+        at += 2
+        count = token & 15
+        if count == 15:
+            at, count = _longer(at, end, count)
+        count += 4
+        if start < base or start == to or to + count > limit - TAIL:
+            return 0
+        if to - start < WIDE:
+            _each(to, start, count)
+        elif count <= 8:
+            copy4(to, start)
+            copy4(to + count - 4, start + count - 4)
+        elif count <= 16:
+            copy8(to, start)
+            copy8(to + count - 8, start + count - 8)
+        else:
+            _wide(to, start, count)
+        to += count
+    return 0
+
+
+@njit(cache=True)
+def frame(data, at, end, plain):
+    """Unpack a frame of which the header is known to be right, without checksums.
+
+    Args:
+        data: (n,) uint8.
+        at: its first byte.
+        end: the byte after its last.
+        plain: (m,) uint8, m > `WIDE`, filled.
+
+    Returns:
+        number of unpacked bytes; -1 where this is no frame, has more than m - `WIDE` bytes, or is damaged; perhaps also
+        where it ends within `WIDE` bytes from the end of the data.
+    """
+    source, first = address(data), address(plain)
+    readable, room = source + data.size, first + plain.size - WIDE
+    together = load1(source + at + 4) & 0x20 == 0
+    largest = 1 << (8 + 2 * (load1(source + at + 5) >> 4))
+    to = first
+    at += HEADER
+    while at + 4 <= end:
+        word = load4(source + at)
+        at += 4
+        if word == 0:
+            return to - first
+        size = word & 0x7FFFFFFF
+        if size > min(largest, end - at):
+            return -1
+        if word == size:
+            base = first if together else to
+            to = block(source + at, source + at + size, readable, to, base, min(to + largest, room))
+        elif to + size <= room:
+            straight(to, source + at, size)
+            to += size
+        else:
+            return -1
+        if to == 0:
+            return -1
+        at += size
+    return -1
