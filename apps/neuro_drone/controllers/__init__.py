@@ -72,20 +72,24 @@ class Kind:
         what: it is, for lists.
         maker: class or function of scenario, seed and settings.
         settings: the defaults, a frozen dataclass.
+        learns: whether training it makes sense.
     """
 
     what: str
     maker: Callable[[Scenario, int, Any], Controller]
     settings: Any
+    learns: bool = True
 
 
 CONTROLLERS: dict[str, Kind] = {
-    "nothing": Kind("never moves", Nothing, NothingSettings()),
-    "oracle": Kind("in proportion to the true error, which no other one sees", Oracle, Gain()),
-    "centroid": Kind("in proportion to where the events are on average", Centroid, Gain()),
-    "static": Kind("the network with weights by side", Spiking, SpikingSettings(start="sign", learns=False)),
+    "nothing": Kind("never moves", Nothing, NothingSettings(), learns=False),
+    "oracle": Kind("in proportion to the true error, which no other one sees", Oracle, Gain(), learns=False),
+    "centroid": Kind("in proportion to where the events are on average", Centroid, Gain(), learns=False),
+    "static": Kind(
+        "the network with weights by side", Spiking, SpikingSettings(start="sign", learns=False), learns=False
+    ),
     "static-linear": Kind(
-        "the network with weights by distance", Spiking, SpikingSettings(start="linear", learns=False)
+        "the network with weights by distance", Spiking, SpikingSettings(start="linear", learns=False), learns=False
     ),
     "lms": Kind("linear in the counts, learnt from the same error by least mean squares", LMS, LMSSettings()),
     "snn": Kind("the network, learning by dopamine from equal weights", Spiking, SpikingSettings()),

@@ -67,7 +67,8 @@ class Spiking:
         backend: what runs the network.
 
     Attributes:
-        sim: the network in execution.
+        net: the network before learning.
+        sim: it in execution.
 
     Raises:
         ModelError: the network has no fitting populations, or cannot be run as described.
@@ -78,7 +79,7 @@ class Spiking:
 
     def __init__(self, scenario: Scenario, seed: int, settings: SpikingSettings, backend: str = "event") -> None:
         self._scenario, self._seed, self._settings = scenario, seed, settings
-        net = _load(settings)
+        self.net = net = _load(settings)
         self._signals = [s.name for s in net.signals.values() if s.to == MOTORS] if settings.learns else []
         self.sim = neuro.compile(net if settings.learns else static(net), backend=backend, seed=seed)
         if settings.start != "equal":

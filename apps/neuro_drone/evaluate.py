@@ -1,0 +1,199 @@
+"""Testing: a lap from each of many starts, with frozen weights and without dopamine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro import ModelError
+from neuro_drone.controllers import Controller
+from neuro_drone.env import DroneEnv
+from neuro_drone.model import Model
+from neuro_drone.scenario import Line, Scenario
+
+__all__ = ["Lap", "Start", "Tried", "grid", "try_out"]
+
+SEED = 1_000_000
+"""Of the tests' noise, so that it is not that of a training."""
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where a lap begins.
+
+    Attributes:
+        error: on both axes: ball px and px, line px and degrees.
+        direction: of the line, 1 anticlockwise or -1 clockwise; 0 for a ball.
+    """
+
+    error: tuple[float, float]
+    direction: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lap:
+    """What came of a start.
+
+    Attributes:
+        start: of it.
+        steps: that were flown.
+        error_px: mean distance of the ball from the aim (thesis, eq. 130), or of the line from the middle.
+        signed: mean error on both axes, as the thesis prints it: errors of both signs cancel.
+        absolute: mean absolute error on both axes.
+        lap: whether a lap was completed that counts.
+        lost: whether the target was lost.
+        track: (steps, 2), error after each step, in the units of `Start.error`.
+    """
+
+    start: Start
+    steps: int
+    error_px: float
+    signed: tuple[float, float]
+    absolute: tuple[float, float]
+    lap: bool
+    lost: bool
+    track: npt.NDArray[np.float64] = field(repr=False)
+
+    def as_words(self) -> dict[str, Any]:
+        """As plain data, without the track."""
+        return {
+            "start": list(self.start.error),
+            "direction": self.start.direction,
+            "steps": self.steps,
+            "error_px": self.error_px,
+            "signed": list(self.signed),
+            "absolute": list(self.absolute),
+            "lap": self.lap,
+            "lost": self.lost,
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tried:
+    """What came of all starts; means are over starts.
+
+    Attributes:
+        each: by start.
+        learning: whether the controller went on learning, with the error that it is told.
+    """
+
+    each: tuple[Lap, ...]
+    learning: bool = False
+
+    @property
+    def starts(self) -> int:
+        """How many there were."""
+        return len(self.each)
+
+    @property
+    def laps(self) -> int:
+        """How many laps were completed that count."""
+        return sum(one.lap for one in self.each)
+
+    @property
+    def error_px(self) -> float:
+        """Mean error."""
+        return float(np.mean([one.error_px for one in self.each]))
+
+    @property
+    def signed(self) -> tuple[float, float]:
+        """Mean signed error on both axes."""
+        return _means([one.signed for one in self.each])
+
+    @property
+    def absolute(self) -> tuple[float, float]:
+        """Mean absolute error on both axes."""
+        return _means([one.absolute for one in self.each])
+
+    def as_words(self) -> dict[str, Any]:
+        """As plain data, for JSON."""
+        return {
+            "error_px": self.error_px,
+            "laps": self.laps,
+            "starts": self.starts,
+            "signed": list(self.signed),
+            "absolute": list(self.absolute),
+            "learning": self.learning,
+            "each": [one.as_words() for one in self.each],
+        }
+
+
+def grid(scenario: Scenario, n: int = 5, spread: float | tuple[float, float] | None = None) -> tuple[Start, ...]:
+    """Starts on a grid round the aim; those of a line alternate in direction.
+
+    Args:
+        scenario: of a ball or a line.
+        n: starts on a side.
+        spread: largest error at the start, on both axes or on each; if not given 35 px, of a line 20 px and 10 degrees.
+
+    Raises:
+        ModelError: n is not a whole number >= 1, or the spread is negative.
+    """
+    line = isinstance(scenario.task, Line)
+    if isinstance(n, bool) or not isinstance(n, int) or n < 1:
+        raise ModelError(f"grid = {n!r}: expected a whole number >= 1")
+    a, b = np.broadcast_to((20.0, 10.0) if line and spread is None else 35.0 if spread is None else spread, 2).tolist()
+    if not (0 <= a < np.inf and 0 <= b < np.inf):
+        raise ModelError(f"spread = {spread}: expected numbers >= 0")
+    places = np.linspace(-1.0, 1.0, n).tolist() if n > 1 else [0.0]
+    errors = [(a * x, b * y) for y in places for x in places]
+    return tuple(Start(error, (1 - 2 * (i % 2)) if line else 0) for i, error in enumerate(errors))
+
+
+def try_out(
+    model: Model,
+    *,
+    starts: Sequence[Start] | None = None,
+    scenario: Scenario | None = None,
+    backend: str = "event",
+    learning: bool = False,
+    report: Callable[[Lap], None] | None = None,
+) -> Tried:
+    """Fly one lap from each start.
+
+    Args:
+        model: what was learnt.
+        starts: the 5 x 5 grid if not given.
+        scenario: another one than that of the training.
+        backend: what runs the controller's network.
+        learning: go on learning from the supervised error. Dopamine then steers by itself: this figure is not what
+            was learnt, and stands apart.
+        report: is told of each lap.
+
+    Raises:
+        ModelError: a start cannot be, or the backend refuses the network.
+    """
+    world = scenario or model.scenario
+    controller = model.learner(scenario) if learning else model.frozen(scenario, backend)
+    env = DroneEnv(world)
+    each = []
+    for index, start in enumerate(grid(world) if starts is None else starts):
+        each.append(_lap(env, controller, start, index))
+        if report is not None:
+            report(each[-1])
+    env.close()
+    return Tried(tuple(each), learning)
+
+
+def _lap(env: DroneEnv, controller: Controller, start: Start, index: int) -> Lap:
+    seed = int(np.random.default_rng((SEED, index)).integers(2**31))
+    _, info = env.reset(seed=seed, options={"start": start.error, "direction": start.direction})
+    controller.begin()
+    track, far, lost, over = [], 0.0, False, False
+    while not (lost or over):
+        _, _, lost, over, info = env.step(controller.act(info["counts"], info))
+        controller.learn(info)
+        track.append(info["error"])
+        far += info["error_px"]
+    errors = np.array(track)
+    absolute = np.abs(errors)
+    return Lap(start, len(track), far / len(track), _means(errors), _means(absolute), bool(info["lap"]), lost, errors)
+
+
+def _means(values: Any) -> tuple[float, float]:
+    a, b = np.mean(values, axis=0).tolist()
+    return a, b

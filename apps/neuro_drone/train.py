@@ -1,0 +1,222 @@
+"""Training: episodes from random starts, kept between them so that it can go on after a kill."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import neuro
+from neuro_drone import checkpoint
+from neuro_drone.controllers import Learner, kind_of, make
+from neuro_drone.env import DroneEnv
+from neuro_drone.model import Model, packed
+from neuro_drone.scenario import Scenario, load
+from neuro_remus.hdf5 import check_writable
+
+__all__ = ["STEPS", "Job", "Progress", "Report", "side_by_side", "train"]
+
+STEPS = 60_000
+"""Steps of a training. Source: thesis, table 5."""
+
+EPISODE = 200
+"""Most steps of an episode of training: 20,000 steps then begin at 100 places, so that all fields learn."""
+
+KEEP = 2000
+"""Steps between two checkpoints, at least."""
+
+_KINDS = {"steps": np.int64, "error_px": np.float64, "lost": np.bool_}
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a training is.
+
+    Attributes:
+        seed: of the training.
+        episode: that has ended, from 0.
+        step, steps: done, and all.
+        error_px: mean of the episode.
+        lost: whether the target was lost.
+    """
+
+    seed: int
+    episode: int
+    step: int
+    steps: int
+    error_px: float
+    lost: bool
+
+
+Report = Callable[[Progress], None]
+
+
+def train(
+    scenario: Scenario | str | Path,
+    controller: str = "snn",
+    *,
+    steps: int = STEPS,
+    episode: int = EPISODE,
+    seed: int = 0,
+    settings: Mapping[str, Any] | None = None,
+    out: Path | None = None,
+    report: Report | None = None,
+) -> Model:
+    """Teach a controller; one that cannot learn is only put into a model.
+
+    Args:
+        scenario: the world and the task, its name or its file.
+        controller: a name of `CONTROLLERS`.
+        steps: of control, in all.
+        episode: most steps of one; it ends before where the target is lost or the lap is over.
+        seed: of everything random; episodes begin where it says.
+        settings: of the controller, by name.
+        out: file for the model. A checkpoint is kept beside it; the same call continues from there to the same bits.
+            A training that is complete is not done again.
+        report: is told the progress after each episode.
+
+    Returns:
+        The model.
+
+    Raises:
+        ModelError: a name or a setting is wrong, or `out` belongs to another training.
+    """
+    scenario, settings = load(scenario), dict(settings or {})
+    for name, value in (("steps", steps), ("episode", episode)):
+        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+            raise neuro.ModelError(f"{name} = {value!r}: expected a whole number >= 1")
+    learner = make(controller, scenario, seed, settings)
+    if isinstance(settings.get("network"), neuro.Network):
+        settings.pop("network")  # the model holds the network itself
+    net = getattr(learner, "net", None)
+    model = Model(controller, scenario, seed, 0, episode, settings, network={} if net is None else packed(net))
+    history: dict[str, npt.NDArray[Any]] = {}
+    if kind_of(controller).learns and isinstance(learner, Learner):
+        if out is not None and (made := _made(out, model, steps)) is not None:
+            return made
+        history = _learn(learner, model, steps, out, report)
+        model = model.trained(steps, learner.learnt(), history)
+    elif isinstance(learner, Learner):
+        model = model.trained(0, learner.learnt(), {})
+    if out is not None:
+        model.save(out)
+        checkpoint.beside(out).unlink(missing_ok=True)
+    return model
+
+
+def _made(out: Path, model: Model, steps: int) -> Model | None:
+    """The finished model of this very training, if it is there; else see that it can be written."""
+    if out.exists():
+        made = Model.load(out)
+        if made.told() | {"steps": made.steps} == model.told() | {"steps": steps}:
+            checkpoint.beside(out).unlink(missing_ok=True)
+            return made
+    check_writable(out)
+    return None
+
+
+def _learn(
+    learner: Learner, model: Model, steps: int, out: Path | None, report: Report | None
+) -> dict[str, npt.NDArray[Any]]:
+    """Fly episodes until all steps are done; gives their history."""
+    told = model.told() | {"steps": steps}
+    found = {} if out is None else checkpoint.resume(checkpoint.beside(out), learner, told)
+    history: dict[str, list[Any]] = {name: found[name].tolist() if found else [] for name in _KINDS}
+    env = DroneEnv(model.scenario)
+    done = kept = sum(history["steps"])
+    while done < steps:
+        index = len(history["steps"])
+        flown = _episode(env, learner, (model.seed, index), min(model.episode, steps - done))
+        for name, value in zip(_KINDS, flown, strict=True):
+            history[name].append(value)
+        done += flown[0]
+        if report is not None:
+            report(Progress(model.seed, index, done, steps, flown[1], flown[2]))
+        if out is not None and done - kept >= KEEP and done < steps:
+            checkpoint.keep(checkpoint.beside(out), learner, _arrays(history), told)
+            kept = done
+    env.close()
+    return _arrays(history)
+
+
+def _arrays(history: Mapping[str, list[Any]]) -> dict[str, npt.NDArray[Any]]:
+    return {name: np.array(history[name], kind) for name, kind in _KINDS.items()}
+
+
+def _episode(env: DroneEnv, learner: Learner, seed: tuple[int, int], most: int) -> tuple[int, float, bool]:
+    """Fly and learn from a drawn start, for so many steps at most; gives the steps, their mean error, and lost."""
+    _, info = env.reset(seed=int(np.random.default_rng(seed).integers(2**31)))
+    learner.begin()
+    total, step, lost, end = 0.0, 0, False, False
+    while not (lost or end) and step < most:
+        _, _, lost, end, info = env.step(learner.act(info["counts"], info))
+        learner.learn(info)
+        total += info["error_px"]
+        step += 1
+    return step, total / step, lost
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A training among several; the words are those of `train`."""
+
+    scenario: Scenario | str | Path
+    controller: str = "snn"
+    steps: int = STEPS
+    episode: int = EPISODE
+    seed: int = 0
+    settings: Mapping[str, Any] | None = None
+    out: Path | None = None
+
+    def run(self, report: Report | None = None) -> Model:
+        """Train."""
+        return train(report=report, **{name: getattr(self, name) for name in self.__slots__})
+
+
+def side_by_side(jobs: Sequence[Job], processes: int | None = None, report: Report | None = None) -> list[Model]:
+    """Train several, each in a process of its own; each gives what it gives alone.
+
+    Args:
+        jobs: what to train.
+        processes: at a time; all cores if not given.
+        report: is told the progress of all, by their seeds.
+
+    Returns:
+        The models, in the order of the jobs.
+
+    Raises:
+        ModelError: of the first job that raises one.
+    """
+    count = min(len(jobs), processes or len(os.sched_getaffinity(0)))
+    if count <= 1:
+        return [job.run(report) for job in jobs]
+    context = get_context("spawn")
+    told = context.SimpleQueue()
+    with context.Pool(count, _hear, (told,)) as pool:
+        found = pool.map_async(_run, jobs, chunksize=1)
+        while not (found.ready() and told.empty()):
+            if told.empty():
+                found.wait(0.05)
+            elif report is not None:
+                report(told.get())
+            else:
+                told.get()
+        return found.get()
+
+
+_TOLD: list[Any] = []
+
+
+def _hear(told: Any) -> None:
+    """Begin a process: keep the way back for reports."""
+    _TOLD.append(told)
+
+
+def _run(job: Job) -> Model:
+    return job.run(_TOLD[0].put)
