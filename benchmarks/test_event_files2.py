@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 
 from neuro.events import load
-from neuro.events.files import BLOCK, find
+from neuro.events.files import BLOCK
 from neuro.events.formats.aedat2 import Aedat2
 from neuro.events.formats.event_stream import START
+from neuro.events.opening import find
 from neuro.events.source import WHOLE, Source
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data" / "formats"

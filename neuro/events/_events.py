@@ -9,8 +9,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from neuro.errors import ModelError
+from neuro.events._arguments import exact, sensor
+
 EVENT = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
 """One event as a packed record of 13 bytes: us, px, px, 1 = ON."""
+
+T_MAX = (1 << 63) - 1
+"""The latest time, us."""
 
 Index = slice | npt.NDArray[np.integer[Any]] | npt.NDArray[np.bool_]
 
@@ -41,6 +47,9 @@ def first_fault(
         if bad.any():
             k = int(bad.argmax())
             faults.append((k, f"{name} is {values[k]}, expected 0 to {limit} (sensor {width}x{height})"))
+    if t.dtype == np.uint64 and (far := t > np.uint64(T_MAX)).any():
+        k = int(far.argmax())
+        faults.append((k, f"t is {t[k]}, expected at most {T_MAX} us"))
     back = t[1:] < t[:-1]
     if back.any():
         k = int(back.argmax()) + 1
@@ -76,9 +85,7 @@ class Events:
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        width, height = self.sensor_size
-        if not (1 <= width <= 65536 and 1 <= height <= 65536):
-            raise ValueError(f"sensor size is {width}x{height}, expected 1x1 to 65536x65536 px")
+        width, height = sensor(self.sensor_size)
         arrays = t, x, y, p = [np.asarray(a) for a in (self.t, self.x, self.y, self.p)]
         for name, a in zip("txyp", arrays, strict=True):
             if a.ndim != 1 or len(a) != len(arrays[0]):
@@ -89,7 +96,7 @@ class Events:
             raise ValueError(f"event {fault[0]}: {fault[1]}")
         for name, a in zip("txyp", arrays, strict=True):
             object.__setattr__(self, name, np.ascontiguousarray(a, EVENT[name]))
-        object.__setattr__(self, "sensor_size", (int(width), int(height)))
+        object.__setattr__(self, "sensor_size", (width, height))
 
     @classmethod
     def _trusted(
@@ -112,6 +119,11 @@ class Events:
         return len(self.t)
 
     def __getitem__(self, index: Index) -> Events:
+        if not isinstance(index, slice) and (np.ndim(index) != 1 or np.asarray(index).dtype.kind not in "iub"):
+            if np.shape(index) != (0,):
+                hint = "events.records()[k] is event k alone"
+                raise ModelError(f"events[{index!r:.60}]: expected a slice, a mask or indices", hint=hint)
+            index = slice(0, 0)
         parts = (self.t[index], self.x[index], self.y[index], self.p[index])
         if isinstance(index, slice) and (index.step or 1) > 0:
             return Events._trusted(*parts, self.sensor_size, self.metadata)
@@ -134,11 +146,22 @@ class Events:
         """The events with ``start_us <= t < stop_us``.
 
         Args:
-            start_us: first time, us.
+            start_us: first time, us; of any size.
             stop_us: time after the last, us.
+
+        Raises:
+            ModelError: one is no whole number.
         """
-        first, last = np.searchsorted(self.t, (start_us, stop_us))
-        return self[first:last]
+        return self[self._first("start_us", start_us) : self._first("stop_us", stop_us)]
+
+    def _first(self, name: str, value: float) -> int:
+        """The number of the first event at a time or later."""
+        number = exact(value)
+        if number is None:
+            raise ModelError(f"{name} is {value!r}, expected a whole number of us")
+        if not -T_MAX <= number <= T_MAX:
+            return 0 if number < 0 else len(self)
+        return int(np.searchsorted(self.t, number))
 
     def inside(self, x: tuple[int, int], y: tuple[int, int]) -> Events:
         """The events of a part of the sensor, on the same sensor; `neuro.events.filters.Crop` makes it smaller.

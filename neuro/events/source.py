@@ -5,6 +5,7 @@ from __future__ import annotations
 import mmap
 import os
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import BinaryIO
 
@@ -77,7 +78,7 @@ class Source:
             size: bytes of a block; rounded up to a multiple of `unit`.
             unit: bytes of a word; only the last block may end within one.
         """
-        size = max(unit, -(-size // unit) * unit)
+        size = step(size, unit)
         if self.path is not None and size < self._bytes.size:
             yield from self._read_blocks(start, size)
             return
@@ -95,6 +96,22 @@ class Source:
             at += min(size, len(rest))
             rest = self._read(rest[size:], size)
 
+    def samples(self, start: int, step: int, size: int) -> Iterator[tuple[int, Bytes]]:
+        """Some bytes at equal distances, each with their place, of a file whose size is known.
+
+        Args:
+            start: first byte.
+            step: bytes from one to the next.
+            size: how many, up to `step`; at the end of the file fewer.
+        """
+        with ExitStack() as stack:
+            file = stack.enter_context(self.path.open("rb", buffering=0)) if self.path is not None else None
+            for at in range(start, self._bytes.size, step):
+                if file is None:
+                    yield at, self._bytes[at : at + size]
+                else:
+                    yield at, np.frombuffer(os.pread(file.fileno(), size, at), np.uint8)
+
     def _read_blocks(self, start: int, size: int) -> Iterator[tuple[int, Bytes]]:
         """The bytes of a path, read and not mapped: mapped pages would count as memory until the end."""
         assert self.path is not None
@@ -111,6 +128,11 @@ class Source:
         while len(begun) < size and (more := self._file.read(size - len(begun))):
             begun += more
         return begun
+
+
+def step(size: int, unit: int) -> int:
+    """Bytes of the blocks in which a file is read: a multiple of a word, at least one."""
+    return max(unit, -(-size // unit) * unit)
 
 
 def _mapped(path: Path) -> Bytes:

@@ -21,10 +21,12 @@ import numpy as np
 from neuro.aside import aside
 from neuro.errors import ModelError
 from neuro.events._events import Events
-from neuro.events.files import together
+from neuro.events.parts import together
 
 MOST = 500_000
 """Events of a page; 9 bytes each, so a page has at most 6 MB."""
+PIXELS = 1 << 26
+"""Browsers have no larger canvas."""
 BARS = 400
 """Bars of the rate along the time line."""
 
@@ -42,13 +44,16 @@ def view(parts: Events | Iterable[Events], path: str | os.PathLike[str], *, titl
         Of how many events one is shown.
 
     Raises:
-        ModelError: there are no events, or `most` is less than 1.
+        ModelError: there are no events, the sensor has more than 2^26 px, or `most` is less than 1.
     """
     if most < 1:
         raise ModelError(f"most = {most!r}: expected a whole number >= 1")
     events, total, step = _chosen([parts] if isinstance(parts, Events) else parts, most)
     if events is None:
         raise ModelError(f"{title}: the recording has no events: nothing to show")
+    width, height = events.sensor_size
+    if width * height > PIXELS:
+        raise ModelError(f"{title}: the sensor has {width}x{height} px, expected at most {PIXELS}: too many to show")
     with aside(Path(path)) as part:
         part.write_text(page(events, title, total, step), "utf-8")
     return step

@@ -159,7 +159,7 @@ def test_smallest_camera_is_written(tmp_path):
         events = load(tmp_path / "a.aedat")
         assert events.metadata["chip"] == chip
         assert events.sensor_size == size
-    save(iter([]), tmp_path / "a.aedat")
+    save(iter([Events([], [], [], [], (34, 34))]), tmp_path / "a.aedat")
     assert len(load(tmp_path / "a.aedat")) == 0
 
 

@@ -4,6 +4,7 @@ A format is met with a file of its own writer or, if it has none, the smallest o
 """
 
 import faulthandler
+import io
 import struct
 import tempfile
 import time
@@ -17,7 +18,8 @@ from hypothesis import strategies as st
 
 import neuro.events.files as files
 from neuro.events import EVENT, EventFileError, EventFileWarning, Events, load, save, stream
-from neuro.events.formats import FORMATS, Damage
+from neuro.events.formats import FORMATS, HEAD, Damage
+from neuro.events.opening import find
 from neuro.events.source import Source
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data" / "formats"
@@ -43,7 +45,35 @@ def _raw():
     return sample("evt2").split(b"% end\n")[-1]
 
 
-MADE = {"aedat3": _aedat3, "evt21": _evt21, "raw": _raw}
+def _mat():
+    from scipy.io import savemat
+
+    k = np.arange(60)
+    data = io.BytesIO()
+    savemat(data, {"TD": {"x": k % 30 + 1.0, "y": (7 * k) % 34 + 1.0, "p": k % 2, "ts": 1000.0 * k}})
+    return data.getvalue()
+
+
+def _rosbag2():
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store, kind = get_typestore(Stores.ROS2_HUMBLE), "event_camera_msgs/msg/EventPacket"
+    fields = ("std_msgs/Header header", "uint32 height", "uint32 width", "uint64 seq", "uint64 time_base")
+    store.register(
+        get_types_from_msg("\n".join((*fields, "string encoding", "bool is_bigendian", "uint8[] events")), kind)
+    )
+    packet = struct.pack("<III4sIIQQI5s3xI", 0, 0, 4, b"cam", 34, 34, 7, 0, 5, b"mono", 160)
+    with tempfile.TemporaryDirectory() as folder:
+        with Writer(Path(folder) / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            topic = writer.add_connection("/events", kind, typestore=store)
+            for j in range(3):
+                words = [(k % 2) << 63 | (7 * k % 34) << 48 | (k % 30) << 32 | 10**6 * (20 * j + k) for k in range(20)]
+                writer.write(topic, j, b"\0\1\0\0" + packet + struct.pack("<20Q", *words))
+        return (Path(folder) / "bag" / "bag.mcap").read_bytes()
+
+
+MADE = {"aedat3": _aedat3, "evt21": _evt21, "mat": _mat, "raw": _raw, "rosbag2": _rosbag2}
 _samples = {}
 
 
@@ -80,7 +110,7 @@ def recorded(format):
     paths = sorted(SHARED.iterdir(), key=lambda path: path.stat().st_size) if SHARED.is_dir() else []
     for path in paths:
         try:
-            if files.find(Source(path)) is format:
+            if find(Source(path)) is format:
                 return path.read_bytes()
         except EventFileError:
             continue
@@ -91,7 +121,7 @@ def opens(data, name, format):
     """Whether the format is found and its header can be read."""
     source = Source(data, name)
     try:
-        files.find(source, format).open(source)
+        find(source, format).open(source)
     except (Damage, EventFileError):
         return False
     return True
@@ -200,7 +230,7 @@ def test_empty(format):
 def test_mislabelled(format):
     """A file under another name or read as another format."""
     data = sample(format)
-    signed = KNOWN[format].knows(data[: files.HEAD])
+    signed = KNOWN[format].knows(data[:HEAD])
     for other in NAMES:
         right = check(data, f"a{KNOWN[other].suffixes[-1]}")
         assert right or not signed

@@ -200,7 +200,7 @@ def test_cannot_hold(tmp_path, t, x, y):
 
 
 def test_nothing_is_saved_and_loaded(tmp_path):
-    save([], tmp_path / "a.dat")
+    save(Events([], [], [], [], (34, 34)), tmp_path / "a.dat")
     assert len(load(tmp_path / "a.dat")) == 0
 
 

@@ -117,7 +117,7 @@ def test_saving_a_file_gives_the_file(shared, tmp_path):
     path = shared / "data" / "formats" / "es_poker_club_trcl0.es"
     save(load(path), tmp_path / "a.es")
     assert (tmp_path / "a.es").read_bytes() == path.read_bytes()
-    save(iter([]), tmp_path / "a.es")
+    save(Events([], [], [], [], (34, 34)), tmp_path / "a.es")
     assert len(load(tmp_path / "a.es")) == 0
 
 

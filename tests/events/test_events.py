@@ -4,6 +4,7 @@ import sys
 import numpy as np
 import pytest
 
+from neuro.errors import ModelError
 from neuro.events import EVENT, Events
 
 
@@ -75,3 +76,49 @@ def test_records_as_aertb_names_them():
     events = Events([7], [1], [2], [1], (3, 3))
     assert events.records("ts").dtype.names == ("ts", "x", "y", "p")
     assert events.records("ts").tolist() == events.records().tolist()
+
+
+@pytest.mark.parametrize(
+    ("t", "message"),
+    [
+        (np.array([1, 1 << 63, 1 << 63], np.uint64), f"event 1: t is {1 << 63}, expected at most {(1 << 63) - 1} us"),
+        ([1, 2, 1 << 64], "t has type object, expected integers"),
+    ],
+)  # fmt: skip
+def test_times_beyond_int64_are_refused(t, message):
+    with pytest.raises(ValueError, match="expected") as error:
+        Events(t, [0, 0, 0], [0, 0, 0], [0, 0, 0], (3, 2))
+    assert str(error.value) == message
+    assert Events(np.array([(1 << 63) - 1], np.uint64), [0], [0], [0], (3, 2)).t.tolist() == [(1 << 63) - 1]
+
+
+@pytest.mark.parametrize("size", [(3.5, 2), (3, 2, 2), 3, "32", None])
+def test_a_sensor_is_two_whole_numbers(size):
+    with pytest.raises(ModelError) as error:
+        make(size=size)
+    assert str(error.value) == f"sensor_size = {size!r}: expected width and height, two whole numbers"
+    assert make(size=(np.int64(3), np.uint8(2))).sensor_size == (3, 2)
+
+
+@pytest.mark.parametrize("index", [1, np.int64(1), "t", None, [[0, 1]], [0.0, 1.0], (0, 1, slice(None))])
+def test_what_is_no_index(index):
+    with pytest.raises(ModelError) as error:
+        make()[index]
+    assert str(error.value) == (
+        f"events[{index!r}]: expected a slice, a mask or indices\n  hint: events.records()[k] is event k alone"
+    )
+    assert len(make()[[]]) == 0
+    assert make()[[2]].t.tolist() == [3]
+
+
+def test_between_any_whole_numbers():
+    events = make((1, 2, (1 << 63) - 1))
+    assert len(events.between(-(10**30), 10**30)) == 3
+    assert len(events.between(-(1 << 63), (1 << 63) - 1)) == 2
+    assert len(events.between(1 << 63, 1 << 64)) == 0
+    assert events.between(2.0, np.uint64(1 << 63)).t.tolist() == [2, (1 << 63) - 1]
+    for name, given in (("start_us", ("1", 2)), ("stop_us", (0, 2.5)), ("stop_us", (0, float("nan")))):
+        with pytest.raises(ModelError) as error:
+            events.between(*given)
+        bad = given[name == "stop_us"]
+        assert str(error.value) == f"{name} is {bad!r}, expected a whole number of us"

@@ -241,7 +241,7 @@ def test_cannot_hold(tmp_path, t, x, y):
 
 
 def test_nothing_is_saved_and_loaded(tmp_path):
-    save([], tmp_path / "a.raw", format="evt2")
+    save(Events([], [], [], [], (34, 34)), tmp_path / "a.raw", format="evt2")
     assert len(load(tmp_path / "a.raw")) == 0
 
 

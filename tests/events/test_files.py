@@ -3,9 +3,10 @@ import pickle
 
 import pytest
 
-from neuro.events import EventFileError, Events, load, save
-from neuro.events.files import windows
+from neuro.errors import ModelError
+from neuro.events import EventFileError, Events, load, save, stream
 from neuro.events.formats import FORMATS
+from neuro.events.parts import windows
 
 
 def event(x, y, t, p=1):
@@ -111,3 +112,79 @@ def test_parts_that_run_back_are_not_written(tmp_path, ending):
     with pytest.raises(EventFileError, match="time runs back from 9 to 5 us"):
         save([events, events], tmp_path / f"back{ending}")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"start_us": "1"}, "start_us is '1', expected a whole number of us from -2^63 to 2^63 - 1"),
+        ({"start_us": 1 << 63}, f"start_us is {1 << 63}, expected a whole number of us from -2^63 to 2^63 - 1"),
+        ({"stop_us": -(1 << 64)}, f"stop_us is {-(1 << 64)}, expected a whole number of us from -2^63 to 2^63 - 1"),
+        ({"stop_us": 0.5}, "stop_us is 0.5, expected a whole number of us from -2^63 to 2^63 - 1"),
+        ({"window_us": float("nan")}, "window_us is nan, expected a whole number of us from 1 to 2^63 - 1"),
+        ({"window_us": float("inf")}, "window_us is inf, expected a whole number of us from 1 to 2^63 - 1"),
+        ({"window_us": "a"}, "window_us is 'a', expected a whole number of us from 1 to 2^63 - 1"),
+        ({"window_us": 0}, "window_us is 0, expected a whole number of us from 1 to 2^63 - 1"),
+        ({"window_us": True}, "window_us is True, expected a whole number of us from 1 to 2^63 - 1"),
+        ({"count": 2.5}, "count is 2.5, expected a whole number of at least 1"),
+        ({"count": 0}, "count is 0, expected a whole number of at least 1"),
+        ({"count": 1, "window_us": 1}, "window_us and count are both given, expected one of them"),
+        ({"sensor_size": (3,)}, "sensor_size = (3,): expected width and height, two whole numbers"),
+    ],
+)
+def test_arguments_of_a_stream_are_looked_at_in_the_call(options, message):
+    with pytest.raises(ModelError) as error:
+        stream("there is no such file.bin", **options)
+    assert str(error.value) == message
+
+
+@pytest.mark.parametrize("read", [load, stream])
+def test_what_is_no_file(read):
+    for source, message in (
+        (5, "source is 5, expected a path, the bytes of a file, or an open binary file"),
+        (None, "source is None, expected a path, the bytes of a file, or an open binary file"),
+        (
+            io.StringIO("1 2 3 4"),
+            "source is an open text file, StringIO, expected a binary one\n  hint: open it as binary: open(path, 'rb')",
+        ),
+    ):
+        with pytest.raises(ModelError) as error:
+            read(source)
+        assert str(error.value) == message
+
+
+def test_whole_numbers_as_floats_are_taken():
+    data = b"".join(event(1, 1, 100 * k) for k in range(50))
+    parts = stream(data, format="nmnist", window_us=1e3, start_us=1e3, stop_us=3e3)
+    assert [len(part) for part in parts] == [10, 10]
+
+
+def test_a_file_that_is_read_once_must_tell_its_sensor():
+    given = io.BytesIO(event(1, 2, 3))
+    with pytest.raises(EventFileError) as error:
+        list(stream(given, name="a.bin"))
+    assert str(error.value) == (
+        "a.bin: its sensor is not told, and it cannot be read twice to look for it: "
+        "give sensor_size=(width, height), or --sensor WxH"
+    )
+    assert len(list(stream(io.BytesIO(event(1, 2, 3)), name="a.bin", sensor_size=(34, 34)))) == 1
+
+
+def test_nothing_is_not_saved(tmp_path):
+    with pytest.raises(EventFileError) as error:
+        save([], tmp_path / "a.h5")
+    assert str(error.value) == (
+        f"{tmp_path / 'a.h5'}: no parts to save, expected at least one: "
+        "a recording without events is one, Events([], [], [], [], (width, height))"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_jump_within_a_part():
+    far = Events([0, 10**12], [0, 1], [0, 1], [1, 0], (4, 4))
+    with pytest.raises(EventFileError) as error:
+        list(windows([far], 1000, path="a.h5"))
+    assert str(error.value) == (
+        "a.h5: 999999999 windows of 1000 us without events before 1000000000000 us, expected at most 1000000: "
+        "look for a jump in the times, or take longer windows"
+    )

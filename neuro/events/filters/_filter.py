@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events._events import Events
-from neuro.events.files import together
+from neuro.events.parts import together
 
 Size = tuple[int, int]
 State = tuple[Any, ...]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from neuro.events._events import Events
-from neuro.events.files import together
 from neuro.events.filters._filter import Filter, FilterError, Size, State
+from neuro.events.parts import together
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events._events import Events
-from neuro.events.files import together
 from neuro.events.filters._filter import Filter, State
+from neuro.events.parts import together
 from neuro.keyed import key
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from neuro.events._events import Events
-from neuro.events.files import together
 from neuro.events.filters._filter import Filter
+from neuro.events.parts import together
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ A new format is a module with a `Format` and its name in `FORMATS`; nothing else
 
 from __future__ import annotations
 
-from neuro.events.formats._format import HEAD, Damage, Format, Piece, Reader, Unsavable
+from neuro.events.formats._format import HEAD, Damage, Format, Piece, Reader, Seeker, Unsavable
 from neuro.events.formats.aedat2 import AEDAT2
 from neuro.events.formats.aedat3 import AEDAT3
 from neuro.events.formats.aedat4 import AEDAT4
@@ -20,7 +20,7 @@ from neuro.events.formats.nmnist import NMNIST
 from neuro.events.formats.npz import NPZ
 from neuro.events.formats.raw import RAW
 from neuro.events.formats.rosbag import ROS1, ROS2
-from neuro.events.formats.table import TABLE
+from neuro.events.formats.table import TABLE, TXT
 
 FORMATS: tuple[Format, ...] = (
     ROS1,
@@ -39,7 +39,8 @@ FORMATS: tuple[Format, ...] = (
     EVT21,
     NMNIST,
     TABLE,
+    TXT,
 )
 """All formats, those with a signature in the file first."""
 
-__all__ = ["FORMATS", "HEAD", "Damage", "Format", "Piece", "Reader", "Unsavable"]
+__all__ = ["FORMATS", "HEAD", "Damage", "Format", "Piece", "Reader", "Seeker", "Unsavable"]

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from neuro.events.formats._format import Damage, Piece
 from neuro.events.formats._prophesee import read_header
-from neuro.events.source import WHOLE, Source
+from neuro.events.source import WHOLE, Source, step
 
 Words = npt.NDArray[Any]
 Bytes = npt.NDArray[np.uint8]
@@ -116,9 +116,29 @@ class Evt(ABC):
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
-        decoder, start = self.decoder(), self.header.length
-        size = block if block >= WHOLE else block // self.swell
-        for place, data in self.source.blocks(start, size, self.word):
+        return self._pieces(block, self.decoder(), self.header.length)
+
+    def pieces_from(self, block: int, start_us: int) -> Iterator[Piece]:
+        """The events from some block on; see `Seeker`."""
+        decoder = self.decoder()
+        return self._pieces(block, decoder, self.sought(decoder, self._step(block), start_us))
+
+    @abstractmethod
+    def sought(self, decoder: Decoder, step: int, start_us: int) -> int:
+        """A byte before which all events are earlier than `start_us`; the decoder is set for it.
+
+        Args:
+            decoder: a new one.
+            step: bytes of a block; the byte is at the beginning of one.
+            start_us: time, us.
+        """
+
+    def _step(self, block: int) -> int:
+        return step(block if block >= WHOLE else block // self.swell, self.word)
+
+    def _pieces(self, block: int, decoder: Decoder, begin: int) -> Iterator[Piece]:
+        start = self.header.length
+        for place, data in self.source.blocks(begin, self._step(block), self.word):
             whole = data[: data.size // self.word * self.word]
             piece = decoder.piece(whole, self._places(decoder.copy(), place, whole))
             self.metadata["other_words"] = int(decoder.state[OTHER])

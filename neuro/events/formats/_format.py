@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -86,6 +86,22 @@ class Reader(Protocol):
 
         Raises:
             Damage: after the last piece that is whole.
+        """
+
+
+@runtime_checkable
+class Seeker(Reader, Protocol):
+    """A reader that can begin later in a file that lies on the disk or in memory; `stream` asks only then."""
+
+    def pieces_from(self, block: int, start_us: int) -> Iterator[Piece]:
+        """The same pieces as those of `pieces`, without some at the beginning.
+
+        Args:
+            block: as for `pieces`.
+            start_us: in a file that is whole all events of the pieces left out are earlier, us.
+
+        Raises:
+            Damage: as `pieces`, for what is read.
         """
 
 

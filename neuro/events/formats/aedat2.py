@@ -17,7 +17,7 @@ the published arrays of POKER-DVS.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,12 +27,15 @@ import numpy as np
 from neuro.events._events import Events
 from neuro.events.formats._aedat_header import header
 from neuro.events.formats._format import Damage, Format, Piece, Size
+from neuro.events.formats._seek import Begin, begin
 from neuro.events.formats._write import in_order, refuse
-from neuro.events.source import Bytes, Source
+from neuro.events.source import Bytes, Source, step
 
 MAGIC = b"#!AER-DAT2.0"
 WORD = 8
 T_LIMIT = 1 << 32
+LOOK = 1 << 14
+"""Bytes of a block in which an event is looked for, to learn its time."""
 END = b"#End Of ASCII Header"
 """How the last line begins, in files that have it."""
 
@@ -96,11 +99,29 @@ class Aedat2:
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
+        return self._pieces(block, Begin(self._start))
+
+    def pieces_from(self, block: int, start_us: int) -> Iterator[Piece]:
+        """The events from some block on; see `Seeker`."""
+        size = step(block, WORD)
+        samples = self._source.samples(self._start, size, min(size, LOOK))
+        return self._pieces(block, begin(self._start, self._clocks(samples), start_us, T_LIMIT))
+
+    def _clocks(self, samples: Iterable[tuple[int, Bytes]]) -> Iterator[tuple[int, int]]:
+        """The time of the first event of each sample that has one; other words may have times that run back."""
+        other = np.uint32(self._chip.sample | self._chip.external)
+        for place, data in samples:
+            events = np.flatnonzero((_addresses(data) & other) == 0)
+            if events.size:
+                at = WORD * int(events[0])
+                yield place, int.from_bytes(data[at + 4 : at + 8].tobytes(), "big")
+
+    def _pieces(self, block: int, at: Begin) -> Iterator[Piece]:
         from neuro.events.formats._aedat2_kernel import decode
 
         chip, layout = self._chip, self._chip.layout()
-        clock, skipped = np.array([-1, 0]), np.zeros(2, np.int64)
-        for place, data in self._source.blocks(self._start, block, WORD):
+        clock, skipped = np.array([-1 if at.clock is None else at.clock, at.added]), np.zeros(2, np.int64)
+        for place, data in self._source.blocks(at.place, block, WORD):
             n = data.size // WORD
             t, x, y = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16)
             p = np.empty(n, np.uint8)
@@ -115,11 +136,11 @@ class Aedat2:
 
             highest = (int(x_max), int(y_max)) if found else (-1, -1)
             yield Piece(t[:found], x[:found], y[:found], p[:found], highest, bool(ordered), byte)
-            at = place + WORD * done
+            end = place + WORD * done
             if done < n:
-                raise Damage(f"address 0x{_addresses(data)[done]:08x} is none of a {chip.name}", at)
+                raise Damage(f"address 0x{_addresses(data)[done]:08x} is none of a {chip.name}", end)
             if rest := data.size % WORD:
-                raise Damage(f"{rest} bytes left over after {(at - self._start) // WORD} words of 8 bytes", at)
+                raise Damage(f"{rest} bytes left over after {(end - self._start) // WORD} words of 8 bytes", end)
 
 
 def _addresses(data: Bytes) -> np.ndarray[Any, np.dtype[np.uint32]]:

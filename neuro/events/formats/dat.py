@@ -28,8 +28,9 @@ import numpy.typing as npt
 from neuro.events._events import Events
 from neuro.events.formats._format import Damage, Format, Piece
 from neuro.events.formats._prophesee import ATIS, GEN3, GEN4, Header, check_room, header_text, parse, read_header
+from neuro.events.formats._seek import Begin, begin
 from neuro.events.formats._write import in_order
-from neuro.events.source import Source
+from neuro.events.source import Source, step
 
 WORD = 8
 KINDS = (0x00, 0x0C)
@@ -68,11 +69,20 @@ class Dat:
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
+        return self._pieces(block, Begin(self._start))
+
+    def pieces_from(self, block: int, start_us: int) -> Iterator[Piece]:
+        """The events from some block on; see `Seeker`."""
+        samples = self._source.samples(self._start, step(block, WORD), 4)
+        clocks = ((place, int(data.view("<u4")[0])) for place, data in samples if data.size == 4)
+        return self._pieces(block, begin(self._start, clocks, start_us, T_LIMIT))
+
+    def _pieces(self, block: int, at: Begin) -> Iterator[Piece]:
         from neuro.events.formats._dat_kernel import decode
 
         layout = _LAYOUTS[self._version]
-        last, begin = 0, 0
-        for place, data in self._source.blocks(self._start, block, WORD):
+        last, added = at.clock or 0, at.added
+        for place, data in self._source.blocks(at.place, block, WORD):
             n = whole = data.size // WORD
             words = data[: n * WORD].view("<u4")
             t, x, y = np.empty(n, np.int64), np.empty(n, np.uint16), np.empty(n, np.uint16)
@@ -80,8 +90,8 @@ class Dat:
             x_max, y_max, ordered, seen = decode(words, *layout, t, x, y, p)
             if self._version == 2 and seen >> 29:
                 whole = int((words[1::2] >> np.uint32(29) != 0).argmax())
-            if n and (begin or not ordered or t[0] < last):
-                ordered, last, begin = _unwrap(t, last, begin)
+            if n and (added or not ordered or t[0] < last):
+                ordered, last, added = _unwrap(t, last, added)
             elif n:
                 last = int(t[-1])
             highest = (int(x_max), int(y_max)) if whole == n > 0 else None
@@ -108,22 +118,22 @@ def _places(place: int) -> Any:
     return lambda event: place + WORD * event
 
 
-def _unwrap(t: npt.NDArray[np.int64], last: int, begin: int) -> tuple[bool, int, int]:
+def _unwrap(t: npt.NDArray[np.int64], last: int, added: int) -> tuple[bool, int, int]:
     """Add the wraps to the times of a block, in place.
 
     Args:
         t: (n,) 32-bit times, us.
         last: the 32-bit time before them.
-        begin: us that wraps before them add.
+        added: us that wraps before them add.
 
     Returns:
         whether time does not run back, the last 32-bit time, and us added from here on.
     """
     before = np.concatenate(([last], t[:-1]))
-    added = begin + T_LIMIT * np.cumsum((before >= T_LIMIT - NEAR_WRAP) & (t < NEAR_WRAP))
+    now = added + T_LIMIT * np.cumsum((before >= T_LIMIT - NEAR_WRAP) & (t < NEAR_WRAP))
     last = int(t[-1])
-    t += added
-    return bool((t[1:] >= t[:-1]).all()), last, int(added[-1])
+    t += now
+    return bool((t[1:] >= t[:-1]).all()), last, int(now[-1])
 
 
 def write(parts: Iterator[Events], path: Path) -> None:

@@ -113,9 +113,9 @@ def generic(source: Given, *, name: str | None = None, strict: bool = True) -> l
     Raises:
         EventFileError: no such file, other events, or damage; the message says at which byte.
     """
-    from neuro.events.files import _source
+    from neuro.events.opening import opened_source
 
-    data = _source(source, name)
+    data = opened_source(source, name)
     try:
         kind = _kind(data)
     except Damage as damage:

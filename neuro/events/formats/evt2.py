@@ -14,19 +14,25 @@ Source: Prophesee, "EVT 2.0 format", docs.prophesee.ai.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro.events._events import Events
-from neuro.events.formats._evt import Decoder, Evt
+from neuro.events.formats._evt import Bytes, Decoder, Evt
 from neuro.events.formats._format import Format
 from neuro.events.formats._prophesee import GEN3, GEN4, check_room, parse, raw_text
+from neuro.events.formats._seek import begin
 from neuro.events.formats._write import in_order
 
 TIME_HIGH = 8
+LOW_BITS = 6
+PERIOD = 1 << 28
+"""Values of TIME_HIGH, which tells the bits of the time above the low ones."""
+LOOK = 1 << 14
+"""Bytes of a block in which a TIME_HIGH is looked for; cameras send one every 16 us."""
 ROOM = (1 << 34, 1 << 11)
 """Times and sides that the words can tell."""
 
@@ -43,6 +49,27 @@ class Evt2(Evt):
         from neuro.events.formats import _evt2_kernel as kernel
 
         return Decoder("<u4", np.zeros(kernel.STATES, np.int64), len, kernel.decode)
+
+    def sought(self, decoder: Decoder, step: int, start_us: int) -> int:
+        """See `Evt`."""
+        from neuro.events.formats import _evt2_kernel as kernel
+
+        samples = self.source.samples(self.header.length, step, min(step, LOOK))
+        at = begin(self.header.length, self._highs(decoder, samples), start_us >> LOW_BITS, PERIOD)
+        decoder.state[kernel.WRAPS] = at.added << LOW_BITS
+        return at.place
+
+    def _highs(self, decoder: Decoder, samples: Iterable[tuple[int, Bytes]]) -> Iterator[tuple[int, int]]:
+        """The first TIME_HIGH of each sample that has one."""
+        for place, data in samples:
+            words = self.upper(decoder.order(data[: data.size // self.word * self.word].view(decoder.dtype)))
+            found = np.flatnonzero(words >> 28 == TIME_HIGH)
+            if found.size:
+                yield place, int(words[found[0]] & 0x0FFFFFFF)
+
+    def upper(self, words: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
+        """Of words the 32 bits with the kind."""
+        return words
 
 
 def write(parts: Iterator[Events], path: Path) -> None:

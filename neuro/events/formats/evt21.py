@@ -19,15 +19,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events.formats._evt import Decoder, Evt
+from neuro.events.formats._evt import Decoder
 from neuro.events.formats._format import HEAD, Format
 from neuro.events.formats._prophesee import GEN3, GEN4, parse
+from neuro.events.formats.evt2 import Evt2
 
 WORD = 8
 TIME_HIGH = 8
 
 
-class Evt21(Evt):
+class Evt21(Evt2):
     """An open EVT 2.1 file; see `Evt`."""
 
     coding = "EVT21"
@@ -47,6 +48,10 @@ class Evt21(Evt):
             return words.reshape(-1, 2)[:, ::-1].reshape(-1) if legacy else words
 
         return Decoder("<u4", np.zeros(kernel.STATES, np.int64), kernel.room21, kernel.decode21, halves)
+
+    def upper(self, words: npt.NDArray[np.uint32]) -> npt.NDArray[np.uint32]:
+        """See `Evt2`."""
+        return words[1::2]
 
     def _upper_first(self) -> bool:
         data = self.source.head(self.header.length + HEAD)[self.header.length :]

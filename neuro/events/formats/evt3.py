@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from neuro.events._events import Events
 from neuro.events.formats._evt import Decoder, Evt
@@ -30,6 +31,9 @@ from neuro.events.formats._write import in_order
 
 ROOM = (1 << 40, 1 << 11)
 """Times and sides that are written. Wraps could tell any time, with two words each; this bounds their number."""
+
+OTHER_ROW, VECT_BASE_X, TIME_LOW = 1, 3, 6
+"""Kinds of words; a row has kind 0 or 1."""
 
 SLICE = 1 << 16
 """Events encoded at a time."""
@@ -50,6 +54,39 @@ class Evt3(Evt):
         state = np.zeros(kernel.STATES, np.int64)
         state[kernel.ROW] = state[kernel.BASE] = -1
         return Decoder("<u2", state, kernel.room, kernel.decode)
+
+    def sought(self, decoder: Decoder, step: int, start_us: int) -> int:
+        """See `Evt`. The clock wraps so soon that all TIME_HIGH before are looked at, and nothing else."""
+        from neuro.events.formats import _evt3_kernel as kernel
+        from neuro.events.formats._evt3_seek_kernel import track
+
+        begin = self.header.length
+        high, kinds, margin = -1, 0, (begin, -1)
+        before = np.zeros(0, np.uint16)
+        for place, data in self.source.blocks(begin, step, self.word):
+            words = data[: data.size // self.word * self.word].view("<u2")
+            at_begin, kinds_before = high, kinds
+            high, kinds, most = track(words, high, kinds)
+            if most >= start_us >> 12:
+                if margin[1] < 0 or not _settled(before, bool(kinds_before >> VECT_BASE_X & 1)):
+                    return begin
+                decoder.state[kernel.STARTED], decoder.state[kernel.TIME] = 1, margin[1] << 12
+                return margin[0]
+            margin, before = (place, at_begin), words
+        return begin
+
+
+def _settled(words: npt.NDArray[np.uint16], vectors: bool) -> bool:
+    """Whether words tell all that those after them need but TIME_HIGH: low bits of the time, row, base of vectors.
+
+    Args:
+        words: of a block.
+        vectors: whether the file had a base so far.
+    """
+    kinds = words >> 12
+    rows = np.flatnonzero(kinds <= OTHER_ROW)
+    told = rows.size > 0 and bool(np.any(kinds == TIME_LOW))
+    return told and (not vectors or bool(np.any(kinds[rows[0] :] == VECT_BASE_X)))
 
 
 def write(parts: Iterator[Events], path: Path) -> None:

@@ -17,6 +17,7 @@ Source: DSEC's data format page (dsec.ifi.uzh.ch/data-format); Metavision's "HDF
 from __future__ import annotations
 
 import io
+import operator
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -28,22 +29,25 @@ import numpy.typing as npt
 from neuro.events._events import Events
 from neuro.events.errors import EventFileError
 from neuro.events.formats._columns import Names, find_names, to_piece, unit_of
-from neuro.events.formats._extra import extra
 from neuro.events.formats._format import Damage, Format, Piece, Size
 from neuro.events.formats._hdf5_attributes import attributes, heaps_whole
+from neuro.events.formats._hdf5_chunks import FAILURES, believable, chunks_whole, one_line, place, unpackable
 from neuro.events.formats._hdf5_write import write, write_sample
 from neuro.events.formats._metadata import from_json
 from neuro.events.source import WHOLE, Source
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
-ECF = 36559
-"""Prophesee's registered filter number."""
-
-SWELL = 1100
-"""Most bytes that one byte of a file unpacks to; 1032 of gzip, which is the most that HDF5's own filters reach."""
-
-_FAILURES = (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError, OverflowError)
 _ROW = 13
+
+
+class _Bytes(io.BytesIO):
+    """Bytes as a file; what HDF5 asks for beyond its end is 0, since h5py leaves there what was in memory."""
+
+    def readinto(self, buffer: Any) -> int:
+        """Fill a buffer."""
+        count = super().readinto(buffer)
+        buffer[count:] = bytes(len(buffer) - count)
+        return count
 
 
 class Hdf5:
@@ -53,7 +57,7 @@ class Hdf5:
         import h5py
 
         try:
-            self._file = h5py.File(source.path or io.BytesIO(source.all().data), "r")
+            self._file = h5py.File(source.path or _Bytes(source.all().data), "r")
             self._recording = _find(self._file)
             self._heaps = heaps_whole(source.all())
             own, whole = (attributes(node, self._heaps) for node in (self._recording.node, self._file))
@@ -61,12 +65,19 @@ class Hdf5:
             self.metadata: Mapping[str, Any] = _metadata(own)
         except Damage:
             raise
-        except _FAILURES as error:
-            raise Damage(f"no whole HDF5: {_text(error)}", None) from None
+        except FAILURES as error:
+            raise Damage(f"no whole HDF5: {one_line(error)}", None) from None
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
-        yield from self._recording.pieces(block)
+        return self._pieces(block, None)
+
+    def pieces_from(self, block: int, start_us: int) -> Iterator[Piece]:
+        """The events from some chunk on; see `Seeker`."""
+        return self._pieces(block, start_us)
+
+    def _pieces(self, block: int, start_us: int | None) -> Iterator[Piece]:
+        yield from self._recording.pieces(block, start_us)
         if not self._heaps:
             raise Damage("a heap of strings is damaged; attributes with strings were left out", None)
 
@@ -87,37 +98,67 @@ class _Recording:
     rows: Any
     offset: int
 
-    def pieces(self, block: int) -> Iterator[Piece]:
+    def pieces(self, block: int, start_us: int | None = None) -> Iterator[Piece]:
         columns = [self.rows] if self.rows is not None else [self.node[getattr(self.names, key)] for key in "txyp"]
         shapes = {column.shape for column in columns}
         if len(shapes) != 1 or len(columns[0].shape) != 1:
             told = ", ".join(f"{column.name} {column.shape}" for column in columns)
             raise Damage(f"its columns have the shapes {told}, expected one axis and equal lengths", None)
         for column in columns:
-            _unpackable(column)
+            unpackable(column)
             believable(column)
         total, unit = columns[0].shape[0], self.names.unit
         chunk = (columns[0].chunks or (1 << 15,))[0]
         step = max(1, block // _ROW // chunk) * chunk
-        at = 0
+        at = 0 if start_us is None else self._sought(columns, step, start_us)
         while at < total or not at:
             try:
                 read = self._read(columns, at, min(at + step, total))
-            except _FAILURES as error:
+            except FAILURES as error:
                 if step > chunk:
                     step = chunk
                     continue
-                raise Damage(f"event {at} on cannot be read: {_text(error)}", _byte(columns, at)) from None
-            unit = unit_of(read["t"]) if unit is None else unit
+                raise Damage(f"event {at} on cannot be read: {one_line(error)}", place(columns[0], at)) from None
+            unit = unit_of(read["t"][:chunk]) if unit is None else unit
             piece, fault = to_piece(read, unit, at, None)
             yield self._moved(piece, at)
             if fault:
-                raise Damage(fault, _byte(columns, at))
+                raise Damage(fault, place(columns[0], at + len(piece.t)))
             at += len(read["t"])
             if at >= total:
                 return
 
+    def _sought(self, columns: list[Any], step: int, start_us: int) -> int:
+        """A multiple of a step before which all events are earlier, by bisection.
+
+        One step more is read, so that a time which runs back is seen; 0 where the times have no order.
+        """
+        unit, scale = self.names.unit or 0, 10 ** abs(self.names.unit or 0)
+        low, high, seen = 0, -(-columns[0].shape[0] // step), []
+        try:
+            while high - low > 1:
+                middle = (low + high) // 2
+                t = self._time(columns, middle * step)
+                us = (t * scale if unit >= 0 else t // scale + 1) + self.offset
+                seen.append((middle, us))
+                low, high = (middle, high) if us < start_us else (low, middle)
+        except FAILURES:
+            return 0
+        times = [us for _, us in sorted(seen)]
+        return max(low - 1, 0) * step if times == sorted(times) else 0
+
+    def _time(self, columns: list[Any], event: int) -> int:
+        """The time of an event as the file has it.
+
+        Raises:
+            TypeError: it is no whole number: its unit is to be seen in the first times.
+        """
+        value = columns[0][event]
+        return operator.index(value if self.rows is None else value[self.names.t])
+
     def _read(self, columns: list[Any], first: int, last: int) -> dict[str, npt.NDArray[Any]]:
+        for column in columns:
+            chunks_whole(column, first, last)
         if self.rows is None:
             return {key: column[first:last] for key, column in zip("txyp", columns, strict=True)}
         rows = self.rows[first:last]
@@ -190,56 +231,13 @@ def _near(file: Any, limit: int = 100) -> Iterator[Any]:
 
 
 def _offset(file: Any, group: Any) -> int:
-    for place in (file, group):
-        if "t_offset" in place:
-            value = place["t_offset"][()]
+    for node in (file, group):
+        if "t_offset" in node:
+            value = node["t_offset"][()]
             if np.ndim(value) or np.asarray(value).dtype.kind not in "iu":
                 raise Damage(f"t_offset is {value}, expected one whole number of us", None)
             return int(value)
     return 0
-
-
-def _unpackable(dataset: Any) -> None:
-    """Refuse a dataset that is packed in a way which is not known here."""
-    import h5py
-
-    plist = dataset.id.get_create_plist()
-    for k in range(plist.get_nfilters()):
-        number = plist.get_filter(k)[0]
-        if h5py.h5z.filter_avail(number):
-            continue
-        if number == ECF:
-            text = "is packed with Prophesee's ECF filter, which HDF5 alone cannot unpack"
-            raise Damage(f"{dataset.name} {text}: use the RAW file, or export it with Metavision's tools", None)
-        extra("hdf5plugin", f"{dataset.name}, packed with HDF5 filter {number},")
-        if not h5py.h5z.filter_avail(number):
-            raise Damage(f"{dataset.name} is packed with HDF5 filter {number}, which is not known", None)
-
-
-def believable(dataset: Any) -> None:
-    """Refuse a dataset whose length cannot be: it would fill the memory.
-
-    Args:
-        dataset: an open h5py dataset.
-
-    Raises:
-        Damage: it is longer than what is stored of it can be when unpacked, or cannot be looked at.
-    """
-    try:
-        stored = min(dataset.id.get_storage_size(), dataset.file.id.get_filesize())
-    except _FAILURES as error:
-        raise Damage(f"{dataset.name} cannot be read: {_text(error)}", None) from None
-    if dataset.size * dataset.dtype.itemsize > SWELL * stored:
-        raise Damage(f"{dataset.name} has {dataset.size} items, which {stored} bytes cannot hold", None)
-
-
-def _byte(columns: list[Any], event: int) -> int | None:
-    """Where the chunk of an event begins in the file, None where that is not known."""
-    try:
-        found: int | None = columns[0].id.get_chunk_info_by_coord((event,)).byte_offset
-    except _FAILURES:
-        return None
-    return found
 
 
 def _size(told: Mapping[str, Any]) -> Size | None:
@@ -263,10 +261,6 @@ def _metadata(told: dict[str, Any]) -> dict[str, Any]:
     rest = {key: value for key, value in told.items() if key not in ("sensor_size", "metadata")}
     plain = {key: value.tolist() if hasattr(value, "tolist") else value for key, value in rest.items()}
     return plain | (from_json(text) if isinstance(text, str) else {})
-
-
-def _text(error: BaseException) -> str:
-    return " ".join(str(error).split())
 
 
 HDF5 = Format("hdf5", "HDF5", (".h5", ".hdf5"), lambda head: head.startswith(MAGIC), Hdf5, write)

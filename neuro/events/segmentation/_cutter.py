@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from neuro.errors import ModelError
 from neuro.events._events import Events
-from neuro.events.files import together
+from neuro.events.parts import together
 
 Times = npt.NDArray[np.int64]
 NONE = np.zeros(0, np.int64)

@@ -1,0 +1,104 @@
+"""Whether what an HDF5 file holds of a dataset can be all of it.
+
+HDF5 itself takes a chunk as it is that is too short, or of which a damaged mask says that it is not packed: the rest
+is whatever is in memory.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from neuro.events.formats._extra import extra
+from neuro.events.formats._format import Damage
+
+ECF = 36559
+"""Prophesee's registered filter number."""
+
+SWELL = 1100
+"""Most bytes that one byte of a file unpacks to; 1032 of gzip, which is the most that HDF5's own filters reach."""
+
+FAILURES = (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError, OverflowError)
+"""What h5py raises for a damaged file."""
+
+SHUFFLE, FLETCHER = 2, 3
+"""Filters that keep the length, but for a check sum of 4 bytes of the latter."""
+
+
+def unpackable(dataset: Any) -> None:
+    """Refuse a dataset that is packed in a way which is not known here.
+
+    Args:
+        dataset: an open h5py dataset.
+
+    Raises:
+        Damage: it is.
+    """
+    import h5py
+
+    plist = dataset.id.get_create_plist()
+    for k in range(plist.get_nfilters()):
+        number = plist.get_filter(k)[0]
+        if h5py.h5z.filter_avail(number):
+            continue
+        if number == ECF:
+            text = "is packed with Prophesee's ECF filter, which HDF5 alone cannot unpack"
+            raise Damage(f"{dataset.name} {text}: use the RAW file, or export it with Metavision's tools", None)
+        extra("hdf5plugin", f"{dataset.name}, packed with HDF5 filter {number},")
+        if not h5py.h5z.filter_avail(number):
+            raise Damage(f"{dataset.name} is packed with HDF5 filter {number}, which is not known", None)
+
+
+def believable(dataset: Any) -> None:
+    """Refuse a dataset whose length cannot be: it would fill the memory.
+
+    Args:
+        dataset: an open h5py dataset.
+
+    Raises:
+        Damage: it is longer than what is stored of it can be when unpacked, or cannot be looked at.
+    """
+    try:
+        stored = min(dataset.id.get_storage_size(), dataset.file.id.get_filesize())
+        size = dataset.size * dataset.dtype.itemsize
+    except FAILURES as error:
+        raise Damage(f"{dataset.name} cannot be read: {one_line(error)}", None) from None
+    if size > SWELL * stored:
+        raise Damage(f"{dataset.name} has {dataset.size} items, which {stored} bytes cannot hold", None)
+
+
+def chunks_whole(dataset: Any, first: int, last: int) -> None:
+    """Refuse chunks that are not packed and not as long as they should be.
+
+    Args:
+        dataset: an open h5py dataset with one axis.
+        first: number of an item.
+        last: number after the last item.
+
+    Raises:
+        ValueError: there is one.
+    """
+    if dataset.chunks is None:
+        return
+    filters = dataset.id.get_create_plist()
+    kinds = [filters.get_filter(k)[0] for k in range(filters.get_nfilters())]
+    size = dataset.chunks[0] * dataset.dtype.itemsize
+    for at in range(first // dataset.chunks[0] * dataset.chunks[0], last, dataset.chunks[0]):
+        chunk = dataset.id.get_chunk_info_by_coord((at,))
+        used = [kind for k, kind in enumerate(kinds) if not chunk.filter_mask >> k & 1]
+        expected = size + 4 * used.count(FLETCHER)
+        if chunk.byte_offset is not None and set(used) <= {SHUFFLE, FLETCHER} and chunk.size != expected:
+            raise ValueError(f"a chunk of {dataset.name} has {chunk.size} bytes, expected {expected}")
+
+
+def place(dataset: Any, item: int) -> int | None:
+    """Where the chunk of an item begins in the file, None where that is not known or beyond its end."""
+    try:
+        found: int | None = dataset.id.get_chunk_info_by_coord((item,)).byte_offset
+        return found if found is not None and found < dataset.file.id.get_filesize() else None
+    except FAILURES:
+        return None
+
+
+def one_line(error: BaseException) -> str:
+    """The text of an error."""
+    return " ".join(str(error).split())

@@ -1,0 +1,159 @@
+"""Open an event file: find its format, make its reader, and take its pieces, with damage told as users see it."""
+
+from __future__ import annotations
+
+import io
+import os
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from neuro.errors import ModelError
+from neuro.events.check import Checked
+from neuro.events.errors import EventFileError, EventFileWarning
+from neuro.events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Seeker
+from neuro.events.source import Given, Source
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """An open event file.
+
+    Attributes:
+        source: its bytes.
+        reader: of its events.
+        format: what it is.
+    """
+
+    source: Source
+    reader: Reader
+    format: Format
+
+    @property
+    def name(self) -> str:
+        """The file, as messages call it."""
+        return self.source.name
+
+    def pieces(self, block: int, strict: bool, start_us: int | None = None) -> Iterator[Piece]:
+        """The pieces of the file; damage is an error or, where not strict, the end with a warning.
+
+        Args:
+            block: bytes of a piece, about.
+            strict: whether damage is an error.
+            start_us: None: from the beginning; else, where the reader can, from a piece on before which all is earlier.
+        """
+        try:
+            if start_us is not None and isinstance(self.reader, Seeker):
+                yield from self.reader.pieces_from(block, start_us)
+            else:
+                yield from self.reader.pieces(block)
+        except Damage as damage:
+            error = EventFileError(self.name, damage.what, damage.offset)
+            if strict:
+                raise error from None
+            warnings.warn(f"{error}; what is before it was read", EventFileWarning, stacklevel=4)
+
+    def can_seek(self) -> bool:
+        """Whether the events from some time on can be had without those before."""
+        return self.source.size is not None and isinstance(self.reader, Seeker)
+
+    def scanned(self, block: int) -> tuple[int, int]:
+        """The smallest sensor that holds all events of the file, which is read twice for that.
+
+        Raises:
+            EventFileError: it can be read only once.
+        """
+        if self.source.size is None:
+            what = "its sensor is not told, and it cannot be read twice to look for it"
+            raise EventFileError(self.name, f"{what}: give sensor_size=(width, height), or --sensor WxH")
+        checked = Checked(self.name, None, strict=False, sort=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", EventFileWarning)  # damage is told the second time
+            sizes = [checked.highest(piece) for piece in self.pieces(block, strict=False)]
+        return smallest(self.format, max((x for x, _ in sizes), default=-1), max((y for _, y in sizes), default=-1))
+
+
+def opened(source: Given, format: str | None, name: str | None) -> Opened:
+    """Open a file.
+
+    Args:
+        source: a path, bytes, or an open binary file.
+        format: its name, where neither content nor ending tells.
+        name: what to call it.
+
+    Raises:
+        EventFileError: there is no such file, it is of no known kind, or its header is damaged.
+    """
+    data = opened_source(source, name)
+    found = find(data, format)
+    try:
+        return Opened(data, found.open(data), found)
+    except Damage as damage:
+        raise EventFileError(data.name, damage.what, damage.offset) from None
+
+
+def opened_source(source: Given, name: str | None) -> Source:
+    """The bytes of a file.
+
+    Raises:
+        EventFileError: there is no such file.
+        ModelError: `source` is neither a path, nor bytes, nor an open binary file.
+    """
+    check_given(source)
+    try:
+        return Source(source, name)
+    except FileNotFoundError:
+        raise EventFileError(os.fspath(source), "no such file") from None  # type: ignore[arg-type]
+    except IsADirectoryError:
+        raise EventFileError(os.fspath(source), "is a folder, expected a file") from None  # type: ignore[arg-type]
+    except OSError as error:
+        raise EventFileError(os.fspath(source), f"cannot read: {error.strerror}") from None  # type: ignore[arg-type]
+
+
+def check_given(source: object) -> None:
+    """Refuse what cannot be a file.
+
+    Raises:
+        ModelError: it is neither a path, nor bytes, nor an open binary file.
+    """
+    if isinstance(source, io.TextIOBase):
+        hint = "open it as binary: open(path, 'rb')"
+        raise ModelError(f"source is an open text file, {type(source).__name__}, expected a binary one", hint=hint)
+    known = isinstance(source, str | os.PathLike | bytes | bytearray | memoryview)
+    if not known and not callable(getattr(source, "read", None)):
+        what = "expected a path, the bytes of a file, or an open binary file"
+        raise ModelError(f"source is {source!r:.60}, {what}")
+
+
+def find(source: Source, format: str | None = None) -> Format:
+    """The format of a file: by name, else by content, else by ending.
+
+    Raises:
+        EventFileError: there is none.
+    """
+    known = {f.name: f for f in FORMATS}
+    if format is not None:
+        if format not in known:
+            raise EventFileError(source.name, f"unknown format {format!r}, expected one of {', '.join(known)}")
+        return known[format]
+    head = source.head(HEAD)
+    for f in FORMATS:
+        if f.knows(head):
+            return f
+    for f in FORMATS:
+        if source.name.lower().endswith(f.suffixes):
+            return f
+    titles = ", ".join(f"{f.title} ({' '.join(f.suffixes)})" for f in FORMATS)
+    raise EventFileError(source.name, f"unknown kind of event file, expected one of: {titles}")
+
+
+def smallest(found: Format, x: int, y: int) -> tuple[int, int]:
+    """The sensor of a file that tells none: one that is usual in its format, else the smallest that holds all.
+
+    Args:
+        found: the format.
+        x: the largest column, -1 without events.
+        y: the largest row.
+    """
+    known = (size for size in (found.usual, *found.larger) if size and x < size[0] and y < size[1])
+    return next(known, (max(x, 0) + 1, max(y, 0) + 1))

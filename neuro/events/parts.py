@@ -1,0 +1,97 @@
+"""Parts of one recording, cut anew or put together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from neuro.events._events import Events
+from neuro.events.errors import EventFileError
+
+MOST_EMPTY = 10**6
+"""Windows without events between two events; more are a jump in the times of a damaged file."""
+
+
+def between(parts: Iterable[Events], start_us: int | None, stop_us: int | None) -> Iterator[Events]:
+    """Leave out what is before a time, and what is at or after another.
+
+    Args:
+        parts: of one recording, in order.
+        start_us: the first time, us; None: from the first event on.
+        stop_us: the time after the last, us; None: up to the last event. No later part is asked for.
+    """
+    for part in parts:
+        if stop_us is not None and len(part) and part.t[0] >= stop_us:
+            return
+        first = 0 if start_us is None else int(np.searchsorted(part.t, start_us))
+        last = len(part) if stop_us is None else int(np.searchsorted(part.t, stop_us))
+        if first < last:
+            yield part[first:last] if last - first < len(part) else part
+
+
+def windows(
+    parts: Iterable[Events], window_us: int, start_us: int | None = None, path: str = "the recording"
+) -> Iterator[Events]:
+    """Cut ordered parts of a recording into windows of equal length.
+
+    Args:
+        parts: of one recording, in order.
+        window_us: length of a window, us.
+        start_us: where the first begins; None: at the first event.
+        path: the file, for the message.
+
+    Raises:
+        EventFileError: more than 10^6 windows in a row have no events.
+    """
+    held: list[Events] = []
+    begin = start_us
+    for part in parts:
+        if not len(part):
+            continue
+        begin = int(part.t[0]) if begin is None else begin
+        while len(part) and part.t[-1] >= begin + window_us:
+            cut = int(np.searchsorted(part.t, begin + window_us))
+            empty = (int(part.t[0]) - begin) // window_us
+            if empty > MOST_EMPTY:
+                raise EventFileError(path, _jump(empty, window_us, int(part.t[0])))
+            yield together([*held, part[:cut]])
+            held, part, begin = [], part[cut:], begin + window_us
+        held.append(part)
+    if held:
+        yield together(held)
+
+
+def _jump(empty: int, window_us: int, t: int) -> str:
+    return (
+        f"{empty} windows of {window_us} us without events before {t} us, expected at most {MOST_EMPTY}: "
+        "look for a jump in the times, or take longer windows"
+    )
+
+
+def batches(parts: Iterable[Events], count: int) -> Iterator[Events]:
+    """Cut parts of a recording into parts of equally many events.
+
+    Args:
+        parts: of one recording, in order.
+        count: events of a part; the last may have fewer.
+    """
+    held: list[Events] = []
+    missing = count
+    for part in parts:
+        while len(part) >= missing:
+            yield together([*held, part[:missing]])
+            held, part, missing = [], part[missing:], count
+        if len(part):
+            held.append(part)
+            missing -= len(part)
+    if held:
+        yield together(held)
+
+
+def together(parts: list[Events]) -> Events:
+    """Parts of one recording as one."""
+    if len(parts) == 1:
+        return parts[0]
+    t, x, y, p = (np.concatenate([getattr(part, name) for part in parts]) for name in "txyp")
+    return Events._trusted(t, x, y, p, parts[0].sensor_size, parts[0].metadata)
