@@ -45,8 +45,8 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         render_mode: rgb_array or None.
         **changes: of the scenario, see `neuro_drone.scenario.load`.
 
-    Actions are in the directions of the picture. Ball: right and down the picture (backwards), times v_max. Line: right,
-    times v_max, and turn right, times yaw_max, while the drone flies forward. Values beyond 1 are taken for 1.
+    Actions are in the directions of the picture. Ball: right and down the picture (backwards), times v_max. Line:
+    right, times v_max, and turn right, times yaw_max, while the drone flies forward. Values beyond 1 are taken for 1.
 
     ``reset(options={"start": (a, b), "direction": 1})`` sets the error at the beginning, in the units of
     ``info["error"]``, and the direction of the line; what is not given is drawn.
@@ -140,6 +140,8 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             "error": judged.error,
             "error_px": judged.error_px,
             "supervised_error": np.array(judged.scaled),
+            "reward": judged.reward,
+            "lost": judged.lost,
             "progress": judged.progress,
             "lap": judged.lap,
         }

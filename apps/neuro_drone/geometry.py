@@ -131,7 +131,8 @@ class View:
         """Where on a level plane a pixel looks.
 
         Args:
-            u, v: column and row, px.
+            u: column, px.
+            v: row, px.
             height: of the plane above the ground, m.
 
         Returns:

@@ -1,119 +1,27 @@
-"""A scenario: world, camera, drone and task, as frozen parts."""
+"""A scenario: world, camera, drone and task; made by name, from a YAML file, or from words."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from math import isclose
 from pathlib import Path
 from typing import Any
 
-__all__ = ["Ball", "Camera", "Drone", "Ground", "Line", "NAMES", "Scenario", "load"]
+from neuro import ModelError
+from neuro.errors import Where, unknown
+from neuro.language import Node, about, mistake, plain, read, words
+from neuro_drone.parts import Ball, Camera, Drone, Ground, Line, Part, check, range_of
 
+__all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Scenario", "load"]
 
-@dataclass(frozen=True, slots=True)
-class Ball:
-    """A ball that rolls round a closed Bezier curve through a star of four branches; the drone moves in x and y only.
+FOLDER = Path(__file__).parent / "scenarios"
+NAMES = tuple(sorted(file.stem for file in FOLDER.glob("*.yaml")))
+"""The scenarios that come along."""
 
-    Attributes:
-        lap: length of the curve, m.
-        speed: of the ball, m/s.
-        radius: m.
-        brightness: share of full scale.
-
-    Source: thesis, figure 63 (0.075 m/s) and section 7.3.7 (13 px in the picture, which sets the radius).
-    """
-
-    lap: float = 7.5
-    speed: float = 0.075
-    radius: float = 0.17
-    brightness: float = 0.2
-
-
-@dataclass(frozen=True, slots=True)
-class Line:
-    """A hexagon painted on the ground; the drone flies forward, moves sideways and turns.
-
-    Attributes:
-        side: of the hexagon, m.
-        width: of the line, m.
-        speed: forward, m/s.
-        brightness: share of full scale.
-        direction: 1 anticlockwise seen from above, -1 clockwise, 0 drawn for each episode.
-
-    Source: thesis, figure 65 (0.075 m/s); sides long enough that one is seen at a time.
-    """
-
-    side: float = 3.0
-    width: float = 0.12
-    speed: float = 0.075
-    brightness: float = 0.2
-    direction: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class Ground:
-    """The ground.
-
-    Attributes:
-        brightness: share of full scale, on average.
-        texture: contrast of a pattern on it, as a share of the brightness; 0 for plain.
-        grain: size of the pattern's largest spots, m.
-        redraw: a new pattern for each episode.
-    """
-
-    brightness: float = 0.6
-    texture: float = 0.0
-    grain: float = 0.2
-    redraw: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Camera:
-    """The event camera; its pixels are those of `neuro.events.DVSParameters`.
-
-    Attributes:
-        tilt: below the horizontal, degrees.
-        fov: over the whole width, degrees.
-        mount: gimbal (stays level) or body (rolls and pitches with the drone).
-        shake: standard deviation of a small random turn in each step, degrees; a still picture makes no events.
-        pos_thres, neg_thres: contrast thresholds, log units.
-        sigma_thres: their standard deviation from pixel to pixel.
-        leak_rate_hz, shot_noise_rate_hz: noise of a pixel, Hz.
-        refractory_period_s: s.
-    """
-
-    tilt: float = 60.0
-    fov: float = 65.0
-    mount: str = "gimbal"
-    shake: float = 0.0
-    pos_thres: float = 0.15
-    neg_thres: float = 0.15
-    sigma_thres: float = 0.0
-    leak_rate_hz: float = 0.0
-    shot_noise_rate_hz: float = 0.0
-    refractory_period_s: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Drone:
-    """The quadrotor.
-
-    Attributes:
-        physics: kinematic or bullet.
-        height: above the ground, m.
-        v_max: speed that an action of 1 asks for, m/s.
-        yaw_max: rate of turning that an action of 1 asks for, rad/s.
-        lag: time constant of the speed, s.
-        a_max: largest acceleration, m/s^2.
-
-    Source: thesis, figure 63 (2.4 m); the others are measured choices, see docs/how-to/drone.md.
-    """
-
-    physics: str = "kinematic"
-    height: float = 2.4
-    v_max: float = 2.0
-    yaw_max: float = 0.8
-    lag: float = 0.2
-    a_max: float = 3.0
+TASKS: dict[str, type[Ball | Line]] = {"ball": Ball, "line": Line}
+NOWHERE = Where("")
+PARTS: dict[str, type[Part]] = {"camera": Camera, "ground": Ground, "drone": Drone}
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,38 +34,183 @@ class Scenario:
         task: what is followed.
         camera, ground, drone: of the world.
         light: factor on all brightness.
+        start: error on both axes at the beginning of each episode, ball px and px, line px and degrees; None draws it.
+        seed: of the first episode when `reset` is given none; None takes one from the machine.
+
+    Raises:
+        ModelError: a value is out of its range, or two do not go together.
     """
 
     name: str = "B60"
-    step: float = 50.0
+    step: float = range_of(50.0, least=0.1, most=1000.0, unit="ms")
     task: Ball | Line = field(default_factory=Ball)
     camera: Camera = field(default_factory=Camera)
     ground: Ground = field(default_factory=Ground)
     drone: Drone = field(default_factory=Drone)
-    light: float = 1.0
+    light: float = range_of(1.0, least=0.001, most=1000.0)
+    start: tuple[float, float] | None = None
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise ModelError(f"name = {self.name!r}: expected a word", path=("name",))
+        for one in fields(self):
+            if "limits" in one.metadata:
+                value = check(one.name, getattr(self, one.name), one.default, one.metadata)
+                object.__setattr__(self, one.name, value)
+        if not isclose(self.step * 1000.0, round(self.step * 1000.0), rel_tol=1e-12):
+            raise ModelError(f"step = {self.step!r}: expected whole microseconds", path=("step",))
+        if self.start is not None:
+            object.__setattr__(self, "start", _pair(self.start))
+        if self.seed is not None:
+            limits = {"least": 0, "most": 2**63 - 1, "above": -1, "unit": ""}
+            object.__setattr__(self, "seed", check("seed", self.seed, 0, {"limits": limits}))
+        self._together()
+
+    def _together(self) -> None:
+        """Refuse what cannot be at the same time."""
+        kind, task = self.kind, self.task
+        way = task.speed * self.step / 1000.0
+        lap = task.lap if isinstance(task, Ball) else 6.0 * task.side
+        if way > 0.01 * lap:
+            raise ModelError(
+                f"task.{kind}.speed = {task.speed:g}: {way:g} m in a step of {self.step:g} ms: "
+                f"expected at most a hundredth of the lap of {lap:g} m",
+                path=("task", kind, "speed"),
+            )
+        if isinstance(task, Ball) and 2.0 * task.radius >= self.drone.height:
+            raise ModelError(
+                f"task.ball.radius = {task.radius:g}: expected a ball below the drone, whose height is "
+                f"{self.drone.height:g} m",
+                path=("task", "ball", "radius"),
+            )
+
+    @property
+    def kind(self) -> str:
+        """Of the task: ball or line."""
+        return "ball" if isinstance(self.task, Ball) else "line"
+
+    def as_words(self) -> dict[str, Any]:
+        """All values as plain data in the grammar of the YAML files; what is None is left out."""
+        out = asdict(self) | {"task": {self.kind: asdict(self.task)}}
+        if self.start is not None:
+            out["start"] = list(self.start)
+        return {word: value for word, value in out.items() if value is not None}
+
+    @classmethod
+    def from_words(cls, said: Mapping[str, Any]) -> Scenario:
+        """What `as_words` gave, also after a way through JSON or YAML; what is not said has its default.
+
+        Raises:
+            ModelError: as `load`.
+        """
+        try:
+            return _scenario(_node(said))
+        except ModelError as error:
+            raise ModelError(error.message, hint=error.hint, path=error.path) from None
 
 
-SCENARIOS = {
-    "A30": Scenario("A30", 20.0, Ball(lap=3.0, radius=0.27), Camera(tilt=30.0)),
-    "A60": Scenario("A60", 20.0, Ball(lap=3.0)),
-    "B30": Scenario("B30", 50.0, Ball(radius=0.27), Camera(tilt=30.0)),
-    "B60": Scenario("B60"),
-    "C60": Scenario("C60", 20.0, Ball(lap=15.0, speed=0.375)),
-    "line": Scenario("line", 50.0, Line()),
-    "B60-texture": Scenario("B60-texture", ground=Ground(texture=0.3)),
-}
-NAMES = tuple(SCENARIOS)
+def load(scenario: Scenario | str | Path, /, **changes: Any) -> Scenario:
+    """A scenario with some values changed.
+
+    Args:
+        scenario: one of `NAMES`, a YAML file, or a scenario.
+        **changes: values in the grammar of the files, ``camera={"tilt": 30}``; of a part only what is named changes.
+            Names with dots do the same: ``**{"camera.tilt": 30}``.
+
+    Raises:
+        ModelError: there is none of that name, or a value is not as expected; in a file with line and column.
+    """
+    if isinstance(scenario, Scenario):
+        base = scenario
+    else:
+        path = _file(scenario)
+        document = read(path, "a scenario", "task: {ball: {}}")
+        base = _scenario(document, path.stem)
+    if not changes:
+        return base
+    said = base.as_words()
+    for name, value in changes.items():
+        *way, word = name.split(".")
+        for outer in reversed([*way, word]):
+            value = {outer: value}
+        _merge(said, value)
+    return Scenario.from_words(said)
 
 
-def load(name: Scenario | str | Path, **changes: Any) -> Scenario:
-    """A scenario by its name or from a YAML file, with some values changed."""
-    scenario = name if isinstance(name, Scenario) else SCENARIOS[str(name)]
-    for path, value in changes.items():
-        part, dot, word = path.partition(".")
-        if dot:
-            scenario = replace(scenario, **{part: replace(getattr(scenario, part), **{word: value})})
-        elif isinstance(value, dict):
-            scenario = replace(scenario, **{part: replace(getattr(scenario, part), **value)})
+def _file(name: str | Path) -> Path:
+    """The file of a scenario."""
+    if isinstance(name, str) and name in NAMES:
+        return FOLDER / f"{name}.yaml"
+    path = Path(name)
+    if isinstance(name, Path) or path.suffix in (".yaml", ".yml") or len(path.parts) > 1:
+        return path
+    raise unknown("scenario", name, NAMES)
+
+
+def _scenario(root: Node, name: str = "") -> Scenario:
+    """The scenario that a document describes."""
+    said = words(root, [one.name for one in fields(Scenario)], "a scenario")
+    values = {word: _plain(word, node) for word, node in said.items()}
+    with about(root):
+        for word, kind in PARTS.items():
+            if word in values:
+                values[word] = kind(**values[word])
+        if "task" in values:
+            [(kind_, task)] = values["task"].items()
+            values["task"] = TASKS[kind_](**task)
+        return Scenario(**{"name": name or "scenario", **values})
+
+
+def _plain(word: str, node: Node) -> Any:
+    """What is said of a part as plain data, with known words only."""
+    if word in PARTS:
+        return _words(PARTS[word], node, word)
+    if word != "task":
+        return plain(node)
+    if isinstance(node.value, str) and node.value in TASKS:
+        return {node.value: {}}
+    tasks = words(node, TASKS, "a task", kind="task")
+    if len(tasks) != 1:
+        raise mistake(node, f"found {len(tasks)} tasks: expected one of {', '.join(TASKS)}")
+    return {kind: _words(TASKS[kind], inner, kind) for kind, inner in tasks.items()}
+
+
+def _words(part: type[Part], node: Node, what: str) -> dict[str, Any]:
+    known = [one.name for one in fields(part)]  # type: ignore[arg-type]
+    return {word: plain(inner) for word, inner in words(node, known, what).items()}
+
+
+def _node(value: Any) -> Node:
+    """Words as if they were read."""
+    if isinstance(value, Mapping):
+        value = {str(word): _node(inner) for word, inner in value.items()}
+    elif isinstance(value, (list, tuple)):
+        value = [_node(inner) for inner in value]
+    return Node(value, NOWHERE, NOWHERE)
+
+
+def _pair(value: Any) -> tuple[float, float]:
+    limits = {"limits": {"least": -180.0, "most": 180.0, "above": -1000.0, "unit": ""}}
+    if not isinstance(value, (list, tuple)) or len(value) != 2:
+        raise ModelError(f"start = {value!r}: expected two numbers, the error on both axes", path=("start",))
+    first, second = (check("start", one, 0.0, limits) for one in value)
+    return first, second
+
+
+def _merge(said: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    for word, value in changes.items():
+        if is_dataclass(value) and not isinstance(value, type):
+            value = {"ball" if isinstance(value, Ball) else "line": asdict(value)} if word == "task" else asdict(value)
+        inner = said.get(word)
+        if isinstance(value, Mapping) and isinstance(inner, dict) and not (word == "task" and _other(inner, value)):
+            _merge(inner, value)
+        elif value is None:
+            said.pop(word, None)
         else:
-            scenario = replace(scenario, **{part: value})
-    return scenario
+            said[word] = dict(value) if isinstance(value, Mapping) else value
+
+
+def _other(task: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether a task is another one, which takes the place of the first whole."""
+    return any(kind in other and kind not in task for kind in TASKS)

@@ -49,14 +49,19 @@ class Node:
     source: str = ""
 
 
-def read(path: Path) -> Node:
+def read(path: Path, expected: str = "a network", begin: str = "neuro: 1") -> Node:
     """Read a file.
 
+    Args:
+        path: the file.
+        expected: what it describes, for messages.
+        begin: how such a description may begin.
+
     Raises:
-        ModelError: it cannot be read, or is not plain YAML.
+        ModelError: it cannot be read, is empty, or is not plain YAML.
     """
     text = _text(path)
-    return _Reader(text, str(path)).document()
+    return _Reader(text, str(path)).document(expected, begin)
 
 
 def _bytes(path: Path) -> bytes:
@@ -107,11 +112,11 @@ class _Reader:
         self.lines, self.file = text.splitlines(), file
         self.events: Iterator[yaml.Event] = yaml.parse(text, Loader=_LOADER)
 
-    def document(self) -> Node:
+    def document(self, expected: str, begin: str) -> Node:
         self.next()
         if isinstance(self.next(), yaml.StreamEndEvent):
             raise ModelError(
-                "the file is empty: expected a network", where=Where(self.file, 1, 1), hint="begin: neuro: 1"
+                f"the file is empty: expected {expected}", where=Where(self.file, 1, 1), hint=f"begin: {begin}"
             )
         root = self.node(self.next(), 0)
         self.next()
