@@ -9,8 +9,11 @@ __all__ = ["main"]
 
 def main() -> None:
     """Run the command line and exit: 0 well, 1 a check failed, 2 a mistake of the user, 130 interrupted."""
-    from neuro.cli.app import app
-    from neuro.cli.mistakes import telling
+    try:
+        from neuro.cli.app import app
+        from neuro.cli.mistakes import telling
 
-    with telling():
-        sys.exit(app(standalone_mode=False))
+        with telling():
+            sys.exit(app(standalone_mode=False))
+    except KeyboardInterrupt:  # while modules are imported
+        sys.exit(130)

@@ -13,6 +13,7 @@ from neuro.cli.commands import Commands
 from neuro.cli.compare import compare
 from neuro.cli.energy import energy
 from neuro.cli.events import app as events
+from neuro.cli.events import shell
 from neuro.cli.fit import fit
 from neuro.cli.models import models
 from neuro.cli.plot import plot
@@ -21,7 +22,7 @@ from neuro.cli.schema import schema
 from neuro.cli.show import show
 from neuro.cli.verify import verify
 
-COMMANDS = (run, plot, compare, check, show, fit, energy, schema, verify, models, backends)
+COMMANDS = (run, plot, compare, check, show, fit, energy, schema, verify, models, backends, shell)
 
 app = typer.Typer(cls=Commands, name="neuro", add_completion=False, pretty_exceptions_enable=False)
 for command in COMMANDS:

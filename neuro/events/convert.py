@@ -9,19 +9,21 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 from pathlib import Path
+from typing import Any, cast
 
 from neuro.events._events import Events
 from neuro.events.errors import EventFileError
 from neuro.events.files import load, save, stream
 from neuro.events.formats import FORMATS, Unsavable
+from neuro.events.source import Given
 
 STANDARD = "-"
 """Standard input, or standard output."""
 
-STREAMED = ("csv", "nmnist")
+STREAMED = ("csv", "txt", "nmnist", "event_stream", "dat", "evt2", "evt3", "aedat2")
 """Formats that a pipe takes part by part; others are written to a temporary file first."""
 
-OUTPUT = "<standard output>"
+INPUT, OUTPUT = "<standard input>", "<standard output>"
 
 Report = Callable[[int], None]
 Path_ = str | os.PathLike[str]
@@ -60,23 +62,31 @@ def convert(
 def read(
     source: Path_, format: str | None = None, sensor_size: tuple[int, int] | None = None, strict: bool = True
 ) -> Iterator[Events]:
-    """The parts of a recording; one at least, unless standard input has none.
+    """The parts of a recording; one at least.
 
     Args:
         source: the file, ``-`` for standard input.
         format: its name, where neither content nor ending tells.
         sensor_size: as for `neuro.events.load`.
         strict: as for `neuro.events.load`.
+
+    Raises:
+        EventFileError: as for `neuro.events.stream`; or standard input has no events.
     """
-    standard = os.fspath(source) == STANDARD
-    name = "<standard input>" if standard else None
-    given = sys.stdin.buffer if standard else source
-    parts = stream(given, format=format, sensor_size=sensor_size, name=name, strict=strict)
+    file, name = given(source)
+    parts = stream(file, format=format, sensor_size=sensor_size, name=name, strict=strict)
     first = next(parts, None)
     if first is not None:
         yield from chain([first], parts)
-    elif not standard:
+    elif name is not None:
+        raise EventFileError(name, "has no events")
+    else:
         yield load(source, format=format, sensor_size=sensor_size, strict=strict)
+
+
+def given(source: Path_) -> tuple[Given, str | None]:
+    """What `load` and `stream` take for a path or ``-``, and what to call it; None: as it is called."""
+    return (sys.stdin.buffer, INPUT) if os.fspath(source) == STANDARD else (source, None)
 
 
 def write(parts: Iterable[Events], target: Path_, format: str | None = None, report: Report | None = None) -> int:
@@ -119,12 +129,40 @@ def _write_out(parts: Iterator[Events], format: str | None) -> None:
     sys.stdout.flush()
     try:
         if format in STREAMED:
-            write(parts, Path("/dev/stdout"))
+            write(parts, cast(Path, _StandardOutput()))
             return
         with tempfile.TemporaryDirectory() as folder:
             whole = Path(folder) / "whole"
             write(parts, whole)
-            with whole.open("rb") as file, open("/dev/stdout", "wb") as out:
-                shutil.copyfileobj(file, out)
+            with whole.open("rb") as file:
+                shutil.copyfileobj(file, sys.stdout.buffer)
     except Unsavable as fault:
         raise EventFileError(OUTPUT, f"cannot hold event {fault.event}: {fault.what}") from None
+    sys.stdout.flush()
+
+
+class _StandardOutput:
+    """Standard output in the place of a path that a writer opens; it counts, since a pipe cannot be asked where it is.
+
+    The name /dev/stdout will not do: opening it would empty a file to which the shell appends.
+    """
+
+    def __init__(self) -> None:
+        self._done = 0
+
+    def open(self, mode: str) -> _StandardOutput:
+        return self
+
+    def __enter__(self) -> _StandardOutput:
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        sys.stdout.flush()
+
+    def write(self, data: Any) -> int:
+        sys.stdout.buffer.write(data)
+        self._done += memoryview(data).nbytes
+        return self._done
+
+    def tell(self) -> int:
+        return self._done

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from neuro.events._events import Events
-from neuro.events.check import Checked
+from neuro.events.check import Arrays, Checked
 from neuro.events.errors import EventFileWarning
-from neuro.events.files import BLOCK, _open, _scanned, _whole
+from neuro.events.files import BLOCK
+from neuro.events.opening import opened, smallest
+from neuro.events.source import Given
 
 BIN_US = 10_000
 """In which the highest rate is counted."""
 GAPS = 3
 HOT = 10
 """Most gaps and hot pixels that are named."""
+PIXELS = 1 << 24
+"""On larger sensors, 16 times those that are sold, the events of single pixels are not counted."""
 
 FOUND_WHILE_READING = ("format", "t0")
 
@@ -29,11 +32,11 @@ class Info:
     """A recording as `info` sees it.
 
     Attributes:
-        path: the file.
+        path: the file, as it is called in messages.
         format: its name.
         title: what the format is called.
         untested: why readers of this format were not tried on real files, "" where they were.
-        bytes: of the file.
+        bytes: of the file, None where they came through a pipe.
         sensor_size: width and height, px.
         sensor_told: whether the file tells the sensor; otherwise it is the smallest or usual one that holds all events.
         events: how many.
@@ -41,7 +44,7 @@ class Info:
         start_us: time of the first event, None without events.
         stop_us: time of the last.
         peak_hz: highest rate in 10 ms, events/s.
-        active_pixels: how many pixels have events.
+        active_pixels: how many pixels have events; None: not counted on a sensor of more than 2^24 px.
         gaps: the longest times without events, each (from us, how long us), longest first.
         hot: columns, rows and counts of pixels with more than 10 times the events of their busiest neighbour.
         hot_pixels: how many there are; `hot` has the busiest.
@@ -53,7 +56,7 @@ class Info:
     format: str
     title: str
     untested: str
-    bytes: int
+    bytes: int | None
     sensor_size: tuple[int, int]
     sensor_told: bool
     events: int = 0
@@ -61,7 +64,7 @@ class Info:
     start_us: int | None = None
     stop_us: int | None = None
     peak_hz: float = 0.0
-    active_pixels: int = 0
+    active_pixels: int | None = 0
     gaps: list[tuple[int, int]] = field(default_factory=list)
     hot: list[tuple[int, int, int]] = field(default_factory=list)
     hot_pixels: int = 0
@@ -86,10 +89,11 @@ class Info:
 
 
 def info(
-    path: str | os.PathLike[str],
+    source: Given,
     *,
     format: str | None = None,
     sensor_size: tuple[int, int] | None = None,
+    name: str | None = None,
     report: Callable[[int], None] | None = None,
 ) -> Info:
     """Look through a recording once, in constant memory.
@@ -97,68 +101,103 @@ def info(
     Damage is told in the result and not raised, as long as the file can be opened.
 
     Args:
-        path: the file.
+        source: a path, the bytes of a file, or an open binary file such as standard input.
         format: its name, where neither content nor ending tells.
         sensor_size: as for `neuro.events.load`.
+        name: what to call bytes or an open file.
         report: called with the number of events seen so far.
 
     Raises:
         EventFileError: there is no such file, or it is of no known kind.
     """
-    opened, reader, found = _open(path, format, None)
+    file = opened(source, format, name)
+    kind, told_size = file.format, file.reader.sensor_size
+    size = sensor_size or told_size
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", EventFileWarning)
-        size = sensor_size or reader.sensor_size or _scanned(opened, reader, found, False)
-        del told[:]  # the second look sees the same damage
-        told_size = reader.sensor_size is not None
-        out = Info(opened.name, found.name, found.title, found.untested, opened.size or 0, size, told_size)
-        checked = Checked(opened.name, size, strict=False, sort=False)
-        parts = (
-            Events._trusted(*checked.piece(piece), size, {}) for piece in _whole(opened.name, reader, BLOCK, False)
-        )
-        _survey(out, parts, report)
+        checked = Checked(file.name, size, strict=False, sort=False)
+        pixels = _Pixels(size or (0, 0))
+        bytes_ = file.source.size
+        out = Info(file.name, kind.name, kind.title, kind.untested, bytes_, size or (1, 1), told_size is not None)
+        _survey(out, pixels, (checked.piece(piece) for piece in file.pieces(BLOCK, False)), report)
         checked.warn()
-    out.damage = [str(one.message).removeprefix(f"{opened.name}: ") for one in told]
-    out.metadata = {key: value for key, value in reader.metadata.items() if key not in FOUND_WHILE_READING}
+    out.sensor_size = size or smallest(kind, pixels.width - 1, pixels.height - 1)
+    out.damage = [str(one.message).removeprefix(f"{file.name}: ") for one in told]
+    out.metadata = {key: value for key, value in file.reader.metadata.items() if key not in FOUND_WHILE_READING}
     return out
 
 
-def _survey(out: Info, parts: Iterator[Events], report: Callable[[int], None] | None) -> None:
+def _survey(out: Info, pixels: _Pixels, parts: Iterator[Arrays], report: Callable[[int], None] | None) -> None:
     """Count."""
-    from neuro.events.filters.hot import hot_pixels
-
-    width, height = out.sensor_size
-    counts = np.zeros(width * height, np.int64)
     peak = _Peak()
-
-    def seen() -> Iterator[Events]:
-        for part in parts:
-            if len(part):
-                _add(out, part)
-                counts[:] += np.bincount(part.y.astype(np.int64) * width + part.x, minlength=counts.size)
-                peak.add(part.t)
-                yield part
-            if report is not None:
-                report(out.events)
-
-    hot = hot_pixels(seen())
+    for t, x, y, p in parts:
+        if t.size:
+            _add(out, t, p)
+            pixels.add(x, y)
+            peak.add(t)
+        if report is not None:
+            report(out.events)
     out.peak_hz = peak.most * 1e6 / BIN_US
-    out.active_pixels = int(np.count_nonzero(counts))
-    found = [(int(x), int(y), int(counts[y * width + x])) for x, y in hot]
-    out.hot = sorted(found, key=lambda pixel: -pixel[2])[:HOT]
-    out.hot_pixels = len(found)
+    out.active_pixels = pixels.active()
+    found = pixels.hot()
+    out.hot, out.hot_pixels = found[:HOT], len(found)
 
 
-def _add(out: Info, part: Events) -> None:
-    before = int(part.t[0]) if out.stop_us is None else out.stop_us
-    pauses = np.diff(part.t, prepend=before)
-    longest = np.argsort(-pauses, kind="stable")[:GAPS]
-    more = [(int(part.t[k] - pauses[k]), int(pauses[k])) for k in longest if pauses[k] > 0]
+def _add(out: Info, t: npt.NDArray[np.int64], p: npt.NDArray[np.uint8]) -> None:
+    before = np.concatenate((t[:1] if out.stop_us is None else np.array([out.stop_us], np.int64), t[:-1]))
+    pauses = t.view(np.uint64) - before.view(np.uint64)  # right beyond 2^63 us, too
+    longest = np.argsort(~pauses, kind="stable")[:GAPS]
+    more = [(int(t[k]) - int(pauses[k]), int(pauses[k])) for k in longest if pauses[k]]
     out.gaps = sorted(out.gaps + more, key=lambda gap: -gap[1])[:GAPS]
-    out.start_us = int(part.t[0]) if out.start_us is None else out.start_us
-    out.stop_us = int(part.t[-1])
-    out.events += len(part)
-    out.on += int(np.count_nonzero(part.p))
+    out.start_us = int(t[0]) if out.start_us is None else out.start_us
+    out.stop_us = int(t[-1])
+    out.events += t.size
+    out.on += int(np.count_nonzero(p))
+
+
+class _Pixels:
+    """Events of each pixel, of a sensor that grows with them.
+
+    Attributes:
+        width, height: px.
+    """
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self.width, self.height = 0, 0
+        self._counts = np.zeros((0, 0), np.int64)
+        self._grow(*size)
+
+    def _grow(self, width: int, height: int) -> None:
+        if width <= self.width and height <= self.height:
+            return
+        rows, columns = self._counts.shape
+        self.width, self.height = max(width, self.width), max(height, self.height)
+        counts = np.zeros((self.height, self.width) if self._counted else (0, 0), np.int64)
+        if self._counted:
+            counts[:rows, :columns] = self._counts
+        self._counts = counts
+
+    @property
+    def _counted(self) -> bool:
+        return self.width * self.height <= PIXELS
+
+    def add(self, x: npt.NDArray[np.uint16], y: npt.NDArray[np.uint16]) -> None:
+        """Count events."""
+        self._grow(int(x.max()) + 1, int(y.max()) + 1)
+        if self._counted:
+            more = np.bincount(y.astype(np.int64) * self.width + x)
+            self._counts.reshape(-1)[: more.size] += more
+
+    def active(self) -> int | None:
+        """How many have events."""
+        return int(np.count_nonzero(self._counts)) if self._counted else None
+
+    def hot(self) -> list[tuple[int, int, int]]:
+        """Columns, rows and counts of those that never rest, the busiest first."""
+        from neuro.events.filters.hot import alone
+
+        found = ((int(x), int(y), int(self._counts[y, x])) for y, x in np.argwhere(alone(self._counts)))
+        return sorted(found, key=lambda pixel: -pixel[2])
 
 
 class _Peak:

@@ -10,18 +10,28 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from neuro.aside import aside
 from neuro.errors import ModelError
 from neuro.events._events import Events
-from neuro.events.files import windows
+from neuro.events.parts import windows
 
 COLOURS = ("#0072B2", "#D55E00", "#FFFFFF")
 """ON, OFF and background: Okabe and Ito's blue and vermilion, which colour-blind readers tell apart."""
 TALL = 240
 """Small sensors are enlarged by a whole number until their longer side has so many px."""
-MOST_FPS = 50.0
-"""Programs that show GIFs slow down shorter pauses than 20 ms."""
+LEAST_FPS, MOST_FPS = 0.1, 50.0
+"""A GIF tells a time in 16 bits, in units of 10 ms; programs that show GIFs slow down shorter pauses than 20 ms."""
+LARGEST, LARGEST_SCALED = 65_535, 8192
+"""px; a GIF tells its sides in 16 bits, and no one enlarges so far on purpose."""
+STILL = 25
+"""Frames in a row that are the same, one second by default; more are left out."""
+WINDOW_US, FRAMES, HELD = 40_000, 25, 1 << 22
+"""Where no window is given: its length, and how many windows there shall be at least of a recording that is short and
+has not more than so many events, which have to be held for that (55 MB)."""
+MOST_FRAMES = 10_000
+"""More are a mistake: seven minutes by default, and a file of hundreds of MB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +40,15 @@ class Gif:
 
     Attributes:
         frames: how many.
+        window_us: time of a frame, us.
+        left_out: frames left out, since nothing changed for long.
         fps: frames per second as they are shown; pauses are whole multiples of 10 ms.
         size: width and height of the picture, px.
     """
 
     frames: int
+    window_us: int
+    left_out: int
     fps: float
     size: tuple[int, int]
 
@@ -44,57 +58,110 @@ def gif(
     path: str | os.PathLike[str],
     *,
     fps: float = 25.0,
-    window_us: int = 40_000,
+    window_us: int | None = None,
     colours: tuple[str, str, str] = COLOURS,
     scale: int | None = None,
+    name: str = "the recording",
 ) -> Gif:
     """Draw a recording as an animated GIF, in constant memory.
 
-    A frame shows the last event of each pixel in a window of time; windows follow each other.
+    A frame shows the last event of each pixel in a window of time; windows follow each other. Where more than 25 frames
+    in a row are the same, as in a pause, the others are left out.
 
     Args:
         parts: a recording, or its parts in order.
         path: the file to write.
-        fps: frames per second, up to 50; with a window of 1e6 / fps us, time runs as it did.
-        window_us: time of a frame, us.
+        fps: frames per second, 0.1 to 50; with windows of 1e6 / fps us, time runs as it did.
+        window_us: time of a frame, us; None: 40,000, or less so that a short recording gives 25 frames.
         colours: of ON, of OFF and of the background, by name or as ``#rrggbb``.
         scale: px of the picture per px of the sensor; None: so that the picture is at least 240 px high or wide.
+        name: what to call the recording in messages.
 
     Raises:
-        ModelError: there are no events, or an argument is wrong; the message says which.
+        ModelError: there are no events, more than 10,000 frames, or an argument is wrong; the message says which.
+        EventFileError: time jumps over more than 10^6 windows.
     """
     from PIL import Image
 
-    if not 0 < fps <= MOST_FPS:
-        raise ModelError(f"fps = {fps!r}: expected more than 0 and at most {MOST_FPS:g} frames per second")
-    if window_us < 1 or (scale is not None and scale < 1):
+    if not LEAST_FPS <= fps <= MOST_FPS:
+        raise ModelError(f"fps = {fps!r}: expected {LEAST_FPS:g} to {MOST_FPS:g} frames per second")
+    if (window_us is not None and window_us < 1) or (scale is not None and scale < 1):
         raise ModelError(f"window_us = {window_us!r}, scale = {scale!r}: expected whole numbers >= 1")
     palette = [value for colour in (colours[2], colours[1], colours[0]) for value in _rgb(colour)]
     given = iter([parts] if isinstance(parts, Events) else parts)
-    first = next((part for part in given if len(part)), None)
-    if first is None:
-        raise ModelError("the recording has no events: nothing to draw")
-    width, height = first.sensor_size
+    first, duration = _beginning(given, WINDOW_US * FRAMES if window_us is None else 0)
+    if not first:
+        raise ModelError(f"{name} has no events: nothing to draw")
+    window_us = window_us or min(WINDOW_US, duration // FRAMES + 1)
+    width, height = first[0].sensor_size
     scale = scale or max(1, -(-TALL // max(width, height)))
-    count = 0
+    if max(width, height) * scale > (LARGEST if scale == 1 else LARGEST_SCALED):
+        most = f"{LARGEST} px, or {LARGEST_SCALED} px enlarged"
+        raise ModelError(
+            f"scale = {scale}: the picture has {width * scale}x{height * scale} px, expected at most {most}"
+        )
+    drawn = _Frames(windows(chain(first, given), window_us, path=name), (width, height))
 
-    def frames() -> Iterator[Any]:
-        nonlocal count
-        for events in windows(chain([first], given), window_us):
-            pixels = np.zeros((height, width), np.uint8)
-            pixels[events.y, events.x] = events.p + 1
+    def pictures() -> Iterator[Any]:
+        for pixels in drawn:
             picture = Image.fromarray(np.kron(pixels, np.ones((scale, scale), np.uint8)), "P")
             picture.putpalette(palette)
-            count += 1
             yield picture
 
     pause = max(2, round(100 / fps))
-    pictures = frames()
+    made = pictures()
     with aside(Path(path)) as part:
-        next(pictures).save(
-            part, "GIF", save_all=True, append_images=pictures, duration=10 * pause, loop=0, optimize=False, disposal=1
+        next(made).save(
+            part, "GIF", save_all=True, append_images=made, duration=10 * pause, loop=0, optimize=False, disposal=1
         )
-    return Gif(count, 100 / pause, (width * scale, height * scale))
+    return Gif(drawn.count, window_us, drawn.left_out, 100 / pause, (width * scale, height * scale))
+
+
+def _beginning(parts: Iterator[Events], long_us: int) -> tuple[list[Events], int]:
+    """The first parts with events, and how long they last, us: all if they do not last so long, else some."""
+    held: list[Events] = []
+    duration = 0
+    for part in parts:
+        if len(part):
+            held.append(part)
+            duration = int(part.t[-1]) - int(held[0].t[0])
+            if duration >= long_us:
+                break
+            if sum(map(len, held)) > HELD:
+                return held, long_us
+    return held, duration
+
+
+class _Frames:
+    """The pixels of each frame: 0 without event, 1 for OFF, 2 for ON.
+
+    Attributes:
+        count: frames so far.
+        left_out: frames that were left out.
+    """
+
+    def __init__(self, parts: Iterator[Events], size: tuple[int, int]) -> None:
+        self.count = self.left_out = 0
+        self._parts, self._blank = parts, np.zeros((size[1], size[0]), np.uint8)
+
+    def __iter__(self) -> Iterator[npt.NDArray[np.uint8]]:
+        before, same = None, 0
+        for events in self._parts:
+            pixels = self._blank
+            if len(events):
+                pixels = pixels.copy()
+                pixels[events.y, events.x] = events.p + 1
+            same = same + 1 if pixels is before or (before is not None and np.array_equal(pixels, before)) else 1
+            before = pixels
+            if same > STILL:
+                self.left_out += 1
+                continue
+            if self.count == MOST_FRAMES:
+                raise ModelError(
+                    f"more than {MOST_FRAMES:,} frames", hint="take longer windows, or split the recording"
+                )  # fmt: skip
+            self.count += 1
+            yield pixels
 
 
 def _rgb(colour: str) -> tuple[int, ...]:

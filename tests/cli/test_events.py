@@ -21,6 +21,7 @@ def root():
     made = typer.Typer(cls=Commands, name="neuro", add_completion=False, pretty_exceptions_enable=False)
     made.add_typer(app)
     made.command()(shell)
+    made.command("show")(lambda: None)
     made.callback()(lambda: None)
     return made
 
@@ -30,8 +31,8 @@ def run(monkeypatch, capfd, tmp_path):
     """Run some words behind `neuro events`; return exit status, output and error."""
     monkeypatch.chdir(tmp_path)
 
-    def words(*given):
-        monkeypatch.setattr(sys, "argv", ["neuro", "events", *map(str, given)])
+    def words(*given, group=("events",)):
+        monkeypatch.setattr(sys, "argv", ["neuro", *group, *map(str, given)])
         capfd.readouterr()
         try:
             with telling():
@@ -62,7 +63,7 @@ def test_info(run, recording, tmp_path):
         "events        100",
         "polarity      50.0% ON, 50.0% OFF",
         "time          0 to 99000 us, 0.099 s",
-        "rate          1,010 events/s, at most 1,000 in 10 ms",
+        "rate          1,010 events/s",
         "longest gaps  1,000 us from 0, 1,000 us from 1000, 1,000 us from 2000",
         "pixels        100 of 1,156 have events",
         "hot pixels    none",
@@ -72,6 +73,15 @@ def test_info(run, recording, tmp_path):
     (tmp_path / "in.bin").write_bytes((tmp_path / "in.bin").read_bytes()[:-1])
     assert "damage        byte 495: 4 bytes left over after 99 events" in run("info", "in.bin")[1]
     assert run("info", "none.bin")[::2] == (2, "error: none.bin: no such file\n")
+
+
+def test_info_of_long_pauses(run, tmp_path):
+    save(Events([0, 5, 36 * 10**8], [0, 1, 2], [0, 0, 0], [0, 1, 0], (34, 34)), tmp_path / "in.h5")
+    told = run("info", "in.h5")[1]
+    assert "time          0 to 3600000000 us, 3,600 s\n" in told
+    assert "rate          0.000833 events/s, at most 200 in 10 ms\n" in told
+    (tmp_path / "wide.csv").write_text("1,65535,65535,1\n")
+    assert "pixels     not counted, since there are 4,294,967,296\n" in run("info", "wide.csv")[1]
 
 
 def test_info_says_what_was_never_tried(run, tmp_path):
@@ -126,12 +136,14 @@ def test_a_pipe(recording, tmp_path):
         "import typer\nfrom neuro.cli.events import app\n"
         "def root():\n    r = typer.Typer(); r.add_typer(app); r.callback()(lambda: None); return r\n"
     )
-    call = f'{sys.executable} -c "{code}" events convert'
+    call = f'{sys.executable} -c "{code}" events'
     env = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    line = f"cat in.bin | {call} - - --from nmnist --to csv --sensor 34x34 > out.csv"
+    convert = f"{call} convert - - --from nmnist --to dat --sensor 34x34"
+    line = f"echo '% x' > out.dat; cat in.bin | {convert} >> out.dat; cat out.dat | {call} info -"
     done = subprocess.run(line, shell=True, capture_output=True, text=True, cwd=tmp_path, env=env)
-    assert (done.stdout, done.stderr) == ("", "-: 100 events\n")
-    assert load(tmp_path / "out.csv") == recording
+    assert done.stderr == "-: 100 events\n"
+    assert "file          <standard input>\nformat        Prophesee DAT\n" in done.stdout
+    assert load(tmp_path / "out.dat") == recording
 
 
 def test_filter(run, recording, tmp_path):
@@ -169,13 +181,26 @@ def test_split(run, recording, tmp_path):
     parts = [load(path, sensor_size=(34, 34)) for path in sorted((tmp_path / "parts").iterdir())]
     assert [len(part) for part in parts] == [30, 30, 30, 10]
     assert np.concatenate([part.records() for part in parts]).tolist() == recording.records().tolist()
-    assert run("split", "in.bin", "--count", "40", "--as", "h5")[1] == "in-*.h5: 3 files\n"
-    assert len(load(tmp_path / "in-00002.h5")) == 20
-    assert run("split", "in.bin", "--count", "40", "--as", "h5")[2].startswith("error: in-00000.h5: exists: ")
-    assert run("split", "in.bin")[2].startswith(
-        "error: Invalid value for '--every' / '--count': expected one of the two"
-    )
+    words = "split", tmp_path / "parts/in-00000.bin", "--count", "12", "--as", "h5"
+    assert run(*words)[1] == "in-00000-*.h5: 3 files\n"  # in the current folder
+    assert len(load(tmp_path / "in-00000-00002.h5")) == 6
+    (tmp_path / "in-00000-00000.h5").unlink()
+    assert run(*words)[2].startswith("error: in-00000-00001.h5: exists: ")
+    assert not (tmp_path / "in-00000-00000.h5").exists()
+    assert run(*words, "--force")[0] == 0
+
+
+def test_what_split_cannot_do(run, recording, tmp_path):
+    start = "error: Invalid value for '--every' / '--count': expected one of the two"
+    assert run("split", "in.bin")[2].startswith(start)
     assert "'0.0005': expected a whole number of us" in run("split", "in.bin", "--every", "0.0005")[2]
+    assert (
+        "'.xyz': cannot be written, expected .h5, .hdf5, " in run("split", "in.bin", "--count", "1", "--as", "xyz")[2]
+    )
+    (tmp_path / "none.bin").write_bytes(b"")
+    expected = "error: none.bin: the recording has no events: nothing to cut\n"
+    assert run("split", "none.bin", "--count", "1", "--out", "new") == (2, "", expected)
+    assert not (tmp_path / "new").exists()
 
 
 def test_split_leaves_out_windows_without_events(run, tmp_path):
@@ -184,23 +209,55 @@ def test_split_leaves_out_windows_without_events(run, tmp_path):
     assert (tmp_path / "in-00005.bin").exists()
 
 
-def test_gif(run, recording):
-    assert run("gif", "in.bin", "out.gif") == (
+def test_gif(run, recording, tmp_path):
+    assert run("gif", "in.bin", "out.gif", "--window", "40") == (
         0, "out.gif: 3 frames of 272x272 px, 25 a second, as fast as it was\n", "",
     )  # fmt: skip
-    _, out, _ = run("gif", "in.bin", "slow.gif", "--window", "4", "--fps", "30", "--scale", "1")
-    assert out == "slow.gif: 25 frames of 34x34 px, 33.33 a second, 0.133 times as fast as it was\n"
+    _, out, _ = run("gif", "in.bin", "slow.gif", "--fps", "30", "--scale", "1")
+    assert out == "slow.gif: 25 frames of 34x34 px, 33.33 a second, 0.132 times as fast as it was\n"
     assert (
         "'red,blue': expected three colours, ON,OFF,BACK" in run("gif", "in.bin", "x.gif", "--colours", "red,blue")[2]
     )
     assert run("gif", "in.bin", "x.gif", "--colours", "red,blue,whit")[2].startswith("error: unknown colour 'whit'")
+    (tmp_path / "none.bin").write_bytes(b"")
+    assert run("gif", "none.bin")[2] == "error: none.bin has no events: nothing to draw\n"
+    assert run("gif", "in.bin", "nix/x.gif")[2] == "error: nix/x.gif: there is no folder nix\n"
+
+
+def test_pauses_are_left_out_of_a_gif_and_told(run, recording, tmp_path):
+    twice = Events(np.append(recording.t, recording.t + 3600 * 10**6), *(
+        np.tile(getattr(recording, key), 2) for key in "xyp"
+    ), (34, 34))  # fmt: skip
+    save(twice, tmp_path / "in.h5")
+    assert run("gif", "in.h5")[1] == (
+        "in.h5.gif: 31 frames of 272x272 px, 25 a second, as fast as it was; 89,972 still frames left out\n"
+    )
 
 
 def test_view(run, recording, tmp_path):
-    assert run("view", "in.bin") == (0, "in.bin.html: all events\n", "")
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "in.bin").rename(tmp_path / "sub" / "in.bin")
+    assert run("view", "sub/in.bin") == (0, "in.bin.html: all events\n", "")
     assert (tmp_path / "in.bin.html").read_text("utf-8").endswith("</html>\n")
     told = "p.html: one of every 4 events; --most shows more\n"
-    assert run("view", "in.bin", "--out", "p.html", "--most", "30") == (0, told, "")
+    assert run("view", "sub/in.bin", "--out", "p.html", "--most", "30") == (0, told, "")
+
+
+def test_interrupted(run, recording, monkeypatch, tmp_path):
+    def stop(*given, **more):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("neuro.events.formats.nmnist.Bin.pieces", stop)
+    for words in (
+        ("gif", "in.bin"),
+        ("view", "in.bin"),
+        ("convert", "in.bin", "o.h5"),
+        ("split", "in.bin", "--count", "3"),
+    ):
+        status, out, err = run(*words)
+        assert (status, out) == (130, "")
+        assert re.fullmatch("interrupted: .* (is not written|are whole)\n", err)
+    assert [path.name for path in tmp_path.iterdir()] == ["in.bin"]
 
 
 @pytest.fixture
@@ -257,6 +314,26 @@ def test_the_shell_runs_lines_and_stays_open_after_mistakes(run, recording, monk
     assert "none.bin" not in err
 
 
+def test_the_shell_of_all_commands_takes_those_of_events_as_they_are(run, data, monkeypatch):
+    lines = "help tohdf5\ntohdf5 -f set -e bin -o all.h5 --jobs 1\nevents info set\nshow\ninfo\nnope\n"
+    monkeypatch.setattr(sys, "stdin", io.StringIO(lines))
+    status, out, err = run("shell", group=())
+    assert status == 0
+    assert "Usage: neuro events tohdf5" in out
+    assert "all.h5: 6 recordings of 2 classes\ndata set    set\n" in out
+    assert err.startswith(
+        "error: Missing argument 'FILE'\n  hint: see 'neuro events info --help'\nerror: unknown command 'nope'"
+    )
+
+
+def test_neuro_has_a_shell(monkeypatch, capsys):
+    from neuro.cli.app import app as whole
+
+    monkeypatch.setattr(sys, "stdin", io.StringIO("formats\nquit\n"))
+    whole(["shell"], standalone_mode=False)
+    assert "N-MNIST .bin" in capsys.readouterr().out
+
+
 @pytest.fixture
 def typed(run, monkeypatch, tmp_path):
     """Type keys into the shell."""
@@ -311,6 +388,9 @@ def test_completion():
     assert words(there, ["tohdf5", "-f"], "in") == []
     assert words(there, ["nope"], "--x") == []
     assert words(context, [], "ev") == ["events"]
+    assert words(context, [], "sh") == ["shell", "show"]
+    assert words(context, [], "to") == ["tohdf5"]
+    assert words(context, ["tohdf5"], "--st") == ["--strict"]
     assert words(context, ["events"], "co") == ["convert"]
     assert words(context, ["events", "gif", "a.bin"], "--fp") == ["--fps"]
     assert dict(choices(there, [], "view"))["view"].startswith("Write a page")

@@ -1,5 +1,6 @@
 """From one event file to another."""
 
+import io
 import subprocess
 import sys
 import warnings
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from neuro.events import EventFileError, EventFileWarning, Events, load, save
-from neuro.events.convert import convert
+from neuro.events.convert import STREAMED, convert, read, write
 from neuro.events.formats import FORMATS
 
 
@@ -43,6 +44,44 @@ def test_standard_output_has_the_bytes_of_a_file(name, events, tmp_path):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
     (tmp_path / "got").write_bytes(done.stdout)
     assert np.array_equal(load(tmp_path / "got", format=name).records(), events.records())
+
+
+class Pipe(io.RawIOBase):
+    """Takes bytes, and cannot tell where it is."""
+
+    def __init__(self):
+        self.taken = []
+
+    def writable(self):
+        return True
+
+    def write(self, data):
+        self.taken.append(bytes(data))
+        return len(self.taken[-1])
+
+
+@pytest.mark.parametrize("name", STREAMED)
+@pytest.mark.parametrize("parts", [1, 3])
+def test_a_pipe_takes_what_a_file_has_part_by_part(name, parts, events, tmp_path, monkeypatch):
+    save(events, tmp_path / "whole", format=name)
+    pipe = Pipe()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(io.BufferedWriter(pipe, 1)))
+    seen = []
+
+    def given():
+        for k in range(parts):
+            seen.append(sum(map(len, pipe.taken)))
+            yield events[k * len(events) // parts : (k + 1) * len(events) // parts]
+
+    assert write(given(), "-", name) == len(events)
+    assert b"".join(pipe.taken) == (tmp_path / "whole").read_bytes()
+    assert sorted(set(seen)) == seen
+
+
+def test_standard_input_without_events(monkeypatch):
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"# sensor 2x2\nt,x,y,p\n")))
+    with pytest.raises(EventFileError, match=r"^<standard input>: has no events$"):
+        list(read("-", format="csv"))
 
 
 def test_standard_input(events, tmp_path, monkeypatch):

@@ -39,6 +39,27 @@ def test_columns_are_found_by_name(order):
     assert of(spaced.encode() + text(ROWS, order, " ")).records().tolist() == ROWS
 
 
+def test_polarities_may_be_true_and_false():
+    """As pandas writes them."""
+    rows = [(1, 2, 3, 1), (2, 4, 5, 0), (3, 4, 5, 1)]
+    assert of("t,x,y,p\n1,2,3,True\n2,4,5,False\n3,4,5,True\n").records().tolist() == rows
+    assert of("2 3 TRUE 1\n4 5 false 2\n4 5 1 3\n").records().tolist() == rows
+    with pytest.raises(EventFileError, match=r"line 2: p is 'Trua', expected a number$"):
+        of("1,2,3,True\n2,4,5,Trua\n")
+    with pytest.raises(EventFileError, match=r"line 2: x is 'True', expected a number$"):
+        of("1,2,3,True\n2,True,5,1\n")
+
+
+def test_txt_is_written_as_columns_with_spaces(tmp_path):
+    events = Events([-5, 70], [1, 2], [3, 4], [0, 1], (34, 30))
+    save(events, tmp_path / "a.txt")
+    assert (tmp_path / "a.txt").read_text() == "# sensor 34x30\n# t x y p\n-5 1 3 0\n70 2 4 1\n"
+    assert load(tmp_path / "a.txt") == events
+    assert np.loadtxt(tmp_path / "a.txt", int).tolist() == [[-5, 1, 3, 0], [70, 2, 4, 1]]
+    with pytest.raises(EventFileError, match=r"a\.txt: byte 0: line 1: 'words', expected names or numbers"):
+        load(b"words\n", name="a.txt")
+
+
 def test_more_columns_than_needed():
     events = of(",t,x,label,y,p\n0,5,1,left,2,1\n1,6,3,nan,4,-1\n")
     assert events.records().tolist() == [(5, 1, 2, 1), (6, 3, 4, 0)]
@@ -181,13 +202,13 @@ def recordings(draw):
     return Events(*(np.array(values, np.int64) for values in fields), (65536, 65536))
 
 
-@given(recordings(), st.integers(1, 9))
+@given(recordings(), st.integers(1, 9), st.sampled_from(["csv", "txt"]))
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-def test_what_is_saved_is_loaded(tmp_path, events, count):
-    path = tmp_path / "a.csv"
+def test_what_is_saved_is_loaded(tmp_path, events, count, ending):
+    path = tmp_path / f"a.{ending}"
     save((events[k : k + count] for k in range(0, max(1, len(events)), count)), path)
     assert load(path) == events
-    assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]
+    assert {file.stem for file in tmp_path.iterdir()} == {"a"}
 
 
 @given(st.binary(max_size=200) | st.text("0123456789.,-+e \n#%txyp", max_size=200).map(str.encode))

@@ -130,6 +130,16 @@ def test_a_surface_by_hand():
     np.testing.assert_allclose(surfaces.histograms(), 2 * expected, rtol=1e-12)
 
 
+@pytest.mark.parametrize("kind", [TAR, TARSurfaces])
+@pytest.mark.parametrize("begin", [-(2**63), -(2**62) - 5, 0, 2**63 - 10_000])
+def test_activity_is_forgotten_over_any_span(kind, begin):
+    """Between int64's ends times differ by more than int64 holds."""
+    near = [begin, begin + 1, begin + 2]
+    after = [2**63 - 3, 2**63 - 2, 2**63 - 1]
+    seen = kind(SIZE, tau=0.001, theta=2.4)(Events([*near, *after], [1] * 6, [1] * 6, [0] * 6, SIZE))
+    assert seen.t.tolist() == [near[2], after[2]]
+
+
 def test_background_at_the_limit():
     events = Events(np.array([0, 100, 201]), [2, 3, 2], [1, 2, 3], [0, 1, 0], SIZE)
     assert BackgroundActivity(SIZE, dt_us=100).apply(events).t.tolist() == [100]

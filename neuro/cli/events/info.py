@@ -13,7 +13,9 @@ from neuro.cli.events.options import From, Sensor, events_so_far, going
 if TYPE_CHECKING:
     from neuro.events.info import Info
 
-File = Annotated[Path, typer.Argument(metavar="FILE", help="A recording, or a data set as a folder or zip.")]
+File = Annotated[
+    Path, typer.Argument(metavar="FILE", help="A recording, - for standard input, or a data set as a folder or zip.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 
@@ -22,10 +24,12 @@ def info(file: File, from_format: From = None, sensor: Sensor = None, as_json: J
     if file.is_dir() or file.suffix.lower() == ".zip":
         told, rows = _of_dataset(file)
     else:
+        from neuro.events.convert import given
         from neuro.events.info import info as look
 
+        source, name = given(file)
         with going("nothing is told") as bar:
-            found = look(file, format=from_format, sensor_size=sensor, report=events_so_far(bar))
+            found = look(source, format=from_format, sensor_size=sensor, name=name, report=events_so_far(bar))
         told, rows = found.as_dict(), _rows(found)
     if as_json:
         typer.echo(json.dumps(told, indent=2, default=str))
@@ -38,7 +42,8 @@ def info(file: File, from_format: From = None, sensor: Sensor = None, as_json: J
 def _rows(found: Info) -> list[tuple[str, str]]:
     """What is printed."""
     width, height = found.sensor_size
-    rows = [("file", f"{found.path}, {found.bytes:,} bytes"), ("format", found.title)]
+    size = "" if found.bytes is None else f", {found.bytes:,} bytes"
+    rows = [("file", f"{found.path}{size}"), ("format", found.title)]
     if found.untested:
         rows.append(("", f"untested on a real file: {found.untested}"))
     rows.append(("sensor", f"{width}x{height}" + ("" if found.sensor_told else ", not told by the file")))
@@ -53,17 +58,25 @@ def _rows(found: Info) -> list[tuple[str, str]]:
 def _counts(found: Info, pixels: int) -> list[tuple[str, str]]:
     on = found.on / found.events
     rows = [("polarity", f"{on:.1%} ON, {1 - on:.1%} OFF")]
-    rows.append(("time", f"{found.start_us} to {found.stop_us} us, {found.duration_us / 1e6:g} s"))
+    rows.append(("time", f"{found.start_us} to {found.stop_us} us, {_number(found.duration_us / 1e6)} s"))
     if found.rate_hz is not None:
-        rows.append(("rate", f"{found.rate_hz:,.0f} events/s, at most {found.peak_hz:,.0f} in 10 ms"))
+        peak = f", at most {found.peak_hz:,.0f} in 10 ms" if found.peak_hz > found.rate_hz else ""
+        rate = f"{found.rate_hz:,.0f}" if found.rate_hz >= 10 else f"{found.rate_hz:.3g}"
+        rows.append(("rate", f"{rate} events/s{peak}"))
     if found.gaps:
         gaps = ", ".join(f"{long:,} us from {since}" for since, long in found.gaps)
         rows.append(("longest gaps", gaps))
+    if found.active_pixels is None:
+        return [*rows, ("pixels", f"not counted, since there are {pixels:,}")]
     rows.append(("pixels", f"{found.active_pixels:,} of {pixels:,} have events"))
     told = ", ".join(f"({x}, {y}): {n:,}" for x, y, n in found.hot) or "none"
     more = found.hot_pixels - len(found.hot)
     rows.append(("hot pixels", told + (f" and {more} more" if more > 0 else "")))
     return rows
+
+
+def _number(value: float) -> str:
+    return f"{value:,.6f}".rstrip("0").rstrip(".")
 
 
 def _plain(value: Any) -> str:

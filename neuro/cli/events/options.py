@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from neuro.cli.options import whole
 from neuro.cli.progress import Bar
+
+if TYPE_CHECKING:
+    from neuro.events import Events
 
 
 def sensor(text: str) -> tuple[int, int]:
@@ -36,7 +39,6 @@ def microseconds(ms: float, option: str) -> int:
     return round(us)
 
 
-File = Annotated[Path, typer.Argument(metavar="FILE", help="A recording.")]
 In = Annotated[str, typer.Argument(metavar="IN", help="A recording, - for standard input.")]
 Out = Annotated[str, typer.Argument(metavar="OUT", help="The file to write, - for standard output.")]
 From = Annotated[str | None, typer.Option("--from", metavar="FORMAT", help="What IN is, where it does not tell.")]
@@ -49,16 +51,23 @@ Sensor = Annotated[
 
 
 def spare(source: str | Path, target: str | Path, force: bool) -> None:
-    """Refuse to write over the recording itself, and over anything else unless that is wanted."""
+    """Refuse to write over the recording itself, and over anything else unless that is wanted; or into no folder."""
     from neuro.errors import ModelError
 
     path = Path(target)
+    if str(target) != "-" and not path.parent.is_dir():
+        raise ModelError(f"{target}: there is no folder {path.parent}")
     if str(target) == "-" or not path.exists():
         return
     if str(source) != "-" and os.path.exists(source) and path.samefile(source):
         raise ModelError(f"{target}: this is the recording itself: expected a new name")
     if not force:
         raise ModelError(f"{target}: exists: expected a new name, or --force to replace it")
+
+
+def named(source: str) -> str:
+    """What to call what is made of a recording, in the current folder: the name of its file."""
+    return "events" if source == "-" else Path(source).name
 
 
 class Counter(Bar):
@@ -90,3 +99,12 @@ def going(left: str) -> Iterator[Counter]:
 def events_so_far(bar: Counter) -> Callable[[int], None]:
     """A report that shows how many events are done."""
     return lambda done: bar.say(f"{done:,} events")
+
+
+def watched(parts: Iterable[Events], bar: Counter) -> Iterator[Events]:
+    """Parts of a recording, with the bar showing how many events were taken."""
+    done = 0
+    for part in parts:
+        yield part
+        done += len(part)
+        bar.say(f"{done:,} events")

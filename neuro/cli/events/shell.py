@@ -10,19 +10,36 @@ from typing import Any
 import typer
 
 LEAVE = ("exit", "quit")
+INNER = "events"
+"""A group whose commands may be typed without its name where they are called like no other."""
 
 
 def shell(context: typer.Context) -> None:
     """Type commands without their beginning; Tab completes, help lists them, exit leaves."""
-    assert context.parent is not None
-    group, prompt = context.parent.command, f"{context.parent.command_path}> "
-    lines = _typed(context.parent, prompt) if sys.stdin.isatty() else sys.stdin
+    where = context.parent
+    assert where is not None
+    lines = _typed(where, f"{where.command_path}> ") if sys.stdin.isatty() else sys.stdin
     for line in lines:
         words = _words(line)
         if words and words[0] in LEAVE:
             return
         if words:
-            _run(group, context.parent.command_path, words)
+            _run(where.command, where.command_path, _in_full(where, words))
+
+
+def _inner(context: Any) -> Any:
+    """The group whose name may be left out, None where there is none."""
+    return context.command.get_command(context, INNER) if INNER in context.command.list_commands(context) else None
+
+
+def _in_full(context: Any, words: Sequence[str]) -> list[str]:
+    """Words with what was left out; `help`, which becomes an option, does not count."""
+    asked = ["help"] if words[:1] == ["help"] else []
+    rest = list(words[len(asked) :])
+    inner, outer = _inner(context), context.command.list_commands(context)
+    if rest and inner is not None and rest[0] not in outer and rest[0] in inner.list_commands(context):
+        rest = [INNER, *rest]
+    return asked + rest
 
 
 def _words(line: str) -> list[str]:
@@ -102,19 +119,27 @@ def choices(context: Any, words: Sequence[str], last: str) -> list[tuple[str, st
         last: the word that is begun, may be empty.
     """
     command = context.command
-    inside = [word for word in words if not word.startswith("-")]
+    inside = [word for word in _in_full(context, words) if not word.startswith("-")]
     inside = inside[1:] if inside[:1] == ["help"] else inside
     while inside and hasattr(command, "get_command"):
         command = command.get_command(context, inside.pop(0))
         if command is None:
             return []
     if hasattr(command, "list_commands"):
-        names = command.list_commands(context)
-        known = [(name, command.get_command(context, name).get_short_help_str(60)) for name in names]
-        if not words:
-            known += [("help", "List the commands."), ("exit", "Leave.")]
+        known = _listed(context, command)
+        if command is context.command:
+            names = [name for name, _ in known]
+            inner = _inner(context)
+            known += [one for one in (_listed(context, inner) if inner else []) if one[0] not in names]
+            known += [] if words else [("help", "List the commands."), ("exit", "Leave.")]
     elif last.startswith("-"):
         known = [(word, param.help or "") for param in command.params for word in param.opts if word.startswith("-")]
     else:
         return []
     return [(word, told) for word, told in known if word.startswith(last)]
+
+
+def _listed(context: Any, group: Any) -> list[tuple[str, str]]:
+    """The commands of a group, each with what it does."""
+    names = group.list_commands(context)
+    return [(name, group.get_command(context, name).get_short_help_str(60)) for name in names]

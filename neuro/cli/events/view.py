@@ -7,14 +7,14 @@ from typing import Annotated, Any
 
 import typer
 
-from neuro.cli.events.options import File, Force, From, Lenient, Sensor, count, going, spare
+from neuro.cli.events.options import Force, From, In, Lenient, Sensor, count, going, named, spare, watched
 
-Out = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="The page; FILE.html if not given.")]
+Out = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="The page; IN.html in the current folder.")]
 Most = Annotated[Any, typer.Option("--most", metavar="N", parser=count, help="Show at most so many events.")]
 
 
 def view(
-    file: File,
+    source: In,
     out: Out = None,
     most: Most = 500_000,
     from_format: From = None,
@@ -26,9 +26,11 @@ def view(
     from neuro.events.convert import read
     from neuro.events.view import view as write
 
-    target = file.with_name(f"{file.name}.html") if out is None else out
-    spare(file, target, force)
-    with going(f"{target} is not written"):
-        step = write(read(file, from_format, sensor, not lenient), target, title=file.name, most=most)
+    name = named(source)
+    target = Path(f"{name}.html") if out is None else out
+    spare(source, target, force)
+    with going(f"{target} is not written") as bar:
+        parts = watched(read(source, from_format, sensor, not lenient), bar)
+        step = write(parts, target, title=name, most=most)
     shown = "all events" if step == 1 else f"one of every {step:,} events; --most shows more"
     typer.echo(f"{target}: {shown}")

@@ -3,6 +3,7 @@
 
 from math import exp
 
+import numpy as np
 from numba import njit
 
 LIMIT = 600.0
@@ -15,10 +16,11 @@ def surfaces(t, x, y, p, tau_us, theta, radius, cell, origin, held, counts, sums
 
     sums: float64[rows, columns, 2, side, side]; keep: bool[n]. What is held is in units of exp((t - origin) / tau), so
     all values decay at once as the unit grows: an event needs one exponential, and only every 600 tau all are touched.
+    Times are subtracted as uint64, which is right over all of int64.
     """
     side = 2 * radius + 1
     for k in range(t.shape[0]):
-        age = (t[k] - origin[0]) / tau_us
+        age = (np.uint64(t[k]) - np.uint64(origin[0])) / tau_us
         if age > LIMIT:
             held *= exp(-age)
             origin[0] = t[k]

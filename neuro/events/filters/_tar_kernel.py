@@ -3,6 +3,7 @@
 
 from math import exp
 
+import numpy as np
 from numba import njit
 
 
@@ -11,6 +12,7 @@ def tar(t, x, y, tau_us, theta, radius, mask, touched, keep):
     """mask: float64, touched: int64 us, both [height + 2 radius, width + 2 radius]; keep: bool[n].
 
     Neighbours are mostly touched together, so the factor of the one before is used again where it can be.
+    Times are subtracted as uint64, which is right over all of int64.
     """
     side = 2 * radius + 1
     rate = -1.0 / tau_us
@@ -23,7 +25,7 @@ def tar(t, x, y, tau_us, theta, radius, mask, touched, keep):
                 at = touched[row, column]
                 if at != before:
                     before = at
-                    factor = exp(rate * (now - at))
+                    factor = exp(rate * (np.uint64(now) - np.uint64(at)))
                 mask[row, column] = mask[row, column] * factor + 1.0
                 touched[row, column] = now
         keep[k] = mask[y[k] + radius, x[k] + radius] > theta

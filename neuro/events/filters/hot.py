@@ -68,16 +68,31 @@ def hot_pixels(
             raise FilterError(f"hot_pixels: {name} is {value!r}, expected a number > 0")
     counts, span_us = _counted([events] if isinstance(events, Events) else events)
     if above_hz is None:
-        around = np.pad(counts, 1)
-        rows, columns = counts.shape
-        shifts = [(i, j) for i in range(3) for j in range(3) if (i, j) != (1, 1)]
-        busiest = np.max([around[i : i + rows, j : j + columns] for i, j in shifts], axis=0)
-        hot = counts > times * np.maximum(busiest, 1)
+        hot = alone(counts, times)
     else:
         if not span_us and counts.any():
             raise FilterError("hot_pixels: all events have one time, expected a recording that lasts, for above_hz")
         hot = counts * 1e6 > above_hz * span_us
     return np.argwhere(hot)[:, ::-1]
+
+
+def alone(counts: npt.NDArray[np.int64], times: float = 10.0) -> npt.NDArray[np.bool_]:
+    """Which pixels have more than so many times the events of the busiest of their 8 neighbours, or of 1.
+
+    Args:
+        counts: (height, width) events of each pixel.
+        times: as for `hot_pixels`.
+
+    Returns:
+        (height, width).
+    """
+    rows, columns = counts.shape
+    around = np.pad(counts, 1)
+    busiest = np.ones_like(counts)
+    for i, j in ((i, j) for i in range(3) for j in range(3) if (i, j) != (1, 1)):
+        np.maximum(busiest, around[i : i + rows, j : j + columns], out=busiest)
+    hot: npt.NDArray[np.bool_] = counts > times * busiest
+    return hot
 
 
 def _counted(parts: Iterable[Events]) -> tuple[npt.NDArray[np.int64], int]:

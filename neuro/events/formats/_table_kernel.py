@@ -43,6 +43,10 @@ def parse(data, columns, where, unit, t, x, y, p):
                     end += 1
                 for k in range(4):
                     if where[k] == column:
+                        truth = _truth(data, at, end) if k == 3 else -1
+                        if truth >= 0:
+                            values[k] = truth
+                            continue
                         values[k], wrong = _number(data, at, end, unit if k == 0 else 0, k == 0 and unit != 0)
                         if (
                             wrong == 0
@@ -113,6 +117,22 @@ def _no_event(byte):
 def _ends(byte):
     """Whether a byte ends a number: comma, semicolon, space, tab or the end of the line."""
     return byte == 44 or byte == 59 or byte == 32 or byte == 9 or byte == 10 or byte == 13
+
+
+_TRUE = np.frombuffer(b"true", np.uint8)
+_FALSE = np.frombuffer(b"false", np.uint8)
+
+
+@njit(cache=True)
+def _truth(data, at, end):
+    """1 for True, 0 for False, in small or capital letters; -1 for anything else."""
+    if end - at < 4 or end - at > 5:
+        return -1
+    word = _TRUE if end - at == 4 else _FALSE
+    for k in range(end - at):
+        if data[at + k] | 32 != word[k]:
+            return -1
+    return 5 - (end - at)
 
 
 @njit(cache=True)
@@ -192,7 +212,7 @@ def _scaled(value, power, lost, rounded):
 
 
 @njit(cache=True)
-def form(t, x, y, p, out):
+def form(t, x, y, p, between, out):
     """Write events as lines ``t,x,y,p``.
 
     Args:
@@ -200,6 +220,7 @@ def form(t, x, y, p, out):
         x: uint16.
         y: uint16.
         p: uint8.
+        between: the sign between two numbers.
         out: uint8, at least 35 for each event, filled.
 
     Returns:
@@ -212,16 +233,16 @@ def form(t, x, y, p, out):
             out[at] = 45
             at += 1
             value = np.uint64(0) - value
-        at = _digits(value, out, at)
-        at = _digits(np.uint64(x[k]), out, at)
-        at = _digits(np.uint64(y[k]), out, at)
-        at = _digits(np.uint64(p[k]), out, at)
+        at = _digits(value, between, out, at)
+        at = _digits(np.uint64(x[k]), between, out, at)
+        at = _digits(np.uint64(y[k]), between, out, at)
+        at = _digits(np.uint64(p[k]), between, out, at)
         out[at - 1] = 10
     return at
 
 
 @njit(cache=True)
-def _digits(value, out, at):
+def _digits(value, between, out, at):
     """Write a number and a comma."""
     ten = np.uint64(10)
     length = 1
@@ -232,5 +253,5 @@ def _digits(value, out, at):
     for k in range(length):
         out[at + length - 1 - k] = 48 + value % ten
         value //= ten
-    out[at + length] = 44
+    out[at + length] = between
     return at + length + 1

@@ -1,4 +1,4 @@
-"""Text with one event a line: CSV, TXT, in any order of columns; ``.txt`` is known by its lines alone.
+"""Text with one event a line, CSV or TXT, in any order of columns; both are known by their lines.
 
 Numbers are parted by commas, semicolons, spaces or tabs. Lines that begin with ``#`` or ``%`` and empty ones are left
 out; ``%geometry:WIDTH,HEIGHT`` or ``# sensor WIDTHxHEIGHT`` among the first, or a first line with two whole numbers
@@ -6,8 +6,10 @@ only, tells the sensor. A line of names (also as the last comment) tells the col
 in `_columns`. Without names the first 64 KiB decide: coordinates are whole, polarities 0 or 1 (or -1 and 1), time goes
 on; x stands before y, and where several orders fit the likelier is taken, t x y p first. Times that are all whole are
 us, times with a fraction are seconds (as in the RPG's ``events.txt``), rounded to the nearest us.
+Polarities may also be True and False.
 
-Written are a comment with the sensor, the names and lines ``t,x,y,p`` in us; metadata are not kept.
+Written are a comment with the sensor, the names and lines ``t,x,y,p`` in us; in TXT the names are a comment, too, and
+spaces part the columns, so that ``numpy.loadtxt`` reads it. Metadata are not kept.
 """
 
 from __future__ import annotations
@@ -35,6 +37,7 @@ ROW_LIMIT = 35
 
 _SENSOR = re.compile(r"[#%] *(?:geometry *: *(\d+) *, *(\d+)|sensor +(\d+)x(\d+))", re.ASCII)
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+_TRUTH = {"true": 1.0, "false": 0.0}
 _BOM = b"\xef\xbb\xbf"
 """What some programs write before text."""
 
@@ -151,7 +154,7 @@ def _layout(head: bytes) -> _Layout:
             size = _sensor([int(value) for value in values], number, at)
         elif find_names(values):
             names = values
-        elif values and (names is not None or all(_NUMBER.fullmatch(value) for value in values)):
+        elif values and (names is not None or all(map(_is_value, values))):
             return _of_rows(head[at:], at, number, names, len(values), size)
         elif values:
             raise Damage(f"line {number + 1}: {text[:60]!r}, expected names or numbers of t, x, y and p", at)
@@ -200,7 +203,11 @@ def _numbers(rows: bytes, columns: int = 4) -> npt.NDArray[np.float64]:
 
 
 def _float(text: str) -> float:
-    return float(text) if _NUMBER.fullmatch(text) else float("nan")
+    return float(text) if _NUMBER.fullmatch(text) else _TRUTH.get(text.lower(), float("nan"))
+
+
+def _is_value(text: str) -> bool:
+    return _NUMBER.fullmatch(text) is not None or text.lower() in _TRUTH
 
 
 def _knows(head: bytes) -> bool:
@@ -216,17 +223,28 @@ def _knows(head: bytes) -> bool:
 
 def write(parts: Iterator[Events], path: Path) -> None:
     """Encode as CSV."""
+    _write(parts, path, "# sensor %dx%d\nt,x,y,p\n", ",")
+
+
+def write_txt(parts: Iterator[Events], path: Path) -> None:
+    """Encode as TXT."""
+    _write(parts, path, "# sensor %dx%d\n# t x y p\n", " ")
+
+
+def _write(parts: Iterator[Events], path: Path, head: str, between: str) -> None:
     from neuro.events.formats._table_kernel import form
 
     with path.open("wb") as file:
         for k, events in enumerate(parts):
             if not k:
-                file.write(b"# sensor %dx%d\nt,x,y,p\n" % events.sensor_size)
+                file.write((head % events.sensor_size).encode("ascii"))
             for begin in range(0, len(events), 1 << 18):
                 part = events[begin : begin + (1 << 18)]
                 out = np.empty(ROW_LIMIT * len(part), np.uint8)
-                file.write(out[: form(part.t, part.x, part.y, part.p, out)].data)
+                file.write(out[: form(part.t, part.x, part.y, part.p, ord(between), out)].data)
 
 
 TABLE = Format("csv", "CSV", (".csv",), _knows, Table, write)
+"""Read and written; TXT that is known by its lines is read as this."""
+TXT = Format("txt", "TXT", (".txt",), lambda head: False, Table, write_txt)
 """Read and written."""
