@@ -13,7 +13,8 @@ from neuro import ModelError
 from neuro_drone.controllers import Controller
 from neuro_drone.env import DroneEnv
 from neuro_drone.model import Model
-from neuro_drone.scenario import Line, Scenario
+from neuro_drone.parts import Line
+from neuro_drone.scenario import Scenario
 
 __all__ = ["Lap", "Start", "Tried", "grid", "try_out"]
 

@@ -16,7 +16,7 @@ import json
 import platform
 import tempfile
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 import neuro
 from neuro_drone.controllers import Controller, Learner, kind_of, make
-from neuro_drone.scenario import Ball, Camera, Drone, Ground, Line, Scenario
+from neuro_drone.scenario import Scenario
 from neuro_remus.hdf5 import reading, writing
 
 __all__ = ["FORMAT", "Model"]
@@ -69,7 +69,7 @@ class Model:
             digest.update(name.encode() + self.network[name].tobytes())
         return {
             "controller": self.controller,
-            "scenario": asdict(self.scenario),
+            "scenario": self.scenario.as_words(),
             "seed": self.seed,
             "episode": self.episode,
             "settings": dict(self.settings),
@@ -116,7 +116,7 @@ class Model:
             for name in ("controller", "seed", "steps", "episode"):
                 file.attrs[name] = getattr(self, name)
             file.attrs["settings"] = json.dumps(dict(self.settings))
-            file.attrs["scenario"] = json.dumps(asdict(self.scenario))
+            file.attrs["scenario"] = json.dumps(self.scenario.as_words())
             file.attrs.update(
                 {"python": platform.python_version()} | {n: version(n) for n in ("neuro", "numpy", "numba")}
             )
@@ -133,7 +133,7 @@ class Model:
         with reading(path, FORMAT) as file:
             return cls(
                 str(file.attrs["controller"]),
-                _scenario(json.loads(file.attrs["scenario"])),
+                Scenario.from_words(json.loads(file.attrs["scenario"])),
                 int(file.attrs["seed"]),
                 int(file.attrs["steps"]),
                 int(file.attrs["episode"]),
@@ -167,10 +167,3 @@ def unpacked(files: Arrays) -> neuro.Network:
         for name, data in files.items():
             data.tofile(Path(folder) / Path(name).name)
         return neuro.load(Path(folder) / _NETWORK)
-
-
-def _scenario(words: Mapping[str, Any]) -> Scenario:
-    """What `asdict` made of a scenario."""
-    task = Line(**words["task"]) if "side" in words["task"] else Ball(**words["task"])
-    parts = {"camera": Camera, "ground": Ground, "drone": Drone}
-    return Scenario(**{**words, "task": task} | {name: part(**words[name]) for name, part in parts.items()})

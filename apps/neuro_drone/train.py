@@ -25,8 +25,8 @@ __all__ = ["STEPS", "Job", "Progress", "Report", "side_by_side", "train"]
 STEPS = 60_000
 """Steps of a training. Source: thesis, table 5."""
 
-EPISODE = 200
-"""Most steps of an episode of training: 20,000 steps then begin at 100 places, so that all fields learn."""
+EPISODE = 100
+"""Most steps of an episode of training: 20,000 steps then begin at 200 places, so that all fields learn."""
 
 KEEP = 2000
 """Steps between two checkpoints, at least."""

@@ -13,8 +13,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from neuro.errors import unknown
+from neuro_drone.controllers.agents import DDPG, DQN, DDPGSettings, DQNSettings
 from neuro_drone.controllers.lms import LMS, LMSSettings
-from neuro_drone.controllers.settings import changed, unknown
+from neuro_drone.controllers.settings import changed
 from neuro_drone.controllers.simple import Centroid, Gain, Nothing, NothingSettings, Oracle
 from neuro_drone.controllers.spiking import Spiking, SpikingSettings
 from neuro_drone.scenario import Scenario
@@ -96,6 +98,8 @@ CONTROLLERS: dict[str, Kind] = {
     "snn-static-init": Kind("the network, learning from weights by side", Spiking, SpikingSettings(start="sign")),
     "snn-eta0": Kind("a check: the network without dopamine", Spiking, SpikingSettings(eta=0.0)),
     "snn-flipped": Kind("a check: the network with dopamine of the wrong sign", Spiking, SpikingSettings(eta=-1e-3)),
+    "dqn": Kind("deep reinforcement learning on nine actions, from the reward alone", DQN, DQNSettings()),
+    "ddpg": Kind("deep reinforcement learning on continuous actions, from the reward alone", DDPG, DDPGSettings()),
 }
 """The controllers by name."""
 

@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro_drone.geometry import AIM
-from neuro_drone.scenario import Line, Scenario
+from neuro_drone.parts import Line
+from neuro_drone.scenario import Scenario
 
 __all__ = ["DOWN", "RIGHT", "UNIT", "pattern"]
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from difflib import get_close_matches
 from math import inf
 from typing import Any
 
 from neuro import ModelError
+from neuro.errors import unknown
 
-__all__ = ["changed", "choice", "number", "numbers", "unknown"]
+__all__ = ["changed", "choice", "number", "numbers", "share", "unknown", "whole"]
 
 REST = "parameters"
 """The field that takes up names that are no fields, where a dataclass has it."""
@@ -42,6 +42,22 @@ class _Number:
 
 
 @dataclass(frozen=True, slots=True)
+class _Share:
+    def check(self, value: Any) -> float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value <= 1.0:
+            raise ModelError("expected a number from 0 to 1")
+        return float(value)
+
+
+@dataclass(frozen=True, slots=True)
+class _Whole:
+    def check(self, value: Any) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+            raise ModelError("expected a whole number >= 1")
+        return value
+
+
+@dataclass(frozen=True, slots=True)
 class _Choice:
     known: tuple[str, ...]
 
@@ -61,17 +77,19 @@ def numbers(default: float, least: float = -inf, above: bool = False) -> Any:
     return field(default=default, metadata={"check": _Number(least, above, True)})
 
 
+def share(default: float) -> Any:
+    """A field for a number from 0 to 1."""
+    return field(default=default, metadata={"check": _Share()})
+
+
+def whole(default: int) -> Any:
+    """A field for a whole number of at least 1."""
+    return field(default=default, metadata={"check": _Whole()})
+
+
 def choice(default: str, *known: str) -> Any:
     """A field for one of some words."""
     return field(default=default, metadata={"check": _Choice(known)})
-
-
-def unknown(kind: str, name: str, known: Iterable[str]) -> ModelError:
-    """The error for a name that nothing bears, with the nearest one that there is."""
-    names = list(known)
-    near = get_close_matches(name, names, 1)
-    hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(names) or 'none'}"
-    return ModelError(f"unknown {kind} '{name}'", hint=hint)
 
 
 def changed(settings: Any, values: Mapping[str, Any], whose: str) -> Any:
@@ -95,7 +113,7 @@ def changed(settings: Any, values: Mapping[str, Any], whose: str) -> Any:
     return replace(settings, **new)
 
 
-def _checked(rule: _Number | _Choice | None, name: str, value: Any, whose: str) -> Any:
+def _checked(rule: _Number | _Share | _Whole | _Choice | None, name: str, value: Any, whose: str) -> Any:
     try:
         return value if rule is None else rule.check(value)
     except ModelError as error:

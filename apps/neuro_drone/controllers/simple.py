@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from neuro_drone.controllers.fields import DOWN, RIGHT
 from neuro_drone.controllers.settings import numbers
-from neuro_drone.scenario import Line, Scenario
+from neuro_drone.parts import Line
+from neuro_drone.scenario import Scenario
 
 __all__ = ["Centroid", "Gain", "Nothing", "NothingSettings", "Oracle"]
 
