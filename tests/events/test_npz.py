@@ -1,7 +1,9 @@
+import gc
 import io
 import json
 import warnings
 import zipfile
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -47,6 +49,23 @@ def test_records():
     records = np.array(ROWS, np.dtype([("ts", "<f8"), ("x", "i4"), ("y", "i8"), ("pol", "?")]))
     assert load(npz(frames=np.zeros((3, 4)), events=records)).records().tolist() == ROWS
     assert load(npz(events=np.array(ROWS, EVENT))).records().tolist() == ROWS
+
+
+def test_files_are_closed(tmp_path):
+    """Also damaged ones, and those of which only a part is read."""
+    whole, path = npz(t=T, x=X, y=Y, p=P), tmp_path / "a.npz"
+    damaged = [whole.replace(b"PK\x03\x04", b"PK\x03\x05"), whole.replace(b"NUMPY", b"NVMPY"), whole[:-1], whole[:9]]
+    damaged += [whole.replace(b"'x'", b"'?'"), whole.replace(b"(5,)", b"(6,)"), whole.replace(X.tobytes(), bytes(40))]
+    gc.collect()
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        for data in (whole, *damaged):
+            path.write_bytes(data)
+            for read in (load, lambda path: next(stream(path, count=1)), lambda path: list(stream(path))):
+                with suppress(EventFileError):
+                    read(path)
+        gc.collect()
+    assert [warning for warning in found if warning.category is ResourceWarning] == []
 
 
 def test_arrays_of_objects_are_not_read():

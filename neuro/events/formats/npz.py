@@ -20,7 +20,7 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any
 
@@ -89,74 +89,92 @@ class Npz:
     def __init__(self, source: Source) -> None:
         self._source = source
         try:
-            self._archive = zipfile.ZipFile(source.path or io.BytesIO(source.all().data))
-            self._names, self._members = self._columns()
-            self.sensor_size: Size | None = self._size()
-            self.metadata: Mapping[str, Any] = self._metadata()
+            with self._archive() as archive:
+                self._names, self._members = _columns(archive)
+                self.sensor_size: Size | None = _size(archive)
+                self.metadata: Mapping[str, Any] = _metadata(archive)
         except _FAILURES as error:
             raise Damage(f"no whole NPZ: {error}", None) from None
 
-    def _arrays(self) -> set[str]:
-        return {name[:-4] for name in self._archive.namelist() if name.endswith(".npy")}
-
-    def _columns(self) -> tuple[Names, list[str]]:
-        arrays = [name[:-4] for name in self._archive.namelist() if name.endswith(".npy")]
-        if names := find_names(arrays):
-            return names, [names.t, names.x, names.y, names.p]
-        for name in arrays:
-            if (fields := _Member(self._archive, name + ".npy").dtype.names) and (names := find_names(fields)):
-                return names, [name]
-        raise ValueError(f"has the arrays {', '.join(arrays) or 'none'}, expected t, x, y and p")
-
-    def _size(self) -> Size | None:
-        arrays = self._arrays()
-        if "sensor_size" in arrays:
-            values = _Member(self._archive, "sensor_size.npy").small().ravel()
-        elif {"width", "height"} <= arrays:
-            values = np.array([_Member(self._archive, f"{n}.npy").small().item() for n in ("width", "height")])
-        else:
-            return None
-        if values.shape != (2,) or values.dtype.kind not in "iu" or not np.all((values >= 1) & (values <= 65536)):
-            raise ValueError(f"sensor_size is {values.tolist()}, expected width and height from 1 to 65536")
-        return int(values[0]), int(values[1])
-
-    def _metadata(self) -> dict[str, Any]:
-        if "metadata" not in self._arrays():
-            return {}
-        member = _Member(self._archive, "metadata.npy")
-        return from_json(str(member.small())) if member.dtype.kind == "U" else {}
+    @contextmanager
+    def _archive(self) -> Iterator[zipfile.ZipFile]:
+        """The archive, whose file is closed in any case; an archive alone would leave it open for its members."""
+        path = self._source.path
+        with path.open("rb") if path else io.BytesIO(self._source.all().data) as file, zipfile.ZipFile(file) as archive:
+            yield archive
 
     def pieces(self, block: int) -> Iterator[Piece]:
         """The events; see `Reader`."""
-        done, unit = 0, self._names.unit
+        self._done = 0
         try:
-            members = [_Member(self._archive, f"{name}.npy") for name in self._members]
-            lengths = {member.shape for member in members}
-            if len(lengths) != 1 or len(members[0].shape) != 1:
-                told = ", ".join(f"{m.name[:-4]} {m.shape}" for m in members)
-                raise ValueError(f"its arrays have the shapes {told}, expected one axis and equal lengths")
-            total = members[0].shape[0]
-            while done < total or not done:
-                count = min(max(1, block // ROW), total - done)
-                columns = self._taken(members, count)
-                unit = unit_of(columns["t"]) if unit is None else unit
-                piece, fault = to_piece(columns, unit, done, members[0].place)
-                yield piece
-                if fault:
-                    raise Damage(fault, members[0].place)
-                done += count
-                if done == total:
-                    return
+            with self._archive() as archive:
+                yield from self._read(archive, block)
         except _FAILURES as error:
             if isinstance(error, Damage):
                 raise
-            raise Damage(f"event {done} on cannot be read: {error}", None) from None
+            raise Damage(f"event {self._done} on cannot be read: {error}", None) from None
+
+    def _read(self, archive: zipfile.ZipFile, block: int) -> Iterator[Piece]:
+        """The columns, side by side."""
+        unit = self._names.unit
+        members = [_Member(archive, f"{name}.npy") for name in self._members]
+        lengths = {member.shape for member in members}
+        if len(lengths) != 1 or len(members[0].shape) != 1:
+            told = ", ".join(f"{m.name[:-4]} {m.shape}" for m in members)
+            raise ValueError(f"its arrays have the shapes {told}, expected one axis and equal lengths")
+        total = members[0].shape[0]
+        while True:
+            count = min(max(1, block // ROW), total - self._done)
+            columns = self._taken(members, count)
+            unit = unit_of(columns["t"]) if unit is None else unit
+            piece, fault = to_piece(columns, unit, self._done, members[0].place)
+            yield piece
+            if fault:
+                raise Damage(fault, members[0].place)
+            self._done += count
+            if self._done >= total:
+                return
 
     def _taken(self, members: list[_Member], count: int) -> dict[str, npt.NDArray[Any]]:
         if len(members) == 1:
             records = members[0].take(count)
             return {key: records[getattr(self._names, key)] for key in "txyp"}
         return {key: member.take(count) for key, member in zip("txyp", members, strict=True)}
+
+
+def _arrays(archive: zipfile.ZipFile) -> list[str]:
+    return [name[:-4] for name in archive.namelist() if name.endswith(".npy")]
+
+
+def _columns(archive: zipfile.ZipFile) -> tuple[Names, list[str]]:
+    """The names of the columns, and the arrays that hold them: four, or one of records."""
+    arrays = _arrays(archive)
+    if names := find_names(arrays):
+        return names, [names.t, names.x, names.y, names.p]
+    for name in arrays:
+        if (fields := _Member(archive, name + ".npy").dtype.names) and (names := find_names(fields)):
+            return names, [name]
+    raise ValueError(f"has the arrays {', '.join(arrays) or 'none'}, expected t, x, y and p")
+
+
+def _size(archive: zipfile.ZipFile) -> Size | None:
+    arrays = set(_arrays(archive))
+    if "sensor_size" in arrays:
+        values = _Member(archive, "sensor_size.npy").small().ravel()
+    elif {"width", "height"} <= arrays:
+        values = np.array([_Member(archive, f"{n}.npy").small().item() for n in ("width", "height")])
+    else:
+        return None
+    if values.shape != (2,) or values.dtype.kind not in "iu" or not np.all((values >= 1) & (values <= 65536)):
+        raise ValueError(f"sensor_size is {values.tolist()}, expected width and height from 1 to 65536")
+    return int(values[0]), int(values[1])
+
+
+def _metadata(archive: zipfile.ZipFile) -> dict[str, Any]:
+    if "metadata" not in _arrays(archive):
+        return {}
+    member = _Member(archive, "metadata.npy")
+    return from_json(str(member.small())) if member.dtype.kind == "U" else {}
 
 
 def write(parts: Iterator[Events], path: Path) -> None:
