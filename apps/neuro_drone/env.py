@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from neuro import ModelError
 from neuro_drone.ball import BallTask
-from neuro_drone.body import Body, Kinematic
+from neuro_drone.body import Body, body_of
 from neuro_drone.eye import Eye
 from neuro_drone.geometry import View
 from neuro_drone.line import LineTask
@@ -53,8 +53,8 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
 
     ``info`` holds: events (`neuro.events.Events` of the step), counts ((8, 8) int64), target (column, row, px), error
     (signed, two numbers: px and px, line px and degrees), error_px, supervised_error ((2,) float64, the error as a
-    share of the largest: a supervised signal, not the reward), progress (0 to 1), lap (True where a lap ended that
-    counts).
+    share of the largest: a supervised signal, not the reward), reward and lost (as `step` returns them), progress
+    (0 to 1), lap (True where a lap ended that counts).
 
     The reward is 1 - e / e_max, 0 where the target is lost, which also terminates the episode; the end of the path
     truncates it.
@@ -92,7 +92,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         level = View(fov=camera.fov, tilt=camera.tilt)
         maker: Any = BallTask if isinstance(scenario.task, Ball) else LineTask
         self.task: Task = maker(scenario.task, level, drone.height)
-        self.body: Body = Kinematic(drone)
+        self.body: Body = body_of(drone)
         self.eye = Eye(scenario, seed=0)
         self._step_us, self._seconds = round(scenario.step * 1000.0), scenario.step / 1000.0
         self._t_us = 0
