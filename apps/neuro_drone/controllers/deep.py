@@ -1,0 +1,225 @@
+"""Deep reinforcement learning beside the spiking network: what DQN and DDPG have in common.
+
+Networks, losses, optimisers and replay are those of stable-baselines3. The steps of control are taken by the same loop
+as for every other controller, so that training, checkpoints, files and tests are the same, too.
+"""
+
+from __future__ import annotations
+
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from io import BytesIO
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+
+from neuro import ModelError
+from neuro_drone.controllers.dense import Dense, Flier, Floats, Singles, observed
+from neuro_drone.controllers.settings import choice, number, share, whole
+from neuro_drone.controllers.simple import Fixed
+from neuro_drone.scenario import Scenario
+
+__all__ = ["Deep", "DeepSettings", "Spaces", "needed"]
+
+_REPLAY = ("observations", "next_observations", "actions", "rewards", "dones")
+_POLICY, _KEPT = "policy.", "replay."
+
+
+@dataclass(frozen=True, slots=True)
+class DeepSettings:
+    """What both agents are told.
+
+    Attributes:
+        observation: binary (whether a field had events; thesis, section 7.2.1) or counts.
+        hidden: units of each of the two hidden layers.
+        rate: of learning, for Adam.
+        gamma: discount of a step.
+        batch: transitions of an update.
+        buffer: transitions kept for replay.
+        warm: steps before the first update.
+        every: steps from one update to the next.
+    """
+
+    observation: str = choice("binary", "binary", "counts")
+    hidden: int = whole(64)
+    rate: float = number(1e-3, 0.0, above=True)
+    gamma: float = share(0.9)
+    batch: int = whole(64)
+    buffer: int = whole(50_000)
+    warm: int = whole(1000)
+    every: int = whole(1)
+
+
+class Spaces(gymnasium.Env[Any, Any]):
+    """Tells stable-baselines3 what an agent sees and does, and no more."""
+
+    def __init__(self, actions: gymnasium.Space[Any]) -> None:
+        self.observation_space = gymnasium.spaces.Box(0.0, 1.0, (64,), np.float32)
+        self.action_space = actions
+
+
+class Deep(Fixed, ABC):
+    """An agent that learns from the reward alone: `info["reward"]` and `info["lost"]`, never the supervised error.
+
+    Args:
+        scenario: makes no difference.
+        seed: of the first weights, of exploration and of replay.
+        settings: see `DeepSettings`.
+
+    Attributes:
+        name: of the agent.
+        acts: prefix of the arrays of the network that acts.
+    """
+
+    name: ClassVar[str]
+    acts: ClassVar[str]
+
+    def __init__(self, scenario: Scenario, seed: int, settings: Any) -> None:
+        self._seed, self._settings = seed, settings
+        self._rng = np.random.default_rng((seed, 3))
+        self._learnt: dict[str, npt.NDArray[Any]] = {}
+        self._steps = 0
+        self._seen: Singles = np.zeros(64, np.float32)
+        self._chosen: Any = None
+
+    @abstractmethod
+    def build(self, package: Any, common: dict[str, Any]) -> Any:
+        """The algorithm, made by the package with these words and the agent's own."""
+
+    @abstractmethod
+    def explore(self, out: Singles, steps: int) -> Any:
+        """The agent's action of what its network gives, with exploration after so many steps."""
+
+    @staticmethod
+    @abstractmethod
+    def best(out: Singles) -> Any:
+        """The agent's action of what its network gives."""
+
+    @staticmethod
+    @abstractmethod
+    def command(chosen: Any) -> Floats:
+        """The drone's action, (2,), of the agent's."""
+
+    @abstractmethod
+    def optimizers(self) -> list[Any]:
+        """Those of the algorithm."""
+
+    @abstractmethod
+    def updated(self, steps: int) -> None:
+        """So many steps are done."""
+
+    @cached_property
+    def algorithm(self) -> Any:
+        """The algorithm of stable-baselines3, with what was learnt before.
+
+        Raises:
+            ModelError: the package is not installed.
+        """
+        package, torch = needed(self.name)
+        s, kept = self._settings, torch.random.get_rng_state()
+        torch.random.manual_seed(self._seed)
+        words = {
+            "learning_rate": s.rate,
+            "gamma": s.gamma,
+            "buffer_size": s.buffer,
+            "policy_kwargs": {"net_arch": [s.hidden, s.hidden]},
+            "device": "cpu",
+        }
+        made = self.build(package, words)
+        torch.random.set_rng_state(kept)
+        made.set_logger(package.common.logger.Logger(None, []))
+        if self._learnt:
+            made.policy.load_state_dict({name: torch.tensor(array) for name, array in self._learnt.items()})
+        return made
+
+    @cached_property
+    def net(self) -> Dense:
+        """The network that acts, as it is at any time."""
+        return Dense(self._arrays(), self.acts)
+
+    def _arrays(self) -> dict[str, npt.NDArray[Any]]:
+        return {name: tensor.numpy() for name, tensor in self.algorithm.policy.state_dict().items()}
+
+    def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
+        """Act by the network, with exploration."""
+        self._seen = observed(counts, self._settings.observation)
+        self._chosen = self.explore(self.net(self._seen), self._steps)
+        return self.command(self._chosen)
+
+    def learn(self, info: Mapping[str, Any]) -> None:
+        """Keep the transition for replay, and update the networks when it is time."""
+        s, algorithm = self._settings, self.algorithm
+        after = observed(info["counts"], s.observation)
+        algorithm.replay_buffer.add(self._seen, after, np.asarray(self._chosen), info["reward"], info["lost"], [{}])
+        self._steps += 1
+        if self._steps > s.warm and self._steps % s.every == 0:
+            kept = np.random.get_state()  # noqa: NPY002  the package's replay draws from NumPy's global generator
+            np.random.seed(int(self._rng.integers(2**32)))  # noqa: NPY002
+            algorithm.train(1, s.batch)
+            np.random.set_state(kept)  # noqa: NPY002
+        self.updated(self._steps)
+
+    def learnt(self) -> dict[str, npt.NDArray[Any]]:
+        """Weights and biases of all networks, by the names that stable-baselines3 gives them."""
+        return {name: array.copy() for name, array in self._arrays().items()}
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """Networks, optimisers, replay, and where the generator is."""
+        _, torch = needed(self.name)
+        replay, file = self.algorithm.replay_buffer, BytesIO()
+        torch.save([one.state_dict() for one in self.optimizers()], file)
+        words = {"steps": self._steps, "pos": replay.pos, "full": replay.full, "rng": self._rng.bit_generator.state}
+        texts = {"words": json.dumps(words).encode(), "optimizers": file.getvalue()}
+        return (
+            {name: np.frombuffer(text, np.uint8) for name, text in texts.items()}
+            | {_POLICY + name: array for name, array in self.learnt().items()}
+            | {_KEPT + name: getattr(replay, name)[: replay.size()].copy() for name in _REPLAY}
+        )
+
+    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Take up networks, or a whole state."""
+        for cached in ("net", "algorithm"):
+            self.__dict__.pop(cached, None)
+        if "words" not in state:
+            self._learnt = dict(state)
+            return
+        self._learnt = {name.removeprefix(_POLICY): a for name, a in state.items() if name.startswith(_POLICY)}
+        _, torch = needed(self.name)
+        kept = torch.load(BytesIO(state["optimizers"].tobytes()), weights_only=True)
+        for optimizer, one in zip(self.optimizers(), kept, strict=True):
+            optimizer.load_state_dict(one)
+        replay, words = self.algorithm.replay_buffer, json.loads(state["words"].tobytes())
+        for name in _REPLAY:
+            array = state[_KEPT + name]
+            getattr(replay, name)[: len(array)] = array
+        replay.pos, replay.full, self._steps = words["pos"], words["full"], words["steps"]
+        self._rng.bit_generator.state = words["rng"]
+
+    def frozen(self, backend: str = "event") -> Flier:
+        """The same without learning and exploration, in NumPy; `backend` makes no difference."""
+        arrays = self._learnt if self._learnt and "algorithm" not in self.__dict__ else self.learnt()
+        return Flier(Dense(arrays, self.acts), lambda out: self.command(self.best(out)), self._settings.observation)
+
+
+def needed(name: str) -> tuple[Any, Any]:
+    """The packages stable_baselines3 and torch.
+
+    Args:
+        name: of the controller that needs them.
+
+    Raises:
+        ModelError: one is not installed.
+    """
+    try:
+        import stable_baselines3
+        import torch
+    except ImportError:
+        raise ModelError(
+            f"controller '{name}': stable-baselines3 is not installed", hint="pip install 'neuro[rl]'"
+        ) from None
+    return stable_baselines3, torch
