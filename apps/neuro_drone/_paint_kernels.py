@@ -10,6 +10,8 @@ from math import ceil, floor, pi, sin, sqrt
 
 from numba import njit
 
+from neuro_drone._texture_kernels import sharpness, textured_ground
+
 NEAR = 1e-3
 """Depth in front of the camera at which outlines are cut off, m."""
 FAR = 1e6
@@ -168,7 +170,10 @@ def all_ground(matrix, focal, middle):
 @njit(cache=True)
 def plain_ground(matrix, focal, middle, shades, work, base):
     """Ground of one shade under the sky."""
-    points, corners, cover, spans, painted = work
+    if all_ground(matrix, focal, middle):
+        base[:] = shades[1]
+        return
+    points, corners, cover, spans, _ = work
     base[:] = shades[0]
     reach = FAR * matrix[3, 2]
     for k in range(4):
@@ -176,42 +181,76 @@ def plain_ground(matrix, focal, middle, shades, work, base):
         points[k, 1] = matrix[3, 1] + (reach if k < 2 else -reach)
         points[k, 2] = 0.0
     fill(corners, project(points, 4, matrix, focal, middle, corners), cover, spans)
-    blend(shades[1], cover, spans, base, painted)
+    blend(shades[1], cover, spans, base, spans)
 
 
 @njit(cache=True)
-def paint(matrix, focal, middle, shades, ball, strips, circle, work, drawn, base, image, box):
+def turned(matrix, drawn):
+    """Whether the horizon, or the distance of the ground, is another in each pixel."""
+    same = matrix[3, 2] == drawn[3, 2]
+    for k in range(3):
+        same &= matrix[k, 2] == drawn[k, 2]
+    return not same
+
+
+@njit(cache=True)
+def moved(matrix, drawn):
+    """Whether anything on the ground is elsewhere in the picture."""
+    same = True
+    for i in range(4):
+        for k in range(3):
+            same &= matrix[i, k] == drawn[i, k]
+    return not same
+
+
+@njit(cache=True)
+def ground(matrix, focal, middle, shades, pattern, work, drawn, base):
+    """Draw ground and sky if they look different from those in the base; returns whether they did."""
+    levels, size, wide, sharp, x, y = pattern
+    fresh = drawn[4, 0] != 0.0
+    tilted = fresh or turned(matrix, drawn)
+    if levels.size:
+        differs = fresh or moved(matrix, drawn)
+    else:
+        differs = fresh or (tilted and not (all_ground(matrix, focal, middle) and all_ground(drawn, focal, middle)))
+    if not differs:
+        return False
+    plain_ground(matrix, focal, middle, shades, work, base)
+    if levels.size:
+        if tilted:
+            sharpness(matrix, focal, middle, wide, sharp)
+        textured_ground(matrix, focal, middle, levels, size, wide, sharp, x, y, base)
+    drawn[:4] = matrix
+    drawn[4, 0] = 0.0
+    return True
+
+
+@njit(cache=True)
+def paint(matrix, focal, middle, shades, pattern, ball, strips, circle, work, drawn, base, image, box):
     """Draw the next picture over the one before.
 
-    shades: of sky, ground, line and ball. ball: x, y, z, radius, m; radius 0 for none. strips: (n, 4, 2), parts of
-    the line on the ground, m. work: buffers. drawn: matrix of the base, and 1 where all is to be drawn. box: filled
-    with columns and rows that may differ from the picture before (first and behind the last).
+    shades: of sky, ground, line and ball. pattern: of the ground, see `textured_ground`, from levels to y; no levels
+    for none. ball: x, y, z, radius, m; radius 0 for none. strips: (n, 4, 2), parts of the line on the ground, m. work:
+    buffers. drawn: matrix of the base, and 1 where all is to be drawn. box: filled with columns and rows that may
+    differ from the picture before (first and behind the last).
     """
     points, corners, cover, spans, painted = work
     height, width = image.shape
     box[0], box[1], box[2], box[3] = width, height, 0, 0
+    if ground(matrix, focal, middle, shades, pattern, work, drawn, base):
+        image[:] = base
+        box[0], box[1], box[2], box[3] = 0, 0, width, height
     for row in range(height):
-        if painted[row, 0] < painted[row, 1]:
-            widen(box, row, painted[row, 0], painted[row, 1])
-            image[row, painted[row, 0] : painted[row, 1]] = base[row, painted[row, 0] : painted[row, 1]]
+        first, last = painted[row]
+        if first < last:
+            widen(box, row, first, last)
+            image[row, first:last] = base[row, first:last]
             painted[row, 0], painted[row, 1] = width, 0
-    level = True
-    for k in range(3):
-        level &= drawn[k, 2] == matrix[k, 2]
-    if not level or drawn[4, 0]:
-        if drawn[4, 0] or not (all_ground(matrix, focal, middle) and all_ground(drawn, focal, middle)):
-            plain_ground(matrix, focal, middle, shades, work, base)
-            image[:] = base
-            painted[:, 0], painted[:, 1] = width, 0
-            box[0], box[1], box[2], box[3] = 0, 0, width, height
-        drawn[:4] = matrix
-        drawn[4, 0] = 0.0
-    if strips.shape[0]:
-        for i in range(strips.shape[0]):
-            for k in range(4):
-                points[k, 0], points[k, 1], points[k, 2] = strips[i, k, 0], strips[i, k, 1], 0.0
-            fill(corners, project(points, 4, matrix, focal, middle, corners), cover, spans)
-        blend(shades[2], cover, spans, image, painted)
+    for i in range(strips.shape[0]):
+        for k in range(4):
+            points[k, 0], points[k, 1], points[k, 2] = strips[i, k, 0], strips[i, k, 1], 0.0
+        fill(corners, project(points, 4, matrix, focal, middle, corners), cover, spans)
+    blend(shades[2], cover, spans, image, painted)
     if ball[3] > 0.0:
         n = ball_outline(ball, matrix, focal, circle, points)
         fill(corners, project(points, n, matrix, focal, middle, corners) if n else 0, cover, spans)

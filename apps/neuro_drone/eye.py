@@ -13,6 +13,7 @@ from neuro_drone.geometry import Pose, View
 from neuro_drone.scenario import Camera, Line, Scenario
 from neuro_drone.scene import Scene
 from neuro_drone.strips import strips
+from neuro_drone.texture import pattern
 
 __all__ = ["SKY", "Eye"]
 
@@ -33,7 +34,7 @@ class Eye:
 
     Args:
         scenario: camera, ground, light and task.
-        seed: as for `reset`.
+        seed: of the ground's pattern, and as for `reset`.
 
     Attributes:
         view: the camera, as it stood when it saw last.
@@ -42,8 +43,10 @@ class Eye:
 
     def __init__(self, scenario: Scenario, *, seed: int = 0) -> None:
         from neuro_drone._paint_kernels import paint
+        from neuro_drone._texture_kernels import RUN
 
         camera, task, light = scenario.camera, scenario.task, scenario.light
+        self._ground, self._light = scenario.ground, light
         self.view = View(fov=camera.fov, tilt=camera.tilt, fixed=camera.mount == "body")
         size = self.view.size
         self._shake = radians(camera.shake)
@@ -56,6 +59,8 @@ class Eye:
         self._ball, self._box = np.zeros(4), np.zeros(4, np.int64)
         self._line: npt.NDArray[np.float64] | None = None
         self._strips = np.zeros((0, 4, 2))
+        self._pattern = pattern(scenario.ground, light, seed)
+        self._looked_up = np.zeros((size, -(-size // RUN))), np.zeros(size), np.zeros(size)
         self._base, self._drawn = np.zeros((size, size), np.float32), np.zeros((5, 3))
         self.image: npt.NDArray[np.float32] = np.zeros((size, size), np.float32)
         self.reset(seed)
@@ -64,8 +69,11 @@ class Eye:
         """A new episode: the next picture is the first.
 
         Args:
-            seed: of the camera's noise and shake, not negative.
+            seed: of the camera's noise and shake, and of the ground's pattern where the scenario draws it anew; not
+                negative.
         """
+        if self._ground.redraw:
+            self._pattern = pattern(self._ground, self._light, seed)
         size = self.view.size
         self._rng = np.random.default_rng([seed, 2])
         self._dvs = DVS((size, size), self._parameters, seed=seed)
@@ -106,8 +114,8 @@ class Eye:
             self._strips = np.zeros((0, 4, 2)) if scene.line is None else strips(scene.line, self._width)
         self._ball[:] = scene.ball or (0.0, 0.0, 0.0, 0.0)
         self._paint(
-            view.matrix, view.focal, view.middle, self._shades, self._ball, self._strips, self._circle, self._work,
-            self._drawn, self._base, self.image, self._box,
+            view.matrix, view.focal, view.middle, self._shades, (*self._pattern, *self._looked_up), self._ball,
+            self._strips, self._circle, self._work, self._drawn, self._base, self.image, self._box,
         )  # fmt: skip
         return self.image
 
