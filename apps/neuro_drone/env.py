@@ -163,7 +163,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         a, b = np.asarray(action, np.float64).tolist()
         return max(-1.0, min(1.0, a)), max(-1.0, min(1.0, b))
 
-    def render(self) -> npt.NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> npt.NDArray[np.uint8] | None:
         """The camera's picture with the step's events, (128, 128, 3); None without a render mode."""
         if self.render_mode is None:
             return None

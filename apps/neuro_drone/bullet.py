@@ -1,0 +1,188 @@
+"""The drone as a rigid body with four rotors in PyBullet."""
+
+from __future__ import annotations
+
+import sys
+from math import asin, atan2, ceil, cos, hypot, pi, sin, sqrt
+from typing import Any
+from weakref import finalize
+
+from neuro import ModelError
+from neuro_drone.body import GRAVITY, Kinematic
+from neuro_drone.geometry import Pose
+from neuro_drone.scenario import Drone
+
+__all__ = ["Bullet"]
+
+Vector = tuple[float, float, float]
+
+MASS = 0.716
+INERTIA = (0.007, 0.007, 0.012)
+ARM = 0.17
+DRAG_TO_THRUST = 0.016
+MOST_THRUST = 8.54858e-06 * 838.0**2
+"""kg, kg m^2, m, m, N of one rotor: an AscTec Hummingbird.
+
+Source: rotors_simulator, rotors_description/urdf/hummingbird.xacro (body and four rotors; rotors in front, left, behind
+and right of the middle, those in front and behind turn clockwise).
+"""
+
+SUBSTEP = 0.004
+ATTITUDE = 22.0
+SPEED_GAIN = 0.5
+HEIGHT_GAINS = (16.0, 8.0)
+"""s, rad/s, 1/s, 1/s^2 and 1/s: chosen so that steps of speed rise as those of `Kinematic` and do not overshoot."""
+
+
+class Bullet:
+    """A quadrotor that follows commands by its four rotors only.
+
+    What it shall do is what `Kinematic` does; the wanted acceleration is that of this reference plus a share of what is
+    missing in speed, never more than a_max. The thrust is turned there by an attitude controller of second order with
+    critical damping, and the four rotors give what they can between 0 and their largest thrust. Height is held.
+
+    Args:
+        drone: height, lag and largest acceleration.
+
+    Raises:
+        ModelError: PyBullet is not installed.
+
+    Source: for the controller: Lee, Leok, McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)",
+        CDC 2010, equations 15 and 16.
+    """
+
+    def __init__(self, drone: Drone) -> None:
+        self._p = p = _pybullet()
+        self.a_max, self.height = drone.a_max, drone.height
+        self.reference = Kinematic(drone)
+        self.pose = Pose(0.0, 0.0, drone.height)
+        self.velocity = (0.0, 0.0)
+        self._client = p.connect(p.DIRECT)
+        self._closed = finalize(self, _disconnect, p, self._client)
+        at = {"physicsClientId": self._client}
+        p.setGravity(0.0, 0.0, -GRAVITY, **at)
+        self._body = p.createMultiBody(baseMass=MASS, **at)
+        p.changeDynamics(
+            self._body, -1, localInertiaDiagonal=INERTIA, linearDamping=0.0, angularDamping=0.0,
+            activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **at,
+        )  # fmt: skip
+        self._substep = 0.0
+        self._spin: Vector = (0.0, 0.0, 0.0)
+        self.reset(0.0, 0.0, 0.0)
+
+    def reset(self, x: float, y: float, yaw: float, right: float = 0.0, forward: float = 0.0) -> None:
+        """See `Body`."""
+        p, at = self._p, {"physicsClientId": self._client}
+        self.reference.reset(x, y, yaw, right, forward)
+        vx, vy = self.velocity = self.reference.velocity
+        level = (0.0, 0.0, sin(0.5 * yaw), cos(0.5 * yaw))
+        p.resetBasePositionAndOrientation(self._body, (x, y, self.height), level, **at)
+        p.resetBaseVelocity(self._body, (vx, vy, 0.0), (0.0, 0.0, 0.0), **at)
+        self.pose.yaw = yaw
+        self._read()
+
+    def step(self, right: float, forward: float, turn: float, seconds: float) -> None:
+        """See `Body`."""
+        p, client = self._p, self._client
+        n = ceil(seconds / SUBSTEP - 1e-9)
+        substep = seconds / n
+        if substep != self._substep:
+            p.setTimeStep(substep, physicsClientId=client)
+            self._substep = substep
+        for _ in range(n):
+            before = self.reference.velocity
+            self.reference.step(right, forward, turn, substep)
+            after = self.reference.velocity
+            thrust, torque = self._control(
+                (after[0] - before[0]) / substep, (after[1] - before[1]) / substep, before, self.reference.pose.yaw
+            )
+            p.applyExternalForce(self._body, -1, (0.0, 0.0, thrust), (0.0, 0.0, 0.0), p.LINK_FRAME, client)
+            p.applyExternalTorque(self._body, -1, torque, p.LINK_FRAME, client)
+            p.stepSimulation(client)
+            self._read()
+
+    def close(self) -> None:
+        """See `Body`; after it the body cannot be used."""
+        self._closed()
+
+    def _read(self) -> None:
+        """Take over place, attitude and speeds from PyBullet."""
+        p, pose = self._p, self.pose
+        (pose.x, pose.y, pose.z), q = p.getBasePositionAndOrientation(self._body, self._client)
+        (vx, vy, self._climb), self._spin = p.getBaseVelocity(self._body, self._client)
+        self.velocity = (vx, vy)
+        x, y, z, w = q
+        self._front = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w))
+        self._left = (2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + x * w))
+        self._up = (2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y))
+        pose.pitch = asin(max(-1.0, min(1.0, -self._front[2])))
+        pose.roll = atan2(self._left[2], self._up[2])
+        yaw = atan2(self._front[1], self._front[0])
+        pose.yaw += (yaw - pose.yaw + pi) % (2.0 * pi) - pi
+
+    def _control(self, ax: float, ay: float, speed: tuple[float, float], yaw: float) -> tuple[float, Vector]:
+        """Thrust, N, and torque in the body's frame, N m, towards an acceleration, a speed and a heading."""
+        ax += SPEED_GAIN * (speed[0] - self.velocity[0])
+        ay += SPEED_GAIN * (speed[1] - self.velocity[1])
+        size = hypot(ax, ay)
+        if size > self.a_max:
+            ax, ay = ax * self.a_max / size, ay * self.a_max / size
+        stiff, damped = HEIGHT_GAINS
+        az = GRAVITY + stiff * (self.height - self.pose.z) - damped * self._climb
+        thrust = MASS * _dot((ax, ay, az), self._up)
+        size = sqrt(ax * ax + ay * ay + az * az)
+        up = (ax / size, ay / size, az / size)
+        left = _cross(up, (cos(yaw), sin(yaw), 0.0))
+        size = sqrt(_dot(left, left))
+        left = (left[0] / size, left[1] / size, left[2] / size)
+        front = _cross(left, up)
+        # half of vee(Rd' R - R' Rd), Lee et al. (10)
+        lean = (
+            0.5 * (_dot(up, self._left) - _dot(left, self._up)),
+            0.5 * (_dot(front, self._up) - _dot(up, self._front)),
+            0.5 * (_dot(left, self._front) - _dot(front, self._left)),
+        )
+        spin = (_dot(self._spin, self._front), _dot(self._spin, self._left), _dot(self._spin, self._up))
+        wanted = [
+            -inertia * (ATTITUDE * ATTITUDE * e + 2.0 * ATTITUDE * w)
+            for inertia, e, w in zip(INERTIA, lean, spin, strict=True)
+        ]
+        return _rotors(thrust, wanted[0], wanted[1], wanted[2])
+
+
+def _rotors(thrust: float, roll: float, pitch: float, yaw: float) -> tuple[float, Vector]:
+    """What four rotors make of a wanted thrust, N, and torques, N m, with each between 0 and its largest."""
+    share, about_x, about_y, about_z = 0.25 * thrust, 0.5 * roll / ARM, 0.5 * pitch / ARM, 0.25 * yaw / DRAG_TO_THRUST
+    front, back = (_within(share - about_y + about_z), _within(share + about_y + about_z))
+    left, right = (_within(share + about_x - about_z), _within(share - about_x - about_z))
+    torque = (ARM * (left - right), ARM * (back - front), DRAG_TO_THRUST * (front + back - left - right))
+    return front + back + left + right, torque
+
+
+def _within(thrust: float) -> float:
+    return max(0.0, min(MOST_THRUST, thrust))
+
+
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _pybullet() -> Any:
+    try:
+        import pybullet
+    except ImportError:
+        version = f"{sys.version_info.major}.{sys.version_info.minor}"
+        raise ModelError(
+            "drone.physics = 'bullet': the package pybullet is not installed",
+            hint=f"pip install 'neuro[bullet]'; pybullet has wheels for Python 3.11 only, and this is {version}",
+        ) from None
+    return pybullet
+
+
+def _disconnect(p: Any, client: int) -> None:
+    if p.isConnected(client):
+        p.disconnect(client)
