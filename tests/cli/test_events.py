@@ -96,6 +96,21 @@ def test_info_of_a_data_set(run, data, tmp_path):
     assert json.loads(run("info", "set", "--json")[1])["classes"] == {"3": 4, "7": 2}
 
 
+def test_info_of_a_data_set_in_hdf5(run, data, recording):
+    assert run("tohdf5", "-f", "set", "-o", "all.h5", "--jobs", "1")[0] == 0
+    assert run("info", "all.h5")[1].splitlines() == [
+        "data set    all.h5", "layout      HDF5, /class/sample", "recordings  6", "class 3     4", "class 7     2",
+    ]  # fmt: skip
+    assert "is a data set with 6 recordings" in run("gif", "all.h5")[2]
+    assert run("tohdf5", "-f", "set", "-o", "no/all.h5") == (2, "", "error: no/all.h5: there is no folder no\n")
+
+
+def test_without_a_command_there_is_help(run):
+    status, out, err = run()
+    assert (status, err) == (0, "")
+    assert "Usage: neuro events [OPTIONS]" in out
+
+
 def test_formats(run):
     status, out, _ = run("formats")
     rows = [re.split("  +", line.strip()) for line in out.splitlines() if line.strip()]
@@ -158,6 +173,7 @@ def test_filter(run, recording, tmp_path):
 
 @pytest.mark.parametrize(("text", "what"), [
     ("tarr", "unknown filter 'tarr'\n  hint: did you mean 'tar'?\n"),
+    ("hot", "filter 'hot': expected pixels\n  hint: such as 'hot: {pixels: [[8, 1], [205, 59]]}'; "),
     ("tar: {tua: 1}", "unknown parameter of filter 'tar' 'tua'\n  hint: did you mean 'tau'?\n"),
     ("tar: {tau: -1}", "TAR: tau is -1, expected a number > 0"),
     ("crop: {x: 5", "Invalid value for FILTER: 'crop: {x: 5': is not YAML\n"),
@@ -221,6 +237,7 @@ def test_gif(run, recording, tmp_path):
     assert run("gif", "in.bin", "x.gif", "--colours", "red,blue,whit")[2].startswith("error: unknown colour 'whit'")
     (tmp_path / "none.bin").write_bytes(b"")
     assert run("gif", "none.bin")[2] == "error: none.bin has no events: nothing to draw\n"
+    assert "OUT: 'x.png': expected a name that ends in .gif" in run("gif", "in.bin", "x.png")[2]
     assert run("gif", "in.bin", "nix/x.gif")[2] == "error: nix/x.gif: there is no folder nix\n"
 
 

@@ -16,14 +16,16 @@ from neuro.cli.events.view import view
 
 COMMANDS = (info, formats, convert, filter, split, gif, view, tohdf5, shell)
 
-app = typer.Typer(name="events", no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+app = typer.Typer(name="events", add_completion=False, pretty_exceptions_enable=False)
 for command in COMMANDS:
     app.command()(command)
 
 
-@app.callback()
-def events() -> None:
+@app.callback(invoke_without_command=True)
+def events(context: typer.Context) -> None:
     """Look at, convert, filter, cut, draw and gather the files of event cameras."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
 
 
 __all__ = ["app", "shell"]

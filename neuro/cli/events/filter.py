@@ -58,7 +58,7 @@ def _parsed(text: str) -> tuple[str, dict[str, Any]]:
     import yaml
 
     from neuro.cli.options import number
-    from neuro.errors import unknown
+    from neuro.errors import ModelError, unknown
     from neuro.events.filters import FILTERS
 
     try:
@@ -72,6 +72,9 @@ def _parsed(text: str) -> tuple[str, dict[str, Any]]:
     name, values = next(iter(given.items()))
     if name not in FILTERS:
         raise unknown("filter", str(name), FILTERS)
+    if name == "hot" and not values.get("pixels"):
+        example = "such as 'hot: {pixels: [[8, 1], [205, 59]]}'"
+        raise ModelError("filter 'hot': expected pixels", hint=f"{example}; 'neuro events info' lists the hot ones")
     for key in values:
         if key not in (known := _parameters(FILTERS[name])):
             raise unknown(f"parameter of filter '{name}'", str(key), known)

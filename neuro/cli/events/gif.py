@@ -43,6 +43,8 @@ def gif(
         raise typer.BadParameter(f"'{colours}': expected three colours, ON,OFF,BACK", param_hint="'--colours'")
     window_us = None if window is None else microseconds(window, "'--window'")
     target = f"{named(source)}.gif" if out is None else out
+    if not target.lower().endswith(".gif"):
+        raise typer.BadParameter(f"'{target}': expected a name that ends in .gif", param_hint="OUT")
     spare(source, target, force)
     with going(f"{target} is not written") as bar:
         parts = watched(read(source, from_format, sensor, not lenient), bar)

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from neuro.events.info import Info
 
 File = Annotated[
-    Path, typer.Argument(metavar="FILE", help="A recording, - for standard input, or a data set as a folder or zip.")
+    Path,
+    typer.Argument(metavar="FILE", help="A recording, - for standard input, or a data set as a folder, zip or HDF5."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
@@ -24,19 +25,37 @@ def info(file: File, from_format: From = None, sensor: Sensor = None, as_json: J
     if file.is_dir() or file.suffix.lower() == ".zip":
         told, rows = _of_dataset(file)
     else:
-        from neuro.events.convert import given
-        from neuro.events.info import info as look
-
-        source, name = given(file)
-        with going("nothing is told") as bar:
-            found = look(source, format=from_format, sensor_size=sensor, name=name, report=events_so_far(bar))
-        told, rows = found.as_dict(), _rows(found)
+        told, rows = _of_recording(file, from_format, sensor)
     if as_json:
         typer.echo(json.dumps(told, indent=2, default=str))
         return
     width = max(len(name) for name, _ in rows)
     for name, value in rows:
         typer.echo(f"{name:<{width}}  {value}")
+
+
+Told = tuple[dict[str, Any], list[tuple[str, str]]]
+
+
+def _of_recording(file: Path, from_format: str | None, sensor: Any) -> Told:
+    """Counts of a recording; or of a data set in an HDF5 file."""
+    from neuro.events.convert import given
+    from neuro.events.errors import EventFileError
+    from neuro.events.info import info as look
+
+    source, name = given(file)
+    try:
+        with going("nothing is told") as bar:
+            found = look(source, format=from_format, sensor_size=sensor, name=name, report=events_so_far(bar))
+    except EventFileError:
+        if file.suffix.lower() not in (".h5", ".hdf5"):
+            raise
+        try:
+            return _of_dataset(file)
+        except EventFileError:
+            pass
+        raise
+    return found.as_dict(), _rows(found)
 
 
 def _rows(found: Info) -> list[tuple[str, str]]:
@@ -84,13 +103,13 @@ def _plain(value: Any) -> str:
     return text if len(text) <= 200 else f"{text[:200]} ... (--json has all)"
 
 
-def _of_dataset(path: Path) -> tuple[dict[str, Any], list[tuple[str, str]]]:
+def _of_dataset(path: Path) -> Told:
     """Classes and counts of a data set."""
     from neuro.events.dataset import LAYOUTS, Dataset
 
     data = Dataset(path)
     counts = {name: int((data.labels == k).sum()) for k, name in enumerate(data.classes)}
-    title = {layout.name: layout.title for layout in LAYOUTS}[data.layout]
+    title = {"hdf5": "HDF5, /class/sample", **{layout.name: layout.title for layout in LAYOUTS}}[data.layout]
     rows = [("data set", str(path)), ("layout", title), ("recordings", f"{len(data):,}")]
     rows += [(f"class {name}", f"{n:,}") for name, n in counts.items()]
     return {"path": str(path), "layout": data.layout, "recordings": len(data), "classes": counts}, rows

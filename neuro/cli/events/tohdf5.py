@@ -31,8 +31,11 @@ def tohdf5(
     lenient: Mend = False,
 ) -> None:
     """Gather a data set into one HDF5 file, /class/sample; after a kill the same command goes on where it was."""
+    from neuro.errors import ModelError
     from neuro.events.dataset import Dataset
 
+    if not out.parent.is_dir():
+        raise ModelError(f"{out}: there is no folder {out.parent}")
     if strict and lenient:
         raise typer.BadParameter("expected one of the two", param_hint="'--strict' / '--lenient'")
     choice = "stop" if strict else "mend" if lenient else "skip"
