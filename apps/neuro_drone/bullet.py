@@ -28,10 +28,10 @@ and right of the middle, those in front and behind turn clockwise).
 """
 
 SUBSTEP = 0.004
-ATTITUDE = 22.0
+ATTITUDE = (40.0, 40.0, 12.0)
 SPEED_GAIN = 0.5
 HEIGHT_GAINS = (16.0, 8.0)
-"""s, rad/s, 1/s, 1/s^2 and 1/s: chosen so that steps of speed rise as those of `Kinematic` and do not overshoot."""
+"""s; rad/s about front, left and up; 1/s; 1/s^2 and 1/s: tuned so that steps of speed rise as those of `Kinematic`."""
 
 
 class Bullet:
@@ -142,10 +142,11 @@ class Bullet:
             0.5 * (_dot(front, self._up) - _dot(up, self._front)),
             0.5 * (_dot(left, self._front) - _dot(front, self._left)),
         )
-        spin = (_dot(self._spin, self._front), _dot(self._spin, self._left), _dot(self._spin, self._up))
+        spin = self._spin
+        rates = (_dot(spin, self._front), _dot(spin, self._left), _dot(spin, self._up) - self.reference.rate)
         wanted = [
-            -inertia * (ATTITUDE * ATTITUDE * e + 2.0 * ATTITUDE * w)
-            for inertia, e, w in zip(INERTIA, lean, spin, strict=True)
+            -inertia * (stiff * stiff * e + 2.0 * stiff * w)
+            for inertia, stiff, e, w in zip(INERTIA, ATTITUDE, lean, rates, strict=True)
         ]
         return _rotors(thrust, wanted[0], wanted[1], wanted[2])
 
