@@ -28,7 +28,7 @@ and right of the middle, those in front and behind turn clockwise).
 """
 
 SUBSTEP = 0.004
-ATTITUDE = (40.0, 40.0, 12.0)
+ATTITUDE = (40.0, 40.0, 25.0)
 SPEED_GAIN = 0.5
 HEIGHT_GAINS = (16.0, 8.0)
 """s; rad/s about front, left and up; 1/s; 1/s^2 and 1/s: tuned so that steps of speed rise as those of `Kinematic`."""
