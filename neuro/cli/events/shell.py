@@ -80,7 +80,8 @@ def _typed(context: Any, prompt: str) -> Iterator[str]:
     from platformdirs import user_state_path
 
     folder = user_state_path("neuro", ensure_exists=True)
-    session: Any = PromptSession(history=FileHistory(str(folder / "shell-history")), completer=_completer(context))
+    history = FileHistory(str(folder / "shell-history"))
+    session: Any = PromptSession(history=history, completer=_completer(context), complete_while_typing=False)
     typer.echo("Tab completes, 'help' lists the commands, 'help COMMAND' tells more, 'exit' leaves.")
     while True:
         try:
