@@ -112,7 +112,7 @@ def train(
 
 def _made(out: Path, model: Model, steps: int) -> Model | None:
     """The finished model of this very training, if it is there; else see that it can be written."""
-    if out.exists():
+    if out.is_file():
         made = Model.load(out)
         if made.told() | {"steps": made.steps} == model.told() | {"steps": steps}:
             checkpoint.beside(out).unlink(missing_ok=True)

@@ -97,7 +97,7 @@ CONTROLLERS: dict[str, Kind] = {
     "snn": Kind("the network, learning by dopamine from equal weights", Spiking, SpikingSettings()),
     "snn-static-init": Kind("the network, learning from weights by side", Spiking, SpikingSettings(start="sign")),
     "snn-eta0": Kind("a check: the network without dopamine", Spiking, SpikingSettings(eta=0.0)),
-    "snn-flipped": Kind("a check: the network with dopamine of the wrong sign", Spiking, SpikingSettings(eta=-1e-3)),
+    "snn-flipped": Kind("a check: the network with dopamine of the wrong sign", Spiking, SpikingSettings(eta=-3e-3)),
     "dqn": Kind("deep reinforcement learning on nine actions, from the reward alone", DQN, DQNSettings()),
     "ddpg": Kind("deep reinforcement learning on continuous actions, from the reward alone", DDPG, DDPGSettings()),
 }

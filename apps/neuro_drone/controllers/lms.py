@@ -25,18 +25,14 @@ class LMSSettings:
     Attributes:
         gain: action by estimated error.
         mu: share of the estimate's error that a step takes away.
-        rate: Hz of a field for one event.
-        rate_max: Hz, at most; rates are coded as for the network.
     """
 
     gain: float | tuple[float, float] = numbers(8.0, 0.0, above=True)
     mu: float = number(0.02, 0.0)
-    rate: float = number(20.0, 0.0, above=True)
-    rate_max: float = number(300.0, 0.0, above=True)
 
 
 class LMS(Fixed):
-    """Estimates the error of each axis as a weighted sum of the fields' shares of all rates, and acts in proportion.
+    """Estimates the error of each axis as a weighted sum of the fields' shares of the events, and acts in proportion.
 
     It has the network's inputs and the network's supervised error, and no spikes: what is left between the two is
     the price of spikes and of a local rule. Source of the rule: B. Widrow and M. E. Hoff, "Adaptive switching
@@ -56,9 +52,7 @@ class LMS(Fixed):
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
         """In proportion to the estimated error; none where there are no events."""
-        s = self._settings
-        rates = np.minimum(s.rate_max, s.rate * counts.ravel())
-        self._shares = rates / max(rates.sum(), 1.0)
+        self._shares = counts.ravel() / max(counts.sum(), 1)
         return np.clip(self._gain * (self._weights @ self._shares), -1.0, 1.0)
 
     def learn(self, info: Mapping[str, Any]) -> None:

@@ -6,7 +6,7 @@ import copy
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import prod
+from math import isclose, prod
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +35,11 @@ class SpikingSettings:
         network: one of `neuro_models`, a YAML file, or the network itself.
         eta: dopamine of the positive motor for an error of 1 (64 px), 1/ms; the negative motor has the opposite.
         gain: factor on the action of eq. 129.
-        rate: Hz of a cell for one event in its field.
-        rate_max: Hz, at most.
+        coding: shares (each cell has its field's share of the events, so that few events steer as well as many) or
+            counts (in proportion to the events).
+        total: rate of all cells together when the coding is shares, Hz.
+        rate: of a cell for one event in its field when the coding is counts, Hz.
+        rate_max: of a cell at most, in either, Hz.
         start: weights before learning: equal (the network's own), sign or linear, see `fields.pattern`.
         strength: mean of the weights by sign or linear, pA; they lie between 0 and twice that.
         learns: whether the network does; if not, its synapses are static.
@@ -44,10 +47,12 @@ class SpikingSettings:
     """
 
     network: str | neuro.Network = "drone"
-    eta: float = number(1e-3)
-    gain: float | tuple[float, float] = numbers(1.0, 0.0, above=True)
+    eta: float = number(3e-3)
+    gain: float | tuple[float, float] = numbers(4.0, 0.0, above=True)
+    coding: str = choice("shares", "shares", "counts")
+    total: float = number(400.0, 0.0, above=True)
     rate: float = number(20.0, 0.0, above=True)
-    rate_max: float = number(300.0, 0.0, above=True)
+    rate_max: float = number(400.0, 0.0, above=True)
     start: str = choice("equal", "equal", "sign", "linear")
     strength: float = number(1500.0, 0.0, above=True)
     learns: bool = field(default=True, metadata={"fixed": True})
@@ -84,8 +89,7 @@ class Spiking:
         self.sim = neuro.compile(net if settings.learns else static(net), backend=backend, seed=seed)
         if settings.start != "equal":
             self._start_from(pattern(scenario, settings.start))
-        self._step, self._most = scenario.step, _most_spikes(net, scenario.step)
-        self._factor = np.broadcast_to(np.asarray(settings.gain), 2) / self._most
+        self._factor = np.broadcast_to(np.asarray(settings.gain), 2) / _most_spikes(net, scenario.step)
 
     def _start_from(self, wished: Floats) -> None:
         name = f"{CELLS}_{MOTORS}"
@@ -109,8 +113,9 @@ class Spiking:
         """Run the network for a step; the action is the difference of the motors' spikes."""
         sim, s = self.sim, self._settings
         begin = sim.time
-        sim.set(CELLS, rate=np.minimum(s.rate_max, s.rate * counts.ravel()))
-        sim.run(self._step)
+        per_event = s.rate if s.coding == "counts" else s.total / max(counts.sum(), 1)
+        sim.set(CELLS, rate=np.minimum(s.rate_max, per_event * counts.ravel()))
+        sim.run(self._scenario.step)
         _, ids = sim.spikes(MOTORS, since=begin)
         sim.forget(before=sim.time)
         n = np.bincount(ids, minlength=4)
@@ -186,5 +191,8 @@ def _load(settings: SpikingSettings) -> neuro.Network:
 
 def _most_spikes(net: neuro.Network, step: float) -> float:
     """How often a motor can fire in a step of so many ms, as its refractory time allows."""
+    if not isclose(step / net.resolution, round(step / net.resolution), rel_tol=1e-9):
+        found = f"network '{net.name}': resolution = {net.resolution:g} ms"
+        raise neuro.ModelError(f"{found}: expected a whole part of the step of {step:g} ms")
     rest = getattr(net.populations[MOTORS].model, "t_ref", 0.0)
     return max(1.0, step / max(float(np.max(rest)), net.resolution))

@@ -1,0 +1,139 @@
+"""The controllers: what each does with counts and errors, and its settings."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from neuro import ModelError
+from neuro_drone.controllers import CONTROLLERS, Learner, make
+from neuro_drone.controllers.fields import DOWN, RIGHT, pattern
+from neuro_drone.scenario import load
+
+BALL, LINE = load("B60"), load("line")
+COUNTS = arrays(np.int64, (8, 8), elements=st.integers(0, 40))
+
+
+def seen(row, column, n=10):
+    counts = np.zeros((8, 8), np.int64)
+    counts[row, column] = n
+    return counts
+
+
+def told(a, b):
+    return {"supervised_error": np.array([a, b])}
+
+
+OWN = ["nothing", "oracle", "centroid", "static", "static-linear", "lms", "snn", "snn-static-init", "snn-eta0"]
+
+
+@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("scenario", [BALL, LINE], ids=["ball", "line"])
+def test_all_act_within_bounds(name, scenario):
+    controller = make(name, scenario, 1)
+    controller.begin()
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        action = controller.act(rng.integers(0, 30, (8, 8)), told(0.9, -0.9))
+        assert action.shape == (2,)
+        assert np.abs(action).max() <= 1.0
+        controller.learn(told(0.9, -0.9))
+
+
+def test_who_learns():
+    learning = {"lms", "snn", "snn-static-init", "snn-eta0", "snn-flipped"}
+    assert {name for name in [*OWN, "snn-flipped"] if CONTROLLERS[name].learns} == learning
+    assert all(isinstance(make(name, BALL), Learner) for name in learning)
+    assert not isinstance(make("oracle", BALL), Learner)
+
+
+def test_oracle_is_proportional():
+    oracle = make("oracle", BALL, 0, {"gain": [2.0, 4.0]})
+    assert oracle.act(seen(0, 0), told(0.1, -0.1)).tolist() == pytest.approx([0.2, -0.4])
+    assert oracle.act(seen(0, 0), told(0.9, -0.9)).tolist() == [1.0, -1.0]
+
+
+@given(COUNTS)
+def test_centroid_turns_with_the_picture(counts):
+    centroid = make("centroid", BALL, 0, {"gain": 0.5})
+    right, down = centroid.act(counts, {})
+    other = centroid.act(counts.T, {})
+    assert other.tolist() == pytest.approx([down, right])
+
+
+def test_centroid_of_nothing_is_no_action():
+    assert make("centroid", BALL).act(np.zeros((8, 8), np.int64), {}).tolist() == [0.0, 0.0]
+
+
+def test_centroid_of_a_ball():
+    action = make("centroid", BALL, 0, {"gain": 1.0}).act(seen(0, 5), {})
+    assert action.tolist() == pytest.approx([(5 * 16 + 7.5 - 63) / 64, (7.5 - 63) / 64])
+
+
+def test_centroid_of_a_line():
+    upright, leaning = np.zeros((8, 8), np.int64), np.zeros((8, 8), np.int64)
+    upright[:, 6] = 5
+    np.fill_diagonal(leaning[:, ::-1], 5)  # from bottom left to top right: leans 45 degrees to the right
+    centroid = make("centroid", LINE, 0, {"gain": 1.0})
+    assert centroid.act(upright, {}).tolist() == pytest.approx([(6 * 16 + 7.5 - 63) / 64, 0.0])
+    assert centroid.act(leaning, {}).tolist() == pytest.approx([1 / 64, 0.5])
+
+
+@pytest.mark.parametrize("shape", ["sign", "linear"])
+def test_patterns_speak_for_their_sides(shape):
+    ball, line = pattern(BALL, shape), pattern(LINE, shape)
+    assert np.abs(ball).max() == np.abs(line).max() == 1.0
+    assert (np.sign(ball) == np.sign(np.stack((RIGHT.ravel(), DOWN.ravel()), 1))).all()
+    assert line.reshape(8, 8, 2)[0, 7, 1] > 0 > line.reshape(8, 8, 2)[0, 0, 1]  # above and right: leans to the right
+
+
+def test_lms_learns_where_fields_are():
+    lms = make("lms", BALL, 0, {"mu": 0.2, "gain": 1.0})
+    rng = np.random.default_rng(1)
+    for _ in range(3000):
+        row, column = rng.integers(0, 8, 2)
+        lms.act(seen(row, column), {})
+        lms.learn(told(RIGHT[row, column], DOWN[row, column]))
+    frozen = lms.frozen()
+    assert frozen.act(seen(1, 6), {}).tolist() == pytest.approx([RIGHT[1, 6], DOWN[1, 6]], abs=0.01)
+    before = frozen.learnt()["weights"]
+    frozen.learn(told(1.0, 1.0))
+    assert (frozen.learnt()["weights"] == before).all()
+
+
+def test_lms_goes_on_from_its_state():
+    one, other = make("lms", BALL), make("lms", BALL, 7)
+    for k in range(20):
+        one.act(seen(k % 8, 3), {})
+        one.learn(told(0.3, 0.1))
+    other.restore(one.state())
+    assert (one.act(seen(4, 3), {}) == other.act(seen(4, 3), {})).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "message"),
+    [
+        ("sn", {}, "unknown controller 'sn'\n  hint: did you mean 'snn'?"),
+        ("oracle", {"gian": 1.0}, "unknown setting of controller 'oracle' 'gian'\n  hint: did you mean 'gain'?"),
+        ("nothing", {"gain": 1.0}, "unknown setting of controller 'nothing' 'gain'\n  hint: none is defined"),
+        (
+            "oracle",
+            {"gain": 0.0},
+            "controller 'oracle': gain = 0.0: expected a number > 0 or a list of two, one an axis",
+        ),
+        (
+            "centroid",
+            {"gain": [1.0]},
+            "controller 'centroid': gain = [1.0]: expected a number > 0 or a list of two, one an axis",
+        ),
+        ("lms", {"mu": True}, "controller 'lms': mu = True: expected a number >= 0"),
+        ("lms", {"mu": float("nan")}, "controller 'lms': mu = nan: expected a number >= 0"),
+        ("snn", {"eta": "much"}, "controller 'snn': eta = 'much': expected a number"),
+        ("snn", {"start": "random"}, "controller 'snn': start = 'random': expected equal, sign or linear"),
+    ],
+)
+def test_mistakes(name, settings, message):
+    with pytest.raises(ModelError) as error:
+        make(name, BALL, 0, settings)
+    assert str(error.value) == message
