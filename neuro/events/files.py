@@ -17,7 +17,7 @@ from neuro.events.formats import FORMATS, Format, Unsavable
 from neuro.events.formats._write import in_order
 from neuro.events.opening import Opened, check_given, opened, smallest
 from neuro.events.parts import batches, between, windows
-from neuro.events.source import WHOLE, Given, Source
+from neuro.events.source import WHOLE, Given
 
 BLOCK = 1 << 20
 """Bytes that `stream` reads at a time."""
@@ -202,19 +202,3 @@ def _default(found: Format, pieces: Sequence[Arrays]) -> tuple[int, int]:
     x = max((int(piece[1].max(initial=0)) for piece in pieces), default=0)
     y = max((int(piece[2].max(initial=0)) for piece in pieces), default=0)
     return smallest(found, x, y)
-
-
-def _open(source, format, name):  # type: ignore[no-untyped-def]
-    file = opened(source, format, name)
-    return file.source, file.reader, file.format
-
-
-def _whole(path, reader, block, strict):  # type: ignore[no-untyped-def]
-    return Opened(Source(b"", path), reader, None).pieces(block, strict)  # type: ignore[arg-type]
-
-
-_smallest = smallest
-
-
-def _scanned(source, reader, found, strict):  # type: ignore[no-untyped-def]
-    return Opened(source, reader, found).scanned(BLOCK)

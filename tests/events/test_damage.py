@@ -151,16 +151,19 @@ def check(data, name, format=None):
     strict, quiet = told(load, data, name=name, format=format)
     lenient, loud = told(load, data, name=name, format=format, strict=False)
     streamed, _ = told(parts, data, name=name, format=format, strict=False)
+    at_once, _ = told(parts, data, name=name, format=format)
     assert time.process_time() - began < SECONDS
     assert not quiet
     assert (lenient is not None) == opens(data, name, format)
     assert (streamed is None) == (lenient is None)
+    assert (at_once is None) == (strict is None)
     if lenient is not None:
         Events(lenient.t, lenient.x, lenient.y, lenient.p, lenient.sensor_size)
         assert np.array_equal(streamed, lenient.records())
         assert bool(loud) == (strict is None)
     if strict is not None:
         assert strict == lenient
+        assert np.array_equal(at_once, strict.records())
     return strict is not None
 
 

@@ -6,6 +6,7 @@ is whatever is in memory.
 
 from __future__ import annotations
 
+import io
 from typing import Any
 
 from neuro.events.formats._extra import extra
@@ -22,6 +23,16 @@ FAILURES = (OSError, KeyError, ValueError, TypeError, RuntimeError, AttributeErr
 
 SHUFFLE, FLETCHER = 2, 3
 """Filters that keep the length, but for a check sum of 4 bytes of the latter."""
+
+
+class Padded(io.BytesIO):
+    """Bytes as a file; what HDF5 asks for beyond its end is 0, since h5py leaves there what was in memory."""
+
+    def readinto(self, buffer: Any) -> int:
+        """Fill a buffer."""
+        count = super().readinto(buffer)
+        buffer[count:] = bytes(len(buffer) - count)
+        return count
 
 
 def unpackable(dataset: Any) -> None:

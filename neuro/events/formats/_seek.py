@@ -1,15 +1,15 @@
-"""Where to begin reading, for events from some time on, in files whose clock begins again at 0.
+"""Where to begin reading, for events from some time on.
 
-Looking at one time in each block is enough, without decoding, where times do not run back. A clock that begins again
-is seen as a fall of these times from the last sixteenth of its range to the first. What would not be seen is a block of
-1 MiB that takes a whole range: in DAT fewer than 31 events a second during 71 minutes, in EVT 2.0 fewer than 15 a
-second during 4.8 hours, within a long recording. Any other fall means damage, or events that are not in order: then all
-is decoded from the beginning.
+In files of which each part can be had alone, bisection finds the place. In others it is enough to look at one time in
+each block, without decoding, where times do not run back. A clock that begins again is seen as a fall of these times
+from the last sixteenth of its range to the first. What would not be seen is a block of 1 MiB that takes a whole range:
+in DAT fewer than 31 events a second during 71 minutes, in EVT 2.0 fewer than 15 during 4.8 hours, within a long
+recording. Any other fall means damage, or events that are not in order: then all is decoded from the beginning.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 
@@ -53,3 +53,24 @@ def begin(start: int, clocks: Iterable[tuple[int, int]], wanted: int, period: in
             break
         found = Begin(place, clock, added)
     return found
+
+
+def bisected(first: Callable[[int], int], blocks: int, wanted: int) -> int:
+    """The block before the last that begins before a time, so that one is read in which time could run back.
+
+    Args:
+        first: gives a time that is at or after all events before a block.
+        blocks: how many there are.
+        wanted: the time.
+
+    Returns:
+        The number of a block, 0 where the times seen are not in order.
+    """
+    low, high, seen = 0, blocks, []
+    while high - low > 1:
+        middle = (low + high) // 2
+        time = first(middle)
+        seen.append((middle, time))
+        low, high = (middle, high) if time < wanted else (low, middle)
+    times = [time for _, time in sorted(seen)]
+    return max(low - 1, 0) if times == sorted(times) else 0

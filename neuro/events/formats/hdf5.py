@@ -16,7 +16,6 @@ Source: DSEC's data format page (dsec.ifi.uzh.ch/data-format); Metavision's "HDF
 
 from __future__ import annotations
 
-import io
 import operator
 import re
 from collections.abc import Iterator, Mapping
@@ -31,23 +30,14 @@ from neuro.events.errors import EventFileError
 from neuro.events.formats._columns import Names, find_names, to_piece, unit_of
 from neuro.events.formats._format import Damage, Format, Piece, Size
 from neuro.events.formats._hdf5_attributes import attributes, heaps_whole
-from neuro.events.formats._hdf5_chunks import FAILURES, believable, chunks_whole, one_line, place, unpackable
+from neuro.events.formats._hdf5_chunks import FAILURES, Padded, believable, chunks_whole, one_line, place, unpackable
 from neuro.events.formats._hdf5_write import write, write_sample
 from neuro.events.formats._metadata import from_json
+from neuro.events.formats._seek import bisected
 from neuro.events.source import WHOLE, Source
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 _ROW = 13
-
-
-class _Bytes(io.BytesIO):
-    """Bytes as a file; what HDF5 asks for beyond its end is 0, since h5py leaves there what was in memory."""
-
-    def readinto(self, buffer: Any) -> int:
-        """Fill a buffer."""
-        count = super().readinto(buffer)
-        buffer[count:] = bytes(len(buffer) - count)
-        return count
 
 
 class Hdf5:
@@ -57,7 +47,7 @@ class Hdf5:
         import h5py
 
         try:
-            self._file = h5py.File(source.path or _Bytes(source.all().data), "r")
+            self._file = h5py.File(source.path or Padded(source.all().data), "r")
             self._recording = _find(self._file)
             self._heaps = heaps_whole(source.all())
             own, whole = (attributes(node, self._heaps) for node in (self._recording.node, self._file))
@@ -129,23 +119,18 @@ class _Recording:
                 return
 
     def _sought(self, columns: list[Any], step: int, start_us: int) -> int:
-        """A multiple of a step before which all events are earlier, by bisection.
-
-        One step more is read, so that a time which runs back is seen; 0 where the times have no order.
-        """
+        """A multiple of a step before which all events are earlier; 0 where the times have no order."""
         unit, scale = self.names.unit or 0, 10 ** abs(self.names.unit or 0)
-        low, high, seen = 0, -(-columns[0].shape[0] // step), []
+
+        def first(number: int) -> int:
+            t: int = self._time(columns, number * step)
+            us: int = t * scale if unit >= 0 else t // scale + 1
+            return us + self.offset
+
         try:
-            while high - low > 1:
-                middle = (low + high) // 2
-                t = self._time(columns, middle * step)
-                us = (t * scale if unit >= 0 else t // scale + 1) + self.offset
-                seen.append((middle, us))
-                low, high = (middle, high) if us < start_us else (low, middle)
+            return step * bisected(first, -(-columns[0].shape[0] // step), start_us)
         except FAILURES:
             return 0
-        times = [us for _, us in sorted(seen)]
-        return max(low - 1, 0) * step if times == sorted(times) else 0
 
     def _time(self, columns: list[Any], event: int) -> int:
         """The time of an event as the file has it.

@@ -24,8 +24,8 @@ from neuro.events._events import Events
 from neuro.events.errors import EventFileError
 from neuro.events.formats._columns import Names, find_names, to_piece, unit_of
 from neuro.events.formats._format import Damage, Format, Found, Piece
-from neuro.events.formats._mat5 import DEPTH, ITEMS, variables
 from neuro.events.formats._hdf5_chunks import believable
+from neuro.events.formats._mat5 import DEPTH, ITEMS, variables
 from neuro.events.source import WHOLE, Given, Source
 
 MAGIC = b"MATLAB "
