@@ -127,7 +127,7 @@ class Deep(Fixed, ABC):
             "learning_rate": s.rate,
             "gamma": s.gamma,
             "buffer_size": s.buffer,
-            "policy_kwargs": {"net_arch": [s.hidden, s.hidden]},
+            "policy_kwargs": {"net_arch": [s.hidden, s.hidden], "optimizer_kwargs": {"fused": True}},
             "device": "cpu",
         }
         made = self.build(package, words)
@@ -138,7 +138,7 @@ class Deep(Fixed, ABC):
         return made
 
     @cached_property
-    def net(self) -> Dense:
+    def dense(self) -> Dense:
         """The network that acts, as it is at any time."""
         return Dense(self._arrays(), self.acts)
 
@@ -148,7 +148,7 @@ class Deep(Fixed, ABC):
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
         """Act by the network, with exploration."""
         self._seen = observed(counts, self._settings.observation)
-        self._chosen = self.explore(self.net(self._seen), self._steps)
+        self._chosen = self.explore(self.dense(self._seen), self._steps)
         return self.command(self._chosen)
 
     def learn(self, info: Mapping[str, Any]) -> None:
@@ -183,7 +183,7 @@ class Deep(Fixed, ABC):
 
     def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
         """Take up networks, or a whole state."""
-        for cached in ("net", "algorithm"):
+        for cached in ("dense", "algorithm"):
             self.__dict__.pop(cached, None)
         if "words" not in state:
             self._learnt = dict(state)

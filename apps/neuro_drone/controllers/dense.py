@@ -65,17 +65,17 @@ class Flier(Fixed):
     """A trained agent, which neither learns nor explores.
 
     Args:
-        net: the network that acts.
+        dense: the network that acts.
         command: the drone's action, (2,), of what the network gives.
         observation: binary or counts.
 
     Attributes:
-        net: as given.
+        dense: as given.
     """
 
-    def __init__(self, net: Dense, command: Callable[[Singles], Floats], observation: str) -> None:
-        self.net, self._command, self._kind = net, command, observation
+    def __init__(self, dense: Dense, command: Callable[[Singles], Floats], observation: str) -> None:
+        self.dense, self._command, self._kind = dense, command, observation
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
         """The action that the network thinks best."""
-        return self._command(self.net(observed(counts, self._kind)))
+        return self._command(self.dense(observed(counts, self._kind)))
