@@ -40,6 +40,8 @@ TYPES = {"EVTS": "events", "FRME": "frames", "IMUS": "imus", "TRIG": "triggers"}
 _ENTRY = Struct("<ii")
 _GUESS = 8, 1 << 24
 """Bytes of a packed event, about, and events at most, by which room is made at once."""
+_NUMBERS = 256
+"""Streams with lower numbers are counted in the kernel."""
 _MOST = 1 << 12
 """Packets with events that are decoded at once, at most."""
 
@@ -86,7 +88,8 @@ class Aedat4:
         """The events; see `Reader`."""
         cursor, held = Cursor(self._source, self._start, block), Growing()
         held.room(min(block, self._source.size or 0, _GUESS[0] * _GUESS[1]) // _GUESS[0])
-        counts = np.array([0 if number in self._streams else -1 for number in range(256)])
+        counts = np.full(_NUMBERS, -1, np.int64)
+        counts[[number for number in self._streams if 0 <= number < _NUMBERS]] = 0
         others: Counter[str] = Counter()
         damage: Damage | None = None
         begin = self._start
@@ -100,7 +103,7 @@ class Aedat4:
             damage = found
         yield held.piece()
         for number, stream in self._streams.items():
-            if number != self._wanted and 0 <= number < counts.size and counts[number]:
+            if number != self._wanted and 0 <= number < _NUMBERS and counts[number]:
                 others[stream["type"]] += int(counts[number])
         self.metadata["other_packets"] = dict(others)
         if damage is not None:
