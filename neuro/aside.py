@@ -16,7 +16,8 @@ def aside(path: Path) -> Iterator[Path]:
     folder can be written to shows at once, before the work of the block begins.
 
     Raises:
-        OSError: there is no such folder, it cannot be written to, or `path` is a folder.
+        OSError: there is no such folder, it cannot be written to, `path` is a folder, or the disk is full; it has
+            the name `path`.
     """
     part = path.parent / f".{path.name}.{os.getpid()}.part"
     try:
@@ -28,5 +29,9 @@ def aside(path: Path) -> Iterator[Path]:
     try:
         yield part
         part.replace(path)
+    except OSError as error:
+        if error.strerror is None or error.filename not in (None, str(part)):
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         part.unlink(missing_ok=True)

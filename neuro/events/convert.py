@@ -136,9 +136,13 @@ def _write_out(parts: Iterator[Events], format: str | None) -> None:
             write(parts, whole)
             with whole.open("rb") as file:
                 shutil.copyfileobj(file, sys.stdout.buffer)
+        sys.stdout.flush()
     except Unsavable as fault:
         raise EventFileError(OUTPUT, f"cannot hold event {fault.event}: {fault.what}") from None
-    sys.stdout.flush()
+    except OSError as error:
+        if isinstance(error, BrokenPipeError) or error.filename is not None:
+            raise
+        raise EventFileError(OUTPUT, f"cannot write: {error.strerror}") from None
 
 
 class _StandardOutput:

@@ -1,5 +1,6 @@
 """From one event file to another."""
 
+import errno
 import io
 import subprocess
 import sys
@@ -76,6 +77,19 @@ def test_a_pipe_takes_what_a_file_has_part_by_part(name, parts, events, tmp_path
     assert write(given(), "-", name) == len(events)
     assert b"".join(pipe.taken) == (tmp_path / "whole").read_bytes()
     assert sorted(set(seen)) == seen
+
+
+@pytest.mark.parametrize("name", ["csv", "npz"])
+def test_full_standard_output(name, events, monkeypatch):
+    class Full(Pipe):
+        def write(self, data):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    out = io.TextIOWrapper(io.BufferedWriter(Full(), 1))
+    monkeypatch.setattr(sys, "stdout", out)
+    with pytest.raises(EventFileError, match=r"^<standard output>: cannot write: No space left on device$"):
+        write([events], "-", name)
+    monkeypatch.setattr(Full, "write", lambda self, data: len(data))  # for the end of the file
 
 
 def test_standard_input_without_events(monkeypatch):

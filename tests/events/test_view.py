@@ -1,6 +1,7 @@
 """Pages, pictures and figures of a recording."""
 
 import base64
+import errno
 import io
 import json
 import re
@@ -78,6 +79,17 @@ def test_nothing_to_show(tmp_path):
         ModelError, match=r"^w: the sensor has 9001x9001 px, expected at most 67108864: too many to show$"
     ):
         view(wide, tmp_path / "v.html", title="w")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_told_with_the_name_of_the_file(moving, tmp_path, monkeypatch):
+    def full(self, data, *more):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.write_text", full)
+    with pytest.raises(OSError, match="No space") as error:
+        view(moving, tmp_path / "v.html", title="bar")
+    assert error.value.filename == str(tmp_path / "v.html")
     assert list(tmp_path.iterdir()) == []
 
 
