@@ -11,7 +11,7 @@ from neuro_drone.geometry import AIM, Pose, View
 from neuro_drone.paths import hexagon
 from neuro_drone.scenario import Line
 from neuro_drone.scene import Scene
-from neuro_drone.tasks import FARTHEST, Judged
+from neuro_drone.tasks import FARTHEST, Judged, border
 
 __all__ = ["LineTask"]
 
@@ -55,6 +55,7 @@ class LineTask:
         self._sides: list[list[float]] = self.path.segments().tolist()
         self._headings = [atan2(y1 - y0, x1 - x0) for x0, y0, x1, y1 in self._sides]
         self._place: float | None = None
+        self._last = (0.0, 0.0)
         self.way = self.time = 0.0
         self._yaw = self._yaw0 = yaw
 
@@ -102,6 +103,8 @@ class LineTask:
     def judge(self, view: View, pose: Pose) -> Judged:
         """See `Task`."""
         u, lean = self._crossing(view)
+        if u == inf:
+            (u, _), lean = border(self._last), self._last[1]
         lost = not view.sees(u, AIM)
         self._go(view, pose.yaw)
         length = self.path.length
@@ -109,7 +112,7 @@ class LineTask:
         whole = self.way >= length
         lap = whole and not lost and abs(turned - 2.0 * pi) <= ALONG
         done = whole or self.time > SLOWEST * length / self.line.speed
-        du = u - AIM
+        du, _ = self._last = (u - AIM, lean)
         reward = 0.0 if lost else 1.0 - 0.5 * (abs(du) / FARTHEST + abs(lean) / 90.0)
         scaled = (max(-1.0, min(1.0, du / 64.0)), lean / 90.0)
         progress = max(0.0, min(1.0, self.way / length))

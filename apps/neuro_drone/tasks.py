@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+from math import copysign
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from neuro_drone.geometry import Pose, View
+from neuro_drone.geometry import AIM, Pose, View
 from neuro_drone.scene import Scene
 
-__all__ = ["FARTHEST", "Judged", "Task"]
+__all__ = ["FARTHEST", "Judged", "Task", "border"]
 
 FARTHEST = 64.5
 """Largest error that is still in the picture, px: from the aim to the right or the lower border."""
+
+
+def border(error: tuple[float, float]) -> tuple[float, float]:
+    """Column and row just out of the picture on the side where a target was, px; for one that no pixel looks at."""
+    u, v = error
+    return AIM + copysign(FARTHEST, u), AIM + copysign(FARTHEST, v)
 
 
 class Judged(NamedTuple):
     """How the drone stands at one moment.
 
     Attributes:
-        target: column and row of the target, px.
+        target: column and row of the target, px; of one that no pixel can look at, at the border on its last side.
         error: signed, on both axes: ball px and px, line px and degrees.
         scaled: the error as a share of the largest, on both axes.
         error_px: ball: distance of the target from the aim; line: distance to the side, px.
