@@ -1,7 +1,8 @@
 """How fast event files are read from the page cache, beside other libraries.
 
-Recordings of `../shared` are repeated until they have millions of events. With NEURO_PEERS set to the Python of an
-environment that has event_stream, faery and tonic, these read the same files in the same run.
+Recordings of `../shared` are repeated until they have millions of events; those of AEDAT 4 are read as they are, since
+they end with a table of their packets, which dv-processing needs. With NEURO_PEERS set to the Python of an environment
+that has dv-processing, event_stream, faery or tonic, these read the same files in the same run.
 """
 
 import json
@@ -20,14 +21,25 @@ from neuro.events.opening import find
 from neuro.events.source import WHOLE, Source
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data" / "formats"
-ROUNDS = 7
+ROUNDS = 20
 CASES = {
     "N-MNIST .bin": ("ncaltech101_faces_easy_0001.bin", 50, "2 times tonic"),
     "Event Stream": ("es_dvs_320x240.es", 10, "2 times event_stream"),
     "AEDAT 2.0 DVS128": ("mnistdvs_0_scale04_0001.aedat", 200, ""),
     "AEDAT 2.0 DAVIS240": ("davis240_translBoxes.aedat", 20, ""),
+    "AEDAT 4 davis346": ("davis346_aestream.aedat4", 1, "0.8 times dv-processing"),
+    "AEDAT 4 dvxplorer": ("dvxplorer_lite_320x240.aedat4", 1, "0.8 times dv-processing"),
 }
+DV = """import dv_processing as dv
+def read(path):
+    recording, count = dv.io.MonoCameraRecording(path), 0
+    while (events := recording.getNextEventBatch()) is not None:
+        count += events.size()
+    return count
+"""
 PEERS = {
+    "AEDAT 4 davis346": {"dv-processing": DV},
+    "AEDAT 4 dvxplorer": {"dv-processing": DV},
     "N-MNIST .bin": {
         "tonic": "import tonic.io, numpy as np\n"
         "kind = np.dtype([('x', int), ('y', int), ('t', int), ('p', int)])\n"
@@ -61,7 +73,7 @@ def recording(tmp_path_factory):
     def made(case):
         name, times, _ = CASES[case]
         data = (SHARED / name).read_bytes()
-        begin = {".bin": 0, ".es": START}.get(Path(name).suffix)
+        begin = {".bin": 0, ".aedat4": 0, ".es": START}.get(Path(name).suffix)
         begin = Aedat2(Source(data))._start if begin is None else begin
         path = folder / name
         path.write_bytes(data[:begin] + data[begin:] * times)
