@@ -11,23 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
+from neuro.errors import unknown
+from neuro.events import Events
+from neuro_drone.actions import ACTIONS, model
 from neuro_drone.ball import BallTask
 from neuro_drone.body import Body, body_of
 from neuro_drone.eye import Eye
 from neuro_drone.geometry import View
 from neuro_drone.line import LineTask
-from neuro_drone.scenario import Ball, Scenario, load
-from neuro_drone.tasks import Task
+from neuro_drone.scenario import Ball, Scenario, load, pair
+from neuro_drone.scene import Scene
+from neuro_drone.tasks import Judged, Task
 
 __all__ = ["ACTIONS", "DroneEnv"]
-
-ACTIONS = (
-    (-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (0.0, 0.0),
-)  # fmt: skip
-"""The nine discrete actions: left, right, forward, backwards, northeast, northwest, southeast, southwest, nothing.
-
-For the line "forward" is turn left and "backwards" turn right. Source: thesis, section 7.3.5.
-"""
 
 CELLS = 8
 OBSERVATIONS = ("counts", "binary", "frame")
@@ -41,7 +37,8 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         scenario: a `Scenario`, the name of one, or a YAML file.
         observation: counts (events in 8 x 8 cells), binary (whether there were any), or frame (128 x 128 x 1, each
             pixel's last event: 255 brighter, 0 darker, 128 none).
-        actions: continuous (two numbers in [-1, 1]) or discrete (see `ACTIONS`).
+        actions: continuous (two numbers in [-1, 1]) or discrete (one of nine, see
+            `neuro_drone.actions.ACTIONS`).
         render_mode: rgb_array or None.
         **changes: of the scenario, see `neuro_drone.scenario.load`.
 
@@ -81,22 +78,25 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         self.observation, self.render_mode = observation, render_mode
         self.metadata = {**self.metadata, "render_fps": round(1000.0 / scenario.step)}
         self.observation_space = _space(observation)
-        self.action_space: gymnasium.Space[Any]
-        if actions == "continuous":
-            self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
-        else:
-            self.action_space = gymnasium.spaces.Discrete(len(ACTIONS))
-        self.discrete = actions == "discrete"
+        self.action_space, self._commands = model(actions)
         camera, drone = scenario.camera, scenario.drone
-        self.view = View(fov=camera.fov, tilt=camera.tilt, fixed=camera.mount == "body")
         level = View(fov=camera.fov, tilt=camera.tilt)
-        maker: Any = BallTask if isinstance(scenario.task, Ball) else LineTask
-        self.task: Task = maker(scenario.task, level, drone.height)
+        self.task: Task
+        if isinstance(scenario.task, Ball):
+            self.task = BallTask(scenario.task, level, drone.height)
+        else:
+            self.task = LineTask(scenario.task, level, drone.height)
         self.body: Body = body_of(drone)
         self.eye = Eye(scenario, seed=0)
+        # what is judged is where the camera would look without its shake
+        self._shakes = camera.shake > 0.0
+        self.view = (
+            View(fov=camera.fov, tilt=camera.tilt, fixed=camera.mount == "body") if self._shakes else self.eye.view
+        )
         self._step_us, self._seconds = round(scenario.step * 1000.0), scenario.step / 1000.0
         self._t_us = 0
         self._running = False
+        self._events: Events | None = None
         from neuro_drone._counts_kernel import count
 
         self._count = count
@@ -105,16 +105,21 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
         """Begin an episode; see the class for `options`."""
+        if seed is None and self._np_random is None:
+            seed = self.scenario.seed
         super().reset(seed=seed)
-        options = options or {}
-        x, y, yaw = self.task.reset(self.np_random, options.get("start"), options.get("direction", 0))
+        start, direction = _wishes(options or {}, self.task)
+        x, y, yaw = self.task.reset(self.np_random, start or self.scenario.start, direction)
         self.body.reset(x, y, yaw, forward=self.task.forward)
         self.eye.reset(int(self.np_random.integers(2**31)))
         self._t_us, self._running = 0, True
-        return self._look(self.task.scene())[:2]
+        observation, info, _ = self._look(self.task.scene())
+        return observation, info
 
     def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:
         """One step of control; see the class."""
+        if not self._running:
+            raise ModelError("step: no episode is under way: call reset first")
         a, b = self._commands(action)
         drone, task = self.scenario.drone, self.task
         if task.turns:
@@ -123,12 +128,16 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             self.body.step(a * drone.v_max, -b * drone.v_max, 0.0, self._seconds)
         self._t_us += self._step_us
         seen, info, judged = self._look(task.advance(self._seconds))
-        return seen, judged.reward, judged.lost, judged.done and not judged.lost, info
+        terminated, truncated = judged.lost, judged.done and not judged.lost
+        self._running = not (terminated or truncated)
+        return seen, judged.reward, terminated, truncated, info
 
-    def _look(self, scene: Any) -> tuple[npt.NDArray[Any], dict[str, Any], Any]:
+    def _look(self, scene: Scene) -> tuple[npt.NDArray[Any], dict[str, Any], Judged]:
+        """What the camera and the judge see now."""
         pose = self.body.pose
         self._events = events = self.eye.see(pose, scene, self._t_us)
-        self.view.look(pose)
+        if self._shakes:
+            self.view.look(pose)
         judged = self.task.judge(self.view, pose)
         counts = np.zeros((CELLS, CELLS), np.int64)
         if len(events.x):
@@ -147,7 +156,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         }
         return self._observed(counts, events), info, judged
 
-    def _observed(self, counts: npt.NDArray[np.int64], events: Any) -> npt.NDArray[Any]:
+    def _observed(self, counts: npt.NDArray[np.int64], events: Events) -> npt.NDArray[Any]:
         if self.observation == "counts":
             return counts
         if self.observation == "binary":
@@ -156,17 +165,12 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         frame[events.y, events.x, 0] = np.where(events.p, 255, 0)
         return frame
 
-    def _commands(self, action: Any) -> tuple[float, float]:
-        """The two commands of an action, in [-1, 1]."""
-        if self.discrete:
-            return ACTIONS[int(action)]
-        a, b = np.asarray(action, np.float64).tolist()
-        return max(-1.0, min(1.0, a)), max(-1.0, min(1.0, b))
-
     def render(self) -> npt.NDArray[np.uint8] | None:
         """The camera's picture with the step's events, (128, 128, 3); None without a render mode."""
         if self.render_mode is None:
             return None
+        if self._events is None:
+            raise ModelError("render: nothing was seen yet: call reset first")
         grey = np.clip(255.0 * self.eye.image, 0, 255).astype(np.uint8)
         picture = np.repeat(grey[:, :, None], 3, 2)
         e = self._events
@@ -184,6 +188,19 @@ def _space(observation: str) -> gymnasium.Space[Any]:
     if observation == "binary":
         return gymnasium.spaces.Box(0, 1, (CELLS, CELLS), np.uint8)
     return gymnasium.spaces.Box(0, MOST_EVENTS, (CELLS, CELLS), np.int64)
+
+
+def _wishes(options: Mapping[str, Any], task: Task) -> tuple[tuple[float, float] | None, int]:
+    """Start and direction that a reset asks for."""
+    known = ("start", "direction") if task.turns else ("start",)
+    for word in options:
+        if word not in known:
+            raise unknown("option of reset", word, known)
+    direction = options.get("direction", 0)
+    if direction not in (-1, 0, 1):
+        raise ModelError(f"option direction = {direction!r}: expected 1, -1 or 0")
+    start = options.get("start")
+    return None if start is None else pair("option start", start), int(direction)
 
 
 def _one_of(name: str, value: object, known: tuple[object, ...]) -> None:

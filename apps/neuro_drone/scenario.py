@@ -13,7 +13,7 @@ from neuro.errors import Where, unknown
 from neuro.language import Node, about, mistake, plain, read, words
 from neuro_drone.parts import Ball, Camera, Drone, Ground, Line, Part, check, range_of
 
-__all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Scenario", "load"]
+__all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Scenario", "load", "pair"]
 
 FOLDER = Path(__file__).parent / "scenarios"
 NAMES = tuple(sorted(file.stem for file in FOLDER.glob("*.yaml")))
@@ -61,7 +61,7 @@ class Scenario:
         if not isclose(self.step * 1000.0, round(self.step * 1000.0), rel_tol=1e-12):
             raise ModelError(f"step = {self.step!r}: expected whole microseconds", path=("step",))
         if self.start is not None:
-            object.__setattr__(self, "start", _pair(self.start))
+            object.__setattr__(self, "start", pair("start", self.start))
         if self.seed is not None:
             limits = {"least": 0, "most": 2**63 - 1, "above": -1, "unit": ""}
             object.__setattr__(self, "seed", check("seed", self.seed, 0, {"limits": limits}))
@@ -190,11 +190,21 @@ def _node(value: Any) -> Node:
     return Node(value, NOWHERE, NOWHERE)
 
 
-def _pair(value: Any) -> tuple[float, float]:
+def pair(what: str, value: Any) -> tuple[float, float]:
+    """The error on both axes at the beginning of an episode.
+
+    Args:
+        what: its name, for messages.
+        value: two numbers.
+
+    Raises:
+        ModelError: it is not.
+    """
     limits = {"limits": {"least": -180.0, "most": 180.0, "above": -1000.0, "unit": ""}}
+    value = value.tolist() if hasattr(value, "tolist") else value
     if not isinstance(value, (list, tuple)) or len(value) != 2:
-        raise ModelError(f"start = {value!r}: expected two numbers, the error on both axes", path=("start",))
-    first, second = (check("start", one, 0.0, limits) for one in value)
+        raise ModelError(f"{what} = {value!r}: expected two numbers, the error on both axes", path=("start",))
+    first, second = (check(what, one, 0.0, limits) for one in value)
     return first, second
 
 
