@@ -16,7 +16,7 @@ NEAR = 1e-3
 """Depth in front of the camera at which outlines are cut off, m."""
 FAR = 1e6
 """Half a side of the square that stands for the endless ground, heights; off by 1e-4 px at the horizon."""
-SAGITTA = 0.004
+SAGITTA = 0.002
 """Largest distance between a ball's round outline and the polygon that stands for it, px. Their areas are equal, so
 the outline is off by half of it at most."""
 FEWEST = 64

@@ -13,7 +13,7 @@ from neuro_drone.geometry import Pose, View
 from neuro_drone.scenario import Camera, Line, Scenario
 from neuro_drone.scene import Scene
 from neuro_drone.strips import strips
-from neuro_drone.texture import pattern
+from neuro_drone.texture import Pattern, pattern
 
 __all__ = ["SKY", "Eye"]
 
@@ -59,7 +59,8 @@ class Eye:
         self._ball, self._box = np.zeros(4), np.zeros(4, np.int64)
         self._line: npt.NDArray[np.float64] | None = None
         self._strips = np.zeros((0, 4, 2))
-        self._pattern = pattern(scenario.ground, light, seed)
+        self._dvs = self._new_dvs(seed)
+        self._pattern: Pattern = pattern(scenario.ground, light, seed)
         self._looked_up = np.zeros((size, -(-size // RUN))), np.zeros(size), np.zeros(size)
         self._base, self._drawn = np.zeros((size, size), np.float32), np.zeros((5, 3))
         self.image: npt.NDArray[np.float32] = np.zeros((size, size), np.float32)
@@ -72,12 +73,15 @@ class Eye:
             seed: of the camera's noise and shake, and of the ground's pattern where the scenario draws it anew; not
                 negative.
         """
+        self._dvs = self._new_dvs(seed)
         if self._ground.redraw:
             self._pattern = pattern(self._ground, self._light, seed)
-        size = self.view.size
         self._rng = np.random.default_rng([seed, 2])
-        self._dvs = DVS((size, size), self._parameters, seed=seed)
         self._drawn[4, 0] = 1.0
+        self._told = False
+
+    def _new_dvs(self, seed: int) -> DVS:
+        return DVS((self.view.size, self.view.size), self._parameters, seed=seed)
 
     def see(self, pose: Pose, scene: Scene, t_us: int) -> Events:
         """Look at the world.
@@ -90,8 +94,11 @@ class Eye:
         Returns:
             The events since the look before; none after a reset.
         """
+        told = self._told
         self.draw(pose, scene)
-        return self._dvs.see(self.image, t_us, changed=self.box)
+        events = self._dvs.see(self.image, t_us, changed=self.box if told else None)
+        self._told = True
+        return events
 
     def draw(self, pose: Pose, scene: Scene) -> npt.NDArray[np.float32]:
         """The picture alone.
@@ -103,7 +110,7 @@ class Eye:
         Returns:
             The attribute `image`, drawn anew.
         """
-        view = self.view
+        view, self._told = self.view, False
         if self._shake:
             right, down = self._rng.normal(0.0, self._shake, 2).tolist()
             view.look(pose, (right, down))
@@ -114,7 +121,7 @@ class Eye:
             self._strips = np.zeros((0, 4, 2)) if scene.line is None else strips(scene.line, self._width)
         self._ball[:] = scene.ball or (0.0, 0.0, 0.0, 0.0)
         self._paint(
-            view.matrix, view.focal, view.middle, self._shades, (*self._pattern, *self._looked_up), self._ball,
+            view.matrix, view.focal, view.middle, self._shades, self._pattern + self._looked_up, self._ball,
             self._strips, self._circle, self._work, self._drawn, self._base, self.image, self._box,
         )  # fmt: skip
         return self.image

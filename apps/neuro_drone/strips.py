@@ -7,6 +7,8 @@ import numpy.typing as npt
 
 __all__ = ["strips"]
 
+APART = 1e-6
+"""Ends that are not farther from each other than this are one corner, m."""
 SHARPEST = 0.25
 """Strips are mitred where 1 + cos(turn) is more than this (a turn of 138 degrees); else their ends are cut square."""
 
@@ -27,7 +29,8 @@ def strips(line: npt.NDArray[np.float64], width: float) -> npt.NDArray[np.float6
     along = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
     side = 0.5 * width * np.stack([-along[:, 1], along[:, 0]], axis=1)
     cosine = (along * np.roll(along, 1, axis=0)).sum(1)
-    met = (start == np.roll(end, 1, axis=0)).all(1) & (1.0 + cosine > SHARPEST) & (length[:, 0] > 0.0)
+    met = (np.abs(start - np.roll(end, 1, axis=0)) <= APART).all(1)
+    met &= (1.0 + cosine > SHARPEST) & (length[:, 0] > 0.0)
     mitre = (side + np.roll(side, 1, axis=0)) / np.where(met, 1.0 + cosine, 1.0)[:, None]
     first = np.where(met[:, None], mitre, side)
     joined = np.roll(met, -1)
