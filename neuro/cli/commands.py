@@ -74,10 +74,15 @@ def placeholder(entry: EntryPoint) -> TyperCommand:
 
 
 def summary(module: str) -> str:
-    """The first line of a module's docstring, read without running the module; "" if it cannot be had."""
+    """The first line of a module's docstring, read without running it or its package; "" if it cannot be had."""
+    package, *inside = module.split(".")
     try:
-        spec = find_spec(module)
-        text = Path(spec.origin).read_text("utf-8") if spec and spec.origin else ""
+        spec = find_spec(package)  # that of a module inside would run the package
+        assert spec is not None
+        folder = spec.submodule_search_locations
+        file = Path(next(iter(folder))).joinpath(*inside) if folder else Path(spec.origin or "")
+        file = file / "__init__.py" if file.is_dir() else file.with_suffix(".py")
+        text = file.read_text("utf-8")
         return (ast.get_docstring(ast.parse(text)) or "").partition("\n")[0]
     except Exception:
         return ""

@@ -112,3 +112,15 @@ def test_a_reader_that_leaves_early_is_no_error():
     command = f'{sys.executable} -c "{code}" | head -n 1'
     done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
     assert done.stderr == ""
+
+
+def test_a_package_is_not_run_for_its_summary(tmp_path, monkeypatch):
+    (tmp_path / "slow_app" / "inner").mkdir(parents=True)
+    (tmp_path / "slow_app" / "__init__.py").write_text('"""Whole."""\nraise SystemExit("run")\n')
+    (tmp_path / "slow_app" / "cli.py").write_text('"""What it does."""\n')
+    (tmp_path / "slow_app" / "inner" / "__init__.py").write_text('"""Inside."""\n')
+    monkeypatch.syspath_prepend(tmp_path)
+    from neuro.cli.commands import summary
+
+    modules = ("slow_app", "slow_app.cli", "slow_app.inner", "slow_app.none", "no_app.cli")
+    assert [summary(module) for module in modules] == ["Whole.", "What it does.", "Inside.", "", ""]
