@@ -36,6 +36,22 @@ def _aedat3():
     return lines + b"".join(header + b"".join(events[k : k + 3]) for k in range(0, 12, 3))
 
 
+def _aedat4():
+    """LZ4 packets of events, and one of another stream between them."""
+    import lz4.frame
+
+    node = "<node name='{}'><attr key='typeIdentifier'>{}</attr></node>"
+    text = f"<dv><node name='outInfo'>{node.format(0, 'EVTS')}{node.format(1, 'FRME')}</node></dv>".encode()
+    header = struct.pack("<I4sHHHHH2xiiII", 20, b"IOHE", 10, 12, 4, 0, 8, 12, 1, 4, len(text)) + text
+    data = b"#!AER-DAT4.0\r\n" + struct.pack("<I", len(header)) + header
+    for j in range(6):
+        rows = b"".join(struct.pack("<qhhBxxx", 20 * j + k, k, 7 * k % 34, k % 2) for k in range(20))
+        table = struct.pack("<I4s2xHHHiII", 16, b"EVTS", 6, 8, 4, 6, 4, 20) + rows
+        packed = lz4.frame.compress(struct.pack("<I", len(table)) + table, store_size=False)
+        data += struct.pack("<ii", 0, len(packed)) + packed + (struct.pack("<ii", 1, 3) + b"abc" if j == 3 else b"")
+    return data
+
+
 def _evt21():
     words = [8 << 60 | k << 32 if k % 4 == 0 else 1 << 60 | k << 54 | 32 << 43 | k << 32 | 5 for k in range(40)]
     return b"% evt 2.1\n% end\n" + struct.pack("<40Q", *words)
@@ -73,7 +89,7 @@ def _rosbag2():
         return (Path(folder) / "bag" / "bag.mcap").read_bytes()
 
 
-MADE = {"aedat3": _aedat3, "evt21": _evt21, "mat": _mat, "raw": _raw, "rosbag2": _rosbag2}
+MADE = {"aedat3": _aedat3, "aedat4": _aedat4, "evt21": _evt21, "mat": _mat, "raw": _raw, "rosbag2": _rosbag2}
 _samples = {}
 
 
