@@ -24,7 +24,7 @@ __all__ = ["Spiking", "SpikingSettings"]
 
 Floats = npt.NDArray[np.float64]
 CELLS, MOTORS = "cells", "motors"
-SIDES = np.array((1.0, -1.0))  # of an axis: the positive motor, the negative one
+SIDES = np.array((1.0, -1.0, 1.0, -1.0))  # of each axis: the positive motor, the negative one
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class SpikingSettings:
 
     network: str | neuro.Network = "drone"
     eta: float = number(3e-3)
-    gain: float | tuple[float, float] = numbers(4.0, 0.0, above=True)
+    gain: float | tuple[float, float] = numbers(2.0, 0.0, above=True)
     coding: str = choice("shares", "shares", "counts")
     total: float = number(400.0, 0.0, above=True)
     rate: float = number(20.0, 0.0, above=True)
@@ -93,7 +93,7 @@ class Spiking:
 
     def _start_from(self, wished: Floats) -> None:
         name = f"{CELLS}_{MOTORS}"
-        weights = self._settings.strength * (1.0 + wished[:, :, None] * SIDES).ravel()
+        weights = self._settings.strength * (1.0 + np.repeat(wished, 2, axis=1) * SIDES).ravel()
         projection = {p.name: p for p in self.sim.program.projections}.get(name)
         if projection is None or projection.size != weights.size:
             raise neuro.ModelError(
@@ -112,19 +112,20 @@ class Spiking:
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
         """Run the network for a step; the action is the difference of the motors' spikes."""
         sim, s = self.sim, self._settings
-        begin = sim.time
-        per_event = s.rate if s.coding == "counts" else s.total / max(counts.sum(), 1)
+        per_event = s.rate if s.coding == "counts" else s.total / max(int(counts.sum()), 1)
         sim.set(CELLS, rate=np.minimum(s.rate_max, per_event * counts.ravel()))
+        begin = sim.time
         sim.run(self._scenario.step)
-        _, ids = sim.spikes(MOTORS, since=begin)
+        ids = sim.spikes(MOTORS, since=begin)[1]
         sim.forget(before=sim.time)
         n = np.bincount(ids, minlength=4)
-        return np.clip(self._factor * (n[0::2] - n[1::2]), -1.0, 1.0)
+        action = self._factor * (n[0::2] - n[1::2])
+        return np.minimum(np.maximum(action, -1.0, out=action), 1.0, out=action)
 
     def learn(self, info: Mapping[str, Any]) -> None:
         """Set the dopamine of the next step."""
         if self._signals:
-            dopamine = np.outer(self._settings.eta * info["supervised_error"], SIDES).ravel()
+            dopamine = self._settings.eta * np.repeat(info["supervised_error"], 2) * SIDES
             for name in self._signals:
                 self.sim.signal(name, dopamine)
 
