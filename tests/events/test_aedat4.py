@@ -268,6 +268,17 @@ def test_packets_that_are_not_alike(data):
     assert len(part) == max(count for end, count in ends if end <= cut)
 
 
+def test_offsets_after_the_events():
+    """Two packets that begin alike, whose last number says which of two vectors holds the events."""
+
+    def made(field):
+        vectors = [struct.pack("<I", 1) + np.array([(*row, (0, 0, 0))], RECORD).tobytes() for row in ROWS]
+        table = struct.pack("<iII", 8 - 60, 20 - 12, 40 - 16)
+        return sized(struct.pack("<I", 8) + b"EVTS" + table + b"".join(vectors) + struct.pack("<HHH", 6, 12, field))
+
+    assert load(header() + packet(made(4)) + packet(made(8))).records().tolist() == ROWS
+
+
 def test_what_is_like_the_packet_before_is_decoded_at_once(monkeypatch):
     """Few packets are looked at one by one: the first, the last for want of bytes after it, and those without room."""
     one, seen = Aedat4._add, []

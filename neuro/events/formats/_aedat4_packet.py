@@ -62,10 +62,12 @@ class Packets:
                 count = U32.unpack_from(plain, start - 4)[0]
                 if start + count * RECORD.itemsize <= len(plain):
                     return plain, start, count
-            start, count = Table(memoryview(plain)[4:], b"EVTS").vector(0, RECORD.itemsize)
+            table = Table(memoryview(plain)[4:], b"EVTS")
+            start, count = table.vector(0, RECORD.itemsize)
         except Malformed as error:
             raise Damage(f"a packet is damaged: {error}", place) from None
-        self.lead = plain[4 : max(start, 4)]
+        # Only where all offsets stand before the events do bytes that are the same there mean the same.
+        self.lead = plain[4:start] if table.looked <= start - 4 else b""
         return plain, 4 + start, count
 
 

@@ -27,12 +27,16 @@ class Table:
         data: the buffer, after its size.
         kind: the four letters by which it says what it is.
 
+    Attributes:
+        looked: the byte after the last one that was looked at, but for numbers of items.
+
     Raises:
         Malformed: it is of another kind or too short.
     """
 
     def __init__(self, data: Buffer, kind: bytes) -> None:
         self._data = data
+        self.looked = 8
         if bytes(data[4:8]) != kind:
             raise Malformed(f"its kind is {bytes(data[4:8])!r}, expected {kind!r}")
         self._at = self._read(U32, 0)
@@ -46,6 +50,7 @@ class Table:
             value: int = kind.unpack_from(self._data, at)[0]
         except error:
             raise Malformed("an offset leads out of it") from None
+        self.looked = max(self.looked, at + kind.size)
         return value
 
     def _place(self, field: int) -> int | None:
@@ -79,7 +84,9 @@ class Table:
         if place is None:
             return 0, 0
         start = place + self._read(U32, place)
+        looked = self.looked
         count = self._read(U32, start)
+        self.looked = looked
         if start + 4 + count * width > len(self._data):
             raise Malformed(f"{count} items of {width} bytes do not fit in its {len(self._data)} bytes")
         return start + 4, count
