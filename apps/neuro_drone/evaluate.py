@@ -34,6 +34,10 @@ class Start:
     error: tuple[float, float]
     direction: int = 0
 
+    def options(self) -> dict[str, Any]:
+        """For the environment's reset."""
+        return {"start": self.error} | ({"direction": self.direction} if self.direction else {})
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lap:
@@ -182,7 +186,7 @@ def try_out(
 
 def _lap(env: DroneEnv, controller: Controller, start: Start, index: int) -> Lap:
     seed = int(np.random.default_rng((SEED, index)).integers(2**31))
-    _, info = env.reset(seed=seed, options={"start": start.error, "direction": start.direction})
+    _, info = env.reset(seed=seed, options=start.options())
     controller.begin()
     track, far, lost, over = [], 0.0, False, False
     while not (lost or over):
