@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
@@ -158,10 +159,8 @@ class Deep(Fixed, ABC):
         algorithm.replay_buffer.add(self._seen, after, np.asarray(self._chosen), info["reward"], info["lost"], [{}])
         self._steps += 1
         if self._steps > s.warm and self._steps % s.every == 0:
-            kept = np.random.get_state()  # noqa: NPY002  the package's replay draws from NumPy's global generator
-            np.random.seed(int(self._rng.integers(2**32)))  # noqa: NPY002
-            algorithm.train(1, s.batch)
-            np.random.set_state(kept)  # noqa: NPY002
+            with _alone(int(self._rng.integers(2**32))):
+                algorithm.train(1, s.batch)
         self.updated(self._steps)
 
     def learnt(self) -> dict[str, npt.NDArray[Any]]:
@@ -204,6 +203,20 @@ class Deep(Fixed, ABC):
         """The same without learning and exploration, in NumPy; `backend` makes no difference."""
         arrays = self._learnt if self._learnt and "algorithm" not in self.__dict__ else self.learnt()
         return Flier(Dense(arrays, self.acts), lambda out: self.command(self.best(out)), self._settings.observation)
+
+
+@contextmanager
+def _alone(seed: int) -> Iterator[None]:
+    """Lend NumPy's global generator to the package's replay, and one thread: more only wait, networks are small."""
+    _, torch = needed("")
+    threads, kept = torch.get_num_threads(), np.random.get_state()  # noqa: NPY002
+    torch.set_num_threads(1)
+    np.random.seed(seed)  # noqa: NPY002
+    try:
+        yield
+    finally:
+        np.random.set_state(kept)  # noqa: NPY002
+        torch.set_num_threads(threads)
 
 
 def needed(name: str) -> tuple[Any, Any]:
