@@ -2,13 +2,131 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
 import typer
+
+from neuro.cli.options import Backend, Seed, Set, whole
+
+if TYPE_CHECKING:
+    from neuro_drone.model import Model
 
 app = typer.Typer(
     name="drone", help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
 )
 
 
-@app.callback()
-def drone() -> None:
-    """Learn to follow a ball or a line with an event camera on a drone."""
+def count(text: str) -> int:
+    """A whole number >= 1."""
+    return whole(text, 1)
+
+
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A model, as 'train' writes it.")]
+MaybeModel = Annotated[
+    Path | None, typer.Argument(metavar="[MODEL]", help="A model, as 'train' writes it.", show_default=False)
+]
+Scenario = Annotated[
+    str | None,
+    typer.Option("--scenario", metavar="NAME", help="See 'neuro drone scenarios', or a YAML file.", show_default=False),
+]
+Untrained = Annotated[
+    str | None,
+    typer.Option("--controller", metavar="NAME", help="Instead of a model one that does not learn, say oracle."),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
+Grid = Annotated[int, typer.Option("--starts", metavar="N", parser=count, help="From a grid of N x N starts.")]
+
+
+@app.command()
+def train(
+    scenario: Annotated[
+        str, typer.Option("--scenario", metavar="NAME", help="See 'neuro drone scenarios', or a YAML file.")
+    ] = "B60",
+    controller: Annotated[
+        str, typer.Option("--controller", metavar="NAME", help="See 'neuro drone controllers'.")
+    ] = "snn",
+    steps: Annotated[int, typer.Option("--steps", metavar="N", parser=count, help="Steps of control.")] = 60_000,
+    seed: Seed = 0,
+    seeds: Annotated[
+        int, typer.Option("--seeds", metavar="N", parser=count, help="So many trainings, on all cores.")
+    ] = 1,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The model to write.")] = Path("model.h5"),
+    set: Set = [],  # noqa: B006
+) -> None:
+    """Train a controller from random starts; after a kill the same command goes on where it was.
+
+    --set changes the scenario (camera.tilt=30) or the controller (eta=1e-3). Several seeds write model-0.h5, ...
+    """
+    from neuro_drone.bars import Bars
+    from neuro_drone.pilot import chosen
+    from neuro_drone.report import learnt
+    from neuro_drone.train import Job, side_by_side
+
+    world, settings = chosen(scenario, controller, set)
+    files = [out] if seeds == 1 else [out.with_name(f"{out.stem}-{seed + k}{out.suffix}") for k in range(seeds)]
+    jobs = [Job(world, controller, steps, seed=seed + k, settings=settings, out=file) for k, file in enumerate(files)]
+    try:
+        with Bars() as bars:
+            models = side_by_side(jobs, report=bars.training)
+    except KeyboardInterrupt:
+        typer.echo("interrupted: the same command goes on where it was", err=True)
+        raise typer.Exit(130) from None
+    for file, model in zip(files, models, strict=True):
+        typer.echo(f"{file}: {learnt(model)}")
+
+
+@app.command("test")
+def try_model(
+    model: MaybeModel = None,
+    scenario: Scenario = None,
+    controller: Untrained = None,
+    starts: Grid = 5,
+    learning: Annotated[
+        bool, typer.Option("--learning", help="Go on learning; dopamine then steers by itself: not what was learnt.")
+    ] = False,
+    json: Json = False,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write pictures there.")] = None,
+    backend: Backend = "event",
+    set: Set = [],  # noqa: B006
+) -> None:
+    """Fly a lap from each of a grid of starts, with frozen weights and without dopamine."""
+    from neuro_drone.bars import Bars
+    from neuro_drone.evaluate import grid, try_out
+    from neuro_drone.report import figures, show, write_pictures
+
+    pilot = _pilot(model, scenario, controller, set)
+    places = grid(pilot.scenario, starts)
+    with Bars() as bars:
+        tried = try_out(pilot, starts=places, backend=backend, learning=learning, report=bars.laps(len(places)))
+    if out is not None:
+        write_pictures(pilot, tried, out)
+    if json:
+        typer.echo(figures(pilot, tried))
+    else:
+        show(pilot, tried)
+
+
+@app.command()
+def scenarios() -> None:
+    """List the scenarios."""
+    from neuro_drone.report import list_scenarios
+
+    list_scenarios()
+
+
+@app.command()
+def controllers() -> None:
+    """List the controllers and their settings."""
+    from neuro_drone.report import list_controllers
+
+    list_controllers()
+
+
+def _pilot(model: Path | None, scenario: str | None, controller: str | None, set: list[str]) -> Model:
+    """The model that a command is about: a file's, or that of a controller that does not learn."""
+    from neuro_drone.pilot import pilot
+
+    if (model is None) == (controller is None):
+        raise typer.BadParameter("expected a model or --controller NAME", param_hint="'MODEL'")
+    return pilot(model, scenario, controller, set)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro_drone import checkpoint
+from neuro_drone import checkpoint, cores
 from neuro_drone.controllers import Learner, kind_of, make
 from neuro_drone.env import DroneEnv
 from neuro_drone.model import Model, packed
@@ -193,30 +191,4 @@ def side_by_side(jobs: Sequence[Job], processes: int | None = None, report: Repo
     Raises:
         ModelError: of the first job that raises one.
     """
-    count = min(len(jobs), processes or len(os.sched_getaffinity(0)))
-    if count <= 1:
-        return [job.run(report) for job in jobs]
-    context = get_context("spawn")
-    told = context.SimpleQueue()
-    with context.Pool(count, _hear, (told,)) as pool:
-        found = pool.map_async(_run, jobs, chunksize=1)
-        while not (found.ready() and told.empty()):
-            if told.empty():
-                found.wait(0.05)
-            elif report is not None:
-                report(told.get())
-            else:
-                told.get()
-        return found.get()
-
-
-_TOLD: list[Any] = []
-
-
-def _hear(told: Any) -> None:
-    """Begin a process: keep the way back for reports."""
-    _TOLD.append(told)
-
-
-def _run(job: Job) -> Model:
-    return job.run(_TOLD[0].put)
+    return cores.side_by_side(Job.run, jobs, processes, report)

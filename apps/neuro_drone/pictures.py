@@ -1,0 +1,155 @@
+"""Pictures of what was learnt and flown, as the thesis has them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro_drone.controllers import Learner
+from neuro_drone.evaluate import Tried
+from neuro_drone.geometry import AIM
+from neuro_drone.model import Model
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["density", "training", "weight_maps", "weights"]
+
+INK, SOFT, BLUE, RED = "#1c1f24", "#8a919c", "#0072b2", "#d55e00"
+DPI = 150
+WINDOW = 25
+"""Episodes of the running median."""
+
+NAMES = {"ball": ("right", "left", "backwards", "forward"), "line": ("right", "left", "turn right", "turn left")}
+"""What a spike of each motor asks for: the positive and the negative one of each axis."""
+
+
+def density(model: Model, tried: Tried) -> Figure:
+    """Where the target was in the picture, with the marginal distributions; of a line column and angle.
+
+    Args:
+        model: that was tried.
+        tried: its laps.
+
+    Source: thesis, figures 77 (ball) and 80 (line; the angle of an upright line is 90 degrees).
+    """
+    from matplotlib.colors import LogNorm
+
+    line = model.scenario.kind == "line"
+    track = np.concatenate([one.track for one in tried.each])
+    x, y = AIM + track[:, 0], (90.0 - track[:, 1] if line else AIM + track[:, 1])
+    edges = np.arange(-0.5, 128.0, 1.0), np.linspace(0.0, 180.0, 121) if line else np.arange(-0.5, 128.0, 1.0)
+    seen, _, _ = np.histogram2d(x, y, bins=edges)
+    fig = _figure(6.2, 6.4)
+    grid = fig.add_gridspec(2, 2, width_ratios=(5, 1), height_ratios=(1, 5), wspace=0.04, hspace=0.04)
+    main = fig.add_subplot(grid[1, 0])
+    share = np.ma.masked_equal(seen.T / len(track), 0.0)
+    main.pcolormesh(*edges, share, cmap="YlGnBu", norm=LogNorm(0.3 / len(track), 1.0), rasterized=True)
+    at = 90.0 if line else AIM
+    main.axvline(AIM, color=SOFT, lw=0.6, ls=":")
+    main.axhline(at, color=SOFT, lw=0.6, ls=":")
+    main.set_xlabel("column, px")
+    main.set_ylabel("angle, degrees" if line else "row, px")
+    if not line:
+        main.invert_yaxis()
+        main.set_aspect("equal", adjustable="box")
+    for side, values, edge, way in (((0, 0), x, edges[0], "vertical"), ((1, 1), y, edges[1], "horizontal")):
+        _marginal(fig.add_subplot(grid[side], **{"sharex" if way == "vertical" else "sharey": main}), values, edge, way)
+    what = "column and angle of the line" if line else "position of the ball"
+    axes = ("px", "degrees") if line else ("px", "px")
+    absolute = " and ".join(f"{value:.1f} {unit}" for value, unit in zip(tried.absolute, axes, strict=True))
+    error = f"mean distance {tried.error_px:.2f} px" if not line else f"mean absolute error {absolute}"
+    fig.suptitle(f"{model.controller} in {model.scenario.name}: {what}", x=0.02, ha="left", fontsize=12)
+    fig.text(0.02, 0.93, f"{error} · {tried.laps} of {tried.starts} laps · all steps, log shade", color=SOFT)
+    return fig
+
+
+def _marginal(axes: Axes, values: npt.NDArray[Any], edges: npt.NDArray[Any], way: str) -> None:
+    axes.hist(values, edges, orientation=way, color=BLUE, alpha=0.75)
+    axes.axis("off")
+
+
+def training(model: Model) -> Figure:
+    """Error and steps of each episode of a training; learning is on.
+
+    Args:
+        model: that was trained.
+
+    Source: thesis, figures 78 and 79.
+    """
+    steps, error = model.history["steps"], model.history["error_px"]
+    lost, number = model.history["lost"].astype(bool), np.arange(1, len(steps) + 1)
+    fig = _figure(7.4, 5.2)
+    above, below = fig.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": (1, 1.6), "hspace": 0.08})
+    above.axhline(model.episode, color=RED, lw=0.8)
+    above.annotate("whole", (1.0, model.episode), xycoords=("axes fraction", "data"), xytext=(4, -3),
+                   textcoords="offset points", color=RED, fontsize=9)  # fmt: skip
+    for axes, values in ((above, steps), (below, error)):
+        axes.plot(number[~lost], values[~lost], ".", ms=3, color=BLUE, alpha=0.45, mew=0)
+        axes.plot(number[lost], values[lost], "x", ms=4, color=RED, alpha=0.8)
+        axes.plot(number, _running(values), color=INK, lw=1.2)
+        axes.set_ylim(bottom=0.0)
+    above.set_ylabel("steps")
+    below.set_ylabel("mean error, px")
+    below.set_xlabel(f"episode ({int(steps.sum()):,} steps in all)")
+    fig.suptitle(f"{model.controller} in {model.scenario.name}, seed {model.seed}: training", x=0.02, ha="left",
+                 fontsize=12)  # fmt: skip
+    fig.text(0.02, 0.915, f"each episode · running median of {WINDOW} · crosses: target lost", color=SOFT)
+    return fig
+
+
+def _running(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    return np.array([np.median(values[max(0, k + 1 - WINDOW) : k + 1]) for k in range(len(values))])
+
+
+def weight_maps(model: Model) -> dict[str, npt.NDArray[np.float64]]:
+    """The weights of each motor, where its fields are in the picture.
+
+    Args:
+        model: any; only a spiking network between 64 cells and 4 motors, or a read-out of 64 fields, has maps.
+
+    Returns:
+        (8, 8) by name, empty if there are none: of a network by what the motor asks for, of LMS by axis.
+    """
+    pilot = model.learner()
+    learnt = pilot.learnt() if isinstance(pilot, Learner) else {}
+    names = NAMES[model.scenario.kind]
+    if "cells_motors" in learnt and learnt["cells_motors"].size == 256:
+        maps = np.asarray(learnt["cells_motors"], float).reshape(64, 4).T
+        return {name: one.reshape(8, 8) for name, one in zip(names, maps, strict=True)}
+    if model.controller == "lms":
+        return {name: one.reshape(8, 8) for name, one in zip(names[::2], learnt["weights"], strict=True)}
+    return {}
+
+
+def weights(model: Model) -> Figure:
+    """The maps of `weight_maps`.
+
+    Args:
+        model: one that has maps.
+    """
+    maps = weight_maps(model)
+    low, high = min(one.min() for one in maps.values()), max(one.max() for one in maps.values())
+    fig = _figure(2.5 * len(maps) + 0.8, 3.5)
+    every = fig.subplots(1, len(maps))
+    for axes, (name, one) in zip(every, maps.items(), strict=True):
+        shown = axes.imshow(one, cmap="viridis", vmin=low, vmax=high, extent=(-0.5, 127.5, 127.5, -0.5))
+        axes.plot(AIM, AIM, "+", color="white", ms=9)
+        axes.set_title(name, fontsize=10)
+        axes.set_xticks((0, 63, 127))
+        axes.set_yticks((0, 63, 127) if axes is every[0] else ())
+    unit = "weight" if model.controller == "lms" else "weight, pA"
+    fig.colorbar(shown, ax=list(every), label=unit, shrink=0.75, pad=0.02)
+    fig.suptitle(f"{model.controller} in {model.scenario.name}, seed {model.seed}: what speaks for which action",
+                 x=0.02, ha="left", fontsize=12)  # fmt: skip
+    return fig
+
+
+def _figure(width: float, height: float) -> Figure:
+    """An empty figure that no window and no global state knows of."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), dpi=DPI)

@@ -1,0 +1,73 @@
+"""What `--set` means: words of the scenario, and settings of the controller."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+from neuro import ModelError
+from neuro.cli.options import assignments
+from neuro_drone.controllers import CONTROLLERS, kind_of, make
+from neuro_drone.model import Model
+from neuro_drone.scenario import Scenario, load
+from neuro_drone.train import train
+
+__all__ = ["chosen", "pilot"]
+
+_WORDS = {one.name for one in fields(Scenario)}
+
+
+def chosen(scenario: str | Path, controller: str, texts: Sequence[str]) -> tuple[Scenario, dict[str, Any]]:
+    """A scenario and the settings of a controller, with changes.
+
+    Args:
+        scenario: its name or file.
+        controller: its name.
+        texts: "name=value": with a dot, or a word that only a scenario has, a change of the scenario; else a setting
+            of the controller.
+
+    Raises:
+        ModelError: there is no such scenario, controller or word, or a value cannot be.
+    """
+    own = {one.name for one in fields(kind_of(controller).settings)}
+    values = assignments(list(texts))
+    world = {name for name in values if "." in name or name in _WORDS - own}
+    changed = load(scenario, **{name: values[name] for name in values if name in world})
+    settings = {name: values[name] for name in values if name not in world}
+    make(controller, changed, 0, settings)  # mistakes are told before any work
+    return changed, settings
+
+
+def pilot(model: Path | None, scenario: str | None, controller: str | None, texts: Sequence[str]) -> Model:
+    """A trained model, or one of a controller that does not learn.
+
+    Args:
+        model: file of the model.
+        scenario: another one than the model's; of a controller B60 if not given.
+        controller: its name, if there is no file.
+        texts: changes, see `chosen`; of a model only those of the scenario.
+
+    Raises:
+        ModelError: as `chosen`, or a controller by name must learn first.
+    """
+    if model is None:
+        name = controller or ""
+        if kind_of(name).learns:
+            fixed = ", ".join(name for name, kind in CONTROLLERS.items() if not kind.learns)
+            raise ModelError(
+                f"controller '{name}' has to learn first: expected a model, or one of {fixed}",
+                hint=f"neuro drone train --controller {name}",
+            )
+        world, settings = chosen(scenario or "B60", name, texts)
+        return train(world, name, settings=settings)
+    trained = Model.load(model)
+    changes = assignments(list(texts))
+    for name in changes:
+        if "." not in name and name not in _WORDS:
+            raise ModelError(
+                f"--set {name}: the settings of a trained controller stay: expected a word of the scenario",
+                hint="'neuro drone train --set' has settings of the controller",
+            )
+    return replace(trained, scenario=load(trained.scenario if scenario is None else scenario, **changes))

@@ -1,0 +1,123 @@
+"""What the commands tell: tables, JSON and pictures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from neuro.cli.tables import console, table
+from neuro_drone.controllers import CONTROLLERS
+from neuro_drone.evaluate import Tried
+from neuro_drone.model import Model
+from neuro_drone.scenario import NAMES, Ball, load
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+AXES = {"ball": ("right, px", "down, px"), "line": ("right, px", "lean, degrees")}
+"""What the error on each axis is."""
+
+
+def named(model: Model) -> str:
+    """Controller and scenario in a few words."""
+    learnt = f", {model.steps:,} steps, seed {model.seed}" if model.steps else ""
+    return f"{model.controller} in {model.scenario.name}{learnt}"
+
+
+def learnt(model: Model) -> str:
+    """One line about a training."""
+    if not model.steps:
+        return f"{model.controller} does not learn; it is kept as it is"
+    errors, lost = model.history["error_px"], model.history["lost"]
+    last = max(1, len(errors) // 10)
+    return (
+        f"{named(model)}: in the last tenth of {len(errors):,} episodes {np.mean(errors[-last:]):.1f} px "
+        f"and {np.mean(lost[-last:]):.0%} lost, with learning on"
+    )
+
+
+def figures(model: Model, tried: Tried) -> str:
+    """All figures of a test as JSON."""
+    words = tried.as_words()
+    about = {"controller": model.controller, "scenario": model.scenario.name, "steps": model.steps, "seed": model.seed}
+    each = words.pop("each")
+    return json.dumps({**words, **about, "axes": list(AXES[model.scenario.kind]), "per_start": each}, indent=1)
+
+
+def show(model: Model, tried: Tried) -> None:
+    """Print a row for each start, and the means."""
+    first, second = AXES[model.scenario.kind]
+    line = model.scenario.kind == "line"
+    columns = ("start", *(("way",) if line else ()), ">steps", ">error, px", f">|{first}|", f">|{second}|", "lap")
+    rows: list[tuple[object, ...]] = []
+    for one in tried.each:
+        a, b = one.start.error
+        way = (("left" if one.start.direction > 0 else "right"),) if line else ()
+        came = "yes" if one.lap else "lost" if one.lost else "no"
+        rows.append((f"{a:g}, {b:g}", *way, one.steps, *(f"{e:.2f}" for e in (one.error_px, *one.absolute)), came))
+    mean = (f"{e:.2f}" for e in (tried.error_px, *tried.absolute))
+    steps = round(sum(one.steps for one in tried.each) / tried.starts)
+    rows.append(("mean", *(("",) if line else ()), steps, *mean, f"{tried.laps} of {tried.starts}"))
+    out = console()
+    out.print(table(columns, rows, title=f"{named(model)}; {_how(tried)}"))
+    out.print(
+        f"{tried.laps} of {tried.starts} laps, {tried.error_px:.2f} px; signed means, which hide errors of both signs: "
+        f"{first} {tried.signed[0]:.2f}, {second} {tried.signed[1]:.2f}"
+    )
+
+
+def _how(tried: Tried) -> str:
+    return "learning goes on, dopamine steers" if tried.learning else "weights frozen, no dopamine"
+
+
+def list_scenarios() -> None:
+    """Print the scenarios that come along."""
+    rows = []
+    for name in NAMES:
+        world = load(name)
+        task = world.task
+        size = f"lap {task.lap:g} m" if isinstance(task, Ball) else f"sides {task.side:g} m"
+        ground = f"texture {world.ground.texture:g}" if world.ground.texture else "plain"
+        shake = f"{world.camera.shake:g}" if world.camera.shake else "-"
+        row = (name, world.kind, f"{world.step:g}", f"{world.camera.tilt:g}", size, f"{task.speed:g}", ground, shake)
+        rows.append((*row, world.drone.physics))
+    columns = ("name", "task", ">step, ms", ">tilt, degrees", ">size", ">speed, m/s", "ground", ">shake", "physics")
+    console().print(table(columns, rows))
+
+
+def list_controllers() -> None:
+    """Print the controllers, and the settings of each."""
+    rows = []
+    for name, kind in CONTROLLERS.items():
+        given = (one.name for one in fields(kind.settings) if "fixed" not in one.metadata)
+        own = (word for word in given if not isinstance(getattr(kind.settings, word), Mapping))
+        told = ", ".join(f"{word} {_short(getattr(kind.settings, word))}" for word in own)
+        rows.append((name, kind.what, "yes" if kind.learns else "no", told))
+    console().print(table(("name", "what", "learns", "settings"), rows))
+
+
+def _short(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def write_pictures(model: Model, tried: Tried, folder: Path) -> None:
+    """Draw where the target was, how the training went, and the weights; prints the files' names."""
+    from neuro_drone import pictures
+
+    _save(pictures.density(model, tried), folder / "density.png")
+    if len(model.history.get("steps", ())):
+        _save(pictures.training(model), folder / "training.png")
+    if pictures.weight_maps(model):
+        _save(pictures.weights(model), folder / "weights.png")
+
+
+def _save(figure: Figure, file: Path) -> None:
+    folder = file.parent
+    folder.mkdir(parents=True, exist_ok=True)
+    figure.savefig(file)
+    print(file)
