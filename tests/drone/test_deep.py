@@ -1,0 +1,233 @@
+"""DQN and DDPG as controllers: they learn from the reward, come back from files, and fly in NumPy."""
+
+import sys
+import warnings
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import neuro
+from neuro_drone import train as training
+from neuro_drone.checkpoint import beside
+from neuro_drone.controllers import CONTROLLERS, make
+from neuro_drone.controllers.agents import DDPG, DQN
+from neuro_drone.controllers.dense import Dense, observed
+from neuro_drone.env import ACTIONS, DroneEnv
+from neuro_drone.evaluate import grid, try_out
+from neuro_drone.model import Model
+from neuro_drone.scenario import load
+from neuro_drone.train import train
+
+AGENTS = {"dqn": DQN, "ddpg": DDPG}
+SMALL = {"warm": 50, "batch": 8, "hidden": 16, "buffer": 1000}
+both = pytest.mark.parametrize("name", AGENTS)
+
+
+@pytest.fixture(autouse=True)
+def package():
+    with warnings.catch_warnings():  # of what the package's own imports warn of
+        warnings.simplefilter("ignore")
+        return pytest.importorskip("stable_baselines3", reason="the extra 'rl' is not installed")
+
+
+def seen(n=50):
+    return np.random.default_rng(0).poisson(0.3, (n, 8, 8))
+
+
+def actions(controller):
+    return np.array([controller.act(counts, {}) for counts in seen()])
+
+
+@both
+@pytest.mark.parametrize("scenario", ["B60", "line"])
+def test_training_changes_the_networks_and_a_file_keeps_them(name, scenario, tmp_path):
+    file, told = tmp_path / "model.h5", []
+    model = train(scenario, name, steps=150, settings=SMALL, out=file, report=told.append)
+    fresh = make(name, load(scenario), 0, SMALL)
+    assert told[-1].step == 150
+    assert any((a != fresh.learnt()[n]).any() for n, a in model.learnt.items())
+    again = Model.load(file)
+    assert np.array_equal(actions(again.frozen()), actions(model.frozen()))
+    assert (actions(model.frozen()) == actions(model.frozen())).all()
+    assert np.abs(actions(model.frozen())).max() <= 1.0
+    if scenario == "B60":
+        starts = grid(model.scenario)[:1]
+        assert try_out(again, starts=starts).as_words() == try_out(model, starts=starts).as_words()
+
+
+@both
+def test_numpy_flies_as_the_package_does(name, package):
+    learner = train_some(name, 200)
+    frozen = learner.frozen()
+    for counts in seen():
+        chosen, _ = learner.algorithm.predict(observed(counts, "binary"), deterministic=True)
+        expected = ACTIONS[int(chosen)] if name == "dqn" else chosen
+        assert frozen.act(counts, {}) == pytest.approx(np.array(expected), abs=1e-5)
+
+
+def train_some(name, steps, seed=0, settings=SMALL):
+    learner, env = make(name, load("B60"), seed, settings), DroneEnv("B60")
+    _, info = env.reset(seed=seed)
+    for _ in range(steps):
+        _, _, lost, end, info = env.step(learner.act(info["counts"], info))
+        learner.learn(info)
+        if lost or end:
+            _, info = env.reset()
+    return learner
+
+
+@both
+def test_seeds(name):
+    one, same, other = (train_some(name, 120, seed).learnt() for seed in (1, 1, 2))
+    assert all((one[n] == same[n]).all() for n in one)
+    assert any((one[n] != other[n]).any() for n in one)
+
+
+@both
+def test_the_users_generators_are_left_alone(name):
+    np.random.seed(5)  # noqa: NPY002
+    expected = np.random.random(3)  # noqa: NPY002
+    np.random.seed(5)  # noqa: NPY002
+    train_some(name, 80)
+    assert (np.random.random(3) == expected).all()  # noqa: NPY002
+
+
+@both
+@pytest.mark.parametrize("buffer", [1000, 90])
+def test_a_state_goes_on_as_if_nothing_was(name, buffer, tmp_path, monkeypatch):
+    settings = {**SMALL, "buffer": buffer, "observation": "counts"}
+    whole = train("B60", name, steps=200, settings=settings, episode=25)
+    monkeypatch.setattr(training, "KEEP", 60)
+
+    def stop(progress):
+        if progress.step >= 130:
+            raise KeyboardInterrupt
+
+    file = tmp_path / "model.h5"
+    with pytest.raises(KeyboardInterrupt):
+        train("B60", name, steps=200, settings=settings, episode=25, out=file, report=stop)
+    assert beside(file).exists()
+    told = []
+    parts = train("B60", name, steps=200, settings=settings, episode=25, out=file, report=told.append)
+    assert told[0].step > 60
+    assert all((whole.learnt[n] == a).all() for n, a in parts.learnt.items())
+
+
+@both
+def test_only_the_reward_is_learnt_from(name):
+    """Learning does not change with the supervised error, and does with the reward."""
+
+    def taught(reward, error):
+        learner, rng = make(name, load("B60"), 0, SMALL), np.random.default_rng(0)
+        for counts in seen(120):
+            learner.act(counts, {})
+            info = {"counts": counts, "reward": reward * rng.random(), "lost": False}
+            learner.learn(info | {"supervised_error": np.full(2, error), "error": (error, error)})
+        return learner.learnt()
+
+    one, same, other = taught(1.0, 0.1), taught(1.0, -0.9), taught(0.1, 0.1)
+    assert all((one[n] == same[n]).all() for n in one)
+    assert any((one[n] != other[n]).any() for n in one)
+
+
+def test_dqn_learns_what_pays():
+    """Reward for one of the nine actions only."""
+    learner = make("dqn", load("B60"), 0, {**SMALL, "explore": 300, "rate": 0.01, "gamma": 0.0})
+    for counts in seen(800):
+        action = learner.act(counts, {})
+        learner.learn({"counts": counts, "reward": float((action == ACTIONS[6]).all()), "lost": False})
+    assert (actions(learner.frozen()) == ACTIONS[6]).all()
+
+
+def test_ddpg_learns_what_pays():
+    """Reward in proportion to the way to the right and up the picture."""
+    learner = make("ddpg", load("B60"), 0, {**SMALL, "rate": 0.01, "gamma": 0.0})
+    for counts in seen(400):
+        right, down = learner.act(counts, {})
+        learner.learn({"counts": counts, "reward": 0.5 + 0.25 * (right - down), "lost": False})
+    assert actions(learner.frozen()).mean(axis=0) == pytest.approx((1.0, -1.0), abs=0.1)
+
+
+@both
+def test_learnt_is_a_copy_and_a_model_goes_on_learning(name):
+    model = train("B60", name, steps=150, settings=SMALL)
+    before = {n: a.copy() for n, a in model.learnt.items()}
+    learner = model.learner()
+    rng = np.random.default_rng(1)
+    for counts in seen(120):
+        learner.act(counts, {})
+        learner.learn({"counts": counts, "reward": rng.random(), "lost": False})
+    assert all((before[n] == a).all() for n, a in model.learnt.items())
+    assert any((before[n] != a).any() for n, a in learner.learnt().items())
+
+
+@both
+def test_a_trained_model_flies_without_the_package(name, monkeypatch):
+    model = train("B60", name, steps=60, settings=SMALL)
+    expected = actions(model.frozen())
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    assert (actions(model.frozen()) == expected).all()
+
+
+@both
+def test_without_the_extra(name, monkeypatch):
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    with pytest.raises(neuro.ModelError) as told:
+        train("B60", name, steps=10)
+    assert str(told.value) == (
+        f"controller '{name}': stable-baselines3 is not installed\n  hint: pip install 'neuro[rl]'"
+    )
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({"hidden": 1.5}, "controller 'dqn': hidden = 1.5: expected a whole number >= 1"),
+        ({"gamma": 1.1}, "controller 'dqn': gamma = 1.1: expected a number from 0 to 1"),
+        ({"rate": 0.0}, "controller 'dqn': rate = 0.0: expected a number > 0"),
+        ({"observation": "frame"}, "controller 'dqn': observation = 'frame': expected binary or counts"),
+        ({"noise": 0.1}, "unknown setting of controller 'dqn' 'noise'\n  hint: known: "
+         "batch, buffer, copy, every, explore, gamma, hidden, observation, random, rate, warm"),
+        ({"gama": 0.9}, "unknown setting of controller 'dqn' 'gama'\n  hint: did you mean 'gamma'?"),
+    ],
+)  # fmt: skip
+def test_settings(settings, text):
+    with pytest.raises(neuro.ModelError) as told:
+        make("dqn", load("B60"), 0, settings)
+    assert str(told.value) == text
+
+
+def test_defaults_differ_where_they_should():
+    assert CONTROLLERS["dqn"].settings.every == 4
+    assert replace(CONTROLLERS["ddpg"].settings, tau=0.1).every == 1
+
+
+@given(st.lists(st.integers(0, 2**40), min_size=64, max_size=64))
+def test_what_is_seen_lies_between_0_and_1(counts):
+    cells = np.array(counts).reshape(8, 8)
+    binary, scaled = observed(cells, "binary"), observed(cells, "counts")
+    assert binary.dtype == scaled.dtype == np.float32
+    assert (binary == (cells.ravel() > 0)).all()
+    assert scaled == pytest.approx(np.minimum(cells.ravel() / 15.0, 1.0))
+
+
+def test_layers_are_in_order_and_not_copied():
+    arrays = {f"a.{k}.{what}": np.full((2, 2) if what == "weight" else 2, k, np.float32)
+              for k in (10, 2, 0) for what in ("weight", "bias")}  # fmt: skip
+    net = Dense({**arrays, "b.0.weight": np.zeros((2, 2))}, "a.")
+    assert [w[0, 0] for w, _ in net.layers] == [0.0, 2.0, 10.0]
+    arrays["a.10.bias"][:] = -5.0
+    assert net(np.zeros(2, np.float32)).tolist() == [35.0, 35.0]
+
+
+@pytest.mark.parametrize("scenario", ["B60", "line"])
+@pytest.mark.parametrize("kind", ["continuous", "discrete"])
+def test_the_package_checks_the_environment(scenario, kind, package):
+    from stable_baselines3.common.env_checker import check_env
+
+    env = gymnasium.make("neuro/Drone-v0", scenario=scenario, observation="binary", actions=kind)
+    check_env(gymnasium.wrappers.FlattenObservation(env))
