@@ -7,10 +7,12 @@ import sys
 
 import gymnasium
 import numpy as np
+import torch
 from stable_baselines3 import PPO
 
 import neuro_drone  # noqa: F401  tells gymnasium of neuro/Drone-v0
 
+torch.set_num_threads(1)  # the networks are small: more threads only wait for each other
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 50_000
 env = gymnasium.wrappers.FlattenObservation(gymnasium.make("neuro/Drone-v0", scenario="B60", observation="binary"))
 agent = PPO("MlpPolicy", env, n_steps=256, gamma=0.9, seed=0, device="cpu").learn(steps)

@@ -23,6 +23,8 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 NEW_CODE = ("add-a-neuron-model.md", "add-a-synapse-rule.md")
 NEEDS_DATA = ("remus.md",)
+NEEDS_PACKAGE = {"drone_ppo": "stable_baselines3"}
+ARGUMENTS = {"drone_ppo": ["256"]}
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)
 _FILE = re.compile(r"# ([\w./-]+\.(?:py|yaml))\n")
 NET = """\
@@ -57,7 +59,10 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
-def test_example(path, folder, capsys):
+def test_example(path, folder, capsys, monkeypatch):
+    if path.stem in NEEDS_PACKAGE:
+        pytest.importorskip(NEEDS_PACKAGE[path.stem])
+    monkeypatch.setattr(sys, "argv", [str(path), *ARGUMENTS.get(path.stem, ())])
     runpy.run_path(str(path), run_name="__main__")
     assert capsys.readouterr().out.strip()
 
