@@ -28,7 +28,7 @@ and right of the middle, those in front and behind turn clockwise).
 """
 
 SUBSTEP = 0.004
-ATTITUDE = (40.0, 40.0, 25.0)
+ATTITUDE = (30.0, 30.0, 12.0)
 SPEED_GAIN = 0.5
 HEIGHT_GAINS = (16.0, 8.0)
 """s; rad/s about front, left and up; 1/s; 1/s^2 and 1/s: tuned so that steps of speed rise as those of `Kinematic`."""
@@ -90,12 +90,11 @@ class Bullet:
             p.setTimeStep(substep, physicsClientId=client)
             self._substep = substep
         for _ in range(n):
-            before = self.reference.velocity
+            before, rate = self.reference.velocity, self.reference.rate
             self.reference.step(right, forward, turn, substep)
             after = self.reference.velocity
-            thrust, torque = self._control(
-                (after[0] - before[0]) / substep, (after[1] - before[1]) / substep, before, self.reference.pose.yaw
-            )
+            wanted = (after[0] - before[0]) / substep, (after[1] - before[1]) / substep
+            thrust, torque = self._control(*wanted, (self.reference.rate - rate) / substep, before)
             p.applyExternalForce(self._body, -1, (0.0, 0.0, thrust), (0.0, 0.0, 0.0), p.LINK_FRAME, client)
             p.applyExternalTorque(self._body, -1, torque, p.LINK_FRAME, client)
             p.stepSimulation(client)
@@ -120,8 +119,9 @@ class Bullet:
         yaw = atan2(self._front[1], self._front[0])
         pose.yaw += (yaw - pose.yaw + pi) % (2.0 * pi) - pi
 
-    def _control(self, ax: float, ay: float, speed: tuple[float, float], yaw: float) -> tuple[float, Vector]:
-        """Thrust, N, and torque in the body's frame, N m, towards an acceleration, a speed and a heading."""
+    def _control(self, ax: float, ay: float, spin_up: float, speed: tuple[float, float]) -> tuple[float, Vector]:
+        """Thrust, N, and torque in the body's frame, N m, towards accelerations, a speed and the heading."""
+        yaw = self.reference.pose.yaw
         ax += SPEED_GAIN * (speed[0] - self.velocity[0])
         ay += SPEED_GAIN * (speed[1] - self.velocity[1])
         size = hypot(ax, ay)
@@ -148,20 +148,23 @@ class Bullet:
             -inertia * (stiff * stiff * e + 2.0 * stiff * w)
             for inertia, stiff, e, w in zip(INERTIA, ATTITUDE, lean, rates, strict=True)
         ]
-        return _rotors(thrust, wanted[0], wanted[1], wanted[2])
+        return _rotors(thrust, wanted[0], wanted[1], wanted[2] + INERTIA[2] * spin_up)
 
 
 def _rotors(thrust: float, roll: float, pitch: float, yaw: float) -> tuple[float, Vector]:
-    """What four rotors make of a wanted thrust, N, and torques, N m, with each between 0 and its largest."""
-    share, about_x, about_y, about_z = 0.25 * thrust, 0.5 * roll / ARM, 0.5 * pitch / ARM, 0.25 * yaw / DRAG_TO_THRUST
-    front, back = (_within(share - about_y + about_z), _within(share + about_y + about_z))
-    left, right = (_within(share + about_x - about_z), _within(share - about_x - about_z))
-    torque = (ARM * (left - right), ARM * (back - front), DRAG_TO_THRUST * (front + back - left - right))
-    return front + back + left + right, torque
+    """What four rotors make of a wanted thrust, N, and torques, N m, with each between 0 and its largest.
+
+    What is too much is taken from the torques, never from the thrust; yaw has at most two fifths of the room.
+    """
+    share = max(0.0, min(MOST_THRUST, 0.25 * thrust))
+    room = min(share, MOST_THRUST - share)
+    z = _within(0.25 * yaw / DRAG_TO_THRUST, 0.4 * room)
+    x, y = (_within(0.5 * torque / ARM, room - abs(z)) for torque in (roll, pitch))
+    return 4.0 * share, (2.0 * ARM * x, 2.0 * ARM * y, 4.0 * DRAG_TO_THRUST * z)
 
 
-def _within(thrust: float) -> float:
-    return max(0.0, min(MOST_THRUST, thrust))
+def _within(value: float, most: float) -> float:
+    return max(-most, min(most, value))
 
 
 def _dot(a: Vector, b: Vector) -> float:

@@ -74,6 +74,10 @@ class LineTask:
             )
         x, y, yaw = place
         self._begin(direction, yaw)
+        if start is not None:
+            self.view.look(Pose(x, y, self.height, yaw))
+            if abs(self._crossing(self.view)[0] - AIM - du) > 1e-3:
+                raise ModelError(f"start [{du:g} px, {lean:g} degrees]: there another side of the hexagon is nearer")
         return x, y, yaw
 
     def _start(self, u: float, lean: float) -> tuple[float, float, float] | None:

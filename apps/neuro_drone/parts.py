@@ -42,7 +42,7 @@ def check(what: str, value: Any, default: Any, meta: Any) -> Any:
     else:
         whole, limits = isinstance(default, int), meta["limits"]
         expected = ("a whole number" if whole else "a number") + _bounds(limits)
-        fits = isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value)
+        fits = isinstance(value, (int, float)) and not isinstance(value, bool) and -inf < value < inf
         fits = fits and (not whole or value == int(value))
         fits = fits and limits["least"] <= value <= limits["most"] and value > limits["above"]
         value = type(default)(value) if fits else value

@@ -14,6 +14,9 @@ Floats = npt.NDArray[np.float64]
 INNER = 0.5
 """Distance of the star's inner points from its middle, as a share of that of its tips; the thesis gives a picture."""
 
+HANDLE = 0.25
+"""Distance of a Bezier curve's second point from its first, as a share of that of its last; rounds the tips."""
+
 PIECES = 4096
 
 
@@ -64,8 +67,10 @@ def star(lap: float) -> Path:
     angle = np.arange(8) * (pi / 4)
     radius = np.where(np.arange(8) % 2 == 0, 1.0, INNER)
     p = np.stack([radius * np.cos(angle), radius * np.sin(angle)], 1)
-    tangent = (np.roll(p, -1, 0) - np.roll(p, 1, 0)) / 6.0
     q = np.roll(p, -1, 0)
+    chord = q - np.roll(p, 1, 0)
+    side = np.hypot(*(q - p).T)[0]
+    tangent = HANDLE * side * chord / np.hypot(*chord.T)[:, None]
     t = np.linspace(0.0, 1.0, 2 * PIECES, endpoint=False)[:, None, None]
     u = 1.0 - t
     curve = u**3 * p + 3 * u**2 * t * (p + tangent) + 3 * u * t**2 * (q - np.roll(tangent, -1, 0)) + t**3 * q

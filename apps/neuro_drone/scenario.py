@@ -21,6 +21,8 @@ NAMES = tuple(sorted(file.stem for file in FOLDER.glob("*.yaml")))
 
 TASKS: dict[str, type[Ball | Line]] = {"ball": Ball, "line": Line}
 NOWHERE = Where("")
+BULLET_A_MAX = 8.0
+"""m/s^2; a rigid body that is asked for more sinks and turns away, since its rotors are at their limits."""
 PARTS: dict[str, type[Part]] = {"camera": Camera, "ground": Ground, "drone": Drone}
 
 
@@ -63,8 +65,7 @@ class Scenario:
         if self.start is not None:
             object.__setattr__(self, "start", pair("start", self.start))
         if self.seed is not None:
-            limits = {"least": 0, "most": 2**63 - 1, "above": -1, "unit": ""}
-            object.__setattr__(self, "seed", check("seed", self.seed, 0, {"limits": limits}))
+            object.__setattr__(self, "seed", check("seed", self.seed, 0, range_of(0, least=0).metadata))
         self._together()
 
     def _together(self) -> None:
@@ -77,6 +78,12 @@ class Scenario:
                 f"task.{kind}.speed = {task.speed:g}: {way:g} m in a step of {self.step:g} ms: "
                 f"expected at most a hundredth of the lap of {lap:g} m",
                 path=("task", kind, "speed"),
+            )
+        if self.drone.physics == "bullet" and self.drone.a_max > BULLET_A_MAX:
+            raise ModelError(
+                f"drone.a_max = {self.drone.a_max:g}: expected at most {BULLET_A_MAX:g} m/s^2 with physics bullet, "
+                "whose rotors have no more to steer with",
+                path=("drone", "a_max"),
             )
         if isinstance(task, Ball) and 2.0 * task.radius >= self.drone.height:
             raise ModelError(
@@ -200,11 +207,10 @@ def pair(what: str, value: Any) -> tuple[float, float]:
     Raises:
         ModelError: it is not.
     """
-    limits = {"limits": {"least": -180.0, "most": 180.0, "above": -1000.0, "unit": ""}}
     value = value.tolist() if hasattr(value, "tolist") else value
     if not isinstance(value, (list, tuple)) or len(value) != 2:
         raise ModelError(f"{what} = {value!r}: expected two numbers, the error on both axes", path=("start",))
-    first, second = (check(what, one, 0.0, limits) for one in value)
+    first, second = (check(what, one, 0.0, range_of(0.0, least=-180.0, most=180.0).metadata) for one in value)
     return first, second
 
 

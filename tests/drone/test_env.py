@@ -1,0 +1,220 @@
+"""The gymnasium environment."""
+
+import subprocess
+import sys
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import neuro_drone  # noqa: F401  (registers the environment)
+from neuro import ModelError
+from neuro_drone.actions import ACTIONS
+from neuro_drone.env import DroneEnv
+from neuro_drone.scenario import load
+
+KINDS = [(o, a) for o in ("counts", "binary", "frame") for a in ("continuous", "discrete")]
+
+
+def told(make):
+    with pytest.raises(ModelError) as error:
+        make()
+    return str(error.value)
+
+
+def episode(env, actions, **reset):
+    seen, info = env.reset(**reset)
+    rows = [(seen, 0.0, info)]
+    for action in actions:
+        seen, reward, terminated, truncated, info = env.step(action)
+        rows.append((seen, reward, info))
+        if terminated or truncated:
+            break
+    return rows
+
+
+@pytest.mark.parametrize(("observation", "actions"), KINDS)
+@pytest.mark.parametrize("scenario", ["B60", "line"])
+def test_gymnasium_finds_nothing_wrong(scenario, observation, actions):
+    options = {"scenario": scenario, "observation": observation, "actions": actions}
+    env = gymnasium.make("neuro/Drone-v0", **options, render_mode="rgb_array")
+    check_env(env.unwrapped)
+    env.close()
+
+
+@pytest.mark.parametrize(("observation", "actions"), KINDS)
+def test_stable_baselines_finds_nothing_wrong(observation, actions):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="stable-baselines3 is not installed")
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*unconventional shape.*")  # 8 x 8 is neither picture nor vector
+        checker.check_env(DroneEnv("B60", observation=observation, actions=actions))
+
+
+def test_made_by_its_name_it_runs_without_a_warning():
+    env = gymnasium.make("neuro_drone:neuro/Drone-v0", scenario="A60", **{"camera.tilt": 45})
+    assert env.unwrapped.scenario == load("A60", **{"camera.tilt": 45})
+    env.reset(seed=1)
+    env.action_space.seed(1)
+    for _ in range(20):
+        _, reward, terminated, truncated, _ = env.step(env.action_space.sample())
+        assert 0.0 <= reward <= 1.0
+        if terminated or truncated:
+            env.reset()
+    env.close()
+
+
+def test_importing_the_package_brings_no_numba():
+    code = "import neuro_drone, sys; assert 'numba' not in sys.modules and 'pybullet' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("scenario", ["B60", "B60-shake", "B60-texture", "line"])
+def test_the_same_seed_gives_the_same_episode(scenario):
+    actions = np.random.default_rng(3).uniform(-0.2, 0.2, (25, 2))
+    first, second, other = (episode(DroneEnv(scenario), actions, seed=seed) for seed in (5, 5, 6))
+    used = DroneEnv(scenario)
+    episode(used, actions[:7], seed=9)
+    again = episode(used, actions, seed=5)
+    for run in (second, again):
+        assert len(run) == len(first)
+        for (seen, reward, info), (seen2, reward2, info2) in zip(first, run, strict=True):
+            assert np.array_equal(seen, seen2)
+            assert reward == reward2
+            assert info["events"] == info2["events"]
+            assert info["error"] == info2["error"]
+    assert first[0][2]["error"] != other[0][2]["error"]
+
+
+def test_the_seed_of_the_scenario_is_that_of_the_first_episode():
+    env = DroneEnv("B60", seed=5)
+    errors = [env.reset()[1]["error"] for _ in range(2)]
+    assert errors[0] == DroneEnv("B60").reset(seed=5)[1]["error"]
+    assert errors[1] != errors[0]
+    assert DroneEnv("B60", seed=5).reset(seed=6)[1]["error"] != errors[0]
+
+
+def test_starts():
+    env = DroneEnv("B60", start=[12, -7])
+    assert env.reset()[1]["error"] == pytest.approx((12.0, -7.0))
+    assert env.reset(options={"start": (1.0, 2.0)})[1]["error"] == pytest.approx((1.0, 2.0))
+    env = DroneEnv("line")
+    for direction in (1, -1):
+        env.reset(options={"start": (0.0, 0.0), "direction": direction})
+        assert env.task.direction == direction
+
+
+def test_observations_tell_the_same_events():
+    actions = np.random.default_rng(3).uniform(-0.5, 0.5, (10, 2))
+    counts, binary, frame = (
+        episode(DroneEnv("B60", observation=o), actions, seed=2, options={"start": (0, 0)})
+        for o in ("counts", "binary", "frame")
+    )
+    for (seen, _, info), (some, _, _), (picture, _, _) in zip(counts, binary, frame, strict=True):
+        events = info["events"]
+        wanted = np.zeros((8, 8), np.int64)
+        np.add.at(wanted, (events.y // 16, events.x // 16), 1)
+        assert np.array_equal(seen, wanted)
+        assert np.array_equal(info["counts"], wanted)
+        assert np.array_equal(some, wanted > 0)
+        last = np.full((128, 128), 128, np.uint8)
+        for x, y, p in zip(events.x, events.y, events.p, strict=True):
+            last[y, x] = 255 * p
+        assert np.array_equal(picture[:, :, 0], last)
+    assert counts[-1][0].sum() > 0
+    assert counts[0][0].sum() == 0
+
+
+def test_actions_are_in_the_directions_of_the_picture():
+    """A target on the right, or below, comes nearer by a positive action."""
+    for scenario in ("B60", "line"):
+        for axis in (0, 1):
+            action, start = np.zeros(2), np.zeros(2)
+            action[axis], start[axis] = 0.2, 20.0
+            last = episode(DroneEnv(scenario), [action] * 8, options={"start": tuple(start)})[-1][2]
+            assert abs(last["error"][axis]) < 19.0
+
+
+def test_discrete_actions_are_those_of_the_list():
+    for number, pair in enumerate(ACTIONS):
+        discrete = episode(DroneEnv("B60", actions="discrete"), [number] * 3, seed=1)
+        continuous = episode(DroneEnv("B60"), [np.array(pair)] * 3, seed=1)
+        assert discrete[-1][2]["error"] == continuous[-1][2]["error"]
+
+
+def test_actions_beyond_one_are_taken_for_one():
+    far = episode(DroneEnv("B60"), [np.array([9.0, -9.0])] * 3, seed=1)
+    one = episode(DroneEnv("B60"), [[1.0, -1.0]] * 3, seed=1)
+    assert far[-1][2]["error"] == one[-1][2]["error"]
+
+
+def test_the_reward_falls_with_the_error_and_a_lost_target_ends():
+    env = DroneEnv("B60")
+    rows = episode(env, [np.array([-1.0, 0.0])] * 60, options={"start": (30.0, 0.0)})
+    rewards = [reward for _, reward, _ in rows[1:]]
+    assert rewards == sorted(rewards, reverse=True)
+    assert rewards[-1] == 0.0
+    assert rows[-1][2]["lost"]
+    assert not rows[-1][2]["lap"]
+    for _, reward, info in rows[1:-1]:
+        assert reward == pytest.approx(1.0 - info["error_px"] / np.hypot(64.5, 64.5)) == info["reward"]
+        assert info["supervised_error"] == pytest.approx(np.array(info["error"]) / 64.0)
+    assert told(lambda: env.step(np.zeros(2))) == "step: no episode is under way: call reset first"
+
+
+def test_a_lap_truncates():
+    env = DroneEnv("A60", **{"task.ball.speed": 1.2, "step": 10})
+    _, info = env.reset(options={"start": (0.0, 0.0)})
+    terminated = truncated = False
+    while not (terminated or truncated):
+        action = np.clip(8.0 * info["supervised_error"], -1.0, 1.0)
+        _, _, terminated, truncated, info = env.step(action)
+    assert truncated
+    assert not terminated
+    assert info["progress"] == 1.0
+
+
+def test_pictures():
+    env = DroneEnv("B60", render_mode="rgb_array")
+    assert told(env.render) == "render: nothing was seen yet: call reset first"
+    env.reset(options={"start": (0.0, 0.0)})
+    picture = env.render()
+    assert picture.shape == (128, 128, 3)
+    assert picture[63, 63, 0] < picture[5, 5, 0]
+    assert DroneEnv("B60").render() is None
+
+
+def test_mistakes():
+    env = DroneEnv("B60")
+    assert told(lambda: env.step(np.zeros(2))) == "step: no episode is under way: call reset first"
+    env.reset()
+    for bad, shown in (
+        ([np.nan, 0.0], "action [nan, 0]"),
+        ([np.inf, 0.0], "action [inf, 0]"),
+        (np.zeros(3), "action of shape [3]"),
+        (0.5, "action 0.5"),
+        (["a", 1], "action ['a', 1]"),
+    ):
+        assert told(lambda bad=bad: env.step(bad)) == f"{shown}: expected two numbers in [-1, 1]"
+    discrete = DroneEnv("B60", actions="discrete")
+    discrete.reset()
+    for bad, shown in ((9, "9"), (-1, "-1"), (0.5, "0.5"), (np.zeros(2), "of shape [2]")):
+        assert told(lambda bad=bad: discrete.step(bad)) == f"action {shown}: expected a whole number from 0 to 8"
+    assert discrete.step(np.int64(8))
+    assert (
+        told(lambda: env.reset(options={"strat": (0, 0)}))
+        == "unknown option of reset 'strat'\n  hint: did you mean 'start'?"
+    )
+    assert (
+        told(lambda: env.reset(options={"direction": 1})) == "unknown option of reset 'direction'\n  hint: known: start"
+    )
+    assert told(lambda: env.reset(options={"start": 3})) == (
+        "option start = 3: expected two numbers, the error on both axes"
+    )
+    assert told(lambda: DroneEnv("line").reset(options={"direction": 2})) == "option direction = 2: expected 1, -1 or 0"
+    assert told(lambda: DroneEnv("B60", observation="count")) == (
+        "observation = 'count': expected counts or binary or frame"
+    )
+    assert told(lambda: DroneEnv("B60", actions="both")) == "actions = 'both': expected continuous or discrete"
+    assert told(lambda: DroneEnv("B60", render_mode="human")) == "render_mode = 'human': expected None or rgb_array"

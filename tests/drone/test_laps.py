@@ -1,0 +1,256 @@
+"""Both tasks: starts as wished, judged by geometry, and laps that only following earns."""
+
+from itertools import pairwise
+from math import atan2, cos, degrees, hypot, inf, pi, sin
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from neuro import ModelError
+from neuro_drone.ball import BallTask
+from neuro_drone.body import Kinematic
+from neuro_drone.geometry import Pose, View
+from neuro_drone.line import LineTask
+from neuro_drone.scenario import NAMES, load
+from neuro_drone.tasks import border
+
+BALLS = [name for name in NAMES if load(name).kind == "ball" and "-" not in name]
+QUIET = settings(deadline=None, max_examples=40)
+
+
+def begin(scenario, start=None, direction=0, seed=0):
+    """A task, the drone's body at its start, and its camera."""
+    view = View(tilt=scenario.camera.tilt)
+    kind = BallTask if scenario.kind == "ball" else LineTask
+    task = kind(scenario.task, View(tilt=scenario.camera.tilt), scenario.drone.height)
+    body = Kinematic(scenario.drone)
+    x, y, yaw = task.reset(np.random.default_rng(seed), start, direction)
+    body.reset(x, y, yaw, forward=task.forward)
+    view.look(body.pose)
+    return task, body, view, task.judge(view, body.pose)
+
+
+def fly(scenario, act, start=None, direction=0, seed=0, most=20_000):
+    """Fly until the end without a camera; `act` gives two commands in [-1, 1] from what was judged."""
+    task, body, view, judged = begin(scenario, start, direction, seed)
+    drone, seconds = scenario.drone, scenario.step / 1000.0
+    for step in range(most):
+        a, b = act(step, judged)
+        if task.turns:
+            body.step(a * drone.v_max, task.forward, b * drone.yaw_max, seconds)
+        else:
+            body.step(a * drone.v_max, -b * drone.v_max, 0.0, seconds)
+        task.advance(seconds)
+        view.look(body.pose)
+        judged = task.judge(view, body.pose)
+        if judged.lost or judged.done:
+            return judged, step + 1
+    raise AssertionError("the episode has no end")
+
+
+def oracle(gain):
+    def act(step, judged):
+        a, b = judged.scaled
+        return max(-1.0, min(1.0, gain * a)), max(-1.0, min(1.0, gain * b))
+
+    return act
+
+
+def nothing(step, judged):
+    return 0.0, 0.0
+
+
+def moved(scenario, place):
+    """Judge a camera that is carried: `place` gives where it aims after some seconds."""
+    task, _, view, judged = begin(scenario, (0.0, 0.0))
+    view.look(Pose(0.0, 0.0, scenario.drone.height))
+    dx, dy = view.ground(63.0, 63.0, scenario.task.radius)
+    seconds = scenario.step / 1000.0
+    time = 0.0
+    while not (judged.lost or judged.done):
+        time += seconds
+        task.advance(seconds)
+        x, y = place(time, task)
+        pose = Pose(x - dx, y - dy, scenario.drone.height)
+        view.look(pose)
+        judged = task.judge(view, pose)
+    return judged
+
+
+@pytest.mark.parametrize("name", BALLS)
+@given(st.floats(-60, 60), st.floats(-25, 60))
+@QUIET
+def test_a_ball_begins_where_it_is_wished(name, du, dv):
+    *_, judged = begin(load(name), (du, dv))
+    assert judged.error == pytest.approx((du, dv), abs=1e-9)
+    assert judged.error_px == pytest.approx(hypot(du, dv))
+    assert judged.target == pytest.approx((63 + du, 63 + dv))
+    assert judged.reward == pytest.approx(1 - hypot(du, dv) / hypot(64.5, 64.5))
+
+
+@given(st.floats(-60, 60), st.floats(-45, 45), st.sampled_from([1, -1]))
+@QUIET
+def test_a_line_begins_where_it_is_wished(du, lean, direction):
+    *_, judged = begin(load("line"), (du, lean), direction)
+    assert judged.error == pytest.approx((du, lean), abs=1e-6)
+    assert judged.scaled == pytest.approx((du / 64, lean / 90))
+    assert judged.reward == pytest.approx(1 - 0.5 * (abs(du) / 64.5 + abs(lean) / 90))
+
+
+@given(st.integers(0, 1000))
+@QUIET
+def test_starts_are_drawn_within_35_px(seed):
+    *_, ball = begin(load("B60"), seed=seed)
+    *_, line = begin(load("line"), seed=seed)
+    assert max(map(abs, ball.error)) <= 35.0
+    assert abs(line.error[0]) <= 35.0 + 1e-9
+    assert abs(line.error[1]) <= 15.0 + 1e-9
+
+
+def test_starts_that_cannot_be():
+    with pytest.raises(ModelError) as error:
+        begin(load("B60"), (90.0, 0.0))
+    assert str(error.value) == "start [90, 0] px: expected a place of the picture below the horizon"
+    with pytest.raises(ModelError, match="below the horizon"):
+        begin(load("B30"), (0.0, -60.0))
+    with pytest.raises(ModelError) as error:
+        begin(load("line"), (0.0, 95.0))
+    assert str(error.value) == (
+        "start [0 px, 95 degrees]: expected a column of the picture and a lean within 90 degrees"
+    )
+    with pytest.raises(ModelError) as error:
+        begin(load("line"), (37.0, 71.0), 1)
+    assert str(error.value) == "start [37 px, 71 degrees]: there another side of the hexagon is nearer"
+
+
+@given(st.floats(-1.5, 1.5), st.floats(-1.0, 1.0), st.floats(-3.1, 3.1), st.sampled_from([1, -1]))
+@QUIET
+def test_the_line_is_where_a_search_along_it_finds_it(dx, dy, yaw, direction):
+    scenario = load("line")
+    task, body, view, _ = begin(scenario, (0.0, 0.0), direction)
+    pose = Pose(body.pose.x + dx, body.pose.y + dy, 2.4, body.pose.yaw + yaw)
+    view.look(pose)
+    judged = task.judge(view, pose)
+    best, lean = inf, 0.0
+    places = [task.path.at(s) for s in np.linspace(0.0, 18.0, 4501)]
+    seen = [view.project(x, y, 0.0) for x, y in places]
+    for (u0, v0, d0), (u1, v1, d1) in pairwise(seen):
+        if d0 > 0 and d1 > 0 and (v0 - 63.0) * (v1 - 63.0) <= 0.0 and v0 != v1:
+            u = u0 + (63.0 - v0) / (v1 - v0) * (u1 - u0)
+            if abs(u - 63.0) < abs(best - 63.0):
+                up = 1.0 if v1 < v0 else -1.0
+                best, lean = u, degrees(atan2(up * (u1 - u0), up * (v0 - v1)))
+    assert judged.lost == (not view.sees(best, 63.0))
+    if not judged.lost:
+        assert judged.error == pytest.approx((best - 63.0, lean), abs=0.05)
+
+
+@pytest.mark.parametrize("name", BALLS)
+def test_an_oracle_finishes_ball_laps(name):
+    judged, steps = fly(load(name), oracle(6.0), (-30.0, 20.0))
+    assert judged.lap
+    assert steps == 2000
+    assert judged.progress == 1.0
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_an_oracle_finishes_line_laps_in_both_directions(direction):
+    judged, steps = fly(load("line"), oracle(4.0), (20.0, -10.0), direction)
+    assert judged.lap
+    assert 4500 < steps < 5500
+
+
+@pytest.mark.parametrize("name", BALLS)
+def test_doing_nothing_scores_nowhere(name):
+    scenario = load(name)
+    for du in (-60.0, -35.0, -15.0, 0.0, 20.0, 60.0):
+        for dv in (-20.0, 0.0, 30.0, 60.0):
+            assert not fly(scenario, nothing, (du, dv))[0].lap
+
+
+@pytest.mark.parametrize("action", [(0, 0), (0.2, 0), (-1, 0), (0, 0.3), (0, 1), (0, -1), (0.1, 1), (-0.02, 0.02)])
+@pytest.mark.parametrize("direction", [1, -1])
+def test_one_action_all_the_time_scores_no_line(action, direction):
+    for start in ((0.0, 0.0), (-30.0, 10.0), (35.0, -30.0)):
+        assert not fly(load("line"), lambda step, judged: action, start, direction)[0].lap
+
+
+@pytest.mark.parametrize("name", ["A30", "A60"])
+def test_a_camera_over_a_small_star_scores_nowhere(name):
+    scenario = load(name)
+    for place in ((0.0, 0.0), (0.2, 0.0), (0.15, 0.15), (0.0, -0.4), (0.3, -0.1)):
+        judged = moved(scenario, lambda time, task, place=place: place)
+        assert judged.done
+        assert not judged.lost
+        assert not judged.lap
+
+
+@given(st.floats(0.1, 0.5), st.floats(1.5, 9.0), st.sampled_from([1, -1]), st.floats(0, 2 * pi), st.booleans())
+@settings(deadline=None, max_examples=12)
+def test_flying_round_or_to_and_fro_without_regard_to_the_ball_scores_nothing(radius, rate, way, phase, fro):
+    scenario = load("A60")
+    lap = scenario.task.lap / scenario.task.speed
+
+    def place(time, task):
+        angle = way * rate * 2 * pi * time / lap + phase
+        return radius * cos(angle), (0.3 if fro else 1.0) * radius * sin(angle)
+
+    judged = moved(scenario, place)
+    assert not judged.lap
+
+
+def test_following_behind_the_ball_scores_until_it_is_too_far():
+    scenario = load("A60")
+    assert moved(scenario, lambda time, task: task.path.at(task.way - 0.05 * 3.0)).lap
+    assert not moved(scenario, lambda time, task: task.path.at(task.way - 0.2 * 3.0)).lap
+
+
+def test_flying_sideways_along_the_hexagon_does_not_score():
+    """The heading stays; only the sides that it goes along count, up to where the line is lost."""
+    scenario = load("line")
+
+    def sideways(step, judged):
+        return oracle(4.0)(step, judged)[0], 0.0
+
+    for direction in (1, -1):
+        judged, _ = fly(scenario, sideways, (0.0, 0.0), direction)
+        assert not judged.lap
+        assert judged.progress < 0.6
+
+
+def test_ways_back_are_taken_off_and_a_slow_flight_ends():
+    scenario = load("line")
+    task, body, view, _ = begin(scenario, (0.0, 0.0), 1)
+    pose, c, s = body.pose, cos(body.pose.yaw), sin(body.pose.yaw)
+    for k in range(400):
+        task.advance(0.05)
+        way = 0.02 if k % 2 else -0.02
+        pose.x, pose.y = pose.x + way * c, pose.y + way * s
+        view.look(pose)
+        judged = task.judge(view, pose)
+    assert judged.progress == pytest.approx(0.0, abs=1e-9)
+    task.advance(1.5 * 18.0 / 0.075)
+    judged = task.judge(view, pose)
+    assert judged.done
+    assert not judged.lap
+
+
+def test_what_is_lost_has_finite_errors():
+    scenario = load("B60")
+    task, body, view, _ = begin(scenario, (10.0, -5.0))
+    pose = Pose(body.pose.x + 50.0, body.pose.y, 2.4)
+    view.look(pose)
+    judged = task.judge(view, pose)
+    assert judged.lost
+    assert judged.reward == 0.0
+    assert judged.target == border((10.0, -5.0)) == (127.5, -1.5)
+    assert judged.scaled == (1.0, -1.0)
+    scenario = load("line")
+    task, body, view, _ = begin(scenario, (-10.0, 5.0), 1)
+    pose = Pose(50.0, 50.0, 2.4)
+    view.look(pose)
+    judged = task.judge(view, pose)
+    assert judged.lost
+    assert judged.error == pytest.approx((-64.5, 5.0))
