@@ -61,7 +61,7 @@ def folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.py")), ids=lambda path: path.stem)
 def test_example(path, folder, capsys, monkeypatch):
     if path.stem in NEEDS_PACKAGE:
-        pytest.importorskip(NEEDS_PACKAGE[path.stem])
+        pytest.importorskip(NEEDS_PACKAGE[path.stem], reason=f"the example needs {NEEDS_PACKAGE[path.stem]}")
     monkeypatch.setattr(sys, "argv", [str(path), *ARGUMENTS.get(path.stem, ())])
     runpy.run_path(str(path), run_name="__main__")
     assert capsys.readouterr().out.strip()

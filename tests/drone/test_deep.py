@@ -25,9 +25,10 @@ from neuro_drone.train import train
 AGENTS = {"dqn": DQN, "ddpg": DDPG}
 SMALL = {"warm": 50, "batch": 8, "hidden": 16, "buffer": 1000}
 both = pytest.mark.parametrize("name", AGENTS)
+needs = pytest.mark.usefixtures("package")
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def package():
     with warnings.catch_warnings():  # of what the package's own imports warn of
         warnings.simplefilter("ignore")
@@ -42,6 +43,7 @@ def actions(controller):
     return np.array([controller.act(counts, {}) for counts in seen()])
 
 
+@needs
 @both
 @pytest.mark.parametrize("scenario", ["B60", "line"])
 def test_training_changes_the_networks_and_a_file_keeps_them(name, scenario, tmp_path):
@@ -80,6 +82,7 @@ def train_some(name, steps, seed=0, settings=SMALL):
     return learner
 
 
+@needs
 @both
 def test_seeds(name):
     one, same, other = (train_some(name, 120, seed).learnt() for seed in (1, 1, 2))
@@ -87,6 +90,7 @@ def test_seeds(name):
     assert any((one[n] != other[n]).any() for n in one)
 
 
+@needs
 @both
 def test_the_users_generators_are_left_alone(name):
     np.random.seed(5)  # noqa: NPY002
@@ -96,6 +100,7 @@ def test_the_users_generators_are_left_alone(name):
     assert (np.random.random(3) == expected).all()  # noqa: NPY002
 
 
+@needs
 @both
 @pytest.mark.parametrize("buffer", [1000, 90])
 def test_a_state_goes_on_as_if_nothing_was(name, buffer, tmp_path, monkeypatch):
@@ -117,6 +122,7 @@ def test_a_state_goes_on_as_if_nothing_was(name, buffer, tmp_path, monkeypatch):
     assert all((whole.learnt[n] == a).all() for n, a in parts.learnt.items())
 
 
+@needs
 @both
 def test_only_the_reward_is_learnt_from(name):
     """Learning does not change with the supervised error, and does with the reward."""
@@ -134,6 +140,7 @@ def test_only_the_reward_is_learnt_from(name):
     assert any((one[n] != other[n]).any() for n in one)
 
 
+@needs
 def test_dqn_learns_what_pays():
     """Reward for one of the nine actions only."""
     learner = make("dqn", load("B60"), 0, {**SMALL, "explore": 300, "rate": 0.01, "gamma": 0.0})
@@ -143,6 +150,7 @@ def test_dqn_learns_what_pays():
     assert (actions(learner.frozen()) == ACTIONS[6]).all()
 
 
+@needs
 def test_ddpg_learns_what_pays():
     """Reward in proportion to the way to the right and up the picture."""
     learner = make("ddpg", load("B60"), 0, {**SMALL, "rate": 0.01, "gamma": 0.0})
@@ -152,6 +160,7 @@ def test_ddpg_learns_what_pays():
     assert actions(learner.frozen()).mean(axis=0) == pytest.approx((1.0, -1.0), abs=0.1)
 
 
+@needs
 @both
 def test_learnt_is_a_copy_and_a_model_goes_on_learning(name):
     model = train("B60", name, steps=150, settings=SMALL)
@@ -165,6 +174,7 @@ def test_learnt_is_a_copy_and_a_model_goes_on_learning(name):
     assert any((before[n] != a).any() for n, a in learner.learnt().items())
 
 
+@needs
 @both
 def test_a_trained_model_flies_without_the_package(name, monkeypatch):
     model = train("B60", name, steps=60, settings=SMALL)
