@@ -29,9 +29,9 @@ class LineTask:
     picture. e = (|u - 63| / 64.5 + |lean| / 90) / 2 and e_max = 1.
 
     Progress is that of the point of the hexagon nearest to where the camera aims: ways back are taken off, ways
-    forward are added while the heading is within 45 degrees of the side's direction of travel. A lap counts when the
-    progress is the whole hexagon and the drone turned by 360 degrees, 45 more or less, in its direction. After 1.5
-    times the time that a lap takes along the line the episode ends without one.
+    forward are added once the heading is within 45 degrees of the side's direction of travel, if that takes no more
+    than half a side. A lap counts when the progress is the whole hexagon and the drone turned by 360 degrees, 45 more
+    or less, in its direction. After 1.5 times the time that a lap takes along the line the episode ends without one.
 
     Args:
         line: path, speed and width.
@@ -147,12 +147,16 @@ class LineTask:
         if aim is None:
             return
         place, side = self._nearest(*aim)
-        if self._place is not None:
-            length = self.path.length
-            way = (place - self._place + 0.5 * length) % length - 0.5 * length
-            off = (yaw - self._headings[side] + pi) % (2.0 * pi) - pi
-            if way < 0.0 or (abs(off) <= ALONG and way <= 0.5 * self.line.side):
-                self.way += way
+        if self._place is None:
+            self._place = place
+            return
+        length = self.path.length
+        way = (place - self._place + 0.5 * length) % length - 0.5 * length
+        off = (yaw - self._headings[side] + pi) % (2.0 * pi) - pi
+        leap = way > 0.5 * self.line.side
+        if way > 0.0 and abs(off) > ALONG and not leap:
+            return  # it counts when the heading is right again
+        self.way += 0.0 if leap else way
         self._place = place
 
     def _nearest(self, x: float, y: float) -> tuple[float, int]:
