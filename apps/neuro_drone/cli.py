@@ -108,6 +108,26 @@ def try_model(
 
 
 @app.command()
+def watch(
+    model: MaybeModel = None,
+    scenario: Scenario = None,
+    controller: Untrained = None,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The page to write.")] = Path("lap.html"),
+    start: Annotated[
+        tuple[float, float] | None,
+        typer.Option("--start", metavar="A B", help="Error at the beginning: px px, of a line px degrees."),
+    ] = None,
+    backend: Backend = "event",
+    set: Set = [],  # noqa: B006
+) -> None:
+    """Write a lap as one page for a browser: the world, the camera's events, spikes and actions side by side."""
+    from neuro_drone.watch import watch as write
+
+    told = write(_pilot(model, scenario, controller, set), out, start, backend)
+    typer.echo(f"{out}: {told}")
+
+
+@app.command()
 def scenarios() -> None:
     """List the scenarios."""
     from neuro_drone.report import list_scenarios

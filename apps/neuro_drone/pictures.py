@@ -13,7 +13,6 @@ from neuro_drone.geometry import AIM
 from neuro_drone.model import Model
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 __all__ = ["density", "training", "weight_maps", "weights"]
@@ -43,8 +42,9 @@ def density(model: Model, tried: Tried) -> Figure:
     x, y = AIM + track[:, 0], (90.0 - track[:, 1] if line else AIM + track[:, 1])
     edges = np.arange(-0.5, 128.0, 1.0), np.linspace(0.0, 180.0, 121) if line else np.arange(-0.5, 128.0, 1.0)
     seen, _, _ = np.histogram2d(x, y, bins=edges)
-    fig = _figure(6.2, 6.4)
-    grid = fig.add_gridspec(2, 2, width_ratios=(5, 1), height_ratios=(1, 5), wspace=0.04, hspace=0.04)
+    fig = _figure(6.2, 6.75)
+    place = {"left": 0.11, "right": 0.985, "bottom": 0.08, "top": 0.905}
+    grid = fig.add_gridspec(2, 2, width_ratios=(6, 1), height_ratios=(1, 6), wspace=0.03, hspace=0.03, **place)
     main = fig.add_subplot(grid[1, 0])
     share = np.ma.masked_equal(seen.T / len(track), 0.0)
     main.pcolormesh(*edges, share, cmap="YlGnBu", norm=LogNorm(0.3 / len(track), 1.0), rasterized=True)
@@ -55,9 +55,11 @@ def density(model: Model, tried: Tried) -> Figure:
     main.set_ylabel("angle, degrees" if line else "row, px")
     if not line:
         main.invert_yaxis()
-        main.set_aspect("equal", adjustable="box")
-    for side, values, edge, way in (((0, 0), x, edges[0], "vertical"), ((1, 1), y, edges[1], "horizontal")):
-        _marginal(fig.add_subplot(grid[side], **{"sharex" if way == "vertical" else "sharey": main}), values, edge, way)
+    above, right = fig.add_subplot(grid[0, 0], sharex=main), fig.add_subplot(grid[1, 1], sharey=main)
+    above.stairs(seen.sum(1), edges[0], fill=True, color=BLUE, alpha=0.75)
+    right.stairs(seen.sum(0), edges[1], fill=True, color=BLUE, alpha=0.75, orientation="horizontal")
+    above.axis("off")
+    right.axis("off")
     what = "column and angle of the line" if line else "position of the ball"
     axes = ("px", "degrees") if line else ("px", "px")
     absolute = " and ".join(f"{value:.1f} {unit}" for value, unit in zip(tried.absolute, axes, strict=True))
@@ -65,11 +67,6 @@ def density(model: Model, tried: Tried) -> Figure:
     fig.suptitle(f"{model.controller} in {model.scenario.name}: {what}", x=0.02, ha="left", fontsize=12)
     fig.text(0.02, 0.93, f"{error} · {tried.laps} of {tried.starts} laps · all steps, log shade", color=SOFT)
     return fig
-
-
-def _marginal(axes: Axes, values: npt.NDArray[Any], edges: npt.NDArray[Any], way: str) -> None:
-    axes.hist(values, edges, orientation=way, color=BLUE, alpha=0.75)
-    axes.axis("off")
 
 
 def training(model: Model) -> Figure:
@@ -88,7 +85,7 @@ def training(model: Model) -> Figure:
     above.annotate("whole", (1.0, model.episode), xycoords=("axes fraction", "data"), xytext=(4, -3),
                    textcoords="offset points", color=RED, fontsize=9)  # fmt: skip
     for axes, values in ((above, steps), (below, error)):
-        axes.plot(number[~lost], values[~lost], ".", ms=3, color=BLUE, alpha=0.45, mew=0)
+        axes.plot(number[~lost], values[~lost], ".", ms=5, color=BLUE, alpha=0.5, mew=0)
         axes.plot(number[lost], values[lost], "x", ms=4, color=RED, alpha=0.8)
         axes.plot(number, _running(values), color=INK, lw=1.2)
         axes.set_ylim(bottom=0.0)
@@ -133,8 +130,8 @@ def weights(model: Model) -> Figure:
     """
     maps = weight_maps(model)
     low, high = min(one.min() for one in maps.values()), max(one.max() for one in maps.values())
-    fig = _figure(2.5 * len(maps) + 0.8, 3.5)
-    every = fig.subplots(1, len(maps))
+    fig = _figure(2.5 * len(maps) + 0.9, 3.3)
+    every = fig.subplots(1, len(maps), gridspec_kw={"left": 0.04, "right": 0.91, "top": 0.8, "bottom": 0.09})
     for axes, (name, one) in zip(every, maps.items(), strict=True):
         shown = axes.imshow(one, cmap="viridis", vmin=low, vmax=high, extent=(-0.5, 127.5, 127.5, -0.5))
         axes.plot(AIM, AIM, "+", color="white", ms=9)
@@ -142,7 +139,7 @@ def weights(model: Model) -> Figure:
         axes.set_xticks((0, 63, 127))
         axes.set_yticks((0, 63, 127) if axes is every[0] else ())
     unit = "weight" if model.controller == "lms" else "weight, pA"
-    fig.colorbar(shown, ax=list(every), label=unit, shrink=0.75, pad=0.02)
+    fig.colorbar(shown, ax=list(every), label=unit, shrink=0.95, pad=0.015, aspect=24)
     fig.suptitle(f"{model.controller} in {model.scenario.name}, seed {model.seed}: what speaks for which action",
                  x=0.02, ha="left", fontsize=12)  # fmt: skip
     return fig

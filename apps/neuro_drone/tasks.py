@@ -8,6 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from neuro_drone.geometry import AIM, Pose, View
+from neuro_drone.paths import Path
 from neuro_drone.scene import Scene
 
 __all__ = ["FARTHEST", "Judged", "Task", "border"]
@@ -54,10 +55,12 @@ class Task(Protocol):
     Attributes:
         forward: speed that the drone has whatever the action, m/s.
         turns: the second action turns the drone; else it moves it backwards.
+        path: along which the target is.
     """
 
     forward: float
     turns: bool
+    path: Path
 
     def reset(
         self, rng: np.random.Generator, start: tuple[float, float] | None = None, direction: int = 0
