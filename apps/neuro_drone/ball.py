@@ -22,6 +22,8 @@ COVERED = 0.8
 LARGEST_ERROR = 20.0
 NEARER = 0.75
 SPREAD = 35.0
+TRIES = 1000
+FARTHEST_START = 10.0
 E_MAX = hypot(FARTHEST, FARTHEST)
 
 
@@ -70,13 +72,25 @@ class BallTask:
     ) -> tuple[float, float, float]:
         """See `Task`; the start is in px and px, the heading is 0."""
         self._begin()
-        du, dv = rng.uniform(-SPREAD, SPREAD, 2).tolist() if start is None else start
         self.view.look(Pose(0.0, 0.0, self.height))
-        u, v = AIM + du, AIM + dv
-        offset = self.view.ground(u, v, self.ball.radius) if self.view.sees(u, v) else None
+        offset = self._drawn(rng) if start is None else self._offset(*start)
         if offset is None:
+            du, dv = start or (0.0, 0.0)
             raise ModelError(f"start [{du:g}, {dv:g}] px: expected a place of the picture below the horizon")
         return self._place[0] - offset[0], self._place[1] - offset[1], 0.0
+
+    def _drawn(self, rng: np.random.Generator) -> tuple[float, float]:
+        """A start within 35 px on both axes, the first that is drawn which is not near the horizon or above it."""
+        for _ in range(TRIES):
+            offset = self._offset(*rng.uniform(-SPREAD, SPREAD, 2).tolist())
+            if offset is not None and hypot(*offset) <= FARTHEST_START * self.height:
+                return offset
+        raise ModelError("camera: all starts within 35 px are near the horizon", hint="tilt it further down")
+
+    def _offset(self, du: float, dv: float) -> tuple[float, float] | None:
+        """Where from a drone at the origin the ball has an error, m; None where the picture has no such place."""
+        u, v = AIM + du, AIM + dv
+        return self.view.ground(u, v, self.ball.radius) if self.view.sees(u, v) else None
 
     def scene(self) -> Scene:
         """See `Task`."""

@@ -22,9 +22,10 @@ QUIET = settings(deadline=None, max_examples=40)
 
 def begin(scenario, start=None, direction=0, seed=0):
     """A task, the drone's body at its start, and its camera."""
-    view = View(tilt=scenario.camera.tilt)
+    camera = scenario.camera
+    view = View(fov=camera.fov, tilt=camera.tilt)
     kind = BallTask if scenario.kind == "ball" else LineTask
-    task = kind(scenario.task, View(tilt=scenario.camera.tilt), scenario.drone.height)
+    task = kind(scenario.task, View(fov=camera.fov, tilt=camera.tilt), scenario.drone.height)
     body = Kinematic(scenario.drone)
     x, y, yaw = task.reset(np.random.default_rng(seed), start, direction)
     body.reset(x, y, yaw, forward=task.forward)
@@ -109,7 +110,18 @@ def test_starts_are_drawn_within_35_px(seed):
     assert abs(line.error[1]) <= 15.0 + 1e-9
 
 
+@pytest.mark.parametrize("tilt", [10.0, 15.0, 20.0])
+def test_a_camera_that_sees_the_horizon_has_starts_below_it(tilt):
+    for seed in range(50):
+        _, body, _, judged = begin(load("B30", **{"camera.tilt": tilt}), seed=seed)
+        assert not judged.lost
+        assert hypot(body.pose.x, body.pose.y) < 26.0
+
+
 def test_starts_that_cannot_be():
+    with pytest.raises(ModelError) as error:
+        begin(load("B30", **{"camera.tilt": 1.0, "camera.fov": 10.0}))
+    assert str(error.value) == ("camera: all starts within 35 px are near the horizon\n  hint: tilt it further down")
     with pytest.raises(ModelError) as error:
         begin(load("B60"), (90.0, 0.0))
     assert str(error.value) == "start [90, 0] px: expected a place of the picture below the horizon"
