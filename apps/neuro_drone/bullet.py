@@ -52,11 +52,17 @@ class Bullet:
     """
 
     def __init__(self, drone: Drone) -> None:
-        self._p = p = _pybullet()
+        self._p = _pybullet()
         self.a_max, self.height = drone.a_max, drone.height
         self.reference = Kinematic(drone)
         self.pose = Pose(0.0, 0.0, drone.height)
         self.velocity = (0.0, 0.0)
+        self._connect()
+        self.reset(0.0, 0.0, 0.0)
+
+    def _connect(self) -> None:
+        """Make a world with the drone in it."""
+        p = self._p
         self._client = p.connect(p.DIRECT)
         self._closed = finalize(self, _disconnect, p, self._client)
         at = {"physicsClientId": self._client}
@@ -67,11 +73,11 @@ class Bullet:
             activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING, **at,
         )  # fmt: skip
         self._substep = 0.0
-        self._spin: Vector = (0.0, 0.0, 0.0)
-        self.reset(0.0, 0.0, 0.0)
 
     def reset(self, x: float, y: float, yaw: float, right: float = 0.0, forward: float = 0.0) -> None:
-        """See `Body`."""
+        """See `Body`; opens a closed body again."""
+        if not self._closed.alive:
+            self._connect()
         p, at = self._p, {"physicsClientId": self._client}
         self.reference.reset(x, y, yaw, right, forward)
         vx, vy = self.velocity = self.reference.velocity
@@ -101,7 +107,7 @@ class Bullet:
             self._read()
 
     def close(self) -> None:
-        """See `Body`; after it the body cannot be used."""
+        """See `Body`; a reset opens it again."""
         self._closed()
 
     def _read(self) -> None:

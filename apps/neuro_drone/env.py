@@ -53,6 +53,8 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
     share of the largest: a supervised signal, not the reward), reward and lost (as `step` returns them), progress
     (0 to 1), lap (True where a lap ended that counts).
 
+    A camera that shakes is judged by where it would look without.
+
     The reward is 1 - e / e_max, 0 where the target is lost, which also terminates the episode; the end of the path
     truncates it.
 
@@ -178,7 +180,8 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         return picture
 
     def close(self) -> None:
-        """Give back what the physics holds of the machine."""
+        """Give back what the physics holds of the machine; `reset` begins again."""
+        self._running = False
         self.body.close()
 
 

@@ -136,6 +136,11 @@ def test_clients_are_closed():
     client = env.body._client
     env.close()
     assert not p.isConnected(client)
+    with pytest.raises(ModelError, match="call reset first"):
+        env.step([0.0, 0.0])
+    env.reset()
+    env.step([0.0, 0.0])
+    env.close()
 
 
 @given(st.floats(0, 30), *[st.floats(-3, 3)] * 3)
