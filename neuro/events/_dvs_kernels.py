@@ -7,7 +7,7 @@ the time since then and r the bandwidth in 1/us. So what the pixel sees of a cha
 v(u) = v + a u + q (exp(-ru) - 1), with a = s + leak and q = lag + s/r (0 without a limit of bandwidth).
 """
 
-from math import exp, expm1, inf, isnan, log, nan
+from math import exp, expm1, inf, isnan, log
 
 import numpy as np
 from numba import njit
@@ -20,20 +20,19 @@ TIE = 1e-9
 OFF as ON events in spite of rounding. v2e rounds its log intensities to 1e-8 for this."""
 PIXEL = np.dtype(
     [
-        ("on", "f8"),  # thresholds, log units
-        ("off", "f8"),
         ("leak", "f8"),  # log units per us
-        ("log", "f8"),  # of the image that was last different
-        ("bright", "f8"),  # its intensity, v2e's inten01
-        ("since", "f8"),  # time at which v and lag hold
-        ("v", "f8"),  # change since the last event
+        ("bright", "f8"),  # intensity of the image that was last different, v2e's inten01
+        ("since", "f8"),  # time at which change and lag hold
         ("lag", "f8"),  # low-passed minus true log intensity
         ("listen", "f8"),  # blind until then
         ("noise", "f8"),  # time of the next noise event, if it is let through
         ("drawn", "i8"),  # random words used
     ]
 )
-"""State of a pixel."""
+"""State of a pixel, beside its levels."""
+ON, OFF, LOG, CHANGE = range(4)
+"""Columns of the levels of all pixels, log units: thresholds, log of the image that was last different, change since
+the last event. They lie apart from the rest, which a pixel that stays below its thresholds does not need."""
 FIXED = np.dtype([("cutoff", "f8"), ("blind", "f8"), ("wait", "f8"), ("dimmed", "f8"), ("seed", "i8")])
 """Of all pixels: cutoff 1/us at full scale or 0, refractory us, mean us between noise events in the dark,
 share of them that full scale takes away, seed."""
@@ -129,24 +128,25 @@ def bandwidth(state, all_):
 
 
 @njit(cache=True)
-def due_time(state, all_):
+def due_time(state, levels, i, all_):
     """Until when the pixel has no event and draws no noise while its image stays as it is, or a bit less."""
     r = bandwidth(state, all_)
     wait = max(state.listen - state.since, 0.0)
     q = state.lag + eased(state.lag, r, wait)
-    high = state.v + abs(q)
-    if high < state.on and state.v - abs(q) > -state.off:
-        u = (state.on - high) / state.leak if state.leak > 0.0 else inf
+    on, off, change = levels[i, ON], levels[i, OFF], levels[i, CHANGE]
+    high = change + abs(q)
+    if high < on and change - abs(q) > -off:
+        u = (on - high) / state.leak if state.leak > 0.0 else inf
     else:
         span = inf
         if q != 0.0:
-            span = SETTLED / r + ((state.on + state.off + abs(q)) / state.leak if state.leak > 0.0 else 0.0)
-        u, _ = crossing(state.v, state.leak, q, r, state.on, state.off, span)
+            span = SETTLED / r + ((on + off + abs(q)) / state.leak if state.leak > 0.0 else 0.0)
+        u, _ = crossing(change, state.leak, q, r, on, off, span)
     return min(state.since + wait + u, state.noise)
 
 
 @njit(cache=True)
-def run(state, i, s, end, all_, origin, earliest, n, out_t, out_pixel, out_p):
+def run(state, levels, i, s, end, all_, origin, earliest, n, out_t, out_pixel, out_p):
     """Let a pixel see the log intensity go with slope s until `end`; returns events written, whether it got there."""
     r = bandwidth(state, all_)
     start = state.since
@@ -163,7 +163,7 @@ def run(state, i, s, end, all_, origin, earliest, n, out_t, out_pixel, out_p):
             if u >= span:
                 break
         q = state.lag + tail
-        ahead, p = crossing(state.v, a, q, r, state.on, state.off, span - u)
+        ahead, p = crossing(levels[i, CHANGE], a, q, r, levels[i, ON], levels[i, OFF], span - u)
         at = min(u + ahead, span) if ahead < inf else inf
         while state.noise - start <= u:
             next_noise(state, i, all_)
@@ -176,7 +176,7 @@ def run(state, i, s, end, all_, origin, earliest, n, out_t, out_pixel, out_p):
             next_noise(state, i, all_)
         if at == inf:
             change = eased(q, r, span - u)
-            state.v += a * (span - u) + change
+            levels[i, CHANGE] += a * (span - u) + change
             state.lag += change
             break
         if n == out_t.shape[0]:
@@ -187,7 +187,7 @@ def run(state, i, s, end, all_, origin, earliest, n, out_t, out_pixel, out_p):
         out_p[n] = p
         n += 1
         state.lag += eased(q, r, at - u)
-        state.v = 0.0
+        levels[i, CHANGE] = 0.0
         u = at
         blind = at + all_.blind
         state.listen = start + blind
@@ -196,85 +196,7 @@ def run(state, i, s, end, all_, origin, earliest, n, out_t, out_pixel, out_p):
 
 
 @njit(cache=True)
-def differ(new, old):
-    """Whether two runs of pixels differ anywhere; without a branch, so that it is done many pixels at a time."""
-    found = 0
-    for i in range(new.size):
-        found |= new[i] != old[i]
-    return found != 0
-
-
-@njit(cache=True)
-def outside(low, high, width, box):
-    """Whether pixels low to high - 1 of the flat image certainly have none in a box; its rows are looked at before."""
-    row = low // width
-    return high <= (row + 1) * width and (high - row * width <= box[0] or low - row * width >= box[2])
-
-
-@njit(cache=True)
-def look(
-    new,
-    old,
-    first,
-    box,
-    width,
-    table,
-    scale,
-    floor,
-    knee,
-    slope,
-    height,
-    due,
-    block_due,
-    t1,
-    blocks,
-    index,
-    logs,
-    bright,
-):
-    """Find the pixels that changed or are due until t1; they lie in blocks, most of which are skipped.
-
-    Args: new, old: images, flat; first: look at every pixel; box: x0, y0, x1, y1, outside of which nothing
-    changed; width: of the image; table: (levels,) log intensities, empty for floats; scale: of the
-    images; floor, knee, slope, height: of the curve; due: (n,) and block_due: (blocks,), us. Filled:
-    blocks looked at, index of each pixel, its log (nan: as before), its inten01.
-    Returns (number of pixels, number of blocks, first pixel with an impossible intensity or -1).
-    """
-    k = 0
-    b = 0
-    above, below = box[1] * width, box[3] * width
-    for block in range(block_due.size):
-        low = block * BLOCK
-        high = min(low + BLOCK, new.size)
-        if block_due[block] > t1 and not first:
-            if high <= above or low >= below or outside(low, high, width, box):
-                continue
-            if not differ(new[low:high], old[low:high]):
-                continue
-        blocks[b] = block
-        b += 1
-        for i in range(low, high):
-            if new[i] != old[i] or first:
-                light = new[i] * scale
-                if not (light >= 0.0 and light < inf):
-                    return k, b, i
-                index[k] = i
-                if table.size:
-                    logs[k] = table[int(new[i])]
-                else:
-                    seen = light + floor
-                    logs[k] = log(seen) if seen > knee else seen * slope + height
-                bright[k] = (255.0 * light + 20.0) / 275.0
-                k += 1
-            elif due[i] <= t1:
-                index[k] = i
-                logs[k] = nan
-                k += 1
-    return k, b, -1
-
-
-@njit(cache=True)
-def advance(k, count, index, logs, bright, t0, t1, fixed, origin, pixels, due, out_t, out_pixel, out_p):
+def advance(k, count, index, logs, bright, t0, t1, fixed, origin, pixels, levels, due, out_t, out_pixel, out_p):
     """Let the pixels found by `look` see the image of t1; between t0 and t1 their log goes straight.
 
     Returns (events written, pixel to go on from); the latter is less than count where the buffers were
@@ -289,55 +211,42 @@ def advance(k, count, index, logs, bright, t0, t1, fixed, origin, pixels, due, o
         s = 0.0
         if not isnan(logs[j]):
             if state.since < t0:
-                n, done = run(state, i, 0.0, t0, all_, origin, earliest, n, out_t, out_pixel, out_p)
+                n, done = run(state, levels, i, 0.0, t0, all_, origin, earliest, n, out_t, out_pixel, out_p)
                 if not done:
                     return n, j
-            s = (logs[j] - state.log) / (t1 - t0)
+            s = (logs[j] - levels[i, LOG]) / (t1 - t0)
             state.bright = bright[j]
-            end = state.v + (s + state.leak) * (t1 - t0)
+            end = levels[i, CHANGE] + (s + state.leak) * (t1 - t0)
             quiet = all_.cutoff == 0.0 and state.listen <= t0 and state.noise > t1
-            if quiet and TIE - state.off < end < state.on - TIE:
-                state.v = end
+            if quiet and TIE - levels[i, OFF] < end < levels[i, ON] - TIE:
+                levels[i, CHANGE] = end
                 state.since = t1
-                state.log = logs[j]
-                later = t1 + (state.on - end) / state.leak if state.leak > 0.0 else inf
+                levels[i, LOG] = logs[j]
+                later = t1 + (levels[i, ON] - end) / state.leak if state.leak > 0.0 else inf
                 due[i] = min(later, state.noise)
                 continue
-        n, done = run(state, i, s, t1, all_, origin, earliest, n, out_t, out_pixel, out_p)
+        n, done = run(state, levels, i, s, t1, all_, origin, earliest, n, out_t, out_pixel, out_p)
         if not done:
             return n, j
         if not isnan(logs[j]):
-            state.log = logs[j]
-        due[i] = due_time(state, all_)
+            levels[i, LOG] = logs[j]
+        due[i] = due_time(state, levels, i, all_)
     return n, count
 
 
 @njit(cache=True)
-def begin(logs, bright, fixed, pixels, due):
+def begin(logs, bright, fixed, pixels, levels, due):
     """Show the first image, at time 0."""
     all_ = fixed[0]
     for i in range(pixels.size):
         state = pixels[i]
-        state.log = logs[i]
+        levels[i, LOG] = logs[i]
         state.bright = bright[i]
         if all_.wait < inf:
             next_noise(state, i, all_)
         else:
             state.noise = inf
-        due[i] = due_time(state, all_)
-
-
-@njit(cache=True)
-def settle(blocks, count, new, old, due, block_due):
-    """Keep what was looked at, and when the first pixel of each block is due."""
-    for k in range(count):
-        low = blocks[k] * BLOCK
-        high = min(low + BLOCK, due.size)
-        soonest = inf
-        for i in range(low, high):
-            old[i] = new[i]
-            soonest = min(soonest, due[i])
-        block_due[blocks[k]] = soonest
+        due[i] = due_time(state, levels, i, all_)
 
 
 @njit(cache=True)
