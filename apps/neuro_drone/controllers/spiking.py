@@ -42,6 +42,8 @@ class SpikingSettings:
         rate_max: of a cell at most, in either, Hz.
         start: weights before learning: equal (the network's own), sign or linear, see `fields.pattern`.
         strength: mean of the weights by sign or linear, pA; they lie between 0 and twice that.
+        backend: what runs the network while it learns.
+        options: of that backend, by name.
         learns: whether the network does; if not, its synapses are static.
         parameters: of the network.
     """
@@ -55,6 +57,8 @@ class SpikingSettings:
     rate_max: float = number(400.0, 0.0, above=True)
     start: str = choice("equal", "equal", "sign", "linear")
     strength: float = number(1500.0, 0.0, above=True)
+    backend: str = "event"
+    options: Mapping[str, Any] = field(default_factory=dict)
     learns: bool = field(default=True, metadata={"fixed": True})
     parameters: Mapping[str, Any] = field(default_factory=dict, metadata={"fixed": True})
 
@@ -69,7 +73,6 @@ class Spiking:
         scenario: gives the time of a step and the sides of the fields.
         seed: of the network.
         settings: see there.
-        backend: what runs the network.
 
     Attributes:
         net: the network before learning.
@@ -82,11 +85,12 @@ class Spiking:
         opposite in sign). Rates and eta are measured choices.
     """
 
-    def __init__(self, scenario: Scenario, seed: int, settings: SpikingSettings, backend: str = "event") -> None:
+    def __init__(self, scenario: Scenario, seed: int, settings: SpikingSettings) -> None:
         self._scenario, self._seed, self._settings = scenario, seed, settings
         self.net = net = _load(settings)
         self._signals = [s.name for s in net.signals.values() if s.to == MOTORS] if settings.learns else []
-        self.sim = neuro.compile(net if settings.learns else static(net), backend=backend, seed=seed)
+        run = net if settings.learns else static(net)
+        self.sim = neuro.compile(run, backend=settings.backend, seed=seed, **settings.options)
         if settings.start != "equal":
             self._start_from(pattern(scenario, settings.start))
         self._factor = np.broadcast_to(np.asarray(settings.gain), 2) / _most_spikes(net, scenario.step)
@@ -155,8 +159,9 @@ class Spiking:
 
     def frozen(self, backend: str = "event") -> Spiking:
         """The network with the weights of now and static synapses: no dopamine, and nothing learns."""
-        settings = replace(self._settings, network=self.network(), learns=False, start="equal", parameters={})
-        return Spiking(self._scenario, self._seed, settings, backend)
+        now: dict[str, Any] = {"network": self.network(), "start": "equal", "parameters": {}}
+        settings = replace(self._settings, **now, learns=False, backend=backend, options={})
+        return Spiking(self._scenario, self._seed, settings)
 
 
 def static(net: neuro.Network) -> neuro.Network:
