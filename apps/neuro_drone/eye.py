@@ -30,7 +30,9 @@ class Eye:
     """What the camera sees, and the events that it makes of it.
 
     A pixel's brightness is the mean over its square: ball, line, ground and sky count by the share that they cover.
-    Brightness is the same all over a body (no shading), times the scenario's light.
+    Brightness is the same all over a body (no shading), times the scenario's light. A ball is in front of all else and
+    hides ground, line and sky within a pixel in proportion, so where its outline crosses theirs that one pixel is near
+    the mean, but not it. A pattern on the ground is filtered, not exact; see `neuro_drone.texture`.
 
     Args:
         scenario: camera, ground, light and task.

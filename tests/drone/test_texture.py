@@ -78,10 +78,10 @@ def test_the_pattern_does_not_flicker(tilt):
     eye = Eye(Scenario(camera=Camera(tilt=tilt), ground=ground))
     baked = pattern(ground, 1.0, 0)
     images, true = [], []
-    for k in range(4):
+    for k in range(3):
         images.append(eye.draw(Pose(0.003 * k, 0.001 * k, 2.4), Scene())[12:].astype(float))
-        true.append(sampled(eye.view, *baked, fine=16)[12:])
-    ours, theirs = (np.diff(p, axis=0).reshape(3, 4, -1).std((0, 2)) for p in (images, true))
+        true.append(sampled(eye.view, *baked, fine=10)[12:])
+    ours, theirs = (np.diff(p, axis=0).reshape(2, 4, -1).std((0, 2)) for p in (images, true))
     assert (ours < 1.1 * theirs).all()
 
 
