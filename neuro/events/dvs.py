@@ -67,13 +67,16 @@ class DVS:
         from neuro.events._dvs_kernels import BLOCK, FIXED, OFF, ON, PIXEL
 
         p, n = self.parameters, self.sensor_size[0] * self.sensor_size[1]
-        spread = np.random.default_rng([self.seed, 1]).normal(0.0, p.sigma_thres, (2, n))
-        decades = np.random.default_rng([self.seed, 4]).normal(0.0, p.noise_rate_cov_decades, n)
         self._pixels = np.zeros(n, PIXEL)
         self._levels = np.zeros((n, 4))
+        spread = (
+            np.random.default_rng([self.seed, 1]).normal(0.0, p.sigma_thres, (2, n)) if p.sigma_thres else (0.0, 0.0)
+        )
         self._levels[:, ON] = np.maximum(p.pos_thres + spread[0], LOWEST_THRESHOLD)
         self._levels[:, OFF] = np.maximum(p.neg_thres + spread[1], LOWEST_THRESHOLD)
-        self._pixels["leak"] = 1e-6 * p.leak_rate_hz * self._levels[:, ON] * 10.0**decades
+        if p.leak_rate_hz:
+            decades = np.random.default_rng([self.seed, 4]).normal(0.0, p.noise_rate_cov_decades, n)
+            self._pixels["leak"] = 1e-6 * p.leak_rate_hz * self._levels[:, ON] * 10.0**decades
         self._calm = not (p.leak_rate_hz or p.shot_noise_rate_hz or p.cutoff_hz or p.refractory_period_s)
         wait = 1e6 / p.shot_noise_rate_hz if p.shot_noise_rate_hz else np.inf
         cutoff, blind = 2e-6 * np.pi * p.cutoff_hz, 1e6 * p.refractory_period_s
