@@ -22,7 +22,14 @@ LINES = 10
 
 
 class Bars:
-    """One bar for each thing that is under way."""
+    """One bar for each thing that is under way.
+
+    Args:
+        lines: that are printed of each where there is no terminal.
+    """
+
+    def __init__(self, lines: int = LINES) -> None:
+        self._lines = lines
 
     def __enter__(self) -> Bars:
         from rich.console import Console
@@ -41,9 +48,9 @@ class Bars:
     def __exit__(self, *error: Any) -> None:
         self._bar.stop()
 
-    def training(self, progress: Progress, whose: str = "") -> None:
+    def training(self, progress: Progress) -> None:
         """Show how far a training is, and its error of late."""
-        what = f"{whose}seed {progress.seed}"
+        what = f"seed {progress.seed}"
         errors = self._errors[what]
         errors.append(progress.error_px)
         told = f"{progress.step:,} of {progress.steps:,} steps, {sum(errors) / len(errors):.1f} px"
@@ -61,12 +68,14 @@ class Bars:
         return show
 
     def at(self, what: str, done: int, total: int, told: str) -> None:
-        """Show how far something is; elsewhere than on a terminal a line is printed for each tenth of it."""
-        text, tenth = f"{what}: {told}", done * LINES // total
+        """Show how far something is; elsewhere than on a terminal some lines are printed."""
+        text, part = f"{what}: {told}", done * self._lines // total
         if what not in self._tasks:
             self._tasks[what] = self._bar.add_task("", total=total)
             self._said[what] = 0
         self._bar.update(self._tasks[what], description=text, completed=done, total=total)
-        if not self._screen and tenth > self._said[what]:
+        if not self._screen and part > self._said[what]:
             typer.echo(text, err=True)
-        self._said[what] = tenth
+        self._said[what] = part
+        if done >= total:
+            self._bar.update(self._tasks[what], visible=len(self._tasks) == 1)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from neuro.cli.energy import TARGETS, Target
 from neuro.cli.options import Backend, Seed, Set, whole
 
 if TYPE_CHECKING:
@@ -26,6 +27,10 @@ ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A model, as 't
 MaybeModel = Annotated[
     Path | None, typer.Argument(metavar="[MODEL]", help="A model, as 'train' writes it.", show_default=False)
 ]
+ScenarioName = Annotated[
+    str, typer.Option("--scenario", metavar="NAME", help="See 'neuro drone scenarios', or a YAML file.")
+]
+Steps = Annotated[int, typer.Option("--steps", metavar="N", parser=count, help="Steps of control.")]
 Scenario = Annotated[
     str | None,
     typer.Option("--scenario", metavar="NAME", help="See 'neuro drone scenarios', or a YAML file.", show_default=False),
@@ -40,13 +45,11 @@ Grid = Annotated[int, typer.Option("--starts", metavar="N", parser=count, help="
 
 @app.command()
 def train(
-    scenario: Annotated[
-        str, typer.Option("--scenario", metavar="NAME", help="See 'neuro drone scenarios', or a YAML file.")
-    ] = "B60",
+    scenario: ScenarioName = "B60",
     controller: Annotated[
         str, typer.Option("--controller", metavar="NAME", help="See 'neuro drone controllers'.")
     ] = "snn",
-    steps: Annotated[int, typer.Option("--steps", metavar="N", parser=count, help="Steps of control.")] = 60_000,
+    steps: Steps = 60_000,
     seed: Seed = 0,
     seeds: Annotated[
         int, typer.Option("--seeds", metavar="N", parser=count, help="So many trainings, on all cores.")
@@ -105,6 +108,67 @@ def try_model(
         typer.echo(figures(pilot, tried))
     else:
         show(pilot, tried)
+
+
+@app.command()
+def compare(
+    scenario: ScenarioName = "B60",
+    steps: Steps = 60_000,
+    seeds: Annotated[int, typer.Option("--seeds", metavar="N", parser=count, help="Trainings of each.")] = 5,
+    seed: Seed = 0,
+    starts: Grid = 5,
+    row: Annotated[
+        list[str],
+        typer.Option("--row", metavar="ROW", help="Only these, e.g. 'snn' or 'dqn steps=150000 drone.v_max=0.5'."),
+    ] = [],  # noqa: B006
+    more: Annotated[list[str], typer.Option("--with", metavar="ROW", help="These as well, e.g. dqn.")] = [],  # noqa: B006
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FOLDER", help="Where models and results are kept.")
+    ] = None,
+    json: Json = False,
+    set: Set = [],  # noqa: B006
+) -> None:
+    """Train and test controllers side by side and print the table; what the folder has is not done again.
+
+    Always there: do nothing, the oracle, the centroid of the events, weights set by hand, LMS, the network without
+    dopamine and with dopamine of the wrong sign. --set changes the scenario of all.
+    """
+    from neuro_drone.bars import Bars
+    from neuro_drone.compare import ROWS, Plan, Row
+    from neuro_drone.compare import compare as run
+    from neuro_drone.report import comparison, show_comparison, write_comparison
+
+    all_seeds = range(seed, seed + seeds)
+    rows = tuple(Row.of(text, scenario, steps, all_seeds, set) for text in [*(row or ROWS), *more])
+    folder = out or Path(f"compare-{rows[0].scenario.name}")
+    try:
+        with Bars(lines=1) as bars:
+            found = run(Plan(rows, starts, folder), lambda said: bars.at(said.what, said.done, said.total, said.told))
+    except KeyboardInterrupt:
+        typer.echo("interrupted: the same command goes on where it was", err=True)
+        raise typer.Exit(130) from None
+    write_comparison(found, folder / "table.md")
+    if json:
+        typer.echo(comparison(found))
+    else:
+        show_comparison(found)
+
+
+@app.command()
+def energy(
+    model: ModelFile,
+    target: Target = TARGETS,
+    json: Annotated[bool, typer.Option("--json", help="Print the bills as JSON.")] = False,
+) -> None:
+    """Fly a lap and print what a control step takes on chips: joules, time, and whether it is in time."""
+    from neuro_drone.energy import priced, show, words
+    from neuro_drone.model import Model
+
+    bills = priced(Model.load(model), target)
+    if json:
+        typer.echo(words(bills))
+    else:
+        show(bills)
 
 
 @app.command()

@@ -130,8 +130,10 @@ def weights(model: Model) -> Figure:
     """
     maps = weight_maps(model)
     low, high = min(one.min() for one in maps.values()), max(one.max() for one in maps.values())
-    fig = _figure(2.5 * len(maps) + 0.9, 3.3)
-    every = fig.subplots(1, len(maps), gridspec_kw={"left": 0.04, "right": 0.91, "top": 0.8, "bottom": 0.09})
+    width = 2.3 * len(maps) + 1.5
+    fig = _figure(width, 3.2)
+    place = {"left": 0.5 / width, "right": 1.0 - 1.1 / width, "top": 0.8, "bottom": 0.09}
+    every = fig.subplots(1, len(maps), gridspec_kw=place)
     for axes, (name, one) in zip(every, maps.items(), strict=True):
         shown = axes.imshow(one, cmap="viridis", vmin=low, vmax=high, extent=(-0.5, 127.5, 127.5, -0.5))
         axes.plot(AIM, AIM, "+", color="white", ms=9)
@@ -139,7 +141,8 @@ def weights(model: Model) -> Figure:
         axes.set_xticks((0, 63, 127))
         axes.set_yticks((0, 63, 127) if axes is every[0] else ())
     unit = "weight" if model.controller == "lms" else "weight, pA"
-    fig.colorbar(shown, ax=list(every), label=unit, shrink=0.95, pad=0.015, aspect=24)
+    box = every[-1].get_position()
+    fig.colorbar(shown, cax=fig.add_axes((1.0 - 0.95 / width, box.y0, 0.12 / width, box.height)), label=unit)
     fig.suptitle(f"{model.controller} in {model.scenario.name}, seed {model.seed}: what speaks for which action",
                  x=0.02, ha="left", fontsize=12)  # fmt: skip
     return fig

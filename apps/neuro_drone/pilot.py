@@ -10,6 +10,7 @@ from typing import Any
 from neuro import ModelError
 from neuro.cli.options import assignments
 from neuro_drone.controllers import CONTROLLERS, kind_of, make
+from neuro_drone.controllers.deep import Deep, needed
 from neuro_drone.model import Model
 from neuro_drone.scenario import Scenario, load
 from neuro_drone.train import train
@@ -36,7 +37,9 @@ def chosen(scenario: str | Path, controller: str, texts: Sequence[str]) -> tuple
     world = {name for name in values if "." in name or name in _WORDS - own}
     changed = load(scenario, **{name: values[name] for name in values if name in world})
     settings = {name: values[name] for name in values if name not in world}
-    make(controller, changed, 0, settings)  # mistakes are told before any work
+    made = make(controller, changed, 0, settings)  # mistakes are told before any work
+    if isinstance(made, Deep):
+        needed(controller)
     return changed, settings
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from neuro.aside import aside
 from neuro.cli.tables import console, table
+from neuro_drone.compare import Summary
 from neuro_drone.controllers import CONTROLLERS
 from neuro_drone.evaluate import Tried
 from neuro_drone.model import Model
@@ -73,6 +75,56 @@ def show(model: Model, tried: Tried) -> None:
 
 def _how(tried: Tried) -> str:
     return "learning goes on, dopamine steers" if tried.learning else "weights frozen, no dopamine"
+
+
+def columns_of(summaries: Sequence[Summary]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Columns and rows of the table of a comparison."""
+    first, second = AXES[summaries[0].row.scenario.kind]
+    columns = ("controller", ">steps", ">seeds", ">error, px", ">laps", f">|{first}|", f">|{second}|")
+    rows = []
+    for one in summaries:
+        spread = "" if one.sd is None else f" ± {one.sd:.2f}"
+        signed, absolute, on = one.mean("signed"), one.mean("absolute"), one.mean("learning_on")
+        rows.append(
+            (
+                one.row.text,
+                f"{one.row.steps:,}" if one.row.steps else "-",
+                str(len(one.each)),
+                f"{one.mean('error_px'):.2f}{spread}",
+                f"{one.total('laps')} of {one.total('starts')}",
+                *(f"{value:.2f}" for value in absolute),
+                *(f"{value:+.2f}" for value in signed),
+                "-" if on is None else f"{on:.2f}",
+            )
+        )
+    return (*columns, ">signed 1", ">signed 2", ">learning on, px"), rows
+
+
+def show_comparison(summaries: Sequence[Summary]) -> None:
+    """Print the table of a comparison."""
+    columns, rows = columns_of(summaries)
+    name = summaries[0].row.scenario.name
+    out = console()
+    out.print(table(columns, rows, title=f"{name}: weights frozen, no dopamine; mean ± sd over seeds"))
+    out.print(
+        "|...| are means of absolute errors, signed 1 and 2 those with sign, as the thesis prints them: errors of both "
+        "signs cancel.\nLearning on: dopamine itself steers, so that this figure is not what was learnt."
+    )
+
+
+def write_comparison(summaries: Sequence[Summary], file: Path) -> None:
+    """Write the table of a comparison as Markdown."""
+    columns, rows = columns_of(summaries)
+    heads = [name.lstrip(">").replace("|", "\\|") for name in columns]
+    lines = [heads, ["---:" if name.startswith(">") else "---" for name in columns], *rows]
+    with aside(file) as part:
+        part.write_text("".join(f"| {' | '.join(line)} |\n" for line in lines), "utf-8")
+
+
+def comparison(summaries: Sequence[Summary]) -> str:
+    """All figures of a comparison as JSON."""
+    name = summaries[0].row.scenario.name
+    return json.dumps({"scenario": name, "rows": [one.as_words() for one in summaries]}, indent=1)
 
 
 def list_scenarios() -> None:

@@ -79,7 +79,7 @@ def show(model: Model, tried: Tried, priced: tuple[Energy, ...]) -> None:
     counts = counted(tried)
     told = ", ".join(f"{number(count)} {name.replace('_', ' ')}" for name, count in counts.items())
     typer.echo(f"a recording: {told}\n")
-    for line in (*_told(priced), *notes(tried, priced)):
+    for line in (*footnotes(priced), *notes(tried, priced)):
         typer.echo(f"- {line}")
 
 
@@ -89,7 +89,7 @@ def _row(bill: Energy) -> tuple[str, ...]:
     return (bill.target, bill.title, *bill.sums(), f"{bill.chip_time_s * 1e6:,.0f}", str(bill.chips))
 
 
-def _told(priced: tuple[Energy, ...]) -> Iterator[str]:
+def footnotes(priced: Iterable[Energy]) -> Iterator[str]:
     """Figures by their source, and the bills' notes; what holds for several targets is told once."""
     targets: dict[str, list[str]] = {}
     for bill in priced:

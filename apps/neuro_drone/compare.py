@@ -1,0 +1,247 @@
+"""Controllers side by side on one scenario: every seed trained and tested, kept in a folder, and told as a table."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neuro import ModelError
+from neuro.aside import aside
+from neuro.cli.options import whole
+from neuro_drone.controllers import kind_of
+from neuro_drone.cores import side_by_side
+from neuro_drone.evaluate import Lap, grid, try_out
+from neuro_drone.model import Model
+from neuro_drone.pilot import chosen
+from neuro_drone.scenario import Scenario
+from neuro_drone.train import Progress, train
+
+__all__ = ["ROWS", "Job", "Plan", "Row", "Said", "compare"]
+
+ROWS = ("nothing", "oracle", "centroid", "static", "static-linear", "lms", "snn-eta0", "snn-flipped", "snn")
+"""What is always compared: what a world gives for free, what the best can reach, and what must fail."""
+
+SEEDLESS = ("nothing", "oracle", "centroid")
+"""Controllers in which nothing is random: one seed says all."""
+
+DEEP = ("dqn", "ddpg")
+"""Controllers that learn from the reward: no supervised error steers them while they learn."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the table.
+
+    Attributes:
+        text: as the user said it: a controller, and changes as "name=value" after spaces.
+        controller: its name.
+        scenario: with the changes.
+        settings: of the controller.
+        steps: of training; 0 of one that does not learn.
+        seeds: of the trainings.
+    """
+
+    text: str
+    controller: str
+    scenario: Scenario
+    settings: Mapping[str, Any]
+    steps: int
+    seeds: tuple[int, ...]
+
+    @classmethod
+    def of(cls, text: str, scenario: str | Path, steps: int, seeds: Sequence[int], changes: Iterable[str]) -> Row:
+        """A row from what the user says.
+
+        Args:
+            text: "snn", or with changes "dqn steps=150000 drone.v_max=0.5".
+            scenario: of all rows.
+            steps: of training, unless the text says others.
+            seeds: of the trainings.
+            changes: of the scenario in all rows, as texts.
+
+        Raises:
+            ModelError: a name is unknown or a value cannot be.
+        """
+        name, *more = text.split() or [""]
+        own = [word for word in more if not word.startswith("steps=")]
+        said = [whole(word.removeprefix("steps="), 1) for word in more if word.startswith("steps=")]
+        world, settings = chosen(scenario, name, [*changes, *own])
+        learns = kind_of(name).learns
+        return cls(
+            " ".join([name, *more]),
+            name,
+            world,
+            settings,
+            (said[-1] if said else steps) if learns else 0,
+            tuple(seeds[:1] if name in SEEDLESS else seeds),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is to be compared.
+
+    Attributes:
+        rows: of the table.
+        starts: on a side of the grid of starts.
+        folder: where models and results are kept.
+    """
+
+    rows: tuple[Row, ...]
+    starts: int
+    folder: Path
+
+    def jobs(self) -> list[Job]:
+        """All trainings and tests."""
+        return [Job(row, seed, self.starts, self.folder) for row in self.rows for seed in row.seeds]
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """How far a job is: what it is, how much of how much is done, and in words; of one that is done its result."""
+
+    what: str
+    done: int
+    total: int
+    told: str
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """A training and its test.
+
+    Attributes:
+        row: of the table.
+        seed: of the training.
+        starts: on a side of the grid.
+        folder: where the model and the result are kept.
+    """
+
+    row: Row
+    seed: int
+    starts: int
+    folder: Path
+
+    @property
+    def file(self) -> Path:
+        """Of the model; the result lies beside it as JSON."""
+        name = re.sub(r"[^\w.=-]+", "_", self.row.text)
+        return self.folder / f"{name}-{self.seed}.h5"
+
+    def run(self, report: Callable[[Said], None]) -> dict[str, Any]:
+        """Train and test, unless the result is there; gives the figures as plain data."""
+        row, result = self.row, self.file.with_suffix(".json")
+
+        def say(share: float, told: str) -> None:
+            report(Said(f"{row.text} seed {self.seed}", round(1000 * share), 1000, told))
+
+        def learns(p: Progress) -> None:
+            say(0.6 * p.step / p.steps, f"{p.step:,} of {p.steps:,} steps, {p.error_px:.1f} px")
+
+        steps = max(1, row.steps)
+        model = train(
+            row.scenario, row.controller, steps=steps, seed=self.seed, settings=row.settings, out=self.file,
+            report=learns,
+        )  # fmt: skip
+        known = json.loads(json.dumps(model.told() | {"steps": model.steps, "grid": self.starts}))
+        kept = _read(result)
+        if kept.get("of") != known:
+            kept = {"of": known, **self._tried(model, say)}
+            with aside(result) as part:
+                part.write_text(json.dumps(kept, indent=1), "utf-8")
+        say(1.0, f"{kept['error_px']:.2f} px, {kept['laps']} of {kept['starts']} laps")
+        return kept
+
+    def _tried(self, model: Model, say: Callable[[float, str], None]) -> dict[str, Any]:
+        """Figures of the test and, of what is steered by the supervised error, with learning on."""
+        places, flown = grid(model.scenario, self.starts), [0]
+        both = teaches(model.controller)
+
+        def tell(lap: Lap) -> None:
+            flown[0] += 1
+            say(0.6 + 0.39 * flown[0] / (len(places) * (1 + both)), f"test, {flown[0]} laps")
+
+        told = try_out(model, starts=places, report=tell).as_words()
+        figures = {name: told[name] for name in ("error_px", "laps", "starts", "signed", "absolute")}
+        if both:
+            figures["learning_on"] = try_out(model, starts=places, learning=True, report=tell).error_px
+        return figures
+
+
+def teaches(name: str) -> bool:
+    """Whether a controller hears the supervised error while it learns."""
+    return kind_of(name).learns and name not in DEEP
+
+
+def compare(plan: Plan, report: Callable[[Said], None] | None = None) -> list[Summary]:
+    """Train and test all, on all cores; what is in the folder already is not done again.
+
+    Args:
+        plan: what to compare.
+        report: is told how far each job is.
+
+    Raises:
+        ModelError: of the first job that raises one.
+    """
+    try:
+        plan.folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ModelError(f"{plan.folder}: cannot be written: {error.strerror}") from None
+    jobs = plan.jobs()
+    found = side_by_side(Job.run, jobs, report=report)
+    return [
+        Summary(row, tuple(told for job, told in zip(jobs, found, strict=True) if job.row is row)) for row in plan.rows
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What came of a row.
+
+    Attributes:
+        row: of the table.
+        each: figures of each seed.
+    """
+
+    row: Row
+    each: tuple[Mapping[str, Any], ...] = field(repr=False)
+
+    def mean(self, name: str) -> Any:
+        """Mean of a figure over the seeds; None where there is none."""
+        found = [one[name] for one in self.each if name in one]
+        return np.mean(found, axis=0).tolist() if found else None
+
+    @property
+    def sd(self) -> float | None:
+        """Standard deviation of the error between the seeds; None of a single one."""
+        errors = [one["error_px"] for one in self.each]
+        return float(np.std(errors, ddof=1)) if len(errors) > 1 else None
+
+    def total(self, name: str) -> int:
+        """Sum of a figure over the seeds."""
+        return int(sum(one[name] for one in self.each))
+
+    def as_words(self) -> dict[str, Any]:
+        """As plain data, for JSON."""
+        row = self.row
+        return {
+            "row": row.text, "controller": row.controller, "steps": row.steps, "seeds": list(row.seeds),
+            "error_px": self.mean("error_px"), "sd": self.sd, "laps": self.total("laps"),
+            "starts": self.total("starts"), "absolute": self.mean("absolute"), "signed": self.mean("signed"),
+            "learning_on": self.mean("learning_on"), "each": [dict(one) for one in self.each],
+        }  # fmt: skip
+
+
+def _read(file: Path) -> dict[str, Any]:
+    """A result; empty if it is damaged."""
+    try:
+        told = json.loads(file.read_text("utf-8"))
+    except ValueError:
+        return {}
+    return told if isinstance(told, dict) else {}

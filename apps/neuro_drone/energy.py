@@ -1,0 +1,217 @@
+"""What a control step of a lap takes on chips, beside a dense network, and whether the chip is in time."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import typer
+
+from neuro import ModelError
+from neuro.chips.chip import chip
+from neuro.chips.energy import number, quantity, sourced
+from neuro.cli.tables import console, table
+from neuro_drone.controllers.agents import DQNSettings
+from neuro_drone.controllers.dense import Flier
+from neuro_drone.controllers.spiking import Spiking
+from neuro_drone.env import ACTIONS, CELLS, DroneEnv
+from neuro_drone.evaluate import SEED, Start
+from neuro_drone.model import Model
+from neuro_remus.energy import footnotes
+
+if TYPE_CHECKING:
+    from neuro import Counts
+    from neuro.chips.energy import Energy
+
+__all__ = ["Bills", "Dense", "priced", "show", "words"]
+
+PROCESSORS = ("cpu", "gpu")
+"""Targets that multiply densely."""
+
+LEFT_OUT = (
+    "not in the bill: the camera, the counting of events in fields and the Poisson spikes of the cells, which are the "
+    "host's, and the way between host and chip"
+)
+BATCH = "the dense network is run once a control step; the gpu's figure is for much work in parallel, this is little"
+
+
+@dataclass(frozen=True, slots=True)
+class Dense:
+    """A dense network on a processor.
+
+    Attributes:
+        target: the processor.
+        what: network.
+        macs: multiply-accumulates of a control step.
+        joules: of a control step, without idle power.
+        source: of the joules of one.
+    """
+
+    target: str
+    what: str
+    macs: int
+    joules: float
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Bills:
+    """What a control step takes, mean of a lap.
+
+    Attributes:
+        model: that flew the lap.
+        steps: of the lap.
+        error_px: mean of the lap.
+        counts: of the network over the whole lap; None of a controller without one.
+        spiking: bills of the network, by target.
+        dense: bills of a dense network.
+    """
+
+    model: Model
+    steps: int
+    error_px: float
+    counts: Counts | None
+    spiking: tuple[Energy, ...]
+    dense: tuple[Dense, ...]
+
+    def share(self, bill: Energy) -> float | None:
+        """Time on the chip as a share of the control step; up to 1 it is in time. None where no time is known."""
+        if bill.chip_time_s is None:
+            return None
+        return bill.chip_time_s / (self.model.scenario.step / 1000.0)
+
+
+def priced(model: Model, targets: Iterable[str]) -> Bills:
+    """Fly a lap with frozen weights and price it.
+
+    Args:
+        model: a spiking network, DQN or DDPG.
+        targets: chips, processors or table files, see `neuro.Simulation.energy`.
+
+    Raises:
+        ModelError: the controller is neither, or a target does not exist, cannot hold the network, or has no costs.
+    """
+    pilot = model.frozen()
+    if isinstance(pilot, Flier):
+        layers = [weight.shape for weight, _ in pilot.dense.layers]
+        flown = _fly(model, pilot)
+        return Bills(model, *flown, None, (), _dense(model.controller, layers, targets))
+    if not isinstance(pilot, Spiking):
+        raise ModelError(f"controller '{model.controller}' has no network: expected a spiking one, dqn or ddpg")
+    targets = tuple(targets)
+    for name in targets:
+        pilot.sim.energy(name)  # what cannot be priced is told before the lap
+    steps, error_px = _fly(model, pilot)
+    bills = tuple(pilot.sim.energy(name).per(steps, "control step") for name in targets)
+    hidden = DQNSettings().hidden
+    layers = [(hidden, CELLS * CELLS), (hidden, hidden), (len(ACTIONS), hidden)]
+    return Bills(model, steps, error_px, pilot.sim.counts(), bills, _dense("dqn", layers, PROCESSORS))
+
+
+def _fly(model: Model, pilot: Any) -> tuple[int, float]:
+    """Fly a lap from the middle; gives its steps and its mean error."""
+    env = DroneEnv(model.scenario)
+    seed = int(np.random.default_rng((SEED, 0)).integers(2**31))
+    start = Start((0.0, 0.0), 1 if model.scenario.kind == "line" else 0)
+    _, info = env.reset(seed=seed, options=start.options())
+    pilot.begin()
+    errors, over = [], False
+    while not over:
+        _, _, lost, end, info = env.step(pilot.act(info["counts"], info))
+        errors.append(info["error_px"])
+        over = lost or end
+    env.close()
+    return len(errors), float(np.mean(errors))
+
+
+def _dense(name: str, layers: Iterable[tuple[int, ...]], targets: Iterable[str]) -> tuple[Dense, ...]:
+    """What a dense network takes on those targets that multiply densely."""
+    shapes = [(rows, columns) for rows, columns in layers]
+    macs = sum(rows * columns for rows, columns in shapes)
+    what = f"{name}: {'-'.join(str(n) for n in (shapes[0][1], *(rows for rows, _ in shapes)))}"
+    out = []
+    for target in targets:
+        mac = chip(target).costs.get("mac")
+        if mac is not None:
+            out.append(Dense(target, what, macs, macs * mac.value, sourced(mac.source, mac.conditions)))
+    return tuple(out)
+
+
+def words(bills: Bills) -> str:
+    """All figures as JSON; joules and seconds are of a control step."""
+    model, step = bills.model, bills.model.scenario.step
+    about = {"controller": model.controller, "scenario": model.scenario.name, "steps": bills.steps}
+    told: dict[str, Any] = {**about, "error_px": bills.error_px, "step_us": step * 1000.0}
+    told["per_step"] = _counted(bills)
+    told["bills"] = [
+        bill.as_dict()
+        | {
+            "time_us": None if bill.chip_time_s is None else bill.chip_time_s * 1e6,
+            "share_of_step": bills.share(bill),
+            "in_time": _in_time(bills.share(bill)),
+        }
+        for bill in bills.spiking
+    ]
+    told["dense"] = [
+        {"target": d.target, "what": d.what, "macs": d.macs, "total_j": d.joules, "source": d.source}
+        for d in bills.dense
+    ]
+    return json.dumps(told | {"notes": notes(bills)}, indent=1)
+
+
+def _counted(bills: Bills) -> dict[str, float]:
+    counts, n = bills.counts, bills.steps
+    if counts is None:
+        return {}
+    told = {
+        "network_steps": counts.steps,
+        "input_spikes": counts.populations["cells"].spikes,
+        "spikes": sum(each.spikes for name, each in counts.populations.items() if name != "cells"),
+        "synaptic_ops": counts.synaptic_ops,
+        "neuron_updates": counts.neuron_updates,
+    }
+    return {name: count / n for name, count in told.items()}
+
+
+def notes(bills: Bills) -> list[str]:
+    """What the bills do not include."""
+    on = [
+        f"{bill.target} {quantity(bill.static_j / share, 'J')}"
+        for bill in bills.spiking
+        if bill.static_known and (share := bills.share(bill)) and share < 1.0
+    ]
+    waiting = f"static energy is of the time on the chip; of one that is on for the whole step: {', '.join(on)}"
+    return [*([waiting] if on else []), LEFT_OUT, BATCH]
+
+
+def _in_time(share: float | None) -> bool | None:
+    return None if share is None else bool(share <= 1.0 + 1e-9)
+
+
+def show(bills: Bills) -> None:
+    """Print a row for each target, what was counted, and the sources."""
+    model, step = bills.model, bills.model.scenario.step
+    rows: list[tuple[str, ...]] = []
+    for bill in bills.spiking:
+        share = bills.share(bill)
+        time = ("-", "-") if share is None else (f"{share * step * 1000.0:,.1f}", f"{share:.2%}")
+        fits = {None: "-", True: "yes", False: "no"}[_in_time(share)]
+        rows.append((bill.target, f"{model.controller}, {bill.title}", *bill.sums(), *time, fits))
+    for one in bills.dense:
+        joules = quantity(one.joules, "J")
+        rows.append((one.target, one.what, joules, "not priced", joules, "-", "-", "-"))
+    columns = ("target", "what", ">dynamic", ">static", ">total", ">time, us", ">of the step", "in time")
+    title = (
+        f"energy per control step of {step:g} ms; {model.controller} in {model.scenario.name}, "
+        f"{bills.error_px:.2f} px, mean of {bills.steps:,} steps"
+    )
+    console().print(table(columns, rows, title=title))
+    counted = ", ".join(f"{number(count)} {name.replace('_', ' ')}" for name, count in _counted(bills).items())
+    if counted:
+        typer.echo(f"a control step: {counted}\n")
+    dense = dict.fromkeys(f"{one.target}: {one.what}, {one.macs:,} mac: {one.source}" for one in bills.dense)
+    for line in (*footnotes(bills.spiking), *dense, *notes(bills)):
+        typer.echo(f"- {line}")
