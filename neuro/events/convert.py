@@ -14,7 +14,7 @@ from typing import Any, cast
 from neuro.events._events import Events
 from neuro.events.errors import EventFileError
 from neuro.events.files import load, save, stream
-from neuro.events.formats import FORMATS, Unsavable
+from neuro.events.formats import FORMATS, Unsavable, called
 from neuro.events.source import Given
 
 STANDARD = "-"
@@ -122,18 +122,19 @@ def write(parts: Iterable[Events], target: Path_, format: str | None = None, rep
 
 
 def _write_out(parts: Iterator[Events], format: str | None) -> None:
-    writers = {f.name: f.write for f in FORMATS if f.write}
-    if format not in writers or (write := writers[format]) is None:
+    written = [f for f in FORMATS if f.write]
+    chosen = None if format is None else called(format, written)
+    if chosen is None or chosen.write is None:
         told = "to no format" if format is None else f"as format {format!r}"
-        raise EventFileError(OUTPUT, f"cannot write {told}, expected one of {', '.join(writers)}")
+        raise EventFileError(OUTPUT, f"cannot write {told}, expected one of {', '.join(f.name for f in written)}")
     sys.stdout.flush()
     try:
-        if format in STREAMED:
-            write(parts, cast(Path, _StandardOutput()))
+        if chosen.name in STREAMED:
+            chosen.write(parts, cast(Path, _StandardOutput()))
             return
         with tempfile.TemporaryDirectory() as folder:
             whole = Path(folder) / "whole"
-            write(parts, whole)
+            chosen.write(parts, whole)
             with whole.open("rb") as file:
                 shutil.copyfileobj(file, sys.stdout.buffer)
         sys.stdout.flush()

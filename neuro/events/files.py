@@ -13,7 +13,7 @@ from neuro.events import _arguments
 from neuro.events._events import Events
 from neuro.events.check import Arrays, Checked, joined
 from neuro.events.errors import EventFileError
-from neuro.events.formats import FORMATS, Format, Unsavable
+from neuro.events.formats import FORMATS, Format, Unsavable, called
 from neuro.events.formats._write import in_order
 from neuro.events.opening import Opened, check_given, opened, smallest
 from neuro.events.parts import batches, between, windows
@@ -39,7 +39,8 @@ def load(
 
     Args:
         source: a path, the bytes of a file, or an open binary file (of a zip, or standard input).
-        format: its name, where neither content nor ending tells; see `neuro events formats`.
+        format: its name or its own ending (as ``"bin"``), where neither content nor ending tells; see
+            `neuro events formats`.
         sensor_size: width and height, px; None takes that of the file or the format, else the smallest that holds all.
         name: what to call bytes or an open file; its ending may tell the format.
         sort: put events in the order of time instead of refusing a file whose time runs back.
@@ -158,7 +159,7 @@ def save(events: Events | Iterable[Events], path: str | os.PathLike[str], *, for
     Args:
         events: what to write, or the parts of one recording in order, as `stream` gives them.
         path: where to.
-        format: its name, where several have the ending.
+        format: its name, where several have the ending; or the ending that only it has.
 
     Raises:
         EventFileError: no format has this ending, there is not one part, or the format cannot hold an event, which
@@ -186,11 +187,10 @@ def save(events: Events | Iterable[Events], path: str | os.PathLike[str], *, for
 def _writer(path: Path, format: str | None):  # type: ignore[no-untyped-def]
     written = [f for f in FORMATS if f.write]
     if format is not None:
-        chosen = [f for f in written if f.name == format]
-        if not chosen:
+        if (chosen := called(format, written)) is None:
             known = ", ".join(f.name for f in written)
             raise EventFileError(str(path), f"cannot save as format {format!r}, expected one of {known}")
-        return chosen[0].write
+        return chosen.write
     for f in written:
         if path.name.lower().endswith(f.suffixes):
             return f.write

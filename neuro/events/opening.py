@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from neuro.errors import ModelError
 from neuro.events.check import Checked
 from neuro.events.errors import EventFileError, EventFileWarning
-from neuro.events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Seeker
+from neuro.events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Seeker, called
 from neuro.events.source import Given, Source
 
 
@@ -126,16 +126,16 @@ def check_given(source: object) -> None:
 
 
 def find(source: Source, format: str | None = None) -> Format:
-    """The format of a file: by name, else by content, else by ending.
+    """The format of a file: by name (or ending) where given, else by content, else by the ending of the file's name.
 
     Raises:
         EventFileError: there is none.
     """
-    known = {f.name: f for f in FORMATS}
     if format is not None:
-        if format not in known:
-            raise EventFileError(source.name, f"unknown format {format!r}, expected one of {', '.join(known)}")
-        return known[format]
+        if (found := called(format, FORMATS)) is None:
+            known = ", ".join(f.name for f in FORMATS)
+            raise EventFileError(source.name, f"unknown format {format!r}, expected one of {known}")
+        return found
     head = source.head(HEAD)
     for f in FORMATS:
         if f.knows(head):

@@ -298,12 +298,12 @@ def test_tohdf5_tells_damaged_files(run, data):
     (data / "Train/7/2.bin").write_bytes(b"abcdefg")
     words = ("tohdf5", "-f", "set", "--jobs", "1", "-o")
     path, what = "set/Train/7/2.bin", "byte 5: 2 bytes left over after 1 events of 5 bytes"
-    told = f"1 damaged files, left out:\n  {path}: {what}\n"
+    told = f"1 damaged file, left out:\n  {path}: {what}\n"
     assert run(*words, "a.h5") == (1, "a.h5: 5 recordings of 2 classes\n", told)
     assert run(*words, "b.h5", "--strict") == (2, "", f"error: {path}: {what}\n")
     status, out, err = run(*words, "c.h5", "--lenient")
     assert (status, out) == (1, "c.h5: 6 recordings of 2 classes\n")
-    assert err.startswith("1 damaged files, read as far as they are whole:\n")
+    assert err.startswith("1 damaged file, read as far as they are whole:\n")
     assert "expected one of the two" in run(*words, "d.h5", "--lenient", "--strict")[2]
 
 

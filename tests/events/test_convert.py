@@ -38,7 +38,7 @@ def test_to_every_format_that_is_written(name, events, tmp_path):
 PIPE = "import sys; from neuro.events.convert import convert; convert({!r}, '-', to_format={!r})"
 
 
-@pytest.mark.parametrize("name", ["csv", "hdf5"])
+@pytest.mark.parametrize("name", ["csv", "hdf5", "bin"])
 def test_standard_output_has_the_bytes_of_a_file(name, events, tmp_path):
     save(events, tmp_path / "in.npz")
     code = PIPE.format(str(tmp_path / "in.npz"), name)

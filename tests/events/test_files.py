@@ -1,6 +1,7 @@
 import io
 import pickle
 
+import numpy as np
 import pytest
 
 from neuro.errors import ModelError
@@ -65,6 +66,27 @@ def test_unknown_formats():
             load(b"", name=name, format=format)
         assert str(error.value) == f"{name}: {what}"
     assert "N-MNIST .bin (.bin)" in titles
+
+
+@pytest.mark.parametrize(
+    ("ending", "name"), [("bin", "nmnist"), (".ES", "event_stream"), ("h5", "hdf5"), ("dat", "dat")]
+)
+def test_a_format_is_called_by_its_ending_too(ending, name, tmp_path):
+    events = Events([1, 2], [3, 4], [5, 6], [1, 0], (34, 34))
+    save(events, tmp_path / "a", format=ending)
+    save(events, tmp_path / "b", format=name)
+    for path in (tmp_path / "a", tmp_path / "b"):
+        for format in (ending, name):
+            assert load(path, format=format).metadata["format"] == name
+            assert np.array_equal(load(path, format=format).records(), events.records())
+
+
+def test_an_ending_of_several_formats_calls_none(tmp_path):
+    events = Events([1, 2], [3, 4], [5, 6], [1, 0], (34, 34))
+    with pytest.raises(EventFileError, match="cannot save as format 'raw', expected one of"):
+        save(events, tmp_path / "a", format="raw")
+    with pytest.raises(EventFileError, match="unknown format 'aedat', expected one of"):
+        load(b"", format="aedat")
 
 
 def test_missing_files(tmp_path):

@@ -136,7 +136,8 @@ def test_aertb():
     kind = [("x", "u2"), ("y", "u2"), ("ts", "f4"), ("p", "i1")]
     rows = np.array([(x, y, t, 2 * p - 1) for t, x, y, p in ROWS], kind)
     assert load(hdf5(cars__1=rows)).records().tolist() == ROWS
-    with pytest.raises(EventFileError, match=r"data set with 2 recordings or more \(/cars/1, /cars/2\), expected one"):
+    what = r"data set with 2 recordings or more \(/cars/1, /cars/2\), expected one; neuro.events.Dataset reads it"
+    with pytest.raises(EventFileError, match=what):
         load(hdf5(cars__1=rows, cars__2=rows))
 
 

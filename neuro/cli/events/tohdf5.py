@@ -44,7 +44,8 @@ def tohdf5(
         done = data.to_hdf5(out, jobs=jobs, damaged=choice, report=bar.count)
     typer.echo(f"{out}: {done.samples:,} recordings of {len(data.classes)} classes")
     if done.damaged:
-        typer.echo(f"{len(done.damaged):,} damaged files, {_FATE[choice]}:", err=True)
+        files = f"{len(done.damaged):,} damaged file{'s' if len(done.damaged) > 1 else ''}"
+        typer.echo(f"{files}, {_FATE[choice]}:", err=True)
         for path, what in done.damaged.items():
             typer.echo(f"  {path}: {what}", err=True)
         raise typer.Exit(1)

@@ -5,7 +5,7 @@ A new format is a module with a `Format` and its name in `FORMATS`; nothing else
 
 from __future__ import annotations
 
-from neuro.events.formats._format import HEAD, Damage, Format, Piece, Reader, Seeker, Unsavable
+from neuro.events.formats._format import HEAD, Damage, Format, Piece, Reader, Seeker, Unsavable, called
 from neuro.events.formats.aedat2 import AEDAT2
 from neuro.events.formats.aedat3 import AEDAT3
 from neuro.events.formats.aedat4 import AEDAT4
@@ -43,4 +43,4 @@ FORMATS: tuple[Format, ...] = (
 )
 """All formats, those with a signature in the file first."""
 
-__all__ = ["FORMATS", "HEAD", "Damage", "Format", "Piece", "Reader", "Seeker", "Unsavable"]
+__all__ = ["FORMATS", "HEAD", "Damage", "Format", "Piece", "Reader", "Seeker", "Unsavable", "called"]

@@ -6,7 +6,7 @@ gives what is whole. The same reader serves `load`, which asks for one piece, an
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -131,6 +131,14 @@ class Format:
     untested: str = ""
     usual: Size | None = None
     larger: tuple[Size, ...] = ()
+
+
+def called(name: str, formats: Iterable[Format]) -> Format | None:
+    """The format of this name, else the only one whose files end so (as bin, or .bin); None where there is none."""
+    among = tuple(formats)
+    ending = "." + name.lower().removeprefix(".")
+    found = [f for f in among if f.name == name] or [f for f in among if ending in f.suffixes]
+    return found[0] if len(found) == 1 else None
 
 
 HEAD = 4096

@@ -192,7 +192,8 @@ def _find(file: Any) -> _Recording:
     found = [node for node in found if node.name == "/CD/events"] or found
     if len(found) > 1:
         told = ", ".join(node.name for node in found[:3])
-        raise Damage(f"is a data set with {len(found)} recordings or more ({told}), expected one", None)
+        what = f"is a data set with {len(found)} recordings or more ({told}), expected one"
+        raise Damage(f"{what}; neuro.events.Dataset reads it", None)
     if not found:
         told = ", ".join(list(file)[:8]) or "nothing"
         raise Damage(f"has {told}; expected /events/t, x, y, p, rows at /CD/events or /<class>/<sample>", None)
