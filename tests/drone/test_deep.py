@@ -93,11 +93,21 @@ def test_seeds(name):
 @needs
 @both
 def test_the_users_generators_are_left_alone(name):
-    np.random.seed(5)  # noqa: NPY002
-    expected = np.random.random(3)  # noqa: NPY002
-    np.random.seed(5)  # noqa: NPY002
+    import torch
+
+    def drawn():
+        return [*np.random.random(3), *torch.rand(3).tolist()]  # noqa: NPY002
+
+    def seed():
+        np.random.seed(5)  # noqa: NPY002
+        torch.manual_seed(5)
+
+    seed()
+    expected, threads = drawn(), torch.get_num_threads()
+    seed()
     train_some(name, 80)
-    assert (np.random.random(3) == expected).all()  # noqa: NPY002
+    assert drawn() == expected
+    assert torch.get_num_threads() == threads
 
 
 @needs

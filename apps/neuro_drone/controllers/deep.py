@@ -122,8 +122,7 @@ class Deep(Fixed, ABC):
             ModelError: the package is not installed.
         """
         package, torch = needed(self.name)
-        s, kept = self._settings, torch.random.get_rng_state()
-        torch.random.manual_seed(self._seed)
+        s = self._settings
         words = {
             "learning_rate": s.rate,
             "gamma": s.gamma,
@@ -131,8 +130,8 @@ class Deep(Fixed, ABC):
             "policy_kwargs": {"net_arch": [s.hidden, s.hidden], "optimizer_kwargs": {"fused": True}},
             "device": "cpu",
         }
-        made = self.build(package, words)
-        torch.random.set_rng_state(kept)
+        with _alone(self._seed):
+            made = self.build(package, words)
         made.set_logger(package.common.logger.Logger(None, []))
         if self._learnt:
             made.policy.load_state_dict({name: torch.tensor(array) for name, array in self._learnt.items()})
@@ -207,15 +206,17 @@ class Deep(Fixed, ABC):
 
 @contextmanager
 def _alone(seed: int) -> Iterator[None]:
-    """Lend NumPy's global generator to the package's replay, and one thread: more only wait, networks are small."""
+    """Lend the global generators to the package, and one thread: of small networks more only wait for each other."""
     _, torch = needed("")
-    threads, kept = torch.get_num_threads(), np.random.get_state()  # noqa: NPY002
+    threads, kept, drawn = torch.get_num_threads(), np.random.get_state(), torch.random.get_rng_state()  # noqa: NPY002
     torch.set_num_threads(1)
     np.random.seed(seed)  # noqa: NPY002
+    torch.random.manual_seed(seed)
     try:
         yield
     finally:
         np.random.set_state(kept)  # noqa: NPY002
+        torch.random.set_rng_state(drawn)
         torch.set_num_threads(threads)
 
 
