@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from neuro import ModelError
 from neuro.cli.options import assignments
-from neuro_drone.controllers import CONTROLLERS, kind_of, make
+from neuro.errors import unknown
+from neuro_drone.controllers import CONTROLLERS, Controller, kind_of, make
 from neuro_drone.controllers.deep import Deep, needed
 from neuro_drone.model import Model
 from neuro_drone.scenario import Scenario, load
@@ -37,10 +39,21 @@ def chosen(scenario: str | Path, controller: str, texts: Sequence[str]) -> tuple
     world = {name for name in values if "." in name or name in _WORDS - own}
     changed = load(scenario, **{name: values[name] for name in values if name in world})
     settings = {name: values[name] for name in values if name not in world}
-    made = make(controller, changed, 0, settings)  # mistakes are told before any work
+    made = _made(controller, changed, settings, own | _WORDS)  # mistakes are told before any work
     if isinstance(made, Deep):
         needed(controller)
     return changed, settings
+
+
+def _made(controller: str, scenario: Scenario, settings: dict[str, Any], known: set[str]) -> Controller:
+    """The controller; a name that is none of its network's parameters may be meant for a setting."""
+    try:
+        return make(controller, scenario, 0, settings)
+    except ModelError as error:
+        for name in sorted(settings.keys() - known):
+            if "unknown parameter" in error.message and get_close_matches(name, known, 1):
+                raise unknown(f"setting of controller '{controller}'", name, known) from None
+        raise
 
 
 def pilot(model: Path | None, scenario: str | None, controller: str | None, texts: Sequence[str]) -> Model:
