@@ -303,3 +303,15 @@ def test_messages(call, message):
     with pytest.raises(ValueError) as error:  # noqa: PT011 (the text is compared below)
         call(recording([(1, 0, 0, 1)] * 4))
     assert str(error.value) == message
+
+
+def test_a_voxel_grid_over_all_of_int64():
+    events = Events([-1 << 63, 0, (1 << 63) - 1], [0, 1, 0], [0, 0, 1], [1, 0, 1], (2, 2))
+    expected = np.zeros((3, 2, 2))
+    expected[0, 0, 0], expected[1, 0, 1], expected[2, 1, 0] = 1, -1, 1
+    assert np.allclose(voxel_grid(events, 3), expected)
+
+
+def test_hats_forgets_over_all_of_int64():
+    events = Events([-1 << 63, (1 << 63) - 1], [0, 0], [0, 0], [1, 1], (2, 2))
+    assert not hats(events).any()

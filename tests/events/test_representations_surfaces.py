@@ -161,3 +161,14 @@ def test_messages(call, message):
     with pytest.raises(ValueError) as error:  # noqa: PT011 (the text is compared below)
         call(recording([]))
     assert str(error.value) == message
+
+
+def test_times_over_all_of_int64():
+    """What lies 2^63 us and more back is forgotten, and not in the future."""
+    last = (1 << 63) - 1
+    events = Events([-1 << 63, 0, last], [0, 1, 0], [0, 0, 1], [1, 0, 1], (2, 2))
+    for surface in (time_surface, leaky_surface):
+        for decay in ("exponential", "linear"):
+            found = surface(events, tau_us=1e6, decay=decay)
+            assert np.argwhere(found).tolist() == [[1, 1, 0]]
+            assert found[1, 1, 0] == 1

@@ -11,6 +11,8 @@ from math import exp
 
 from numba import njit
 
+from neuro.events.representations._surface_kernel import passed
+
 FURTHEST = 30.0
 
 
@@ -40,13 +42,13 @@ def histograms(t, x, y, p, constants, memory, inside, queues, following, sums, c
         oldest, newest, reference = queues[0, r, c, q], queues[1, r, c, q], queues[2, r, c, q]
         if counts[r, c, q] == 0:
             reference = now
-        while oldest >= 0 and now - t[oldest] > window:
+        while oldest >= 0 and passed(t[oldest], now) > window:
             i, j = y[oldest] % cell + radius, x[oldest] % cell + radius
             filled[i, j] -= 1
             here[i, j] = here[i, j] - exp((t[oldest] - reference) / tau) if filled[i, j] else 0.0
             oldest = following[oldest]
-        if (now - reference) / tau > FURTHEST:
-            scale = exp((reference - now) / tau)
+        if passed(reference, now) / tau > FURTHEST:
+            scale = exp(-passed(reference, now) / tau)
             for i in range(here.shape[0]):
                 for j in range(here.shape[1]):
                     here[i, j] *= scale

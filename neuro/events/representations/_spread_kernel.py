@@ -1,6 +1,7 @@
 """Spreading events over bins of time."""
 
 # mypy: ignore-errors
+import numpy as np
 from numba import njit
 
 
@@ -21,13 +22,12 @@ def spread(t, x, y, p, start, stop, separate, signed, timed, out):
         out: (1 or 2, bins, height, width) float, added to.
     """
     last = out.shape[1] - 1
-    span = stop - start  # below 0 where it exceeds 64 bits
-    length = float(max(span, 1)) if span >= 0 else float(stop) - float(start)
+    # As uint64 a difference is right over all of int64.
+    length = max(np.float64(np.uint64(stop) - np.uint64(start)), 1.0)
     for k in range(t.shape[0]):
         if t[k] < start or t[k] > stop:
             continue
-        gap = t[k] - start
-        passed = float(gap) if gap >= 0 else float(t[k]) - float(start)
+        passed = np.float64(np.uint64(t[k]) - np.uint64(start))
         place = last * passed / length
         low = min(max(int(place), 0), last)
         above = place - low

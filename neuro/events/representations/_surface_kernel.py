@@ -10,6 +10,12 @@ NEVER = np.iinfo(np.int64).min
 
 
 @njit(cache=True)
+def passed(before, now):
+    """From one time to a later one, us; subtracted as uint64, which is right over all of int64."""
+    return np.float64(np.uint64(now) - np.uint64(before))
+
+
+@njit(cache=True)
 def mark(t, x, y, p, separate, last):
     """Note the time of each pixel's last event in last, int64 (1 or 2, height, width)."""
     for k in range(t.shape[0]):
@@ -23,9 +29,9 @@ def ages(last, now, tau, linear, out):
         if last[i] == NEVER:
             out[i] = 0.0
         elif linear:
-            out[i] = max(0.0, 1.0 - (now - last[i]) / tau)
+            out[i] = max(0.0, 1.0 - passed(last[i], now) / tau)
         else:
-            out[i] = exp(-(now - last[i]) / tau)
+            out[i] = exp(-passed(last[i], now) / tau)
 
 
 @njit(cache=True)
@@ -51,8 +57,8 @@ def leak(t, x, y, p, before, options, values, value, since):
         c = p[k] if separate else 0
         u = value[c, y[k], x[k]]
         if u > 0.0:
-            passed = (when - since[c, y[k], x[k]]) / tau
-            u = max(0.0, u - passed) if linear else u * exp(-passed)
+            gone = passed(since[c, y[k], x[k]], when) / tau
+            u = max(0.0, u - gone) if linear else u * exp(-gone)
         value[c, y[k], x[k]] = u + increment
         since[c, y[k], x[k]] = when
 
@@ -64,6 +70,6 @@ def leaked(value, since, now, tau, linear, out):
         if value[i] == 0.0:
             out[i] = 0.0
         elif linear:
-            out[i] = max(0.0, value[i] - (now - since[i]) / tau)
+            out[i] = max(0.0, value[i] - passed(since[i], now) / tau)
         else:
-            out[i] = value[i] * exp(-(now - since[i]) / tau)
+            out[i] = value[i] * exp(-passed(since[i], now) / tau)
