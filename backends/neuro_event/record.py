@@ -57,15 +57,8 @@ class Record:
 
     def forget(self, before: int) -> None:
         """Drop spikes with step <= before."""
-        kept = []
-        for chunk in self._chunks:
-            parts = [
-                (s[s > before], i[s > before], c[s > before]) if s[0] <= before else (s, i, c) for s, i, c in chunk
-            ]
-            parts = [part for part in parts if part[0].size]
-            if parts:
-                kept.append(parts)
-        self._chunks = kept
+        kept = [[_after(part, before) for part in chunk if part[0][-1] > before] for chunk in self._chunks]
+        self._chunks = [chunk for chunk in kept if chunk]
 
     def nbytes(self) -> int:
         """Bytes held."""
@@ -92,6 +85,12 @@ def _chosen(part: Part, place: Place, since: int) -> Part:
     if steps[0] <= since:
         keep &= steps > since
     return steps[keep], neurons[keep], counts[keep]
+
+
+def _after(part: Part, before: int) -> Part:
+    """Those spikes of a part that are after a step."""
+    first = int(np.searchsorted(part[0], before, side="right"))
+    return part if first == 0 else (part[0][first:].copy(), part[1][first:].copy(), part[2][first:].copy())
 
 
 def _joined(parts: list[Part]) -> Part:
