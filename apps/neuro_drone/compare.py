@@ -239,9 +239,9 @@ class Summary:
 
 
 def _read(file: Path) -> dict[str, Any]:
-    """A result; empty if it is damaged."""
+    """A result; empty if there is none or it is damaged."""
     try:
         told = json.loads(file.read_text("utf-8"))
-    except ValueError:
+    except (FileNotFoundError, ValueError):
         return {}
     return told if isinstance(told, dict) else {}

@@ -1,0 +1,167 @@
+"""The commands: what they write and print, and what they tell of mistakes."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from matplotlib.image import imread
+
+from neuro.cli import main
+
+SHORT = """\
+step: 20
+task: {ball: {lap: 1.5, speed: 0.15}}
+"""
+
+
+@pytest.fixture
+def neuro(monkeypatch, tmp_path, capsys):
+    """Run `neuro drone ...` in a folder with a scenario of 500 steps; return exit status, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0})  # several jobs one after the other, in this process
+    (tmp_path / "short.yaml").write_text(SHORT)
+
+    def run(*words):
+        monkeypatch.setattr(sys, "argv", ["neuro", "drone", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        out = capsys.readouterr()
+        return end.value.code or 0, out.out, out.err
+
+    return run
+
+
+def test_train_and_test(neuro, tmp_path):
+    code, out, err = neuro("train", "--scenario", "short.yaml", "--steps", 1000, "--set", "eta=2e-3")
+    assert code == 0
+    assert err.splitlines()[-1].startswith("seed 0: 1,000 of 1,000 steps, ")
+    assert len(err.splitlines()) == 10
+    assert out.startswith("model.h5: snn in short, 1,000 steps, seed 0: in the last tenth of ")
+    code, out, _ = neuro("test", "model.h5", "--starts", 2, "--json")
+    told = json.loads(out)
+    assert code == 0
+    assert (told["starts"], told["controller"], told["scenario"], told["steps"]) == (4, "snn", "short", 1000)
+    assert [one["start"] for one in told["per_start"]] == [[-35, -35], [35, -35], [-35, 35], [35, 35]]
+    assert told["error_px"] == pytest.approx(sum(one["error_px"] for one in told["per_start"]) / 4)
+    assert told["laps"] == sum(one["lap"] for one in told["per_start"])
+    assert not told["learning"]
+    on = json.loads(neuro("test", "model.h5", "--starts", 1, "--json", "--learning")[1])
+    assert on["learning"]
+    code, out, _ = neuro("test", "model.h5", "--starts", 1, "--out", "pictures")
+    assert code == 0
+    assert "snn in short, 1,000 steps, seed 0; weights frozen, no dopamine" in out
+    for name in ("density", "training", "weights"):
+        image = imread(tmp_path / "pictures" / f"{name}.png")
+        assert min(image.shape[:2]) > 400
+        assert 0.003 < (image[..., :3].min(axis=2) < 0.9).mean() < 0.9
+    again = json.loads(neuro("test", "model.h5", "--starts", 1, "--json", "--set", "camera.tilt=50")[1])
+    assert again["error_px"] != told["error_px"]
+
+
+def test_seeds_have_files_of_their_own(neuro, tmp_path):
+    words = ("train", "--scenario", "short.yaml", "--controller", "lms", "--steps", 200, "--seed", 3)
+    assert neuro(*words, "--out", "one.h5")[0] == 0
+    code, out, _ = neuro(*words, "--seeds", 2, "--out", "both.h5")
+    assert code == 0
+    assert [line.partition(":")[0] for line in out.splitlines()] == ["both-3.h5", "both-4.h5"]
+    from neuro_drone.model import Model
+
+    one, both, other = (Model.load(tmp_path / f"{name}.h5") for name in ("one", "both-3", "both-4"))
+    assert (one.learnt["weights"] == both.learnt["weights"]).all()
+    assert (one.learnt["weights"] != other.learnt["weights"]).any()
+
+
+def test_controllers_that_do_not_learn_are_tested_by_name(neuro):
+    code, out, _ = neuro("test", "--controller", "oracle", "--scenario", "short.yaml", "--starts", 1, "--json")
+    assert code == 0
+    assert json.loads(out)["laps"] == 1
+    code, out, _ = neuro("test", "--controller", "nothing", "--scenario", "short.yaml", "--starts", 2, "--json")
+    assert json.loads(out)["laps"] == 0
+    slow = ("--set", "gain=[0.5, 0.5]", "--set", "drone.v_max=0.5")
+    lazy = neuro("test", "--controller", "oracle", "--scenario", "short.yaml", "--starts", 1, "--json", *slow)
+    assert json.loads(lazy[1])["error_px"] > 5
+
+
+def test_compare_is_kept_and_told(neuro, tmp_path):
+    words = ("compare", "--scenario", "short.yaml", "--steps", 200, "--seeds", 2, "--starts", 1, "--row", "oracle")
+    words = (*words, "--row", "lms", "--with", "lms gain=4 steps=300", "--out", "kept")
+    code, out, err = neuro(*words, "--json")
+    assert code == 0
+    oracle, lms, other = json.loads(out)["rows"]
+    assert (oracle["seeds"], oracle["sd"], oracle["learning_on"], oracle["laps"]) == ([0], None, None, 1)
+    assert (lms["seeds"], lms["steps"], lms["starts"], other["steps"]) == ([0, 1], 200, 2, 300)
+    first, second = (one["error_px"] for one in lms["each"])
+    assert lms["error_px"] == pytest.approx((first + second) / 2)
+    assert lms["sd"] == pytest.approx(abs(first - second) / 2**0.5)
+    assert lms["learning_on"] > 0
+    assert sorted(err.splitlines())[0].startswith("lms gain=4 steps=300 seed 0: ")
+    results = {file: file.stat().st_mtime_ns for file in (tmp_path / "kept").glob("*.json")}
+    assert len(results) == 5
+    code, out, _ = neuro(*words)
+    assert code == 0
+    assert "short: weights frozen, no dopamine; mean ± sd over seeds" in out
+    assert {file: file.stat().st_mtime_ns for file in (tmp_path / "kept").glob("*.json")} == results
+    table = (tmp_path / "kept" / "table.md").read_text().splitlines()
+    assert table[0].startswith("| controller | steps | seeds | error, px | laps |")
+    assert len(table) == 5
+
+
+def test_lists(neuro):
+    code, out, _ = neuro("scenarios")
+    assert code == 0
+    assert all(f" {name} " in out for name in ("A30", "B60", "C60", "line", "B60-texture"))
+    code, out, _ = neuro("controllers")
+    assert code == 0
+    assert all(f" {name} " in out for name in ("nothing", "oracle", "snn-flipped", "dqn", "mu 0.02"))
+
+
+MISTAKES = {
+    "train --scenario B61": "unknown scenario 'B61'\n  hint: did you mean 'B60'?",
+    "train --controller sn": "unknown controller 'sn'\n  hint: did you mean 'snn'?",
+    "train --set camera.tlt=3": "unknown word of camera 'tlt'\n  hint: did you mean 'tilt'?",
+    "train --set camera.tilt=x": "camera.tilt = 'x': expected a number >= 1 and <= 90 degrees",
+    "train --set gian=3": "unknown setting of controller 'snn' 'gian'\n  hint: did you mean 'gain'?",
+    "train --set eta=x": "controller 'snn': eta = 'x': expected a number",
+    "train --set camera": "Invalid value for '--set': 'camera': expected NAME=VALUE\n"
+    "  hint: see 'neuro drone train --help'",
+    "train --steps 0": "Invalid value for '--steps': '0': expected a whole number >= 1\n"
+    "  hint: see 'neuro drone train --help'",
+    "train --scenario bad.yaml": "bad.yaml:2:10: unknown word of camera 'tlt'\n  hint: did you mean 'tilt'?",
+    "train --out no/model.h5": "no/model.h5: cannot be written: No such file or directory",
+    "test no.h5": "no.h5: no such file: expected a neuro drone model 1",
+    "test bad.yaml": "bad.yaml: not a neuro drone model 1",
+    "test": "Invalid value for 'MODEL': expected a model or --controller NAME\n  hint: see 'neuro drone test --help'",
+    "test --controller lms": "controller 'lms' has to learn first: expected a model, or one of nothing, oracle, "
+    "centroid, static, static-linear\n  hint: neuro drone train --controller lms",
+    "test oracle.h5 --set gain=3": "--set gain: the settings of a trained controller stay: expected a word of the "
+    "scenario\n  hint: 'neuro drone train --set' has settings of the controller",
+    "compare --row": "Option '--row' requires an argument",
+    "compare --row sn": "unknown controller 'sn'\n  hint: did you mean 'snn'?",
+    "compare --row oracle --out bad.yaml": "bad.yaml: cannot be written: File exists",
+    "energy oracle.h5": "controller 'oracle' has no network: expected a spiking one, dqn or ddpg",
+    "watch oracle.h5 --out no/lap.html": "no/lap.html: No such file or directory",
+    "watch oracle.h5 --start 900 0": "option start = 900.0: expected a number >= -180 and <= 180",
+}
+
+
+@pytest.mark.parametrize("words", MISTAKES)
+def test_mistakes(neuro, tmp_path, words):
+    (tmp_path / "bad.yaml").write_text("task: ball\ncamera: {tlt: 60}\n")
+    if "oracle.h5" in words:
+        assert neuro("train", "--controller", "oracle", "--scenario", "short.yaml", "--out", "oracle.h5")[0] == 0
+    code, out, err = neuro(*words.split())
+    assert (code, out, err) == (2, "", f"error: {MISTAKES[words]}\n")
+
+
+def test_a_missing_extra_is_told_before_any_work(neuro, monkeypatch):
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    code, out, err = neuro("compare", "--scenario", "short.yaml", "--with", "dqn")
+    assert (code, out) == (2, "")
+    assert err == "error: controller 'dqn': stable-baselines3 is not installed\n  hint: pip install 'neuro[rl]'\n"
+
+
+def test_help_is_light():
+    heavy = "('numba', 'h5py', 'matplotlib', 'scipy', 'torch', 'rich.progress')"
+    code = f"import sys, neuro_drone.cli; sys.exit(any(m in sys.modules for m in {heavy}))"
+    subprocess.run([sys.executable, "-c", code], check=True)

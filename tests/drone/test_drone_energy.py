@@ -1,0 +1,74 @@
+"""What a control step takes: by hand, beside dense networks, and whether it is in time."""
+
+import json
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro_drone.energy import priced, show, words
+from neuro_drone.model import Model
+from neuro_drone.scenario import load
+from neuro_drone.train import train
+
+SHORT = load("A60", **{"task": {"ball": {"lap": 0.75, "speed": 0.15}}})  # a lap of 250 steps
+MACS = 64 * 64 + 64 * 64 + 64 * 9
+
+
+@pytest.fixture(scope="module")
+def bills():
+    return priced(train(SHORT, "static"), ("loihi", "spinnaker", "cpu"))
+
+
+def test_a_bill_by_hand(bills):
+    told = json.loads(words(bills))
+    each = told["per_step"]
+    assert (told["steps"], each["network_steps"], told["step_us"]) == (250, 20, 20_000)
+    assert each["synaptic_ops"] == pytest.approx(4 * each["input_spikes"])
+    _, spinnaker, cpu = bills.spiking
+    dynamic = each["synaptic_ops"] * 13.3e-9 + each["neuron_updates"] * 26e-9
+    assert spinnaker.dynamic_j == pytest.approx(dynamic + spinnaker.by_cost()["packet"])
+    assert cpu.total_j == pytest.approx(20 * 256 * 8.6e-9)
+    assert all(bill.of == "control step" for bill in bills.spiking)
+    assert [(d.target, d.macs, d.joules) for d in bills.dense] == [
+        ("cpu", MACS, pytest.approx(MACS * 8.6e-9)),
+        ("gpu", MACS, pytest.approx(MACS * 0.3e-9)),
+    ]
+
+
+def test_in_time(bills):
+    loihi, spinnaker, cpu = json.loads(words(bills))["bills"]
+    assert (loihi["in_time"], spinnaker["in_time"], cpu["in_time"]) == (True, True, None)
+    assert spinnaker["time_us"] == pytest.approx(20_000)  # 1 ms of network in 1 ms
+    assert loihi["share_of_step"] == pytest.approx(loihi["time_us"] / 20_000)
+    fine = priced(train(SHORT, "static", settings={"resolution": 0.5}), ("spinnaker",))
+    assert json.loads(words(fine))["bills"][0]["in_time"] is False
+
+
+def test_table(bills, capsys):
+    show(bills)
+    out = capsys.readouterr().out
+    assert "energy per control step of 20 ms; static in" in out
+    assert "dqn: 64-64-64-9" in out
+    assert "Davies et al., IEEE Micro 38(1):82, 2018" in out
+    assert "not in the bill: the camera" in out
+    assert "of one that is on for the whole step: loihi 2.08 mJ" in out
+
+
+def test_a_dense_agent_is_priced_by_its_own_layers():
+    shapes = {0: (16, 64), 2: (16, 16), 4: (9, 16)}
+    learnt = {f"q_net.q_net.{k}.weight": np.zeros(shape, np.float32) for k, shape in shapes.items()}
+    learnt |= {f"q_net.q_net.{k}.bias": np.zeros(shape[0], np.float32) for k, shape in shapes.items()}
+    model = Model("dqn", SHORT, 0, 1, 100, {"hidden": 16}, learnt=learnt)
+    bills = priced(model, ("loihi", "gpu"))
+    assert [(d.target, d.what, d.macs) for d in bills.dense] == [("gpu", "dqn: 64-16-16-9", 64 * 16 + 16 * 16 + 16 * 9)]
+    assert bills.spiking == ()
+
+
+def test_mistakes():
+    with pytest.raises(neuro.ModelError) as error:
+        priced(train(SHORT, "centroid"), ("loihi",))
+    assert str(error.value) == "controller 'centroid' has no network: expected a spiking one, dqn or ddpg"
+    with pytest.raises(neuro.ModelError) as error:
+        priced(train(SHORT, "static"), ("lohi",))
+    assert str(error.value) == "unknown target 'lohi'\n  hint: did you mean 'loihi'?"

@@ -1,0 +1,155 @@
+"""The page of a lap: what it holds, and what a browser makes of it."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+import neuro
+from neuro_drone.evaluate import Start, try_out
+from neuro_drone.flight import fly
+from neuro_drone.scenario import load
+from neuro_drone.train import train
+from neuro_drone.watch import page, watch
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+SHORT = load("A60", **{"task": {"ball": {"lap": 1.5, "speed": 0.15}}})  # a lap of 500 steps
+START = (20.0, -15.0)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return train(SHORT, "static")
+
+
+@pytest.fixture(scope="module")
+def flight(model):
+    return fly(model, Start(START))
+
+
+def data_of(text):
+    return json.loads(re.search(r'id="data">(.*?)</script>', text)[1])
+
+
+def column(data, name, kind):
+    return np.frombuffer(base64.b64decode(data[name]), kind)
+
+
+def test_listening_changes_nothing(model, flight):
+    tried = try_out(model, starts=[Start(START)])
+    assert flight.errors[1:].mean() == pytest.approx(tried.error_px)
+    assert flight.lap == bool(tried.laps)
+
+
+def test_all_is_in_step(flight):
+    n = len(flight.errors)
+    assert n == 501
+    assert {
+        len(getattr(flight, name)) for name in ("poses", "footprints", "balls", "targets", "actions", "counts")
+    } == {n}
+    assert flight.events.sum() == len(flight.x) == flight.counts.sum()
+    cells, motors = flight.spikes
+    assert (cells.name, cells.size, motors.name, motors.size) == ("cells", 64, "motors", 4)
+    assert 0 < cells.times[0] < cells.times[-1] <= 500 * 20
+    first = motors.ids[motors.times <= 3 * 20]
+    fired = np.bincount(first[motors.times[: len(first)] > 2 * 20], minlength=4)
+    assert np.array_equal(np.sign(fired[0::2] - fired[1::2]), np.sign(flight.actions[3]))
+
+
+def test_the_page_holds_it(flight):
+    text = page(flight)
+    data = data_of(text)
+    events, first = column(data, "events", "<u2"), column(data, "first", "<u4")
+    assert np.array_equal(events & 127, flight.x)
+    assert np.array_equal(events >> 7 & 127, flight.y)
+    assert np.array_equal(events >> 14, flight.p)
+    assert np.array_equal(np.diff(first.astype(int)), flight.events)
+    assert np.allclose(column(data, "poses", "<f4").reshape(-1, 3), flight.poses, atol=1e-5)
+    assert (data["steps"], data["step"], data["ball"]) == (500, 20.0, 0.17)
+    assert [s["name"] for s in data["spikes"]] == ["cells", "motors"]
+    assert "static, which does not learn · weights frozen, no dopamine · 10.0 s, mean error" in text
+    assert "http" not in text.replace("http-equiv", "")
+
+
+def test_of_many_events_an_even_choice_is_shown_and_told(flight, monkeypatch):
+    monkeypatch.setattr("neuro_drone.watch.MOST", len(flight.x) // 4 + 1)
+    text = page(flight)
+    data = data_of(text)
+    assert np.array_equal(column(data, "events", "<u2") & 127, flight.x[::4])
+    first = column(data, "first", "<u4")
+    assert first[-1] == len(flight.x[::4])
+    assert "one of every 4 events is shown" in text
+
+
+def test_footprint_ends_before_the_horizon():
+    low = fly(train(load(SHORT, **{"camera.tilt": 20, "task.ball.radius": 0.3}), "nothing"), Start((0.0, 0.0)))
+    corners = low.footprints[0] - low.poses[0, :2]
+    assert 5.0 < np.hypot(*corners[:2].mean(0)) <= 6.0
+    assert corners[0, 1] > 0 > corners[1, 1]  # far left, far right
+
+
+def test_nothing_is_left_of_a_page_that_fails(model, tmp_path):
+    with pytest.raises(neuro.ModelError):
+        watch(model, tmp_path / "lap.html", (100.0, 0.0))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def chromium(tmp_path):
+    if BROWSER is None:
+        pytest.skip("no Chromium on PATH")
+
+    def run(*words):
+        fixed = ("--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}")
+        quiet = ("--no-first-run", "--disable-background-networking", "--disable-sync", "--hide-scrollbars")
+        log = ("--enable-logging=stderr", "--v=0", "--window-size=1280,1100", "--blink-settings=preferredColorScheme=1")
+        done = subprocess.run([BROWSER, *fixed, *quiet, *log, *words], capture_output=True, text=True, timeout=60)
+        assert done.returncode == 0, done.stderr
+        assert [line for line in done.stderr.splitlines() if ":CONSOLE" in line] == []
+        return done.stdout
+
+    return run
+
+
+STEPS = """
+<script>
+const seen = [get("now").textContent];
+get("time").value = 250; get("time").oninput(); draw();
+seen.push(get("now").textContent, get("error").textContent);
+get("lap").onclick({offsetX: get("lap").clientWidth}); draw(); seen.push(get("now").textContent);
+get("play").onclick(); seen.push(get("play").textContent, String(at));
+get("play").onclick(); seen.push(get("play").textContent);
+dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowRight"})); draw(); seen.push(get("now").textContent);
+for (const name of ["world", "camera", "fields", "stick", "raster", "actions", "lap"]) {
+  const c = get(name), image = c.getContext("2d").getImageData(0, 0, c.width, c.height);
+  const shades = new Set(new Uint32Array(image.data.buffer));
+  seen.push(name + (shades.size > 3 ? " drawn" : " empty"));
+}
+document.title = seen.join("|");
+</script></body>"""
+
+
+def test_a_browser_draws_it_moves_in_time_and_plays(flight, tmp_path, chromium):
+    file = tmp_path / "lap.html"
+    file.write_text(page(flight).replace("</body>", STEPS), "utf-8")
+    title = re.search("<title>(.*?)</title>", chromium("--dump-dom", f"file://{file}"))[1]
+    told = title.split("|")
+    assert told[:4] == ["3.00 of 10.00 s", "5.00 of 10.00 s", f"{flight.errors[250]:.1f} px", "10.00 of 10.00 s"]
+    assert told[4:8] == ["Pause", "0", "Play", "0.02 of 10.00 s"]
+    names = ("world", "camera", "fields", "stick", "raster", "actions", "lap")
+    assert told[8:] == [f"{name} drawn" for name in names]
+
+
+def test_a_controller_without_neurons_on_a_line(tmp_path, chromium):
+    quick = load("line", **{"task": {"line": {"side": 1.5, "speed": 0.3, "direction": 1}}})
+    told = watch(train(quick, "oracle"), tmp_path / "lap.html", (5.0, 0.0))
+    assert re.fullmatch(r"\d\d\.\d s, mean error \d\.\d\d px, a lap that counts", told)
+    chromium(f"--screenshot={tmp_path / 'lap.png'}", f"file://{tmp_path / 'lap.html'}")
+    pixels = imread(tmp_path / "lap.png")[..., :3]
+    blue = pixels[..., 2] - pixels[..., 0] > 0.4
+    assert 500 < blue.sum() < 100_000
