@@ -21,12 +21,14 @@ class DQNSettings(DeepSettings):
     """What DQN is told; the rest is in `DeepSettings`.
 
     Attributes:
+        rate: of learning. An action changes the value by less than a hundredth, so that a larger one stays noisy.
         every: steps from one update to the next.
         copy: steps from one copy of the network to its target to the next.
         explore: steps in which the share of random actions falls from 1 to `random`.
         random: share of random actions from then on.
     """
 
+    rate: float = number(3e-4, 0.0, above=True)
     every: int = whole(4)
     copy: int = whole(1000)
     explore: int = whole(5000)
