@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from neuro import ModelError
 from neuro.aside import aside
 from neuro_drone.evaluate import Start
 from neuro_drone.flight import Flight, Spikes, fly
@@ -24,7 +25,7 @@ from neuro_drone.pictures import NAMES
 
 __all__ = ["page", "watch"]
 
-MOST = 1_500_000
+MOST = 3_000_000
 """Events, and spikes of a population, of a page; of more an even choice is shown."""
 
 POINTS = 600
@@ -44,9 +45,11 @@ def watch(model: Model, file: Path, start: tuple[float, float] | None = None, ba
         What came of the lap, in a few words.
 
     Raises:
-        ModelError: the start cannot be, or the backend refuses the network.
+        ModelError: the file is not called .html, the start cannot be, or the backend refuses the network.
         OSError: the file cannot be written.
     """
+    if file.suffix.lower() not in (".html", ".htm"):
+        raise ModelError(f"{file}: a lap is written as a page for a browser: expected a name that ends in .html")
     line = isinstance(model.scenario.task, Line)
     begin = Start(start or ((20.0, 10.0) if line else (-30.0, -30.0)), 1 if line else 0)
     with aside(file) as part:

@@ -113,7 +113,7 @@ def test_lists(neuro):
     assert all(f" {name} " in out for name in ("A30", "B60", "C60", "line", "B60-texture"))
     code, out, _ = neuro("controllers")
     assert code == 0
-    assert all(f" {name} " in out for name in ("nothing", "oracle", "snn-flipped", "dqn", "mu 0.02"))
+    assert all(f" {name} " in out for name in ("nothing", "oracle", "snn-flipped", "dqn", "coding"))
 
 
 MISTAKES = {
@@ -141,6 +141,8 @@ MISTAKES = {
     "compare --row oracle --out bad.yaml": "bad.yaml: cannot be written: File exists",
     "energy oracle.h5": "controller 'oracle' has no network: expected a spiking one, dqn or ddpg",
     "watch oracle.h5 --out no/lap.html": "no/lap.html: No such file or directory",
+    "watch oracle.h5 --out lap.gif": "lap.gif: a lap is written as a page for a browser: expected a name that ends in "
+    ".html",
     "watch oracle.h5 --start 900 0": "option start = 900.0: expected a number >= -180 and <= 180",
 }
 
