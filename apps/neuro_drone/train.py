@@ -15,6 +15,7 @@ from neuro_drone import checkpoint, cores
 from neuro_drone.controllers import Learner, kind_of, make
 from neuro_drone.env import DroneEnv
 from neuro_drone.model import Model, packed
+from neuro_drone.parts import Ball, Line
 from neuro_drone.scenario import Scenario, load
 from neuro_remus.hdf5 import check_writable
 
@@ -23,8 +24,9 @@ __all__ = ["STEPS", "Job", "Progress", "Report", "side_by_side", "train"]
 STEPS = 60_000
 """Steps of a training. Source: thesis, table 5."""
 
-EPISODE = 100
-"""Most steps of an episode of training: 20,000 steps then begin at 200 places, so that all fields learn."""
+EPISODES = {Ball: 100, Line: 1000}
+"""Most steps of an episode of training: 20,000 steps then begin at 200 places round the ball, so that all fields learn;
+on a line the first corner is 400 steps away."""
 
 KEEP = 2000
 """Steps between two checkpoints, at least."""
@@ -60,7 +62,7 @@ def train(
     controller: str = "snn",
     *,
     steps: int = STEPS,
-    episode: int = EPISODE,
+    episode: int | None = None,
     seed: int = 0,
     settings: Mapping[str, Any] | None = None,
     out: Path | None = None,
@@ -72,7 +74,8 @@ def train(
         scenario: the world and the task, its name or its file.
         controller: a name of `CONTROLLERS`.
         steps: of control, in all.
-        episode: most steps of one; it ends before where the target is lost or the lap is over.
+        episode: most steps of one; it ends before where the target is lost or the lap is over. `EPISODES` says it
+            if not given.
         seed: of everything random; episodes begin where it says.
         settings: of the controller, by name.
         out: file for the model. A checkpoint is kept beside it; the same call continues from there to the same bits.
@@ -86,6 +89,7 @@ def train(
         ModelError: a name or a setting is wrong, or `out` belongs to another training.
     """
     scenario, settings = load(scenario), dict(settings or {})
+    episode = EPISODES[type(scenario.task)] if episode is None else episode
     for name, value in (("steps", steps), ("episode", episode)):
         if isinstance(value, bool) or not isinstance(value, int) or value < 1:
             raise neuro.ModelError(f"{name} = {value!r}: expected a whole number >= 1")
@@ -167,7 +171,7 @@ class Job:
     scenario: Scenario | str | Path
     controller: str = "snn"
     steps: int = STEPS
-    episode: int = EPISODE
+    episode: int | None = None
     seed: int = 0
     settings: Mapping[str, Any] | None = None
     out: Path | None = None

@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from neuro import ModelError
 from neuro_drone.controllers import CONTROLLERS, Learner, make
-from neuro_drone.controllers.fields import DOWN, RIGHT, pattern
+from neuro_drone.controllers.fields import DOWN, RIGHT, pattern, shares
 from neuro_drone.scenario import load
 
 BALL, LINE = load("B60"), load("line")
@@ -86,6 +86,26 @@ def test_patterns_speak_for_their_sides(shape):
     assert np.abs(ball).max() == np.abs(line).max() == 1.0
     assert (np.sign(ball) == np.sign(np.stack((RIGHT.ravel(), DOWN.ravel()), 1))).all()
     assert line.reshape(8, 8, 2)[0, 7, 1] > 0 > line.reshape(8, 8, 2)[0, 0, 1]  # above and right: leans to the right
+
+
+@given(COUNTS)
+def test_shares_say_how_events_are_spread(counts):
+    of_all, of_rows = shares(counts, "shares"), shares(counts, "rows").reshape(8, 8)
+    assert of_all.sum() == pytest.approx(float(counts.any()))
+    assert of_rows.sum(1) == pytest.approx(counts.any(axis=1) / 8)
+    assert of_all * counts.sum() == pytest.approx(counts.ravel())
+    assert shares(counts * np.arange(1, 9)[:, None], "rows").reshape(8, 8) == pytest.approx(of_rows)
+
+
+def test_a_line_has_defaults_of_its_own():
+    error = told(0.1, 0.1)
+    assert make("oracle", LINE).act(seen(0, 0), error).tolist() == pytest.approx([0.8, 0.4])
+    assert make("oracle", LINE, 0, {"gain": 1.0}).act(seen(0, 0), error).tolist() == pytest.approx([0.1, 0.1])
+    assert make("oracle", BALL).act(seen(0, 0), error).tolist() == pytest.approx([0.8, 0.8])
+    lms, upright = make("lms", LINE), np.ones((8, 8), np.int64)
+    upright[:, 3] += np.arange(8) * 5  # more events in near rows
+    lms.act(upright, {})
+    assert lms._shares.reshape(8, 8).sum(1) == pytest.approx(np.full(8, 0.125))
 
 
 def test_lms_learns_where_fields_are():

@@ -131,7 +131,7 @@ def test_actions_are_in_the_directions_of_the_picture():
     for scenario in ("B60", "line"):
         for axis in (0, 1):
             action, start = np.zeros(2), np.zeros(2)
-            action[axis], start[axis] = 0.2, 20.0
+            action[axis], start[axis] = 0.4, 20.0
             last = episode(DroneEnv(scenario), [action] * 8, options={"start": tuple(start)})[-1][2]
             assert abs(last["error"][axis]) < 19.0
 

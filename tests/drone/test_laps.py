@@ -171,7 +171,7 @@ def test_an_oracle_finishes_ball_laps(name):
 def test_an_oracle_finishes_line_laps_in_both_directions(direction):
     judged, steps = fly(load("line"), oracle(4.0), (20.0, -10.0), direction)
     assert judged.lap
-    assert 4500 < steps < 5500
+    assert 3500 < steps < 5500  # of 4800 at 0.075 m/s; in a turn the aim is swung forward along the next side
 
 
 @pytest.mark.parametrize("name", BALLS)

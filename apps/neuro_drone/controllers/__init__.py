@@ -19,6 +19,7 @@ from neuro_drone.controllers.lms import LMS, LMSSettings
 from neuro_drone.controllers.settings import changed
 from neuro_drone.controllers.simple import Centroid, Gain, Nothing, NothingSettings, Oracle
 from neuro_drone.controllers.spiking import Spiking, SpikingSettings
+from neuro_drone.parts import Line
 from neuro_drone.scenario import Scenario
 
 __all__ = ["CONTROLLERS", "Controller", "Kind", "Learner", "make"]
@@ -103,6 +104,14 @@ CONTROLLERS: dict[str, Kind] = {
 }
 """The controllers by name."""
 
+LINE: dict[Any, dict[str, Any]] = {
+    Oracle: {"gain": (8.0, 4.0)},
+    LMS: {"gain": (8.0, 4.0), "coding": "rows", "mu": 0.005},
+    Spiking: {"gain": (8.0, 4.0), "coding": "rows", "total": 800.0},
+}
+"""Defaults that differ for a line: a drone that turns too quickly swings its picture to the side; the lean is read
+from differences between rows, hence their equal say and more spikes."""
+
 
 def make(name: str, scenario: Scenario, seed: int = 0, settings: Mapping[str, Any] | None = None) -> Controller:
     """A controller, before learning.
@@ -117,7 +126,8 @@ def make(name: str, scenario: Scenario, seed: int = 0, settings: Mapping[str, An
         ModelError: there is no such controller or setting, or a value is out of its bounds.
     """
     kind = kind_of(name)
-    return kind.maker(scenario, seed, changed(kind.settings, settings or {}, f"controller '{name}'"))
+    own = LINE.get(kind.maker, {}) if isinstance(scenario.task, Line) else {}
+    return kind.maker(scenario, seed, changed(kind.settings, {**own, **(settings or {})}, f"controller '{name}'"))
 
 
 def kind_of(name: str) -> Kind:

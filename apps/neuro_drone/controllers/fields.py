@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -9,7 +11,7 @@ from neuro_drone.geometry import AIM
 from neuro_drone.parts import Line
 from neuro_drone.scenario import Scenario
 
-__all__ = ["DOWN", "RIGHT", "UNIT", "pattern"]
+__all__ = ["DOWN", "RIGHT", "UNIT", "pattern", "shares"]
 
 UNIT = 64.0
 """Pixels that an error of 1 stands for: half of the picture."""
@@ -19,6 +21,22 @@ RIGHT: npt.NDArray[np.float64] = np.tile(_MIDDLES, (8, 1))
 """(8, 8), how far the middle of each field lies to the right of the aim, in units of 64 px."""
 DOWN: npt.NDArray[np.float64] = np.ascontiguousarray(RIGHT.T)
 """(8, 8), how far it lies below it."""
+
+
+def shares(counts: npt.NDArray[Any], coding: str) -> npt.NDArray[np.float64]:
+    """How the events are spread over the fields, whatever their number.
+
+    Args:
+        counts: (8, 8) events in each field.
+        coding: shares (of all events) or rows (of the events of the field's row, over 8). A line crosses all rows:
+            its mean place in each tells where it is and how it leans, however many events the row has.
+
+    Returns:
+        (64,), 1 in all; rows without events are 0.
+    """
+    n: Any = counts.sum(axis=1, keepdims=True) * len(counts) if coding == "rows" else counts.sum()
+    spread: npt.NDArray[np.float64] = counts / np.maximum(n, 1)
+    return spread.ravel()
 
 
 def pattern(scenario: Scenario, shape: str) -> npt.NDArray[np.float64]:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro_drone.controllers.settings import number, numbers
+from neuro_drone.controllers.fields import shares
+from neuro_drone.controllers.settings import choice, number, numbers
 from neuro_drone.controllers.simple import Fixed
 from neuro_drone.scenario import Scenario
 
@@ -25,10 +26,12 @@ class LMSSettings:
     Attributes:
         gain: action by estimated error.
         mu: share of the estimate's error that a step takes away.
+        coding: shares or rows, see `fields.shares`.
     """
 
     gain: float | tuple[float, float] = numbers(8.0, 0.0, above=True)
     mu: float = number(0.02, 0.0)
+    coding: str = choice("shares", "shares", "rows")
 
 
 class LMS(Fixed):
@@ -52,7 +55,7 @@ class LMS(Fixed):
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
         """In proportion to the estimated error; none where there are no events."""
-        self._shares = counts.ravel() / max(counts.sum(), 1)
+        self._shares = shares(counts, self._settings.coding)
         return np.clip(self._gain * (self._weights @ self._shares), -1.0, 1.0)
 
     def learn(self, info: Mapping[str, Any]) -> None:

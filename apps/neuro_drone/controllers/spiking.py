@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro_drone.controllers.fields import pattern
+from neuro_drone.controllers.fields import pattern, shares
 from neuro_drone.controllers.settings import choice, number, numbers
 from neuro_drone.scenario import Scenario
 from neuro_models import names
@@ -35,9 +35,9 @@ class SpikingSettings:
         network: one of `neuro_models`, a YAML file, or the network itself.
         eta: dopamine of the positive motor for an error of 1 (64 px), 1/ms; the negative motor has the opposite.
         gain: factor on the action of eq. 129.
-        coding: shares (each cell has its field's share of the events, so that few events steer as well as many) or
-            counts (in proportion to the events).
-        total: rate of all cells together when the coding is shares, Hz.
+        coding: shares (each cell has its field's share of the events, so that few events steer as well as many),
+            rows (its share of its row's, see `fields.shares`) or counts (in proportion to the events).
+        total: rate of all cells together when the coding is shares or rows, Hz.
         rate: of a cell for one event in its field when the coding is counts, Hz.
         rate_max: of a cell at most, in either, Hz.
         start: weights before learning: equal (the network's own), sign or linear, see `fields.pattern`.
@@ -51,7 +51,7 @@ class SpikingSettings:
     network: str | neuro.Network = "drone"
     eta: float = number(3e-3)
     gain: float | tuple[float, float] = numbers(2.0, 0.0, above=True)
-    coding: str = choice("shares", "shares", "counts")
+    coding: str = choice("shares", "shares", "rows", "counts")
     total: float = number(400.0, 0.0, above=True)
     rate: float = number(20.0, 0.0, above=True)
     rate_max: float = number(400.0, 0.0, above=True)
@@ -116,8 +116,8 @@ class Spiking:
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
         """Run the network for a step; the action is the difference of the motors' spikes."""
         sim, s = self.sim, self._settings
-        per_event = s.rate if s.coding == "counts" else s.total / max(int(counts.sum()), 1)
-        sim.set(CELLS, rate=np.minimum(s.rate_max, per_event * counts.ravel()))
+        rates = s.rate * counts.ravel() if s.coding == "counts" else s.total * shares(counts, s.coding)
+        sim.set(CELLS, rate=np.minimum(s.rate_max, rates))
         begin = sim.time
         sim.run(self._scenario.step)
         ids = sim.spikes(MOTORS, since=begin)[1]
