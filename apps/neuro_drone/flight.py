@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro_drone.controllers import Controller, make
-from neuro_drone.controllers.spiking import Spiking, SpikingSettings
+from neuro_drone.controllers import Controller
 from neuro_drone.env import DroneEnv
 from neuro_drone.evaluate import SEED, Start
 from neuro_drone.geometry import View
-from neuro_drone.model import Model
+from neuro_drone.model import Model, packed, unpacked
 
 __all__ = ["Flight", "Spikes", "fly", "listening"]
 
@@ -100,19 +99,15 @@ def listening(model: Model, backend: str = "event") -> Controller:
         model: what was learnt; of a controller without a network it is as `Model.frozen`.
         backend: what runs the network.
     """
-    pilot = model.frozen(None, backend)
-    if not isinstance(pilot, Spiking):
-        return pilot
-    net = pilot.network()
+    if not model.network:
+        return model.frozen(None, backend)
+    net = unpacked(model.network)
     for name, population in net.populations.items():
         if isinstance(population.model, neuro.poisson_generator):
-            net.probe("spikes", net.populations[name])
-    own = {one.name for one in fields(SpikingSettings)} - {"network", "start", "options"}
-    said = {name: value for name, value in model.settings.items() if name in own}
-    said |= {"network": net, "start": "equal", "backend": backend}
-    heard = make("static", model.scenario, model.seed, said)
-    heard.sim = _Keeping(heard.sim)  # type: ignore[attr-defined]
-    return heard
+            net.probe(f"heard_{name}", population)
+    pilot = replace(model, network=packed(net)).frozen(None, backend)
+    pilot.sim = _Keeping(pilot.sim)  # type: ignore[attr-defined]
+    return pilot
 
 
 def fly(model: Model, start: Start, backend: str = "event") -> Flight:
