@@ -40,7 +40,8 @@ def load(
     Args:
         source: a path, the bytes of a file, or an open binary file (of a zip, or standard input).
         format: its name or its own ending (as ``"bin"``), where neither content nor ending tells; see
-            `neuro events formats`.
+            `neuro events formats`. ``"hdf5:/davis/left"`` is one recording of a file with several, and
+            ``"hdf5:/events:txyp"`` tells the order of columns, too.
         sensor_size: width and height, px; None takes that of the file or the format, else the smallest that holds all.
         name: what to call bytes or an open file; its ending may tell the format.
         sort: put events in the order of time instead of refusing a file whose time runs back.
@@ -55,7 +56,7 @@ def load(
     """
     size = None if sensor_size is None else _arguments.sensor(sensor_size)
     file = opened(source, format, name)
-    checked = Checked(file.name, size or file.reader.sensor_size, strict, sort)
+    checked = Checked(file.name, size or file.sensor_size, strict, sort)
     pieces = [checked.piece(piece) for piece in file.pieces(WHOLE, strict)]
     if not strict:
         checked.warn()
@@ -128,7 +129,7 @@ def stream(
 
 def _parts(file: Opened, size: tuple[int, int] | None, start_us: int | None, strict: bool) -> Iterator[Events]:
     """The parts of a file as they come, not those that can be left out before a time."""
-    size = size or file.reader.sensor_size or file.scanned(BLOCK)
+    size = size or file.sensor_size or file.scanned(BLOCK)
     if start_us is None or not strict or not file.can_seek():
         yield from _decoded(file, size, None, strict)
         return

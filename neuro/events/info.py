@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events.check import Arrays, Checked
-from neuro.events.errors import EventFileWarning
+from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.files import BLOCK
-from neuro.events.opening import opened, smallest
+from neuro.events.opening import Opened, opened, smallest
 from neuro.events.source import Given
 
 BIN_US = 10_000
@@ -111,20 +111,31 @@ def info(
         EventFileError: there is no such file, or it is of no known kind.
     """
     file = opened(source, format, name)
-    kind, told_size = file.format, file.reader.sensor_size
+    kind, told_size = file.format, _told_size(file, sensor_size is None)
     size = sensor_size or told_size
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", EventFileWarning)
         checked = Checked(file.name, size, strict=False, sort=False)
         pixels = _Pixels(size or (0, 0))
         bytes_ = file.source.size
-        out = Info(file.name, kind.name, kind.title, kind.untested, bytes_, size or (1, 1), told_size is not None)
+        untested = kind.untested or getattr(file.reader, "untested", "")
+        out = Info(file.name, kind.name, kind.title, untested, bytes_, size or (1, 1), told_size is not None)
         _survey(out, pixels, (checked.piece(piece) for piece in file.pieces(BLOCK, False)), report)
         checked.warn()
     out.sensor_size = size or smallest(kind, pixels.width - 1, pixels.height - 1)
     out.damage = [str(one.message).removeprefix(f"{file.name}: ") for one in told]
     out.metadata = {key: value for key, value in file.reader.metadata.items() if key not in FOUND_WHILE_READING}
     return out
+
+
+def _told_size(file: Opened, needed: bool) -> tuple[int, int] | None:
+    """The sensor that the file tells; one that may mean two things is None where it is not needed."""
+    try:
+        return file.sensor_size
+    except EventFileError:
+        if needed:
+            raise
+        return None
 
 
 def _survey(out: Info, pixels: _Pixels, parts: Iterator[Arrays], report: Callable[[int], None] | None) -> None:

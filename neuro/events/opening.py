@@ -6,7 +6,7 @@ import io
 import os
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from neuro.errors import ModelError
 from neuro.events.check import Checked
@@ -33,6 +33,18 @@ class Opened:
     def name(self) -> str:
         """The file, as messages call it."""
         return self.source.name
+
+    @property
+    def sensor_size(self) -> tuple[int, int] | None:
+        """Width and height that the file or its format tells, None where neither does.
+
+        Raises:
+            EventFileError: the file tells it in a way that may mean two things, or an impossible one.
+        """
+        try:
+            return self.reader.sensor_size
+        except Damage as damage:
+            raise EventFileError(self.name, damage.what, damage.offset) from None
 
     def pieces(self, block: int, strict: bool, start_us: int | None = None) -> Iterator[Piece]:
         """The pieces of the file; damage is an error or, where not strict, the end with a warning.
@@ -128,14 +140,18 @@ def check_given(source: object) -> None:
 def find(source: Source, format: str | None = None) -> Format:
     """The format of a file: by name (or ending) where given, else by content, else by the ending of the file's name.
 
+    A name may go on with a place inside the file, as ``hdf5:/davis/left``.
+
     Raises:
         EventFileError: there is none.
     """
     if format is not None:
-        if (found := called(format, FORMATS)) is None:
+        kind, colon, place = format.partition(":")
+        if (found := called(kind, FORMATS)) is None or (colon and found.inside is None):
             known = ", ".join(f.name for f in FORMATS)
             raise EventFileError(source.name, f"unknown format {format!r}, expected one of {known}")
-        return found
+        inside = found.inside
+        return replace(found, open=lambda data: inside(data, place)) if inside and place else found
     head = source.head(HEAD)
     for f in FORMATS:
         if f.knows(head):

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 
+import h5py
 import numpy as np
 import pytest
 import typer
@@ -87,6 +88,49 @@ def test_info_of_long_pauses(run, tmp_path):
 def test_info_says_what_was_never_tried(run, tmp_path):
     (tmp_path / "x.aedat").write_bytes(b"#!AER-DAT3.1\r\n#Format: RAW\r\n#!END-HEADER\r\n")
     assert "  untested on a real file: no recording of this format" in run("info", "x.aedat")[1]
+
+
+GENERIC = b"Event Stream\x02\x00\x00\x00"
+
+
+def test_info_of_generic_events(run, tmp_path):
+    (tmp_path / "a.es").write_bytes(GENERIC + b"\x05\x06abc\xff" + b"\x00\x0a\xc3\xa4\x00\xff\x01")
+    assert run("info", "a.es")[1].splitlines() == [
+        "file    a.es",
+        "format  Event Stream, generic: times with bytes, no pixels",
+        "events  2",
+        "time    5 to 259 us, 0.000254 s",
+        "bytes   3 to 5 an event, 8 in all",
+        "first   'abc'",
+    ]
+    (tmp_path / "b.es").write_bytes(GENERIC + b"\x05\x52" + bytes(41) + b"\x05")
+    shown = run("info", "b.es")[1].splitlines()[-2:]
+    assert shown == ["first   " + " ".join(["00"] * 40) + " ...", "damage  byte 59: " + CUT]
+    told = json.loads(run("info", "b.es", "--json")[1])
+    assert (told["type"], told["events"], told["start_us"], told["largest_bytes"]) == ("generic", 1, 5, 41)
+    (tmp_path / "c.es").write_bytes(GENERIC)
+    assert run("info", "c.es")[1].splitlines()[2:] == ["events  0"]
+
+
+CUT = "the last event is cut after 1 bytes; what is before it was read"
+
+
+def test_info_of_generic_events_in_a_pipe(tmp_path):
+    words = [os.path.join(os.path.dirname(sys.executable), "neuro"), "events", "info", "-"]
+    done = subprocess.run(words, input=GENERIC + b"\x05\x06abc", capture_output=True, cwd=tmp_path, check=True)
+    assert b"file    <standard input>\n" in done.stdout
+    assert b"events  1\n" in done.stdout
+
+
+def test_info_of_one_of_several_in_hdf5(run, tmp_path):
+    with h5py.File(tmp_path / "two.h5", "w") as file:
+        for side in ("left", "right"):
+            file[f"davis/{side}/events"] = np.array([[3, 2, 0.5, -1], [4, 2, 1.5, 1]])
+    assert "name it, as in format='hdf5:/davis/left/events' or --from hdf5:" in run("info", "two.h5")[2]
+    told = run("info", "two.h5", "--from", "hdf5:/davis/right")[1]
+    assert "time          500000 to 1500000 us, 1 s\n" in told
+    assert "  untested on a real file: no recording in another layout" in told
+    assert "columns       x y t p\n" in told
 
 
 def test_info_of_a_data_set(run, data, tmp_path):

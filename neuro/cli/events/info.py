@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from neuro.cli.events.generic import begins_generic, of_generic
 from neuro.cli.events.options import From, Sensor, events_so_far, going
 
 if TYPE_CHECKING:
@@ -38,12 +39,14 @@ Told = tuple[dict[str, Any], list[tuple[str, str]]]
 
 
 def _of_recording(file: Path, from_format: str | None, sensor: Any) -> Told:
-    """Counts of a recording; or of a data set in an HDF5 file."""
+    """Counts of a recording, also of generic events; or of a data set in an HDF5 file."""
     from neuro.events.convert import given
     from neuro.events.errors import EventFileError
     from neuro.events.info import info as look
 
     source, name = given(file)
+    if from_format in (None, "event_stream", "es") and begins_generic(source):
+        return of_generic(source, str(name or source))
     try:
         with going("nothing is told") as bar:
             found = look(source, format=from_format, sensor_size=sensor, name=name, report=events_so_far(bar))

@@ -82,15 +82,22 @@ def order_of(columns: Array) -> str:
     Returns:
         one of `ORDERS`; the first where none fits.
     """
-    place = [_wrong(c, 0, 65535) is None for c in columns.T]
-    polarity = [_wrong(c, -1, 1) is None for c in columns.T]
-    goes_on = [bool(np.all(np.isfinite(c)) and np.all(c[1:] >= c[:-1])) for c in columns.T]
-    for needs_time in (True, False):
-        for order in ORDERS:
-            t, x, y, p = (order.index(name) for name in "txyp")
-            if place[x] and place[y] and polarity[p] and (goes_on[t] or not needs_time):
-                return order
-    return ORDERS[0]
+    every = ((order, needs_time) for needs_time in (True, False) for order in ORDERS)
+    return next((order for order, needs_time in every if fits(columns, order, in_time=needs_time)), ORDERS[0])
+
+
+def fits(columns: Array, order: str, *, in_time: bool) -> bool:
+    """Whether four columns can be in an order: whole coordinates, polarities from -1 to 1.
+
+    Args:
+        columns: (n, 4) numbers.
+        order: such as "txyp".
+        in_time: whether time must not run back, either.
+    """
+    t, x, y, p = (columns[:, order.index(name)] for name in "txyp")
+    if any(_wrong(c, 0, 65535) is not None for c in (x, y)) or _wrong(p, -1, 1) is not None:
+        return False
+    return not in_time or bool(np.all(np.isfinite(t)) and np.all(t[1:] >= t[:-1]))
 
 
 def to_piece(columns: Mapping[str, Array], unit: int, first: int, place: int | None) -> tuple[Piece, str | None]:

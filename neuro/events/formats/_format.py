@@ -72,8 +72,10 @@ class Piece:
 class Reader(Protocol):
     """An open file.
 
+    A reader of several layouts may have ``untested``, as `Format` has.
+
     Attributes:
-        sensor_size: width and height that the file or the format tells, None where neither does.
+        sensor_size: width and height that the file or the format tells, None where neither does; may raise `Damage`.
         metadata: what the file says of itself.
     """
 
@@ -119,6 +121,8 @@ class Format:
         write: write pieces of one recording to a path that is new; raises `Unsavable`. None: only read.
         usual: the sensor where the file tells none and all events fit.
         larger: sensors that are tried after `usual`, in this order.
+        inside: as `open`, for one recording of a file with several, by its place: the rest of ``load(...,
+            format="hdf5:/davis/left")``; None where files have no places.
         untested: why nothing but files made from the specification was read, "" where real ones were.
     """
 
@@ -131,6 +135,7 @@ class Format:
     untested: str = ""
     usual: Size | None = None
     larger: tuple[Size, ...] = ()
+    inside: Callable[[Source, str], Reader] | None = None
 
 
 def called(name: str, formats: Iterable[Format]) -> Format | None:

@@ -7,6 +7,8 @@ is whatever is in memory.
 from __future__ import annotations
 
 import io
+import itertools
+import math
 from typing import Any
 
 from neuro.events.formats._extra import extra
@@ -81,8 +83,8 @@ def chunks_whole(dataset: Any, first: int, last: int) -> None:
     """Refuse chunks that are not packed and not as long as they should be.
 
     Args:
-        dataset: an open h5py dataset with one axis.
-        first: number of an item.
+        dataset: an open h5py dataset.
+        first: number of an item along the first axis.
         last: number after the last item.
 
     Raises:
@@ -92,9 +94,11 @@ def chunks_whole(dataset: Any, first: int, last: int) -> None:
         return
     filters = dataset.id.get_create_plist()
     kinds = [filters.get_filter(k)[0] for k in range(filters.get_nfilters())]
-    size = dataset.chunks[0] * dataset.dtype.itemsize
-    for at in range(first // dataset.chunks[0] * dataset.chunks[0], last, dataset.chunks[0]):
-        chunk = dataset.id.get_chunk_info_by_coord((at,))
+    size = math.prod(dataset.chunks) * dataset.dtype.itemsize
+    long, *wide = dataset.chunks
+    rows = range(first // long * long, last, long)
+    for at in itertools.product(rows, *map(range, itertools.repeat(0), dataset.shape[1:], wide)):
+        chunk = dataset.id.get_chunk_info_by_coord(at)
         used = [kind for k, kind in enumerate(kinds) if not chunk.filter_mask >> k & 1]
         expected = size + 4 * used.count(FLETCHER)
         if chunk.byte_offset is not None and set(used) <= {SHUFFLE, FLETCHER} and chunk.size != expected:
@@ -102,9 +106,9 @@ def chunks_whole(dataset: Any, first: int, last: int) -> None:
 
 
 def place(dataset: Any, item: int) -> int | None:
-    """Where the chunk of an item begins in the file, None where that is not known or beyond its end."""
+    """Where the (first) chunk of an item begins in the file, None where that is not known or beyond its end."""
     try:
-        found: int | None = dataset.id.get_chunk_info_by_coord((item,)).byte_offset
+        found: int | None = dataset.id.get_chunk_info_by_coord((item, *(0 for _ in dataset.shape[1:]))).byte_offset
         return found if found is not None and found < dataset.file.id.get_filesize() else None
     except FAILURES:
         return None

@@ -99,6 +99,11 @@ def _kind(source: Source) -> int:
     return kind
 
 
+def is_generic(head: bytes) -> bool:
+    """Whether a file that begins so has generic events."""
+    return head.startswith(MAGIC) and len(head) >= HEADER and head[12] == VERSION[0] and head[15] == GENERIC
+
+
 def generic(source: Given, *, name: str | None = None, strict: bool = True) -> list[tuple[int, bytes]]:
     """Read the events of a generic Event Stream file.
 
