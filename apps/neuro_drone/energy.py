@@ -31,10 +31,8 @@ __all__ = ["Bills", "Dense", "priced", "show", "words"]
 PROCESSORS = ("cpu", "gpu")
 """Targets that multiply densely."""
 
-LEFT_OUT = (
-    "not in the bill: the camera, the counting of events in fields and the Poisson spikes of the cells, which are the "
-    "host's, and the way between host and chip"
-)
+CAMERA = "not in the bill: the camera, the counting of events in fields, and the way between host and chip"
+POISSON = "the Poisson spikes of the cells are made by the host and are not in the bill either"
 BATCH = "the dense network is run once a control step; the gpu's figure is for much work in parallel, this is little"
 
 
@@ -184,7 +182,7 @@ def notes(bills: Bills) -> list[str]:
         if bill.static_known and (share := bills.share(bill)) and share < 1.0
     ]
     waiting = f"static energy is of the time on the chip; of one that is on for the whole step: {', '.join(on)}"
-    return [*([waiting] if on else []), LEFT_OUT, BATCH]
+    return [*([waiting] if on else []), CAMERA, *([POISSON] if bills.spiking else []), BATCH]
 
 
 def _in_time(share: float | None) -> bool | None:

@@ -79,12 +79,11 @@ def _how(tried: Tried) -> str:
 
 def columns_of(summaries: Sequence[Summary]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Columns and rows of the table of a comparison."""
-    first, second = AXES[summaries[0].row.scenario.kind]
-    columns = ("controller", ">steps", ">seeds", ">error, px", ">laps", f">|{first}|", f">|{second}|")
-    rows = []
+    columns = ("controller", ">steps", ">seeds", ">error, px", ">laps", ">absolute", ">signed", ">learning on, px")
+    rows: list[tuple[str, ...]] = []
     for one in summaries:
         spread = "" if one.sd is None else f" ± {one.sd:.2f}"
-        signed, absolute, on = one.mean("signed"), one.mean("absolute"), one.mean("learning_on")
+        on = one.mean("learning_on")
         rows.append(
             (
                 one.row.text,
@@ -92,12 +91,12 @@ def columns_of(summaries: Sequence[Summary]) -> tuple[tuple[str, ...], list[tupl
                 str(len(one.each)),
                 f"{one.mean('error_px'):.2f}{spread}",
                 f"{one.total('laps')} of {one.total('starts')}",
-                *(f"{value:.2f}" for value in absolute),
-                *(f"{value:+.2f}" for value in signed),
+                ", ".join(f"{value:.2f}" for value in one.mean("absolute")),
+                ", ".join(f"{value:+.2f}" for value in one.mean("signed")),
                 "-" if on is None else f"{on:.2f}",
             )
         )
-    return (*columns, ">signed 1", ">signed 2", ">learning on, px"), rows
+    return columns, rows
 
 
 def show_comparison(summaries: Sequence[Summary]) -> None:
@@ -106,16 +105,17 @@ def show_comparison(summaries: Sequence[Summary]) -> None:
     name = summaries[0].row.scenario.name
     out = console()
     out.print(table(columns, rows, title=f"{name}: weights frozen, no dopamine; mean ± sd over seeds"))
+    axes = " and ".join(AXES[summaries[0].row.scenario.kind])
     out.print(
-        "|...| are means of absolute errors, signed 1 and 2 those with sign, as the thesis prints them: errors of both "
-        "signs cancel.\nLearning on: dopamine itself steers, so that this figure is not what was learnt."
+        f"absolute and signed: mean errors ({axes}); signed as the thesis prints them, where errors of both signs "
+        "cancel.\nlearning on: dopamine itself steers, so that this figure is not what was learnt."
     )
 
 
 def write_comparison(summaries: Sequence[Summary], file: Path) -> None:
     """Write the table of a comparison as Markdown."""
     columns, rows = columns_of(summaries)
-    heads = [name.lstrip(">").replace("|", "\\|") for name in columns]
+    heads = [name.lstrip(">") for name in columns]
     lines = [heads, ["---:" if name.startswith(">") else "---" for name in columns], *rows]
     with aside(file) as part:
         part.write_text("".join(f"| {' | '.join(line)} |\n" for line in lines), "utf-8")
