@@ -14,8 +14,8 @@ All other settings are the agents' defaults, chosen beforehand on B60 from a few
 12.0 px, 22 laps, and at 1 m/s 10.3 px, 25 laps after 50,000 steps and 37.0 px, 0 laps after 150,000 of another seed.
 DDPG at 0.5 m/s, 25,000 steps: the package's 1e-3 (8.8 and 17.4 px, 25 and 21 laps), beside 3e-4 (13.1 px, 6 laps).
 
-Episodes begin at random places and have 100 steps at most, on the line 1000, so that corners are seen. Tests are with
-frozen networks from the 5 x 5 grid of starts; the target counts as lost where it leaves the picture before the end.
+Episodes are those of every other controller, see `neuro_drone.train.EPISODES`. Tests are with frozen networks from the
+5 x 5 grid of starts; the target counts as lost where it leaves the picture before the end.
 `--observation counts` shows the agents counts of events in place of the thesis' zeros and ones; give it a folder of its
 own.
 
@@ -43,7 +43,7 @@ SPEEDS = (0.3, 0.5, 1.0, 2.0)
 TUNING = {"dqn": 50_000, "ddpg": 25_000}
 FINAL = {"dqn": 150_000, "ddpg": 75_000}
 TUNING_SEED = 100
-EPISODES = {"B60": 100, "line": 1000}
+TASKS = ("B60", "line")
 COLUMNS = (
     "task", "agent", "steps", "v_max, m/s", "seeds", "error, px", "error, degrees", "laps", "lost", "CPU, s a run"
 )  # fmt: skip
@@ -81,7 +81,7 @@ class Bench:
         began, model_file = time.process_time(), self.folder / f"{run.name}.h5"
         world = load(run.task, **{"drone.v_max": run.v_max})
         seen = {"observation": self.observation}
-        words = {"steps": run.steps, "episode": EPISODES[run.task], "seed": run.seed, "settings": seen}
+        words = {"steps": run.steps, "seed": run.seed, "settings": seen}
         model = train(world, run.agent, out=model_file, **words)
         cpu = time.process_time() - began
         tried = try_out(model)
@@ -125,7 +125,7 @@ def main() -> None:
     """Run what is missing."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--out", type=Path, required=True)
-    options.add_argument("--tasks", nargs="+", choices=EPISODES, default=list(EPISODES))
+    options.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS))
     options.add_argument("--observation", choices=("binary", "counts"), default="binary")
     options.add_argument("--seeds", type=int, default=3)
     options.add_argument("--minutes", type=float, default=np.inf, help="begin no run later")
