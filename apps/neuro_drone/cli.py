@@ -98,12 +98,14 @@ def try_model(
     from neuro_drone.evaluate import grid, try_out
     from neuro_drone.report import figures, show, write_pictures
 
+    if learning and backend != "event":
+        raise typer.BadParameter("a network goes on learning on what it learnt on", param_hint="'--backend'")
     pilot = _pilot(model, scenario, controller, set)
     places = grid(pilot.scenario, starts)
     with Bars() as bars:
         tried = try_out(pilot, starts=places, backend=backend, learning=learning, report=bars.laps(len(places)))
-    if out is not None:
-        write_pictures(pilot, tried, out)
+    for file in [] if out is None else write_pictures(pilot, tried, out):
+        typer.echo(file, err=json)
     if json:
         typer.echo(figures(pilot, tried))
     else:

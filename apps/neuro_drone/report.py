@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,9 +17,6 @@ from neuro_drone.controllers import CONTROLLERS
 from neuro_drone.evaluate import Tried
 from neuro_drone.model import Model
 from neuro_drone.scenario import NAMES, Ball, load
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 AXES = {"ball": ("right, px", "down, px"), "line": ("right, px", "lean, degrees")}
 """What the error on each axis is."""
@@ -157,19 +154,17 @@ def _short(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def write_pictures(model: Model, tried: Tried, folder: Path) -> None:
-    """Draw where the target was, how the training went, and the weights; prints the files' names."""
+def write_pictures(model: Model, tried: Tried, folder: Path) -> list[Path]:
+    """Draw where the target was and, of a trained model, how the training went and the weights; gives the files."""
     from neuro_drone import pictures
 
-    _save(pictures.density(model, tried), folder / "density.png")
+    figures = {"density.png": pictures.density(model, tried)}
     if len(model.history.get("steps", ())):
-        _save(pictures.training(model), folder / "training.png")
+        figures["training.png"] = pictures.training(model)
     if pictures.weight_maps(model):
-        _save(pictures.weights(model), folder / "weights.png")
-
-
-def _save(figure: Figure, file: Path) -> None:
-    folder = file.parent
+        figures["weights.png"] = pictures.weights(model)
     folder.mkdir(parents=True, exist_ok=True)
-    figure.savefig(file)
-    print(file)
+    for name, figure in figures.items():
+        with aside(folder / name) as part:
+            figure.savefig(part, format="png")
+    return [folder / name for name in figures]

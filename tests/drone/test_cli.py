@@ -48,7 +48,11 @@ def test_train_and_test(neuro, tmp_path):
     assert not told["learning"]
     on = json.loads(neuro("test", "model.h5", "--starts", 1, "--json", "--learning")[1])
     assert on["learning"]
-    code, out, _ = neuro("test", "model.h5", "--starts", 1, "--out", "pictures")
+    words = ("test", "model.h5", "--starts", 1, "--out", "pictures")
+    code, out, err = neuro(*words, "--json")
+    assert (code, json.loads(out)["starts"]) == (0, 1)
+    assert err.split() == ["pictures/density.png", "pictures/training.png", "pictures/weights.png"]
+    code, out, _ = neuro("test", "model.h5", "--starts", 1)
     assert code == 0
     assert "snn in short, 1,000 steps, seed 0; weights frozen, no dopamine" in out
     for name in ("density", "training", "weights"):
@@ -136,6 +140,8 @@ MISTAKES = {
     "centroid, static, static-linear\n  hint: neuro drone train --controller lms",
     "test oracle.h5 --set gain=3": "--set gain: the settings of a trained controller stay: expected a word of the "
     "scenario\n  hint: 'neuro drone train --set' has settings of the controller",
+    "test model.h5 --learning --backend loihi": "Invalid value for '--backend': a network goes on learning on what it "
+    "learnt on\n  hint: see 'neuro drone test --help'",
     "compare --row": "Option '--row' requires an argument",
     "compare --row sn": "unknown controller 'sn'\n  hint: did you mean 'snn'?",
     "compare --row oracle --out bad.yaml": "bad.yaml: cannot be written: File exists",

@@ -1,0 +1,62 @@
+"""Pictures of flights and weights show what they say."""
+
+import numpy as np
+import pytest
+
+from neuro_drone.evaluate import Start, try_out
+from neuro_drone.pictures import density, training, weight_maps, weights
+from neuro_drone.scenario import load
+from neuro_drone.train import train
+
+SHORT = load("A60", **{"task": {"ball": {"lap": 1.5, "speed": 0.15}}})  # a lap of 500 steps
+
+
+def test_maps_are_where_the_fields_are():
+    maps = weight_maps(train(SHORT, "static"))
+    assert list(maps) == ["right", "left", "backwards", "forward"]
+    assert maps["right"][:, 4:].min() > maps["right"][:, :4].max()
+    assert maps["left"][:, :4].min() > maps["left"][:, 4:].max()
+    assert maps["backwards"][4:].min() > maps["backwards"][:4].max()
+    assert (maps["forward"] + maps["backwards"] == 3000.0).all()
+
+
+def test_maps_of_a_line_and_of_a_read_out():
+    maps = weight_maps(train("line", "static"))
+    assert list(maps) == ["right", "left", "turn right", "turn left"]
+    assert maps["turn right"][:4, 4:].min() > maps["turn right"][:4, :4].max()  # leans to the right: turn right
+    lms = train(SHORT, "lms", steps=600)
+    maps = weight_maps(lms)
+    assert list(maps) == ["right", "backwards"]
+    assert maps["right"][:, 4:].mean() > maps["right"][:, :4].mean()
+    assert maps["backwards"][4:].mean() > maps["backwards"][:4].mean()
+    assert [axes.get_title() for axes in weights(lms).axes[:2]] == ["right", "backwards"]
+    assert weight_maps(train(SHORT, "oracle")) == {}
+
+
+def test_density_has_all_steps():
+    model = train(SHORT, "oracle")
+    tried = try_out(model, starts=[Start((30.0, 0.0)), Start((0.0, -30.0))])
+    main, above, right = density(model, tried).axes
+    share = main.collections[0].get_array()
+    assert share.sum() == pytest.approx(1.0)
+    row, column = np.unravel_index(np.ma.filled(share, 0.0).argmax(), share.shape)
+    assert (abs(row - 63) <= 1, abs(column - 63) <= 1) == (True, True)
+    assert main.get_ylim()[0] > main.get_ylim()[1]  # rows grow downwards
+    assert above.patches[0].get_data().values.sum() == right.patches[0].get_data().values.sum() == 1000
+
+
+def test_the_line_has_an_angle():
+    quick = load("line", **{"task": {"line": {"side": 1.5, "speed": 0.3}}})
+    model = train(quick, "oracle")
+    main = density(model, try_out(model, starts=[Start((5.0, 5.0), 1)])).axes[0]
+    assert main.get_ylabel() == "angle, degrees"
+    row, _ = np.unravel_index(np.ma.filled(main.collections[0].get_array(), 0.0).argmax(), (120, 128))
+    assert abs(1.5 * row - 90) < 15
+
+
+def test_training_shows_each_episode():
+    model = train(SHORT, "lms", steps=600)
+    above, below = training(model).axes
+    assert len(below.lines[0].get_xdata()) + len(below.lines[1].get_xdata()) == len(model.history["steps"])
+    assert above.get_ylabel() == "steps"
+    assert below.lines[2].get_ydata()[0] == model.history["error_px"][0]
