@@ -17,9 +17,9 @@ from typing import Any
 import numpy.typing as npt
 
 import neuro
+from neuro.hdf5 import reading, writing
 from neuro_drone.controllers import Learner
 from neuro_drone.model import put, take
-from neuro_remus.hdf5 import reading, writing
 
 __all__ = ["beside", "keep", "resume"]
 

@@ -13,6 +13,7 @@ import typer
 from neuro import ModelError
 from neuro.chips.chip import chip
 from neuro.chips.energy import number, quantity, sourced
+from neuro.chips.footnotes import footnotes
 from neuro.cli.tables import console, table
 from neuro_drone.controllers.agents import DQNSettings
 from neuro_drone.controllers.dense import Flier
@@ -20,7 +21,6 @@ from neuro_drone.controllers.spiking import Spiking
 from neuro_drone.env import ACTIONS, CELLS, DroneEnv
 from neuro_drone.evaluate import SEED, Start
 from neuro_drone.model import Model
-from neuro_remus.energy import footnotes
 
 if TYPE_CHECKING:
     from neuro import Counts

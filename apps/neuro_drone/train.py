@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
+from neuro.hdf5 import check_writable
 from neuro_drone import checkpoint, cores
 from neuro_drone.controllers import Learner, kind_of, make
 from neuro_drone.env import DroneEnv
 from neuro_drone.model import Model, packed
 from neuro_drone.parts import Ball, Line
 from neuro_drone.scenario import Scenario, load
-from neuro_remus.hdf5 import check_writable
 
 __all__ = ["STEPS", "Job", "Progress", "Report", "side_by_side", "train"]
 

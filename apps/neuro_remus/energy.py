@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import typer
 
-from neuro.chips.energy import STATIC, number, quantity, sourced
+from neuro.chips.energy import number, quantity
+from neuro.chips.footnotes import footnotes
 from neuro.cli.tables import console, table
 from neuro_remus.model import Model
 from neuro_remus.tried import Tried
@@ -87,21 +88,3 @@ def _row(bill: Energy) -> tuple[str, ...]:
     if bill.chip_time_s is None:
         return (bill.target, bill.title, *bill.sums(), "-", "-")
     return (bill.target, bill.title, *bill.sums(), f"{bill.chip_time_s * 1e6:,.0f}", str(bill.chips))
-
-
-def footnotes(priced: Iterable[Energy]) -> Iterator[str]:
-    """Figures by their source, and the bills' notes; what holds for several targets is told once."""
-    targets: dict[str, list[str]] = {}
-    for bill in priced:
-        for line in (*_sources(bill), *bill.notes):
-            targets.setdefault(line, []).append(bill.target)
-    return (f"{', '.join(names)}: {line}" for line, names in targets.items())
-
-
-def _sources(bill: Energy) -> list[str]:
-    figures: dict[str, dict[str, None]] = {}
-    for item in bill.items:
-        if item.joules_each is not None:
-            each = quantity(item.joules_each, "W" if item.what == STATIC else "J")
-            figures.setdefault(sourced(item.source, item.conditions), {})[f"{item.what} {each}"] = None
-    return [f"{', '.join(each)}: {source}" for source, each in figures.items()]

@@ -24,8 +24,8 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
+from neuro.hdf5 import reading, writing
 from neuro_models import path as network_path
-from neuro_remus.hdf5 import reading, writing
 from neuro_remus.settings import Settings
 
 FORMAT = "neuro remus model 1"

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
+from neuro.hdf5 import check_writable
 from neuro_remus import checkpoint
 from neuro_remus.features import Spikes
-from neuro_remus.hdf5 import check_writable
 from neuro_remus.model import LEARNT, Model, network_of, to_text
 from neuro_remus.settings import Settings
 

@@ -1,4 +1,4 @@
-"""HDF5 files that are whole or not there at all."""
+"""HDF5 files that are whole or not there at all; what apps keep their models in."""
 
 from __future__ import annotations
 
@@ -11,12 +11,17 @@ from json import JSONDecodeError
 from pathlib import Path
 from typing import Any
 
-from neuro import ModelError
+from neuro.errors import ModelError
+
+__all__ = ["check_writable", "reading", "writing"]
 
 
 @contextmanager
 def writing(path: Path) -> Iterator[Any]:
     """A new HDF5 file, written aside; it takes the name `path` when the block ends well.
+
+    Args:
+        path: of the file.
 
     Raises:
         ModelError: it cannot be written.
@@ -36,6 +41,9 @@ def writing(path: Path) -> Iterator[Any]:
 
 def check_writable(path: Path) -> None:
     """Find out before long work whether a file can be written, and clear what killed writers left of it.
+
+    Args:
+        path: of the file.
 
     Raises:
         ModelError: it cannot.
