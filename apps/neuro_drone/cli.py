@@ -136,8 +136,7 @@ def compare(
     dopamine and with dopamine of the wrong sign. --set changes the scenario of all.
     """
     from neuro_drone.bars import Bars
-    from neuro_drone.compare import ROWS, Plan, Row
-    from neuro_drone.compare import compare as run
+    from neuro_drone.compare import ROWS, Plan, Row, run
     from neuro_drone.report import comparison, show_comparison, write_comparison
 
     all_seeds = range(seed, seed + seeds)

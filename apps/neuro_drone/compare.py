@@ -22,7 +22,7 @@ from neuro_drone.pilot import chosen
 from neuro_drone.scenario import Scenario
 from neuro_drone.train import Progress, train
 
-__all__ = ["ROWS", "Job", "Plan", "Row", "Said", "compare"]
+__all__ = ["ROWS", "Job", "Plan", "Row", "Said", "Summary", "run"]
 
 ROWS = ("nothing", "oracle", "centroid", "static", "static-linear", "lms", "snn-eta0", "snn-flipped", "snn")
 """What is always compared: what a world gives for free, what the best can reach, and what must fail."""
@@ -179,7 +179,7 @@ def teaches(name: str) -> bool:
     return kind_of(name).learns and name not in DEEP
 
 
-def compare(plan: Plan, report: Callable[[Said], None] | None = None) -> list[Summary]:
+def run(plan: Plan, report: Callable[[Said], None] | None = None) -> list[Summary]:
     """Train and test all, on all cores; what is in the folder already is not done again.
 
     Args:

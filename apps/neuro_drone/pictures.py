@@ -48,9 +48,8 @@ def density(model: Model, tried: Tried) -> Figure:
     main = fig.add_subplot(grid[1, 0])
     share = np.ma.masked_equal(seen.T / len(track), 0.0)
     main.pcolormesh(*edges, share, cmap="YlGnBu", norm=LogNorm(0.3 / len(track), 1.0), rasterized=True)
-    at = 90.0 if line else AIM
     main.axvline(AIM, color=SOFT, lw=0.6, ls=":")
-    main.axhline(at, color=SOFT, lw=0.6, ls=":")
+    main.axhline(90.0 if line else AIM, color=SOFT, lw=0.6, ls=":")
     main.set_xlabel("column, px")
     main.set_ylabel("angle, degrees" if line else "row, px")
     if not line:
@@ -61,9 +60,9 @@ def density(model: Model, tried: Tried) -> Figure:
     above.axis("off")
     right.axis("off")
     what = "column and angle of the line" if line else "position of the ball"
-    axes = ("px", "degrees") if line else ("px", "px")
-    absolute = " and ".join(f"{value:.1f} {unit}" for value, unit in zip(tried.absolute, axes, strict=True))
-    error = f"mean distance {tried.error_px:.2f} px" if not line else f"mean absolute error {absolute}"
+    error = f"mean distance {tried.error_px:.2f} px"
+    if line:
+        error = f"mean absolute error {tried.absolute[0]:.1f} px and {tried.absolute[1]:.1f} degrees"
     fig.suptitle(f"{model.controller} in {model.scenario.name}: {what}", x=0.02, ha="left", fontsize=12)
     fig.text(0.02, 0.93, f"{error} · {tried.laps} of {tried.starts} laps · all steps, log shade", color=SOFT)
     return fig
