@@ -20,7 +20,7 @@ Episodes are those of every other controller, see `neuro_drone.train.EPISODES`. 
 own.
 
 Each run keeps its model and its result in the folder; a second start goes on. After each run the table is written to
-FOLDER/table.md. `--minutes` begins no run later than that.
+FOLDER/table.md. `--minutes` begins no run later than that; `--share` takes a share of all steps, where time is short.
 """
 
 from __future__ import annotations
@@ -128,18 +128,19 @@ def main() -> None:
     options.add_argument("--tasks", nargs="+", choices=TASKS, default=list(TASKS))
     options.add_argument("--observation", choices=("binary", "counts"), default="binary")
     options.add_argument("--seeds", type=int, default=3)
+    options.add_argument("--share", type=float, default=1.0, help="of the steps")
     options.add_argument("--minutes", type=float, default=np.inf, help="begin no run later")
     asked = options.parse_args()
     torch.set_num_threads(1)
     bench = Bench(asked.out, asked.observation, time.monotonic() + 60.0 * asked.minutes)
     for task in asked.tasks:
-        best = {agent: bench.tune(task, agent, steps) for agent, steps in TUNING.items()}
+        best = {agent: bench.tune(task, agent, round(asked.share * steps)) for agent, steps in TUNING.items()}
         own = load(task).drone.v_max
         for seed in range(asked.seeds):
             for agent, v_max in best.items():
                 for v in dict.fromkeys((v_max, own)):
                     if v is not None:
-                        bench.result(Run(task, agent, v, FINAL[agent], seed))
+                        bench.result(Run(task, agent, v, round(asked.share * FINAL[agent]), seed))
     bench.write()
 
 
