@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 import neuro.events.files as files
 from neuro.events import EVENT, EventFileError, load, stream
+from neuro.events.formats import _hdf5_chunks
 
 N = 60
 K = np.arange(N)
@@ -142,3 +143,16 @@ def test_load_and_stream_agree(options, monkeypatch):
         assert np.array_equal(loaded, streamed)
 
     run()
+
+
+def test_chunks_are_looked_up_one_by_one_only_where_one_is_damaged(monkeypatch):
+    """HDF5 goes through all before one to find it: the square of their number for a whole file."""
+    asked = []
+    whole = _hdf5_chunks.chunks_whole
+    monkeypatch.setattr(_hdf5_chunks, "chunks_whole", lambda *given: asked.append(given[1:]) or whole(*given))
+    data, chunks = rows_file()
+    assert len(read(data)) == N
+    assert asked == []
+    with pytest.raises(EventFileError, match="a chunk of /CD/events has 77 bytes, expected 224"):
+        read(changed(data, in_tree(data, chunks[1]), 77, 4))
+    assert asked

@@ -9,6 +9,8 @@ from __future__ import annotations
 import io
 import itertools
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from neuro.events.formats._extra import extra
@@ -92,17 +94,43 @@ def chunks_whole(dataset: Any, first: int, last: int) -> None:
     """
     if dataset.chunks is None:
         return
-    filters = dataset.id.get_create_plist()
-    kinds = [filters.get_filter(k)[0] for k in range(filters.get_nfilters())]
-    size = math.prod(dataset.chunks) * dataset.dtype.itemsize
+    fault = _fault(dataset)
     long, *wide = dataset.chunks
     rows = range(first // long * long, last, long)
     for at in itertools.product(rows, *map(range, itertools.repeat(0), dataset.shape[1:], wide)):
-        chunk = dataset.id.get_chunk_info_by_coord(at)
+        if text := fault(dataset.id.get_chunk_info_by_coord(at)):
+            raise ValueError(text)
+
+
+def chunks_check(dataset: Any) -> Callable[[int, int], None]:
+    """As `chunks_whole`, for a dataset that is read in many parts.
+
+    To find one chunk HDF5 goes through all before it, so all are looked at once, where nothing is damaged.
+    """
+    if dataset.chunks is None:
+        return lambda first, last: None
+    fault, faults = _fault(dataset), []
+    try:
+        dataset.id.chunk_iter(lambda chunk: faults.append(text) if (text := fault(chunk)) else None)
+    except FAILURES:
+        return partial(chunks_whole, dataset)
+    return partial(chunks_whole, dataset) if faults else lambda first, last: None
+
+
+def _fault(dataset: Any) -> Callable[[Any], str]:
+    """Tells what is wrong with the length of a chunk of a dataset, "" where nothing is."""
+    filters = dataset.id.get_create_plist()
+    kinds = [filters.get_filter(k)[0] for k in range(filters.get_nfilters())]
+    size = math.prod(dataset.chunks) * dataset.dtype.itemsize
+
+    def fault(chunk: Any) -> str:
         used = [kind for k, kind in enumerate(kinds) if not chunk.filter_mask >> k & 1]
         expected = size + 4 * used.count(FLETCHER)
         if chunk.byte_offset is not None and set(used) <= {SHUFFLE, FLETCHER} and chunk.size != expected:
-            raise ValueError(f"a chunk of {dataset.name} has {chunk.size} bytes, expected {expected}")
+            return f"a chunk of {dataset.name} has {chunk.size} bytes, expected {expected}"
+        return ""
+
+    return fault
 
 
 def place(dataset: Any, item: int) -> int | None:

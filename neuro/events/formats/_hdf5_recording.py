@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from neuro.events.formats import _hdf5_table as table
 from neuro.events.formats._columns import Names, find_names, to_piece, unit_of
 from neuro.events.formats._format import Damage, Piece
-from neuro.events.formats._hdf5_chunks import FAILURES, believable, chunks_whole, one_line, place, unpackable
+from neuro.events.formats._hdf5_chunks import FAILURES, believable, chunks_check, one_line, place, unpackable
 from neuro.events.formats._seek import bisected
 
 _ROW = 13
@@ -47,9 +47,10 @@ class Recording:
         total, chunk = self._checked(), (self.datasets[0].chunks or (1 << 15,))[0]
         unit, step = self.unit, max(1, block // _ROW // chunk) * chunk
         at = 0 if start_us is None else self._sought(step, start_us)
+        checks = [chunks_check(dataset) for dataset in self.datasets]
         while at < total or not at:
             try:
-                read = self._read(at, min(at + step, total))
+                read = self._read(at, min(at + step, total), checks)
             except FAILURES as error:
                 if step > chunk:
                     step = chunk
@@ -99,9 +100,9 @@ class Recording:
         value = self.datasets[0][event]
         return operator.index(value[self.keys[0]] if self.keys else value)
 
-    def _read(self, first: int, last: int) -> dict[str, npt.NDArray[Any]]:
-        for dataset in self.datasets:
-            chunks_whole(dataset, first, last)
+    def _read(self, first: int, last: int, checks: list[Callable[[int, int], None]]) -> dict[str, npt.NDArray[Any]]:
+        for check in checks:
+            check(first, last)
         read = [dataset[first:last] for dataset in self.datasets]
         columns = [read[0][:, key] if isinstance(key, int) else read[0][key] for key in self.keys] or read
         return dict(zip("txyp", columns, strict=True))
