@@ -54,9 +54,11 @@ ROWS = {
     "texture": (
         Row("nothing", world=TEXTURE), Row("oracle", world=TEXTURE), Row("centroid", world=TEXTURE),
         Row("centroid", world=TEXTURE | ABOVE), Row("snn", 20_000, world={"scn": "B60"}, tested=TEXTURE),
-        Row("snn", 20_000, world=TEXTURE), Row("snn", 20_000, world=TEXTURE | ABOVE), Row("lms", 20_000, world=TEXTURE),
+        Row("snn", 20_000, world=TEXTURE), Row("snn", 20_000, {"coding": "peaks"}, TEXTURE),
+        Row("snn", 20_000, {"coding": "peaks"}, {"scn": "B60"}, TEXTURE), Row("snn", 20_000, world=TEXTURE | ABOVE),
+        Row("lms", 20_000, world=TEXTURE), Row("lms", 20_000, {"coding": "peaks"}, TEXTURE),
         Row("lms", 20_000, world=TEXTURE | ABOVE), Row("snn", 20_000, world=REDRAWN),
-        Row("snn", 20_000, world=REDRAWN | ABOVE),
+        Row("snn", 20_000, {"coding": "peaks"}, REDRAWN),
     ),
 }  # fmt: skip
 

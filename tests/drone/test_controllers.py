@@ -94,6 +94,9 @@ def test_shares_say_how_events_are_spread(counts):
     assert of_all.sum() == pytest.approx(float(counts.any()))
     assert of_rows.sum(1) == pytest.approx(counts.any(axis=1) / 8)
     assert of_all * counts.sum() == pytest.approx(counts.ravel())
+    of_peaks = shares(counts, "peaks")
+    assert of_peaks.sum() == pytest.approx(float((counts > 2 * counts.mean()).any()))
+    assert ((of_peaks > 0) == (counts > 2 * counts.mean()).ravel()).all()
     assert shares(counts * np.arange(1, 9)[:, None], "rows").reshape(8, 8) == pytest.approx(of_rows)
 
 

@@ -26,12 +26,12 @@ class LMSSettings:
     Attributes:
         gain: action by estimated error.
         mu: share of the estimate's error that a step takes away.
-        coding: shares or rows, see `fields.shares`.
+        coding: shares, rows or peaks, see `fields.shares`.
     """
 
     gain: float | tuple[float, float] = numbers(8.0, 0.0, above=True)
     mu: float = number(0.02, 0.0)
-    coding: str = choice("shares", "shares", "rows")
+    coding: str = choice("shares", "shares", "rows", "peaks")
 
 
 class LMS(Fixed):

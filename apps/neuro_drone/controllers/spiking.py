@@ -36,8 +36,9 @@ class SpikingSettings:
         eta: dopamine of the positive motor for an error of 1 (64 px), 1/ms; the negative motor has the opposite.
         gain: factor on the action of eq. 129.
         coding: shares (each cell has its field's share of the events, so that few events steer as well as many),
-            rows (its share of its row's, see `fields.shares`) or counts (in proportion to the events).
-        total: rate of all cells together when the coding is shares or rows, Hz.
+            rows (its share of its row's), peaks (for textured ground), both as in `fields.shares`, or counts (in
+            proportion to the events).
+        total: rate of all cells together unless the coding is counts, Hz.
         rate: of a cell for one event in its field when the coding is counts, Hz.
         rate_max: of a cell at most, in either, Hz.
         start: weights before learning: equal (the network's own), sign or linear, see `fields.pattern`.
@@ -51,7 +52,7 @@ class SpikingSettings:
     network: str | neuro.Network = "drone"
     eta: float = number(3e-3)
     gain: float | tuple[float, float] = numbers(2.0, 0.0, above=True)
-    coding: str = choice("shares", "shares", "rows", "counts")
+    coding: str = choice("shares", "shares", "rows", "peaks", "counts")
     total: float = number(400.0, 0.0, above=True)
     rate: float = number(20.0, 0.0, above=True)
     rate_max: float = number(400.0, 0.0, above=True)
