@@ -21,7 +21,7 @@ WINDOW = 10
 COVERED = 0.8
 LARGEST_ERROR = 20.0
 NEARER = 0.75
-SPREAD = 35.0
+SPREAD = 50.0
 TRIES = 1000
 FARTHEST_START = 10.0
 E_MAX = hypot(FARTHEST, FARTHEST)
@@ -80,12 +80,12 @@ class BallTask:
         return self._place[0] - offset[0], self._place[1] - offset[1], 0.0
 
     def _drawn(self, rng: np.random.Generator) -> tuple[float, float]:
-        """A start within 35 px on both axes, the first that is drawn which is not near the horizon or above it."""
+        """A start within 50 px on both axes, the first that is drawn which is not near the horizon or above it."""
         for _ in range(TRIES):
             offset = self._offset(*rng.uniform(-SPREAD, SPREAD, 2).tolist())
             if offset is not None and hypot(*offset) <= FARTHEST_START * self.height:
                 return offset
-        raise ModelError("camera: all starts within 35 px are near the horizon", hint="tilt it further down")
+        raise ModelError("camera: all starts within 50 px are near the horizon", hint="tilt it further down")
 
     def _offset(self, du: float, dv: float) -> tuple[float, float] | None:
         """Where from a drone at the origin the ball has an error, m; None where the picture has no such place."""

@@ -46,7 +46,7 @@ class Model:
         seed: of the training.
         steps: of the training.
         episode: most steps of one.
-        settings: that differ from the controller's defaults.
+        settings: of the controller, all of them; of a network also the parameters that were set.
         learnt: arrays, see `Learner.learnt`.
         history: (episodes,) each: steps, error_px (mean of the episode) and lost (whether the target was).
         network: files of the network before learning by name, or none.

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import neuro
 from neuro.hdf5 import check_writable
 from neuro_drone import checkpoint, cores
-from neuro_drone.controllers import Learner, kind_of, make
+from neuro_drone.controllers import Learner, kind_of, make, settings_of
 from neuro_drone.env import DroneEnv
 from neuro_drone.model import Model, packed
 from neuro_drone.parts import Ball, Line
@@ -94,8 +94,7 @@ def train(
         if isinstance(value, bool) or not isinstance(value, int) or value < 1:
             raise neuro.ModelError(f"{name} = {value!r}: expected a whole number >= 1")
     learner = make(controller, scenario, seed, settings)
-    if isinstance(settings.get("network"), neuro.Network):
-        settings.pop("network")  # the model holds the network itself
+    settings = settings_of(controller, scenario, settings)
     net = getattr(learner, "net", None)
     model = Model(controller, scenario, seed, 0, episode, settings, network={} if net is None else packed(net))
     history: dict[str, npt.NDArray[Any]] = {}

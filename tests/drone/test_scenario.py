@@ -22,7 +22,7 @@ def test_the_scenarios_that_come_along():
     assert load("B60") == Scenario()
     assert load("A30") == Scenario("A30", 20.0, Ball(lap=3.0, radius=0.27), Camera(tilt=30.0))
     assert load("C60").task == Ball(lap=15.0, speed=0.375)
-    assert load("line").task == Line()
+    assert load("line").task == Line(width=0.05)
     for name in NAMES:
         scenario = load(name)
         assert scenario.name == name

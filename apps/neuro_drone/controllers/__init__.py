@@ -16,13 +16,13 @@ import numpy.typing as npt
 from neuro.errors import unknown
 from neuro_drone.controllers.agents import DDPG, DQN, DDPGSettings, DQNSettings
 from neuro_drone.controllers.lms import LMS, LMSSettings
-from neuro_drone.controllers.settings import changed
+from neuro_drone.controllers.settings import changed, plain
 from neuro_drone.controllers.simple import Centroid, Gain, Nothing, NothingSettings, Oracle
 from neuro_drone.controllers.spiking import Spiking, SpikingSettings
 from neuro_drone.parts import Line
 from neuro_drone.scenario import Scenario
 
-__all__ = ["CONTROLLERS", "Controller", "Kind", "Learner", "make"]
+__all__ = ["CONTROLLERS", "Controller", "Kind", "Learner", "make", "settings_of"]
 
 
 class Controller(Protocol):
@@ -125,9 +125,29 @@ def make(name: str, scenario: Scenario, seed: int = 0, settings: Mapping[str, An
     Raises:
         ModelError: there is no such controller or setting, or a value is out of its bounds.
     """
+    return kind_of(name).maker(scenario, seed, _settings(name, scenario, settings or {}))
+
+
+def settings_of(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Any]:
+    """All settings that `make` would take, defaults too, as plain data.
+
+    A model keeps them, so that it flies the same whatever becomes of the defaults.
+
+    Args:
+        name: one of `CONTROLLERS`.
+        scenario: what it is going to fly in.
+        settings: as for `make`; a network that is no name and no file is left out.
+
+    Raises:
+        ModelError: as `make`.
+    """
+    return plain(_settings(name, scenario, settings))
+
+
+def _settings(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> Any:
     kind = kind_of(name)
     own = LINE.get(kind.maker, {}) if isinstance(scenario.task, Line) else {}
-    return kind.maker(scenario, seed, changed(kind.settings, {**own, **(settings or {})}, f"controller '{name}'"))
+    return changed(kind.settings, {**own, **settings}, f"controller '{name}'")
 
 
 def kind_of(name: str) -> Kind:

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, fields, replace
 from math import inf
 from typing import Any
 
-from neuro import ModelError
+from neuro import ModelError, Network
 from neuro.errors import unknown
 
-__all__ = ["changed", "choice", "number", "numbers", "share", "unknown", "whole"]
+__all__ = ["changed", "choice", "number", "numbers", "plain", "share", "unknown", "whole"]
 
 REST = "parameters"
 """The field that takes up names that are no fields, where a dataclass has it."""
@@ -111,6 +111,13 @@ def changed(settings: Any, values: Mapping[str, Any], whose: str) -> Any:
     if rest:
         new[REST] = {**getattr(settings, REST), **rest}
     return replace(settings, **new)
+
+
+def plain(settings: Any) -> dict[str, Any]:
+    """Settings by name as plain data that `changed` takes; a network that is no name and no file is left out."""
+    told = {f.name: getattr(settings, f.name) for f in fields(settings) if "fixed" not in f.metadata}
+    told |= getattr(settings, REST, {})
+    return {name: list(v) if isinstance(v, tuple) else v for name, v in told.items() if not isinstance(v, Network)}
 
 
 def _checked(rule: _Number | _Share | _Whole | _Choice | None, name: str, value: Any, whose: str) -> Any:

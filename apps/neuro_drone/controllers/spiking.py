@@ -34,6 +34,8 @@ class SpikingSettings:
     Attributes:
         network: one of `neuro_models`, a YAML file, or the network itself.
         eta: dopamine of the positive motor for an error of 1 (64 px), 1/ms; the negative motor has the opposite.
+        settle: time of the network after which dopamine is halved, ms; it falls as 1 / (1 + time / settle), so that
+            weights come to rest instead of following the last moments (Robbins and Monro, 1951).
         gain: factor on the action of eq. 129.
         coding: shares (each cell has its field's share of the events, so that few events steer as well as many),
             rows (its share of its row's), peaks (for textured ground), both as in `fields.shares`, or counts (in
@@ -51,6 +53,7 @@ class SpikingSettings:
 
     network: str | neuro.Network = "drone"
     eta: float = number(3e-3)
+    settle: float = number(500_000.0, 0.0, above=True)
     gain: float | tuple[float, float] = numbers(2.0, 0.0, above=True)
     coding: str = choice("shares", "shares", "rows", "peaks", "counts")
     total: float = number(400.0, 0.0, above=True)
@@ -130,7 +133,8 @@ class Spiking:
     def learn(self, info: Mapping[str, Any]) -> None:
         """Set the dopamine of the next step."""
         if self._signals:
-            dopamine = self._settings.eta * np.repeat(info["supervised_error"], 2) * SIDES
+            eta = self._settings.eta / (1.0 + self.sim.time / self._settings.settle)
+            dopamine = eta * np.repeat(info["supervised_error"], 2) * SIDES
             for name in self._signals:
                 self.sim.signal(name, dopamine)
 
