@@ -4,15 +4,19 @@ import warnings
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import neuro
 from neuro_drone.controllers import make
 from neuro_drone.controllers.fields import DOWN, RIGHT
+from neuro_drone.controllers.spiking import pulses
 from neuro_drone.scenario import load
 
 BALL = load("B60")
 RNG = np.random.default_rng(5)
 SCENE = [RNG.poisson(0.3, (8, 8)) * RNG.integers(1, 8, (8, 8)) for _ in range(40)]
+CHIP = pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning", "ignore::neuro.OverflowWarning")
 
 
 def taught(name="snn", steps=60, **settings):
@@ -162,3 +166,56 @@ def test_a_step_is_a_multiple_of_the_resolution():
     with pytest.raises(neuro.ModelError) as error:
         make("snn", BALL, 0, {"network": net})
     assert str(error.value) == "network 'own': resolution = 0.3 ms: expected a whole part of the step of 50 ms"
+
+
+@CHIP
+def test_learns_on_loihi():
+    controller = taught("snn-loihi")
+    w = weights(controller)
+    assert w[:, 0, 0].mean() > 1500 > w[:, 0, 1].mean()
+    assert w[:, 1, 1].mean() > 1500 > w[:, 1, 0].mean()
+    other = make("snn-loihi", BALL, 3)
+    other.restore(controller.state())
+    for one in (controller, other):
+        for counts in SCENE[:10]:
+            one.act(counts, {})
+            one.learn({"supervised_error": np.array([-0.3, 0.3])})
+    assert (weights(controller) == weights(other)).all()
+    assert (weights(controller) != w).any()
+
+
+def test_what_would_not_learn_on_a_chip_is_told():
+    with pytest.raises(neuro.ModelError) as error:
+        make("snn", BALL, 0, {"backend": "loihi"})
+    told = str(error.value).splitlines()
+    assert told[0] == "dopamine of up to 0.003 / ms: backend 'loihi' cannot run this network (1 problem)"
+    assert told[1].endswith("a change of 0.00408 mantissas cannot be represented: the smallest is 0.00781")
+    assert told[-1] == "  hint: the controller snn-loihi learns there; elsewhere a larger eta helps, and pulse"
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        make("snn", BALL, 0, {"backend": "loihi", "eta": 0.1})
+    assert str(said[-1].message) == (
+        "eta = 0.1 without pulse: Loihi cuts small changes away, so that only large errors teach\n"
+        "  hint: the controller snn-loihi learns there; elsewhere a larger eta helps, and pulse"
+    )
+    with pytest.raises(neuro.ModelError) as error:
+        make("snn", BALL, 0, {"backend": "spinnaker"})
+    told = str(error.value).splitlines()
+    assert told[1].endswith("stdp_dopa: pairwise learning is not emulated on spinnaker")
+    assert told[2].startswith("  hint: run it on loihi or event, or send static weights")
+
+
+@CHIP
+def test_controls_fail_on_loihi_as_well():
+    assert len(np.unique(weights(taught("snn-eta0", backend="loihi")))) == 1
+    flipped = weights(taught("snn-flipped", backend="loihi", eta=-0.1))
+    assert flipped[:, 0, 0].mean() < 1500 < flipped[:, 0, 1].mean()
+
+
+@given(st.floats(-1, 1), st.floats(0.01, 0.5))
+def test_pulses_are_right_on_average(value, size):
+    draws = (np.arange(1000) + 0.5) / 1000
+    found = pulses(np.full(1000, value), size, draws)
+    assert found.mean() == pytest.approx(value, abs=size / 1000)
+    assert np.abs(found / size - np.round(found / size)).max() < 1e-9
+    assert np.abs(found - value).max() < size * (1 + 1e-9)
