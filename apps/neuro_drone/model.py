@@ -15,6 +15,7 @@ import hashlib
 import json
 import platform
 import tempfile
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from importlib.metadata import version
@@ -102,7 +103,8 @@ class Model:
             scenario: another one than that of the training.
             backend: what runs it, if it is a spiking network.
         """
-        made = self.learner(scenario)
+        with warnings.catch_warnings(action="ignore", category=neuro.ApproximationWarning):  # of learning
+            made = self.learner(scenario)
         return made.frozen(backend) if isinstance(made, Learner) else made
 
     def save(self, path: Path) -> None:

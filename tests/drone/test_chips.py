@@ -1,5 +1,7 @@
 """The trained network on emulated chips, and training on Loihi."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -43,4 +45,6 @@ def test_training_on_loihi_goes_on_after_a_kill_and_learns(tmp_path, monkeypatch
     assert np.unique(np.round(whole.learnt["cells_motors"] / step, 6) % 1).tolist() == [0]
     starts = grid(SHORT, 1)
     assert try_out(whole, starts=starts, backend="loihi").laps == 1
+    with warnings.catch_warnings(action="error"):
+        whole.frozen()  # what the chip approximates in learning is not said again
     assert try_out(train(SHORT, "snn-eta0", steps=1), starts=starts).laps == 0
