@@ -100,9 +100,9 @@ CONTROLLERS: dict[str, Kind] = {
     "snn-eta0": Kind("a check: the network without dopamine", Spiking, SpikingSettings(eta=0.0)),
     "snn-flipped": Kind("a check: the network with dopamine of the wrong sign", Spiking, SpikingSettings(eta=-3e-3)),
     "snn-loihi": Kind(
-        "the network, learning on Loihi, whose engine needs few large changes instead of many small ones",
+        "the network, learning on Loihi, where small changes are cut away and eligibilities soon full",
         Spiking,
-        SpikingSettings(backend="loihi", eta=0.1, pulse=0.1, parameters={"tau_c": 200.0}),
+        SpikingSettings(backend="loihi", eta=0.1, parameters={"tau_c": 200.0}),
     ),
     "dqn": Kind("deep reinforcement learning on nine actions, from the reward alone", DQN, DQNSettings()),
     "ddpg": Kind("deep reinforcement learning on continuous actions, from the reward alone", DDPG, DDPGSettings()),

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import copy
 import tempfile
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import ceil, isclose, prod
+from math import isclose, prod
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,7 @@ __all__ = ["Spiking", "SpikingSettings"]
 
 Floats = npt.NDArray[np.float64]
 CELLS, MOTORS = "cells", "motors"
-WAY = "the controller snn-loihi learns there; elsewhere a larger eta helps, and pulse"
+WAY = "the controller snn-loihi has an eta and a tau_c with which the network learns there"
 SIDES = np.array((1.0, -1.0, 1.0, -1.0))  # of each axis: the positive motor, the negative one
 
 
@@ -38,8 +37,6 @@ class SpikingSettings:
         eta: dopamine of the positive motor for an error of 1 (64 px), 1/ms; the negative motor has the opposite.
         settle: time of the network after which dopamine is halved, ms; it falls as 1 / (1 + time / settle), so that
             weights come to rest instead of following the last moments (Robbins and Monro, 1951).
-        pulse: smallest dopamine but none, 1/ms: it comes as whole multiples of this, drawn so that their mean is
-            right, where a chip would cut small changes of weights away; 0 gives it as it is.
         gain: factor on the action of eq. 129.
         coding: shares (each cell has its field's share of the events, so that few events steer as well as many),
             rows (its share of its row's), peaks (for textured ground), both as in `fields.shares`, or counts (in
@@ -50,7 +47,7 @@ class SpikingSettings:
         start: weights before learning: equal (the network's own), sign or linear, see `fields.pattern`.
         strength: mean of the weights by sign or linear, pA; they lie between 0 and twice that.
         backend: what runs the network while it learns.
-        options: of that backend, by name; on loihi `signals` follows from eta and pulse if not said.
+        options: of that backend, by name; on loihi `signals` is eta if not said.
         learns: whether the network does; if not, its synapses are static.
         parameters: of the network.
     """
@@ -58,7 +55,6 @@ class SpikingSettings:
     network: str | neuro.Network = "drone"
     eta: float = number(3e-3)
     settle: float = number(500_000.0, 0.0, above=True)
-    pulse: float = number(0.0, 0.0)
     gain: float | tuple[float, float] = numbers(2.0, 0.0, above=True)
     coding: str = choice("shares", "shares", "rows", "peaks", "counts")
     total: float = number(400.0, 0.0, above=True)
@@ -139,11 +135,7 @@ class Spiking:
         """Set the dopamine of the next step."""
         if self._signals:
             eta = self._settings.eta / (1.0 + self.sim.time / self._settings.settle)
-            dopamine = eta * np.asarray(info["supervised_error"])
-            if pulse := self._settings.pulse:
-                draws = np.random.default_rng((self._seed, round(1000.0 * self.sim.time))).random(2)
-                dopamine = pulses(dopamine, pulse, draws)
-            dopamine = np.repeat(dopamine, 2) * SIDES
+            dopamine = eta * np.repeat(info["supervised_error"], 2) * SIDES
             for name in self._signals:
                 self.sim.signal(name, dopamine)
 
@@ -178,17 +170,6 @@ class Spiking:
         return Spiking(self._scenario, self._seed, settings)
 
 
-def pulses(values: Floats, size: float, draws: Floats) -> Floats:
-    """Values as whole multiples of a size, whose mean is right over many draws (stochastic rounding).
-
-    Args:
-        values: any shape.
-        size: of one pulse.
-        draws: uniform in [0, 1), as many as values.
-    """
-    return np.copysign(size * np.floor(np.abs(values) / size + draws), values)
-
-
 def static(net: neuro.Network) -> neuro.Network:
     """The same network with static synapses and without signals."""
     other = copy.copy(net)
@@ -221,22 +202,16 @@ def _load(settings: SpikingSettings) -> neuro.Network:
 
 
 def _compile(net: neuro.Network, settings: SpikingSettings, seed: int) -> neuro.Simulation:
-    """The network in execution; what Loihi is told of dopamine fits what will be given."""
-    options = dict(settings.options)
+    """The network in execution; Loihi is told how much dopamine there will be at most, from which its units follow."""
+    options, largest = dict(settings.options), abs(settings.eta)
     listening = [p.name for p in net.projections.values() if getattr(p.synapse, "signal", None)]
-    if settings.backend != "loihi" or not listening or not settings.eta:
+    if settings.backend != "loihi" or not listening or not largest:
         return neuro.compile(net, backend=settings.backend, seed=seed, **options)
-    size, eta = settings.pulse, abs(settings.eta)
-    largest = size * ceil(eta / size) if size else eta
     options.setdefault("signals", dict.fromkeys(listening, largest))
     try:
-        sim = neuro.compile(net, backend="loihi", seed=seed, **options)
+        return neuro.compile(net, backend="loihi", seed=seed, **options)
     except neuro.ModelError as error:
-        raise neuro.ModelError(f"dopamine of up to {largest:g} / ms: {error}", hint=WAY) from None
-    if not size:
-        text = f"eta = {settings.eta:g} without pulse: Loihi cuts small changes away, so that only large errors teach"
-        warnings.warn(f"{text}\n  hint: {WAY}", neuro.ApproximationWarning, stacklevel=2)
-    return sim
+        raise neuro.ModelError(f"learning with eta = {settings.eta:g}: {error}", hint=WAY) from None
 
 
 def _most_spikes(net: neuro.Network, step: float) -> float:
