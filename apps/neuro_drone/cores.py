@@ -5,8 +5,13 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable, Sequence
-from multiprocessing import get_context
+from concurrent.futures import ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import active_children, get_context, parent_process
+from threading import Thread
 from typing import Any, TypeVar
+
+from neuro import ModelError
 
 __all__ = ["side_by_side"]
 
@@ -20,7 +25,7 @@ def side_by_side(
 ) -> list[Done]:
     """Do jobs at the same time; one alone is done in this process.
 
-    An interruption ends all. A process whose parent was killed ends with its next report.
+    An interruption ends all, and so does the end of this process, whatever ended it.
 
     Args:
         run: does a job, and tells of it by its second argument; a function of a module, as jobs and results it can be
@@ -33,6 +38,7 @@ def side_by_side(
         The results, in the order of the jobs.
 
     Raises:
+        ModelError: a process was killed.
         Exception: the first that a job raises, once all have ended.
     """
     tell = report or _ignore
@@ -41,35 +47,49 @@ def side_by_side(
         return [run(job, tell) for job in jobs]
     context = get_context("spawn")
     told = context.SimpleQueue()
-    with context.Pool(count, _begin, (told, os.getpid())) as pool:
-        found = pool.starmap_async(_do, [(run, job) for job in jobs], chunksize=1)
-        while not (found.ready() and told.empty()):
-            if told.empty():
-                found.wait(0.05)
-            else:
-                tell(told.get())
-        return found.get()
+    others = active_children()
+    with ProcessPoolExecutor(count, context, _begin, (told,)) as pool:
+        try:
+            found = [pool.submit(run, job, _tell) for job in jobs]
+            while not (told.empty() and all(one.done() for one in found)):
+                if told.empty():
+                    wait(found, 0.05)
+                else:
+                    tell(told.get())
+            return [one.result() for one in found]
+        except BrokenProcessPool:
+            raise ModelError(
+                "a process was killed or ran out of memory, so the others were ended",
+                hint="the same command goes on where it was",
+            ) from None
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in active_children():
+                if process not in others:
+                    process.terminate()
+            raise
 
 
 def _ignore(told: Any) -> None:
     pass
 
 
-_PARENT: list[Any] = []
+_TOLD: list[Any] = []
 
 
-def _begin(told: Any, parent: int) -> None:
-    """Begin a process: keep the way back, and leave Ctrl-C to the parent."""
-    _PARENT[:] = told, parent
+def _begin(told: Any) -> None:
+    """Begin a process: keep the way back, leave Ctrl-C to the parent, and end when the parent does."""
+    _TOLD[:] = [told]
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_parent, daemon=True).start()
 
 
-def _do(run: Run[Job, Done], job: Job) -> Done:
-    return run(job, _tell)
+def _end_with_parent() -> None:
+    parent = parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
 
 
 def _tell(report: Any) -> None:
-    told, parent = _PARENT
-    if os.getppid() != parent:
-        os._exit(1)
-    told.put(report)
+    _TOLD[0].put(report)

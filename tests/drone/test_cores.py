@@ -1,5 +1,6 @@
 """Work side by side: results in order, reports, errors, and what becomes of it when the parent is killed."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -24,6 +25,7 @@ def run(job, report):
 if __name__ == "__main__":
     side_by_side(run, [1, 2], processes=2)
 """
+IDLE = FOREVER.replace("while True:", "while job == 1:")  # the second ends, and waits for more
 
 
 def double(job, report):
@@ -46,10 +48,25 @@ def test_an_error_comes_back_whole():
     assert str(error.value) == "job -1: expected a number >= 0\n  hint: say -job"
 
 
+def die(job, report):
+    if job == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(600)
+
+
+def test_a_process_that_is_killed_is_an_error_and_ends_all():
+    before = multiprocessing.active_children()
+    with pytest.raises(ModelError, match="a process was killed or ran out of memory") as error:
+        side_by_side(die, [1, 2], 2)
+    assert "goes on where it was" in str(error.value)
+    assert set(multiprocessing.active_children()) <= set(before)
+
+
+@pytest.mark.parametrize("text", [FOREVER, IDLE])
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, -signal.SIGINT)])
-def test_when_the_parent_ends_all_end(tmp_path, sent, code):
+def test_when_the_parent_ends_all_end(tmp_path, sent, code, text):
     script = tmp_path / "forever.py"
-    script.write_text(FOREVER)
+    script.write_text(text)
     words = [sys.executable, script]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as parent:
         children = [int(parent.stdout.readline()) for _ in range(2)]
