@@ -39,8 +39,9 @@ class BallTask:
     - after the first tenth the aim was, on average, at most 3/4 as far from the ball as that of a camera that stands
       over the middle of the star.
 
-    So a camera that stands still does not score, wherever it is (the third), nor does one that flies without regard to
-    the ball: on average over the ball's places it is never nearer than one in the middle (the last).
+    So a camera that stands still does not score, wherever it is (the third), nor does one that flies at a pace of its
+    own: on average over the ball's places it is never nearer than one in the middle (the last). What keeps the ball's
+    time scores though it sees nothing, if it starts near the ball: a lap always begins at the same place of the path.
 
     Args:
         ball: path, speed and size.

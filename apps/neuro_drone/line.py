@@ -30,8 +30,9 @@ class LineTask:
 
     Progress is that of the point of the hexagon nearest to where the camera aims: ways back are taken off, ways
     forward are added once the heading is within 45 degrees of the side's direction of travel, if that takes no more
-    than half a side. A lap counts when the progress is the whole hexagon and the drone turned by 360 degrees, 45 more
-    or less, in its direction. After 1.5 times the time that a lap takes along the line the episode ends without one.
+    than half a side. A lap counts when the progress is the whole hexagon and the heading is 360 degrees, 45 more or
+    less, beyond that of the first side, in the direction of travel. After 1.5 times the time that a lap takes along
+    the line the episode ends without one.
 
     Args:
         line: path, speed and width.
@@ -47,9 +48,9 @@ class LineTask:
         self.line, self.view, self.height, self.forward = line, view, height, line.speed
         self._paths = {way: hexagon(line.side, way) for way in (1, -1)}
         self._scenes = {way: Scene(line=path.segments()) for way, path in self._paths.items()}
-        self._begin(1, 0.0)
+        self._begin(1)
 
-    def _begin(self, direction: int, yaw: float) -> None:
+    def _begin(self, direction: int) -> None:
         self.direction = direction
         self.path, self._scene = self._paths[direction], self._scenes[direction]
         self._sides: list[list[float]] = self.path.segments().tolist()
@@ -57,7 +58,6 @@ class LineTask:
         self._place: float | None = None
         self._last = (0.0, 0.0)
         self.way = self.time = 0.0
-        self._yaw = self._yaw0 = yaw
 
     def reset(
         self, rng: np.random.Generator, start: tuple[float, float] | None = None, direction: int = 0
@@ -66,14 +66,13 @@ class LineTask:
         drawn = (int(rng.integers(2)) * 2 - 1, *rng.uniform(-1.0, 1.0, 2).tolist())
         direction = direction or self.line.direction or drawn[0]
         du, lean = (drawn[1] * SPREAD_PX, drawn[2] * SPREAD_DEGREES) if start is None else start
-        self._begin(direction, 0.0)
+        self._begin(direction)
         place = self._start(AIM + du, radians(lean)) if abs(lean) < 90.0 else None
         if place is None:
             raise ModelError(
                 f"start [{du:g} px, {lean:g} degrees]: expected a column of the picture and a lean within 90 degrees"
             )
         x, y, yaw = place
-        self._begin(direction, yaw)
         if start is not None:
             self.view.look(Pose(x, y, self.height, yaw))
             if abs(self._crossing(self.view)[0] - AIM - du) > 1e-3:
@@ -112,7 +111,7 @@ class LineTask:
         lost = not view.sees(u, AIM)
         self._go(view, pose.yaw)
         length = self.path.length
-        turned = (pose.yaw - self._yaw0) * self.direction
+        turned = (pose.yaw - self._headings[0]) * self.direction
         whole = self.way >= length
         lap = whole and not lost and abs(turned - 2.0 * pi) <= ALONG
         done = whole or self.time > SLOWEST * length / self.line.speed
