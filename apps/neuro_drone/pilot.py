@@ -35,7 +35,7 @@ def chosen(scenario: str | Path, controller: str, texts: Sequence[str]) -> tuple
         ModelError: there is no such scenario, controller or word, or a value cannot be.
     """
     own = {one.name for one in fields(kind_of(controller).settings)}
-    values = assignments(list(texts))
+    values = _said(texts)
     world = {name for name in values if "." in name or name in _WORDS - own}
     changed = load(scenario, **{name: values[name] for name in values if name in world})
     settings = {name: values[name] for name in values if name not in world}
@@ -43,6 +43,14 @@ def chosen(scenario: str | Path, controller: str, texts: Sequence[str]) -> tuple
     if isinstance(made, Deep):
         needed(controller)
     return changed, settings
+
+
+def _said(texts: Sequence[str]) -> dict[str, Any]:
+    """Changes by name; the seed of a scenario is refused, since all episodes of a command have seeds of their own."""
+    values = assignments(list(texts))
+    if "seed" in values:
+        raise ModelError("--set seed: it would change nothing", hint="training has --seed; tests have fixed seeds")
+    return values
 
 
 def _made(controller: str, scenario: Scenario, settings: dict[str, Any], known: set[str]) -> Controller:
@@ -79,7 +87,7 @@ def pilot(model: Path | None, scenario: str | None, controller: str | None, text
         world, settings = chosen(scenario or "B60", name, texts)
         return train(world, name, settings=settings)
     trained = Model.load(model)
-    changes = assignments(list(texts))
+    changes = _said(texts)
     for name in changes:
         if "." not in name and name not in _WORDS:
             raise ModelError(

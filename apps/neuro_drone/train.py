@@ -93,6 +93,8 @@ def train(
     for name, value in (("steps", steps), ("episode", episode)):
         if isinstance(value, bool) or not isinstance(value, int) or value < 1:
             raise neuro.ModelError(f"{name} = {value!r}: expected a whole number >= 1")
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
+        raise neuro.ModelError(f"seed = {seed!r}: expected a whole number >= 0 and < 2^63")
     learner = make(controller, scenario, seed, settings)
     settings = settings_of(controller, scenario, settings)
     net = getattr(learner, "net", None)

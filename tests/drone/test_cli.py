@@ -126,6 +126,8 @@ MISTAKES = {
     "train --set camera.tlt=3": "unknown word of camera 'tlt'\n  hint: did you mean 'tilt'?",
     "train --set camera.tilt=x": "camera.tilt = 'x': expected a number >= 1 and <= 90 degrees",
     "train --set gian=3": "unknown setting of controller 'snn' 'gian'\n  hint: did you mean 'gain'?",
+    "train --set seed=3": "--set seed: it would change nothing\n  hint: training has --seed; tests have fixed seeds",
+    "train --seed 9223372036854775808": "seed = 9223372036854775808: expected a whole number >= 0 and < 2^63",
     "train --set eta=x": "controller 'snn': eta = 'x': expected a number",
     "train --set camera": "Invalid value for '--set': 'camera': expected NAME=VALUE\n"
     "  hint: see 'neuro drone train --help'",

@@ -132,6 +132,9 @@ def test_files_that_are_none(tmp_path, make, message):
     [
         ({"steps": 0}, "steps = 0: expected a whole number >= 1"),
         ({"episode": True}, "episode = True: expected a whole number >= 1"),
+        ({"seed": -1}, "seed = -1: expected a whole number >= 0 and < 2^63"),
+        ({"seed": 2**63}, f"seed = {2**63}: expected a whole number >= 0 and < 2^63"),
+        ({"seed": 1.5}, "seed = 1.5: expected a whole number >= 0 and < 2^63"),
     ],
 )
 def test_mistakes(words, message):
