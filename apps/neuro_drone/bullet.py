@@ -78,13 +78,16 @@ class Bullet:
         """See `Body`; opens a closed body again."""
         if not self._closed.alive:
             self._connect()
-        p, at = self._p, {"physicsClientId": self._client}
         self.reference.reset(x, y, yaw, right, forward)
-        vx, vy = self.velocity = self.reference.velocity
         level = (0.0, 0.0, sin(0.5 * yaw), cos(0.5 * yaw))
-        p.resetBasePositionAndOrientation(self._body, (x, y, self.height), level, **at)
-        p.resetBaseVelocity(self._body, (vx, vy, 0.0), (0.0, 0.0, 0.0), **at)
         self.pose.yaw = yaw
+        self._put((x, y, self.height), level, (*self.reference.velocity, 0.0), (0.0, 0.0, 0.0))
+
+    def _put(self, place: Vector, turned: tuple[float, ...], velocity: Vector, spin: Vector) -> None:
+        """Put the body at a place, turned by a quaternion, with its speeds."""
+        at = {"physicsClientId": self._client}
+        self._p.resetBasePositionAndOrientation(self._body, place, turned, **at)
+        self._p.resetBaseVelocity(self._body, velocity, spin, **at)
         self._read()
 
     def step(self, right: float, forward: float, turn: float, seconds: float) -> None:
@@ -106,6 +109,23 @@ class Bullet:
             p.stepSimulation(client)
             self._read()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies and for other processes: where the body is, since PyBullet's world itself cannot be copied."""
+        place = (self._place, self._turned, (*self.velocity, self._climb), self._spin)
+        kept = {name: getattr(self, name) for name in ("a_max", "height", "reference", "pose", "velocity")}
+        return kept | {"_there": place, "_open": self._closed.alive}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._p = _pybullet()
+        for name, value in state.items():
+            if name not in ("_there", "_open"):
+                setattr(self, name, value)
+        self._connect()
+        place, turned, velocity, spin = state["_there"]
+        self._put(place, turned, velocity, spin)
+        if not state["_open"]:
+            self.close()
+
     def close(self) -> None:
         """See `Body`; a reset opens it again."""
         self._closed()
@@ -113,10 +133,11 @@ class Bullet:
     def _read(self) -> None:
         """Take over place, attitude and speeds from PyBullet."""
         p, pose = self._p, self.pose
-        (pose.x, pose.y, pose.z), q = p.getBasePositionAndOrientation(self._body, self._client)
+        self._place, self._turned = p.getBasePositionAndOrientation(self._body, self._client)
+        pose.x, pose.y, pose.z = self._place
         (vx, vy, self._climb), self._spin = p.getBaseVelocity(self._body, self._client)
         self.velocity = (vx, vy)
-        x, y, z, w = q
+        x, y, z, w = self._turned
         self._front = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w))
         self._left = (2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + x * w))
         self._up = (2.0 * (x * z + y * w), 2.0 * (y * z - x * w), 1.0 - 2.0 * (x * x + y * y))

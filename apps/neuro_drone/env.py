@@ -160,7 +160,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
 
     def _observed(self, counts: npt.NDArray[np.int64], events: Events) -> npt.NDArray[Any]:
         if self.observation == "counts":
-            return counts
+            return counts.copy()
         if self.observation == "binary":
             return (counts > 0).astype(np.uint8)
         frame = np.full((128, 128, 1), 128, np.uint8)

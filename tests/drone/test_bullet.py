@@ -1,6 +1,8 @@
 """The rigid body in PyBullet beside the kinematic one."""
 
+import copy
 import gc
+import pickle
 import sys
 from math import cos, hypot, sin
 
@@ -165,6 +167,22 @@ def test_the_environment_with_it():
         _, _, _, _, info = env.step(np.clip(3.0 * info["supervised_error"], -1.0, 1.0))
     assert info["error_px"] < 3.0
     env.close()
+
+
+@pytest.mark.parametrize("again", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_in_flight_flies_on_like_the_first(again):
+    pybullet()
+    env = DroneEnv("B60", **{"drone.physics": "bullet", "drone.v_max": 0.3})
+    env.reset(seed=1)
+    actions = np.random.default_rng(2).uniform(-1.0, 1.0, (40, 2))
+    for action in actions[:20]:
+        env.step(action)
+    other = again(env)
+    first, second = ([one.step(a)[4]["target"] for a in actions[20:]] for one in (env, other))
+    assert np.allclose(first, second, rtol=0.0, atol=1e-9)
+    env.close()
+    other.step(actions[0])
+    other.close()
 
 
 def test_without_pybullet(monkeypatch):

@@ -1,5 +1,6 @@
 """The gymnasium environment."""
 
+import copy
 import subprocess
 import sys
 import warnings
@@ -124,6 +125,23 @@ def test_observations_tell_the_same_events():
         assert np.array_equal(picture[:, :, 0], last)
     assert counts[-1][0].sum() > 0
     assert counts[0][0].sum() == 0
+
+
+@pytest.mark.parametrize("observation", ["counts", "binary", "frame"])
+def test_what_was_given_is_the_users_own(observation):
+    """Writing into an observation changes nothing else, and no later step changes what was given."""
+    env = DroneEnv("B60", observation=observation)
+    seen, info = env.reset(seed=1)
+    for _ in range(3):
+        seen, *_, info = env.step((0.3, 0.2))
+    kept = copy.deepcopy((seen, info))
+    for _ in range(5):
+        env.step((0.3, 0.2))
+    assert np.array_equal(seen, kept[0])
+    assert np.array_equal(info["events"].x, kept[1]["events"].x)
+    seen[:] = 0
+    assert np.array_equal(info["counts"], kept[1]["counts"])
+    assert info["counts"].any()
 
 
 def test_actions_are_in_the_directions_of_the_picture():
