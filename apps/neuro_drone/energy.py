@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import typer
 
 from neuro import ModelError
@@ -19,7 +18,7 @@ from neuro_drone.controllers.agents import DQNSettings
 from neuro_drone.controllers.dense import Flier
 from neuro_drone.controllers.spiking import Spiking
 from neuro_drone.env import ACTIONS, CELLS, DroneEnv
-from neuro_drone.evaluate import SEED, Start
+from neuro_drone.evaluate import Start, fly_lap
 from neuro_drone.model import Model
 
 if TYPE_CHECKING:
@@ -112,17 +111,10 @@ def priced(model: Model, targets: Iterable[str]) -> Bills:
 def _fly(model: Model, pilot: Any) -> tuple[int, float]:
     """Fly a lap from the middle; gives its steps and its mean error."""
     env = DroneEnv(model.scenario)
-    seed = int(np.random.default_rng((SEED, 0)).integers(2**31))
     start = Start((0.0, 0.0), 1 if model.scenario.kind == "line" else 0)
-    _, info = env.reset(seed=seed, options=start.options())
-    pilot.begin()
-    errors, over = [], False
-    while not over:
-        _, _, lost, end, info = env.step(pilot.act(info["counts"], info))
-        errors.append(info["error_px"])
-        over = lost or end
+    lap = fly_lap(env, pilot, start)
     env.close()
-    return len(errors), float(np.mean(errors))
+    return lap.steps, lap.error_px
 
 
 def _dense(name: str, layers: Iterable[tuple[int, ...]], targets: Iterable[str]) -> tuple[Dense, ...]:

@@ -16,7 +16,7 @@ from neuro_drone.model import Model
 from neuro_drone.parts import Line
 from neuro_drone.scenario import Scenario
 
-__all__ = ["Lap", "Start", "Tried", "grid", "try_out"]
+__all__ = ["Lap", "Start", "Tried", "begin", "fly_lap", "grid", "try_out"]
 
 SEED = 1_000_000
 """Of the tests' noise, so that it is not that of a training."""
@@ -177,16 +177,29 @@ def try_out(
     env = DroneEnv(world)
     each = []
     for index, start in enumerate(grid(world) if starts is None else starts):
-        each.append(_lap(env, controller, start, index))
+        each.append(fly_lap(env, controller, start, index))
         if report is not None:
             report(each[-1])
     env.close()
     return Tried(tuple(each), learning)
 
 
-def _lap(env: DroneEnv, controller: Controller, start: Start, index: int) -> Lap:
+def begin(env: DroneEnv, start: Start, index: int = 0) -> dict[str, Any]:
+    """Begin a lap whose noise is that of the test with this index; gives the environment's info."""
     seed = int(np.random.default_rng((SEED, index)).integers(2**31))
-    _, info = env.reset(seed=seed, options=start.options())
+    return env.reset(seed=seed, options=start.options())[1]
+
+
+def fly_lap(env: DroneEnv, controller: Controller, start: Start, index: int = 0) -> Lap:
+    """Fly one lap.
+
+    Args:
+        env: the world.
+        controller: what flies; it hears the supervised error, and learns if it can.
+        start: where.
+        index: of the noise, see `begin`.
+    """
+    info = begin(env, start, index)
     controller.begin()
     track, far, lost, over = [], 0.0, False, False
     while not (lost or over):

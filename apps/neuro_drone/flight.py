@@ -11,7 +11,7 @@ import numpy.typing as npt
 import neuro
 from neuro_drone.controllers import Controller
 from neuro_drone.env import DroneEnv
-from neuro_drone.evaluate import SEED, Start
+from neuro_drone.evaluate import Start, begin
 from neuro_drone.geometry import View
 from neuro_drone.model import Model, packed, unpacked
 
@@ -58,6 +58,7 @@ class Flight:
         spikes: of all populations of the controller, if it has any.
         lap: whether the lap counts.
         lost: whether the target was lost.
+        backend: what ran the controller's network.
     """
 
     model: Model
@@ -77,6 +78,7 @@ class Flight:
     spikes: tuple[Spikes, ...]
     lap: bool
     lost: bool
+    backend: str = "event"
 
 
 class _Keeping:
@@ -122,8 +124,7 @@ def fly(model: Model, start: Start, backend: str = "event") -> Flight:
         ModelError: the start cannot be, or the backend refuses the network.
     """
     pilot, env = listening(model, backend), DroneEnv(model.scenario)
-    seed = int(np.random.default_rng((SEED, 0)).integers(2**31))
-    _, info = env.reset(seed=seed, options=start.options())
+    info = begin(env, start)
     pilot.begin()
     names = ("poses", "footprints", "balls", "targets", "errors", "actions", "counts")
     kept: dict[str, list[Any]] = {name: [] for name in names}
@@ -147,7 +148,17 @@ def fly(model: Model, start: Start, backend: str = "event") -> Flight:
     each = np.array([len(part) for part in seen])
     way, spikes, lap = env.task.path.points, _spikes(pilot), bool(info["lap"])
     return Flight(
-        model, start, way, balls=balls, events=each, spikes=spikes, lap=lap, lost=bool(info["lost"]), **rows, **columns
+        model,
+        start,
+        way,
+        balls=balls,
+        events=each,
+        spikes=spikes,
+        lap=lap,
+        lost=bool(info["lost"]),
+        backend=backend,
+        **rows,
+        **columns,
     )
 
 

@@ -71,6 +71,7 @@ def page(flight: Flight) -> str:
     taught = f"after {model.steps:,} steps of training (seed {model.seed})" if model.steps else "which does not learn"
     thinned = -(-len(flight.x) // MOST)
     about = [f"{model.controller}, {taught}", "weights frozen, no dopamine", told(flight)]
+    about += [f"network on {flight.backend}"] if flight.spikes and flight.backend != "event" else []
     about += [f"one of every {thinned} events is shown"] if thinned > 1 else []
     template = Template(files("neuro_drone").joinpath("watch.html").read_text("utf-8"))
     return template.substitute(

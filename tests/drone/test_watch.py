@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,6 +74,8 @@ def test_the_page_holds_it(flight):
     assert (data["steps"], data["step"], data["ball"]) == (500, 20.0, 0.17)
     assert [s["name"] for s in data["spikes"]] == ["cells", "motors"]
     assert "static, which does not learn · weights frozen, no dopamine · 10.0 s, mean error" in text
+    assert "network on" not in text
+    assert "network on loihi" in page(replace(flight, backend="loihi"))
     assert "http" not in text.replace("http-equiv", "")
 
 
