@@ -183,11 +183,11 @@ def test_learns_on_loihi():
 
 def test_what_would_not_learn_on_a_chip_is_told():
     with pytest.raises(neuro.ModelError) as error:
-        make("snn", BALL, 0, {"backend": "loihi"})
+        make("snn", BALL, 0, {"backend": "loihi", "eta": 0.003})
     told = str(error.value).splitlines()
     assert told[0] == "learning with eta = 0.003: backend 'loihi' cannot run this network (1 problem)"
     assert told[1].endswith("a change of 0.00408 mantissas cannot be represented: the smallest is 0.00781")
-    assert told[-1] == "  hint: the controller snn-loihi has an eta and a tau_c with which the network learns there"
+    assert told[-1] == "  hint: a larger eta and a shorter tau_c let the network learn there"
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         make("snn", BALL, 0, {"backend": "loihi", "eta": 0.02})

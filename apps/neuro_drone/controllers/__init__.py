@@ -98,12 +98,8 @@ CONTROLLERS: dict[str, Kind] = {
     "snn": Kind("the network, learning by dopamine from equal weights", Spiking, SpikingSettings()),
     "snn-static-init": Kind("the network, learning from weights by side", Spiking, SpikingSettings(start="sign")),
     "snn-eta0": Kind("a check: the network without dopamine", Spiking, SpikingSettings(eta=0.0)),
-    "snn-flipped": Kind("a check: the network with dopamine of the wrong sign", Spiking, SpikingSettings(eta=-3e-3)),
-    "snn-loihi": Kind(
-        "the network, learning on Loihi, where small changes are cut away and eligibilities soon full",
-        Spiking,
-        SpikingSettings(backend="loihi", eta=0.1, parameters={"tau_c": 200.0}),
-    ),
+    "snn-flipped": Kind("a check: the network with dopamine of the wrong sign", Spiking, SpikingSettings(eta=-0.1)),
+    "snn-loihi": Kind("the network, learning on the emulated Loihi", Spiking, SpikingSettings(backend="loihi")),
     "dqn": Kind("deep reinforcement learning on nine actions, from the reward alone", DQN, DQNSettings()),
     "ddpg": Kind("deep reinforcement learning on continuous actions, from the reward alone", DDPG, DDPGSettings()),
 }
@@ -112,7 +108,7 @@ CONTROLLERS: dict[str, Kind] = {
 LINE: dict[Any, dict[str, Any]] = {
     Oracle: {"gain": (8.0, 4.0)},
     LMS: {"gain": (8.0, 4.0), "coding": "rows", "mu": 0.005},
-    Spiking: {"gain": (8.0, 4.0), "coding": "rows", "total": 800.0},
+    Spiking: {"gain": (8.0, 4.0), "coding": "rows", "total": 800.0, "eta": 0.03},
 }
 """Defaults that differ for a line: a drone that turns too quickly swings its picture to the side; the lean is read
 from differences between rows, hence their equal say and more spikes."""

@@ -24,7 +24,7 @@ __all__ = ["Spiking", "SpikingSettings"]
 
 Floats = npt.NDArray[np.float64]
 CELLS, MOTORS = "cells", "motors"
-WAY = "the controller snn-loihi has an eta and a tau_c with which the network learns there"
+WAY = "a larger eta and a shorter tau_c let the network learn there"
 SIDES = np.array((1.0, -1.0, 1.0, -1.0))  # of each axis: the positive motor, the negative one
 
 
@@ -53,7 +53,7 @@ class SpikingSettings:
     """
 
     network: str | neuro.Network = "drone"
-    eta: float = number(3e-3)
+    eta: float = number(0.1)
     settle: float = number(500_000.0, 0.0, above=True)
     gain: float | tuple[float, float] = numbers(2.0, 0.0, above=True)
     coding: str = choice("shares", "shares", "rows", "peaks", "counts")
