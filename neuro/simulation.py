@@ -154,10 +154,8 @@ class Simulation:
 
     def _set_population(self, index: int, values: Mapping[str, Any]) -> None:
         part, step = self.program.populations[index], self._engine.step
-        new = {
-            word_of(word): changes.new_values(part, word_of(word), value, self.program.seed, step)
-            for word, value in values.items()
-        }
+        named = {word_of(word): value for word, value in values.items()}
+        new = {word: changes.new_values(part, word, value, self.program.seed, step) for word, value in named.items()}
         changes.check_together(self.program, index, new, self._engine, self._clock)
         self._engine.set(index, new)
 

@@ -37,8 +37,12 @@ def shares(counts: npt.NDArray[Any], coding: str) -> npt.NDArray[np.float64]:
     """
     if coding == "peaks":
         counts = np.maximum(counts - 2.0 * counts.mean(), 0.0)
-    n: Any = counts.sum(axis=1, keepdims=True) * len(counts) if coding == "rows" else counts.sum()
-    spread: npt.NDArray[np.float64] = counts / np.where(n > 0, n, 1)
+    spread: npt.NDArray[np.float64]
+    if coding == "rows":
+        n = counts.sum(axis=1, keepdims=True) * len(counts)
+        spread = counts / np.where(n > 0, n, 1)
+    else:
+        spread = counts / (counts.sum() or 1)
     return spread.ravel()
 
 

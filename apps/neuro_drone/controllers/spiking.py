@@ -98,7 +98,7 @@ class Spiking:
         self.sim = _compile(run, settings, seed)
         if settings.start != "equal":
             self._start_from(pattern(scenario, settings.start))
-        self._factor = np.broadcast_to(np.asarray(settings.gain), 2) / _most_spikes(net, scenario.step)
+        self._factor = (np.broadcast_to(settings.gain, 2) / _most_spikes(net, scenario.step)).tolist()
 
     def _start_from(self, wished: Floats) -> None:
         name = f"{CELLS}_{MOTORS}"
@@ -127,15 +127,16 @@ class Spiking:
         sim.run(self._scenario.step)
         ids = sim.spikes(MOTORS, since=begin)[1]
         sim.forget(before=sim.time)
-        n = np.bincount(ids, minlength=4)
-        action = self._factor * (n[0::2] - n[1::2])
-        return np.minimum(np.maximum(action, -1.0, out=action), 1.0, out=action)
+        a, b, c, d = np.bincount(ids, minlength=4).tolist()
+        right, down = self._factor
+        return np.array((max(-1.0, min(1.0, right * (a - b))), max(-1.0, min(1.0, down * (c - d)))))
 
     def learn(self, info: Mapping[str, Any]) -> None:
         """Set the dopamine of the next step."""
         if self._signals:
             eta = self._settings.eta / (1.0 + self.sim.time / self._settings.settle)
-            dopamine = eta * np.repeat(info["supervised_error"], 2) * SIDES
+            a, b = info["supervised_error"].tolist()
+            dopamine = np.array((eta * a, -eta * a, eta * b, -eta * b))
             for name in self._signals:
                 self.sim.signal(name, dopamine)
 
