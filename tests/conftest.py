@@ -1,8 +1,13 @@
 """Fixtures for all tests."""
 
+import signal
 from pathlib import Path
 
 import pytest
+
+# Started in the background, all programs that the tests start would not hear Ctrl-C.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
