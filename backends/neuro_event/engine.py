@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -89,6 +89,17 @@ class EventEngine:
                     self._grow_log()
             first = int(reached)
         self._step = end
+        self._check_histories()
+
+    def _check_histories(self) -> None:
+        """Histories are as long as refractoriness lets them grow: a model that fires earlier has lost spikes."""
+        overrun = int(self._a.net["clock"][:, t.OVERRUN].max())
+        if overrun:
+            part = self._program.populations[overrun - 1]
+            raise ModelError(
+                f"population '{part.name}': a {part.model.name} fired again within its t_ref, so its plastic synapses "
+                "missed spikes: expected a model that is silent for t_ref after a spike"
+            )
 
     def _grow_log(self) -> None:
         """Twice the room for spikes under way."""
@@ -253,6 +264,8 @@ class EventEngine:
         self._changed[population] = rows
         if name == "tau_minus":
             self._a.net["tau_minus"][place.begin : place.end] = inner
+        if name == "t_ref" and self._a.net["pops"][population, t.HISTORY] >= 0:
+            learning.widen_histories(self._a, population, float(inner.min()))
         build.rebuild_constants(self._a, self._changed)
         self._pack()
 
@@ -294,16 +307,35 @@ class EventEngine:
     def set_weights(self, projection: int, weights: Floats) -> None:
         """Replace all weights; spikes under way keep the old ones."""
         row = self._a.net["projections"][projection]
-        if self._step > 0 and projection not in self._a.plastic_of and row[t.LAG] > 0 and row[t.DENSE_COUNTS] == 0:
-            self._deliver_ahead(projection)
+        if row[t.DENSE_COUNTS] == 1:
+            self._list_counts(projection, weights)
+            return
+        if self._step > 0 and projection not in self._a.plastic_of and row[t.LAG] > 0:
+            self._deliver_ahead(projection, lazy.deliver_between)
         self._write_weights(projection, weights)
 
-    def _deliver_ahead(self, projection: int) -> None:
+    def _deliver_ahead(self, projection: int, deliver: Callable[..., None]) -> None:
         """Put what is under way into a ring, with the weights of now."""
         lag = int(self._a.net["projections"][projection, t.LAG])
         projections.give_ring(self._a, projection)
         self._pack()
-        lazy.deliver_between(self._view, projection, self._step - lag + 1, self._step - 1)
+        deliver(self._view, projection, self._step - lag + 1, self._step - 1)
+
+    def _list_counts(self, projection: int, weights: Floats) -> None:
+        """Replace the weights behind a generator that keeps counts; from now on it lists its spikes.
+
+        Counts are added with the one weight of now, so what is under way is delivered first. Those of the present
+        step are sent under the new weights, as listed spikes are.
+        """
+        source = self._program.projections[projection].source
+        outgoing = [q for q, p in enumerate(self._program.projections) if p.source == source]
+        for q in outgoing:
+            self._deliver_ahead(q, lazy.deliver_counts)
+        self._write_weights(projection, weights)
+        for q in outgoing:
+            lazy.deliver_counts(self._view, q, self._step, self._step)
+            self._a.net["projections"][q, t.DENSE_COUNTS] = 0
+        self._a.net["pops"][source, t.COUNTS] = t.NONE
 
     def _write_weights(self, projection: int, weights: Floats) -> None:
         p, row = self._program.projections[projection], self._a.net["projections"][projection]

@@ -3,9 +3,11 @@
 # mypy: ignore-errors
 import math
 
+import numpy as np
+
 from neuro.kernels.jit import kernel
 from neuro_event import tables as t
-from neuro_event.deliver import log_delivery
+from neuro_event.deliver import log_delivery, receptor
 from neuro_event.plastic import bring_history, bring_target, dopamine_at
 from neuro_event.views import net_of, plastic_of
 
@@ -14,14 +16,14 @@ from neuro_event.views import net_of, plastic_of
 def bring(view, q, n_targets, step, h):
     """Catch up every synapse of a projection."""
     for target in range(n_targets):
-        bring_target(view, q, 0, target, step, h)
+        bring_target(view, q, 0, target, step, True, h)
 
 
 @kernel
 def bring_histories(view, pop, n_targets, step, h):
     """Catch up every plastic synapse onto a population."""
     for target in range(n_targets):
-        bring_history(view, pop, 0, target, step, h)
+        bring_history(view, pop, 0, target, step, True, h)
 
 
 @kernel
@@ -44,7 +46,7 @@ def write_signal(view, q, values, step, h):
     """Catch up a modulated projection, then set n."""
     p = plastic_of(view)
     for target in range(values.shape[0]):
-        bring_target(view, q, 0, target, step, h)
+        bring_target(view, q, 0, target, step, True, h)
         p.n[p.table[q, t.FIRST_TARGET] + target] = values[target]
         p.n_time[p.table[q, t.FIRST_TARGET] + target] = step
 
@@ -54,6 +56,30 @@ def concentrations(view, q, out, step, h):
     """Fill `out` with n of every target at a step."""
     for target in range(out.shape[0]):
         out[target] = dopamine_at(view, q, target, step, h)
+
+
+@kernel
+def deliver_counts(view, q, first, last):
+    """Put the counts of the steps first..last, which a poisson_generator keeps, into the ring of a projection.
+
+    The ring is one-to-one, and every step has a slot of its own.
+    """
+    net = net_of(view)
+    row = net.projections[q]
+    source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
+    n = source[t.END] - source[t.BEGIN]
+    blocks = net.awake.shape[0]
+    slots = net.due.shape[0] // blocks - 1
+    for step in range(max(first, net.clock[0, t.HORIZON] + 1), last + 1):
+        at = step + np.int64(net.delays[row[t.DELAY]])
+        place = source[t.COUNTS] + (step & (source[t.COUNTS_STEPS] - 1)) * n
+        ring = row[t.RING] + (at & row[t.RING_MASK]) * target[t.RECEPTORS] * row[t.RING_SIZE]
+        for i in range(n):
+            m = net.counts[place + i]
+            if m > 0:
+                weight = net.weights[row[t.WEIGHT] + i * row[t.WEIGHT_STRIDE]]
+                net.buf[ring + receptor(weight, target[t.RECEPTORS]) * row[t.RING_SIZE] + i] += weight * m
+                net.due[(at & slots) * blocks + target[t.FIRST_BLOCK] + i // t.BLOCK] = 1
 
 
 @kernel

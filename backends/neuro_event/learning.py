@@ -77,17 +77,36 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
     }
 
 
-def _history_width(program: Program, learning: list[int]) -> int:
-    """Numbers in a history: room for all post spikes that can be under way to a synapse, and a few more.
+def widen_histories(a: Arrays, population: int, t_ref: float) -> None:
+    """Make room for the spikes of a population whose shortest refractory period is now `t_ref` ms."""
+    past = a.plastic["past"]
+    onto = [q for q in a.plastic_of if a.program.projections[q].target == population]
+    width = _width(max(_entries(a.program, q, t_ref) for q in onto))
+    if width > past.shape[1]:
+        wider = layout.aligned(past.shape[0], width)
+        wider[:, : past.shape[1]] = past
+        a.plastic["past"] = wider
 
-    An odd number of cache lines, so that the newest entries of many neurons spread over the cache.
-    """
-    entries = 7
-    for q in learning:
-        p = program.projections[q]
-        if p.delay.size:
-            hold = np.min(program.populations[p.target].parameters.get("t_ref", np.zeros(1))) / program.resolution
-            entries = max(entries, int(2 * p.delay.max() / (int(hold) + 1)) + 4)
+
+def _history_width(program: Program, learning: list[int]) -> int:
+    """Numbers in a history of any neuron, with the parameters of step 0."""
+    targets = [program.populations[program.projections[q].target] for q in learning]
+    held = [float(np.min(target.parameters.get("t_ref", 0.0))) for target in targets]
+    return _width(max([7, *(_entries(program, q, t_ref) for q, t_ref in zip(learning, held, strict=True))]))
+
+
+def _entries(program: Program, q: int, t_ref: float) -> int:
+    """Post spikes that can be under way to a synapse of a projection, and a few more."""
+    p, trials = program.projections[q], program.trials
+    if not p.delay.size:
+        return 0
+    released = trials is not None and p.target == trials.output and "V_m" in trials.reset
+    held = 0 if released else int(t_ref / program.resolution)
+    return int(2 * p.delay.max() / (held + 1)) + 4
+
+
+def _width(entries: int) -> int:
+    """Numbers in a history: an odd number of cache lines, so that the newest entries of many neurons spread over it."""
     lines = -(-(NEWEST + ENTRY * entries) // 8)
     return 8 * (lines + 1 - lines % 2)
 

@@ -31,6 +31,7 @@ from neuro_event.tables import (
     LAST_BLOCK,
     LONGEST,
     MODULATED,
+    OVERRUN,
     PROJECTION,
     RECEPTORS,
     RELAY,
@@ -104,8 +105,12 @@ def potentiate(rule, c, y, z, decay, tau, k_plus, then, past, since, upto, delay
 
 
 @inner
-def flow(view, q, z, own, thread, target, past, upto, delay, h):
-    """Bring synapse z of a modulated projection to step `upto`: post spikes, and what flows between."""
+def flow(view, q, z, own, thread, target, past, upto, whole, delay, h):
+    """Let the post spikes up to step `upto` act on synapse z of a modulated projection, and what flows between them.
+
+    With `whole` also what flows from the last of them to `upto`. To stop there clips the weight, so it is for events
+    and reads only: not for making room in a history.
+    """
     p = plastic_of(view)
     modulated, c, grid = p.table[q, MODULATED], p.rule[q], p.table[q, GRID_STEPS]
     k_plus, then, since = p.k_plus[thread, own], p.k_time[thread, own], p.reached[z]
@@ -119,9 +124,10 @@ def flow(view, q, z, own, thread, target, past, upto, delay, h):
             k = k_plus * decayed(p.decay[q, PLUS], arrival - then, h, p.tau[q], 0)
             for _ in range(past[NEWEST + ENTRY * i + 2]):
                 on_post(p.table[q, RULE], p.y, z, c, k)
-    if since < upto:
+    if whole and since < upto:
         advance(modulated, p.y, z, c, since, upto, dopamine_at(view, q, target, since, h), grid)
-    p.reached[z] = upto
+        since = upto
+    p.reached[z] = since
 
 
 @merged
@@ -159,7 +165,7 @@ def pre_spike(view, q, source, step, thread, h):
         delay = np.int64(net.delays[row[DELAY] + s * row[DELAY_STRIDE]])
         past = p.past[target_row[HISTORY] + target]
         if table[MODULATED] >= 0:
-            flow(view, q, z, own, thread, target, past, step, delay, h)
+            flow(view, q, z, own, thread, target, past, step, True, delay, h)
         else:
             potentiate(number, rule, y, z, plus, tau, k_plus, last, past, max(last, past[APPLIED]), step, delay, h)
         k_minus = post_trace(
@@ -191,8 +197,8 @@ def pre_spike(view, q, source, step, thread, h):
 
 
 @inner
-def bring_target(view, q, thread, target, step, h):
-    """Catch up every synapse of a projection onto one target.
+def bring_target(view, q, thread, target, step, whole, h):
+    """Catch up every synapse of a projection onto one target; `whole` as in `flow`.
 
     A synapse without dopamine shows the weight it sent last, so that is kept aside before the first change.
     Whoever brings all such projections onto a target then sets its APPLIED.
@@ -209,7 +215,7 @@ def bring_target(view, q, thread, target, step, h):
         delay = np.int64(net.delays[row[DELAY] + (z - table[FIRST_SYNAPSE]) * row[DELAY_STRIDE]])
         if table[MODULATED] >= 0:
             if p.reached[z] < step:
-                flow(view, q, z, own, thread, target, past, step, delay, h)
+                flow(view, q, z, own, thread, target, past, step, whole, delay, h)
             continue
         last = p.k_time[thread, own]
         if applied <= last:
@@ -234,7 +240,7 @@ def bring_target(view, q, thread, target, step, h):
 @inner
 def release(view, q, thread, target, step, amount, h):
     """Dopamine arrives at one target."""
-    bring_target(view, q, thread, target, step, h)
+    bring_target(view, q, thread, target, step, True, h)
     p = plastic_of(view)
     place = p.table[q, FIRST_TARGET] + target
     p.n[place] = dopamine_at(view, q, target, step, h) + amount
@@ -272,14 +278,14 @@ def dopamine_arrivals(view, q, step, thread, h):
 
 
 @inner
-def bring_history(view, pop, thread, target, step, h):
-    """Catch up every plastic synapse onto one neuron; return the longest of their delays."""
+def bring_history(view, pop, thread, target, step, whole, h):
+    """Catch up every plastic synapse onto one neuron, `whole` as in `flow`; return the longest of their delays."""
     net, p = net_of(view), plastic_of(view)
     longest = 0
     for q in range(p.table.shape[0]):
         if net.projections[p.table[q, PROJECTION], TARGET] == pop:
             longest = max(longest, p.table[q, LONGEST])
-            bring_target(view, q, thread, target, step, h)
+            bring_target(view, q, thread, target, step, whole, h)
     past = p.past[net.pops[pop, HISTORY] + target]
     past[APPLIED] = max(past[APPLIED], step)
     return longest
@@ -292,8 +298,11 @@ def post_spike(view, pop, thread, local, m, step, done, h):
     past = p.past[net.pops[pop, HISTORY] + local]
     n = past[ENTRIES]
     if NEWEST + ENTRY * (n + 1) > past.size:
-        longest = bring_history(view, pop, thread, local, done, h)
+        longest = bring_history(view, pop, thread, local, done, False, h)
         while n > 1 and past[NEWEST + ENTRY * (n - 2)] + longest <= done:
+            n -= 1
+        if NEWEST + ENTRY * (n + 1) > past.size:
+            net.clock[thread, OVERRUN] = pop + 1
             n -= 1
     traces = p.traces[net.pops[pop, HISTORY] + local]
     trace = np.float64(m)

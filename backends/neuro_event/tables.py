@@ -90,7 +90,7 @@ POSITIVE, NEGATIVE, MIXED = range(3)
 ) = range(13)
 
 # threads
-DONE, DONE_DOPAMINE, HORIZON = range(3)
+DONE, DONE_DOPAMINE, HORIZON, OVERRUN = range(4)
 
 # groups
 FIRST_TO_FIRE, IN_TRIAL, WINNER, DECIDED = range(1, 5)
