@@ -1,0 +1,356 @@
+"""Random small networks that are run, steered and read on the way, for hypothesis: what NEST, too, can do.
+
+Everything is drawn wider than a modeller would: time constants that nearly equal, thresholds that are met exactly,
+silence of 10,000 steps, delays of 1 step and of 60, synapses of a neuron onto itself and several between two, weights
+at their bounds. Needs the package hypothesis, which only tests install.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+
+from neuro.distributions import uniform
+from neuro.network import Network
+from neuro.neurons import (
+    Model,
+    dc_generator,
+    iaf_psc_alpha,
+    iaf_psc_delta,
+    iaf_psc_exp,
+    izhikevich,
+    parrot_neuron,
+    poisson_generator,
+    spike_generator,
+)
+from neuro.program import Floats
+from neuro.rules import Rule, all_to_all, fixed_indegree, one_to_one, pairs
+from neuro.simulation import Simulation
+from neuro.synapses import Synapse, static, stdp, stdp_dopa
+from neuro.testing.case import Found
+
+SILENCE = 10_000
+"""Steps of a long silence."""
+
+LIMIT, RELATIVE = 1e-9, 1e-12
+"""What may differ between two backends that round in another order."""
+
+TWINS, UNITS = 12, 8
+"""Runs with other last places, and how many units in the last place they move."""
+
+RESOLUTIONS = (0.05, 0.1, 0.2, 0.5, 1.0)
+MUS = (0.0, 0.3, 1.0, 2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Act:
+    """What is done at one moment: a method of a simulation and its arguments."""
+
+    method: str
+    arguments: tuple[Any, ...]
+    values: tuple[tuple[str, Any], ...] = ()
+
+    def on(self, sim: Simulation) -> None:
+        """Do it; times of spikes are counted from the present."""
+        arguments = list(self.arguments)
+        if self.method == "inject":
+            population, ahead, ids = arguments
+            now = round(sim.time / sim.program.resolution)
+            arguments = [population, (np.array(ahead) + now) * sim.program.resolution, list(ids)]
+        getattr(sim, self.method)(*arguments, **dict(self.values))
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A network and what is done with it: runs of some steps, each after some acts.
+
+    Attributes:
+        grain: steps of which all moments are a multiple: NEST brings synapses under dopamine up to date on this grid.
+    """
+
+    net: Network
+    seed: int
+    grain: int
+    parts: tuple[tuple[tuple[Act, ...], int], ...]
+
+    def play(self, sim: Simulation) -> Iterator[Simulation]:
+        """Run part by part; yield the simulation after each."""
+        for acts, steps in self.parts:
+            for act in acts:
+                act.on(sim)
+            sim.run(steps * sim.program.resolution)
+            yield sim
+
+
+def read(sim: Simulation) -> Found:
+    """What every backend shows of a simulation at one moment: all spikes so far, potentials, states of synapses."""
+    found: Found = {}
+    for population in sim.program.populations:
+        name = population.name
+        if population.records:
+            times, ids = sim.spikes(name)
+            found[f"spikes of {name}: steps"] = np.rint(times / sim.program.resolution).astype(np.int64)
+            found[f"spikes of {name}: neurons"] = ids
+        if any(state.name == "V_m" for state in population.model.states):
+            found[f"V_m of {name}"] = sim.get(name, "V_m")
+    for projection in sim.program.projections:
+        for word in ["weight", *(state.name for state in projection.synapse.states)]:
+            found[f"{word} of {projection.name}"] = sim.get(projection.name, word)
+    return found
+
+
+@st.composite
+def scenarios(draw: st.DrawFn) -> Scenario:
+    """A network of up to three populations of cells, and what is done with it."""
+    h, shortest = draw(st.sampled_from(RESOLUTIONS)), draw(st.sampled_from([1, 1, 2, 5]))
+    interval = draw(st.sampled_from([1, 1, 3, 10]))
+    net = Network("random", resolution=h)
+    _add_sources(draw, net)
+    cells = [f"cells{index}" for index in range(draw(st.integers(1, 3)))]
+    for name in cells:
+        net.population(name, draw(st.integers(1, 5)), draw(_cells(h)))
+    _drive(draw, net, cells, shortest)
+    for name in cells:
+        if draw(st.booleans()):
+            net.signal(f"signal_{name}", to=name)
+    for _ in range(draw(st.integers(1, 5))):
+        _connect(draw, net, cells, shortest, interval)
+    grain = shortest * interval
+    parts = [
+        (_acts(draw, net, cells), grain * draw(st.integers(1, -(-90 // grain)))) for _ in range(draw(st.integers(1, 4)))
+    ]
+    if draw(st.integers(0, 11)) == 0:
+        hush = Act("set", ("noise",), (("rate", 0.0),))
+        rouse = Act("inject", ("listed", tuple(range(2, 30)), tuple(k % 3 for k in range(28))))
+        parts += [((hush,), SILENCE // grain * grain), ((rouse,), grain * -(-60 // grain))]
+    return Scenario(net, draw(st.integers(0, 99)), grain, tuple(parts))
+
+
+def _add_sources(draw: st.DrawFn, net: Network) -> None:
+    """Noise, listed spikes, a current, and parrots that say what the noise says."""
+    h = net.resolution
+    per_step = draw(st.sampled_from([0.002, 0.03, 0.2, 1.5]))
+    net.population("noise", 3, poisson_generator(rate=per_step * 1000.0 / h))
+    rows = draw(st.lists(st.lists(st.integers(1, 90), max_size=8), min_size=3, max_size=3))
+    net.population("listed", 3, spike_generator(spike_times=[[k * h for k in sorted(row)] for row in rows]))
+    start, length = draw(st.integers(0, 20)), draw(st.integers(0, 200))
+    net.population("current", 2, dc_generator(amplitude=1.0, start=start * h, stop=(start + length) * h))
+    net.population("relay", 3, parrot_neuron())
+
+
+@st.composite
+def _cells(draw: st.DrawFn, h: float) -> Model:
+    kind = draw(st.sampled_from([iaf_psc_delta, iaf_psc_exp, iaf_psc_alpha, izhikevich, parrot_neuron]))
+    tau_minus = draw(st.sampled_from([20.0, 1.0, uniform(low=5.0, high=40.0)]))
+    if kind is parrot_neuron:
+        return parrot_neuron(tau_minus=tau_minus)
+    if kind is izhikevich:
+        a, b, c, d = draw(st.sampled_from([(0.02, 0.2, -65.0, 8.0), (0.1, 0.2, -50.0, 2.0), (0.02, 0.25, -65.0, 0.05)]))
+        return izhikevich(a=a, b=b, c=c, d=d, I_e=draw(st.sampled_from([0.0, 4.0, 10.0])), tau_minus=tau_minus)
+    tau_m = draw(st.one_of(st.sampled_from([1.0, 10.0, 500.0]), st.floats(0.5, 100.0)))
+    rest = draw(st.sampled_from([-70.0, 0.0]))
+    words: dict[str, Any] = {
+        "tau_m": draw(st.sampled_from([tau_m, tau_m, uniform(low=tau_m, high=2.0 * tau_m)])),
+        "C_m": draw(st.sampled_from([250.0, 1.0, 1e4])),
+        "t_ref": draw(st.sampled_from([0, 0, 1, 3, 25])) * h,
+        "E_L": rest,
+        "V_reset": rest + draw(st.sampled_from([0.0, -5.0, 0.25])),
+        "V_th": draw(st.sampled_from([rest + 15.0, rest + 1.0, uniform(low=rest + 0.5, high=rest + 20.0)])),
+        "I_e": draw(st.sampled_from([0.0, 0.0, 400.0, 1e5, uniform(low=0.0, high=500.0)])),
+        "tau_minus": tau_minus,
+    }
+    if kind is not iaf_psc_exp:
+        words["V_min"] = draw(st.sampled_from([-np.inf, rest - 6.0]))
+    if kind is iaf_psc_delta:
+        return iaf_psc_delta(**words, refractory_input=draw(st.booleans()))
+    near = tau_m * (1.0 + draw(st.sampled_from([0.0, 1e-13, -1e-11, 1e-9, -1e-7, 1e-5, -1e-3])))
+    words["tau_syn_ex"] = draw(st.one_of(st.just(near), st.sampled_from([0.2, 2.0, 60.0])))
+    words["tau_syn_in"] = draw(st.one_of(st.just(near), st.sampled_from([0.2, 2.0, 60.0])))
+    return kind(**words)
+
+
+def _kick(net: Network, post: str) -> float:
+    """A weight of which one spike or two make a cell fire."""
+    model = net.populations[post].model
+    if not isinstance(model, iaf_psc_exp | iaf_psc_alpha):
+        return {"iaf_psc_delta": 12.0, "izhikevich": 30.0}.get(model.name, 1.0)
+    words = model.parameters()
+    shortest = min(float(words["tau_syn_ex"]), float(words["tau_syn_in"]))
+    return 30.0 * float(words["C_m"]) / shortest
+
+
+def _drive(draw: st.DrawFn, net: Network, cells: list[str], shortest: int) -> None:
+    """Every population hears something; one delay is the shortest, so that it is known."""
+    h = net.resolution
+    net.connect("noise", "relay", one_to_one(), delay=shortest * h, name="noise_relay")
+    for name in cells:
+        heard = draw(st.sampled_from(["noise", "listed", "relay"]))
+        unit = _kick(net, name)
+        weight: Any = draw(st.sampled_from([unit, 0.3 * unit, -0.5 * unit, uniform(low=-unit, high=1.5 * unit)]))
+        net.connect(heard, name, all_to_all(), weight=weight, delay=draw(_delays(h, shortest)), name=f"drive_{name}")
+        if net.populations[name].model.states and draw(st.booleans()):
+            amount = draw(st.sampled_from([0.5, -2.0, 20.0]))
+            net.connect("current", name, all_to_all(), weight=amount, delay=draw(_delays(h, shortest)))
+
+
+@st.composite
+def _delays(draw: st.DrawFn, h: float, shortest: int) -> Any:
+    steps = draw(st.one_of(st.integers(shortest, shortest + 4), st.integers(shortest, 60)))
+    return draw(st.sampled_from([steps * h, uniform(low=shortest * h, high=(steps + 1) * h)]))
+
+
+@st.composite
+def _rules(draw: st.DrawFn, n_pre: int, n_post: int) -> Rule:
+    ids = st.tuples(st.integers(0, n_pre - 1), st.integers(0, n_post - 1))
+    listed = draw(st.lists(ids, min_size=1, max_size=10))
+    choices = [all_to_all(), fixed_indegree(n=draw(st.integers(1, 4)))]
+    choices.append(pairs(pre=[pre for pre, _ in listed], post=[post for _, post in listed]))
+    return draw(st.sampled_from([*choices, one_to_one()] if n_pre == n_post else choices))
+
+
+def _connect(draw: st.DrawFn, net: Network, cells: list[str], shortest: int, interval: int) -> None:
+    """One more projection onto cells: fixed, of spike pairs, or under dopamine of a signal or of any who spike."""
+    post, h = draw(st.sampled_from(cells)), net.resolution
+    parrots = [name for name, part in net.populations.items() if part.model.name == "parrot_neuron"]
+    deaf = ["current", *(parrots if post in parrots else [])]
+    pre = draw(st.sampled_from([name for name in net.populations if name not in deaf]))
+    synapse = draw(_synapses(net, post, shortest, interval))
+    unit = 0.5 * _kick(net, post)
+    weight: Any = draw(st.sampled_from([unit, -unit, 0.0, uniform(low=-unit, high=unit)]))
+    if synapse.learns:
+        w_max = synapse.parameters()["Wmax"]
+        weight = draw(st.sampled_from([0.0, w_max, 0.5 * w_max, uniform(low=0.0, high=w_max)]))
+    rule = draw(_rules(*(int(net.populations[name].shape[0]) for name in (pre, post))))
+    net.connect(
+        pre, post, rule, synapse, weight=weight, delay=draw(_delays(h, shortest)), name=f"wires{len(net.projections)}"
+    )
+
+
+@st.composite
+def _synapses(draw: st.DrawFn, net: Network, post: str, shortest: int, interval: int) -> Synapse:
+    w_max = draw(st.sampled_from([1.0, 0.1])) * _kick(net, post)
+    tau_plus = draw(st.sampled_from([20.0, 2.0]))
+    match draw(st.integers(0, 3)):
+        case 0:
+            return static()
+        case 1:
+            mus = {"mu_plus": draw(st.sampled_from(MUS)), "mu_minus": draw(st.sampled_from(MUS))}
+            return stdp(lambda_=draw(st.sampled_from([0.01, 0.5])), alpha=1.1, tau_plus=tau_plus, Wmax=w_max, **mus)
+    source: dict[str, Any] = {}
+    if f"signal_{post}" in net.signals and draw(st.booleans()):
+        source = {"signal": f"signal_{post}"}
+    elif draw(st.integers(0, 3)):
+        late = draw(st.sampled_from([shortest, shortest + 1, shortest + 20]))
+        spiking = draw(st.sampled_from([name for name in net.populations if name != "current"]))
+        source = {"dopamine": spiking, "dopamine_delay": late * net.resolution}
+    step = draw(st.sampled_from([0.01, 0.3])) * w_max
+    return stdp_dopa(
+        A_plus=step,
+        A_minus=draw(st.sampled_from([0.0, 1.5])) * step,
+        tau_plus=tau_plus,
+        tau_c=draw(st.sampled_from([1000.0, 10.0])),
+        tau_n=draw(st.sampled_from([200.0, 5.0])),
+        b=draw(st.sampled_from([0.0, 0.02, -0.01])),
+        Wmax=w_max,
+        deliver_interval=interval,
+        **source,
+    )
+
+
+def _acts(draw: st.DrawFn, net: Network, cells: list[str]) -> tuple[Act, ...]:
+    """Up to four changes between two runs."""
+    return tuple(_act(draw, net, cells) for _ in range(draw(st.integers(0, 4))))
+
+
+def _act(draw: st.DrawFn, net: Network, cells: list[str]) -> Act:
+    name = draw(st.sampled_from(cells))
+    match draw(st.integers(0, 4)):
+        case 0:
+            ahead = draw(st.lists(st.integers(1, 100), min_size=1, max_size=6))
+            return Act("inject", ("listed", tuple(ahead), tuple(k % 3 for k in ahead)))
+        case 1:
+            return Act("set", ("noise",), (("rate", draw(st.sampled_from([0.0, 30.0, 400.0])) / net.resolution),))
+        case 2 if f"signal_{name}" in net.signals:
+            return Act("signal", (f"signal_{name}", draw(st.sampled_from([0.0, 0.05, -0.05, 1.0]))))
+        case 3:
+            fixed = [p.name for p in net.projections.values() if not p.synapse.learns]
+            chosen = net.projections[draw(st.sampled_from(fixed))]
+            unit = 1.0 if chosen.source == "current" else _kick(net, chosen.target)
+            return Act("set_weights", (chosen.name, draw(st.sampled_from([0.0, 0.4, 1.0])) * unit))
+    return _change(draw, net, name)
+
+
+def _change(draw: st.DrawFn, net: Network, name: str) -> Act:
+    """A parameter or potential of cells; nothing where there is none."""
+    model, h = net.populations[name].model, net.resolution
+    if model.name == "parrot_neuron":
+        return Act("set", ("noise",), (("rate", 100.0),))
+    if model.name == "izhikevich":
+        word = draw(st.sampled_from(["I_e", "V_m"]))
+        return Act("set", (name,), ((word, {"I_e": 12.0, "V_m": -60.0}[word]),))
+    rest = float(model.parameters()["E_L"])
+    choices = {
+        "I_e": [0.0, 450.0, -450.0],
+        "V_m": [rest, rest + 0.4, rest - 30.0],
+        "t_ref": [0.0, 2.0 * h, 30.0 * h],
+        "V_th": [rest + 2.0, rest + 15.0],
+        "tau_m": [0.7, 10.0, 300.0],
+        "C_m": [200.0],
+    }
+    word = draw(st.sampled_from(list(choices)))
+    return Act("set", (name,), ((word, draw(st.sampled_from(choices[word]))),))
+
+
+def differences(expected: Found, found: Found) -> list[str]:
+    """What two readings differ in: spikes must be equal, all else within 1e-9, or 1e-12 of a large number."""
+    told = []
+    for name, right in expected.items():
+        value = found[name]
+        if right.dtype.kind != "f":
+            bad = value.shape != right.shape or bool(np.any(value != right))
+        else:
+            bad = not np.all(np.abs(value - right) <= LIMIT + RELATIVE * np.abs(right))
+        if bad:
+            told.append(name)
+    return told
+
+
+def nudged(sim: Simulation, rng: np.random.Generator) -> None:
+    """Move potentials, thresholds and fixed weights by a few units in the last place, as another order of sums might."""
+    for population in sim.program.populations:
+        for word in {"V_m", "V_th"} & {*population.parameters, *(state.name for state in population.model.states)}:
+            sim.set(population.name, **{word: _off(sim.get(population.name, word), rng)})
+    for projection in sim.program.projections:
+        if projection.size and not projection.synapse.learns:
+            sim.set_weights(projection.name, _off(sim.get(projection.name, "weight"), rng))
+
+
+def _off(values: Floats, rng: np.random.Generator) -> Floats:
+    moved: Floats = values * (1.0 + rng.integers(-UNITS, UNITS + 1, values.shape) * np.finfo(np.float64).eps)
+    return moved
+
+
+def amplifies_rounding(scenario: Scenario, start: Callable[[Scenario], Simulation], readings: Sequence[Found]) -> bool:
+    """Whether a last place that changes in a scenario changes what is read of it: the spikes, or more than 1e-9.
+
+    Args:
+        scenario: what is run.
+        start: makes a simulation of it on the backend that gave the readings.
+        readings: what that backend gave after each part, up to the one in question.
+    """
+    for twin in range(TWINS):
+        rng = np.random.default_rng(twin)
+        sim = start(scenario)
+        nudged(sim, rng)
+        for reading, (acts, steps) in zip(readings, scenario.parts, strict=False):
+            for act in acts:
+                act.on(sim)
+            nudged(sim, rng)
+            sim.run(steps * sim.program.resolution)
+            if differences(reading, read(sim)):
+                return True
+    return False
