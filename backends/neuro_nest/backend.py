@@ -9,6 +9,8 @@ from neuro.backend import Problem
 from neuro.errors import ModelError, nearest
 from neuro.program import Program
 from neuro_nest.problems import problems
+from neuro_nest.tables import UNREADABLE
+from neuro_nest.unsupported import UNSUPPORTED
 
 if TYPE_CHECKING:
     from neuro_nest.engine import NestEngine
@@ -19,7 +21,8 @@ class NestBackend:
 
     name = "nest"
     description = "NEST itself, if installed (pip install nest-simulator): the judge of the float backends"
-    unsupported: dict[str, str] = {}
+    unreadable = UNREADABLE
+    unsupported = UNSUPPORTED
 
     def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
         """What NEST cannot do, or does otherwise; nothing is approximated."""
@@ -32,5 +35,3 @@ class NestBackend:
         for name in options.keys() - {"strict"}:
             raise ModelError(f"backend 'nest' has no option '{name}'", hint=nearest(name, ["strict", "threads"]))
         return NestEngine(program, threads)
-
-

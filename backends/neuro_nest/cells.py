@@ -13,7 +13,7 @@ from neuro.program import Floats, Population
 from neuro_nest.kernel import told
 from neuro_nest.ranks import Ranks
 from neuro_nest.sources import Train
-from neuro_nest.tables import ENDLESS, NODES, READABLE
+from neuro_nest.tables import ENDLESS, NODES
 
 _WITH_E_L = ("V_th", "V_reset", "V_min", "V_m")
 """What NEST holds relative to E_L: told again with it, so that no rounding moves it."""
@@ -49,7 +49,8 @@ class Cells:
             return self.parameters | {word: np.array([value]) for word, value in span.items()}
         if isinstance(self.part.model, Generator):
             return {}
-        return self.parameters | {name: v for name, v in self.part.initial.items() if name in READABLE}
+        shown = [state.name for state in self.part.model.states if state.name in ("V_m", "U_m")]
+        return self.parameters | {name: self.part.initial[name] for name in shown}
 
     def emit(self, spikes: Train) -> None:
         """Let the injectors fire."""
@@ -67,7 +68,9 @@ class Cells:
         if name in self.parameters:
             return np.broadcast_to(self.parameters[name], self.part.size).copy()
         here = self.nodes if self._ranks.size == 1 else self._nest.GetLocalNodeCollection(self.nodes)
-        ids = np.arange(self.part.size) if self._ranks.size == 1 else np.array(here.tolist(), dtype=np.int64) - self.first
+        ids = (
+            np.arange(self.part.size) if self._ranks.size == 1 else np.array(here.tolist(), dtype=np.int64) - self.first
+        )
         found: Floats = np.empty(self.part.size)
         values = np.atleast_1d(np.array(here.get(name), dtype=np.float64)) if len(here) else np.zeros(0)
         found[self._ranks.gather(ids)] = self._ranks.gather(values)
@@ -90,7 +93,7 @@ class Cells:
         words = {name: self._in_words_of_nest(name, each) for name, each in values.items()}
         own = [name for name, each in words.items() if len(each) > 1]
         shared = {name: each[0] for name, each in words.items() if name not in own}
-        if not words or isinstance(self.part.model, Generator) and not isinstance(self.part.model, dc_generator):
+        if not words or (isinstance(self.part.model, Generator) and not isinstance(self.part.model, dc_generator)):
             return
         with told():
             if own:

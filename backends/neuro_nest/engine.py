@@ -15,7 +15,8 @@ from neuro.program import Floats, Ints, Program
 from neuro_nest import kernel
 from neuro_nest.kernel import told
 from neuro_nest.net import Net
-from neuro_nest.tables import READABLE
+from neuro_nest.problems import FINITE, NO_LEAK, has_new_current
+from neuro_nest.tables import UNREADABLE
 from neuro_nest.wires import Wires
 
 _WORDS = {"K_plus": "Kplus"}
@@ -28,6 +29,8 @@ class NestEngine:
         program: the network, of which nothing is refused.
         threads: of NEST.
     """
+
+    unreadable = UNREADABLE
 
     def __init__(self, program: Program, threads: int) -> None:
         self.program, self._threads = program, threads
@@ -69,8 +72,16 @@ class NestEngine:
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Change states and parameters."""
+        part = self.program.populations[population]
         for name in values:
             self._check_shown(population, name)
+        if "amplitude" in values and self.step:
+            raise ModelError(
+                f"amplitude of '{part.name}' cannot change once it runs: NEST's dc_generator acts a step later",
+                hint="one dc_generator for each amplitude, with start and stop, does",
+            )
+        if has_new_current(self.net.cells[population].parameters, values):
+            raise ModelError(f"I_e of '{part.name}' cannot change: {NO_LEAK}", hint=FINITE)
         self.net.cells[population].set(values)
 
     def get_synapses(self, projection: int, name: str) -> Floats:
@@ -82,12 +93,15 @@ class NestEngine:
             self._check_moment(wires, f"'{name}' of '{wires.part.name}'")
         with told():
             values = wires.read(self._nest, self.net.ends(wires), _WORDS.get(name, name), self.net.ranks)
-        return self._faded(wires, values) if name == "K_plus" and not wires.part.synapse.modulated else values
+        if name == "K_plus" and not wires.part.synapse.modulated:
+            return self._faded(wires, values)
+        return values
 
     def _faded(self, wires: Wires, k_plus: Floats) -> Floats:
         """K+ now: NEST's stdp_synapse has it as of the last pre spike."""
         passed = self.step - self.net.records[wires.part.source].sent[wires.source]
-        return k_plus * np.exp(-passed * self.program.resolution / self.net.words(wires)["tau_plus"])
+        faded: Floats = k_plus * np.exp(-passed * self.program.resolution / self.net.words(wires)["tau_plus"])
+        return faded
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model."""
@@ -97,7 +111,7 @@ class NestEngine:
         words = self.net.words(wires)
         with told():
             if wires.part.synapse.modulated:
-                for _, name, _ in wires.copies():
+                for name in wires.models():
                     self._nest.SetDefaults(name, words)
             else:
                 for word, value in words.items():
@@ -117,7 +131,7 @@ class NestEngine:
 
     def _check_shown(self, population: int, name: str) -> None:
         part = self.program.populations[population]
-        if name not in part.parameters and name not in READABLE:
+        if name in UNREADABLE:
             raise ModelError(
                 f"{name} of '{part.name}': NEST neither shows nor sets it between steps",
                 hint="backend 'event' has the same network and shows it",

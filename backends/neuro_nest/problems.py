@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from neuro.backend import Problem, floats_only
-from neuro.neurons import Neuron, dc_generator
-from neuro.program import Population, Program, Projection
-from neuro_nest.tables import NODES, READABLE, SYNAPSE_MODELS, SYNAPSES, TICKS_PER_MS
-from neuro_nest.wires import layers
+from neuro.neurons import dc_generator
+from neuro.program import Floats, Population, Program, Projection
+from neuro_nest.tables import NODES, SYNAPSE_MODELS, SYNAPSES, TICKS_PER_MS, UNREADABLE
 
 ELSEWHERE = "backend 'event' runs it"
+NO_LEAK = "with an infinite tau_m NEST's propagator of a current, tau_m / C_m (1 - exp(-h / tau_m)), is no number"
+FINITE = "use a large tau_m, say 1e6"
 
 
 def problems(program: Program) -> list[Problem]:
@@ -23,8 +24,8 @@ def problems(program: Program) -> list[Problem]:
     found = [*_of_network(program)]
     for index, part in enumerate(program.populations):
         found += _of_population(program, index, part)
-    for part in program.projections:
-        found += _of_projection(part)
+    for projection in program.projections:
+        found += _of_projection(projection)
     return [*found, *_of_copies(program)]
 
 
@@ -43,9 +44,9 @@ def _of_network(program: Program) -> Iterator[Problem]:
     if program.trials is not None:
         yield _refused("trials", "NEST cannot drop what is under way", ELSEWHERE, program.trials)
     for probe in program.probes:
-        if probe.record != "spikes" and probe.record not in READABLE:
+        if probe.record in UNREADABLE:
             what = f"probe '{probe.name}': {probe.record}"
-            yield _refused(what, f"NEST shows {' and '.join(READABLE)} only between steps", "probe V_m", probe)
+            yield _refused(what, "NEST does not show it between steps", "probe V_m", probe)
 
 
 def _of_population(program: Program, index: int, part: Population) -> Iterator[Problem]:
@@ -54,12 +55,20 @@ def _of_population(program: Program, index: int, part: Population) -> Iterator[P
         yield _refused(f"{told}: {part.model.name}", "NEST has no such model", ELSEWHERE, part)
         return
     for name, values in part.initial.items():
-        if name not in READABLE and np.any(values != 0.0) and isinstance(part.model, Neuron):
+        if name in UNREADABLE and np.any(values != 0.0):
             yield _refused(f"{told}: initial {name}", "NEST's starts at 0", ELSEWHERE, part)
-    tau_m = part.parameters.get("tau_m")
-    if tau_m is not None and np.isinf(tau_m).any() and _has_current(program, index, part):
-        why = "NEST's propagator of a current, tau_m / C_m (1 - exp(-h / tau_m)), is then no number"
-        yield _refused(f"{told}: infinite tau_m with a current", why, "use a large tau_m, say 1e6", part)
+    if _without_leak(part.parameters) and _has_current(program, index, part):
+        yield _refused(f"{told}: a current without leak", NO_LEAK, FINITE, part)
+
+
+def _without_leak(parameters: Mapping[str, Floats]) -> bool:
+    return bool(np.isinf(parameters.get("tau_m", 0.0)).any())
+
+
+def has_new_current(before: Mapping[str, Floats], change: Mapping[str, Floats]) -> bool:
+    """Whether a change of parameters gives a current to neurons without leak."""
+    after = {**before, **change}
+    return _without_leak(after) and bool(np.any(after["I_e"] != 0.0))
 
 
 def _has_current(program: Program, index: int, part: Population) -> bool:
@@ -78,15 +87,14 @@ def _of_projection(part: Projection) -> Iterator[Problem]:
 
 
 def _of_copies(program: Program) -> Iterator[Problem]:
-    """Synapses of the same ends, and post neurons with dopamine of their own, take a copy of the model each."""
-    copies = 0
-    for index, part in enumerate(program.projections):
-        source, target, _ = program.synapses(index)
-        deep = int(layers(source, target).max(initial=-1)) + 1
-        copies += deep * (program.populations[part.target].size if part.dopamine_one_to_one else 1)
+    """Every dopamine of its own takes a copy of the synapse model."""
+    modulated = [part for part in program.projections if part.synapse.modulated]
+    copies = sum(program.populations[p.target].size if p.dopamine_one_to_one else 1 for p in modulated)
     if copies > SYNAPSE_MODELS:
-        why = f"NEST would need {copies} copies of synapse models and holds {SYNAPSE_MODELS}"
-        way_out = "connect pairs once (multapses: false), let neurons share dopamine, or use backend 'event'"
-        yield _refused("the network", why, way_out, None)
-
-
+        part = next(p for p in modulated if p.dopamine_one_to_one)
+        yield _refused(
+            f"projection '{part.name}': dopamine_rule = one_to_one",
+            f"the network needs {copies} copies of NEST's synapse model, and NEST holds {SYNAPSE_MODELS}",
+            "write each neuron's dopamine by a signal",
+            part,
+        )

@@ -14,10 +14,11 @@ NODES = {
 }
 """Our models and NEST's. An injector is a node as neurons are: it may be the source of plastic synapses."""
 
-SYNAPSES = {"static": "static_synapse", "stdp": "stdp_synapse", "stdp_dopa": "stdp_dopamine_synapse"}
+SYNAPSES = {"static": "static_synapse_lbl", "stdp": "stdp_synapse_lbl", "stdp_dopa": "stdp_dopamine_synapse_lbl"}
+"""Our models and NEST's, of the kind whose synapses bear a label."""
 
-READABLE = ("V_m", "U_m")
-"""States that NEST shows and sets between two steps; currents it only records, a step late."""
+UNREADABLE = frozenset({"I_syn_ex", "I_syn_in", "dI_syn_ex", "dI_syn_in"})
+"""States that NEST neither shows nor sets between two steps: it records currents, a step late, and slopes not at all."""
 
 TICKS_PER_MS = 1000
 """NEST's clock ticks in microseconds."""
@@ -25,5 +26,5 @@ TICKS_PER_MS = 1000
 ENDLESS = 1e200
 """What stands for an infinite tau_m, with which NEST's propagators are no numbers."""
 
-SYNAPSE_MODELS = 400
+SYNAPSE_MODELS = 430
 """Copies of synapse models that one network may have; NEST 3.10 holds 511, 77 of them its own."""

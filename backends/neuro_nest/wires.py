@@ -1,7 +1,7 @@
 """One projection as connections of NEST, and the order in which NEST lists them.
 
-Synapses between the same two neurons cannot be told apart in NEST. So each of them is of another copy of its
-model; those of post neurons with a dopamine of their own are, too.
+NEST tells synapses by their ends and a label. So the synapses between the same two neurons lie in layers, and
+each layer of a projection has a label of its own.
 """
 
 from __future__ import annotations
@@ -15,6 +15,9 @@ from neuro.clock import Clock
 from neuro.program import Floats, Ints, Program
 from neuro_nest.ranks import Ranks
 from neuro_nest.tables import SYNAPSES
+
+DEEPEST = 1 << 20
+"""Labels that each projection has."""
 
 
 def layers(source: Ints, target: Ints) -> Ints:
@@ -46,8 +49,7 @@ class Wires:
         n_source, self.n_target = (program.populations[i].size for i in (self.part.source, self.part.target))
         self.row_ends = np.searchsorted(self.source, np.arange(n_source + 1))
         self.longest_row = max(1, int(np.diff(self.row_ends).max(initial=0)))
-        layer = layers(self.source, self.target)
-        self._copy = layer * self.n_target + self.target if self.part.dopamine_one_to_one else layer
+        self._layer = layers(self.source, self.target)
 
     def rows(self, sources: Ints) -> tuple[Ints, Ints]:
         """The synapses of some sources, one after the other, and how many each has."""
@@ -55,10 +57,9 @@ class Wires:
         before = np.cumsum(number) - number
         return np.repeat(first - before, number) + np.arange(int(number.sum())), number
 
-    def copies(self) -> Iterator[tuple[int, str, Ints]]:
-        """Number, name and synapses of each copy of the model."""
-        for copy in np.unique(self._copy).tolist():
-            yield copy, f"neuro_{self.index}_{copy}", np.flatnonzero(self._copy == copy)
+    def models(self) -> list[str]:
+        """The copies of its model under dopamine, whose numbers all synapses of a copy share: one for each transmitter."""
+        return [f"neuro_{self.index}_{i}" for i in range(self.n_target if self.part.dopamine_one_to_one else 1)]
 
     def connect(
         self, nest: Any, first: tuple[int, int], clock: Clock, words: Mapping[str, Any], transmitters: Any
@@ -72,20 +73,29 @@ class Wires:
             words: parameters of the synapse model in NEST's words.
             transmitters: of dopamine, one or one for each post neuron; None for other models.
         """
+        model = SYNAPSES[self.part.synapse.name]
+        if transmitters is None:
+            self._connect(nest, first, clock, {"synapse_model": model, **words}, np.arange(len(self.source)))
+            return
+        for post, name in enumerate(self.models()):
+            nest.CopyModel(model, name, {**words, "volume_transmitter": transmitters[post]})
+            mine = self.target == post if self.part.dopamine_one_to_one else np.ones(len(self.target), dtype=bool)
+            self._connect(nest, first, clock, {"synapse_model": name}, np.flatnonzero(mine))
+
+    def _connect(self, nest: Any, first: tuple[int, int], clock: Clock, words: dict[str, Any], among: Ints) -> None:
         weights = np.broadcast_to(self.weights, self.part.size)
-        for copy, name, synapses in self.copies():
-            own = {} if transmitters is None else {"volume_transmitter": transmitters[copy % len(transmitters)]}
-            nest.CopyModel(SYNAPSES[self.part.synapse.name], name, dict(words) | own)
-            nest.Connect(
-                self.source[synapses] + first[0],
-                self.target[synapses] + first[1],
-                "one_to_one",
-                {
-                    "synapse_model": name,
-                    "weight": weights[self.slot[synapses]],
-                    "delay": clock.array_ms(self.delay[synapses]),
-                },
-            )
+        for layer in np.unique(self._layer[among]).tolist():
+            synapses = among[self._layer[among] == layer]
+            own = {
+                "weight": weights[self.slot[synapses]],
+                "delay": clock.array_ms(self.delay[synapses]),
+                "synapse_label": self._label(layer),
+            }
+            ends = (self.source[synapses] + first[0], self.target[synapses] + first[1])
+            nest.Connect(*ends, "one_to_one", words | own)
+
+    def _label(self, layer: int) -> int:
+        return self.index * DEEPEST + layer
 
     def read(self, nest: Any, first: tuple[int, int], word: str, ranks: Ranks) -> Floats:
         """A state of every synapse, in NEST's word for it."""
@@ -102,11 +112,12 @@ class Wires:
                 connections.set({word: values[synapses].tolist()})
 
     def _listed(self, nest: Any, first: tuple[int, int]) -> Iterator[tuple[Any, Ints]]:
-        """The connections of each copy that this process has, and which synapses they are."""
-        for _, name, synapses in self.copies():
-            connections = nest.GetConnections(synapse_model=name)
+        """The connections of each layer that this process has, and which synapses they are."""
+        for layer in range(int(self._layer.max(initial=-1)) + 1):
+            connections = nest.GetConnections(synapse_label=self._label(layer))
             ends = connections.get(["source", "target"]) if len(connections) else {"source": [], "target": []}
             source, target = (np.atleast_1d(np.array(ends[word], dtype=np.int64)) for word in ("source", "target"))
+            synapses = np.flatnonzero(self._layer == layer)
             codes = self.source[synapses] * self.n_target + self.target[synapses]
             wanted = (source - first[0]) * self.n_target + target - first[1]
             yield connections, synapses[np.searchsorted(codes, wanted)]
