@@ -68,12 +68,10 @@ class Cells:
         if name in self.parameters:
             return np.broadcast_to(self.parameters[name], self.part.size).copy()
         here = self.nodes if self._ranks.size == 1 else self._nest.GetLocalNodeCollection(self.nodes)
-        ids = (
-            np.arange(self.part.size) if self._ranks.size == 1 else np.array(here.tolist(), dtype=np.int64) - self.first
-        )
+        told = here.get(["global_id", name]) if len(here) else {"global_id": [], name: []}
+        ids, values = np.atleast_1d(told["global_id"]).astype(np.int64), np.atleast_1d(told[name]).astype(np.float64)
         found: Floats = np.empty(self.part.size)
-        values = np.atleast_1d(np.array(here.get(name), dtype=np.float64)) if len(here) else np.zeros(0)
-        found[self._ranks.gather(ids)] = self._ranks.gather(values)
+        found[self._ranks.gather(ids) - self.first] = self._ranks.gather(values)
         return found
 
     def set(self, values: Mapping[str, Floats]) -> None:

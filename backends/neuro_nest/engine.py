@@ -153,8 +153,8 @@ class NestEngine:
         if self.step % grid:
             ms = self.net.clock.ms
             raise ModelError(
-                f"{what} at {ms(self.step):g} ms: NEST brings synapses under dopamine up to date every {ms(grid):g} ms, "
-                "deliver_interval x the smallest delay: expected a multiple of it",
+                f"{what} at {ms(self.step):g} ms: NEST brings synapses under dopamine up to date every {ms(grid):g} ms "
+                "(deliver_interval x the smallest delay): expected a multiple of it",
                 hint=f"run to {ms(self.step - self.step % grid + grid):g} ms",
             )
 

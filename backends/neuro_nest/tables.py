@@ -18,7 +18,7 @@ SYNAPSES = {"static": "static_synapse_lbl", "stdp": "stdp_synapse_lbl", "stdp_do
 """Our models and NEST's, of the kind whose synapses bear a label."""
 
 UNREADABLE = frozenset({"I_syn_ex", "I_syn_in", "dI_syn_ex", "dI_syn_in"})
-"""States that NEST neither shows nor sets between two steps: it records currents, a step late, and slopes not at all."""
+"""States that NEST neither shows nor sets between two steps: currents it records, a step late, slopes not at all."""
 
 TICKS_PER_MS = 1000
 """NEST's clock ticks in microseconds."""

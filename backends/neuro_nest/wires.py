@@ -58,7 +58,7 @@ class Wires:
         return np.repeat(first - before, number) + np.arange(int(number.sum())), number
 
     def models(self) -> list[str]:
-        """The copies of its model under dopamine, whose numbers all synapses of a copy share: one for each transmitter."""
+        """The copies of its model under dopamine, one for each transmitter; the synapses of a copy share numbers."""
         return [f"neuro_{self.index}_{i}" for i in range(self.n_target if self.part.dopamine_one_to_one else 1)]
 
     def connect(
