@@ -176,7 +176,8 @@ class Backend(Protocol):
 
     A backend that computes in integers says `arithmetic = "integer"`; "float" is taken otherwise.
     A backend that cannot run some cases of `neuro.testing` lists them, with reasons, in an attribute
-    `unsupported: dict[str, str]`.
+    `unsupported: dict[str, str]`. One that does not show some states of neurons names them in an attribute
+    `unreadable: frozenset[str]`; its engine has it, too.
     """
 
     name: str
@@ -198,6 +199,12 @@ class Registers(Protocol):
 
     def synapse_registers(self, projection: int, name: str) -> Ints:
         """A register of every synapse, in the order of the program's weights."""
+
+
+def unreadable(shows: Backend | Engine) -> frozenset[str]:
+    """The states of neurons that a backend or its engine does not show."""
+    names: frozenset[str] = getattr(shows, "unreadable", frozenset())
+    return names
 
 
 def floats_only(program: Program) -> list[Problem]:

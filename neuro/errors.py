@@ -18,7 +18,7 @@ from neuro.hints import nearest
 
 __all__ = ["ModelError", "Where", "here", "nearest", "unknown"]
 
-_PACKAGES = ("neuro", "neuro_chip", "neuro_event", "neuro_reference", "dataclasses", "contextlib")
+_PACKAGES = ("neuro", "neuro_chip", "neuro_event", "neuro_nest", "neuro_reference", "dataclasses", "contextlib")
 
 
 @dataclass(frozen=True, slots=True)

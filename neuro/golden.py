@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import neuro.simulation
-from neuro.backend import Backend
+from neuro.backend import Backend, find, unreadable
 from neuro.clock import Clock
 from neuro.comparison import Comparison, Golden
 from neuro.errors import ModelError
@@ -76,7 +76,8 @@ def _compare_neuron(golden: Golden, backend: str | Backend) -> list[Comparison]:
         else:
             net.population(name, 1, spike_generator(spike_times=[_exact(given["spike_times_ms"], clock)]))
         net.connect(name, "neurons", one_to_one(), weight=given.get("weight", 1.0), delay=given["delay_ms"])
-    recorded = [name for name in arrays if name not in ("times_ms", "spikes_ms")]
+    hidden = unreadable(find(backend) if isinstance(backend, str) else backend)
+    recorded = [name for name in arrays if name not in ("times_ms", "spikes_ms", *hidden)]
     for name in recorded:
         net.probe(name, "neurons", name)
     sim = neuro.simulation.compile(net, backend)

@@ -192,3 +192,33 @@ class Program:
             )
         source = np.repeat(np.arange(n_source, dtype=np.int64), np.diff(part.row_ends))
         return source, part.targets.astype(np.int64)
+
+    def synapses(self, index: int) -> tuple[Ints, Ints, Ints]:
+        """Source, target and place of the weight of every synapse of a projection, sorted by source, then target.
+
+        The synapses of a grid share weights; elsewhere each has its own.
+        """
+        part = self.projections[index]
+        if part.grid is not None:
+            return _spelt_out(part.grid)
+        return (*self.connections(index), np.arange(part.size))
+
+
+def _spelt_out(g: Grid) -> tuple[Ints, Ints, Ints]:
+    """Source, target and weight of every synapse of a grid, sorted by source, then target."""
+    m, r, c, k, i, j = np.meshgrid(
+        np.arange(g.maps),
+        np.arange(g.rows),
+        np.arange(g.columns),
+        np.arange(g.channels),
+        np.arange(g.kernel_height),
+        np.arange(g.kernel_width),
+        indexing="ij",
+    )
+    y, x = r * g.stride + i - g.padding, c * g.stride + j - g.padding
+    inside = (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
+    source = ((k * g.height + y) * g.width + x)[inside]
+    target = ((m * g.rows + r) * g.columns + c)[inside]
+    slot = (((m * g.channels + k) * g.kernel_height + i) * g.kernel_width + j)[inside]
+    order = np.lexsort((target, source))
+    return source[order], target[order], slot[order]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from neuro import changes
-from neuro.backend import Backend, Engine, Problem, Registers, find
+from neuro.backend import Backend, Engine, Problem, Registers, find, unreadable
 from neuro.clock import NEVER, Clock
 from neuro.compiler import compile_network
 from neuro.counts import Counts, Tally
@@ -189,6 +189,11 @@ class Simulation:
             known = [*changes.states(part), *part.parameters]
             raise unknown("parameter or state", what, known).at(None, f"population '{name}'")
         return self._engine.get(index, word)
+
+    def states(self, name: str) -> list[str]:
+        """The states of a population's neurons that this backend shows, in the order of its model."""
+        hidden = unreadable(self._engine)
+        return [word for word in changes.states(self.program.populations[self._population(name)]) if word not in hidden]
 
     def _raw(self, name: str, what: str) -> Any:
         """A register of every neuron or synapse, by its own name or that of what it stands for."""

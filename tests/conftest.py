@@ -1,6 +1,7 @@
 """Fixtures for all tests."""
 
 import signal
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,13 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+@pytest.fixture(scope="session")
+def nest() -> None:
+    """NEST, where there is one: its wheels are for Linux only."""
+    if find_spec("nest") is None:
+        pytest.skip("NEST is not installed: pip install nest-simulator")
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,8 @@ from neuro.testing import CASES, check_case
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("backend", installed())
-def test_conformance(backend: str, name: str):
+def test_conformance(backend: str, name: str, request: pytest.FixtureRequest):
+    if backend == "nest":
+        request.getfixturevalue("nest")
     if reason := check_case(backend, name):
         pytest.xfail(reason)

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.program import Floats, Ints, Program, Projection
+from neuro.program import Floats, Ints, Program
 
 
 class Wires:
@@ -32,11 +32,7 @@ class Wires:
         self.part = part = program.projections[index]
         n_source = program.populations[part.source].size
         self.n_target = program.populations[part.target].size
-        if part.grid is None:
-            self.source, self.target = program.connections(index)
-            self.slot: Ints = np.arange(part.size)
-        else:
-            self.source, self.target, self.slot = _spell_out(part)
+        self.source, self.target, self.slot = program.synapses(index)
         self.delay: Ints = np.broadcast_to(part.delay, len(self.source)).astype(np.int64)
         self.weights: Floats = np.broadcast_to(part.weight, part.size).copy()
         self.row_ends = np.searchsorted(self.source, np.arange(n_source + 1))
@@ -72,25 +68,3 @@ class Wires:
         x, heard = self.due[place].copy(), self.heard[place].copy()
         self.due[place], self.heard[place] = 0.0, False
         return x, heard
-
-
-def _spell_out(part: Projection) -> tuple[Ints, Ints, Ints]:
-    """Source, target and weight of every synapse of a grid, sorted by source, then target."""
-    g = part.grid
-    assert g is not None
-    m, r, c, k, i, j = np.meshgrid(
-        np.arange(g.maps),
-        np.arange(g.rows),
-        np.arange(g.columns),
-        np.arange(g.channels),
-        np.arange(g.kernel_height),
-        np.arange(g.kernel_width),
-        indexing="ij",
-    )
-    y, x = r * g.stride + i - g.padding, c * g.stride + j - g.padding
-    inside = (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
-    source = ((k * g.height + y) * g.width + x)[inside]
-    target = ((m * g.rows + r) * g.columns + c)[inside]
-    slot = (((m * g.channels + k) * g.kernel_height + i) * g.kernel_width + j)[inside]
-    order = np.lexsort((target, source))
-    return source[order], target[order], slot[order]

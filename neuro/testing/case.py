@@ -86,9 +86,8 @@ def observe(sim: Simulation) -> Found:
             times, ids = sim.spikes(name)
             found[f"spikes of {name}: steps"] = np.rint(times / sim.program.resolution).astype(np.int64)
             found[f"spikes of {name}: neurons"] = ids
-        for state in population.model.states:
-            if not state.hidden:
-                found[f"{state.name} of {name}"] = sim.get(name, state.name)
+        for state in sim.states(name):
+            found[f"{state} of {name}"] = sim.get(name, state)
     for projection in sim.program.projections:
         name = projection.name
         found[f"weight of {name}"] = sim.get(name, "weight")

@@ -284,6 +284,8 @@ def learnt_network_runs_alike(start: Start) -> Found:
     """`network()` of a run, compiled again with another seed of its own."""
     sim = start(connected(fixed_indegree(n=4)))
     sim.run(5.0)
-    again = start(sim.network(), seed=1)
+    learnt = sim.network()
+    del sim  # a backend may run one simulation at a time
+    again = start(learnt, seed=1)
     again.run(30.0)
     return observe(again)

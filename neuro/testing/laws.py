@@ -59,12 +59,14 @@ def steered(sim: Simulation, subject: Subject, cuts: tuple[int, ...] = HALVES) -
 @networks_law
 def cutting_does_not_matter(start: Start, subject: Subject) -> tuple[Found, Found]:
     """Running in pieces, with reads between them, gives the same bits as running at once."""
-    whole, pieces = start(subject.make()), start(subject.make())
-    steps(whole, sum(CUTS))
-    for n in CUTS:
-        steps(pieces, n)
-        observe(pieces)
-    return observe(whole), observe(pieces)
+
+    def cut(sim: Simulation, cuts: tuple[int, ...]) -> Found:
+        for n in cuts:
+            steps(sim, n)
+            found = observe(sim)
+        return found
+
+    return cut(start(subject.make()), (sum(CUTS),)), cut(start(subject.make()), CUTS)
 
 
 @networks_law
@@ -77,10 +79,12 @@ def cutting_does_not_matter_when_steered(start: Start, subject: Subject) -> tupl
 @networks_law
 def probes_do_not_matter(start: Start, subject: Subject) -> tuple[Found, Found]:
     """A probe cuts the run at its steps and changes nothing."""
-    plain, other = start(subject.make()), start(_probed(subject))
-    steps(plain, 300)
-    steps(other, 300)
-    return observe(plain), {k: v for k, v in observe(other).items() if not k.startswith("trace")}
+
+    def run(sim: Simulation) -> Found:
+        steps(sim, 300)
+        return {k: v for k, v in observe(sim).items() if not k.startswith("trace")}
+
+    return run(start(subject.make())), run(start(_probed(subject)))
 
 
 def _probed(subject: Subject) -> Network:

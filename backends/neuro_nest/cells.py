@@ -1,0 +1,110 @@
+"""One population as nodes of NEST."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from neuro.clock import NEVER, Clock
+from neuro.neurons import Generator, dc_generator
+from neuro.program import Floats, Population
+from neuro_nest.kernel import told
+from neuro_nest.ranks import Ranks
+from neuro_nest.sources import Train
+from neuro_nest.tables import ENDLESS, NODES
+
+_WITH_E_L = ("V_th", "V_reset", "V_min", "V_m")
+"""What NEST holds relative to E_L: told again with it, so that no rounding moves it."""
+
+
+class Cells:
+    """The nodes of a population and its present parameters.
+
+    Args:
+        nest: the module.
+        part: the population.
+        parameters: by word, shape (1,) or (size,).
+        clock: of the network.
+        ranks: the processes.
+
+    Attributes:
+        first: the number of the first node; the others follow.
+    """
+
+    def __init__(self, nest: Any, part: Population, parameters: dict[str, Floats], clock: Clock, ranks: Ranks) -> None:
+        self.part, self.parameters, self._clock, self._ranks = part, parameters, clock, ranks
+        self._nest = nest
+        self.nodes = nest.Create(NODES[part.model.name], part.size)
+        self.first = int(self.nodes[0].global_id)
+        self._tell(self._first_words())
+
+    def _first_words(self) -> dict[str, Floats]:
+        """All that NEST must know before step 1."""
+        if isinstance(self.part.model, dc_generator):
+            span = {"start": self._clock.ms(self.part.start)}
+            if self.part.stop < NEVER:
+                span["stop"] = self._clock.ms(self.part.stop)
+            return self.parameters | {word: np.array([value]) for word, value in span.items()}
+        if isinstance(self.part.model, Generator):
+            return {}
+        shown = [state.name for state in self.part.model.states if state.name in ("V_m", "U_m")]
+        return self.parameters | {name: self.part.initial[name] for name in shown}
+
+    def emit(self, spikes: Train) -> None:
+        """Let the injectors fire."""
+        ids, begin = np.unique(spikes.ids[np.argsort(spikes.ids, kind="stable")], return_index=True)
+        order = np.argsort(spikes.ids, kind="stable")
+        times = np.split(self._clock.array_ms(spikes.steps[order]), begin[1:])
+        numbers = np.split(spikes.multiplicity[order], begin[1:])
+        if ids.size:
+            self.nodes[ids.tolist()].set(
+                [{"spike_times": t, "spike_multiplicities": m} for t, m in zip(times, numbers, strict=True)]
+            )
+
+    def get(self, name: str) -> Floats:
+        """A state or parameter of every neuron."""
+        if name in self.parameters:
+            return np.broadcast_to(self.parameters[name], self.part.size).copy()
+        here = self.nodes if self._ranks.size == 1 else self._nest.GetLocalNodeCollection(self.nodes)
+        told = here.get(["global_id", name]) if len(here) else {"global_id": [], name: []}
+        ids, values = np.atleast_1d(told["global_id"]).astype(np.int64), np.atleast_1d(told[name]).astype(np.float64)
+        found: Floats = np.empty(self.part.size)
+        found[self._ranks.gather(ids) - self.first] = self._ranks.gather(values)
+        return found
+
+    def set(self, values: Mapping[str, Floats]) -> None:
+        """Change states and parameters, all or none."""
+        old = {name: self.get(name) for name in values}
+        parameters = self.parameters | {name: v.copy() for name, v in values.items() if name in self.parameters}
+        try:
+            self._tell(values)
+        except Exception:
+            self._tell(old)
+            raise
+        self.parameters.update(parameters)
+
+    def _tell(self, values: Mapping[str, Floats]) -> None:
+        if "E_L" in values:
+            values = {n: self.get(n) for n in _WITH_E_L if n in self.parameters or n == "V_m"} | dict(values)
+        words = {name: self._in_words_of_nest(name, each) for name, each in values.items()}
+        own = [name for name, each in words.items() if len(each) > 1]
+        shared = {name: each[0] for name, each in words.items() if name not in own}
+        if not words or (isinstance(self.part.model, Generator) and not isinstance(self.part.model, dc_generator)):
+            return
+        with told():
+            if own:
+                self.nodes.set([shared | {name: words[name][i] for name in own} for i in range(self.part.size)])
+            else:
+                self.nodes.set([shared] * self.part.size)
+
+    def _in_words_of_nest(self, name: str, values: Floats) -> list[Any]:
+        if name == "refractory_input":
+            return [bool(v) for v in values]
+        if name == "tau_m":
+            return [ENDLESS if np.isinf(v) else v for v in values.tolist()]
+        if name == "t_ref":
+            return [self._clock.ms(round(v / self._clock.resolution)) for v in values.tolist()]
+        plain: list[Any] = values.tolist()
+        return plain

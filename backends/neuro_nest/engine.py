@@ -1,0 +1,218 @@
+"""The engine: reading and writing between stretches of NEST's steps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.backend import EngineCounts, Outcome, Spikes, Trial
+from neuro.errors import ModelError
+from neuro.neurons import Neuron
+from neuro.program import Floats, Ints, Program
+from neuro_nest import kernel
+from neuro_nest.kernel import told
+from neuro_nest.net import Net
+from neuro_nest.problems import FINITE, NO_LEAK, has_new_current
+from neuro_nest.tables import UNREADABLE
+from neuro_nest.wires import Wires
+
+_WORDS = {"K_plus": "Kplus"}
+
+
+class NestEngine:
+    """A program in execution; `neuro.backend.Engine` says what each method does.
+
+    Args:
+        program: the network, of which nothing is refused.
+        threads: of NEST.
+    """
+
+    unreadable = UNREADABLE
+
+    def __init__(self, program: Program, threads: int) -> None:
+        self.program, self._threads = program, threads
+        self._nest = kernel.lend(self, program.name)
+        self.net = self._build(
+            [{word: v.copy() for word, v in p.parameters.items()} for p in program.populations],
+            [p.weight for p in program.projections],
+            [p.synapse.vector() for p in program.projections],
+        )
+
+    def _build(self, parameters: list[dict[str, Floats]], weights: list[Floats], rules: list[Floats]) -> Net:
+        return Net(self.program, self._nest, self._threads, parameters, weights, rules)
+
+    @property
+    def step(self) -> int:
+        """The last finished step."""
+        return self.net.step
+
+    def run(self, steps: int) -> None:
+        """Advance."""
+        self.net.run(steps)
+
+    def inject(self, population: int, steps: Ints, ids: Ints) -> None:
+        """Add spikes of a spike_generator."""
+        self.net.sources[population].inject(steps, ids)
+
+    def signal(self, signal: int, values: Floats) -> None:
+        """Set the dopamine of every synapse that listens."""
+        for wires in self.net.wires:
+            if wires.part.signal == signal:
+                self._check_moment(wires, f"signal '{self.program.signals[signal].name}'")
+                self._write(wires, "n", values[wires.target])
+
+    def get(self, population: int, name: str) -> Floats:
+        """A state or parameter of every neuron."""
+        self._check_shown(population, name)
+        with told():
+            return self.net.cells[population].get(name)
+
+    def set(self, population: int, values: Mapping[str, Floats]) -> None:
+        """Change states and parameters."""
+        part = self.program.populations[population]
+        for name in values:
+            self._check_shown(population, name)
+        if "amplitude" in values and self.step:
+            raise ModelError(
+                f"amplitude of '{part.name}' cannot change once it runs: NEST's dc_generator acts a step later",
+                hint="one dc_generator for each amplitude, with start and stop, does",
+            )
+        if has_new_current(self.net.cells[population].parameters, values):
+            raise ModelError(f"I_e of '{part.name}' cannot change: {NO_LEAK}", hint=FINITE)
+        self.net.cells[population].set(values)
+
+    def get_synapses(self, projection: int, name: str) -> Floats:
+        """A state of every synapse."""
+        wires = self.net.wires[projection]
+        if not wires.part.synapse.learns:
+            return np.broadcast_to(wires.weights, wires.part.size).copy()
+        if wires.part.synapse.modulated:
+            self._check_moment(wires, f"'{name}' of '{wires.part.name}'")
+        with told():
+            values = wires.read(self._nest, self.net.ends(wires), _WORDS.get(name, name), self.net.ranks)
+        if name == "K_plus" and not wires.part.synapse.modulated:
+            return self._faded(wires, values)
+        return values
+
+    def _faded(self, wires: Wires, k_plus: Floats) -> Floats:
+        """K+ now: NEST's stdp_synapse has it as of the last pre spike."""
+        passed = self.step - self.net.records[wires.part.source].sent[wires.source]
+        faded: Floats = k_plus * np.exp(-passed * self.program.resolution / self.net.words(wires)["tau_plus"])
+        return faded
+
+    def set_rule(self, projection: int, parameters: Floats) -> None:
+        """Change the numbers of a synapse model."""
+        wires = self.net.wires[projection]
+        self._check_changeable(wires, "the numbers")
+        self.net.rules[projection] = parameters.copy()
+        words = self.net.words(wires)
+        with told():
+            if wires.part.synapse.modulated:
+                for name in wires.models():
+                    self._nest.SetDefaults(name, words)
+            else:
+                for word, value in words.items():
+                    wires.write(self._nest, self.net.ends(wires), word, np.full(len(wires.source), value))
+
+    def set_weights(self, projection: int, weights: Floats) -> None:
+        """Replace all weights."""
+        wires = self.net.wires[projection]
+        if wires.part.synapse.learns:
+            self._check_changeable(wires, "the weights")
+        wires.weights = weights.copy()
+        self._write(wires, "weight", weights[wires.slot])
+
+    def _write(self, wires: Wires, word: str, values: Floats) -> None:
+        with told():
+            wires.write(self._nest, self.net.ends(wires), word, values)
+
+    def _check_shown(self, population: int, name: str) -> None:
+        part = self.program.populations[population]
+        if name in UNREADABLE:
+            raise ModelError(
+                f"{name} of '{part.name}': NEST neither shows nor sets it between steps",
+                hint="backend 'event' has the same network and shows it",
+            )
+
+    def _check_changeable(self, wires: Wires, what: str) -> None:
+        """A change acts from the next step on, on synapses that are up to date."""
+        if wires.part.synapse.modulated:
+            self._check_moment(wires, f"{what} of '{wires.part.name}'")
+        elif self.step:
+            raise ModelError(
+                f"{what} of '{wires.part.name}' cannot change once it runs: NEST's stdp_synapse would apply them to "
+                "post spikes from before, too",
+                hint="change them at time 0, or use backend 'event'",
+            )
+
+    def _check_moment(self, wires: Wires, what: str) -> None:
+        grid = self.net.grid(wires)
+        if self.step % grid:
+            ms = self.net.clock.ms
+            raise ModelError(
+                f"{what} at {ms(self.step):g} ms: NEST brings synapses under dopamine up to date every {ms(grid):g} ms "
+                "(deliver_interval x the smallest delay): expected a multiple of it",
+                hint=f"run to {ms(self.step - self.step % grid + grid):g} ms",
+            )
+
+    def spikes(self, population: int, since: int) -> Spikes:
+        """Recorded spikes after a step."""
+        return self.net.records[population].since(since)
+
+    def forget(self, before: int) -> None:
+        """Drop recorded spikes up to a step."""
+        for record in self.net.records:
+            record.forget(before)
+
+    def counts(self) -> EngineCounts:
+        """Counts since the start or the last reset."""
+        records = self.net.records
+        stepped = np.array([isinstance(p.model, Neuron) for p in self.program.populations])
+        return EngineCounts(
+            steps=self.step,
+            events=tuple(record.events.copy() for record in records),
+            spikes=tuple(record.spikes.copy() for record in records),
+            active=self.net.activity.active * stepped,
+            trial_updates=np.zeros(len(self.program.projections), dtype=np.int64),
+        )
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of NEST's whole process, and of the recorded spikes."""
+        return {
+            "process of NEST": int(self._nest.memory_size) * 1024,
+            "spikes": sum(record.nbytes for record in self.net.records),
+        }
+
+    def reset(self, weights: bool) -> None:
+        """Back to step 0: NEST is built anew."""
+        kept = [self.get_synapses(i, "weight") for i in range(len(self.net.wires))]
+        first = [p.weight for p in self.program.projections]
+        with told():
+            self._nest.ResetKernel()
+        self.net = self._build([c.parameters for c in self.net.cells], first if weights else kept, self.net.rules)
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Refused: NEST cannot write its state."""
+        raise ModelError(
+            "backend 'nest' cannot save: NEST has no way to write or read its state",
+            hint="backend 'event' saves and restores; sim.network() keeps what was learnt",
+        )
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Refused, as `snapshot`."""
+        self.snapshot()
+
+    def present(self, trial: Trial) -> Outcome:
+        """Never called: networks with trials are refused."""
+        raise NotImplementedError
+
+    def learn(self, projection: int, neuron: int, decided: int, won: bool) -> None:
+        """Never called, as `present`."""
+        raise NotImplementedError
+
+    def encourage(self, projection: int, maps: Ints) -> None:
+        """Never called, as `present`."""
+        raise NotImplementedError

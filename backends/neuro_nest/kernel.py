@@ -1,0 +1,85 @@
+"""NEST's kernel: imported in silence, lent to one simulation at a time, its errors told as ours."""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from neuro.errors import ModelError
+from neuro_nest import ranks
+
+INSTALL = "pip install nest-simulator"
+_holder: weakref.ref[Any] = weakref.ref(type("Nobody", (), {})())
+
+
+def load() -> Any:
+    """The module `nest`.
+
+    Raises:
+        ModelError: it is not installed.
+    """
+    if "nest" in sys.modules:
+        return sys.modules["nest"]
+    flags, words, quiet = sys.getdlopenflags(), sys.argv, os.environ.get("PYNEST_QUIET")
+    os.environ["PYNEST_QUIET"] = "1"
+    sys.argv = sys.argv[:1]  # NEST reads the command line
+    try:
+        import nest
+    except ImportError as error:
+        if error.name != "nest":
+            raise ModelError(f"NEST cannot be loaded: {error}", hint=INSTALL) from None
+        raise ModelError("backend 'nest' needs NEST, which is not installed", hint=INSTALL) from None
+    finally:
+        sys.argv = words
+        sys.setdlopenflags(flags)
+        if quiet is None:
+            del os.environ["PYNEST_QUIET"]
+    nest.verbosity = nest.VerbosityLevel.ERROR
+    return nest
+
+
+def lend(holder: Any, name: str) -> Any:
+    """The kernel, empty, for one simulation.
+
+    Args:
+        holder: has it for as long as it lives.
+        name: of its network.
+
+    Raises:
+        ModelError: another simulation lives, NEST is not installed, or it does not fit how this process was started.
+    """
+    global _holder
+    if _alive(holder):
+        gc.collect()
+    other = _alive(holder)
+    if other is not None:
+        raise ModelError(
+            f"backend 'nest' cannot run '{name}' beside '{other.program.name}': a process has one NEST",
+            hint="drop the first simulation (del sim), or run each in a process of its own",
+        )
+    nest = load()
+    ranks.check(nest.build_info["have_mpi"])
+    _holder = weakref.ref(holder)
+    nest.ResetKernel()
+    nest.verbosity = nest.VerbosityLevel.ERROR
+    return nest
+
+
+def _alive(holder: Any) -> Any:
+    other = _holder()
+    return None if other is holder else other
+
+
+@contextmanager
+def told() -> Iterator[None]:
+    """Tell NEST's errors as ours, in its words."""
+    nest = load()
+    try:
+        yield
+    except nest.NESTError as error:
+        raise ModelError(f"NEST: {error}") from None

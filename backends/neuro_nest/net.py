@@ -1,0 +1,146 @@
+"""All parts of a program in NEST, and one stretch of steps."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from neuro.clock import Clock
+from neuro.neurons import Generator, Neuron, dc_generator
+from neuro.program import Floats, Ints, Program
+from neuro_nest.cells import Cells
+from neuro_nest.kernel import told
+from neuro_nest.ranks import Ranks
+from neuro_nest.record import Activity, Record
+from neuro_nest.sources import NONE, Source, Train, train
+from neuro_nest.wires import Wires
+
+LONGEST = 10_000
+"""Steps of a stretch: what injectors hold and the recorder gathers."""
+
+CELLS_AT_ONCE = 1 << 24
+"""Neuron-steps of a stretch."""
+
+
+class Net:
+    """A program in NEST at the step it has reached.
+
+    Args:
+        program: the network.
+        nest: the module, its kernel empty.
+        threads: of NEST.
+        parameters: of each population.
+        weights: of each projection.
+        rules: numbers of the synapse models of each projection.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        nest: Any,
+        threads: int,
+        parameters: list[dict[str, Floats]],
+        weights: list[Floats],
+        rules: list[Floats],
+    ) -> None:
+        self.program, self.nest, self.step = program, nest, 0
+        self.clock = Clock(program.resolution)
+        self.rules = rules
+        with told():
+            nest.local_num_threads = threads
+            nest.set(resolution=program.resolution)
+            self.ranks = Ranks(nest.num_processes, nest.Rank())
+            nest.set(min_delay=program.resolution, max_delay=self.clock.ms(self._longest_delay()))
+            self.cells = [
+                Cells(nest, part, own, self.clock, self.ranks)
+                for part, own in zip(program.populations, parameters, strict=True)
+            ]
+            self.wires = [Wires(program, i, w) for i, w in enumerate(weights)]
+            for wires in self.wires:
+                self._connect(wires)
+            self._recorder = self._record_neurons()
+        self.sources = {
+            index: Source(cells.part, cells.parameters, program.resolution, program.seed)
+            for index, cells in enumerate(self.cells)
+            if isinstance(cells.part.model, Generator) and not self._sends_current(index)
+        }
+        self.records = [Record(p.size, p.records) for p in program.populations]
+        self.activity = Activity(program, [w for w in self.wires if not self._sends_current(w.part.source)])
+        self._stretch = max(1, min(LONGEST, CELLS_AT_ONCE // sum(p.size for p in program.populations)))
+
+    def run(self, steps: int) -> None:
+        """Advance."""
+        end = self.step + steps
+        while self.step < end:
+            self._advance(min(end, self.step + self._stretch))
+
+    def _advance(self, to: int) -> None:
+        trains = [Train(NONE, NONE, NONE)] * len(self.cells)
+        for index, source in self.sources.items():
+            trains[index] = source.emit(self.step, to)
+            with told():
+                self.cells[index].emit(trains[index])
+        with told():
+            self.nest.Simulate(self.clock.ms(to - self.step))
+            senders, steps = self._recorded()
+        for index, cells in enumerate(self.cells):
+            if isinstance(cells.part.model, Neuron):
+                begin, end = np.searchsorted(senders, (cells.first, cells.first + cells.part.size))
+                trains[index] = train(steps[begin:end], senders[begin:end] - cells.first, cells.part.size)
+        for record, spikes in zip(self.records, trains, strict=True):
+            record.add(spikes, to)
+        self.activity.add(trains, self.step, to)
+        self.step = to
+
+    def _recorded(self) -> tuple[Ints, Ints]:
+        """Senders and steps of the spikes of a stretch, by sender."""
+        events = self._recorder.events
+        self._recorder.n_events = 0
+        found = np.stack([np.asarray(events[word]).astype(np.int64) for word in ("senders", "times")], axis=1)
+        found = self.ranks.gather(found)
+        found = found[np.argsort(found[:, 0], kind="stable")]
+        return found[:, 0], found[:, 1]
+
+    def _sends_current(self, population: int) -> bool:
+        return isinstance(self.program.populations[population].model, dc_generator)
+
+    def _longest_delay(self) -> int:
+        longest = [max(int(p.delay.max(initial=1)), p.dopamine_delay) for p in self.program.projections]
+        return max(longest, default=1)
+
+    def _record_neurons(self) -> Any:
+        recorder = self.nest.Create("spike_recorder", params={"time_in_steps": True})
+        for cells in self.cells:
+            if isinstance(cells.part.model, Neuron):
+                self.nest.Connect(cells.nodes, recorder, syn_spec={"delay": self.program.resolution})
+        return recorder
+
+    def _connect(self, wires: Wires) -> None:
+        part = wires.part
+        transmitters = self._transmitters(wires) if part.synapse.modulated else None
+        wires.connect(self.nest, self.ends(wires), self.clock, self.words(wires), transmitters)
+
+    def ends(self, wires: Wires) -> tuple[int, int]:
+        """The first node of source and target."""
+        return self.cells[wires.part.source].first, self.cells[wires.part.target].first
+
+    def words(self, wires: Wires) -> dict[str, float]:
+        """The numbers of a synapse model in NEST's words."""
+        values = zip(wires.part.synapse.numbers(), self.rules[wires.index].tolist(), strict=True)
+        return {word: value for word, value in values if word != "deliver_interval"}
+
+    def grid(self, wires: Wires) -> int:
+        """Steps between the moments at which NEST brings a synapse under dopamine up to date."""
+        return self.program.min_delay * int(wires.part.synapse.parameters()["deliver_interval"])
+
+    def _transmitters(self, wires: Wires) -> Any:
+        """The volume transmitters of a projection, which hear its dopamine."""
+        part = wires.part
+        number = wires.n_target if part.dopamine_one_to_one else 1
+        transmitters = self.nest.Create("volume_transmitter", number, {"deliver_interval": self.grid(wires)})
+        if part.dopamine >= 0:
+            rule = "one_to_one" if part.dopamine_one_to_one else "all_to_all"
+            delay = self.clock.ms(part.dopamine_delay)
+            self.nest.Connect(self.cells[part.dopamine].nodes, transmitters, rule, {"delay": delay})
+        return transmitters

@@ -1,0 +1,100 @@
+"""What NEST cannot run as described, and the way out of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from neuro.backend import Problem, floats_only
+from neuro.neurons import dc_generator
+from neuro.program import Floats, Population, Program, Projection
+from neuro_nest.tables import NODES, SYNAPSE_MODELS, SYNAPSES, TICKS_PER_MS, UNREADABLE
+
+ELSEWHERE = "backend 'event' runs it"
+NO_LEAK = "with an infinite tau_m NEST's propagator of a current, tau_m / C_m (1 - exp(-h / tau_m)), is no number"
+FINITE = "use a large tau_m, say 1e6"
+
+
+def problems(program: Program) -> list[Problem]:
+    """All that is refused."""
+    chips = floats_only(program)
+    if chips:
+        return chips
+    found = [*_of_network(program)]
+    for index, part in enumerate(program.populations):
+        found += _of_population(program, index, part)
+    for projection in program.projections:
+        found += _of_projection(projection)
+    return [*found, *_of_copies(program)]
+
+
+def _refused(what: str, why: str, way_out: str, part: object) -> Problem:
+    return Problem(True, what, why, way_out, getattr(part, "origin", None))
+
+
+def _of_network(program: Program) -> Iterator[Problem]:
+    ticks = program.resolution * TICKS_PER_MS
+    if abs(ticks - round(ticks)) > 1e-9:
+        yield _refused(
+            f"resolution = {program.resolution:g} ms", "NEST's clock ticks in 0.001 ms", "use a multiple of it", None
+        )
+    for group in program.groups:
+        yield _refused(f"group '{group.name}'", "NEST has no winner-take-all", ELSEWHERE, group)
+    if program.trials is not None:
+        yield _refused("trials", "NEST cannot drop what is under way", ELSEWHERE, program.trials)
+    for probe in program.probes:
+        if probe.record in UNREADABLE:
+            what = f"probe '{probe.name}': {probe.record}"
+            yield _refused(what, "NEST does not show it between steps", "probe V_m", probe)
+
+
+def _of_population(program: Program, index: int, part: Population) -> Iterator[Problem]:
+    told = f"population '{part.name}'"
+    if part.model.name not in NODES:
+        yield _refused(f"{told}: {part.model.name}", "NEST has no such model", ELSEWHERE, part)
+        return
+    for name, values in part.initial.items():
+        if name in UNREADABLE and np.any(values != 0.0):
+            yield _refused(f"{told}: initial {name}", "NEST's starts at 0", ELSEWHERE, part)
+    if _without_leak(part.parameters) and _has_current(program, index, part):
+        yield _refused(f"{told}: a current without leak", NO_LEAK, FINITE, part)
+
+
+def _without_leak(parameters: Mapping[str, Floats]) -> bool:
+    return bool(np.isinf(parameters.get("tau_m", 0.0)).any())
+
+
+def has_new_current(before: Mapping[str, Floats], change: Mapping[str, Floats]) -> bool:
+    """Whether a change of parameters gives a current to neurons without leak."""
+    after = {**before, **change}
+    return _without_leak(after) and bool(np.any(after["I_e"] != 0.0))
+
+
+def _has_current(program: Program, index: int, part: Population) -> bool:
+    """Whether more than spikes through delta or exponential synapses drives any of the neurons."""
+    sources = [program.populations[p.source].model for p in program.projections if p.target == index]
+    driven = bool(np.any(part.parameters["I_e"] != 0.0)) or any(isinstance(m, dc_generator) for m in sources)
+    return driven or part.model.name == "iaf_psc_alpha"
+
+
+def _of_projection(part: Projection) -> Iterator[Problem]:
+    told = f"projection '{part.name}'"
+    if part.synapse.name not in SYNAPSES:
+        yield _refused(f"{told}: {part.synapse.name}", "NEST has no such rule", ELSEWHERE, part)
+    elif part.grid is not None and part.synapse.learns:
+        yield _refused(f"{told}: a kernel that learns", "NEST's synapses share no weights", ELSEWHERE, part)
+
+
+def _of_copies(program: Program) -> Iterator[Problem]:
+    """Every dopamine of its own takes a copy of the synapse model."""
+    modulated = [part for part in program.projections if part.synapse.modulated]
+    copies = sum(program.populations[p.target].size if p.dopamine_one_to_one else 1 for p in modulated)
+    if copies > SYNAPSE_MODELS:
+        part = next(p for p in modulated if p.dopamine_one_to_one)
+        yield _refused(
+            f"projection '{part.name}': dopamine_rule = one_to_one",
+            f"the network needs {copies} copies of NEST's synapse model, and NEST holds {SYNAPSE_MODELS}",
+            "write each neuron's dopamine by a signal",
+            part,
+        )

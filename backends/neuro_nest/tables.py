@@ -1,0 +1,30 @@
+"""What NEST calls our models, and what of them it does not show."""
+
+from __future__ import annotations
+
+NODES = {
+    "iaf_psc_delta": "iaf_psc_delta",
+    "iaf_psc_exp": "iaf_psc_exp",
+    "iaf_psc_alpha": "iaf_psc_alpha",
+    "izhikevich": "izhikevich",
+    "parrot_neuron": "parrot_neuron",
+    "poisson_generator": "spike_train_injector",
+    "spike_generator": "spike_train_injector",
+    "dc_generator": "dc_generator",
+}
+"""Our models and NEST's. An injector is a node as neurons are: it may be the source of plastic synapses."""
+
+SYNAPSES = {"static": "static_synapse_lbl", "stdp": "stdp_synapse_lbl", "stdp_dopa": "stdp_dopamine_synapse_lbl"}
+"""Our models and NEST's, of the kind whose synapses bear a label."""
+
+UNREADABLE = frozenset({"I_syn_ex", "I_syn_in", "dI_syn_ex", "dI_syn_in"})
+"""States that NEST neither shows nor sets between two steps: currents it records, a step late, slopes not at all."""
+
+TICKS_PER_MS = 1000
+"""NEST's clock ticks in microseconds."""
+
+ENDLESS = 1e200
+"""What stands for an infinite tau_m, with which NEST's propagators are no numbers."""
+
+SYNAPSE_MODELS = 430
+"""Copies of synapse models that one network may have; NEST 3.10 holds 511, 77 of them its own."""

@@ -1,0 +1,47 @@
+"""The cases of `neuro.testing` that NEST cannot run, each with its reason."""
+
+from __future__ import annotations
+
+_NO_LEAK = "without leak NEST's propagator of a current is no number"
+_CURRENTS = "NEST neither shows nor sets synaptic currents between steps"
+_TRIALS = "NEST has no trials"
+_GROUP = "NEST has no winner-take-all"
+_RULE = "NEST's stdp_synapse applies changed numbers and weights to post spikes from before, too"
+_STATE = "NEST cannot write or read its state"
+_MOMENT = "NEST brings synapses under dopamine up to date at the moments of deliver_interval only"
+
+_LAWS: tuple[str, ...] = (
+    "a_seed_repeats",
+    "seeds_differ",
+    "threads_do_not_matter",
+    "a_reset_repeats",
+    "a_reset_keeps_weights",
+)
+_LAWS += ("another_population_does_not_matter", "counts_follow_from_spikes", "cutting_does_not_matter_when_steered")
+_SAVING = ("a_saved_state_continues", "a_state_saved_after_a_change_continues")
+
+UNSUPPORTED: dict[str, str] = {
+    "exact_refractory_periods": _NO_LEAK,
+    "exact_currents": _NO_LEAK,
+    "alpha_neuron_equal_time_constants": _NO_LEAK,
+    "initial_states": _CURRENTS,
+    "states_and_parameters_change": _CURRENTS,
+    "currents": "NEST's dc_generator acts a step later once it is set",
+    "stdp_changes": _RULE,
+    **dict.fromkeys(("best_of_each_step", "first_to_fire", "exact_best_of_each_step"), _GROUP),
+    **dict.fromkeys((f"{law}_of_fixed_weights" for law in (*_LAWS, *_SAVING)), _GROUP),
+    **dict.fromkeys((f"{law}_of_fixed_weights" for law in ("cutting_does_not_matter", "probes_do_not_matter")), _GROUP),
+    **dict.fromkeys((*_LAWS, *(f"{law}_of_learning" for law in _LAWS)), _RULE),
+    **dict.fromkeys((*_SAVING, *(f"{law}_of_learning" for law in _SAVING)), _STATE),
+    **dict.fromkeys(("cutting_does_not_matter", "probes_do_not_matter"), _MOMENT),
+    **dict.fromkeys(
+        (
+            *("trials_decide", "trials_run_to_their_end", "silent_trials", "rewarded_learning", "rescued_learning"),
+            *("dropout_of_each_trial", "rewarded_learning_with_padding", "rewarded_learning_of_all_pairs"),
+            *("rewarded_learning_with_delays", "rewarded_learning_from_a_layer", "states_that_go_on"),
+            *("exact_decisions", "exact_full_trials", "exact_rewards", "exact_rescue", "exact_growth"),
+            *("saved_trials_continue", "cutting_a_batch_does_not_matter"),
+        ),
+        _TRIALS,
+    ),
+}

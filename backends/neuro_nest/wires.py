@@ -1,0 +1,123 @@
+"""One projection as connections of NEST, and the order in which NEST lists them.
+
+NEST tells synapses by their ends and a label. So the synapses between the same two neurons lie in layers, and
+each layer of a projection has a label of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from neuro.clock import Clock
+from neuro.program import Floats, Ints, Program
+from neuro_nest.ranks import Ranks
+from neuro_nest.tables import SYNAPSES
+
+DEEPEST = 1 << 20
+"""Labels that each projection has."""
+
+
+def layers(source: Ints, target: Ints) -> Ints:
+    """How many synapses of the same ends stand before each; they are sorted by source, then target."""
+    fresh = np.ones(len(source), dtype=bool)
+    fresh[1:] = (source[1:] != source[:-1]) | (target[1:] != target[:-1])
+    starts = np.flatnonzero(fresh)
+    return np.arange(len(source)) - np.repeat(starts, np.diff(np.append(starts, len(source))))
+
+
+class Wires:
+    """The synapses of a projection.
+
+    Args:
+        program: the whole network.
+        index: which projection.
+        weights: all weights, as the program has them.
+
+    Attributes:
+        source, target, slot, delay: of every synapse, by source, then target.
+        row_ends: synapses of source i are row_ends[i] : row_ends[i + 1].
+        weights: of a static projection those in force, else those it began with.
+    """
+
+    def __init__(self, program: Program, index: int, weights: Floats) -> None:
+        self.part, self.index, self.weights = program.projections[index], index, weights
+        self.source, self.target, self.slot = program.synapses(index)
+        self.delay: Ints = np.broadcast_to(self.part.delay, len(self.source)).astype(np.int64)
+        n_source, self.n_target = (program.populations[i].size for i in (self.part.source, self.part.target))
+        self.row_ends = np.searchsorted(self.source, np.arange(n_source + 1))
+        self.longest_row = max(1, int(np.diff(self.row_ends).max(initial=0)))
+        self._layer = layers(self.source, self.target)
+
+    def rows(self, sources: Ints) -> tuple[Ints, Ints]:
+        """The synapses of some sources, one after the other, and how many each has."""
+        first, number = self.row_ends[sources], self.row_ends[sources + 1] - self.row_ends[sources]
+        before = np.cumsum(number) - number
+        return np.repeat(first - before, number) + np.arange(int(number.sum())), number
+
+    def models(self) -> list[str]:
+        """The copies of its model under dopamine, one for each transmitter; the synapses of a copy share numbers."""
+        return [f"neuro_{self.index}_{i}" for i in range(self.n_target if self.part.dopamine_one_to_one else 1)]
+
+    def connect(
+        self, nest: Any, first: tuple[int, int], clock: Clock, words: Mapping[str, Any], transmitters: Any
+    ) -> None:
+        """Make the connections.
+
+        Args:
+            nest: the module.
+            first: the first node of source and target.
+            clock: of the network.
+            words: parameters of the synapse model in NEST's words.
+            transmitters: of dopamine, one or one for each post neuron; None for other models.
+        """
+        model = SYNAPSES[self.part.synapse.name]
+        if transmitters is None:
+            self._connect(nest, first, clock, {"synapse_model": model, **words}, np.arange(len(self.source)))
+            return
+        for post, name in enumerate(self.models()):
+            nest.CopyModel(model, name, {**words, "volume_transmitter": transmitters[post]})
+            mine = self.target == post if self.part.dopamine_one_to_one else np.ones(len(self.target), dtype=bool)
+            self._connect(nest, first, clock, {"synapse_model": name}, np.flatnonzero(mine))
+
+    def _connect(self, nest: Any, first: tuple[int, int], clock: Clock, words: dict[str, Any], among: Ints) -> None:
+        weights = np.broadcast_to(self.weights, self.part.size)
+        for layer in np.unique(self._layer[among]).tolist():
+            synapses = among[self._layer[among] == layer]
+            own = {
+                "weight": weights[self.slot[synapses]],
+                "delay": clock.array_ms(self.delay[synapses]),
+                "synapse_label": self._label(layer),
+            }
+            ends = (self.source[synapses] + first[0], self.target[synapses] + first[1])
+            nest.Connect(*ends, "one_to_one", words | own)
+
+    def _label(self, layer: int) -> int:
+        return self.index * DEEPEST + layer
+
+    def read(self, nest: Any, first: tuple[int, int], word: str, ranks: Ranks) -> Floats:
+        """A state of every synapse, in NEST's word for it."""
+        found: Floats = np.empty(len(self.source))
+        for connections, synapses in self._listed(nest, first):
+            values = np.array(connections.get(word), dtype=np.float64) if len(connections) else np.zeros(0)
+            found[ranks.gather(synapses)] = ranks.gather(np.atleast_1d(values))
+        return found
+
+    def write(self, nest: Any, first: tuple[int, int], word: str, values: Floats) -> None:
+        """Set a state of every synapse."""
+        for connections, synapses in self._listed(nest, first):
+            if len(connections):
+                connections.set({word: values[synapses].tolist()})
+
+    def _listed(self, nest: Any, first: tuple[int, int]) -> Iterator[tuple[Any, Ints]]:
+        """The connections of each layer that this process has, and which synapses they are."""
+        for layer in range(int(self._layer.max(initial=-1)) + 1):
+            connections = nest.GetConnections(synapse_label=self._label(layer))
+            ends = connections.get(["source", "target"]) if len(connections) else {"source": [], "target": []}
+            source, target = (np.atleast_1d(np.array(ends[word], dtype=np.int64)) for word in ("source", "target"))
+            synapses = np.flatnonzero(self._layer == layer)
+            codes = self.source[synapses] * self.n_target + self.target[synapses]
+            wanted = (source - first[0]) * self.n_target + target - first[1]
+            yield connections, synapses[np.searchsorted(codes, wanted)]
