@@ -28,7 +28,7 @@ class Population:
         parameters: by word, shape (1,) where all neurons share it, else (size,).
         initial: states at step 0 by name, likewise.
         spike_steps, spike_ids: a spike_generator's listed spikes, sorted by step, then id.
-        start, stop: a generator emits in steps start < k <= stop.
+        start, stop: a generator emits spikes in steps start < k <= stop, and a current in steps start <= k < stop.
         records: whether its spikes are kept for reading.
     """
 

@@ -164,3 +164,43 @@ def test_a_current_that_starts_at_once_begins_where_nest_begins_it(backend, star
     times, v = sim.trace("V")
     assert times[np.argmax(v[:, 0] > -70.0)] == pytest.approx(first)
     assert v[np.argmax(v[:, 0] > -70.0), 0] + 70.0 == pytest.approx(0.03980067, abs=1e-8)
+
+
+def test_weights_and_amplitudes_of_a_current_act_where_nest_lets_them_act():
+    """NEST 3.10: an amplitude that is set at 1 ms changes V_m first at 2.2 ms, over a delay of 1 ms."""
+    net = neuro.Network("current", resolution=0.1)
+    source = net.population("source", 1, neuro.dc_generator(amplitude=0.0))
+    cells = net.population("cells", 1, neuro.iaf_psc_exp())
+    net.connect(source, cells, neuro.one_to_one(), weight=1.0, delay=1.0, name="wire")
+    net.probe("V", cells, "V_m", every=0.1)
+    seen = []
+    for sim in both(net):
+        sim.run(1.0)
+        sim.set("source", amplitude=200.0)
+        sim.run(2.0)
+        sim.set_weights("wire", 0.5)
+        sim.run(2.0)
+        times, v = sim.trace("V")
+        seen.append(v[:, 0])
+        assert times[np.argmax(v[:, 0] > -70.0)] == pytest.approx(2.2)
+        assert v[np.argmax(v[:, 0] > -70.0), 0] + 70.0 == pytest.approx(0.07960133, abs=1e-8)
+        growth = np.diff(v[:, 0])
+        assert times[1 + np.argmax(growth[25:] < 0.6 * growth[24:-1]) + 25] == pytest.approx(4.2)
+    assert np.array_equal(seen[0], seen[1])
+
+
+def test_a_current_that_is_set_at_every_step_keeps_no_history():
+    net = neuro.Network("current", resolution=0.1)
+    source = net.population("source", 1, neuro.dc_generator(amplitude=0.0))
+    cells = net.population("cells", 1, neuro.iaf_psc_exp(V_th=1e3))
+    net.connect(source, cells, neuro.one_to_one(), weight=1.0, delay=0.5, name="wire")
+    reference, event = both(net)
+    for k in range(100):
+        for sim in (reference, event):
+            sim.set("source", amplitude=float(k % 7) * 100.0)
+            sim.run(0.1)
+    assert event.get("cells", "V_m") == pytest.approx(reference.get("cells", "V_m"), abs=1e-12)
+    event.run(10.0)
+    event.set("source", amplitude=1.0)
+    state = event._engine.snapshot()
+    assert len(state["current.0"]) <= 2

@@ -341,6 +341,8 @@ class EventEngine:
         p, row = self._program.projections[projection], self._a.net["projections"][projection]
         if p.size == 0:
             return
+        if p.source in self._currents:
+            self._currents.set_weights(projection, weights, self._step)
         order = self._a.synapses[projection].order
         inner = weights[order] if order is not None and weights.size > 1 else weights
         if projection in self._a.plastic_of:

@@ -98,7 +98,7 @@ class Cells:
 
     def current(self, step: int) -> Floats | None:
         """Current of each neuron of a dc_generator in a step, or None while it is off."""
-        if not isinstance(self.part.model, dc_generator) or not self.part.start < step <= self.part.stop:
+        if not isinstance(self.part.model, dc_generator) or not self.part.start <= step < self.part.stop:
             return None
         return np.broadcast_to(self.parameters["amplitude"], self.size)
 

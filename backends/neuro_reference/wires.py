@@ -18,7 +18,7 @@ class Wires:
         slot: which weight a synapse has (the weights of a grid are shared).
         weights: all weights.
         row_ends: synapses of source i are row_ends[i] : row_ends[i + 1].
-        due: input that is to arrive, (steps modulo the longest delay + 1, receptor, target).
+        due: input that is to arrive, (steps modulo the longest delay + 2, receptor, target).
         heard: whether anything is to arrive, (steps, target).
 
     Args:
@@ -36,7 +36,7 @@ class Wires:
         self.delay: Ints = np.broadcast_to(part.delay, len(self.source)).astype(np.int64)
         self.weights: Floats = np.broadcast_to(part.weight, part.size).copy()
         self.row_ends = np.searchsorted(self.source, np.arange(n_source + 1))
-        self.slots = int(part.delay.max(initial=1)) + 1
+        self.slots = int(part.delay.max(initial=1)) + 2
         self.start_anew()
 
     def start_anew(self) -> None:
@@ -58,9 +58,9 @@ class Wires:
         self.heard[at, to] = True
 
     def send_current(self, amplitude: Floats, step: int) -> None:
-        """Send a current, emitted in `step`."""
+        """Send a current, emitted in `step`; it acts in the step after its arrival."""
         amount = amplitude[self.source] * self.weights[self.slot]
-        np.add.at(self.due[:, 0], ((step + self.delay) % self.slots, self.target), amount)
+        np.add.at(self.due[:, 0], ((step + self.delay + 1) % self.slots, self.target), amount)
 
     def arrive(self, step: int) -> tuple[Floats, NDArray[np.bool_]]:
         """Take what arrives in a step: the input (receptor, target) and which targets hear something."""

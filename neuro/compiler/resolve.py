@@ -83,8 +83,6 @@ def _population(net: Network, part: Population, shape: Shape, clock: Clock, seed
         check_values(model, parameters, clock)
         if isinstance(model, (poisson_generator, dc_generator)):
             start, stop = clock.step(model.start, f"{model.name}.start"), clock.step(model.stop, f"{model.name}.stop")
-        if isinstance(model, dc_generator):
-            start = max(start, 1)  # NEST emits no current in its first step
         steps, ids = _listed_spikes(model, clock)
     return resolved.Population(
         name=part.name,

@@ -7,6 +7,7 @@ event backend itself, with a few last places moved, then gives other spikes or w
 from __future__ import annotations
 
 import os
+import traceback
 
 import pytest
 from hypothesis import HealthCheck, event, given, note, seed, settings
@@ -31,7 +32,11 @@ def start(scenario: Scenario, backend: str = "event") -> Simulation:
 
 
 def readings(scenario: Scenario, backend: str) -> list[Found]:
-    return [read(sim) for sim in scenario.play(start(scenario, backend))]
+    try:
+        return [read(sim) for sim in scenario.play(start(scenario, backend))]
+    except neuro.ModelError as error:
+        traceback.clear_frames(error.__traceback__)  # a process has one NEST: let go of it
+        raise
 
 
 def check(scenario: Scenario) -> None:
