@@ -17,6 +17,9 @@ from neuro.program import Floats, Population
 
 V_LIMIT = 2**23 - 1
 U_LIMIT = 2**23
+INPUT_LIMIT = 2**21
+"""What arrives in one step wraps as a two's complement of 22 bits (nengo-loihi 1.1)."""
+
 VTH_LIMIT = 2**17 - 1
 BIAS_MANTISSA = 4095
 BIAS_EXPONENT = 7
