@@ -23,7 +23,7 @@ from neuro.neurons import iaf_psc_delta
 from neuro.program import Floats
 
 COMFORT = 2.0**21
-"""The threshold that automatic scales stay below: a step's input as large fits, and u has a factor 4 before it wraps."""
+"""The threshold that automatic scales stay below: a step's input may be as large, and u four times so."""
 
 FINE = 2.0**17
 """Units that a scale with room keeps for the threshold; half as many, the power of two below, are 1024 steps of 64."""
