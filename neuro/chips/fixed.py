@@ -131,7 +131,8 @@ class FixedProjection:
 
     def acting(self, words: Words) -> Floats:
         """What words send, in the unit of the language: less than their mantissas where bits were lost."""
-        return self.weights(words * 2.0**-self.exponent)
+        in_mantissas: Floats = words * 2.0**-self.exponent
+        return self.weights(in_mantissas)
 
     def exact(self, weights: Floats) -> Floats:
         """Weights in units of a mantissa, before rounding."""

@@ -21,9 +21,10 @@ def wired(weight, **registers):
 def test_a_weight_that_the_exponent_shifts_to_nothing_is_told():
     with pytest.warns(neuro.ApproximationWarning) as told:
         sim = neuro.compile(wired(254.0, weight_exp=-8), backend="loihi")
-    texts = [str(warning.message).split("\n") for warning in told]
-    zeroed = "100.0% of the weights other than 0 become 0"
-    assert zeroed in texts[0][0] and texts[0][-1] == "  hint: use a larger weight_exp"
+    assert [str(warning.message).split(": ", 2)[2] for warning in told] == [
+        "projection 'p': 100.0% of the weights other than 0 become 0\n  hint: use a larger weight_exp",
+        "projection 'p': 100.0% is the rms error of the weights\n  hint: use a larger weight_exp",
+    ]
     assert sim.get("p", "weight").tolist() == [0.0]
     assert sim.get("p", "weight", raw=True).tolist() == [254]
 
