@@ -131,8 +131,7 @@ class FixedProjection:
 
     def acting(self, words: Words) -> Floats:
         """What words send, in the unit of the language: less than their mantissas where bits were lost."""
-        in_mantissas: Floats = words * 2.0**-self.exponent
-        return self.weights(in_mantissas)
+        return self.weights(words.astype(np.float64) * 2.0**-self.exponent)
 
     def exact(self, weights: Floats) -> Floats:
         """Weights in units of a mantissa, before rounding."""
