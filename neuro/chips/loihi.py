@@ -34,6 +34,7 @@ from neuro.chips.loihi_words import (
     BIAS_EXPONENT,
     BIAS_MANTISSA,
     REFRACTORY_LIMIT,
+    V_LIMIT,
     VTH_LIMIT,
     bounds,
     fixed_projection,
@@ -46,7 +47,10 @@ from neuro.chips.parts import Inputs, Options, one_kernel, refused
 from neuro.neurons import Neuron, iaf_psc_delta, iaf_psc_exp
 from neuro.program import Floats, Ints
 
-__all__ = ["native", "native_projection", "population", "relay_projection", "runs", "word"]
+__all__ = ["STATE_LIMIT", "native", "native_projection", "population", "relay_projection", "runs", "word"]
+
+STATE_LIMIT = V_LIMIT
+"""The largest initial v and u in registers."""
 
 
 def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
