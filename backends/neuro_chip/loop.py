@@ -16,6 +16,7 @@ from neuro_chip.tables import (
     CLOSED,
     CURRENT,
     DECIDED,
+    DRIVE_WRAPS,
     EMITTED,
     END,
     EXC_SHIFT,
@@ -23,6 +24,7 @@ from neuro_chip.tables import (
     GROUP,
     HEARD,
     INH_SHIFT,
+    INPUT_WRAPS,
     KIND,
     LATE,
     LISTED,
@@ -106,7 +108,7 @@ def update(net, pop, row, step):
     exc, inh = net.ring[begin : begin + n], net.ring[below : below + n]
     v, hold, fired = net.v[lo:hi], net.hold[lo:hi], net.fired[lo:hi]
     if row[KIND] == LOIHI:
-        wraps, clips = step_loihi(
+        inputs, currents, drives, clips = step_loihi(
             net.ring[begin : begin + n],
             v,
             net.u[lo:hi],
@@ -117,7 +119,9 @@ def update(net, pop, row, step):
             net.bias[lo:hi],
             fired,
         )
-        net.native[pop, WRAPS] += wraps
+        net.native[pop, INPUT_WRAPS] += inputs
+        net.native[pop, WRAPS] += currents
+        net.native[pop, DRIVE_WRAPS] += drives
         net.native[pop, CLIPS] += clips
     elif row[KIND] == SPINNAKER:
         saturated, wraps = step_spinnaker(

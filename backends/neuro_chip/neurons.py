@@ -7,7 +7,8 @@ from neuro.kernels.jit import inner
 
 i32 = np.int32
 V_LIMIT = i32(2**23 - 1)
-ZERO, ONE, SIX, EIGHT, TWELVE, LOW, SIGN = i32(0), i32(1), i32(6), i32(8), i32(12), i32(4095), i32(31)
+ZERO, ONE, SIX, EIGHT, TWELVE, SIXTEEN = i32(0), i32(1), i32(6), i32(8), i32(12), i32(16)
+LOW, SIGN = i32(4095), i32(31)
 SLOT = i32(65535)
 FIFTEEN, THIRTY_TWO = np.int64(15), np.int64(32)
 
@@ -27,17 +28,26 @@ def kept(value, share):
 
 @inner
 def step_loihi(x, v, u, hold, keep_u, keep_v, threshold, bias, fired):
-    """Loihi 1's compartments; return how many currents wrapped and voltages were clipped."""
-    wraps = ZERO
+    """Loihi 1's compartments; return how many inputs, currents and drives wrapped and voltages were clipped.
+
+    The input of a step is kept in units of 64, so that its 22 bits are 16 of x; u and u + bias have 24.
+    """
+    inputs = ZERO
+    currents = ZERO
+    drives = ZERO
     clips = ZERO
     for i in range(v.size):
-        full = i32(kept(u[i], keep_u[i]) + i32(x[i] << SIX))
+        arrived = i32(i32(x[i] << SIXTEEN) >> SIXTEEN)
+        full = i32(kept(u[i], keep_u[i]) + i32(arrived << SIX))
         now = i32(i32(full << EIGHT) >> EIGHT)
-        w = i32(i32(kept(v[i], keep_v[i]) + now) + bias[i])
+        driven = i32(now + bias[i])
+        drive = i32(i32(driven << EIGHT) >> EIGHT)
+        w = i32(kept(v[i], keep_v[i]) + drive)
         clipped = i32(min(max(w, i32(-V_LIMIT)), V_LIMIT))
         free = i32(hold[i] == ZERO)
-        lost = i32(i32(i32(x[i] << SIX) >> SIX) != x[i])
-        wraps = i32(wraps + i32(i32(now != full) | lost))
+        inputs = i32(inputs + i32(arrived != x[i]))
+        currents = i32(currents + i32(now != full))
+        drives = i32(drives + i32(drive != driven))
         clips = i32(clips + i32(free & i32(clipped != w)))
         clipped = i32(clipped * free)
         x[i] = ZERO
@@ -45,7 +55,7 @@ def step_loihi(x, v, u, hold, keep_u, keep_v, threshold, bias, fired):
         v[i] = clipped
         hold[i] = i32(hold[i] - i32(ONE - free))
         fired[i] = np.uint8(free & i32(clipped > threshold[i]))
-    return wraps, clips
+    return inputs, currents, drives, clips
 
 
 @inner
@@ -75,8 +85,10 @@ def step_spinnaker(exc, inh, v, g_exc, g_inh, hold, r, first, shift_exc, shift_i
         slot_inh = np.int64(min(inh[k], SLOT)) << shift_inh
         exc[k] = 0
         inh[k] = 0
-        ge = i32(decayed(g_exc[k], r.exc_decay[i]) + decayed(slot_exc, r.exc_init[i]))
-        gi = i32(decayed(g_inh[k], r.inh_decay[i]) + decayed(slot_inh, r.inh_init[i]))
+        full_exc = decayed(g_exc[k], r.exc_decay[i]) + decayed(slot_exc, r.exc_init[i])
+        full_inh = decayed(g_inh[k], r.inh_decay[i]) + decayed(slot_inh, r.inh_init[i])
+        ge, gi = i32(full_exc), i32(full_inh)
+        wraps += (ge != full_exc) | (gi != full_inh)
         g_exc[k] = ge
         g_inh[k] = gi
         fired[k] = 0

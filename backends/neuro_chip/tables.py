@@ -57,5 +57,5 @@ POPULATION, FIRST_TO_FIRE, CLOSED, WINNER, DECIDED, GROUP_COLUMNS = range(6)
 STEP, RECORDED, EMITTED, STOP_GROUP, CLOCK_COLUMNS = range(5)
 
 # overflows and what else only chips count, per population
-WRAPS, CLIPS, SATURATIONS, MERGED, NATIVE_COLUMNS = range(5)
-NATIVE = ("current wraps", "voltage clips", "slot saturations", "merged spikes")
+INPUT_WRAPS, WRAPS, DRIVE_WRAPS, CLIPS, SATURATIONS, MERGED, NATIVE_COLUMNS = range(7)
+NATIVE = ("input wraps", "current wraps", "drive wraps", "voltage clips", "slot saturations", "merged spikes")

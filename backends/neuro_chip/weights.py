@@ -52,12 +52,18 @@ class Weights:
         return wires
 
     def read(self, index: int, learnt: Words | None = None) -> Floats:
-        """The weight of every synapse in the unit of the language; `learnt` are mantissas that are not sent yet."""
+        """What every synapse sends in the unit of the language; `learnt` are mantissas that are not sent yet."""
         part, wires = self._program.projections[index], self.wires[index]
         if wires is None:
             return np.broadcast_to(part.weight, part.size).copy()
         mantissas = self.mantissas[index] if learnt is None else learnt
-        return np.broadcast_to(wires.weights(mantissas), part.size).copy()
+        return np.broadcast_to(wires.acting(self._words(wires, mantissas)), part.size).copy()
+
+    def _words(self, wires: FixedProjection, mantissas: Words) -> Words:
+        """What the loop adds for some mantissas."""
+        if self._chip != "loihi":
+            return mantissas
+        return word(mantissas, wires.exponent, wires.bits, wires.sign_mode == "mixed")
 
     def raw(self, index: int) -> Ints:
         """The mantissa of every synapse."""
@@ -86,10 +92,12 @@ class Weights:
         part, wires = self._program.projections[index], self.wires[index]
         if wires is None:
             raise ModelError(f"weights of '{part.name}', which carries a current, are fixed on a chip")
+        mantissas = _nearest(wires, weights)
+        own = wires.acting(self._words(wires, mantissas)) == weights  # what was read can be written
         exact = wires.exact(weights)
         if wires.native:
-            self._check_native(part.name, wires, weights)
-        bad = np.flatnonzero((exact > wires.high + 0.5) | (exact < wires.low - 0.5))
+            self._check_native(part.name, wires, weights, own)
+        bad = np.flatnonzero(~own & ((exact > wires.high + 0.5) | (exact < wires.low - 0.5)))
         if bad.size:
             low, high = wires.weights(np.array([wires.low, wires.high], dtype=np.int32))[[0, -1]]
             raise ModelError(
@@ -98,12 +106,13 @@ class Weights:
                 hint="describe the network with its largest weights",
             )
         self._told[index] = weights.copy()
-        self.put(index, _nearest(wires, weights))
+        self.put(index, mantissas)
         self.writes += part.size
 
-    def _check_native(self, name: str, wires: FixedProjection, weights: Floats) -> None:
-        """Refuse what is no mantissa, as where it is described."""
-        bad = np.flatnonzero((weights != np.rint(weights)) | (weights < wires.low) | (weights > wires.high))
+    def _check_native(self, name: str, wires: FixedProjection, weights: Floats, own: NDArray[np.bool_]) -> None:
+        """Refuse what is no mantissa, as where it is described; `own` marks what a mantissa sends."""
+        whole = weights == np.rint(weights)
+        bad = np.flatnonzero(~own & ~(whole & (weights >= wires.low) & (weights <= wires.high)))
         if bad.size:
             raise ModelError(
                 f"weights of '{name}': weight[{bad[0]}] = {weights[bad[0]]:g}: "
@@ -118,9 +127,7 @@ class Weights:
     def write(self, index: int) -> None:
         """Let the loop send what the mantissas are now."""
         wires, mantissas = self._wires(index), self.mantissas[index]
-        words = mantissas
-        if self._chip == "loihi":
-            words = word(mantissas, wires.exponent, wires.bits, wires.sign_mode == "mixed")
+        words = self._words(wires, mantissas)
         row = self._a["projections"][index]
         if row[t.WORD_STRIDE]:
             words = np.broadcast_to(words, self._program.projections[index].size)

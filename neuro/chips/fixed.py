@@ -124,10 +124,14 @@ class FixedProjection:
     native: bool = False
     rounding: WeightRounding = WeightRounding(0.0, 0.0, 0.0, 0.0)
 
-    def weights(self, mantissas: Words) -> Floats:
+    def weights(self, mantissas: Words | Floats) -> Floats:
         """What mantissas stand for, in the unit of the language."""
         steps: Floats = np.where(mantissas < 0, self.step_below, self.step)
         return mantissas * steps
+
+    def acting(self, words: Words) -> Floats:
+        """What words send, in the unit of the language: less than their mantissas where bits were lost."""
+        return self.weights(words.astype(np.float64) * 2.0**-self.exponent)
 
     def exact(self, weights: Floats) -> Floats:
         """Weights in units of a mantissa, before rounding."""

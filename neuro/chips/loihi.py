@@ -17,8 +17,8 @@ constant current (exact integration, `neuro.neurons.propagators`):
 
 Source: Davies et al., IEEE Micro 38(1):82, 2018; traces of lava 0.10, nengo-loihi 1.1 and Brian2Loihi 0.5.2. Where
 these differ: each weight is shifted, not the sum of a step, and mantissas lose their lowest bits towards 0 (as in
-Brian2Loihi, which reports a match with the chip); u wraps as a 24-bit two's complement and v is clipped (as in lava
-and nengo-loihi).
+Brian2Loihi, which reports a match with the chip); the sum of a step wraps as a two's complement of 22 bits, u and
+u + bias as one of 24, and v is clipped (as in nengo-loihi, whose sums are held to the chip by its own tests).
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from neuro.chips.loihi_words import (
     BIAS_EXPONENT,
     BIAS_MANTISSA,
     REFRACTORY_LIMIT,
+    V_LIMIT,
     VTH_LIMIT,
     bounds,
     fixed_projection,
@@ -46,7 +47,10 @@ from neuro.chips.parts import Inputs, Options, one_kernel, refused
 from neuro.neurons import Neuron, iaf_psc_delta, iaf_psc_exp
 from neuro.program import Floats, Ints
 
-__all__ = ["native", "native_projection", "population", "relay_projection", "runs", "word"]
+__all__ = ["STATE_LIMIT", "native", "native_projection", "population", "relay_projection", "runs", "word"]
+
+STATE_LIMIT = V_LIMIT
+"""The largest initial v and u in registers."""
 
 
 def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:

@@ -10,6 +10,7 @@ from neuro.chips import scales
 from neuro.chips.loihi_words import (
     BIAS_EXPONENT,
     BIAS_MANTISSA,
+    INPUT_LIMIT,
     U_LIMIT,
     V_LIMIT,
     VTH_LIMIT,
@@ -22,7 +23,7 @@ from neuro.neurons import iaf_psc_delta
 from neuro.program import Floats
 
 COMFORT = 2.0**21
-"""The threshold that automatic scales stay below, so that u has a factor 4 before it wraps."""
+"""The threshold that automatic scales stay below: a step's input may be as large, and u four times so."""
 
 FINE = 2.0**17
 """Units that a scale with room keeps for the threshold; half as many, the power of two below, are 1024 steps of 64."""
@@ -106,10 +107,11 @@ def ceilings(d: Described) -> tuple[float, float]:
     return min(COMFORT / distance, others), min(64.0 * VTH_LIMIT / distance, others)
 
 
-def calm(inputs: Inputs, d: Described) -> float:
-    """The scale at which all synapses of a neuron may be active in every step and u does not wrap.
+def calm(inputs: Inputs, d: Described) -> tuple[float, float]:
+    """The scale at which all synapses of a neuron may be active in every step and neither their sum nor u wraps.
 
-    It stays so large that the threshold and the truncation of decays are off by no more than 0.1 %.
+    Returns:
+        it, and the same made so large that the threshold and the truncation of decays are off by no more than 0.1 %.
     """
     total = 0.0
     for sign in (1.0, -1.0):
@@ -121,10 +123,11 @@ def calm(inputs: Inputs, d: Described) -> float:
                 weight = np.full(1, max(0.0, float((sign * inputs.range_of(index)).max(initial=0.0))))
             arriving += converging(inputs, index, weight)
         total = max(total, _largest(arriving) * float(d.gain.max()))
-    total /= 1.0 - float(min(d.fade.max(), 1.0 - 2.0**-12))
+    summed = total / (1.0 - float(min(d.fade.max(), 1.0 - 2.0**-12)))
+    room = min((INPUT_LIMIT - 1) / total, (U_LIMIT - 1) / summed) * SPARE
     lost = 1.0 - np.concatenate((d.leak, d.fade))
     fine = max(FINE, 1000.0 / float(lost[lost > 0.0].min(initial=1.0)))
-    return max((U_LIMIT - 1) * SPARE / total, fine / _largest(d.distance))
+    return room, max(room, fine / _largest(d.distance))
 
 
 def _largest(values: Floats) -> float:
@@ -137,7 +140,7 @@ def choose_scale(inputs: Inputs, d: Described) -> float:
 
     Candidates let the largest weight of the strongest projection have the mantissas 129..256; powers of two change no
     mantissa, so the largest allowed one is taken. Where weights learn in pairs, the largest that they may reach is the
-    largest mantissa, at which the chip stops, too. Of two that lose the same, the one that keeps u from wrapping.
+    largest mantissa, at which the chip stops, too. Of two that lose the same, the one that keeps sums from wrapping.
     """
     cap, hard = ceilings(d)
     values = [(index, scales.sample(gained(inputs, index, d))) for index in inputs.spikes]
@@ -147,21 +150,22 @@ def choose_scale(inputs: Inputs, d: Described) -> float:
     strongest = max(_largest(v) for _, v in values)
     word_cap = 64.0 * WORD_LIMIT / strongest * SPARE
     cap, hard = min(cap, word_cap), min(hard, word_cap)
-    largest, lost = _search(inputs, d, values, cap, hard)
-    quiet = calm(inputs, d)
+    largest, lost = _search(inputs, d, values, cap, hard, np.inf)
+    room, quiet = calm(inputs, d)
     if quiet < cap:
-        smaller, lost_too = _search(inputs, d, values, quiet, hard)
+        smaller, lost_too = _search(inputs, d, values, quiet, hard, room)
         if lost_too <= lost * (1.0 + 1e-9):
             return smaller
     return largest
 
 
 def _search(
-    inputs: Inputs, d: Described, values: list[tuple[int, Floats]], cap: float, hard: float
+    inputs: Inputs, d: Described, values: list[tuple[int, Floats]], cap: float, hard: float, room: float
 ) -> tuple[float, float]:
     """The largest of the scales up to `cap` that lose least, at most `hard`; and what it loses.
 
-    Of those that lose the same of the weights the ones that lose least of the constant drive and the threshold.
+    Of those that lose the same of the weights the ones that lose least of the constant drive and the threshold; where
+    all of these are above `room`, the smallest.
     """
     plastic = [(index, v) for index, v in values if inputs.program.projections[index].synapse.learns == "pairs"]
     peak = max(_largest(v) for _, v in plastic or values)
@@ -178,7 +182,9 @@ def _search(
     least = float(lost.min())
     equal = tried[lost <= least * (1.0 + 1e-9)]
     rest = _misfit(equal, d)
-    return float(equal[rest <= rest.min()].max()), least
+    best = equal[rest <= rest.min()]
+    roomy = best[best <= room]
+    return float(roomy.max() if roomy.size else best.min()), least
 
 
 def _misfit(volts: Floats, d: Described) -> Floats:

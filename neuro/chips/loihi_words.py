@@ -17,6 +17,9 @@ from neuro.program import Floats, Population
 
 V_LIMIT = 2**23 - 1
 U_LIMIT = 2**23
+INPUT_LIMIT = 2**21
+"""What arrives in one step wraps as a two's complement of 22 bits (nengo-loihi 1.1)."""
+
 VTH_LIMIT = 2**17 - 1
 BIAS_MANTISSA = 4095
 BIAS_EXPONENT = 7
@@ -82,8 +85,8 @@ def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list
         why = f"a mantissa in sign mode {mode} is a whole number from {first} to {last}"
         problems.append(refused(part.origin, what, why, "raise weight_exp and lower the mantissas"))
     asked: Words = np.clip(np.rint(part.weight), first, last).astype(np.int32)
-    kept = dropped(asked, bits, mode == "mixed")
-    found = scales.judged(asked.astype(np.float64), kept, 1.0, low, high)
+    sent: Floats = word(asked, exponent, bits, mode == "mixed") * 2.0**-exponent
+    found = scales.judged(asked.astype(np.float64), sent, 1.0, low, high)
     delay = (part.delay - 1).astype(np.int32)
     fixed = fixed_projection(part.name, asked, exponent, mode, bits, np.ones(1), delay, found)
     return replace(fixed, low=first, high=last, grain=1, native=True), problems

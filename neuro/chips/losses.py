@@ -10,6 +10,7 @@ import numpy as np
 from neuro.backend import Problem
 from neuro.chips.chip import Chip
 from neuro.chips.fixed import FixedPopulation, FixedProjection
+from neuro.chips.loihi_words import grain_of
 from neuro.chips.parts import approximated, refused
 from neuro.neurons import poisson_generator
 from neuro.program import Program
@@ -77,7 +78,16 @@ def losses(
             value, limit = getattr(fixed.rounding, name), LIMITS[name]
             if value > limit.share:
                 what = f"projection '{projection.name}'"
-                yield approximated(projection.origin, what, f"{value:.1%} {limit.told}", limit.way_out)
+                way_out = _in_registers(fixed) if fixed.native else limit.way_out
+                yield approximated(projection.origin, what, f"{value:.1%} {limit.told}", way_out)
+
+
+def _in_registers(fixed: FixedProjection) -> str:
+    """How mantissas that are set by hand lose nothing to the shift of the exponent and to the bits of the memory."""
+    grain = max(grain_of(fixed.bits, fixed.sign_mode == "mixed"), 2 ** max(0, -fixed.exponent))
+    ways = [f"use mantissas that are multiples of {grain}"] if grain <= fixed.high else []
+    ways += ["use a larger weight_exp"] if fixed.exponent < 0 else []
+    return ", or ".join(ways)
 
 
 def merged(program: Program, chip: Chip) -> Iterator[Problem]:

@@ -24,7 +24,7 @@ from neuro.chips.losses import LIMITS, losses, merged
 from neuro.chips.parts import Inputs, Options, approximated, refused
 from neuro.errors import ModelError
 from neuro.neurons import Neuron, dc_generator, iaf_psc_delta, parrot_neuron, poisson_generator, spike_generator
-from neuro.program import Floats, Program
+from neuro.program import Floats, Population, Program
 
 __all__ = ["ARITHMETIC", "LIMITS", "quantise", "requantise", "rules_run"]
 
@@ -93,7 +93,7 @@ def _population(
         for index in inputs.spikes:
             found[index], told = rules.native_projection(inputs, index)
             problems += told
-        return rules.native(part), found, problems + _no_current(inputs)
+        return rules.native(part), found, [*problems, *_no_current(inputs), *_no_register(part, rules.STATE_LIMIT)]
     if isinstance(part.model, parrot_neuron):
         relays = {index: rules.relay_projection(inputs, index) for index in inputs.spikes}
         return FixedPopulation(part.name, "relay"), relays, []
@@ -123,6 +123,16 @@ def _no_current(inputs: Inputs) -> list[Problem]:
     found = [inputs.program.projections[index] for index in inputs.currents]
     why = "neurons described in registers take no current in pA"
     return [refused(p.origin, f"projection '{p.name}': a current", why, "set a bias or offset register") for p in found]
+
+
+def _no_register(part: Population, limit: int) -> Iterator[Problem]:
+    """Initial states that no state register holds."""
+    for name, values in part.initial.items():
+        bad = np.flatnonzero((values != np.rint(values)) | (np.abs(values) > limit))
+        if bad.size:
+            what = f"population '{part.name}': {name} = {values[bad[0]]:.10g} at step 0"
+            why = f"a state register holds whole numbers from -{limit} to {limit}"
+            yield refused(part.origin, what, why, "begin with one of these")
 
 
 def _delays(program: Program, chip: Chip, wires: tuple[FixedProjection | None, ...]) -> Iterator[Problem]:

@@ -25,7 +25,10 @@ from neuro.chips.spinnaker_limits import FRACTION, LARGEST, LARGEST_SHIFT, ONE, 
 from neuro.neurons import iaf_psc_delta
 from neuro.program import Floats, Ints, Population
 
-__all__ = ["native", "native_projection", "population", "relay_projection"]
+__all__ = ["STATE_LIMIT", "native", "native_projection", "population", "relay_projection"]
+
+STATE_LIMIT = LARGEST
+"""The largest initial v and g in registers."""
 
 FINE = 256
 """Steps that the largest weight keeps although a slot might then saturate."""

@@ -76,7 +76,7 @@ def rounded(fixed: FixedProgram, index: int) -> Floats | None:
     part = fixed.projections[index]
     if part is None:
         return None
-    return np.broadcast_to(part.weights(part.mantissas), (fixed.program.projections[index].size,))
+    return np.broadcast_to(part.acting(part.words), (fixed.program.projections[index].size,))
 
 
 def rounding(fixed: FixedProgram) -> dict[str, WeightDifference]:

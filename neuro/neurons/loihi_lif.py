@@ -14,8 +14,9 @@ class loihi_lif(Neuron):
     """A compartment of Loihi 1; every parameter is a register.
 
     Each step, in this order, all in integers and truncated towards 0:
-    u <- u (4096 - (du + 1)) / 4096 + sum of the arriving weights, 24-bit two's complement;
-    v <- v (4096 - dv) / 4096 + u + bias_mant 2^bias_exp, clipped to +-(2^23 - 1);
+    x <- sum of the arriving weights, 22-bit two's complement;
+    u <- u (4096 - (du + 1)) / 4096 + x, 24-bit two's complement;
+    v <- v (4096 - dv) / 4096 + (u + bias_mant 2^bias_exp, 24-bit two's complement), clipped to +-(2^23 - 1);
     a spike where v > 64 vth, then v is 0 and stays so for refractory - 1 steps while u goes on.
     A spike emitted in step k over a delay of D steps changes u in step k + D: the delay register holds D - 1.
 

@@ -16,7 +16,8 @@ class loihi_static(Synapse):
     """Adds 64 floor(m 2^weight_exp) to the current register; the weight of the projection is the mantissa m.
 
     Mixed: m from -256 to 254 in steps of 2; excitatory: 0 to 255; inhibitory: -255 to 0. With fewer weight bits the
-    lowest are dropped (towards 0), one more in mixed mode. What is added is clipped to +-(2^21 - 64).
+    lowest are dropped (towards 0), one more in mixed mode. What is added is clipped to +-(2^21 - 64). The weight that
+    is read back, what is added / (64 2^weight_exp), has lost these bits; the mantissa is its register.
 
     Source: Michaelis et al., Front. Neuroinform. 16:1015624, 2022, which shifts each weight and reports a match with
     the chip.

@@ -31,6 +31,11 @@ def decayed(x: int, keep: int) -> int:
     return (1 if x >= 0 else -1) * ((abs(x) * keep) >> 12)
 
 
+def wrapped(x: int, bits: int) -> int:
+    """x as a two's complement of so many bits."""
+    return (x + 2 ** (bits - 1)) % 2**bits - 2 ** (bits - 1)
+
+
 class Twin:
     """Compartments as dictionaries of Python integers, which cannot overflow."""
 
@@ -52,9 +57,10 @@ class Twin:
 
     def step(self, k: int, i: int) -> bool:
         r = self.r[i]
-        u = decayed(self.u[i], 4096 - (r["du"] + 1)) + sum(add for post, add in self.due.get(k, ()) if post == i)
-        self.u[i] = (u + 2**23) % 2**24 - 2**23
-        v = decayed(self.v[i], 4096 - r["dv"]) + self.u[i] + r["bias_mant"] * 2 ** r["bias_exp"]
+        arrived = wrapped(sum(add for post, add in self.due.get(k, ()) if post == i), 22)
+        self.u[i] = wrapped(decayed(self.u[i], 4096 - (r["du"] + 1)) + arrived, 24)
+        drive = wrapped(self.u[i] + r["bias_mant"] * 2 ** r["bias_exp"], 24)
+        v = decayed(self.v[i], 4096 - r["dv"]) + drive
         v = max(-(2**23) + 1, min(2**23 - 1, v))
         if self.held[i]:
             self.held[i], v = self.held[i] - 1, 0

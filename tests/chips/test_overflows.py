@@ -49,14 +49,98 @@ def test_an_overflow_stops_a_strict_run():
         sim.run(400.0)
 
 
+WRAPPED = {
+    "input": (
+        (254.0, [2, 0, 1, 0, 0], {"du": 2047, "dv": 1024}),
+        [-32768, -16384, 2072576, 1036288, 518144],
+        [-32768, -40960, 2041856, 2567680, 2443904],
+        {"input wraps of out": 1},
+    ),
+    "input twice": (
+        (254.0, [5, 1, 0], {"du": 2047, "dv": 1024}),
+        [2015232, 3088384, 1544192],
+        [2015232, 4599808, 4994048],
+        {"input wraps of out": 1},
+    ),
+    "negative input": (
+        (-254.0, [2, 0, 0], {"du": 2047, "dv": 1024}),
+        [32768, 16384, 8192],
+        [32768, 40960, 38912],
+        {"input wraps of out": 1},
+    ),
+    "drive and current": (
+        (254.0, [1] * 5, {"du": 0, "dv": 1024, "bias_mant": 4095, "bias_exp": 7}),
+        [2080768, 4161028, 6240780, 8320024, -6378456],
+        [2998048, 6933724, 0, -7933032, -8388607],
+        {"current wraps of out": 1, "drive wraps of out": 1, "voltage clips of out": 2},
+    ),
+    "negative drive and current": (
+        (-254.0, [1] * 5, {"du": 0, "dv": 4095, "bias_mant": -4096, "bias_exp": 7}),
+        [-2080768, -4161028, -6240780, -8320024, 6378456],
+        [-2605184, -4685952, -6766212, 7931253, 5856104],
+        {"current wraps of out": 1, "drive wraps of out": 1},
+    ),
+}
+"""Mantissa, spikes of each step and registers; u and v of nengo-loihi 1.1.0's `CompartmentState`; what is counted."""
+
+
+@pytest.mark.parametrize("case", WRAPPED)
+def test_sums_wrap_as_in_nengo_loihi_and_are_counted(case):
+    (weight, arriving, registers), u, v, native = WRAPPED[case]
+    net = neuro.Network("wraps", resolution=1.0)
+    times = [[k + 1.0 for k, spikes in enumerate(arriving) if spikes > i] for i in range(5)]
+    net.population("in", 5, neuro.spike_generator(spike_times=times))
+    net.population("out", 1, neuro.loihi_lif(vth=131071, **registers))
+    net.connect("in", "out", neuro.all_to_all(), neuro.loihi_static(weight_exp=7), weight=weight, delay=1.0)
+    for state in "uv":
+        net.probe(state, "out", state)
+    sim = neuro.compile(net, backend="loihi")
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        sim.run(len(arriving) + 1.0)
+    first = {str(warning.message).split(" up to step")[0] for warning in told}
+    assert first == {f"backend 'loihi': 1 {what}" for what in native}  # told once each, at the first
+    assert sim.trace("u")[1][1 : len(u) + 1, 0].tolist() == u
+    assert sim.trace("v")[1][1 : len(v) + 1, 0].tolist() == v
+    assert sim.counts().native == native
+
+
 def test_a_sum_beyond_32_bits_is_counted_too():
     net = neuro.Network("sum", resolution=1.0)
     net.population("in", 2064, neuro.spike_generator(spike_times=[[1.0]] * 2064))
     net.population("out", 1, neuro.loihi_lif(du=4095, dv=4095, vth=131071))
     net.connect("in", "out", neuro.all_to_all(), neuro.loihi_static(weight_exp=7), weight=254.0, delay=1.0)
     sim = neuro.compile(net, backend="loihi")
-    with pytest.warns(neuro.OverflowWarning, match="1 current wraps of out"):
+    with pytest.warns(neuro.OverflowWarning, match="1 input wraps of out"):
         sim.run(3.0)
+
+
+@pytest.mark.parametrize("weight", [0.3, 1.7, 8.0])
+def test_automatic_scales_leave_room_for_all_input_in_one_step(weight):
+    spikes = {}
+    for backend in ("event", "loihi"):
+        net = neuro.Network("volley", resolution=1.0)
+        net.population("in", 20, neuro.spike_generator(spike_times=[np.arange(5.0, 400.0, 10.0)] * 20))
+        net.population("out", 1, neuro.iaf_psc_delta(t_ref=2.0))
+        net.connect("in", "out", neuro.all_to_all(), weight=weight, delay=1.0)
+        sim = neuro.compile(net, backend=backend)
+        sim.run(400.0)
+        spikes[backend] = sim.counts().spikes
+        assert sim.counts().native == {}
+    assert spikes["loihi"] == spikes["event"]
+
+
+def test_a_conductance_of_spinnaker_that_wraps_is_counted():
+    net = neuro.Network("g", resolution=1.0)
+    net.population("in", 1, neuro.spike_generator(spike_times=[np.arange(1.0, 50.0)]))
+    cells = neuro.spinnaker_lif(exc_shift=15, exc_decay=2**32 - 1, exc_init=2**32 - 1, r_m=0)
+    net.population("out", 1, cells)
+    net.connect("in", "out", neuro.all_to_all(), weight=65535.0, delay=1.0)
+    net.probe("g", "out", "g_exc")
+    sim = neuro.compile(net, backend="spinnaker")
+    with pytest.warns(neuro.OverflowWarning, match="1 current wraps of out"):
+        sim.run(4.0)
+    assert sim.trace("g")[1].min() < 0.0
 
 
 def test_float_backends_take_strict_too():

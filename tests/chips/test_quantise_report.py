@@ -189,14 +189,14 @@ exc         8        loihi_lif  139559        tau_m       10 ms      9.98791 ms 
                                               I_e         150 pA     149.977 pA   -0.02%
                                               t_ref       2 ms       2 ms         0
 relay       8        relay      -             -           -          -            -
-out         2        loihi_lif  245760        tau_m       inf ms     inf ms       0
+out         2        loihi_lif  81920         tau_m       inf ms     inf ms       0
                                               V_th        8 mV       8 mV         0
                                               t_ref       2 ms       2 ms         0
 
-projection  weights  bits  signs       scale       a step    delay           become 0  largest error  rms
-noise_exc   160      8     excitatory  exponent 3  2.1277    2               0         0              0
-exc_relay   8        8     excitatory  exponent 0  1         2 as 1          0         0              0
-relay_out   16       8     mixed       exponent 6  0.016667  1..16 as 0..15  0         0              0
+projection  weights  bits  signs       scale       a step  delay           become 0  largest error  rms
+noise_exc   160      8     excitatory  exponent 3  2.1277  2               0         0              0
+exc_relay   8        8     excitatory  exponent 0  1       2 as 1          0         0              0
+relay_out   16       8     mixed       exponent 5  0.025   1..16 as 0..15  0         0              0
 
 notes
   - the host sends the spikes of generators

@@ -265,7 +265,7 @@ def test_a_million_synapses_take_little_time(name, layout):
 # room for many spikes in one step
 
 
-def test_u_does_not_wrap_when_all_synapses_of_a_neuron_are_active_at_once():
+def test_no_sum_wraps_when_all_synapses_of_a_neuron_are_active_at_once():
     net = neuro.Network("crowd", resolution=1.0)
     net.population("in", 100, neuro.spike_generator(spike_times=[[3.0]] * 100))
     net.population("out", 1, neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=10.0, tau_m=math.inf))
