@@ -57,14 +57,14 @@ def load(
         ModelError: the source or the sensor size is none.
     """
     size = None if sensor_size is None else _arguments.sensor(sensor_size)
-    file = opened(source, format, name)
-    checked = Checked(file.name, size or file.sensor_size, strict, sort)
-    pieces = [checked.piece(piece) for piece in file.pieces(WHOLE, strict)]
-    if not strict:
-        checked.warn()
-    t, x, y, p = joined(pieces, sort)
-    size = checked.size or _default(file.format, pieces)
-    metadata = {"format": file.format.name, **({"t0": int(t[0])} if t.size else {}), **file.reader.metadata}
+    with opened(source, format, name) as file:
+        checked = Checked(file.name, size or file.sensor_size, strict, sort)
+        pieces = [checked.piece(piece) for piece in file.pieces(WHOLE, strict)]
+        if not strict:
+            checked.warn()
+        t, x, y, p = joined(pieces, sort)
+        size = checked.size or _default(file.format, pieces)
+        metadata = {"format": file.format.name, **({"t0": int(t[0])} if t.size else {}), **file.reader.metadata}
     return Events._trusted(t, x, y, p, size, metadata)
 
 
@@ -117,14 +117,14 @@ def stream(
     number = None if count is None else _arguments.whole("count", count)
 
     def cut() -> Iterator[Events]:
-        file = opened(source, format, name)
-        parts = between(_parts(file, size, start, strict), start, stop)
-        if window is not None:
-            yield from windows(parts, window, start, file.name)
-        elif number is not None:
-            yield from batches(parts, number)
-        else:
-            yield from parts
+        with opened(source, format, name) as file:
+            parts = between(_parts(file, size, start, strict), start, stop)
+            if window is not None:
+                yield from windows(parts, window, start, file.name)
+            elif number is not None:
+                yield from batches(parts, number)
+            else:
+                yield from parts
 
     return cut()
 
