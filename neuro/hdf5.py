@@ -16,13 +16,14 @@ from neuro.paths import existing
 __all__ = ["has_format", "kind", "new_file", "reading", "writing"]
 
 
-def kind(format: str) -> Kind:
+def kind(format: str, what: str = "") -> Kind:
     """The kind of file of a format; it may be replaced by another of that format.
 
     Args:
         format: its attribute `format`, e.g. "neuro remus model 1".
+        what: it is, for messages; "a" and the format if not given.
     """
-    return Kind(f"a {format}", lambda path: has_format(path, format))
+    return Kind(what or f"a {format}", lambda path: has_format(path, format))
 
 
 def has_format(path: Path, format: str) -> bool:

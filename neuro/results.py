@@ -39,7 +39,7 @@ from neuro.paths import existing
 from neuro.program import Floats, Ints
 
 FORMAT = "neuro results 1"
-KIND = kind(FORMAT)
+KIND = kind(FORMAT, "a file of results")
 YAML = "network.yaml"
 _LARGE = 10_000
 _COUNT = "counts."
