@@ -19,6 +19,7 @@ from neuro.neurons import Model
 from neuro.program import Floats, Ints, Population, Program, Projection
 from neuro.quantities import Quantity, check, word_of
 from neuro.synapses import Synapse
+from neuro.values import shown
 
 _STATE = Quantity(arrays=True)
 _WEIGHT = Quantity(arrays=True)
@@ -215,6 +216,9 @@ def signal_values(name: str, values: ArrayLike, size: int) -> Floats:
 def numbers(values: ArrayLike, what: str) -> Floats:
     """Any array of numbers as float64."""
     try:
-        return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ModelError(f"{what}: found {values!r}: expected numbers") from None
+        array = np.asarray(values)
+    except ValueError:
+        array = np.asarray(None)
+    if array.size and array.dtype.kind not in "iuf":
+        raise ModelError(f"{what}: found {shown(values)}: expected numbers")
+    return array.astype(np.float64)

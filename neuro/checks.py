@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from neuro.quantities import Quantity
 
 LARGEST = 2**31 - 1
+_HUGE = int(sys.float_info.max)
 _BOOLEANS = {"true": "true", "yes": "true", "on": "true", "false": "false", "no": "false", "off": "false"}
 
 
@@ -53,6 +55,8 @@ def wrong(q: Quantity, value: Any, what: str, *index: int) -> ModelError:
 
 
 def _hint(q: Quantity, value: Any) -> str:
+    if isinstance(value, type) and hasattr(value, "called"):
+        return f"write {value.called()}(...)"
     if not isinstance(value, str):
         return ""
     if q.kind == "word":
@@ -66,8 +70,10 @@ def _hint(q: Quantity, value: Any) -> str:
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a single number; true and false are none."""
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, (bool, np.bool_))
+    """Whether a value is a single number that a double can hold; true and false are none."""
+    if isinstance(value, int):
+        return not isinstance(value, bool) and abs(value) <= _HUGE
+    return isinstance(value, (float, np.integer, np.floating))
 
 
 def _within(q: Quantity, x: float) -> bool:
@@ -89,7 +95,7 @@ def _number(q: Quantity, value: Any, what: str) -> Any:
         return float(value)
     if not q.arrays:
         raise wrong(q, value, what)
-    if getattr(value, "kind", "") == "distribution":
+    if getattr(value, "kind", "") == "distribution" and not isinstance(value, type):
         return value
     if isinstance(value, FromFile):
         _each(q, value.values, what)
@@ -190,12 +196,19 @@ def _shape(q: Quantity, value: Any, what: str) -> tuple[int | str, ...]:
     if not isinstance(items, (list, tuple, np.ndarray)) or len(items) == 0:
         raise wrong(q, value, what)
     for k, item in enumerate(items):
+        if is_number(item) and item > LARGEST and float(item).is_integer():
+            _check_count((int(item),), what)
         if not (isinstance(item, str) and item in q.words) and not (_is_whole(item) and _within(q, float(item))):
             raise wrong(q, item, what, *([k] if items is value else []))
     sizes = tuple(item if isinstance(item, str) else int(item) for item in items)
-    if math.prod(size for size in sizes if isinstance(size, int)) > LARGEST:
-        raise ModelError(f"{what} = {shown(sizes)}: expected at most {LARGEST} elements")
+    _check_count(sizes, what)
     return sizes
+
+
+def _check_count(sizes: tuple[int | str, ...], what: str) -> None:
+    if math.prod(size for size in sizes if isinstance(size, int)) > LARGEST:
+        found = shown(sizes if len(sizes) > 1 else sizes[0])
+        raise ModelError(f"{what} = {found}: expected at most {LARGEST} elements")
 
 
 def _ids(q: Quantity, value: Any, what: str) -> NDArray[np.int64]:

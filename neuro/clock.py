@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.checks import is_number
 from neuro.errors import ModelError
+from neuro.values import shown
 
 NEVER = 2**62
 LARGEST = 2**40
@@ -42,8 +44,18 @@ class Clock:
             return steps / self._per_ms
         return steps.astype(np.float64) * self.resolution
 
-    def floor(self, ms: float) -> int:
-        """The last step at or before a time; infinite times give -1 or `NEVER`."""
+    def floor(self, ms: Any, what: str) -> int:
+        """The last step at or before a time; infinite times give -1 or `NEVER`.
+
+        Args:
+            ms: the time.
+            what: its name in the message.
+
+        Raises:
+            ModelError: it is no time.
+        """
+        if not is_number(ms) or math.isnan(ms):
+            raise ModelError(f"{what} = {shown(ms)}: expected a time in ms")
         if not math.isfinite(ms):
             return NEVER if ms > 0 else -1
         return math.floor(ms / self.resolution + TOLERANCE)
@@ -58,12 +70,9 @@ class Clock:
         Raises:
             ModelError: it is no time or lies between two steps; the nearest right ones are named.
         """
-        try:
-            exact = float(ms) / self.resolution
-        except (TypeError, ValueError):
-            raise ModelError(f"{what} = {ms!r}: expected a time in ms") from None
-        if math.isnan(exact):
-            raise ModelError(f"{what} = nan: expected a time in ms")
+        if not is_number(ms) or math.isnan(ms):
+            raise ModelError(f"{what} = {shown(ms)}: expected a time in ms")
+        exact = float(ms) / self.resolution
         if math.isinf(float(ms)):
             return NEVER if exact > 0 else -NEVER
         if abs(exact) > LARGEST:

@@ -1,10 +1,8 @@
-"""HDF5 files that are whole or not there at all; what apps keep their models in."""
+"""HDF5 files with a mark: the attribute `format`, by which a file is known and may be replaced by a new one."""
 
 from __future__ import annotations
 
-import errno
-import glob
-import os
+import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from json import JSONDecodeError
@@ -12,58 +10,101 @@ from pathlib import Path
 from typing import Any
 
 from neuro.errors import ModelError
+from neuro.outputs import Kind, output
+from neuro.paths import existing
 
-__all__ = ["check_writable", "reading", "writing"]
+__all__ = ["has_format", "kind", "new_file", "reading", "writing"]
+
+
+def kind(format: str, what: str = "") -> Kind:
+    """The kind of file of a format; it may be replaced by another of that format.
+
+    Args:
+        format: its attribute `format`, e.g. "neuro remus model 1".
+        what: it is, for messages; "a" and the format if not given.
+    """
+    return Kind(what or f"a {format}", lambda path: has_format(path, format))
+
+
+def has_format(path: Path, format: str) -> bool:
+    """Whether there is an HDF5 file of a format."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return bool(file.attrs.get("format") == format)
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError):
+        return False
 
 
 @contextmanager
-def writing(path: Path) -> Iterator[Any]:
-    """A new HDF5 file, written aside; it takes the name `path` when the block ends well.
+def writing(path: Path, format: str, replace: bool = False) -> Iterator[Any]:
+    """A new HDF5 file of a format, which takes the name `path` when the block ends well.
 
     Args:
         path: of the file.
+        format: its attribute `format`.
+        replace: whether to replace any other file, too.
 
     Raises:
-        ModelError: it cannot be written.
+        Unwritable: as of `neuro.outputs.output`.
+    """
+    with output(path, kind(format), replace) as part, new_file(part) as file:
+        file.attrs["format"] = format
+        yield file
+
+
+@contextmanager
+def new_file(path: Path, **options: Any) -> Iterator[Any]:
+    """A new HDF5 file in the place of any other.
+
+    Args:
+        path: of the file.
+        options: of `h5py.File`.
+
+    Raises:
+        OSError: it cannot be written, as on a full disk.
     """
     import h5py
 
-    aside = _aside(path)
-    try:
-        with h5py.File(aside, "w") as file:
-            yield file
-        aside.replace(path)
-    except OSError as error:
-        raise _unwritable(path, error) from None
-    finally:
-        aside.unlink(missing_ok=True)
+    with _Disk(path) as disk:
+        try:
+            with h5py.File(disk, "w", **options) as file:
+                yield file
+        finally:
+            if disk.error is not None:
+                raise disk.error from None
 
 
-def check_writable(path: Path) -> None:
-    """Find out before long work whether a file can be written, and clear what killed writers left of it.
+class _Disk(io.FileIO):
+    """A file that does not fail: HDF5 cannot let go of what it cannot write, and brings the process down with it.
 
-    Args:
-        path: of the file.
-
-    Raises:
-        ModelError: it cannot.
+    Attributes:
+        error: of the first failure; what comes after it is thrown away.
     """
-    try:
-        if path.is_dir():
-            raise IsADirectoryError(errno.EISDIR, "")
-        _aside(path).touch()
-        for left in path.parent.glob(f".{glob.escape(path.name)}*.part"):
-            left.unlink(missing_ok=True)
-    except OSError as error:
-        raise _unwritable(path, error) from None
 
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "w+b")
+        self.error: OSError | None = None
 
-def _aside(path: Path) -> Path:
-    return path.with_name(f".{path.name}.{os.getpid()}.part")
+    def write(self, data: Any) -> int:
+        """Write all of it, or keep the first failure."""
+        rest = memoryview(data)
+        size = rest.nbytes
+        try:
+            while self.error is None and rest.nbytes:
+                rest = rest[super().write(rest) :]
+        except OSError as error:
+            self.error = error
+        return size
 
-
-def _unwritable(path: Path, error: OSError) -> ModelError:
-    return ModelError(f"{path}: cannot be written: {os.strerror(error.errno) if error.errno else error}")
+    def truncate(self, size: int | None = None) -> int:
+        """Make it as long, or keep the first failure."""
+        try:
+            return super().truncate(size) if self.error is None else size or 0
+        except OSError as error:
+            self.error = error
+            return size or 0
 
 
 @contextmanager
@@ -79,8 +120,7 @@ def reading(path: Path, what: str) -> Iterator[Any]:
     """
     import h5py
 
-    if not path.is_file():
-        raise ModelError(f"{path}: no such file: expected a {what}")
+    path = existing(path, f"a {what}")
     try:
         with h5py.File(path) as file:
             if file.attrs.get("format") != what:

@@ -172,6 +172,8 @@ def notation(text: str, unit: str) -> str:
         unit: of the number expected.
     """
     word = text.strip()
+    if decimal := _decimal(word):
+        return decimal
     if _NUMBER.fullmatch(word):
         return f"write {word} without quotes"
     if _NUMBER.fullmatch(word.replace("_", "")):
@@ -196,8 +198,17 @@ def notation(text: str, unit: str) -> str:
     return ""
 
 
+def _decimal(word: str) -> str:
+    """How to write a hexadecimal, octal or binary number, or ""."""
+    if not re.fullmatch(r"0(x[0-9a-f]+|o[0-7]+|b[01]+)", word.lower()):
+        return ""
+    return f"write {int(word, 0)}: numbers here are decimal"
+
+
 def axes(text: str) -> str:
     """How to write the sizes that a piece of text seems to mean, e.g. "8x8", or ""."""
+    if decimal := _decimal(text.strip()):
+        return decimal
     sizes = re.findall(r"\d+", text)
     if sizes and re.fullmatch(r"[\s\d(),x*]+", text):
         return f"write [{', '.join(sizes)}]"

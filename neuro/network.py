@@ -259,13 +259,14 @@ class Network:
         what = f"projection '{label}'"
         pre, post = self._name_of(source, what, "from"), self._name_of(target, what, "to")
         self._expect(rule, Rule, what, "a rule such as neuro.all_to_all()")
-        self._expect(synapse or static(), Synapse, what, "a synapse such as neuro.static()")
+        chosen = static() if synapse is None else synapse
+        self._expect(chosen, Synapse, what, "a synapse such as neuro.static()")
         part = Projection(
             label,
             pre,
             post,
             rule,
-            synapse or static(),
+            chosen,
             self._checked(WEIGHT, weight, f"{what}: weight", ("weight",)),
             self._checked(DELAY, delay, f"{what}: delay", ("delay",)),
             self._where(),
@@ -303,7 +304,7 @@ class Network:
         """Write YAML that loads to an equal network; large arrays go to an HDF5 file beside it."""
         from neuro.language.writer import save
 
-        save(self, Path(path))
+        save(self, path)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Network):

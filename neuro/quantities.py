@@ -7,7 +7,7 @@ from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, ClassVar, Self, TypeAlias
 
 from neuro.checks import check
-from neuro.errors import ModelError, here, unknown
+from neuro.errors import ModelError, here, nearest, unknown
 from neuro.values import FromFile, same, shown
 
 __all__ = ["Choice", "FromFile", "Quantity", "Value", "check", "quantity", "same", "word_of"]
@@ -109,6 +109,12 @@ class Choice:
     def __new__(cls, *args: Any, **words: Any) -> Self:
         """Refuse an unknown parameter by its nearest right name."""
         known = {entry.name for entry in fields(cls)}
+        if args:
+            raise ModelError(
+                f"{cls.called()}: found {len(args)} values without a name: expected {cls.called()}(name=value)",
+                where=here(),
+                hint=nearest("", [entry.name for entry in fields(cls)]),
+            )
         for word in words:
             if word not in known:
                 raise unknown(f"parameter of {cls.called()}", word, known, here(), (word,))

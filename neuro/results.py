@@ -33,10 +33,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.errors import ModelError
+from neuro.hdf5 import kind, new_file
 from neuro.network import Network
+from neuro.paths import existing
 from neuro.program import Floats, Ints
 
 FORMAT = "neuro results 1"
+KIND = kind(FORMAT, "a file of results")
 YAML = "network.yaml"
 _LARGE = 10_000
 _COUNT = "counts."
@@ -134,8 +137,8 @@ class Results:
 
 
 def write(results: Results, path: str | PathLike[str]) -> None:
-    """Write the file; the caller sees to it that it is written aside, see `neuro.aside`."""
-    with h5py.File(path, "w") as file:
+    """Write the file in the place of any other; the caller asks before, with `neuro.outputs.output` and `KIND`."""
+    with new_file(Path(path)) as file:
         file.attrs["format"] = FORMAT
         file.attrs.update(results.about)
         file["network"] = results.files[YAML].decode()
@@ -148,23 +151,13 @@ def write(results: Results, path: str | PathLike[str]) -> None:
                 _write_part(group.create_group(name), part)
 
 
-def is_results(path: str | PathLike[str]) -> bool:
-    """Whether a file holds results."""
-    try:
-        with h5py.File(path, "r") as file:
-            return bool(file.attrs.get("format") == FORMAT)
-    except OSError:
-        return False
-
-
 def read(path: str | PathLike[str]) -> Results:
     """Read the file.
 
     Raises:
         ModelError: there is no such file, or it is none of this format.
     """
-    if not Path(path).is_file():
-        raise ModelError(f"{path}: no such file")
+    path = existing(path)
     try:
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") == FORMAT:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 from os import PathLike
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from neuro import changes
 from neuro.backend import Backend, Engine, Problem, Registers, find, unreadable
+from neuro.checks import check, is_number
 from neuro.clock import NEVER, Clock
 from neuro.compiler import compile_network
 from neuro.counts import Counts, Tally
@@ -21,16 +22,21 @@ from neuro.errors import ModelError, unknown
 from neuro.learnt import learnt_network
 from neuro.network import Network
 from neuro.neurons import Generator, spike_generator
+from neuro.paths import file_path
 from neuro.program import Floats, Ints
-from neuro.quantities import word_of
+from neuro.quantities import Quantity, word_of
 from neuro.recorder import Recorder
 from neuro.state import Identity, fingerprint, read_state, write_state
 from neuro.trials import TrialLoop, TrialResults
+from neuro.values import shown
 
 if TYPE_CHECKING:
     from neuro.chips.energy import Energy
 
+T = TypeVar("T")
 _SMALL = 1_000_000
+_THREADS = Quantity(kind="integer", at_least=1, at_most=max(64, os.cpu_count() or 1))
+_FLAG = Quantity(kind="boolean")
 
 
 class ApproximationWarning(UserWarning):
@@ -54,17 +60,25 @@ def compile(
     """
     if not isinstance(net, Network):
         raise ModelError(f"neuro.compile: found {net!r}: expected a Network", hint="neuro.load reads one from YAML")
-    if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
-        raise ModelError(f"threads = {threads!r}: expected a whole number >= 1")
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise ModelError(f"seed = {seed!r}: expected a whole number >= 0")
-    chosen = find(backend) if isinstance(backend, str) else backend
+    threads = check(_THREADS, threads, "threads")
+    if not is_number(seed) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**63:
+        most = " and < 2^63" if isinstance(seed, int) and seed >= 2**63 else ""
+        raise ModelError(f"seed = {shown(seed)}: expected a whole number >= 0{most}")
+    chosen = _backend(backend)
     try:
         program = compile_network(net, int(seed))
         _report(chosen.name, chosen.problems(program, **options))
         return Simulation(net, chosen.name, program, chosen.build(program, threads=threads, **options))
     except MemoryError as error:
         raise ModelError(f"network '{net.name}' needs more memory than there is: {error}") from None
+
+
+def _backend(given: str | Backend) -> Backend:
+    if isinstance(given, str):
+        return find(given)
+    if isinstance(given, type) or not all(hasattr(given, word) for word in ("name", "problems", "build")):
+        raise ModelError(f"backend = {shown(given)}: expected the name of a backend, or a backend itself")
+    return given
 
 
 def _report(backend: str, problems: Iterable[Problem]) -> None:
@@ -79,6 +93,13 @@ def _report(backend: str, problems: Iterable[Problem]) -> None:
         raise ModelError(f"backend '{backend}' cannot run this network ({count})\n" + "\n".join(told[True]))
     for text in told[False]:
         warnings.warn(f"backend '{backend}': {text}", ApproximationWarning, stacklevel=3)
+
+
+class Names(dict[str, T]):
+    """Parts by name; a value that is no text is the name of none."""
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and super().__contains__(name)
 
 
 class Simulation:
@@ -96,9 +117,9 @@ class Simulation:
         self.backend, self.program = backend, program
         self._net, self._engine = net, engine
         self._clock = Clock(program.resolution)
-        self._populations = {part.name: index for index, part in enumerate(program.populations)}
-        self._projections = {part.name: index for index, part in enumerate(program.projections)}
-        self._signals = {part.name: index for index, part in enumerate(program.signals)}
+        self._populations = Names({part.name: index for index, part in enumerate(program.populations)})
+        self._projections = Names({part.name: index for index, part in enumerate(program.projections)})
+        self._signals = Names({part.name: index for index, part in enumerate(program.signals)})
         self._rules = {index: part.synapse for index, part in enumerate(program.projections)}
         self._recorder = Recorder(program)
         self._tally = Tally(program)
@@ -126,7 +147,7 @@ class Simulation:
 
     def reset(self, weights: bool = False) -> None:
         """Back to time 0 and the initial states; weights only if asked. Parameters that were set stay."""
-        self._engine.reset(weights)
+        self._engine.reset(check(_FLAG, weights, "reset: weights"))
         self._recorder.clear()
         if self.program.trials is not None:
             self._trials.start_anew()
@@ -174,17 +195,17 @@ class Simulation:
                 synapses, where "K_plus" is the trace of each synapse's source and "n" the dopamine of its target.
             raw: read a chip's registers instead.
         """
-        if raw:
+        if check(_FLAG, raw, "raw"):
             return self._raw(name, what)
         if name in self._projections:
             index = self._projections[name]
             known = changes.synapse_states(self.program.projections[index])
-            if what not in known:
+            if not isinstance(what, str) or what not in known:
                 raise unknown("state of synapses", what, known).at(None, f"projection '{name}'")
             return self._engine.get_synapses(index, what)
         index = self._population(name)
         part = self.program.populations[index]
-        word = word_of(what)
+        word = word_of(what) if isinstance(what, str) else ""
         if word not in part.parameters and word not in changes.states(part):
             known = [*changes.states(part), *part.parameters]
             raise unknown("parameter or state", what, known).at(None, f"population '{name}'")
@@ -281,7 +302,7 @@ class Simulation:
             what = part.model.name
             hint = f"net.probe('name', '{name}') records them" if isinstance(part.model, Generator) else ""
             raise ModelError(f"spikes of '{name}', a {what}, are not recorded", hint=hint)
-        found = self._engine.spikes(index, -1 if since is None else self._clock.floor(since))
+        found = self._engine.spikes(index, -1 if since is None else self._clock.floor(since, "since"))
         steps, ids = found.steps, found.ids
         if found.multiplicity.size and found.multiplicity.max() > 1:
             steps, ids = np.repeat(steps, found.multiplicity), np.repeat(ids, found.multiplicity)
@@ -289,7 +310,7 @@ class Simulation:
 
     def trace(self, name: str) -> tuple[Floats, NDArray[Any]]:
         """What a probe has recorded: times in ms and values, shape (times, neurons); of a spike probe the neurons."""
-        probes = {probe.name: probe for probe in self.program.probes}
+        probes = Names({probe.name: probe for probe in self.program.probes})
         if name not in probes:
             raise unknown("probe", name, probes)
         if probes[name].record == "spikes":
@@ -299,7 +320,7 @@ class Simulation:
 
     def forget(self, before: float) -> None:
         """Free the memory of spikes and traces recorded up to a time in ms."""
-        step = self._clock.floor(before)
+        step = self._clock.floor(before, "forget")
         self._engine.forget(step)
         self._recorder.forget(step)
 
@@ -385,7 +406,7 @@ class Simulation:
             arrays[f"rules/{index}"] = rule.vector()
         if self.program.trials is not None:
             arrays["trials"] = self._trials.state()
-        write_state(Path(path), self._identity, arrays)
+        write_state(file_path(path, "path"), self._identity, arrays)
 
     def restore(self, path: str | PathLike[str]) -> None:
         """Continue from a file that `save` wrote for the same network, backend and seed, bit for bit.
@@ -393,7 +414,7 @@ class Simulation:
         Raises:
             ModelError: the file is of something else; the simulation stays as it is.
         """
-        arrays = read_state(Path(path), self._identity)
+        arrays = read_state(file_path(path, "path"), self._identity)
         begin = len("engine/")
         self._engine.restore({name[begin:]: v for name, v in arrays.items() if name.startswith("engine/")})
         for name in self._recorder.probes:

@@ -1,9 +1,8 @@
-"""The state of a simulation in an HDF5 file, written aside and renamed."""
+"""The state of a simulation in an HDF5 file."""
 
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
@@ -13,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.errors import ModelError
+from neuro.hdf5 import writing
+from neuro.paths import existing
 from neuro.program import Program
 from neuro.quantities import Choice
 
@@ -41,25 +42,16 @@ class Identity:
 
 
 def write_state(path: Path, identity: Identity, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write a state; the file of that name, if any, is replaced only once the new one is complete.
+    """Write a state; another state of that name is replaced once the new one is complete.
 
     Raises:
-        ModelError: the file cannot be written.
+        ModelError: the file cannot be written, or something else has that name.
     """
-    import h5py
-
-    aside = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        with h5py.File(aside, "w") as file:
-            file.attrs["format"] = FORMAT
-            for field in fields(identity):
-                file.attrs[field.name] = getattr(identity, field.name)
-            for name, values in arrays.items():
-                file.create_dataset(name, data=values)
-        os.replace(aside, path)
-    except OSError as error:
-        aside.unlink(missing_ok=True)
-        raise ModelError(f"{path}: cannot be written: {error.strerror or error}") from None
+    with writing(path, FORMAT) as file:
+        for field in fields(identity):
+            file.attrs[field.name] = getattr(identity, field.name)
+        for name, values in arrays.items():
+            file.create_dataset(name, data=values)
 
 
 def read_state(path: Path, identity: Identity) -> Arrays:
@@ -70,8 +62,7 @@ def read_state(path: Path, identity: Identity) -> Arrays:
     """
     import h5py
 
-    if not path.is_file():
-        raise ModelError(f"{path}: no such file: expected a state written by sim.save")
+    path = existing(path, "a state written by sim.save")
     try:
         with h5py.File(path, "r") as file:
             if file.attrs.get("format") != FORMAT:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _LONGEST = 60
+_BIG = 10**_LONGEST
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,10 @@ def _text(value: Any) -> str:
         return _text(value.item())
     if isinstance(value, bool):
         return "true" if value else "false"
+    if isinstance(value, int) and abs(value) >= _BIG:
+        return f"{'-' * (value < 0)}1e{int(math.log10(abs(value)))} or more"
+    if isinstance(value, type):
+        return value.__name__
     if isinstance(value, float):
         text = repr(value).removesuffix(".0")
         return text if math.isfinite(value) else {"inf": ".inf", "-inf": "-.inf"}.get(text, ".nan")

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from neuro import ModelError
-from neuro.aside import aside
 from neuro.results import YAML, Results, Trace, Train, Weights, read, write
 
 
@@ -63,32 +62,3 @@ def test_a_damaged_file_is_refused(results, tmp_path):
         del file["populations/z/times_ms"]
     with pytest.raises(ModelError, match=r"a\.h5: damaged: "):
         read(tmp_path / "a.h5")
-
-
-def test_aside_replaces_at_the_end(tmp_path):
-    path = tmp_path / "a"
-    path.write_text("old")
-    with aside(path) as part:
-        part.write_text("new")
-        assert path.read_text() == "old"
-    assert path.read_text() == "new"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
-def test_aside_leaves_nothing_when_it_fails(tmp_path, error):
-    def fail():
-        with aside(tmp_path / "a") as part:
-            part.write_text("half")
-            raise error
-
-    with pytest.raises(error):
-        fail()
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_aside_fails_at_once(tmp_path):
-    with pytest.raises(OSError, match=r"No such file or directory: '.*/no/a'"), aside(tmp_path / "no" / "a"):
-        pass
-    with pytest.raises(IsADirectoryError, match="is a folder, expected the name of a file"), aside(tmp_path):
-        pass

@@ -33,8 +33,8 @@ def beside(model: Path) -> Path:
 
 def keep(file: Path, learner: Learner, history: Mapping[str, npt.NDArray[Any]], told: Mapping[str, Any]) -> None:
     """Write a checkpoint in place of the one before."""
-    with writing(file) as f:
-        f.attrs["format"], f.attrs["told"] = FORMAT, json.dumps(told)
+    with writing(file, FORMAT) as f:
+        f.attrs["told"] = json.dumps(told)
         put(f, "state", learner.state())
         put(f, "history", history)
 

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.aside import aside
 from neuro.cli.options import whole
+from neuro.outputs import check, marked, write_text
 from neuro_drone.controllers import kind_of
 from neuro_drone.cores import side_by_side
 from neuro_drone.evaluate import Lap, grid, try_out
@@ -24,6 +24,8 @@ from neuro_drone.train import Progress, train
 
 __all__ = ["ROWS", "Job", "Plan", "Row", "Said", "Summary", "run"]
 
+FORMAT = "neuro drone result 1"
+RESULT = marked("a result of 'neuro drone compare'", f'"format": "{FORMAT}"')
 ROWS = ("nothing", "oracle", "centroid", "static", "static-linear", "lms", "snn-eta0", "snn-flipped", "snn")
 """What is always compared: what a world gives for free, what the best can reach, and what must fail."""
 
@@ -152,9 +154,9 @@ class Job:
         known = json.loads(json.dumps(model.told() | {"steps": model.steps, "grid": self.starts}))
         kept = _read(result)
         if kept.get("of") != known:
-            kept = {"of": known, **self._tried(model, say)}
-            with aside(result) as part:
-                part.write_text(json.dumps(kept, indent=1), "utf-8")
+            check(result, RESULT)
+            kept = {"format": FORMAT, "of": known, **self._tried(model, say)}
+            write_text(result, json.dumps(kept, indent=1), RESULT)
         say(1.0, f"{kept['error_px']:.2f} px, {kept['laps']} of {kept['starts']} laps")
         return kept
 

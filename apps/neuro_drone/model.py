@@ -108,13 +108,12 @@ class Model:
         return made.frozen(backend) if isinstance(made, Learner) else made
 
     def save(self, path: Path) -> None:
-        """Write the file; what stood there is replaced once the new one is complete.
+        """Write the file; another model of that name is replaced once the new one is complete.
 
         Raises:
-            ModelError: it cannot be written.
+            ModelError: it cannot be written, or something else has that name.
         """
-        with writing(path) as file:
-            file.attrs["format"] = FORMAT
+        with writing(path, FORMAT) as file:
             for name in ("controller", "seed", "steps", "episode"):
                 file.attrs[name] = getattr(self, name)
             file.attrs["settings"] = json.dumps(dict(self.settings))

@@ -10,14 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from neuro.aside import aside
 from neuro.cli.tables import console, table
+from neuro.outputs import marked, write_picture, write_text
 from neuro_drone.compare import Summary
 from neuro_drone.controllers import CONTROLLERS
 from neuro_drone.evaluate import Tried
 from neuro_drone.model import Model
 from neuro_drone.scenario import NAMES, Ball, load
 
+MARK = "<!-- neuro drone compare -->\n"
+TABLE = marked("a table of 'neuro drone compare'", MARK)
 AXES = {"ball": ("right, px", "down, px"), "line": ("right, px", "lean, degrees")}
 """What the error on each axis is."""
 
@@ -114,8 +116,7 @@ def write_comparison(summaries: Sequence[Summary], file: Path) -> None:
     columns, rows = columns_of(summaries)
     heads = [name.lstrip(">") for name in columns]
     lines = [heads, ["---:" if name.startswith(">") else "---" for name in columns], *rows]
-    with aside(file) as part:
-        part.write_text("".join(f"| {' | '.join(line)} |\n" for line in lines), "utf-8")
+    write_text(file, MARK + "".join(f"| {' | '.join(line)} |\n" for line in lines), TABLE)
 
 
 def comparison(summaries: Sequence[Summary]) -> str:
@@ -165,6 +166,5 @@ def write_pictures(model: Model, tried: Tried, folder: Path) -> list[Path]:
         figures["weights.png"] = pictures.weights(model)
     folder.mkdir(parents=True, exist_ok=True)
     for name, figure in figures.items():
-        with aside(folder / name) as part:
-            figure.savefig(part, format="png")
+        write_picture(folder / name, figure)
     return [folder / name for name in figures]

@@ -11,11 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.hdf5 import check_writable
+from neuro.hdf5 import kind
+from neuro.outputs import check
 from neuro_drone import checkpoint, cores
 from neuro_drone.controllers import Learner, kind_of, make, settings_of
 from neuro_drone.env import DroneEnv
-from neuro_drone.model import Model, packed
+from neuro_drone.model import FORMAT, Model, packed
 from neuro_drone.parts import Ball, Line
 from neuro_drone.scenario import Scenario, load
 
@@ -120,7 +121,7 @@ def _made(out: Path, model: Model, steps: int) -> Model | None:
         if made.told() | {"steps": made.steps} == model.told() | {"steps": steps}:
             checkpoint.beside(out).unlink(missing_ok=True)
             return made
-    check_writable(out)
+    check(out, kind(FORMAT))
     return None
 
 

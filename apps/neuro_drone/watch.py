@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.aside import aside
+from neuro.outputs import marked, output
 from neuro_drone.evaluate import Start
 from neuro_drone.flight import Flight, Spikes, fly
 from neuro_drone.model import Model
@@ -27,6 +27,8 @@ __all__ = ["page", "watch"]
 
 MOST = 3_000_000
 """Events, and spikes of a population, of a page; of more an even choice is shown."""
+
+PAGE = marked("a page of 'neuro drone watch'", '<meta name="generator" content="neuro drone watch">')
 
 POINTS = 600
 """Points of the path."""
@@ -45,14 +47,14 @@ def watch(model: Model, file: Path, start: tuple[float, float] | None = None, ba
         What came of the lap, in a few words.
 
     Raises:
-        ModelError: the file is not called .html, the start cannot be, or the backend refuses the network.
-        OSError: the file cannot be written.
+        ModelError: the file is not called .html or cannot be written, the start cannot be, or the backend refuses
+            the network.
     """
     if file.suffix.lower() not in (".html", ".htm"):
         raise ModelError(f"{file}: a lap is written as a page for a browser: expected a name that ends in .html")
     line = isinstance(model.scenario.task, Line)
     begin = Start(start or ((20.0, 10.0) if line else (-30.0, -30.0)), 1 if line else 0)
-    with aside(file) as part:
+    with output(file, PAGE) as part:
         flight = fly(model, begin, backend)
         part.write_text(page(flight), "utf-8")
     return told(flight)

@@ -33,8 +33,8 @@ def keep(file: Path, sim: neuro.Simulation, history: list[float], told: Mapping[
     with tempfile.TemporaryDirectory() as folder:
         sim.save(Path(folder) / "state.h5")
         state = np.fromfile(Path(folder) / "state.h5", np.uint8)
-    with writing(file) as f:
-        f.attrs["format"], f.attrs["told"] = FORMAT, json.dumps(told)
+    with writing(file, FORMAT) as f:
+        f.attrs["told"] = json.dumps(told)
         f["history"] = np.array(history)
         f.create_dataset("state", data=state, compression="gzip", compression_opts=1)
 

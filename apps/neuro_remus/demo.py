@@ -9,6 +9,7 @@ import numpy as np
 
 from neuro.cli.energy import TARGETS
 from neuro.events import Recordings, recordings
+from neuro.outputs import write_text
 from neuro_remus import energy, report
 from neuro_remus.features import c1_spikes
 from neuro_remus.saccades import make_dataset
@@ -43,12 +44,12 @@ def run(data: Path | None, out: Path, seed: int) -> None:
     print(f"{out / 'model.h5'}: {report.learnt(model)}\n\ntesting on {len(unseen)} recordings that it has never seen\n")
     tried = try_out(model, unseen)
     report.show(model, tried)
-    (out / "results.json").write_text(report.figures(model, tried) + "\n")
+    write_text(out / "results.json", report.figures(model, tried) + "\n", report.FIGURES)
     print(out / "results.json")
     report.write_confusion(model, tried, out)
     report.write_pictures(model, out)
     priced = energy.bills(tried, TARGETS)
-    (out / "energy.json").write_text(energy.words(model, tried, priced) + "\n")
+    write_text(out / "energy.json", energy.words(model, tried, priced) + "\n", energy.BILLS)
     print(f"{out / 'energy.json'}\n", flush=True)
     energy.show(model, tried, priced)
     print(f"\ndone in {time.perf_counter() - began:.0f} s")

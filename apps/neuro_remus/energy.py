@@ -11,8 +11,12 @@ import typer
 from neuro.chips.energy import number, quantity
 from neuro.chips.footnotes import footnotes
 from neuro.cli.tables import console, table
+from neuro.outputs import marked
 from neuro_remus.model import Model
 from neuro_remus.tried import Tried
+
+FORMAT = "neuro remus energy 1"
+BILLS = marked("the bills of 'neuro remus demo'", f'"format": "{FORMAT}"')
 
 if TYPE_CHECKING:
     from neuro.chips.energy import Energy
@@ -63,7 +67,7 @@ def notes(tried: Tried, priced: Iterable[Energy]) -> list[str]:
 def words(model: Model, tried: Tried, priced: tuple[Energy, ...]) -> str:
     """The bills, the counts and the accuracy as JSON."""
     own = tried.votes[model.settings.vote]
-    about = {"backend": tried.sim.backend, "vote": model.settings.vote, "accuracy": own.accuracy}
+    about = {"format": FORMAT, "backend": tried.sim.backend, "vote": model.settings.vote, "accuracy": own.accuracy}
     about |= {"interval": list(own.interval), "recordings": tried.recordings, "per_recording": counted(tried)}
     told = about | {"bills": [bill.as_dict() for bill in priced], "notes": notes(tried, priced)}
     return json.dumps(told, indent=1)

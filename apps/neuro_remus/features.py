@@ -12,10 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events import EventFileError, Recordings
+from neuro.hdf5 import writing
+from neuro.outputs import Unwritable
 from neuro_remus.bars import shown
 from neuro_remus.frontend import FrontEnd
 
 VERSION = 1
+FORMAT = "neuro remus spikes 1"
 """Of the front end's code: another number, and what was kept before is not used."""
 
 Ints = npt.NDArray[np.int64]
@@ -113,7 +116,7 @@ def c1_spikes(
     if (kept := _read(file, front)) is not None:
         return kept
     spikes = _compute(data, front, progress)
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError, Unwritable):
         _write(file, spikes, front)
     return spikes
 
@@ -162,20 +165,13 @@ def _cache_file(data: Recordings, front: FrontEnd, cache: str | os.PathLike[str]
 
 
 def _write(file: Path, spikes: Spikes, front: FrontEnd) -> None:
-    """Keep spikes; aside and renamed, so that no half file is ever found."""
-    import h5py
-
+    """Keep spikes, in the place of a file that could not be read."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    aside = file.with_name(f".{file.name}.{os.getpid()}.part")
-    try:
-        with h5py.File(aside, "w") as f:
-            f["ticks"] = np.rint(spikes.times / front.resolution).astype(np.uint16)
-            f["ids"] = spikes.ids.astype(np.uint16)
-            f["offsets"], f["sample"], f["labels"] = spikes.offsets, spikes.sample, spikes.labels
-            f["names"], f["classes"] = list(spikes.names), list(spikes.classes)
-        aside.replace(file)
-    finally:
-        aside.unlink(missing_ok=True)
+    with writing(file, FORMAT, replace=True) as f:
+        f["ticks"] = np.rint(spikes.times / front.resolution).astype(np.uint16)
+        f["ids"] = spikes.ids.astype(np.uint16)
+        f["offsets"], f["sample"], f["labels"] = spikes.offsets, spikes.sample, spikes.labels
+        f["names"], f["classes"] = list(spikes.names), list(spikes.classes)
 
 
 def _read(file: Path, front: FrontEnd) -> Spikes | None:

@@ -69,9 +69,8 @@ class Model:
         return neuro.compile(self.learnt(), backend=backend, seed=self.training["seed"])
 
     def save(self, path: Path) -> None:
-        """Write the file; what stood there is replaced once the new one is complete."""
-        with writing(path) as file:
-            file.attrs["format"] = FORMAT
+        """Write the file; another model of that name is replaced once the new one is complete."""
+        with writing(path, FORMAT) as file:
             file.attrs["settings"] = json.dumps(self.settings.as_words())
             file.attrs["training"] = json.dumps(self.training)
             file.attrs.update(versions())

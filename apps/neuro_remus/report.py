@@ -9,10 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from neuro import ModelError
 from neuro.cli.tables import console, table
+from neuro.outputs import marked, write_picture
 from neuro_remus.model import Model
 from neuro_remus.settings import SETTINGS, Settings
 from neuro_remus.train import Progress
 from neuro_remus.tried import Tried
+
+FORMAT = "neuro remus figures 1"
+FIGURES = marked("the figures of 'neuro remus demo'", f'"format": "{FORMAT}"')
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -70,7 +74,7 @@ def learnt(model: Model) -> str:
 def figures(model: Model, tried: Tried) -> str:
     """All figures as JSON; those at the top are of the model's own vote."""
     own = model.settings.vote
-    words = {"vote": own, **tried.votes[own].as_words(), "classes": list(model.classes)}
+    words = {"format": FORMAT, "vote": own, **tried.votes[own].as_words(), "classes": list(model.classes)}
     return json.dumps(words | {"votes": {vote: found.as_words() for vote, found in tried.votes.items()}}, indent=1)
 
 
@@ -118,5 +122,5 @@ def write_confusion(model: Model, tried: Tried, folder: Path) -> None:
 
 def _save(figure: Figure, file: Path) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(file)
+    write_picture(file, figure)
     print(file)

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events import DVSParameters, EventFileError, Events, dvs_events, save
+from neuro.outputs import Kind, Unwritable, write_text
 from neuro_remus.bars import shown
 from neuro_remus.digits import mnist_5k
 
@@ -125,8 +126,8 @@ def make_dataset(
     """Make a data set in N-MNIST's layout: ``Train/<digit>/<index>.bin`` and ``Test/<digit>/<index>.bin``.
 
     No image is used twice and all digits are equally frequent (the first ones once more where the
-    number is not divisible by ten). Called again it makes only what is missing; files are written
-    aside and renamed, so a killed run leaves no damaged one.
+    number is not divisible by ten). Called again it makes only what is missing; files take their
+    names when they are whole, so a killed run leaves no damaged one.
 
     Args:
         folder: where to; made if missing.
@@ -217,6 +218,6 @@ def _claim(folder: Path, settings: Mapping[str, object]) -> None:
         elif any(folder.iterdir()):
             raise EventFileError(str(folder), "is not empty, expected a new folder or one made before")
         else:
-            note.write_text(json.dumps(dict(settings), indent=1) + "\n")
-    except (OSError, json.JSONDecodeError) as error:
+            write_text(note, json.dumps(dict(settings), indent=1) + "\n", Kind("of these settings"))
+    except (OSError, Unwritable, json.JSONDecodeError) as error:
         raise EventFileError(str(folder), f"cannot make a data set here: {error}") from None

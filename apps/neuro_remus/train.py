@@ -12,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.hdf5 import check_writable
+from neuro.hdf5 import kind
+from neuro.outputs import check
 from neuro_remus import checkpoint
 from neuro_remus.features import Spikes
-from neuro_remus.model import LEARNT, Model, network_of, to_text
+from neuro_remus.model import FORMAT, LEARNT, Model, network_of, to_text
 from neuro_remus.settings import Settings
 
 RATES = ("Ar_plus", "Ar_minus", "Ap_plus", "Ap_minus", "epsilon")
@@ -78,7 +79,7 @@ def train(
         checkpoint.beside(out).unlink(missing_ok=True)
         return made
     if out is not None:
-        check_writable(out)
+        check(out, kind(FORMAT))
     sim = neuro.compile(net, backend=backend, seed=seed)
     history = checkpoint.resume(checkpoint.beside(out), sim, told) if out is not None else []
     for epoch in range(len(history), settings.epochs):

@@ -14,6 +14,7 @@ def main() -> None:
         from neuro.cli.mistakes import telling
 
         with telling():
-            sys.exit(app(standalone_mode=False))
+            status = app(standalone_mode=False)
+        sys.exit(status)
     except KeyboardInterrupt:  # while modules are imported
         sys.exit(130)

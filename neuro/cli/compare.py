@@ -34,17 +34,20 @@ def compare(
 ) -> None:
     """Run a network on several backends and compare spikes, weights, counts and joules with the first."""
     import neuro
-    from neuro.aside import aside
     from neuro.cli.progress import Bar, advance
     from neuro.clock import Clock
     from neuro.compare import compare as run
+    from neuro.compare.report import PAGE
+    from neuro.compare.result import JSON
+    from neuro.outputs import output
 
     net = neuro.load(file, params=assignments(set))
     names = [name.strip() for name in backends.split(",") if name.strip()]
     Clock(net.resolution).step(duration, "--for")
-    spare(file, html, json_out)
+    _check_apart(html, json_out)
     with Bar() as bar, ExitStack() as files:
-        page_part, json_part = (files.enter_context(aside(out)) if out else None for out in (html, json_out))
+        page_part = files.enter_context(output(html, PAGE)) if html else None
+        json_part = files.enter_context(output(json_out, JSON)) if json_out else None
         bar.say("preparing")
         try:
             found = run(net, names, duration, seed, threads=threads, advance=lambda sim, n: advance(sim, n, bar))
@@ -84,12 +87,7 @@ def tell(found: Comparison, as_json: bool, written: list[Path]) -> None:
         typer.echo(f"{out}: written")
 
 
-def spare(file: Path, html: Path | None, json_out: Path | None) -> None:
-    """Refuse to write over the network, or two things to one file."""
-    from neuro.errors import ModelError
-
-    for out in (html, json_out):
-        if out is not None and out.exists() and out.resolve() == file.resolve():
-            raise ModelError(f"{out}: this is the network itself: expected another name")
+def _check_apart(html: Path | None, json_out: Path | None) -> None:
+    """Refuse to write two things to one file."""
     if html is not None and json_out is not None and html.resolve() == json_out.resolve():
         raise typer.BadParameter(f"'{json_out}' is the page already: expected another name", param_hint="'--json-out'")

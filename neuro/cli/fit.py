@@ -34,14 +34,12 @@ def fit(
     The exit status is 1 if it does not.
     """
     import neuro
-    from neuro.chips.chip import chip as find
     from neuro.chips.place import place
     from neuro.chips.quantise import ARITHMETIC, quantise
     from neuro.chips.rounding import report
     from neuro.compiler import compile_network
 
-    target = find(chip)
-    _check(target)
+    target = _target(chip)
     program = compile_network(neuro.load(file, params=assignments(set)), seed)
     placement = place(program, target, order=order)
     fixed = quantise(program, target) if target.arithmetic in ARITHMETIC else None
@@ -57,18 +55,21 @@ def fit(
         raise typer.Exit(1)
 
 
-def _check(target: Chip) -> None:
-    """Refuse a target of which nothing is known that a network could exceed."""
-    from neuro.chips.chip import chip as find
-    from neuro.chips.chip import chips
-    from neuro.errors import ModelError
+def _target(name: str) -> Chip:
+    """The chip; refuse one of which nothing is known that a network could exceed."""
+    from neuro.chips.chip import chip, chips
+    from neuro.errors import ModelError, unknown
 
+    limited = [known for known in chips() if chip(known).limits]
+    if name not in chips() and not name.endswith((".yaml", ".yml")):
+        raise unknown("chip", name, limited)
+    target = chip(name)
     if target.mesh is None and not target.limits:
-        known = ", ".join(name for name in chips() if find(name).limits)
         raise ModelError(
             f"target '{target.name}' has no cores or limits to fit",
-            hint=f"expected one of {known}, or a table with limits",
+            hint=f"expected one of {', '.join(limited)}, or a table with limits",
         )
+    return target
 
 
 def _no_rounding(title: str) -> str:

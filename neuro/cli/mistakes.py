@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import warnings
@@ -20,15 +21,29 @@ def telling() -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.showwarning = _tell
             yield
+            sys.stdout.flush()
     except BrokenPipeError:  # the reader, say `head`, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _give_up_output()
         sys.exit(1)
     except Exception as error:
-        message = mistake(error)
+        message = mistake(error) or _of_output(error)
         if message is None:
             raise
         typer.echo(f"error: {message}", err=True)
         sys.exit(2)
+
+
+def _give_up_output() -> None:
+    """Throw away what could not be printed, which would be tried again at the end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _of_output(error: Exception) -> str | None:
+    """What to tell where standard output cannot be written, as on a full disk; None if it is something else."""
+    if not isinstance(error, OSError) or error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
+        return None
+    _give_up_output()
+    return f"standard output: cannot be written: {error.strerror}"
 
 
 def _tell(message: Warning | str, category: type[Warning], filename: str, *more: object, **named: object) -> None:

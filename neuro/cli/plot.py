@@ -14,8 +14,8 @@ Folder = Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Wh
 def plot(file: File, out: Folder = None) -> None:
     """Draw the spikes, rates and traces of a run as PNG files."""
     from neuro import plots
-    from neuro.aside import aside
     from neuro.errors import ModelError
+    from neuro.outputs import write_picture
     from neuro.results import read
 
     results = read(file)
@@ -27,6 +27,5 @@ def plot(file: File, out: Folder = None) -> None:
         raise ModelError(f"{file}: holds neither spikes nor traces", hint="'neuro run --record NAME' keeps spikes")
     for draw in pictures:
         path = folder / f"{file.stem}-{draw.__name__}.png"
-        with aside(path) as part:
-            draw(results).savefig(part, format="png")
+        write_picture(path, draw(results))
         typer.echo(path)

@@ -32,17 +32,16 @@ def run(
 ) -> None:
     """Run a network and write its spikes, traces and weights, and the network itself, to one HDF5 file."""
     import neuro
-    from neuro.aside import aside
     from neuro.cli.progress import Bar, advance
     from neuro.clock import Clock
     from neuro.collect import collect
-    from neuro.results import write
+    from neuro.outputs import output
+    from neuro.results import KIND, write
 
-    spare(file, out)
     net = neuro.load(file, params=assignments(set))
     steps = Clock(net.resolution).step(duration, "--for")
     keep_spikes(net, record)
-    with Bar() as bar, aside(out) as part:
+    with Bar() as bar, output(out, KIND) as part:
         try:
             bar.say("preparing")
             sim = neuro.compile(net, backend=backend, seed=seed, threads=threads)
@@ -55,16 +54,6 @@ def run(
             typer.echo(f"interrupted: {out} is not written", err=True)
             raise typer.Exit(130) from None
     report(results, out)
-
-
-def spare(file: Path, out: Path) -> None:
-    """Refuse to write results over anything but results, the network least of all."""
-    from neuro.errors import ModelError
-    from neuro.results import is_results
-
-    if out.exists() and out.is_file() and not is_results(out):
-        what = "the network itself" if out.resolve() == file.resolve() else "a file that holds no results"
-        raise ModelError(f"--out = {out}: this is {what}: expected a new name, or results to replace")
 
 
 def keep_spikes(net: Network, names: list[str]) -> None:

@@ -17,8 +17,10 @@ from neuro.compare.energybars import joules
 from neuro.compare.html import Html, join, table, tag
 from neuro.compare.raster import rasters
 from neuro.compare.result import Comparison, Run
+from neuro.outputs import marked
 
 _FOLDER = Path(__file__).parent
+PAGE = marked("a page of 'neuro compare'", '<meta name="generator" content="neuro compare">')
 
 DISTANCE = (
     "The distance is that of Victor and Purpura (1996), divided by the spikes of both runs: adding or removing a spike "

@@ -89,11 +89,11 @@ class Events:
         arrays = t, x, y, p = [np.asarray(a) for a in (self.t, self.x, self.y, self.p)]
         for name, a in zip("txyp", arrays, strict=True):
             if a.ndim != 1 or len(a) != len(arrays[0]):
-                raise ValueError(f"{name} has shape {a.shape}, expected ({len(arrays[0])},) like t")
+                raise ModelError(f"{name} has shape {a.shape}, expected ({len(arrays[0])},) like t")
             if a.dtype.kind not in "iub" and len(a):
-                raise ValueError(f"{name} has type {a.dtype}, expected integers")
+                raise ModelError(f"{name} has type {a.dtype}, expected integers")
         if fault := first_fault(t, x, y, p, (width, height)):
-            raise ValueError(f"event {fault[0]}: {fault[1]}")
+            raise ModelError(f"event {fault[0]}: {fault[1]}")
         for name, a in zip("txyp", arrays, strict=True):
             object.__setattr__(self, name, np.ascontiguousarray(a, EVENT[name]))
         object.__setattr__(self, "sensor_size", (width, height))
@@ -179,7 +179,7 @@ class Events:
             ValueError: `p` is neither.
         """
         if p not in (0, 1):
-            raise ValueError(f"polarity {p!r}: expected 1 (ON) or 0 (OFF)")
+            raise ModelError(f"polarity {p!r}: expected 1 (ON) or 0 (OFF)")
         return self[self.p == p]
 
     def records(self, time: str = "t") -> npt.NDArray[np.void]:

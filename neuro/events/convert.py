@@ -38,6 +38,7 @@ def convert(
     sensor_size: tuple[int, int] | None = None,
     strict: bool = True,
     report: Report | None = None,
+    replace: bool = False,
 ) -> int:
     """Write the events of a file in another format.
 
@@ -49,6 +50,7 @@ def convert(
         sensor_size: width and height, px; None takes those that the file tells, else the smallest that holds all.
         strict: False takes what is whole of a damaged file, with an `EventFileWarning`.
         report: called with the number of events written so far.
+        replace: as for `neuro.events.save`.
 
     Returns:
         Number of events.
@@ -56,7 +58,7 @@ def convert(
     Raises:
         EventFileError: the file is damaged or unknown, or the format cannot hold an event.
     """
-    return write(read(source, from_format, sensor_size, strict), target, to_format, report)
+    return write(read(source, from_format, sensor_size, strict), target, to_format, report, replace)
 
 
 def read(
@@ -89,7 +91,13 @@ def given(source: Path_) -> tuple[Given, str | None]:
     return (sys.stdin.buffer, INPUT) if os.fspath(source) == STANDARD else (source, None)
 
 
-def write(parts: Iterable[Events], target: Path_, format: str | None = None, report: Report | None = None) -> int:
+def write(
+    parts: Iterable[Events],
+    target: Path_,
+    format: str | None = None,
+    report: Report | None = None,
+    replace: bool = False,
+) -> int:
     """Write the parts of a recording.
 
     Args:
@@ -97,6 +105,7 @@ def write(parts: Iterable[Events], target: Path_, format: str | None = None, rep
         target: the file, ``-`` for standard output.
         format: its name, where the ending does not tell.
         report: called with the number of events written so far.
+        replace: as for `neuro.events.save`.
 
     Returns:
         Number of events.
@@ -117,7 +126,7 @@ def write(parts: Iterable[Events], target: Path_, format: str | None = None, rep
     if os.fspath(target) == STANDARD:
         _write_out(counted(), format)
     else:
-        save(counted(), target, format=format)
+        save(counted(), target, format=format, replace=replace)
     return done
 
 

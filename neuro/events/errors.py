@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import traceback
+
 
 class EventFileWarning(UserWarning):
     """A damaged event file was read as far as it is whole, or some of its events were left out."""
@@ -27,3 +29,11 @@ class EventFileError(ValueError):
 
     def __reduce__(self) -> tuple[type[EventFileError], tuple[str, str, int | None]]:
         return (EventFileError, (self.path, self.what, self.offset))
+
+
+def let_go(error: BaseException) -> None:
+    """Clear the frames of an error, and of those behind it: who keeps the error would keep mapped and open files."""
+    behind: BaseException | None = error
+    while behind is not None:
+        traceback.clear_frames(behind.__traceback__)
+        behind = behind.__context__

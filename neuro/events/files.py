@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
@@ -18,7 +17,10 @@ from neuro.events.formats._write import in_order
 from neuro.events.opening import Opened, check_given, opened, smallest
 from neuro.events.parts import batches, between, windows
 from neuro.events.source import WHOLE, Given
+from neuro.outputs import Kind, Unwritable, output
+from neuro.paths import file_path
 
+RECORDING = Kind("a recording", ask="replace=True")
 BLOCK = 1 << 20
 """Bytes that `stream` reads at a time."""
 
@@ -55,14 +57,14 @@ def load(
         ModelError: the source or the sensor size is none.
     """
     size = None if sensor_size is None else _arguments.sensor(sensor_size)
-    file = opened(source, format, name)
-    checked = Checked(file.name, size or file.sensor_size, strict, sort)
-    pieces = [checked.piece(piece) for piece in file.pieces(WHOLE, strict)]
-    if not strict:
-        checked.warn()
-    t, x, y, p = joined(pieces, sort)
-    size = checked.size or _default(file.format, pieces)
-    metadata = {"format": file.format.name, **({"t0": int(t[0])} if t.size else {}), **file.reader.metadata}
+    with opened(source, format, name) as file:
+        checked = Checked(file.name, size or file.sensor_size, strict, sort)
+        pieces = [checked.piece(piece) for piece in file.pieces(WHOLE, strict)]
+        if not strict:
+            checked.warn()
+        t, x, y, p = joined(pieces, sort)
+        size = checked.size or _default(file.format, pieces)
+        metadata = {"format": file.format.name, **({"t0": int(t[0])} if t.size else {}), **file.reader.metadata}
     return Events._trusted(t, x, y, p, size, metadata)
 
 
@@ -115,14 +117,14 @@ def stream(
     number = None if count is None else _arguments.whole("count", count)
 
     def cut() -> Iterator[Events]:
-        file = opened(source, format, name)
-        parts = between(_parts(file, size, start, strict), start, stop)
-        if window is not None:
-            yield from windows(parts, window, start, file.name)
-        elif number is not None:
-            yield from batches(parts, number)
-        else:
-            yield from parts
+        with opened(source, format, name) as file:
+            parts = between(_parts(file, size, start, strict), start, stop)
+            if window is not None:
+                yield from windows(parts, window, start, file.name)
+            elif number is not None:
+                yield from batches(parts, number)
+            else:
+                yield from parts
 
     return cut()
 
@@ -152,21 +154,30 @@ def _decoded(file: Opened, size: tuple[int, int], start_us: int | None, strict: 
         checked.warn()
 
 
-def save(events: Events | Iterable[Events], path: str | os.PathLike[str], *, format: str | None = None) -> None:
+def save(
+    events: Events | Iterable[Events],
+    path: str | os.PathLike[str],
+    *,
+    format: str | None = None,
+    replace: bool = False,
+) -> None:
     """Write events in the format that the name's ending tells.
 
-    The file is written aside and renamed, so a failure leaves no half of one.
+    The file takes its name when it is whole, so a failure leaves no half of one.
 
     Args:
         events: what to write, or the parts of one recording in order, as `stream` gives them.
         path: where to.
         format: its name, where several have the ending; or the ending that only it has.
+        replace: whether to replace a file that has this name. Recordings bear no mark of who wrote them, so none is
+            replaced without being told.
 
     Raises:
-        EventFileError: no format has this ending, there is not one part, or the format cannot hold an event, which
-            is named.
+        EventFileError: no format has this ending, there is not one part, the format cannot hold an event, which
+            is named, or the file cannot be written.
+        ModelError: `path` is no name of a file.
     """
-    path = Path(path)
+    path = file_path(path, "path")
     write = _writer(path, format)
     given = iter([events] if isinstance(events, Events) else events)
     first = next(given, None)
@@ -175,14 +186,12 @@ def save(events: Events | Iterable[Events], path: str | os.PathLike[str], *, for
         raise EventFileError(str(path), f"no parts to save, expected at least one: {empty}")
     parts = (part for _, part in in_order(chain([first], given)))
     try:
-        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
-            part = Path(folder) / path.name
+        with output(path, RECORDING, replace) as part:
             write(parts, part)
-            part.replace(path)
     except Unsavable as fault:
         raise EventFileError(str(path), f"cannot hold event {fault.event}: {fault.what}") from None
-    except OSError as error:
-        raise EventFileError(str(path), f"cannot write: {error.strerror}") from None
+    except Unwritable as error:
+        raise EventFileError(str(path), error.what) from None
 
 
 def _writer(path: Path, format: str | None):  # type: ignore[no-untyped-def]

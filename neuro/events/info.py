@@ -110,21 +110,21 @@ def info(
     Raises:
         EventFileError: there is no such file, or it is of no known kind.
     """
-    file = opened(source, format, name)
-    kind, told_size = file.format, _told_size(file, sensor_size is None)
-    size = sensor_size or told_size
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always", EventFileWarning)
-        checked = Checked(file.name, size, strict=False, sort=False)
-        pixels = _Pixels(size or (0, 0))
-        bytes_ = file.source.size
-        untested = kind.untested or getattr(file.reader, "untested", "")
-        out = Info(file.name, kind.name, kind.title, untested, bytes_, size or (1, 1), told_size is not None)
-        _survey(out, pixels, (checked.piece(piece) for piece in file.pieces(BLOCK, False)), report)
-        checked.warn()
-    out.sensor_size = size or smallest(kind, pixels.width - 1, pixels.height - 1)
-    out.damage = [str(one.message).removeprefix(f"{file.name}: ") for one in told]
-    out.metadata = {key: value for key, value in file.reader.metadata.items() if key not in FOUND_WHILE_READING}
+    with opened(source, format, name) as file:
+        kind, told_size = file.format, _told_size(file, sensor_size is None)
+        size = sensor_size or told_size
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always", EventFileWarning)
+            checked = Checked(file.name, size, strict=False, sort=False)
+            pixels = _Pixels(size or (0, 0))
+            bytes_ = file.source.size
+            untested = kind.untested or getattr(file.reader, "untested", "")
+            out = Info(file.name, kind.name, kind.title, untested, bytes_, size or (1, 1), told_size is not None)
+            _survey(out, pixels, (checked.piece(piece) for piece in file.pieces(BLOCK, False)), report)
+            checked.warn()
+        out.sensor_size = size or smallest(kind, pixels.width - 1, pixels.height - 1)
+        out.damage = [str(one.message).removeprefix(f"{file.name}: ") for one in told]
+        out.metadata = {key: value for key, value in file.reader.metadata.items() if key not in FOUND_WHILE_READING}
     return out
 
 

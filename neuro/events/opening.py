@@ -7,17 +7,18 @@ import os
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 from neuro.errors import ModelError
 from neuro.events.check import Checked
-from neuro.events.errors import EventFileError, EventFileWarning
+from neuro.events.errors import EventFileError, EventFileWarning, let_go
 from neuro.events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Seeker, called
 from neuro.events.source import Given, Source
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Opened:
-    """An open event file.
+    """An open event file; it is closed with the block of a `with` statement, also by an error.
 
     Attributes:
         source: its bytes.
@@ -28,6 +29,15 @@ class Opened:
     source: Source
     reader: Reader
     format: Format
+
+    def __enter__(self) -> Opened:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: Any) -> None:
+        """Close the file. Who keeps an error about it keeps its frames, but not what they hold of the file."""
+        if isinstance(error, EventFileError):
+            let_go(error)
+        _close(self.reader, self.source)
 
     @property
     def name(self) -> str:
@@ -60,6 +70,7 @@ class Opened:
             else:
                 yield from self.reader.pieces(block)
         except Damage as damage:
+            let_go(damage)
             error = EventFileError(self.name, damage.what, damage.offset)
             if strict:
                 raise error from None
@@ -97,11 +108,24 @@ def opened(source: Given, format: str | None, name: str | None) -> Opened:
         EventFileError: there is no such file, it is of no known kind, or its header is damaged.
     """
     data = opened_source(source, name)
-    found = find(data, format)
     try:
+        found = find(data, format)
         return Opened(data, found.open(data), found)
     except Damage as damage:
+        let_go(damage)
+        data.close()
         raise EventFileError(data.name, damage.what, damage.offset) from None
+    except EventFileError as error:
+        let_go(error)
+        data.close()
+        raise
+
+
+def _close(*parts: Any) -> None:
+    for part in parts:
+        close = getattr(part, "close", None)
+        if close is not None:
+            close()
 
 
 def opened_source(source: Given, name: str | None) -> Source:

@@ -6,16 +6,15 @@ import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from neuro.aside import aside
 from neuro.errors import ModelError
 from neuro.events._events import Events
 from neuro.events.parts import windows
+from neuro.outputs import marked, output
 
 COLOURS = ("#0072B2", "#D55E00", "#FFFFFF")
 """ON, OFF and background: Okabe and Ito's blue and vermilion, which colour-blind readers tell apart."""
@@ -30,6 +29,8 @@ STILL = 25
 WINDOW_US, FRAMES, HELD = 40_000, 25, 1 << 22
 """Where no window is given: its length, and how many windows there shall be at least of a recording that is short and
 has not more than so many events, which have to be held for that (55 MB)."""
+MARK = "neuro events gif"
+GIF = marked("a GIF of 'neuro events gif'", MARK, "replace=True")
 MOST_FRAMES = 10_000
 """More are a mistake: seven minutes by default, and a file of hundreds of MB."""
 
@@ -62,6 +63,7 @@ def gif(
     colours: tuple[str, str, str] = COLOURS,
     scale: int | None = None,
     name: str = "the recording",
+    replace: bool = False,
 ) -> Gif:
     """Draw a recording as an animated GIF, in constant memory.
 
@@ -76,9 +78,11 @@ def gif(
         colours: of ON, of OFF and of the background, by name or as ``#rrggbb``.
         scale: px of the picture per px of the sensor; None: so that the picture is at least 240 px high or wide.
         name: what to call the recording in messages.
+        replace: whether to replace a file that is no such GIF.
 
     Raises:
-        ModelError: there are no events, more than 10,000 frames, or an argument is wrong; the message says which.
+        ModelError: there are no events, more than 10,000 frames, or an argument is wrong, which the message tells, or
+            the file cannot be written.
         EventFileError: time jumps over more than 10^6 windows.
     """
     from PIL import Image
@@ -110,10 +114,11 @@ def gif(
 
     pause = max(2, round(100 / fps))
     made = pictures()
-    with aside(Path(path)) as part:
+    with output(path, GIF, replace) as part:
         next(made).save(
-            part, "GIF", save_all=True, append_images=made, duration=10 * pause, loop=0, optimize=False, disposal=1
-        )
+            part, "GIF", save_all=True, append_images=made, duration=10 * pause, loop=0, optimize=False, disposal=1,
+            comment=MARK,
+        )  # fmt: skip
     return Gif(drawn.count, window_us, drawn.left_out, 100 / pause, (width * scale, height * scale))
 
 

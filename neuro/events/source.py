@@ -12,6 +12,8 @@ from typing import BinaryIO
 import numpy as np
 import numpy.typing as npt
 
+from neuro.events.errors import let_go
+
 Given = str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO
 Bytes = npt.NDArray[np.uint8]
 WHOLE = 1 << 62
@@ -49,6 +51,19 @@ class Source:
             own = getattr(given, "name", None)
             self.name = name or (own if isinstance(own, str) else "<file>")
             self._file = given
+
+    def __enter__(self) -> Source:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        """Close it; an error about what it holds, which is a `ValueError`, keeps nothing of it."""
+        if isinstance(error, ValueError):
+            let_go(error)
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the bytes, so that a mapped file is open no more; what was given open stays open."""
+        self._bytes, self._head, self._file = np.zeros(0, np.uint8), b"", None
 
     @property
     def size(self) -> int | None:

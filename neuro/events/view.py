@@ -12,26 +12,34 @@ import os
 from collections.abc import Iterable
 from html import escape
 from importlib.resources import files
-from pathlib import Path
 from string import Template
 from typing import Any
 
 import numpy as np
 
-from neuro.aside import aside
 from neuro.errors import ModelError
 from neuro.events._events import Events
 from neuro.events.parts import together
+from neuro.outputs import marked, write_text
+from neuro.paths import file_path
 
 MOST = 500_000
 """Events of a page; 9 bytes each, so a page has at most 6 MB."""
 PIXELS = 1 << 26
 """Browsers have no larger canvas."""
+PAGE = marked("a page of 'neuro events view'", '<meta name="generator" content="neuro events view">', "replace=True")
 BARS = 400
 """Bars of the rate along the time line."""
 
 
-def view(parts: Events | Iterable[Events], path: str | os.PathLike[str], *, title: str, most: int = MOST) -> int:
+def view(
+    parts: Events | Iterable[Events],
+    path: str | os.PathLike[str],
+    *,
+    title: str,
+    most: int = MOST,
+    replace: bool = False,
+) -> int:
     """Write the page of a recording, in constant memory.
 
     Args:
@@ -39,12 +47,14 @@ def view(parts: Events | Iterable[Events], path: str | os.PathLike[str], *, titl
         path: the file to write.
         title: what to call the recording.
         most: events that are shown; of more, one of every 2, 4, 8, ..., from the first on.
+        replace: whether to replace a file that is no such page.
 
     Returns:
         Of how many events one is shown.
 
     Raises:
-        ModelError: there are no events, the sensor has more than 2^26 px, or `most` is less than 1.
+        ModelError: there are no events, the sensor has more than 2^26 px, `most` is less than 1, or the file cannot be
+            written.
     """
     if most < 1:
         raise ModelError(f"most = {most!r}: expected a whole number >= 1")
@@ -54,8 +64,7 @@ def view(parts: Events | Iterable[Events], path: str | os.PathLike[str], *, titl
     width, height = events.sensor_size
     if width * height > PIXELS:
         raise ModelError(f"{title}: the sensor has {width}x{height} px, expected at most {PIXELS}: too many to show")
-    with aside(Path(path)) as part:
-        part.write_text(page(events, title, total, step), "utf-8")
+    write_text(file_path(path, "path"), page(events, title, total, step), PAGE, replace)
     return step
 
 

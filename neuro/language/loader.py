@@ -13,6 +13,7 @@ from neuro.language.parameters import resolve
 from neuro.language.reader import Node
 from neuro.language.sources import gather
 from neuro.network import DELAY, INITIAL, WEIGHT, Network, Trials, check_name
+from neuro.paths import file_path
 from neuro.quantities import Choice
 from neuro.synapses import static
 
@@ -32,8 +33,8 @@ def load(path: str | Path, params: Mapping[str, Any] | None = None) -> Network:
     Raises:
         ModelError: with the file, line and column of the first mistake, and what was expected.
     """
-    file = Path(path)
-    sections = resolve(gather(file), params or {}, Where(str(file)))
+    file = file_path(path, "path")
+    sections = resolve(gather(file), {} if params is None else params, Where(str(file)))
     return _Builder(sections).network()
 
 

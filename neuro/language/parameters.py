@@ -28,6 +28,8 @@ def resolve(sections: Mapping[str, Node], overrides: Mapping[str, Any], where: W
     Raises:
         ModelError: a name is unknown, or an override has no effect.
     """
+    if not isinstance(overrides, Mapping):
+        raise ModelError(f"params = {shown(overrides)}: expected a mapping from names to values", where=where)
     given = sections["parameters"].value if "parameters" in sections else {}
     for name in overrides:
         if name not in given:

@@ -5,19 +5,24 @@ from __future__ import annotations
 import json
 import math
 import re
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from neuro.aside import aside
 from neuro.errors import ModelError, Where
+from neuro.hdf5 import new_file
 from neuro.language.describe import Arrays, describe
 from neuro.language.reader import scalar
 from neuro.network import Network
+from neuro.outputs import Kind, Unwritable, marked, output
+from neuro.paths import file_path
 
 WIDTH = 110
 ENDINGS = (".yaml", ".yml")
-_MARK = "arrays of a neuro network"
+MARK = "# saved by neuro\n"
+NETWORK = marked("a network that was saved", MARK)
+_ARRAYS = "arrays of a neuro network"
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
 _ELSEWHERE_BOOLEANS = ("yes", "no", "on", "off", "y", "n", "true", "false", "null")
 
@@ -32,21 +37,17 @@ def save(net: Network, path: str | Path) -> None:
     Raises:
         ModelError: the file cannot be written, or an HDF5 file of that name holds something else.
     """
-    file = Path(path)
+    file = file_path(path, "path")
     where = Where(str(file))
     if file.suffix not in ENDINGS:
         raise ModelError("cannot be written: expected a name ending in .yaml or .yml", where=where)
     beside = file.with_name(re.sub(r"[^\w .-]", "_", file.stem) + ".h5")
     arrays = Arrays(beside.name)
     text = to_text(describe(net, arrays))
-    try:
-        with ExitStack() as files:
-            files.enter_context(aside(file)).write_text(text, encoding="utf-8")
-            if arrays.kept:
-                _check_replaceable(beside)
-                _write_arrays(files.enter_context(aside(beside)), arrays)
-    except OSError as error:
-        raise ModelError(f"cannot be written: {error.strerror or error}", where=where) from None
+    with ExitStack() as files:
+        files.enter_context(output(file, NETWORK)).write_text(MARK + text, encoding="utf-8")
+        if arrays.kept:
+            _write_arrays(files.enter_context(_claimed(beside)), arrays)
 
 
 def to_text(sections: dict[str, Any]) -> str:
@@ -104,29 +105,29 @@ def _word(text: str) -> str:
     return text if plain else json.dumps(text, ensure_ascii=False)
 
 
-def _check_replaceable(path: Path) -> None:
-    """Refuse to write over an HDF5 file that was not written here."""
+@contextmanager
+def _claimed(path: Path) -> Iterator[Path]:
+    """Where the arrays may be written."""
+    try:
+        with output(path, Kind("the arrays of a network that was saved", _holds_arrays)) as part:
+            yield part
+    except Unwritable as error:
+        hint = "choose another name for the network's file, whose arrays go to an HDF5 file of the same stem"
+        raise ModelError(error.message, hint=hint) from None
+
+
+def _holds_arrays(path: Path) -> bool:
     import h5py
 
-    if not path.exists():
-        return
     try:
         with h5py.File(path, "r") as old:
-            mine = old.attrs.get("content") == _MARK
+            return bool(old.attrs.get("content") == _ARRAYS)
     except OSError:
-        mine = False
-    if not mine:
-        raise ModelError(
-            "exists and was not written by save: it stays as it is",
-            where=Where(str(path)),
-            hint="choose another name for the network's file, whose arrays go to an HDF5 file of the same stem",
-        )
+        return False
 
 
 def _write_arrays(path: Path, arrays: Arrays) -> None:
-    import h5py
-
-    with h5py.File(path, "w") as file:
-        file.attrs["content"] = _MARK
+    with new_file(path) as file:
+        file.attrs["content"] = _ARRAYS
         for key, array in arrays.kept.items():
             file.create_dataset(key, data=array, track_times=False)

@@ -320,7 +320,7 @@ def differences(expected: Found, found: Found) -> list[str]:
 
 
 def nudged(sim: Simulation, rng: np.random.Generator) -> None:
-    """Move potentials, thresholds and fixed weights by a few units in the last place, as another order of sums might."""
+    """Move potentials, thresholds, fixed weights by a few units in the last place, as other orders of sums might."""
     for population in sim.program.populations:
         for word in {"V_m", "V_th"} & {*population.parameters, *(state.name for state in population.model.states)}:
             sim.set(population.name, **{word: _off(sim.get(population.name, word), rng)})

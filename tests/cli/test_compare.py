@@ -153,12 +153,15 @@ MISTAKES = {
     "one backend": (("--backends", "event"), "backends = event: expected two or more to compare"),
     "unknown": (("--backends", "event,loihj"), "unknown backend 'loihj'\n  hint: did you mean 'loihi'?"),
     "off the grid": (("--for", "0.5"), "--for = 0.5 ms: expected a multiple of the resolution, 1 ms"),
-    "over the network": (("--html", "net.yaml"), "net.yaml: this is the network itself: expected another name"),
+    "over the network": (
+        ("--html", "net.yaml"),
+        "net.yaml: exists and is not a page of 'neuro compare': expected a new name",
+    ),
     "two in one": (
         ("--html", "x", "--json-out", "x"),
         "Invalid value for '--json-out': 'x' is the page already: expected another name",
     ),
-    "no folder": (("--html", "none/page.html"), "none/page.html: No such file or directory"),
+    "no folder": (("--html", "none/page.html"), "none/page.html: cannot be written: No such file or directory"),
 }
 
 

@@ -1,6 +1,8 @@
 """Every mistake on the command line: exit status 2 and this text on stderr, nothing on stdout."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -17,6 +19,7 @@ RUN_MISTAKES = {
     "--seed x": "Invalid value for '--seed': 'x': expected a whole number >= 0" + RUN,
     "--seed -1": "Invalid value for '--seed': '-1': expected a whole number >= 0" + RUN,
     "--threads 0": "Invalid value for '--threads': '0': expected a whole number >= 1" + RUN,
+    "--threads 20000": f"threads = 20000: expected a whole number >= 1 and <= {max(64, os.cpu_count())}",
     "--threads 1.5": "Invalid value for '--threads': '1.5': expected a whole number >= 1" + RUN,
     "--backend evnt": "unknown backend 'evnt'\n  hint: did you mean 'event'?",
     "--set w": "Invalid value for '--set': 'w': expected NAME=VALUE" + RUN,
@@ -25,7 +28,7 @@ RUN_MISTAKES = {
     "--set v=3": "net.yaml: unknown parameter 'v'\n  hint: known: rate, w",
     "--record ex": "--record: unknown population 'ex'\n  hint: did you mean 'exc'?",
     "--record current": "--record: 'current' is a dc_generator, which has no spikes",
-    "--out nowhere/out.h5": "nowhere/out.h5: No such file or directory",
+    "--out nowhere/out.h5": "nowhere/out.h5: cannot be written: No such file or directory",
     "--out .": ".: is a folder, expected the name of a file",
 }
 
@@ -44,6 +47,11 @@ OTHERS = {
     "check nope.yaml": "nope.yaml: no such file\n  hint: did you mean 'net.yaml'?",
     "check net.yaml --backend refrence": "unknown backend 'refrence'\n  hint: did you mean 'reference'?",
     "plot nope.h5": "nope.h5: no such file",
+    "plot .": ".: is a folder: expected a file",
+    "run .": ".: found a folder: expected a YAML file",
+    "fit net.yaml --chip foo": "unknown chip 'foo'\n  hint: known: loihi, loihi2, spinnaker, truenorth",
+    "compare net.yaml --html net.yaml": "net.yaml: exists and is not a page of 'neuro compare': expected a new name",
+    "compare net.yaml --json-out net.yaml": "net.yaml: exists and is not a comparison as JSON: expected a new name",
     "plot net.yaml": "net.yaml: not a file of results, as 'neuro run' writes it",
     "verify nope": "nope: no such folder: expected one with cases NAME.json and NAME.npz",
     "verify .": ".: no case in it: expected files NAME.json and NAME.npz",
@@ -73,7 +81,7 @@ def test_unwritable(neuro, network, tmp_path):
     locked = tmp_path / "locked"
     locked.mkdir(mode=0o500)
     answer = neuro("run", network, "--out", "locked/out.h5")
-    assert (answer.status, answer.err) == (2, "error: locked/out.h5: Permission denied\n")
+    assert (answer.status, answer.err) == (2, "error: locked/out.h5: cannot be written: Permission denied\n")
 
 
 def test_unknown_option(neuro, network):
@@ -92,7 +100,7 @@ def test_bugs_are_not_hidden(neuro, network, monkeypatch):
 def test_results_do_not_replace_the_network(neuro, network):
     before = Path(network).read_bytes()
     answer = neuro("run", network, "--for", "1", "--out", network)
-    expected = "--out = net.yaml: this is the network itself: expected a new name, or results to replace"
+    expected = "net.yaml: exists and is not a file of results: expected a new name"
     assert (answer.status, answer.err) == (2, f"error: {expected}\n")
     assert Path(network).read_bytes() == before
 
@@ -109,3 +117,14 @@ def test_a_warning_is_a_line(neuro, network):
     assert answer.status == 0
     assert answer.err.startswith("warning: backend 'loihi': fast.yaml:5:3: population 'in': poisson_generator: 4.8% of")
     assert ".py" not in answer.err
+
+
+@pytest.mark.parametrize("words", ["models", "show net.yaml", "events formats", "schema"])
+def test_a_full_disk_behind_standard_output(network, words):
+    """Devices are opened by the shell, so nothing of ours can replace them."""
+    code = "from neuro.cli import main; main()"
+    with open("/dev/full", "w") as full:
+        told = subprocess.run(
+            [sys.executable, "-c", code, *words.split()], stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert (told.returncode, told.stderr) == (2, "error: standard output: cannot be written: No space left on device\n")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import neuro
+from neuro.outputs import _HOST
 from neuro_remus import checkpoint
 from neuro_remus.decide import decide
 from neuro_remus.evaluate import evaluate
@@ -137,7 +138,7 @@ def test_killed_at_any_time(letters, small, tmp_path):
                     work.send_signal(signal.SIGKILL)
         assert work.returncode == -signal.SIGKILL
         assert checkpoint.beside(out).is_file()
-    (tmp_path / ".model.h5.training.1.part").write_bytes(b"half")
+    (tmp_path / f".model.h5.training.{_HOST}.{work.pid}.0.part").write_bytes(b"half")
     assert same(train(letters, small, seed=4, out=out), train(letters, small, seed=4))
     assert sorted(file.name for file in tmp_path.iterdir()) == ["model.h5", "told"]
 

@@ -18,11 +18,12 @@ def convert(
 ) -> None:
     """Write a recording in another format, which the ending of OUT tells."""
     from neuro.events.convert import convert as write
+    from neuro.events.files import RECORDING
 
-    spare(source, target, force)
+    spare(source, target, RECORDING, force)
     with going(f"{target} is not written") as bar:
         done = write(
             source, target, from_format=from_format, to_format=to_format, sensor_size=sensor, strict=not lenient,
-            report=events_so_far(bar),
+            report=events_so_far(bar), replace=force,
         )  # fmt: skip
     typer.echo(f"{target}: {done:,} events", err=target == "-")

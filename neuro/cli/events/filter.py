@@ -33,8 +33,9 @@ def filter(
 ) -> None:
     """Write a recording through filters, one after the other: 'tar: {tau: 0.08}' 'crop: {x: [0, 300]}'."""
     from neuro.events.convert import read, write
+    from neuro.events.files import RECORDING
 
-    spare(source, target, force)
+    spare(source, target, RECORDING, force)
     chosen = [_parsed(text) for text in filters]
     seen = 0
 
@@ -49,7 +50,7 @@ def filter(
             yield made.finish()
 
     with going(f"{target} is not written") as bar:
-        done = write(through(), target, to_format, events_so_far(bar))
+        done = write(through(), target, to_format, events_so_far(bar), force)
     typer.echo(f"{target}: {done:,} of {seen:,} events", err=target == "-")
 
 

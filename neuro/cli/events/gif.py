@@ -36,6 +36,7 @@ def gif(
 ) -> None:
     """Draw a recording as a GIF; with --window 40 and --fps 25 time runs as it did, save long pauses, left out."""
     from neuro.events.convert import read
+    from neuro.events.pictures import GIF
     from neuro.events.pictures import gif as draw
 
     names = colours.split(",")
@@ -45,7 +46,7 @@ def gif(
     target = f"{named(source)}.gif" if out is None else out
     if not target.lower().endswith(".gif"):
         raise typer.BadParameter(f"'{target}': expected a name that ends in .gif", param_hint="OUT")
-    spare(source, target, force)
+    spare(source, target, GIF, force)
     with going(f"{target} is not written") as bar:
         parts = watched(read(source, from_format, sensor, not lenient), bar)
         made = draw(
@@ -56,6 +57,7 @@ def gif(
             colours=(names[0], names[1], names[2]),
             scale=scale,
             name=source,
+            replace=force,
         )
     speed = made.window_us * made.fps / 1e6
     told = "as fast as it was" if abs(speed - 1) < 0.005 else f"{speed:.3g} times as fast as it was"

@@ -16,6 +16,7 @@ from neuro.cli.progress import Bar
 
 if TYPE_CHECKING:
     from neuro.events import Events
+    from neuro.outputs import Kind
 
 
 def sensor(text: str) -> tuple[int, int]:
@@ -50,19 +51,22 @@ Sensor = Annotated[
 ]
 
 
-def spare(source: str | Path, target: str | Path, force: bool) -> None:
-    """Refuse to write over the recording itself, and over anything else unless that is wanted; or into no folder."""
-    from neuro.errors import ModelError
+def spare(source: str | Path, target: str | Path, kind: Kind, force: bool) -> None:
+    """Refuse to write over the recording itself, or over what is not ours unless that is wanted; or into no folder."""
+    from dataclasses import replace
 
-    path = Path(target)
-    if str(target) != "-" and not path.parent.is_dir():
-        raise ModelError(f"{target}: there is no folder {path.parent}")
-    if str(target) == "-" or not path.exists():
+    from neuro.errors import ModelError
+    from neuro.outputs import check
+    from neuro.paths import file_path
+
+    if str(target) == "-":
         return
-    if str(source) != "-" and os.path.exists(source) and path.samefile(source):
+    path = file_path(target, "OUT")
+    if not path.parent.is_dir():
+        raise ModelError(f"{target}: there is no folder {path.parent}")
+    if str(source) != "-" and path.exists() and os.path.exists(source) and path.samefile(source):
         raise ModelError(f"{target}: this is the recording itself: expected a new name")
-    if not force:
-        raise ModelError(f"{target}: exists: expected a new name, or --force to replace it")
+    check(path, replace(kind, ask="--force"), force)
 
 
 def named(source: str) -> str:

@@ -31,6 +31,7 @@ def split(
     from neuro.errors import ModelError
     from neuro.events import save, stream
     from neuro.events.convert import given
+    from neuro.events.files import RECORDING
 
     if (every is None) == (count is None):
         raise typer.BadParameter("expected one of the two", param_hint="'--every' / '--count'")
@@ -50,8 +51,8 @@ def split(
                 continue
             out.mkdir(parents=True, exist_ok=True)
             target = out / f"{name.stem}-{k:05d}{suffix}"
-            spare(source, target, force)
-            save(part, target)
+            spare(source, target, RECORDING, force)
+            save(part, target, replace=force)
             written += 1
             bar.say(f"{written:,} files")
     if not written:
@@ -63,6 +64,7 @@ def split(
 
 def _room(out: Path, stem: str, suffix: str, force: bool) -> None:
     """Refuse at once what would be refused after a part of the work."""
+    from neuro.events.files import RECORDING
     from neuro.events.formats import FORMATS
 
     written = list(dict.fromkeys(ending for f in FORMATS if f.write for ending in f.suffixes))
@@ -71,4 +73,4 @@ def _room(out: Path, stem: str, suffix: str, force: bool) -> None:
     for there in sorted(out.iterdir()) if out.is_dir() else ():
         number = there.name.removeprefix(f"{stem}-").removesuffix(suffix)
         if there.name == f"{stem}-{number}{suffix}" and number.isdecimal():
-            spare("-", there, force)
+            spare("-", there, RECORDING, force)

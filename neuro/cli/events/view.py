@@ -24,13 +24,14 @@ def view(
 ) -> None:
     """Write a page on which a browser plays the recording; the page needs nothing else."""
     from neuro.events.convert import read
+    from neuro.events.view import PAGE
     from neuro.events.view import view as write
 
     name = named(source)
     target = Path(f"{name}.html") if out is None else out
-    spare(source, target, force)
+    spare(source, target, PAGE, force)
     with going(f"{target} is not written") as bar:
         parts = watched(read(source, from_format, sensor, not lenient), bar)
-        step = write(parts, target, title=name, most=most)
+        step = write(parts, target, title=name, most=most, replace=force)
     shown = "all events" if step == 1 else f"one of every {step:,} events; --most shows more"
     typer.echo(f"{target}: {shown}")

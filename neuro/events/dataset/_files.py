@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import zipfile
@@ -24,7 +25,7 @@ ARCHIVES = (".tar", ".gz", ".tgz", ".bz2", ".xz", ".7z", ".rar")
 def is_hdf5(path: str) -> bool:
     """Whether there is an HDF5 file of this name."""
     try:
-        with Path(path).open("rb") as file:
+        with Path(path).open("rb") if Path(path).is_file() else io.BytesIO() as file:
             return file.read(len(HDF5)) == HDF5
     except OSError:
         return False

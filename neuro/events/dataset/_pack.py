@@ -73,14 +73,13 @@ def pack(numbers: Sequence[int]) -> int:
     Raises:
         EventFileError: one is damaged, and that is to stop.
     """
-    import h5py
-
     from neuro.events.formats.hdf5 import write_sample
+    from neuro.hdf5 import new_file
+    from neuro.outputs import Kind, output
 
-    folder = Path(_job.folder)
-    part = folder / f".{numbers[0]:08d}.{os.getpid()}.part"
+    path = Path(_job.folder) / f"{numbers[0]:08d}.h5"
     damaged = {}
-    with h5py.File(part, "w", libver=("v108", "v108")) as file:
+    with output(path, Kind("a batch"), replace=True) as part, new_file(part, libver=("v108", "v108")) as file:
         for number in numbers:
             events, fault = _loaded(_job.samples[number])
             if fault:
@@ -88,7 +87,6 @@ def pack(numbers: Sequence[int]) -> int:
             if events is not None:
                 write_sample(file, str(number), events)
         file.attrs["damaged"] = json.dumps(damaged)
-    part.replace(folder / f"{numbers[0]:08d}.h5")
     return len(numbers)
 
 

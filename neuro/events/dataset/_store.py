@@ -28,6 +28,7 @@ from neuro.events.dataset import _pack
 from neuro.events.dataset._files import is_hdf5
 from neuro.events.dataset._stored import CLASSES, NUMBER
 from neuro.events.errors import EventFileError
+from neuro.outputs import Kind, output, write_text
 
 BATCH = 64
 """Samples of a small file; a kill costs at most so many of each process."""
@@ -129,9 +130,7 @@ def _begin(folder: Path, plan: str) -> None:
     elif any(folder.glob("*.h5")):
         raise EventFileError(str(folder), "exists and is no conversion that was begun; expected a new name")
     else:
-        aside = folder / f".{os.getpid()}.part"
-        aside.write_text(plan)
-        aside.replace(note)
+        write_text(note, plan, Kind("a plan"))
 
 
 def _done(folder: Path) -> set[int]:
@@ -184,13 +183,13 @@ def _join(
     """Copy all small files into one, in the order of the samples: the same bytes, however often it was gone on with."""
     import h5py
 
-    from neuro.aside import aside
+    from neuro.hdf5 import new_file
 
     names = _names(samples, classes)
     places, damaged = _contents(folder)
     done, order = 0, sorted(places)
     tell("writing", done, len(order))
-    with aside(path) as part, h5py.File(part, "w", libver=("v108", "v108")) as out:
+    with output(path, Kind("a data set")) as part, new_file(part, libver=("v108", "v108")) as out:
         for small, numbers in itertools.groupby(order, key=places.__getitem__):
             with h5py.File(small, "r") as file:
                 for number in numbers:

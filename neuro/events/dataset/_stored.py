@@ -41,6 +41,12 @@ class _File:
                 raise EventFileError(self.path, f"no whole HDF5: {error}") from None
         return self._open
 
+    def close(self) -> None:
+        """Close the file until it is used again."""
+        if self._open is not None:
+            self._open.close()
+            self._open = None
+
 
 @dataclass(frozen=True, slots=True)
 class StoredSample:
@@ -70,8 +76,10 @@ class StoredSample:
                 return events
             return Events(events.t, events.x, events.y, events.p, sensor_size, events.metadata)
         except Damage as damage:
+            self._file.close()
             raise EventFileError(self.path, damage.what, damage.offset) from None
         except (OSError, KeyError, ValueError) as error:
+            self._file.close()
             raise EventFileError(self.path, " ".join(str(error).split())) from None
 
 
@@ -85,9 +93,19 @@ def stored_samples(path: str, classes: Sequence[str] | None = None) -> tuple[tup
     Raises:
         EventFileError: it has no samples, or a class that ``classes`` lacks.
     """
+    holder = _File(path)
+    try:
+        return _listed(holder, path, classes)
+    except EventFileError:
+        holder.close()
+        raise
+
+
+def _listed(
+    holder: _File, path: str, classes: Sequence[str] | None
+) -> tuple[tuple[str, ...], tuple[StoredSample, ...]]:
     import h5py
 
-    holder = _File(path)
     file = holder.file
     groups = sorted((name for name in file if isinstance(file.get(name), h5py.Group)), key=natural)
     names = [(group, name) for group in groups for name in sorted(file[group], key=natural)]

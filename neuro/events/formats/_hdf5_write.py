@@ -12,6 +12,7 @@ import numpy.typing as npt
 from neuro.events._events import EVENT, Events
 from neuro.events.formats._format import Unsavable
 from neuro.events.formats._hdf5_attributes import describe
+from neuro.hdf5 import new_file
 
 SAMPLE = np.dtype([("ts", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
 """A row of a sample: aertb's field names, with times that are exact."""
@@ -32,10 +33,8 @@ def write(parts: Iterator[Events], path: Path) -> None:
     Raises:
         Unsavable: a time lies 2^63 us or more after the first.
     """
-    import h5py
-
     # The format of HDF5 1.8 has room for attributes longer than 64 KiB.
-    with h5py.File(path, "w", libver=("v108", "v108")) as file:
+    with new_file(path, libver=("v108", "v108")) as file:
         group = file.create_group("events")
         columns = {key: _column(group, key, EVENT[key]) for key in "txyp"}
         index, offset, done = _column(file, "ms_to_idx", np.dtype("<u8")), 0, 0

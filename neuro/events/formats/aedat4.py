@@ -100,7 +100,7 @@ class Aedat4:
                     yield held.piece()
                     begin = cursor.at
         except Damage as found:
-            damage = found
+            damage = Damage(found.what, found.offset)  # without the frames, which hold the file
         yield held.piece()
         for number, stream in self._streams.items():
             if number != self._wanted and 0 <= number < _NUMBERS and counts[number]:

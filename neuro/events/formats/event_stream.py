@@ -120,7 +120,11 @@ def generic(source: Given, *, name: str | None = None, strict: bool = True) -> l
     """
     from neuro.events.opening import opened_source
 
-    data = opened_source(source, name)
+    with opened_source(source, name) as data:
+        return _all_generic(data, strict)
+
+
+def _all_generic(data: Source, strict: bool) -> list[tuple[int, bytes]]:
     try:
         kind = _kind(data)
     except Damage as damage:
@@ -135,7 +139,7 @@ def generic(source: Given, *, name: str | None = None, strict: bool = True) -> l
         error = EventFileError(data.name, damage.what, damage.offset)
         if strict:
             raise error from None
-        warnings.warn(f"{error}; what is before it was read", EventFileWarning, stacklevel=2)
+        warnings.warn(f"{error}; what is before it was read", EventFileWarning, stacklevel=3)
     return events
 
 

@@ -53,6 +53,7 @@ class Hdf5:
     def __init__(self, source: Source, where: str = "") -> None:
         import h5py
 
+        self._file: Any = None
         try:
             self._file = h5py.File(source.path or Padded(source.all().data), "r")
             self._recording = find(self._file, where)
@@ -62,9 +63,16 @@ class Hdf5:
             self.metadata: Mapping[str, Any] = metadata_of(own) | self._recording.told()
             self.untested = "" if {"sensor_size", "metadata"} <= own.keys() else UNTESTED
         except Damage:
+            self.close()
             raise
         except FAILURES as error:
+            self.close()
             raise Damage(f"no whole HDF5: {one_line(error)}", None) from None
+
+    def close(self) -> None:
+        """Close all that is open of the file: HDF5 would take what is written to its place for the same file."""
+        if self._file is not None:
+            self._file.close()
 
     @property
     def sensor_size(self) -> Size | None:

@@ -64,11 +64,11 @@ def samples(given: Given) -> dict[str, Events]:
         ValueError: an event is impossible; the first is named.
         OSError: the path cannot be opened.
     """
-    source = Source(given)
-    try:
-        return {candidate[0]: _events(_recording(*candidate)) for candidate in _candidates(source)}
-    except Damage as damage:
-        raise EventFileError(source.name, damage.what, damage.offset) from None
+    with Source(given) as source:
+        try:
+            return {candidate[0]: _events(_recording(*candidate)) for candidate in _candidates(source)}
+        except Damage as damage:
+            raise EventFileError(source.name, damage.what, damage.offset) from None
 
 
 def _events(found: Found) -> Events:

@@ -93,7 +93,7 @@ class _Bag:
                     yield held.piece()
                     taken = 0
         except Damage as found:
-            damage = found
+            damage = Damage(found.what, found.offset)  # without the frames, which hold the file
         yield held.piece()
         self.metadata["topics"] = sorted(others)
         if damage is not None:

@@ -1,0 +1,362 @@
+"""Every file that is written: whole or not there, and never in the place of what is not ours."""
+
+import os
+import resource
+import signal
+import socket
+import stat
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import neuro
+from neuro import ModelError, events, outputs
+from neuro.events.pictures import gif
+from neuro.events.view import view
+from neuro.hdf5 import new_file, writing
+from neuro.outputs import Unwritable, check, marked, output, write_picture, write_text
+
+OURS = marked("a text of ours", "# ours")
+
+
+def _net():
+    net = neuro.Network("n", resolution=1.0)
+    net.population("a", 1, neuro.iaf_psc_delta())
+    return net
+
+
+def _recording():
+    return events.Events([0, 40_000], [0, 1], [1, 0], [0, 1], (2, 2))
+
+
+WRITERS = {
+    "text": (lambda path: write_text(path, "# ours\n", OURS), "a.txt"),
+    "picture": (lambda path: write_picture(path, Figure()), "a.png"),
+    "hdf5": (lambda path: _hdf5(path), "a.h5"),
+    "state": (lambda path: neuro.compile(_net()).save(path), "a.h5"),
+    "network": (lambda path: _net().save(path), "a.yaml"),
+    "gif": (lambda path: gif(_recording(), path), "a.gif"),
+    "page": (lambda path: view(_recording(), path, title="a"), "a.html"),
+}
+"""Kinds that may be replaced by their like."""
+
+
+def _hdf5(path):
+    with writing(path, "of a test") as file:
+        file["a"] = np.arange(3)
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_what_was_written_here_is_replaced(kind, tmp_path):
+    write, name = WRITERS[kind]
+    write(tmp_path / name)
+    first = os.stat(tmp_path / name).st_ino
+    write(tmp_path / name)
+    assert os.stat(tmp_path / name).st_ino != first
+    assert os.listdir(tmp_path) == [name]
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+@pytest.mark.parametrize("there", [b"my thesis", b"", b"\x89HDF\r\n\x1a\n"], ids=["text", "empty", "beginning"])
+def test_what_is_not_ours_stays(kind, there, tmp_path):
+    write, name = WRITERS[kind]
+    path = tmp_path / name
+    path.write_bytes(there)
+    with pytest.raises(Unwritable, match=rf"{name}: exists.*: expected a new name"):
+        write(path)
+    assert path.read_bytes() == there
+    assert os.listdir(tmp_path) == [name]
+
+
+def test_a_network_written_by_hand_stays(tmp_path):
+    """Its author's comments and order would be lost."""
+    path = tmp_path / "net.yaml"
+    path.write_text("neuro: 1\nname: n  # mine\npopulations: {a: {model: iaf_psc_delta, shape: 1}}\n")
+    with pytest.raises(Unwritable) as error:
+        neuro.load(path).save(path)
+    assert str(error.value) == f"{path}: exists and is not a network that was saved: expected a new name"
+
+
+def test_no_recording_is_replaced_unless_asked(tmp_path):
+    path = tmp_path / "net.csv"
+    events.save(_recording(), path)
+    before = path.read_bytes()
+    with pytest.raises(events.EventFileError) as error:
+        events.save(_recording()[:1], path)
+    assert str(error.value) == f"{path}: exists: expected a new name, or replace=True to replace it"
+    assert path.read_bytes() == before
+    events.save(_recording()[:1], path, replace=True)
+    assert len(events.load(path)) == 1
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_link_stays_and_its_file_is_replaced(kind, tmp_path):
+    write, name = WRITERS[kind]
+    (tmp_path / "inside").mkdir()
+    link, target = tmp_path / name, tmp_path / "inside" / name
+    link.symlink_to(target)
+    for _ in range(2):  # a link to nothing, then to a file
+        write(link)
+        assert link.is_symlink()
+        assert target.is_file()
+        assert not target.is_symlink()
+    target.write_bytes(b"my thesis")
+    with pytest.raises(Unwritable, match="exists"):
+        write(link)
+    assert target.read_bytes() == b"my thesis"
+    assert os.listdir(tmp_path / "inside") == [name]
+
+
+def test_links_in_a_circle(tmp_path):
+    for one, other in ("ab", "ba"):
+        (tmp_path / one).symlink_to(tmp_path / other)
+    with pytest.raises(Unwritable, match=r"a: cannot be written: Too many levels of symbolic links$"):
+        write_text(tmp_path / "a", "x", OURS)
+    assert (tmp_path / "a").is_symlink()
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_pipe_is_written_into(kind, tmp_path):
+    write, name = WRITERS[kind]
+    path, taken = tmp_path / name, []
+    os.mkfifo(path)
+    reader = threading.Thread(target=lambda: taken.append(path.read_bytes()), daemon=True)
+    reader.start()
+    write(path)
+    reader.join(10)
+    assert stat.S_ISFIFO(path.stat().st_mode)
+    write(tmp_path / f"file{name}")
+    beginning = (tmp_path / f"file{name}").read_bytes()[:8]
+    assert taken[0].startswith(beginning)
+
+
+@pytest.fixture
+def device(tmp_path):
+    """Make a device like one in /dev; only root can, and not everywhere."""
+
+    def made(name, number):
+        try:
+            os.mknod(tmp_path / name, 0o666 | stat.S_IFCHR, os.makedev(1, number))
+            (tmp_path / name).open("wb").close()
+        except PermissionError:
+            pytest.skip("devices cannot be made here")
+        return tmp_path / name
+
+    return made
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_device_is_written_into(kind, device):
+    write, name = WRITERS[kind]
+    full, null = device(f"full{name}", 7), device(f"null{name}", 3)
+    with pytest.raises(Unwritable, match=rf"full{name}: cannot be written: No space left on device$"):
+        write(full)
+    write(null)
+    for path in (full, null):
+        assert stat.S_ISCHR(path.stat().st_mode)
+
+
+def test_a_recording_into_a_device(device):
+    full = device("full.csv", 7)
+    with pytest.raises(events.EventFileError, match=r"full\.csv: cannot be written: No space left on device$"):
+        events.save(_recording(), full)
+    assert stat.S_ISCHR(full.stat().st_mode)
+
+
+def test_what_no_file_can_be_written_to(tmp_path):
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(tmp_path / "s"))
+        for path, what in {
+            tmp_path: "is a folder, expected the name of a file",
+            tmp_path / "s": "is a socket, expected the name of a file",
+            tmp_path / "no" / "a": "cannot be written: No such file or directory",
+            tmp_path / "s" / "a": "cannot be written: Not a directory",
+            tmp_path / ("a" * 300): "cannot be written: File name too long",
+        }.items():
+            with pytest.raises(Unwritable) as error:
+                check(path, OURS)
+            assert str(error.value) == f"{path}: {what}"
+        assert stat.S_ISSOCK((tmp_path / "s").stat().st_mode)
+
+
+@pytest.mark.parametrize("given", [None, 3, b"a", "a\0b", True])
+def test_what_is_no_name(given):
+    with pytest.raises(ModelError) as error, output(given, OURS):
+        pass
+    more = ", without a zero byte" if isinstance(given, str) else ""
+    assert str(error.value) == f"path = {given!r}: expected the name of a file{more}"
+
+
+def test_long_and_odd_names(tmp_path):
+    for name in ("a" * 255, "é" * 127, "a b\n[*]?'\"", "-", "\udc80"):
+        write_text(tmp_path / name, "# ours", OURS)
+        write_text(tmp_path / name, "# ours", OURS)
+        assert os.listdir(tmp_path) == [name]
+        (tmp_path / name).unlink()
+
+
+def test_the_name_is_taken_at_the_end(tmp_path):
+    path = tmp_path / "a"
+    path.write_text("# ours: old")
+    path.chmod(0o640)
+    with output(path, OURS) as part:
+        part.write_text("# ours: new")
+        assert path.read_text() == "# ours: old"
+    assert path.read_text() == "# ours: new"
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+def test_nothing_is_left_of_a_failure(tmp_path, error):
+    def fail():
+        with output(tmp_path / "a", OURS) as part:
+            part.write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        fail()
+    assert os.listdir(tmp_path) == []
+
+
+def test_errors_about_other_files_stay_theirs(tmp_path):
+    with pytest.raises(FileNotFoundError, match="other"), output(tmp_path / "a", OURS):
+        (tmp_path / "other").read_bytes()
+
+
+def test_two_at_once(tmp_path):
+    with output(tmp_path / "a", OURS) as one, output(tmp_path / "a", OURS) as other:
+        one.write_text("# ours 1")
+        other.write_text("# ours 2")
+    assert (tmp_path / "a").read_text() == "# ours 1"
+    assert os.listdir(tmp_path) == ["a"]
+
+
+class TestFull:
+    """A disk that is full; files that are limited are the same to who writes them."""
+
+    LIMIT = 1 << 18
+
+    @pytest.fixture(autouse=True)
+    def limited(self):
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (self.LIMIT, before[1]))
+        yield
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+    def text(self, path):
+        write_text(path, "# ours" * self.LIMIT, OURS)
+
+    def hdf5(self, path):
+        with writing(path, "of a test") as file:
+            for k in range(9):
+                file[str(k)] = np.random.default_rng(k).random(20_000)
+
+    def network(self, path):
+        net = neuro.Network("n", resolution=1.0)
+        net.population("a", 100_000, neuro.iaf_psc_delta(V_th=np.random.default_rng(0).uniform(20, 30, 100_000)))
+        net.save(path)
+
+    def recording(self, path):
+        draw, n = np.random.default_rng(0), 400_000
+        x, y, p = draw.integers(0, (34, 34, 2), (n, 3)).T
+        events.save(events.Events(np.arange(n), x, y, p, (34, 34)), path)
+
+    @pytest.mark.parametrize(
+        ("kind", "name"),
+        [("text", "a"), ("hdf5", "a.h5"), ("network", "a.yaml")]
+        + [("recording", f"a{f.suffixes[0]}") for f in events.formats.FORMATS if f.write],
+    )
+    def test_nothing_is_left(self, kind, name, tmp_path):
+        before = h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_FILE)
+        with pytest.raises(ValueError, match=r"a(\.\w+)?: cannot be written: File too large(\n  hint: .*)?$"):
+            getattr(self, kind)(tmp_path / name)
+        assert os.listdir(tmp_path) == []
+        assert h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_FILE) == before
+
+
+def test_a_full_file_system(tmp_path):
+    if os.geteuid() or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", tmp_path]).returncode:
+        pytest.skip("no file system can be mounted here")
+    try:
+        with pytest.raises(Unwritable, match=r"a\.h5: cannot be written: No space left on device$"):
+            TestFull().hdf5(tmp_path / "a.h5")
+        assert os.listdir(tmp_path) == []
+    finally:
+        subprocess.run(["umount", tmp_path], check=True)
+
+
+def test_other_errors_of_hdf5_stay(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"name = '.*/b'"), new_file(tmp_path / "a"):
+        h5py.File(tmp_path / "b", "r")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is unwritable to root")
+def test_a_protected_file_stays(tmp_path):
+    path = tmp_path / "a"
+    path.write_text("# ours")
+    path.chmod(0o400)
+    with pytest.raises(Unwritable, match=r"a: cannot be written: Permission denied$"):
+        write_text(path, "# ours", OURS)
+
+
+KILLED = """
+import pathlib, sys, time
+from neuro.outputs import marked, output
+with output(pathlib.Path(sys.argv[1]), marked("ours", "# ours")) as part:
+    part.write_text("# ours: half")
+    print(part.name, flush=True)
+    time.sleep(60)
+"""
+
+
+def test_what_a_killed_process_left_is_removed(tmp_path, monkeypatch):
+    path = tmp_path / "a"
+    path.write_text("# ours: old")
+    with subprocess.Popen([sys.executable, "-c", KILLED, path], stdout=subprocess.PIPE, text=True) as running:
+        part = running.stdout.readline().strip()
+        monkeypatch.setattr(outputs, "_swept", set())
+        check(path, OURS)
+        assert (tmp_path / part).exists()  # it is still written
+        running.send_signal(signal.SIGKILL)
+    assert path.read_text() == "# ours: old"
+    assert sorted(os.listdir(tmp_path)) == [part, "a"]
+    elsewhere = tmp_path / part.replace(outputs._HOST, "another-machine")
+    elsewhere.write_text("half")
+    monkeypatch.setattr(outputs, "_swept", set())
+    write_text(path, "# ours: new", OURS)
+    assert sorted(os.listdir(tmp_path)) == [elsewhere.name, "a"]
+
+
+def test_no_file_is_opened_for_writing_elsewhere():
+    """All files are written by way of `neuro.outputs`; formats of events and batches get their path from there."""
+    root = Path(outputs.__file__).parents[1]
+    calls = (
+        ".savefig(",
+        ".write_text(",
+        ".write_bytes(",
+        'File(path, "w"',
+        '"wb")',
+        'open("w")',
+        "np.save",
+        ".replace(path)",
+    )
+    found = {
+        path.relative_to(root).as_posix()
+        for folder in ("neuro", "apps", "backends", "models")
+        for path in (root / folder).rglob("*.py")
+        if any(call in path.read_text() for call in calls)
+    }
+    formats = {f"neuro/events/formats/{name}.py" for name in FORMATS}
+    temporary = {"neuro/results.py", "neuro/events/formats/rosbag.py", "apps/neuro_remus/model.py"}
+    given = {"neuro/cli/compare.py", "neuro/language/writer.py", "apps/neuro_drone/watch.py"}
+    assert found == {"neuro/outputs.py"} | formats | temporary | given
+
+
+FORMATS = ("evt2", "evt3", "event_stream", "aedat2", "dat", "nmnist", "table", "npz")
