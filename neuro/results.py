@@ -164,7 +164,7 @@ def read(path: str | PathLike[str]) -> Results:
                 return _read(file)
     except OSError:
         pass
-    except (KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ModelError(f"{path}: damaged: {error}") from None
     raise ModelError(f"{path}: not a file of results, as 'neuro run' writes it")
 
@@ -172,7 +172,10 @@ def read(path: str | PathLike[str]) -> Results:
 def _read(file: h5py.File) -> Results:
     about = {name: _plain(value) for name, value in file.attrs.items() if name != "format"}
     files = {YAML: file["network"][()]}
-    files |= {name: item[()].tobytes() for name, item in file.get("network_files", {}).items()}
+    for name, item in file.get("network_files", {}).items():
+        if name in ("", ".", "..") or Path(name).name != name:
+            raise ValueError(f"{name!r} is not the name of a file of the network")
+        files[name] = item[()].tobytes()
     return Results(
         about,
         files,

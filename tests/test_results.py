@@ -2,6 +2,7 @@
 
 from dataclasses import fields
 
+import h5py
 import numpy as np
 import pytest
 
@@ -62,3 +63,20 @@ def test_a_damaged_file_is_refused(results, tmp_path):
         del file["populations/z/times_ms"]
     with pytest.raises(ModelError, match=r"a\.h5: damaged: "):
         read(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize("absolute", [True, False])
+def test_a_network_file_outside_the_network_is_refused(results, tmp_path, absolute):
+    """HDF5 gives any bytes as a name, also those of a path; written there, a stranger's file would replace ours."""
+    name = str(tmp_path / "written") if absolute else ".."
+    write(results, tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        file[f"network_files/{name.replace('/', '%')}"] = np.zeros(3, np.uint8)
+        if absolute:
+            file[name] = np.zeros(3, np.uint8)  # what the name leads to when it is looked up
+    data = (tmp_path / "a.h5").read_bytes()
+    (tmp_path / "a.h5").write_bytes(data.replace(name.replace("/", "%").encode(), name.encode()))
+    with pytest.raises(ModelError) as error:
+        read(tmp_path / "a.h5").network()
+    assert str(error.value) == f"{tmp_path / 'a.h5'}: damaged: {name!r} is not the name of a file of the network"
+    assert not (tmp_path / "written").exists()

@@ -8,6 +8,7 @@ from typing import Any
 from weakref import finalize
 
 from neuro import ModelError
+from neuro.extras import install
 from neuro_drone.body import GRAVITY, Kinematic
 from neuro_drone.geometry import Pose
 from neuro_drone.scenario import Drone
@@ -209,7 +210,7 @@ def _pybullet() -> Any:
         version = f"{sys.version_info.major}.{sys.version_info.minor}"
         raise ModelError(
             "drone.physics = 'bullet': the package pybullet is not installed",
-            hint=f"pip install 'neuro[bullet]'; pybullet has wheels for Python 3.11 only, and this is {version}",
+            hint=f"{install('bullet')}; pybullet has wheels for Python 3.11 only, and this is {version}",
         ) from None
     return pybullet
 

@@ -118,9 +118,8 @@ class Model:
                 file.attrs[name] = getattr(self, name)
             file.attrs["settings"] = json.dumps(dict(self.settings))
             file.attrs["scenario"] = json.dumps(self.scenario.as_words())
-            file.attrs.update(
-                {"python": platform.python_version()} | {n: version(n) for n in ("neuro", "numpy", "numba")}
-            )
+            file.attrs.update({"python": platform.python_version(), "neuro": neuro.__version__})
+            file.attrs.update({name: version(name) for name in ("numpy", "numba")})
             for group in ("learnt", "history", "network"):
                 put(file, group, getattr(self, group))
 

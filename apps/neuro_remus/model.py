@@ -133,4 +133,5 @@ def from_text(text: str) -> neuro.Network:
 
 def versions() -> dict[str, str]:
     """What a file was written with."""
-    return {"python": platform.python_version()} | {name: version(name) for name in ("neuro", "numpy", "numba")}
+    packages = {"neuro": neuro.__version__} | {name: version(name) for name in ("numpy", "numba")}
+    return {"python": platform.python_version()} | packages

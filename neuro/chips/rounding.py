@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
+
+import numpy.typing as npt
 
 from neuro.chips.fixed import FixedProgram, FixedProjection, Rounding
 from neuro.chips.placement import aligned
@@ -50,7 +53,7 @@ def _projections(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
             str(wires.bits),
             wires.sign_mode or "either",
             _scale(fixed, part, wires),
-            _range(wires.step.min(), wires.step.max()),
+            _range(wires.step),
             _delay(part, wires),
             _share(lost.zeroed),
             _share(lost.worst),
@@ -70,12 +73,13 @@ def _scale(fixed: FixedProgram, part: Projection, wires: FixedProjection) -> str
 
 def _delay(part: Projection, wires: FixedProjection) -> str:
     """Steps as described, and what the delay register holds where it is another number."""
-    described = _range(part.delay.min(), part.delay.max())
-    register = _range(wires.delay.min(), wires.delay.max())
+    described = _range(part.delay)
+    register = _range(wires.delay)
     return described if described == register else f"{described} as {register}"
 
 
-def _range(low: float, high: float) -> str:
+def _range(values: npt.NDArray[Any]) -> str:
+    low, high = values.min(), values.max()
     return f"{low:.5g}" if low == high else f"{low:.5g}..{high:.5g}"
 
 

@@ -21,6 +21,7 @@ from neuro.compare.result import Bill, Comparison, PopulationResult, Run
 from neuro.compare.spikes import Train
 from neuro.compare.weights import difference, histograms, learnt, rounding
 from neuro.errors import ModelError
+from neuro.extras import install
 from neuro.network import Network
 from neuro.neurons import Generator, dc_generator, poisson_generator
 from neuro.program import Program
@@ -228,7 +229,7 @@ def _notes(runs: list[Run], ms: float) -> Iterable[str]:
         yield f"no neuron fired on '{ran[0].backend}': there is little to compare"
     told = [(name, part) for run in ran[1:] for name, part in run.populations.items()]
     if any(part.distance is None for _, part in told):
-        yield spikes.MISSING
+        yield f"spike-train distances are left out: {install('compare')} installs what computes them"
     yield from dict.fromkeys(_measured(name, part, ms) for name, part in told if _in_part(part, ms))
     program = ran[0].program
     assert program is not None

@@ -23,8 +23,6 @@ MOST_NEURONS = 100
 MOST_SPIKES = 2000
 MOST_PAIRS = 20_000_000
 
-MISSING = "spike-train distances are left out: pip install 'neuro[compare]' installs what computes them"
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Train:

@@ -16,6 +16,7 @@ from neuro.cli.commands import Commands
 from neuro.cli.events import app, shell
 from neuro.cli.mistakes import telling
 from neuro.events import Events, load, save
+from neuro.extras import install
 
 
 def root():
@@ -428,7 +429,7 @@ def test_without_the_package_the_shell_says_how_to_get_it(run, monkeypatch):
     monkeypatch.setattr(sys, "stdin", type("Terminal", (io.StringIO,), {"isatty": lambda self: True})())
     monkeypatch.setitem(sys.modules, "prompt_toolkit", None)
     expected = "error: the shell needs the package prompt_toolkit\n"
-    assert run("shell") == (2, "", f"{expected}  hint: pip install 'neuro[events]'; pipes work without it\n")
+    assert run("shell") == (2, "", f"{expected}  hint: {install('events')}; pipes work without it\n")
 
 
 def test_completion():

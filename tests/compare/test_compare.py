@@ -9,6 +9,7 @@ import neuro
 from neuro.compare import compare, spikes
 from neuro.compare.runs import _against, _gather, _recording
 from neuro.errors import ModelError
+from neuro.extras import install
 
 CHIPS = ["event", "loihi", "spinnaker"]
 
@@ -198,13 +199,13 @@ def test_notes(net, monkeypatch):
     found = compare(silent, ["event", "reference"], 5.0)
     assert found.notes == (
         "no neuron fired on 'event': there is little to compare",
-        "spike-train distances are left out: pip install 'neuro[compare]' installs what computes them",
+        f"spike-train distances are left out: {install('compare')} installs what computes them",
     )
     assert found.runs[1].per_spike is None
 
 
 def test_a_sampled_distance_says_so(monkeypatch):
-    pytest.importorskip("elephant", reason="elephant is not installed: pip install 'neuro[compare]'")
+    pytest.importorskip("elephant", reason="the extra 'compare' is not installed")
     net = neuro.Network("many", resolution=1.0)
     net.population("cells", 150, neuro.iaf_psc_exp(I_e=500.0))
     found = compare(net, ["event", "reference"], 50.0)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from neuro.compare import spikes
 from neuro.compare.spikes import Divergence, Train, distance, divergence, evenly, same_steps
 
-LIBRARY = "elephant is not installed: pip install 'neuro[compare]'"
+LIBRARY = "the extra 'compare' is not installed"
 
 
 def train(pairs, size=4, h=0.5):

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neuro import ModelError
+from neuro.extras import install
 from neuro_drone.body import Kinematic, body_of
 from neuro_drone.bullet import ARM, DRAG_TO_THRUST, MOST_THRUST, Bullet, _rotors
 from neuro_drone.env import DroneEnv
@@ -192,5 +193,5 @@ def test_without_pybullet(monkeypatch):
     version = f"{sys.version_info.major}.{sys.version_info.minor}"
     assert str(error.value) == (
         "drone.physics = 'bullet': the package pybullet is not installed\n"
-        f"  hint: pip install 'neuro[bullet]'; pybullet has wheels for Python 3.11 only, and this is {version}"
+        f"  hint: {install('bullet')}; pybullet has wheels for Python 3.11 only, and this is {version}"
     )

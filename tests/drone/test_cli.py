@@ -8,6 +8,7 @@ import pytest
 from matplotlib.image import imread
 
 from neuro.cli import main
+from neuro.extras import install
 
 SHORT = """\
 step: 20
@@ -168,7 +169,7 @@ def test_a_missing_extra_is_told_before_any_work(neuro, monkeypatch):
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     code, out, err = neuro("compare", "--scenario", "short.yaml", "--with", "dqn")
     assert (code, out) == (2, "")
-    assert err == "error: controller 'dqn': stable-baselines3 is not installed\n  hint: pip install 'neuro[rl]'\n"
+    assert err == f"error: controller 'dqn': stable-baselines3 is not installed\n  hint: {install('rl')}\n"
 
 
 def test_help_is_light():

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import neuro
+from neuro.extras import install
 from neuro_drone import train as training
 from neuro_drone.checkpoint import beside
 from neuro_drone.controllers import CONTROLLERS, make
@@ -198,9 +199,7 @@ def test_without_the_extra(name, monkeypatch):
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     with pytest.raises(neuro.ModelError) as told:
         train("B60", name, steps=10)
-    assert str(told.value) == (
-        f"controller '{name}': stable-baselines3 is not installed\n  hint: pip install 'neuro[rl]'"
-    )
+    assert str(told.value) == f"controller '{name}': stable-baselines3 is not installed\n  hint: {install('rl')}"
 
 
 @pytest.mark.parametrize(

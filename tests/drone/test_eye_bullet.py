@@ -9,7 +9,7 @@ from neuro_drone.geometry import Pose
 from neuro_drone.scenario import Ball, Camera, Ground, Line, Scenario
 from neuro_drone.scene import Scene
 
-bullet = pytest.importorskip("pybullet", reason="needs pip install 'neuro[bullet]' (wheels for Python 3.11 only)")
+bullet = pytest.importorskip("pybullet", reason="pybullet has wheels for Python 3.11 only")
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@ import bz2
 import hashlib
 import io
 import json
+import re
 import struct
 import sys
 import warnings
@@ -12,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neuro.events import EventFileError, EventFileWarning, Events, load, stream
+from neuro.extras import install
 
 NAME = "ros1_event_camera_msgs_evt3.bag"
 ROWS = [(1_000_000_000_000_005, 1, 2, 1), (1_000_000_000_000_007, 3, 4, 0), (1_000_000_000_999_999, 639, 479, 1)]
@@ -266,7 +268,7 @@ def test_a_missing_package_is_named(monkeypatch):
         for name in [name for name in sys.modules if name.split(".")[0] == package]:
             monkeypatch.delitem(sys.modules, name)
         monkeypatch.setitem(sys.modules, package, None)
-        with pytest.raises(EventFileError, match=rf"needs the package {package}: pip install 'neuro\[events\]'"):
+        with pytest.raises(EventFileError, match=re.escape(f"needs the package {package}: {install('events')}")):
             load(data, format=kind)
 
 

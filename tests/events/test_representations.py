@@ -19,6 +19,7 @@ from neuro.events.representations import (
     time_surface,
     voxel_grid,
 )
+from neuro.extras import install
 
 WIDTH, HEIGHT = 7, 5
 EVENT = st.tuples(st.integers(0, 30), st.integers(0, WIDTH - 1), st.integers(0, HEIGHT - 1), st.integers(0, 1))
@@ -221,7 +222,7 @@ def test_torch_is_named_where_it_is_missing(monkeypatch):
         assert isinstance(function(recording([])), np.ndarray)
     with pytest.raises(ValueError, match="as_torch=True: torch is not installed") as error:
         event_frame(recording([]), as_torch=True)
-    assert str(error.value) == "as_torch=True: torch is not installed\n  hint: pip install 'neuro[torch]'"
+    assert str(error.value) == f"as_torch=True: torch is not installed\n  hint: {install('torch')}"
 
 
 def test_torch_gets_each_representation(monkeypatch):

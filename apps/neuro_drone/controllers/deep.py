@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
+from neuro.extras import install
 from neuro_drone.controllers.dense import Dense, Flier, Floats, Singles, observed
 from neuro_drone.controllers.settings import choice, number, share, whole
 from neuro_drone.controllers.simple import Fixed
@@ -233,7 +234,5 @@ def needed(name: str) -> tuple[Any, Any]:
         import stable_baselines3
         import torch
     except ImportError:
-        raise ModelError(
-            f"controller '{name}': stable-baselines3 is not installed", hint="pip install 'neuro[rl]'"
-        ) from None
+        raise ModelError(f"controller '{name}': stable-baselines3 is not installed", hint=install("rl")) from None
     return stable_baselines3, torch

@@ -69,13 +69,14 @@ def _run(group: Any, path: str, words: list[str]) -> None:
 def _typed(context: Any, prompt: str) -> Iterator[str]:
     """The lines that a person types."""
     from neuro.errors import ModelError
+    from neuro.extras import install
 
     try:
         from prompt_toolkit import PromptSession
         from prompt_toolkit.history import FileHistory
     except ImportError:
         raise ModelError(
-            "the shell needs the package prompt_toolkit", hint="pip install 'neuro[events]'; pipes work without it"
+            "the shell needs the package prompt_toolkit", hint=f"{install('events')}; pipes work without it"
         ) from None
     from platformdirs import user_state_path
 

@@ -6,6 +6,7 @@ from importlib import import_module
 from types import ModuleType
 
 from neuro.events.formats._format import Damage
+from neuro.extras import install
 
 EXTRA = "events"
 """The extra of this package that installs them."""
@@ -25,4 +26,4 @@ def extra(module: str, what: str) -> ModuleType:
         return import_module(module)
     except ImportError:
         package = module.split(".")[0]
-        raise Damage(f"{what} needs the package {package}: pip install 'neuro[{EXTRA}]'", None) from None
+        raise Damage(f"{what} needs the package {package}: {install(EXTRA)}", None) from None

@@ -28,8 +28,25 @@ def find(file: Any, where: str = "") -> Recording:
             order of the columns of a table.
 
     Raises:
-        Damage: there is none, or more than one.
+        Damage: there is none, or more than one; or part of it is kept in another file.
     """
+    recording = _find(file, where)
+    for dataset in recording.datasets:
+        if not _own(file, dataset):
+            raise Damage(f"{dataset.name} is kept in another file, expected all of a recording in one", None)
+    return recording
+
+
+def _own(file: Any, dataset: Any) -> bool:
+    """Whether a dataset has its items in this file: links and storage may name any other that the user can read."""
+    from h5py import h5o
+
+    return (
+        not (dataset.is_virtual or dataset.external) and h5o.get_info(dataset.id).fileno == h5o.get_info(file.id).fileno
+    )
+
+
+def _find(file: Any, where: str) -> Recording:
     place, order = _parted(where)
     if place:
         return _at(file, place, order)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from neuro.errors import ModelError
 from neuro.events._arguments import moment
 from neuro.events._events import Events
+from neuro.extras import install
 
 Polarity = Literal["separate", "signed", "ignored"]
 Representation = npt.NDArray[Any] | Any
@@ -28,7 +29,7 @@ def given(array: npt.NDArray[Any], as_torch: bool) -> Representation:
     try:
         torch = import_module("torch")
     except ImportError:
-        raise ModelError("as_torch=True: torch is not installed", hint="pip install 'neuro[torch]'") from None
+        raise ModelError("as_torch=True: torch is not installed", hint=install("torch")) from None
     return torch.from_numpy(array)
 
 

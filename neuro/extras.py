@@ -1,0 +1,39 @@
+"""How to get the packages that only some parts need, without a word that means another package on the index."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Any
+
+DISTRIBUTION = "neuro-snn"
+"""The name of this package where packages are installed; on the index `neuro` is another one."""
+
+
+def install(extra: str) -> str:
+    """The command that installs an extra of this package from where the package itself came, for hints.
+
+    Args:
+        extra: its name in `pyproject.toml`, e.g. "torch".
+
+    Source: direct_url.json of the Python Packaging User Guide, "Recording the Direct URL Origin".
+    """
+    from urllib.parse import urlsplit
+    from urllib.request import url2pathname
+
+    origin = _origin()
+    place = urlsplit(origin.get("url", ""))
+    if place.scheme != "file":
+        return f"pip install '.[{extra}]' in the folder of neuro's sources"
+    option = "-e " if origin.get("dir_info", {}).get("editable") else ""
+    return f"pip install {option}{shlex.quote(f'{url2pathname(place.path)}[{extra}]')}"
+
+
+def _origin() -> dict[str, Any]:
+    """What pip wrote down of where it took this package from; nothing if it did not install it from a place."""
+    import json
+    from importlib.metadata import PackageNotFoundError, distribution
+
+    try:
+        return dict(json.loads(distribution(DISTRIBUTION).read_text("direct_url.json") or "{}"))
+    except PackageNotFoundError:
+        return {}

@@ -1,0 +1,91 @@
+"""The package as it is installed: its name, its extras, its versions, the files around it."""
+
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+import neuro
+from neuro import extras
+from neuro.extras import install
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+CODE = [file for folder in ("neuro", "backends", "apps") for file in (ROOT / folder).rglob("*.py")]
+
+
+@pytest.fixture
+def installed(tmp_path, monkeypatch):
+    """Install the package as far as its metadata go, from a place that pip has written down."""
+
+    def put(origin):
+        folder = tmp_path / "neuro_snn-0.1.0.dist-info"
+        folder.mkdir()
+        (folder / "METADATA").write_text("Metadata-Version: 2.4\nName: neuro-snn\nVersion: 0.1.0\n")
+        if origin is not None:
+            (folder / "direct_url.json").write_text(json.dumps(origin))
+        monkeypatch.syspath_prepend(tmp_path)
+
+    return put
+
+
+@pytest.mark.parametrize(
+    ("origin", "command"),
+    [
+        ({"url": "file:///home/me/neuro", "dir_info": {"editable": True}}, "pip install -e '/home/me/neuro[torch]'"),
+        ({"url": "file:///home/me/neuro", "dir_info": {}}, "pip install '/home/me/neuro[torch]'"),
+        ({"url": "file:///my%20work/it%27s", "dir_info": {}}, """pip install '/my work/it'"'"'s[torch]'"""),
+        ({"url": "file:///tmp/neuro_snn.whl", "archive_info": {}}, "pip install '/tmp/neuro_snn.whl[torch]'"),
+        ({"url": "https://host/neuro.git", "vcs_info": {}}, "pip install '.[torch]' in the folder of neuro's sources"),
+        (None, "pip install '.[torch]' in the folder of neuro's sources"),
+    ],
+)
+def test_an_extra_is_installed_from_where_the_package_came(installed, origin, command):
+    installed(origin)
+    assert install("torch") == command
+
+
+def test_without_metadata(monkeypatch):
+    monkeypatch.setattr(extras, "DISTRIBUTION", "neuro-that-nobody-installed")
+    assert install("torch") == "pip install '.[torch]' in the folder of neuro's sources"
+
+
+def test_hints_name_extras_that_there_are():
+    named = {name for file in CODE for name in re.findall(r"install\(['\"](\w+)['\"]\)", file.read_text())}
+    assert {"compare", "torch", "rl", "bullet", "events"} <= named <= PROJECT["optional-dependencies"].keys()
+
+
+def test_no_page_or_message_installs_the_package_of_that_name_on_the_index():
+    pages = [ROOT / "README.md", ROOT / "Makefile", *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").iterdir()]
+    wrong = re.compile(r"pip install [^\n]*\bneuro\b(?!['’]s)")
+    assert [str(file) for file in (*CODE, *pages) if wrong.search(file.read_text())] == []
+
+
+def test_names_and_versions_agree():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert PROJECT["name"] == extras.DISTRIBUTION
+    assert PROJECT["version"] == neuro.__version__ == citation["version"]
+    assert PROJECT["license"] == citation["license"] == "MIT"
+
+
+def test_every_python_that_is_promised_has_its_constraints():
+    told = re.findall(r"Python :: (3\.\d+)", "\n".join(PROJECT["classifiers"]))
+    assert sorted(file.stem for file in (ROOT / "constraints").glob("*.txt")) == told
+    assert PROJECT["requires-python"] == f">={told[0]}"
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "constraints").glob("*.txt")), ids=lambda file: file.stem)
+def test_constraints_pin_what_is_required(file):
+    lines = file.read_text().splitlines()
+    pins = dict(line.split("==") for line in lines if not line.startswith("#"))
+    pinned = {canonicalize_name(name): version for name, version in pins.items()}
+    assert len(pinned) == len(lines) - 2
+    for text in (*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["test"]):
+        asked = Requirement(text)
+        if asked.marker is None or asked.marker.evaluate({"python_version": file.stem}):
+            assert pinned[canonicalize_name(asked.name)] in asked.specifier, text
