@@ -9,6 +9,18 @@ import pytest
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--bounds", action="store_true", help="compile kernels that look at every index; slow")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--bounds"):
+        from neuro.kernels.checked import check_bounds
+
+        check_bounds()
+
+
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
