@@ -10,8 +10,10 @@ from typing import Any
 import numba
 
 from neuro.kernels.kept import Kept
+from neuro.kernels.part import PartCompiler
 
 _njit: Any = numba.njit
+_PART = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": PartCompiler}
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -34,12 +36,12 @@ def _kept(dispatcher: Any) -> Any:
 
 def inner(function: Callable[..., Any]) -> Any:
     """Compile a function that only other kernels call."""
-    return _njit(error_model="numpy", _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)(function)
+    return _njit(error_model="numpy", _nrt=False, **_PART)(function)
 
 
 def merged(function: Callable[..., Any]) -> Any:
     """Compile a function that is always merged into its callers: for the few in the innermost loops."""
-    return _njit(error_model="numpy", _nrt=False, forceinline=True)(function)
+    return _njit(error_model="numpy", _nrt=False, forceinline=True, **_PART)(function)
 
 
 @cache
@@ -51,4 +53,4 @@ def compiled(function: FunctionType) -> Any:
         if isinstance(called, FunctionType):
             scope[name] = compiled(called)
     twin = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
-    return _njit(error_model="numpy", _nrt=False)(twin)
+    return inner(twin)
