@@ -24,6 +24,14 @@ def pytest_configure(config: pytest.Config) -> None:
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
+@pytest.fixture(scope="session", autouse=True)
+def compiling_is_not_told() -> None:
+    """What a test hears on stderr does not depend on whether an earlier run kept the kernels."""
+    from neuro.kernels import kept
+
+    kept._said = True
+
+
 @pytest.fixture(scope="session")
 def shared() -> Path:
     """Data and reference traces beside the repository."""
