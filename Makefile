@@ -1,6 +1,7 @@
 # make test         environment, install, lint, types, all tests
 # make demo         environment, install, then learn to recognise digits from event-camera recordings
 #                   (DATA=folder: real N-MNIST files instead of recordings made here)
+# make test-bounds  what runs networks once more, with every index of every compiled loop looked at
 # make test-oracles the tests of event files beside other libraries, in an environment of their own
 # make bench        how fast it is
 # make bench-peers  how fast NEST, Brian2 and public emulators of Loihi are with the same networks, in environments of
@@ -17,6 +18,7 @@ BIN := $(VENV)/bin
 PEERS := ../shared/bench/peers
 OUT := demo
 DATA :=
+RUNNING := tests/test_conformance.py tests/test_random_networks.py tests/test_trials.py tests/chips
 
 PIP := -m pip install --quiet --disable-pip-version-check
 
@@ -45,7 +47,7 @@ $(PYTHON) -m venv $(2) $(1)
 endef
 
 .DEFAULT_GOAL := help
-.PHONY: help test test-oracles demo bench bench-peers constraints clean distclean
+.PHONY: help test test-bounds test-oracles demo bench bench-peers constraints clean distclean
 
 help:
 	@sed -n 's/^# \{0,1\}//p;/^$$/q' Makefile
@@ -55,6 +57,9 @@ test: $(VENV)/.test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/pytest -n 2 --dist loadfile -p no:benchmark --hypothesis-seed=0
+
+test-bounds: $(VENV)/.test
+	$(BIN)/pytest --bounds -n 2 --dist loadfile -p no:benchmark --hypothesis-seed=0 $(RUNNING)
 
 test-oracles: $(VENV)-oracles/.installed
 	$(VENV)-oracles/bin/python -m pytest tests/events -n 2 -p no:benchmark -ra

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.errors import ModelError, Where, nearest
-from neuro.neurons import Model
+from neuro.neurons import GENERATORS, Generator, Model
 from neuro.program import Floats, Ints, Program
 from neuro.synapses import Synapse
 
@@ -208,12 +208,23 @@ def unreadable(shows: Backend | Engine) -> frozenset[str]:
 
 
 def floats_only(program: Program) -> list[Problem]:
-    """The problems of a float backend: parts that are described in a chip's registers."""
+    """The problems of a float backend: parts in a chip's registers, and generators that nobody knows how to step."""
     parts: list[tuple[str, Model | Synapse, Where | None]] = [
         (f"population '{p.name}'", p.model, p.origin) for p in program.populations
     ]
     parts += [(f"projection '{p.name}'", p.synapse, p.origin) for p in program.projections]
-    return [
+    own = [
+        Problem(
+            True,
+            f"population '{p.name}': {p.model.name}",
+            "a generator of one's own emits nothing: backends know " + ", ".join(g.__name__ for g in GENERATORS),
+            "inject the spikes that it emits into a spike_generator",
+            p.origin,
+        )
+        for p in program.populations
+        if isinstance(p.model, Generator) and not isinstance(p.model, GENERATORS)
+    ]
+    return own + [
         Problem(
             True,
             f"{what}: {choice.name}",

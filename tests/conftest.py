@@ -10,7 +10,27 @@ import pytest
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--bounds", action="store_true", help="compile kernels that look at every index; slow")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--bounds"):
+        from neuro.kernels.checked import check_bounds
+
+        check_bounds()
+
+
 SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiling_is_not_told() -> None:
+    """What a test hears on stderr does not depend on whether an earlier run kept the kernels."""
+    from neuro.kernels import kept
+
+    kept._said = True
 
 
 @pytest.fixture(scope="session")

@@ -1,10 +1,10 @@
+from neuro.kernels.jit import kernel
+
 # mypy: ignore-errors
 """Counts events in the cells of a grid."""
 
-from numba import njit
 
-
-@njit(cache=True)
+@kernel
 def count(x, y, shift, out):
     """Add the events at x, y (uint16, px) to out[y >> shift, x >> shift] (int64)."""
     for k in range(x.shape[0]):

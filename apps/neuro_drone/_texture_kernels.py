@@ -4,7 +4,8 @@
 from math import floor, log2
 
 import numpy as np
-from numba import njit
+
+from neuro.kernels.jit import inner
 
 RUN = 8
 """Pixels of a row that take one level of the pattern."""
@@ -12,13 +13,13 @@ HIGHEST = 64.0
 """Level of what is at the horizon or above."""
 
 
-@njit(cache=True)
+@inner
 def texel(levels, start, mask, i, j):
     """A texel of the tile, which is repeated. All are unsigned, so that no index is from the end."""
     return levels[start + (j & mask) * (mask + np.uint64(1)) + (i & mask)]
 
 
-@njit(cache=True)
+@inner
 def lookup(levels, start, size, x, y):
     """Bilinear mean of the four texels round a place. x, y: texels of this level, middles at halves."""
     left, upper = floor(x - 0.5), floor(y - 0.5)
@@ -31,7 +32,7 @@ def lookup(levels, start, size, x, y):
     return above + b * (below - above)
 
 
-@njit(cache=True)
+@inner
 def sharpness(matrix, focal, middle, wide, out):
     """Logarithm (2) of the longer side of a pixel on the ground, in texels, in the middle of each run; at least 0.
 
@@ -51,7 +52,7 @@ def sharpness(matrix, focal, middle, wide, out):
                 out[row, run] = 0.5 * log2(max(square, 1.0))
 
 
-@njit(cache=True)
+@inner
 def places(row, matrix, focal, middle, x, y):
     """Where the pixels of a row meet the ground, m; anywhere where they do not."""
     b = (row - middle) / focal
@@ -64,7 +65,7 @@ def places(row, matrix, focal, middle, x, y):
         y[column] = matrix[3, 1] + reach * (a * matrix[0, 1] + b * matrix[1, 1] + matrix[2, 1])
 
 
-@njit(cache=True)
+@inner
 def textured_ground(matrix, focal, middle, levels, size, wide, sharp, x, y, base):
     """Replace the ground of a base by a pattern; where that is one shade for its distance, the base stays.
 

@@ -2,10 +2,11 @@
 """Compiled loops of `neuro_remus.frontend`."""
 
 import numpy as np
-from numba import njit
+
+from neuro.kernels.jit import allocating
 
 
-@njit(cache=True)
+@allocating
 def c1_responses(x, y, bounds, bank, sizes, height, width, out):
     """S1 and C1 of every pseudo-frame of a recording.
 

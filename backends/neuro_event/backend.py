@@ -9,6 +9,7 @@ from typing import Any
 from neuro.backend import Engine, Problem, floats_only
 from neuro.errors import ModelError
 from neuro.program import Program
+from neuro_event.models import unknown
 
 
 class EventBackend:
@@ -19,8 +20,8 @@ class EventBackend:
     unsupported: dict[str, str] = {}
 
     def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
-        """Only parts in the registers of a chip are refused."""
-        return floats_only(program)
+        """Only parts in the registers of a chip are refused, and models that are not listed."""
+        return [*floats_only(program), *unknown(program)]
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
         """Make an engine at step 0.

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.neurons import NEURONS, Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.neurons import Neuron, dc_generator, poisson_generator, spike_generator
 from neuro.program import Floats, Ints, Population, Program, Projection
 from neuro_event import tables as t
+from neuro_event.models import NEURONS
 
 WORD = t.BLOCK * t.GROUPED
 """Neurons of a group of blocks; populations begin at multiples of it."""

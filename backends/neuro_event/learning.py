@@ -11,7 +11,7 @@ from neuro.program import Floats, Ints, Program
 from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
-from neuro_event.dispatch import MODULATED_RULES, RULES
+from neuro_event.models import MODULATED_RULES, RULES
 from neuro_event.plastic import DECAYS, ENTRY, NEWEST
 
 

@@ -8,7 +8,6 @@ The engine keeps the arrays alive.
 # mypy: disable-error-code="no-untyped-def,no-untyped-call,attr-defined,no-any-return"
 from __future__ import annotations
 
-from collections import namedtuple
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,7 +15,8 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.extending import intrinsic
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, models, register_model
 from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
@@ -113,8 +113,6 @@ def _fields(text):
 
 NET_FIELDS = [name for name, _, _ in _fields(NET)]
 PLASTIC_FIELDS = [name for name, _, _ in _fields(PLASTIC)]
-Net: Any = namedtuple("Net", NET_FIELDS)  # type: ignore[misc]
-Plastic: Any = namedtuple("Plastic", PLASTIC_FIELDS)  # type: ignore[misc]
 
 
 def table_of(net: Mapping[str, NDArray[Any]], plastic: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:
@@ -138,35 +136,65 @@ def with_plastic(table: NDArray[np.int64], **arrays: NDArray[Any]) -> NDArray[np
     return other
 
 
-def _viewer(kind, text, first):
-    """A compiled function from the table to views of all fields; those that are not used cost nothing."""
-    fields = _fields(text)
-    arrays = [types.Array(getattr(types, _TYPES[dtype]), int(ndim), "C") for _, dtype, ndim in fields]
-    result = types.NamedTuple(arrays, kind)
+class Views(types.Type):
+    """All arrays of one table, from row `first` on: the address of the table. An array is made where it is named.
 
-    def codegen(context, builder, signature, arguments):
-        table = context.make_array(signature.args[0])(context, builder, arguments[0])
+    Making all of them in every function took most of the time of compiling.
+    """
 
-        def entry(row, column):
-            place = builder.gep(table.data, [context.get_constant(types.intp, 4 * row + column)])
-            return builder.load(place)
+    def __init__(self, name, first, fields):
+        super().__init__(name)
+        self.rows = {field: first + k for k, (field, _, _) in enumerate(fields)}
+        self.arrays = {
+            field: types.Array(getattr(types, _TYPES[dtype]), int(ndim), "C") for field, dtype, ndim in fields
+        }
 
-        views = []
-        for row, array in enumerate(arrays, first):
-            view = context.make_array(array)(context, builder)
-            data = builder.inttoptr(entry(row, 0), context.get_data_type(array.dtype).as_pointer())
-            shape = [entry(row, 1 + d) for d in range(array.ndim)]
-            size = context.get_constant(types.intp, array.dtype.bitwidth // 8)
-            strides = [size]
-            for extent in reversed(shape[1:]):
-                strides.insert(0, builder.mul(strides[0], extent))
-            populate_array(view, data=data, shape=shape, strides=strides, itemsize=size, meminfo=None)
-            views.append(view._getvalue())
-        return context.make_tuple(builder, result, views)
+
+@register_model(Views)
+class _Address(models.PrimitiveModel):
+    def __init__(self, manager, kind):
+        super().__init__(manager, kind, ir.IntType(64).as_pointer())
+
+
+@infer_getattr
+class _Fields(AttributeTemplate):
+    key = Views
+
+    def generic_resolve(self, views, name):
+        return views.arrays.get(name)
+
+
+@lower_getattr_generic(Views)
+def _array(context, builder, views, table, name):
+    """The array of a field. Its row never changes while a kernel runs, so it may be read once and early."""
+
+    def entry(column):
+        word = builder.load(builder.gep(table, [context.get_constant(types.intp, 4 * views.rows[name] + column)]))
+        word.set_metadata("invariant.load", builder.module.add_metadata([]))
+        return word
+
+    array = views.arrays[name]
+    view = context.make_array(array)(context, builder)
+    data = builder.inttoptr(entry(0), context.get_data_type(array.dtype).as_pointer())
+    shape = [entry(1 + d) for d in range(array.ndim)]
+    size = context.get_constant(types.intp, array.dtype.bitwidth // 8)
+    strides = [size]
+    for extent in reversed(shape[1:]):
+        strides.insert(0, builder.mul(strides[0], extent))
+    populate_array(view, data=data, shape=shape, strides=strides, itemsize=size, meminfo=None)
+    return view._getvalue()
+
+
+def _viewer(name, text, first):
+    """A compiled function from the table to its arrays."""
+    views = Views(name, first, _fields(text))
 
     @intrinsic
     def viewer(typingctx, table):
-        return result(table), codegen
+        def codegen(context, builder, signature, arguments):
+            return context.make_array(signature.args[0])(context, builder, arguments[0]).data
+
+        return views(table), codegen
 
     return viewer
 
@@ -191,5 +219,5 @@ def prefetch(typingctx, address):
 PAST = len(NET_FIELDS) + PLASTIC_FIELDS.index("past")
 """Row of the histories in the table."""
 
-net_of = _viewer(Net, NET, 0)
-plastic_of = _viewer(Plastic, PLASTIC, len(NET_FIELDS))
+net_of = _viewer("Net", NET, 0)
+plastic_of = _viewer("Plastic", PLASTIC, len(NET_FIELDS))

@@ -2,10 +2,11 @@
 
 # mypy: ignore-errors
 import numpy as np
-from numba import njit
+
+from neuro.kernels.jit import kernel
 
 
-@njit(cache=True)
+@kernel
 def survey(t, x, y):
     """Largest x and y, and whether time does not run back."""
     x_max = np.uint16(0)

@@ -10,7 +10,8 @@ v(u) = v + a u + q (exp(-ru) - 1), with a = s + leak and q = lag + s/r (0 withou
 from math import exp, expm1, inf, isnan, log
 
 import numpy as np
-from numba import njit
+
+from neuro.kernels.jit import inner, kernel
 
 BLOCK = 64
 SETTLED = 40.0
@@ -38,7 +39,7 @@ FIXED = np.dtype([("cutoff", "f8"), ("blind", "f8"), ("wait", "f8"), ("dimmed", 
 share of them that full scale takes away, seed."""
 
 
-@njit(cache=True)
+@inner
 def mix(z):
     """SplitMix64's finaliser, uint64 to uint64. Source: Steele, Lea, Flood, OOPSLA 2014."""
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -46,39 +47,39 @@ def mix(z):
     return z ^ (z >> np.uint64(31))
 
 
-@njit(cache=True)
+@inner
 def draw(seed, pixel, number):
     """The pixel's random word of this number: a function of nothing else."""
     key = mix(np.uint64(seed) + np.uint64(pixel) * np.uint64(0x9E3779B97F4A7C15))
     return mix(key + np.uint64(number) * np.uint64(0x9E3779B97F4A7C15))
 
 
-@njit(cache=True)
+@inner
 def unit(word):
     """A number between 0 and 1, both excluded, from the upper 53 bits."""
     return (float(word >> np.uint64(11)) + 0.5) / 9007199254740992.0
 
 
-@njit(cache=True)
+@inner
 def next_noise(state, i, all_):
     """Draw the time of the next noise event; the lowest bit of the word is its polarity."""
     state.drawn += 1
     state.noise -= all_.wait * log(unit(draw(all_.seed, i, state.drawn)))
 
 
-@njit(cache=True)
+@inner
 def eased(q, r, u):
     """What the lag, and so v, has changed by because of the limited bandwidth."""
     return q * expm1(-r * u) if q != 0.0 else 0.0
 
 
-@njit(cache=True)
+@inner
 def value(v, a, q, r, u):
     """v(u), see above."""
     return v + a * u + eased(q, r, u)
 
 
-@njit(cache=True)
+@inner
 def root(v, a, q, r, target, left, right):
     """Time in [left, right], where v(u) is monotone and reaches the target.
 
@@ -96,7 +97,7 @@ def root(v, a, q, r, target, left, right):
     return u
 
 
-@njit(cache=True)
+@inner
 def crossing(v, a, q, r, on, off, span):
     """First time up to span at which v(u) reaches a threshold, and the polarity; inf if it does not."""
     if q == 0.0:
@@ -121,13 +122,13 @@ def crossing(v, a, q, r, on, off, span):
     return inf, 0
 
 
-@njit(cache=True)
+@inner
 def bandwidth(state, all_):
     """1/us; in proportion to the intensity."""
     return all_.cutoff * state.bright
 
 
-@njit(cache=True)
+@inner
 def due_time(state, levels, i, all_):
     """Until when the pixel has no event and draws no noise while its image stays as it is, or a bit less."""
     r = bandwidth(state, all_)
@@ -145,7 +146,7 @@ def due_time(state, levels, i, all_):
     return min(state.since + wait + u, state.noise)
 
 
-@njit(cache=True)
+@inner
 def run(state, levels, i, s, end, all_, origin, earliest, n, out_t, out_pixel, out_p):
     """Let a pixel see the log intensity go with slope s until `end`; returns events written, whether it got there."""
     r = bandwidth(state, all_)
@@ -195,7 +196,7 @@ def run(state, levels, i, s, end, all_, origin, earliest, n, out_t, out_pixel, o
     return n, True
 
 
-@njit(cache=True)
+@kernel
 def advance(k, count, index, logs, bright, t0, t1, fixed, origin, pixels, levels, due, out_t, out_pixel, out_p):
     """Let the pixels found by `look` see the image of t1; between t0 and t1 their log goes straight.
 
@@ -234,7 +235,7 @@ def advance(k, count, index, logs, bright, t0, t1, fixed, origin, pixels, levels
     return n, count
 
 
-@njit(cache=True)
+@kernel
 def begin(logs, bright, fixed, pixels, levels, due):
     """Show the first image, at time 0."""
     all_ = fixed[0]
@@ -249,7 +250,7 @@ def begin(logs, bright, fixed, pixels, levels, due):
         due[i] = due_time(state, levels, i, all_)
 
 
-@njit(cache=True)
+@kernel
 def in_order(t, pixel, p, width, order, out_t, out_x, out_y, out_p):
     """Columns and rows of pixels, all in the given order."""
     for k in range(order.size):
@@ -260,7 +261,7 @@ def in_order(t, pixel, p, width, order, out_t, out_x, out_y, out_p):
         out_p[k] = p[i]
 
 
-@njit(cache=True)
+@kernel
 def few_in_order(t, pixel, p, width, out_t, out_x, out_y, out_p):
     """As `in_order`, by time and then as they come: each is put in its place among those before."""
     for i in range(t.size):

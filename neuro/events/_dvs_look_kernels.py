@@ -4,15 +4,15 @@
 from math import inf, log, nan
 
 import numpy as np
-from numba import njit
 
 from neuro.events._dvs_kernels import BLOCK, CHANGE, LOG, OFF, ON, TIE
+from neuro.kernels.jit import allocating, inner, kernel
 
 MANY = 48
 """Changed pixels of a block from which on all of it is tried at once."""
 
 
-@njit(cache=True)
+@inner
 def differing(new, old, low, high):
     """How many pixels from low to high - 1 differ; without a branch, so that it is done many pixels at a time."""
     found = 0
@@ -21,14 +21,14 @@ def differing(new, old, low, high):
     return found
 
 
-@njit(cache=True)
+@inner
 def outside(low, high, width, box):
     """Whether pixels low to high - 1 of the flat image certainly have none in a box; its rows are looked at before."""
     row = low // width
     return high <= (row + 1) * width and (high - row * width <= box[0] or low - row * width >= box[2])
 
 
-@njit(cache=True)
+@inner
 def possible(new, scale, low, high):
     """Whether all intensities from low to high - 1 are finite and not negative; without a branch."""
     bad = 0
@@ -38,7 +38,7 @@ def possible(new, scale, low, high):
     return bad == 0
 
 
-@njit(cache=True)
+@inner
 def glide(logs, low, high, levels):
     """Take on the logs of a block of pixels without leak and noise if none has an event; returns whether it did."""
     loud = 0
@@ -54,7 +54,7 @@ def glide(logs, low, high, levels):
     return True
 
 
-@njit(cache=True)
+@kernel
 def look(new, old, first, box, width, scale, block_due, t1, blocks, changed):
     """Find the blocks in which pixels changed or are due until t1, and look at their intensities.
 
@@ -83,7 +83,7 @@ def look(new, old, first, box, width, scale, block_due, t1, blocks, changed):
     return n, -1
 
 
-@njit(cache=True)
+@inner
 def curve(value, table, scale, floor, knee, slope, height):
     """Log intensity of a pixel."""
     if table.size:
@@ -92,7 +92,7 @@ def curve(value, table, scale, floor, knee, slope, height):
     return log(seen) if seen > knee else seen * slope + height
 
 
-@njit(cache=True)
+@allocating
 def pick(
     new, old, first, blocks, changed, count, calm, table, scale, floor, knee, slope, height, due, t1, levels,
     index, logs, bright,
@@ -136,7 +136,7 @@ def pick(
     return k
 
 
-@njit(cache=True)
+@kernel
 def settle(blocks, count, new, old, due, block_due):
     """Keep what was looked at, and when the first pixel of each block is due."""
     for k in range(count):

@@ -1,78 +1,47 @@
-"""How backends compile: once, into a cache of their own that a change of any kernel leaves behind."""
+"""How kernels compile: all of them here, with one cache that any change of what they are made of leaves behind."""
 
 from __future__ import annotations
 
-import hashlib
-import os
-import sys
-import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 from types import FunctionType
 from typing import Any
 
 import numba
-import platformdirs
+
+from neuro.kernels.kept import Kept
+from neuro.kernels.part import PartCompiler
 
 _njit: Any = numba.njit
-_config: Any = numba.config
-
-
-@cache
-def folder(package: Path) -> str:
-    """Where the compiled kernels of a backend are kept: named by a hash of all sources that they are made of.
-
-    numba looks only at the file of the function that is cached, not at those of the functions it calls.
-
-    Args:
-        package: the folder of the backend's own sources.
-    """
-    digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
-    neuro = Path(__file__).parent.parent
-    shared = [neuro / "kernels", neuro / "neurons", neuro / "synapses"]
-    for source in sorted(file for place in [package, *shared] for file in place.glob("*.py")):
-        digest.update(source.name.encode() + source.read_bytes())
-    name = Path("kernels") / digest.hexdigest()[:16]
-    for root in (Path(platformdirs.user_cache_dir("neuro")), Path(tempfile.gettempdir()) / f"neuro-{os.getuid()}"):
-        try:
-            (root / name).mkdir(parents=True, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(root / name, os.W_OK):
-            return str(root / name)
-    return ""
-
-
-@contextmanager
-def _cached_in(place: str) -> Iterator[None]:
-    before = _config.CACHE_DIR
-    _config.CACHE_DIR = place
-    try:
-        yield
-    finally:
-        _config.CACHE_DIR = before
+_PART = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": PartCompiler}
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile an entry point; its machine code is kept on disk.
+    """Compile an entry point: Python calls it, other kernels may, and its machine code is kept on disk.
 
     Kernels allocate nothing, so numba's reference counting, which costs more than a small network, is off.
     """
-    place = folder(Path(function.__code__.co_filename).parent)
-    with _cached_in(place):
-        return _njit(cache=bool(place), error_model="numpy", nogil=True, _nrt=False)(function)
+    return _kept(_njit(error_model="numpy", nogil=True, _nrt=False)(function))
+
+
+def allocating(function: Callable[..., Any]) -> Any:
+    """Compile an entry point that makes arrays of its own."""
+    return _kept(_njit(error_model="numpy", nogil=True)(function))
+
+
+def _kept(dispatcher: Any) -> Any:
+    dispatcher._cache = Kept(dispatcher)
+    return dispatcher
 
 
 def inner(function: Callable[..., Any]) -> Any:
     """Compile a function that only other kernels call."""
-    return _njit(error_model="numpy", _nrt=False)(function)
+    return _njit(error_model="numpy", _nrt=False, **_PART)(function)
 
 
 def merged(function: Callable[..., Any]) -> Any:
     """Compile a function that is always merged into its callers: for the few in the innermost loops."""
-    return _njit(error_model="numpy", _nrt=False, forceinline=True)(function)
+    return _njit(error_model="numpy", _nrt=False, forceinline=True, **_PART)(function)
 
 
 @cache
@@ -84,4 +53,4 @@ def compiled(function: FunctionType) -> Any:
         if isinstance(called, FunctionType):
             scope[name] = compiled(called)
     twin = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
-    return _njit(error_model="numpy", _nrt=False)(twin)
+    return inner(twin)

@@ -1,10 +1,10 @@
+from neuro.kernels.jit import kernel
+
 # mypy: ignore-errors
 """Support by neighbours."""
 
-from numba import njit
 
-
-@njit(cache=True)
+@kernel
 def supported(t, x, y, dt_us, last, keep):
     """last: int64[height + 2, width + 2], time of each pixel's last event, us; keep: bool[n]."""
     for k in range(t.shape[0]):

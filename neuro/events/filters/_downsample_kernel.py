@@ -1,10 +1,10 @@
+from neuro.kernels.jit import kernel
+
 # mypy: ignore-errors
 """Sums of blocks of pixels."""
 
-from numba import njit
 
-
-@njit(cache=True)
+@kernel
 def join(t, x, y, p, columns, rows, threshold, sums, out_t, out_x, out_y, out_p):
     """columns: uint16[width], rows: uint16[height], block of each; sums: int64[blocks down, across].
 

@@ -1,10 +1,10 @@
+from neuro.kernels.jit import kernel
+
 # mypy: ignore-errors
 """A look at each event's pixel."""
 
-from numba import njit
 
-
-@njit(cache=True)
+@kernel
 def look_up(x, y, good, keep):
     """good: bool[height, width]; keep: bool[n]."""
     for k in range(x.shape[0]):

@@ -2,15 +2,15 @@
 """A random change of each time, and the order thereafter."""
 
 import numpy as np
-from numba import njit
 
 from neuro.kernels.draws import step_word
+from neuro.kernels.jit import kernel
 
 DIGIT = 11
 """Bits sorted by in one pass: the counts of 2^11 values stay in the innermost cache."""
 
 
-@njit(cache=True)
+@kernel
 def shake(t, key, first, amount, out):
     """Event k of the part is number first + k of the recording; key: uint64; out: int64[n], us."""
     choices = np.uint64(2 * amount + 1)
@@ -18,7 +18,7 @@ def shake(t, key, first, amount, out):
         out[k] = t[k] + np.int64(step_word(key, first + k) % choices) - amount
 
 
-@njit(cache=True)
+@kernel
 def by_digit(t, lowest, shift, order, counts, out):
     """One pass of a stable radix sort: put order, int64[n] indices into t, by some bits of t - lowest into out."""
     mask = counts.shape[0] - 1

@@ -1,10 +1,10 @@
+from neuro.kernels.jit import kernel
+
 # mypy: ignore-errors
 """Leave out what is not kept."""
 
-from numba import njit
 
-
-@njit(cache=True)
+@kernel
 def compact(keep, values, out):
     """keep: bool[n]; values: [n]; out: at least one longer than what is kept, since every value is written first."""
     j = 0

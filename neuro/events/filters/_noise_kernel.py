@@ -4,15 +4,15 @@
 from math import log
 
 import numpy as np
-from numba import njit
 
 from neuro.kernels.draws import mix, step_word, uniform
+from neuro.kernels.jit import kernel
 
 BIN_US = 1024
 """In each bin of this length the process begins anew, which a Poisson process may since it has no memory."""
 
 
-@njit(cache=True)
+@kernel
 def sprinkle(first, last, key, mean_us, pixels, out_t, out_pixel, out_p):
     """Noise with first <= t <= last, us; mean_us: mean time to the next event of the whole sensor; key: uint64.
 
@@ -40,7 +40,7 @@ def sprinkle(first, last, key, mean_us, pixels, out_t, out_pixel, out_p):
     return n
 
 
-@njit(cache=True)
+@kernel
 def merge(noise_t, noise_pixel, noise_p, width, t, x, y, p, out_t, out_x, out_y, out_p):
     """Both in the order of time, the noise first; out_*: as long as both."""
     j = 0

@@ -1,10 +1,10 @@
+from neuro.kernels.jit import kernel
+
 # mypy: ignore-errors
 """Dead time."""
 
-from numba import njit
 
-
-@njit(cache=True)
+@kernel
 def rested(t, x, y, period_us, extend, last, keep):
     """last: int64[height, width], since when the pixel is dead, us; keep: bool[n]."""
     for k in range(t.shape[0]):

@@ -4,13 +4,14 @@
 from math import exp
 
 import numpy as np
-from numba import njit
+
+from neuro.kernels.jit import inner, kernel
 
 LIMIT = 600.0
 """Time constants after which the unit is set anew; exp(600) is far from the end of float64."""
 
 
-@njit(cache=True)
+@kernel
 def surfaces(t, x, y, p, tau_us, theta, radius, cell, origin, held, counts, sums, keep):
     """held: float64[height + 2 radius, width + 2 radius, 2]; origin: int64[1], us; counts: int64[rows, columns].
 
@@ -36,7 +37,7 @@ def surfaces(t, x, y, p, tau_us, theta, radius, cell, origin, held, counts, sums
         held[y[k] + radius, x[k] + radius, p[k]] += unit
 
 
-@njit(cache=True)
+@inner
 def add_surface(unit, x, y, p, radius, cell, held, counts, sums):
     """Add what the neighbours in the event's cell hold to the sum of the cell."""
     cell_row, cell_column = y // cell, x // cell

@@ -4,10 +4,11 @@
 from math import exp
 
 import numpy as np
-from numba import njit
+
+from neuro.kernels.jit import kernel
 
 
-@njit(cache=True)
+@kernel
 def tar(t, x, y, tau_us, theta, radius, mask, touched, keep):
     """mask: float64, touched: int64 us, both [height + 2 radius, width + 2 radius]; keep: bool[n].
 

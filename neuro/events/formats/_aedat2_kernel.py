@@ -2,14 +2,15 @@
 
 # mypy: ignore-errors
 import numpy as np
-from numba import njit
+
+from neuro.kernels.jit import kernel
 
 WORD = 8
 T_WRAP = 1 << 32
 T_HALF = 1 << 31
 
 
-@njit(cache=True)
+@kernel
 def decode(words, layout, clock, skipped, t, x, y, p):
     """Decode words up to the first that is none of the chip.
 

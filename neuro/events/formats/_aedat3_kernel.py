@@ -2,7 +2,8 @@
 
 # mypy: ignore-errors
 import numpy as np
-from numba import njit
+
+from neuro.kernels.jit import inner, kernel
 
 PACKET = 28
 EVENT = 8
@@ -10,14 +11,14 @@ POLARITY = 1
 OTHER, INVALID = 0, 1
 
 
-@njit(cache=True)
+@inner
 def word(data, at):
     """A little-endian signed 32-bit number."""
     low = np.int64(data[at]) | np.int64(data[at + 1]) << 8 | np.int64(data[at + 2]) << 16 | np.int64(data[at + 3]) << 24
     return low - ((low & 0x80000000) << 1)
 
 
-@njit(cache=True)
+@inner
 def wrong(data, at):
     """Whether these are not the sizes of a packet: events, their bytes and their times have none below zero."""
     size, offset = word(data, at + 4), word(data, at + 8)
@@ -27,7 +28,7 @@ def wrong(data, at):
     return counts or not 0 <= offset < size or word(data, at + 12) < 0 or (kind == POLARITY and size != EVENT)
 
 
-@njit(cache=True)
+@kernel
 def decode(data, source, state, left_out, t, x, y, p):
     """Decode bytes that begin where `state` says.
 

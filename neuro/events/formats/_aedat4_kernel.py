@@ -1,17 +1,17 @@
 """Decoding the packets of AEDAT 4 that are like those before them."""
 
 # mypy: ignore-errors
-from numba import njit
 
 from neuro.events.formats._aedat4_packet import LIMIT, RECORD
 from neuro.events.formats._lz4_kernel import HEADER, WIDE, frame, straight
 from neuro.events.formats._unaligned import address, load4, load8
+from neuro.kernels.jit import inner, kernel
 
 ENTRY = 8
 ROW = RECORD.itemsize
 
 
-@njit(cache=True)
+@kernel
 def split(plain, start, count, n, t, x, y, p):
     """Copy records into columns.
 
@@ -49,7 +49,7 @@ def split(plain, start, count, n, t, x, y, p):
     return x_max, y_max, not back
 
 
-@njit(cache=True)
+@inner
 def _same(data, at, expected):
     """Whether data go on like that at a place."""
     same = at + len(expected) <= data.size
@@ -58,7 +58,7 @@ def _same(data, at, expected):
     return same
 
 
-@njit(cache=True)
+@inner
 def _unpacked(data, at, size, head, plain):
     """Number of bytes that a packet has when unpacked, -1 where it is not of the usual kind or too long."""
     if len(head) == 0 and size + WIDE <= plain.size:
@@ -69,7 +69,7 @@ def _unpacked(data, at, size, head, plain):
     return frame(data, at, at + size, plain)
 
 
-@njit(cache=True)
+@kernel
 def walk(data, counts, wanted, head, lead, highest, plain, begins, places, n, t, x, y, p):
     """Decode packets up to the first that is cut, has no room, or is not like those before it.
 

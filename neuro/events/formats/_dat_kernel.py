@@ -2,12 +2,13 @@
 
 # mypy: ignore-errors
 import numpy as np
-from numba import njit
+
+from neuro.kernels.jit import kernel
 
 U = np.uint32
 
 
-@njit(cache=True)
+@kernel
 def decode(words, side, shift, up, t, x, y, p):
     """Decode events; one simple loop, which the compiler turns into vector instructions.
 

@@ -2,7 +2,8 @@
 
 # mypy: ignore-errors
 import numpy as np
-from numba import njit
+
+from neuro.kernels.jit import kernel
 
 EVENT = 5
 OVERFLOW = 0xFF
@@ -10,7 +11,7 @@ RESET = 0xFE
 OVERFLOW_US = 127
 
 
-@njit(cache=True)
+@kernel
 def decode(data, now, t, x, y, p):
     """Decode bytes that begin with an event or between events.
 
@@ -52,7 +53,7 @@ def decode(data, now, t, x, y, p):
     return n, at, x_max, y_max, now
 
 
-@njit(cache=True)
+@kernel
 def begins(data, event):
     """The byte at which an event begins, of bytes that `decode` took."""
     at = 0
@@ -66,7 +67,7 @@ def begins(data, event):
             at += EVENT
 
 
-@njit(cache=True)
+@kernel
 def encode(t, x, y, p, now, out):
     """Encode events.
 

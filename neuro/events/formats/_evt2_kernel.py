@@ -2,7 +2,8 @@
 
 # mypy: ignore-errors
 import numpy as np
-from numba import njit
+
+from neuro.kernels.jit import inner, kernel
 
 OTHER, STARTED, HIGH, WRAPS, LAST, STATES = range(6)
 """State: words left out; whether a TIME_HIGH was seen; its value; us that wraps add; last time."""
@@ -15,7 +16,7 @@ BLOCK = 64
 U = np.uint32
 
 
-@njit(cache=True)
+@inner
 def time_high(state, value):
     """A new TIME_HIGH: the time of events whose low bits are 0."""
     if state[HIGH] >= (1 << 28) - NEAR_WRAP and value < NEAR_WRAP:
@@ -25,7 +26,7 @@ def time_high(state, value):
     return state[WRAPS] + (value << 6)
 
 
-@njit(cache=True)
+@inner
 def decode_events(words, begin, t, x, y, p):
     """Decode words that are all events, without a branch, so that the compiler makes vector instructions of it.
 
@@ -50,7 +51,7 @@ def decode_events(words, begin, t, x, y, p):
     return place, row, back == 0
 
 
-@njit(cache=True)
+@kernel
 def decode(words, state, t, x, y, p):
     """Decode EVT 2.0.
 
@@ -105,7 +106,7 @@ def decode(words, state, t, x, y, p):
     return n, place >> U(11), row, ordered
 
 
-@njit(cache=True)
+@kernel
 def room21(words):
     """Events that EVT 2.1 words have at most."""
     n = 0
@@ -119,7 +120,7 @@ def room21(words):
     return n
 
 
-@njit(cache=True)
+@kernel
 def decode21(words, state, t, x, y, p):
     """Decode EVT 2.1.
 

@@ -2,7 +2,8 @@
 
 # mypy: ignore-errors
 import numpy as np
-from numba import njit
+
+from neuro.kernels.jit import inner, kernel
 
 OTHER, STARTED, TIME, ROW, BASE, ON, LAST, STATES = range(8)
 """State: words left out; whether a TIME_HIGH was seen; time with all wraps; row, -1 without one; next column of a
@@ -18,7 +19,7 @@ FIRST = np.array([0] + [(m & -m).bit_length() - 1 for m in range(1, 4096)], np.u
 U = np.uint32
 
 
-@njit(cache=True)
+@kernel
 def room(words):
     """Events that the words have at most, with one more that `decode` may scribble on."""
     n = 1
@@ -34,7 +35,7 @@ def room(words):
     return n
 
 
-@njit(cache=True)
+@kernel
 def decode(words, state, t, x, y, p):
     """Decode words.
 
@@ -122,7 +123,7 @@ def decode(words, state, t, x, y, p):
     return n, x_max, y_max, ordered
 
 
-@njit(cache=True)
+@inner
 def vector(t, x, y, p, k, start):
     """How many events from `k` on a vector of 12 from column `start` can hold in their order, and its bits."""
     bits = 0
@@ -135,7 +136,7 @@ def vector(t, x, y, p, k, start):
     return at - k, bits
 
 
-@njit(cache=True)
+@inner
 def tell(now, time, words, n):
     """Words from `n` on that bring a clock (-1: none yet) to a time; a wrap is told by its last and first TIME_HIGH."""
     high = now >> 12
@@ -153,7 +154,7 @@ def tell(now, time, words, n):
     return n + 1
 
 
-@njit(cache=True)
+@kernel
 def encode(t, x, y, p, state, words):
     """Encode events; three and more neighbours of one row, time and polarity in rising order go as vectors.
 

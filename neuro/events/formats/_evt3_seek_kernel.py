@@ -2,12 +2,13 @@
 
 # mypy: ignore-errors
 import numpy as np
-from numba import njit
+
+from neuro.kernels.jit import kernel
 
 TIME_HIGH = 8
 
 
-@njit(cache=True)
+@kernel
 def track(words, high, kinds):
     """Follow TIME_HIGH through words, as `neuro.events.formats._evt3_kernel.decode` does.
 

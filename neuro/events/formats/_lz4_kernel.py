@@ -15,9 +15,9 @@ Source: lz4_Block_format.md and lz4_Frame_format.md of the LZ4 project.
 """
 
 # mypy: ignore-errors
-from numba import njit
 
 from neuro.events.formats._unaligned import address, apart, copy1, copy4, copy8, copy16, load1, load2, load4
+from neuro.kernels.jit import inner, kernel
 
 WIDE = 16
 """Bytes of the largest copy, and so the most that is written beyond what is unpacked."""
@@ -27,7 +27,7 @@ TAIL, MATCH_TAIL, PACKED_TAIL = 5, 12, 8
 """Least bytes after the end and the beginning of a match, and packed ones after the literals before it."""
 
 
-@njit(cache=True)
+@inner
 def _longer(at, end, count):
     """Address after the bytes that make a length longer, and the length."""
     apart()
@@ -39,7 +39,7 @@ def _longer(at, end, count):
     return at, count
 
 
-@njit(cache=True)
+@inner
 def _each(to, start, count):
     """Copy bytes one after the other; those that are written are read again where the places overlap."""
     apart()
@@ -47,7 +47,7 @@ def _each(to, start, count):
         copy1(to + k, start + k)
 
 
-@njit(cache=True)
+@inner
 def _wide(to, start, count):
     """Copy bytes, and some more."""
     apart()
@@ -57,7 +57,7 @@ def _wide(to, start, count):
         k += WIDE
 
 
-@njit(cache=True)
+@inner
 def straight(to, start, count):
     """Copy bytes to an address from another that is not near, and no more."""
     whole = count & -WIDE
@@ -65,7 +65,7 @@ def straight(to, start, count):
     _each(to + whole, start + whole, count - whole)
 
 
-@njit(cache=True)
+@inner
 def block(at, end, readable, to, base, limit):
     """Unpack a block.
 
@@ -120,7 +120,7 @@ def block(at, end, readable, to, base, limit):
     return 0
 
 
-@njit(cache=True)
+@kernel
 def frame(data, at, end, plain):
     """Unpack a frame of which the header is known to be right, without checksums.
 

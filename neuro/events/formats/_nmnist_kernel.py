@@ -2,14 +2,15 @@
 
 # mypy: ignore-errors
 import numpy as np
-from numba import njit
+
+from neuro.kernels.jit import kernel
 
 WORD = 5
 OVERFLOW_ROW = 240
 OVERFLOW_US = 1 << 13
 
 
-@njit(cache=True)
+@kernel
 def decode(words, begin, t, x, y, p):
     """Decode words.
 

@@ -7,8 +7,10 @@ which is that of the files (little-endian) wherever this runs.
 # mypy: ignore-errors
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
+
+from neuro.kernels.jit import inner
 
 
 def _pointer(builder, address, bits):
@@ -48,7 +50,7 @@ load1, load2, load4, load8 = (_load(8 * count) for count in (1, 2, 4, 8))
 copy1, copy4, copy8, copy16 = (_copy(8 * count) for count in (1, 4, 8, 16))
 
 
-@njit(cache=True)
+@inner
 def address(array):
     """The address of the first item, as int64."""
     return np.int64(array.ctypes.data)

@@ -1,10 +1,11 @@
+from neuro.kernels.jit import kernel
+
 """Counting events per pixel."""
 
 # mypy: ignore-errors
-from numba import njit
 
 
-@njit(cache=True)
+@kernel
 def count(x, y, p, ranges, separate, signed, out):
     """Add events to frames.
 

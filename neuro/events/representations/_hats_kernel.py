@@ -9,14 +9,13 @@ set to exactly 0.
 # mypy: ignore-errors
 from math import exp
 
-from numba import njit
-
 from neuro.events.representations._surface_kernel import passed
+from neuro.kernels.jit import kernel
 
 FURTHEST = 30.0
 
 
-@njit(cache=True)
+@kernel
 def histograms(t, x, y, p, constants, memory, inside, queues, following, sums, counts):
     """Sum the time surfaces of all events.
 

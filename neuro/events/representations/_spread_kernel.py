@@ -2,10 +2,11 @@
 
 # mypy: ignore-errors
 import numpy as np
-from numba import njit
+
+from neuro.kernels.jit import kernel
 
 
-@njit(cache=True)
+@kernel
 def spread(t, x, y, p, start, stop, separate, signed, timed, out):
     """Add events to the two bins next to them.
 

@@ -4,25 +4,26 @@
 from math import exp
 
 import numpy as np
-from numba import njit
+
+from neuro.kernels.jit import inner, kernel
 
 NEVER = np.iinfo(np.int64).min
 
 
-@njit(cache=True)
+@inner
 def passed(before, now):
     """From one time to a later one, us; subtracted as uint64, which is right over all of int64."""
     return np.float64(np.uint64(now) - np.uint64(before))
 
 
-@njit(cache=True)
+@kernel
 def mark(t, x, y, p, separate, last):
     """Note the time of each pixel's last event in last, int64 (1 or 2, height, width)."""
     for k in range(t.shape[0]):
         last[p[k] if separate else 0, y[k], x[k]] = t[k]
 
 
-@njit(cache=True)
+@kernel
 def ages(last, now, tau, linear, out):
     """Read the surface of last, int64 (pixels,), at a time into out, float (pixels,)."""
     for i in range(last.shape[0]):
@@ -34,7 +35,7 @@ def ages(last, now, tau, linear, out):
             out[i] = exp(-passed(last[i], now) / tau)
 
 
-@njit(cache=True)
+@kernel
 def leak(t, x, y, p, before, options, values, value, since):
     """Add events to leaky pixels.
 
@@ -63,7 +64,7 @@ def leak(t, x, y, p, before, options, values, value, since):
         since[c, y[k], x[k]] = when
 
 
-@njit(cache=True)
+@kernel
 def leaked(value, since, now, tau, linear, out):
     """Read leaky pixels, float64 and int64 (pixels,), at a time into out, float (pixels,)."""
     for i in range(value.shape[0]):

@@ -3,10 +3,10 @@
 
 from math import exp
 
-from numba import njit
+from neuro.kernels.jit import kernel
 
 
-@njit(cache=True)
+@kernel
 def msd(t, tau_us, threshold, v, last, cuts):
     """t: int64[n]; v, last: potential and time so far; cuts: int64[n]. Returns number of cuts, v and last."""
     n = 0
@@ -20,7 +20,7 @@ def msd(t, tau_us, threshold, v, last, cuts):
     return n, v, last
 
 
-@njit(cache=True)
+@kernel
 def peaks(t, last, seen, constants, state, candidate, queue_t, queue_v, held, cuts):
     """Peaks of the potential.
 

@@ -1,0 +1,131 @@
+"""Where machine code is kept: a file for each kernel and types of arguments, named by all that it follows from.
+
+A file is written aside and moved into place, and never changed: any number of processes may compile at once, and what
+is read is whole. No index says what there is. What has not been used for longest goes when there is too much.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import sys
+import tempfile
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import platformdirs
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+
+from neuro.kernels.key import digest
+
+ROOM = 1 << 28
+"""Bytes that all machine code may take together; a network takes about one million."""
+
+
+class Kept:
+    """The machine code of one kernel on disk, as numba's dispatcher asks for it."""
+
+    def __init__(self, kernel: Any) -> None:
+        self._kernel = kernel
+
+    @property
+    def cache_path(self) -> str | None:
+        """The folder, None where no folder can be written."""
+        place = folder()
+        return None if place is None else str(place)
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """The machine code for these types of arguments, or None: it has to be compiled."""
+        place = self._file(signature, target)
+        if place is not None:
+            try:
+                told = pickle.loads(place.read_bytes())
+                os.utime(place)
+            except (OSError, EOFError, pickle.UnpicklingError):
+                pass
+            else:
+                target.refresh()
+                return CompileResult._rebuild(target, *told)
+        _say_once(kept=place is not None)
+        return None
+
+    def save_overload(self, signature: Any, code: Any) -> None:
+        """Keep what was compiled; where that fails, e.g. on a full disk, the next process compiles again."""
+        place = self._file(signature, code.target_context)
+        if place is None:
+            return
+        told = dumps(code._reduce())
+        try:
+            _clear(place.parent, ROOM - len(told))
+            _write(place, told)
+        except OSError:
+            return
+
+    def flush(self) -> None:
+        """Numba asks for this before it compiles anew; files are named by what is in them, so none is wrong."""
+
+    def _file(self, signature: Any, target: Any) -> Path | None:
+        place = folder()
+        name = self._kernel.py_func.__name__
+        return None if place is None else place / f"{name}-{digest(self._kernel, tuple(signature), target)}"
+
+
+@cache
+def folder() -> Path | None:
+    """Where machine code is kept: in the user's cache, else in the temporary folder; None if neither can be written.
+
+    What lies there is run, so it must be a folder of this user into which nobody else can write.
+    """
+    for place in _places():
+        try:
+            place.mkdir(parents=True, exist_ok=True, mode=0o700)
+            state = place.stat()
+            tempfile.TemporaryFile(dir=place).close()
+        except OSError:
+            continue
+        if state.st_uid == os.getuid() and not state.st_mode & 0o022:
+            return place
+    return None
+
+
+def _places() -> Iterator[Path]:
+    yield Path(platformdirs.user_cache_dir("neuro")) / "machine_code"
+    try:
+        yield Path(tempfile.gettempdir()) / f"neuro-{os.getuid()}"
+    except FileNotFoundError:
+        return
+
+
+def _write(place: Path, content: bytes) -> None:
+    aside = place.with_name(f"{place.name}.{os.getpid()}")
+    try:
+        aside.write_bytes(content)
+        aside.replace(place)
+    except OSError:
+        aside.unlink(missing_ok=True)
+        raise
+
+
+def _clear(place: Path, room: int) -> None:
+    """Remove files that have not been used for longest, until the rest takes at most so many bytes."""
+    with os.scandir(place) as entries:
+        files = sorted(((e.stat().st_mtime, e.stat().st_size, e.path) for e in entries if e.is_file()), reverse=True)
+    for _, size, path in files:
+        room -= size
+        if room < 0:
+            Path(path).unlink(missing_ok=True)
+
+
+_said = False
+
+
+def _say_once(kept: bool) -> None:
+    """Tell people on stderr, once in a process, why it takes a while."""
+    global _said
+    if not _said:
+        _said = True
+        way_out = "" if kept else "; they cannot be kept, as no cache folder can be written: set XDG_CACHE_HOME to one"
+        print(f"neuro: compiling kernels for this machine, once{way_out}", file=sys.stderr, flush=True)

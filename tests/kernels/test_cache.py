@@ -1,0 +1,158 @@
+"""The one cache of compiled kernels: what it sees, where it lies, what it says."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SAYS = "neuro: compiling kernels for this machine, once\n"
+REPOSITORY = Path(__file__).parents[2]
+NEAR = """
+from neuro.kernels.jit import kernel
+from far.called import add
+
+@kernel
+def total(values):
+    return add(values[0], values[1])
+"""
+FAR = """
+from neuro.kernels.jit import inner
+from far.numbers import EXTRA
+
+@inner
+def add(a, b):
+    return a + b + EXTRA
+"""
+RUN = "import numpy as np; from near.kernels import total; print(total(np.array([1, 2])))"
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Write modules into a folder that Python finds."""
+
+    def write(**sources):
+        for name, source in sources.items():
+            path = tmp_path / (name.replace("__", "/") + ".py")
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(source)
+
+    return write
+
+
+@pytest.fixture
+def python(tmp_path):
+    """Run code in a process of its own, with a cache of this test; returns what it prints and what it says."""
+
+    def run(code):
+        done = subprocess.run([sys.executable, "-c", code], **settings(tmp_path))
+        assert done.returncode == 0, done.stderr
+        return done.stdout.strip(), done.stderr
+
+    return run
+
+
+def settings(folder):
+    path = os.pathsep.join([str(folder), *sys.path])
+    environment = {**os.environ, "PYTHONPATH": path, "XDG_CACHE_HOME": str(folder / "cache")}
+    return {"env": environment, "capture_output": True, "text": True}
+
+
+@pytest.fixture
+def package(files):
+    files(near__kernels=NEAR, far__called=FAR, far__numbers="EXTRA = 0\n")
+
+
+def test_an_edit_in_the_file_of_a_called_function_is_seen(package, files, python):
+    assert python(RUN) == ("3", SAYS)
+    files(far__called=FAR.replace("a + b", "a * b"))
+    assert python(RUN) == ("2", SAYS)
+
+
+def test_an_edit_of_a_number_in_a_third_file_is_seen(package, files, python):
+    assert python(RUN) == ("3", SAYS)
+    files(far__numbers="EXTRA = 10\n")
+    assert python(RUN) == ("13", SAYS)
+
+
+def test_what_does_not_change_the_code_compiles_nothing(package, files, python):
+    assert python(RUN) == ("3", SAYS)
+    files(far__called='"""A docstring."""\n' + FAR.replace("return", "# a comment\n    return"))
+    assert python(RUN) == ("3", "")
+
+
+def test_an_edit_is_seen_by_a_kernel_of_events(tmp_path, python):
+    """The kernel of `hats` calls a function of another file."""
+    copy = tmp_path / "neuro"
+    subprocess.run(["cp", "-r", str(REPOSITORY / "neuro"), str(copy)], check=True)
+    code = (
+        "import numpy as np; from neuro.kernels.jit import kernel\n"
+        "from neuro.events.representations import _surface_kernel as s\n"
+        "from neuro.events.representations._hats_kernel import passed\n"
+        "assert s.passed is passed\n"
+        "@kernel\ndef f(a, b):\n    return passed(a, b)\n"
+        "print(f(5, 3))"
+    )
+    before, _ = python(code)
+    source = copy / "events" / "representations" / "_surface_kernel.py"
+    text = source.read_text()
+    body = re.search(r"def passed\(.*?\n    return ([^\n]*)", text, re.DOTALL)
+    assert body is not None
+    source.write_text(text[: body.start(1)] + "1000 + " + text[body.start(1) :])
+    assert float(python(code)[0]) == float(before) + 1000
+
+
+def test_two_kernels_say_once_that_they_compile(package, python):
+    code = RUN + "; print(total(np.array([1.0, 2.0])))"
+    assert python(code) == ("3\n3.0", SAYS)
+    assert python(code) == ("3\n3.0", "")
+
+
+def test_named_tuples_of_other_fields_are_other_arguments(files, python):
+    code = """
+import numpy as np
+from collections import namedtuple
+from near.kernels import total
+Pair = namedtuple("Pair", "{}")
+print(total(Pair(np.array([1]), np.array([2]))))
+"""
+    files(near__kernels="from neuro.kernels.jit import kernel\n@kernel\ndef total(p):\n    return p.a[0]\n")
+    assert python(code.format("a b"))[0] == "1"
+    assert python(code.format("b a"))[0] == "2"
+
+
+def test_a_broken_file_is_compiled_anew(package, python, tmp_path):
+    assert python(RUN) == ("3", SAYS)
+    (kept,) = (tmp_path / "cache" / "neuro" / "machine_code").iterdir()
+    kept.write_bytes(kept.read_bytes()[:100])
+    assert python(RUN) == ("3", SAYS)
+    assert python(RUN) == ("3", "")
+
+
+def test_processes_compile_at_once(package, tmp_path):
+    pipes = {**settings(tmp_path), "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    del pipes["capture_output"]
+    both = RUN + "; print(total(np.array([1.0, 2.0])))"
+    other = RUN.replace("[1, 2]", "[1.0, 2.0]") + "; print(total(np.array([1, 2])))"
+    running = [subprocess.Popen([sys.executable, "-c", code], **pipes) for code in (both, other) * 2]
+    assert [process.communicate(timeout=120)[0].split() for process in running] == [["3", "3.0"], ["3.0", "3"]] * 2
+    names = {path.name for path in (tmp_path / "cache" / "neuro" / "machine_code").iterdir()}
+    assert len(names) == 2
+
+
+def test_nothing_is_written_beside_the_sources(package, python, tmp_path):
+    python(RUN)
+    beside = {path.suffix for folder in ("near", "far") for path in (tmp_path / folder).rglob("*") if path.is_file()}
+    assert beside <= {".py", ".pyc"}
+
+
+def test_all_kernels_compile_by_this_cache():
+    found = [
+        str(path.relative_to(REPOSITORY))
+        for folder in ("neuro", "backends", "apps", "models", "examples")
+        for path in sorted((REPOSITORY / folder).rglob("*.py"))
+        if re.search(r"\bnjit\b|numba\.jit\b|cache=True", path.read_text())
+    ]
+    assert found == ["neuro/kernels/jit.py", "neuro/kernels/key.py"]
