@@ -170,7 +170,7 @@ def _cells(draw: st.DrawFn, h: float) -> Model:
     near = tau_m * (1.0 + draw(st.sampled_from([0.0, 1e-13, -1e-11, 1e-9, -1e-7, 1e-5, -1e-3])))
     words["tau_syn_ex"] = draw(st.one_of(st.just(near), st.sampled_from([0.2, 2.0, 60.0])))
     words["tau_syn_in"] = draw(st.one_of(st.just(near), st.sampled_from([0.2, 2.0, 60.0])))
-    return kind(**words)
+    return iaf_psc_exp(**words) if kind is iaf_psc_exp else iaf_psc_alpha(**words)
 
 
 def _kick(net: Network, post: str) -> float:
@@ -192,7 +192,8 @@ def _drive(draw: st.DrawFn, net: Network, cells: list[str], shortest: int) -> No
         unit = _kick(net, name)
         weight: Any = draw(st.sampled_from([unit, 0.3 * unit, -0.5 * unit, uniform(low=-unit, high=1.5 * unit)]))
         net.connect(heard, name, all_to_all(), weight=weight, delay=draw(_delays(h, shortest)), name=f"drive_{name}")
-        if net.populations[name].model.states and draw(st.booleans()):
+        wanted = draw(st.booleans())
+        if wanted and net.populations[name].model.states:
             amount = draw(st.sampled_from([0.5, -2.0, 20.0]))
             net.connect("current", name, all_to_all(), weight=amount, delay=draw(_delays(h, shortest)))
 
