@@ -117,9 +117,9 @@ class Simulation:
         self.backend, self.program = backend, program
         self._net, self._engine = net, engine
         self._clock = Clock(program.resolution)
-        self._populations = Names({part.name: index for index, part in enumerate(program.populations)})
-        self._projections = Names({part.name: index for index, part in enumerate(program.projections)})
-        self._signals = Names({part.name: index for index, part in enumerate(program.signals)})
+        self._populations: Names[int] = Names({part.name: index for index, part in enumerate(program.populations)})
+        self._projections: Names[int] = Names({part.name: index for index, part in enumerate(program.projections)})
+        self._signals: Names[int] = Names({part.name: index for index, part in enumerate(program.signals)})
         self._rules = {index: part.synapse for index, part in enumerate(program.projections)}
         self._recorder = Recorder(program)
         self._tally = Tally(program)
