@@ -220,5 +220,6 @@ def numbers(values: ArrayLike, what: str) -> Floats:
     except ValueError:
         array = np.asarray(None)
     if array.size and array.dtype.kind not in "iuf":
-        raise ModelError(f"{what}: found {shown(values)}: expected numbers")
+        quoted = [repr(value) if isinstance(value, str) else value for value in values] if array.ndim else values
+        raise ModelError(f"{what}: found {shown(quoted)}: expected numbers")
     return array.astype(np.float64)

@@ -58,8 +58,7 @@ class Clock:
             raise ModelError(f"{what} = {shown(ms)}: expected a time in ms")
         if not math.isfinite(ms):
             return NEVER if ms > 0 else -1
-        step: int = math.floor(ms / self.resolution + TOLERANCE)
-        return step
+        return math.floor(float(ms) / self.resolution + TOLERANCE)
 
     def step(self, ms: Any, what: str) -> int:
         """The step of a time that must lie on the grid; infinity gives `NEVER`.

@@ -66,7 +66,7 @@ def test_times(sim):
 
 
 def test_spikes_to_inject(sim):
-    for given, shown in ((["1"], "[1]"), ([True], "[true]"), ([None], "[None]"), ([HUGE], "[1e400 or more]")):
+    for given, shown in ((["1"], "['1']"), ([True], "[true]"), ([None], "[None]"), ([HUGE], "[1e400 or more]")):
         assert told(sim.inject, "g", given, [0]) == f"times: found {shown}: expected numbers"
     assert told(sim.inject, "g", [1.0], [True]) == "ids: found bool: expected whole numbers"
 

@@ -187,6 +187,7 @@ def test_the_text(folder):
     assert (
         (folder / "net.yaml").read_text()
         == """\
+# saved by neuro
 neuro: 1
 name: follower
 resolution: 1.0
@@ -250,7 +251,7 @@ def test_what_cannot_be_written(folder):
     assert error_of("net.txt") == "net.txt: cannot be written: expected a name ending in .yaml or .yml"
     assert error_of("none/net.yaml") == "none/net.yaml: cannot be written: No such file or directory"
     assert error_of("mine.yaml") == (
-        "mine.h5: exists and was not written by save: it stays as it is\n"
+        "mine.h5: exists and is not the arrays of a network that was saved: expected a new name\n"
         "  hint: choose another name for the network's file, whose arrays go to an HDF5 file of the same stem"
     )
     with h5py.File("mine.h5") as file:
