@@ -19,13 +19,7 @@ def aside(path: Path) -> Iterator[Path]:
         OSError: there is no such folder, it cannot be written to, `path` is a folder, or the disk is full; it has
             the name `path`.
     """
-    part = path.parent / f".{path.name}.{os.getpid()}.part"
-    try:
-        if path.is_dir():
-            raise IsADirectoryError(21, "is a folder, expected the name of a file")
-        part.touch()
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(path)) from None
+    part = _begin(path)
     try:
         yield part
         part.replace(path)
@@ -35,3 +29,19 @@ def aside(path: Path) -> Iterator[Path]:
         raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         part.unlink(missing_ok=True)
+
+
+def try_out(path: Path) -> None:
+    """Fail as `aside` would, and leave nothing."""
+    _begin(path).unlink()
+
+
+def _begin(path: Path) -> Path:
+    part = path.parent / f".{path.name}.{os.getpid()}.part"
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(21, "is a folder, expected the name of a file")
+        part.touch()
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
+    return part

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -32,29 +34,54 @@ def run(
 ) -> None:
     """Run a network and write its spikes, traces and weights, and the network itself, to one HDF5 file."""
     import neuro
-    from neuro.aside import aside
+    from neuro.aside import aside, try_out
     from neuro.cli.progress import Bar, advance
     from neuro.clock import Clock
     from neuro.collect import collect
+    from neuro.launch import leads, processes
     from neuro.results import write
 
+    together(backend)
     spare(file, out)
     net = neuro.load(file, params=assignments(set))
     steps = Clock(net.resolution).step(duration, "--for")
     keep_spikes(net, record)
-    with Bar() as bar, aside(out) as part:
+    with Bar() as bar, ExitStack() as files:
+        # One of several processes may be killed where it cannot tidy up: they begin the file when all else is done.
+        try_out(out)
+        part = files.enter_context(aside(out)) if processes() == 1 else None
         try:
             bar.say("preparing")
             sim = neuro.compile(net, backend=backend, seed=seed, threads=threads)
             advance(sim, steps, bar)
             bar.say("writing")
             results = collect(sim, net, threads=threads, record=record, all_weights=all_weights)
-            write(results, part)
+            if leads():
+                write(results, part or files.enter_context(aside(out)))
         except KeyboardInterrupt:
             bar.stop()
             typer.echo(f"interrupted: {out} is not written", err=True)
             raise typer.Exit(130) from None
-    report(results, out)
+    if leads():
+        report(results, out)
+
+
+def together(backend: str) -> None:
+    """Refuse several processes that would each run the whole network; told to end, one of them tidies up."""
+    import signal
+
+    from neuro.backend import find
+    from neuro.errors import ModelError
+    from neuro.launch import processes
+
+    if processes() == 1:
+        return
+    if not getattr(find(backend), "distributed", False):
+        raise ModelError(
+            f"mpirun started {processes()} processes, and backend '{backend}' runs in one",
+            hint="run it without mpirun; --threads uses more cores",
+        )
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 
 
 def spare(file: Path, out: Path) -> None:
