@@ -1,6 +1,8 @@
 # make test         environment, install, lint, types, all tests
 # make demo         environment, install, then learn to recognise digits from event-camera recordings
 #                   (DATA=folder: real N-MNIST files instead of recordings made here)
+# make test-mpi     the tests of NEST under MPI, which it builds once (15 minutes) in an environment of its own
+#                   (NEST_MPI=file.whl: a wheel that is built already); needs openmpi-bin libopenmpi-dev libgsl-dev
 # make test-oracles the tests of event files beside other libraries, in an environment of their own
 # make bench        how fast it is
 # make bench-peers  how fast NEST, Brian2 and public emulators of Loihi are with the same networks, in environments of
@@ -12,6 +14,7 @@
 VENV := .venv
 BIN := $(VENV)/bin
 PEERS := ../shared/bench/peers
+NEST_MPI := nest-simulator
 OUT := demo
 DATA :=
 
@@ -31,7 +34,7 @@ $(PYTHON) -m venv $(1)
 endef
 
 .DEFAULT_GOAL := help
-.PHONY: help test test-oracles demo bench bench-peers clean distclean
+.PHONY: help test test-mpi test-oracles demo bench bench-peers clean distclean
 
 help:
 	@sed -n 's/^# \{0,1\}//p;/^$$/q' Makefile
@@ -41,6 +44,9 @@ test: $(VENV)/.test
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/pytest -n 2 --dist loadfile -p no:benchmark --hypothesis-seed=0
+
+test-mpi: $(VENV)-mpi/.installed
+	$(VENV)-mpi/bin/python -m pytest tests/nest -p no:benchmark -ra
 
 test-oracles: $(VENV)-oracles/.installed
 	$(VENV)-oracles/bin/python -m pytest tests/events -n 2 -p no:benchmark -ra
@@ -65,6 +71,14 @@ $(VENV)/.test: pyproject.toml $(VENV)/.demo
 	$(BIN)/python $(PIP) --editable '.[test,rl]' torch==2.13.0
 	@touch $@
 
+$(VENV)-mpi/.installed: pyproject.toml
+	@command -v mpirun >/dev/null || { echo "MPI is not installed: apt-get install openmpi-bin libopenmpi-dev libgsl-dev" >&2; exit 1; }
+	$(call environment,$(VENV)-mpi)
+	$(VENV)-mpi/bin/python $(PIP) --no-binary nest-simulator -C cmake.define.with-mpi=ON -C cmake.build-type=Release \
+	  "$(NEST_MPI)" mpi4py
+	$(VENV)-mpi/bin/python $(PIP) --editable . 'pytest>=8.3' 'hypothesis>=6.112'
+	@touch $@
+
 $(VENV)-oracles/.installed: pyproject.toml
 	$(call environment,$(VENV)-oracles)
 	$(VENV)-oracles/bin/python $(PIP) --editable '.[test]' expelliarmus faery event_stream aedat tonic torch==2.13.0
@@ -85,4 +99,4 @@ clean:
 	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
 
 distclean: clean
-	rm -rf $(VENV) $(VENV)-oracles $(VENV)-peers $(VENV)-peers-chips
+	rm -rf $(VENV) $(VENV)-mpi $(VENV)-oracles $(VENV)-peers $(VENV)-peers-chips
