@@ -19,6 +19,7 @@ NEURO = Path(sys.executable).with_name("neuro")
 NET = """\
 neuro: 1
 name: shared
+resolution: 0.5
 populations:
   noise: {model: {poisson_generator: {rate: 900.0}}, shape: 40}
   relay: {model: parrot_neuron, shape: 40}
@@ -30,9 +31,9 @@ projections:
     {from: relay, to: exc, rule: {fixed_indegree: {n: 9}}, weight: 150.0, delay: 1.5, synapse: {stdp: {Wmax: 300.0}}}
   exc_inh:
     {from: exc, to: inh, rule: all_to_all, weight: 1.0, delay: 0.5, synapse: {stdp_dopa: {dopamine: relay, Wmax: 3.0}}}
-  inh_exc: {from: inh, to: exc, rule: all_to_all, weight: -80.0, delay: {uniform: {low: 0.1, high: 3.0}}}
+  inh_exc: {from: inh, to: exc, rule: all_to_all, weight: -80.0, delay: {uniform: {low: 0.5, high: 3.0}}}
 probes:
-  v: {of: exc, record: V_m, every: 1.0}
+  v: {of: exc, record: V_m, every: 5.0}
 """
 
 
@@ -73,7 +74,7 @@ def run(n: int, *words: object) -> subprocess.CompletedProcess[str]:
 def test_the_same_result_from_1_2_and_4_processes(folder):
     told = {}
     for n in (1, 2, 4):
-        done = run(n, "--backend", "nest", "--for", 200, "--out", f"{n}.h5")
+        done = run(n, "--backend", "nest", "--for", 100, "--out", f"{n}.h5")
         assert (done.returncode, done.stderr) == (0, "")
         told[n] = done.stdout.replace(f"{n}.h5", "out.h5")
     assert told[1] == told[2] == told[4]
