@@ -2,6 +2,9 @@
 # make demo         environment, install, then learn to recognise digits from event-camera recordings
 #                   (DATA=folder: real N-MNIST files instead of recordings made here)
 # make test-bounds  what runs networks once more, with every index of every compiled loop looked at
+# make test-nest    5,000 random networks (NETWORKS=...) on the event backend, the reference and NEST
+# make test-mpi     the tests of NEST under MPI, which it builds once (15 minutes) in an environment of its own
+#                   (NEST_MPI=file.whl: a wheel that is built already); needs openmpi-bin libopenmpi-dev libgsl-dev
 # make test-oracles the tests of event files beside other libraries, in an environment of their own
 # make bench        how fast it is
 # make bench-peers  how fast NEST, Brian2 and public emulators of Loihi are with the same networks, in environments of
@@ -16,6 +19,8 @@ comma := ,
 VENV := .venv
 BIN := $(VENV)/bin
 PEERS := ../shared/bench/peers
+NEST_MPI := nest-simulator
+NETWORKS := 5000
 OUT := demo
 DATA :=
 RUNNING := tests/test_conformance.py tests/test_random_networks.py tests/test_trials.py tests/chips
@@ -47,7 +52,7 @@ $(PYTHON) -m venv $(2) $(1)
 endef
 
 .DEFAULT_GOAL := help
-.PHONY: help test test-bounds test-oracles demo bench bench-peers constraints clean distclean
+.PHONY: help test test-bounds test-nest test-mpi test-oracles demo bench bench-peers constraints clean distclean
 
 help:
 	@sed -n 's/^# \{0,1\}//p;/^$$/q' Makefile
@@ -60,6 +65,13 @@ test: $(VENV)/.test
 
 test-bounds: $(VENV)/.test
 	$(BIN)/pytest --bounds -n 2 --dist loadfile -p no:benchmark --hypothesis-seed=0 $(RUNNING)
+
+test-nest: $(VENV)/.test
+	NEURO_RANDOM_NETWORKS=$(NETWORKS) $(BIN)/pytest -n 2 --dist load -p no:benchmark --hypothesis-show-statistics \
+	  tests/nest/test_random_networks.py
+
+test-mpi: $(VENV)-mpi/.installed
+	$(VENV)-mpi/bin/python -m pytest tests/nest -p no:benchmark -ra
 
 test-oracles: $(VENV)-oracles/.installed
 	$(VENV)-oracles/bin/python -m pytest tests/events -n 2 -p no:benchmark -ra
@@ -91,6 +103,14 @@ $(VENV)/.test: pyproject.toml $(VENV)/.demo
 	$(CONSTRAINED) $(BIN)/python $(PIP) --editable $(TESTED)
 	@touch $@
 
+$(VENV)-mpi/.installed: pyproject.toml
+	@command -v mpirun >/dev/null || { echo "MPI is not installed: apt-get install openmpi-bin libopenmpi-dev libgsl-dev" >&2; exit 1; }
+	$(call environment,$(VENV)-mpi)
+	$(VENV)-mpi/bin/python $(PIP) --no-binary nest-simulator -C cmake.define.with-mpi=ON -C cmake.build-type=Release \
+	  "$(NEST_MPI)" mpi4py
+	$(VENV)-mpi/bin/python $(PIP) --editable . 'pytest>=8.3' 'hypothesis>=6.112'
+	@touch $@
+
 $(VENV)-oracles/.installed: pyproject.toml
 	$(call environment,$(VENV)-oracles)
 	$(VENV)-oracles/bin/python $(PIP) --editable '.[test]' expelliarmus faery event_stream aedat tonic torch==2.13.0
@@ -111,4 +131,4 @@ clean:
 	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
 
 distclean: clean
-	rm -rf $(VENV) $(VENV)-oracles $(VENV)-peers $(VENV)-peers-chips
+	rm -rf $(VENV) $(VENV)-mpi $(VENV)-oracles $(VENV)-peers $(VENV)-peers-chips

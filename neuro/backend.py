@@ -177,7 +177,8 @@ class Backend(Protocol):
     A backend that computes in integers says `arithmetic = "integer"`; "float" is taken otherwise.
     A backend that cannot run some cases of `neuro.testing` lists them, with reasons, in an attribute
     `unsupported: dict[str, str]`. One that does not show some states of neurons names them in an attribute
-    `unreadable: frozenset[str]`; its engine has it, too.
+    `unreadable: frozenset[str]`; its engine has it, too. One whose processes run a network together under mpirun says
+    `distributed = True`.
     """
 
     name: str

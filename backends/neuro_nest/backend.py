@@ -21,6 +21,7 @@ class NestBackend:
 
     name = "nest"
     description = "NEST itself, if installed (pip install nest-simulator): the judge of the float backends"
+    distributed = True
     unreadable = UNREADABLE
     unsupported = UNSUPPORTED
 

@@ -35,7 +35,6 @@ class Cells:
 
     def __init__(self, nest: Any, part: Population, parameters: dict[str, Floats], clock: Clock, ranks: Ranks) -> None:
         self.part, self.parameters, self._clock, self._ranks = part, parameters, clock, ranks
-        self._nest = nest
         self.nodes = nest.Create(NODES[part.model.name], part.size)
         self.first = int(self.nodes[0].global_id)
         self._tell(self._first_words())
@@ -67,8 +66,9 @@ class Cells:
         """A state or parameter of every neuron."""
         if name in self.parameters:
             return np.broadcast_to(self.parameters[name], self.part.size).copy()
-        here = self.nodes if self._ranks.size == 1 else self._nest.GetLocalNodeCollection(self.nodes)
-        told = here.get(["global_id", name]) if len(here) else {"global_id": [], name: []}
+        mine = (self._ranks.rank - self.first) % self._ranks.size  # NEST deals its nodes out in turn
+        here = self.nodes[mine :: self._ranks.size] if mine < self.part.size else ()
+        told = here.get(["global_id", name]) if here else {"global_id": [], name: []}
         ids, values = np.atleast_1d(told["global_id"]).astype(np.int64), np.atleast_1d(told[name]).astype(np.float64)
         found: Floats = np.empty(self.part.size)
         found[self._ranks.gather(ids) - self.first] = self._ranks.gather(values)

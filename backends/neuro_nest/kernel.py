@@ -11,7 +11,9 @@ from contextlib import contextmanager
 from typing import Any
 
 from neuro.errors import ModelError
+from neuro.launch import processes
 from neuro_nest import ranks
+from neuro_nest.watch import watch
 
 INSTALL = "pip install nest-simulator"
 _holder: weakref.ref[Any] = weakref.ref(type("Nobody", (), {})())
@@ -39,7 +41,8 @@ def load() -> Any:
         sys.setdlopenflags(flags)
         if quiet is None:
             del os.environ["PYNEST_QUIET"]
-    nest.verbosity = nest.VerbosityLevel.ERROR
+    if processes() == 1:  # mpirun tells it itself
+        watch()
     return nest
 
 
@@ -77,9 +80,13 @@ def _alive(holder: Any) -> Any:
 
 @contextmanager
 def told() -> Iterator[None]:
-    """Tell NEST's errors as ours, in its words."""
+    """Tell NEST's errors as ours, in its words; under MPI they end all processes."""
     nest = load()
     try:
         yield
-    except nest.NESTError as error:
+    except (nest.NESTError, MemoryError) as error:
+        if nest.num_processes > 1:
+            ranks.end_all(f"NEST: {error}")
+        if isinstance(error, MemoryError):
+            raise
         raise ModelError(f"NEST: {error}") from None

@@ -10,14 +10,10 @@ _RULE = "NEST's stdp_synapse applies changed numbers and weights to post spikes 
 _STATE = "NEST cannot write or read its state"
 _MOMENT = "NEST brings synapses under dopamine up to date at the moments of deliver_interval only"
 
-_LAWS: tuple[str, ...] = (
-    "a_seed_repeats",
-    "seeds_differ",
-    "threads_do_not_matter",
-    "a_reset_repeats",
-    "a_reset_keeps_weights",
+_LAWS = (
+    *("a_seed_repeats", "seeds_differ", "threads_do_not_matter", "a_reset_repeats", "a_reset_keeps_weights"),
+    *("another_population_does_not_matter", "counts_follow_from_spikes", "cutting_does_not_matter_when_steered"),
 )
-_LAWS += ("another_population_does_not_matter", "counts_follow_from_spikes", "cutting_does_not_matter_when_steered")
 _SAVING = ("a_saved_state_continues", "a_state_saved_after_a_change_continues")
 
 UNSUPPORTED: dict[str, str] = {

@@ -37,19 +37,22 @@ class Wires:
         weights: all weights, as the program has them.
 
     Attributes:
-        source, target, slot, delay: of every synapse, by source, then target.
+        source, target, delay: of every synapse, by source, then target.
+        slot: the place of its weight.
         row_ends: synapses of source i are row_ends[i] : row_ends[i + 1].
         weights: of a static projection those in force, else those it began with.
     """
 
     def __init__(self, program: Program, index: int, weights: Floats) -> None:
         self.part, self.index, self.weights = program.projections[index], index, weights
-        self.source, self.target, self.slot = program.synapses(index)
-        self.delay: Ints = np.broadcast_to(self.part.delay, len(self.source)).astype(np.int64)
+        source, target, slot = program.synapses(index)
+        self.source, self.target = source.astype(np.int32), target.astype(np.int32)
+        self.slot = slice(None) if self.part.grid is None else slot
+        self.delay = np.broadcast_to(self.part.delay, len(source))
         n_source, self.n_target = (program.populations[i].size for i in (self.part.source, self.part.target))
-        self.row_ends = np.searchsorted(self.source, np.arange(n_source + 1))
+        self.row_ends = np.searchsorted(source, np.arange(n_source + 1))
         self.longest_row = max(1, int(np.diff(self.row_ends).max(initial=0)))
-        self._layer = layers(self.source, self.target)
+        self._layer = layers(source, target).astype(np.int32)
 
     def rows(self, sources: Ints) -> tuple[Ints, Ints]:
         """The synapses of some sources, one after the other, and how many each has."""
@@ -83,16 +86,16 @@ class Wires:
             self._connect(nest, first, clock, {"synapse_model": name}, np.flatnonzero(mine))
 
     def _connect(self, nest: Any, first: tuple[int, int], clock: Clock, words: dict[str, Any], among: Ints) -> None:
-        weights = np.broadcast_to(self.weights, self.part.size)
+        weights = np.broadcast_to(self.weights, self.part.size)[self.slot]
         for layer in np.unique(self._layer[among]).tolist():
             synapses = among[self._layer[among] == layer]
             own = {
-                "weight": weights[self.slot[synapses]],
+                "weight": weights[synapses],
                 "delay": clock.array_ms(self.delay[synapses]),
                 "synapse_label": self._label(layer),
             }
-            ends = (self.source[synapses] + first[0], self.target[synapses] + first[1])
-            nest.Connect(*ends, "one_to_one", words | own)
+            source, target = (ids[synapses].astype(np.int64) for ids in (self.source, self.target))
+            nest.Connect(source + first[0], target + first[1], "one_to_one", words | own)
 
     def _label(self, layer: int) -> int:
         return self.index * DEEPEST + layer
@@ -118,6 +121,6 @@ class Wires:
             ends = connections.get(["source", "target"]) if len(connections) else {"source": [], "target": []}
             source, target = (np.atleast_1d(np.array(ends[word], dtype=np.int64)) for word in ("source", "target"))
             synapses = np.flatnonzero(self._layer == layer)
-            codes = self.source[synapses] * self.n_target + self.target[synapses]
+            codes = self.source[synapses].astype(np.int64) * self.n_target + self.target[synapses]
             wanted = (source - first[0]) * self.n_target + target - first[1]
             yield connections, synapses[np.searchsorted(codes, wanted)]

@@ -11,6 +11,8 @@ from contextlib import contextmanager
 
 import typer
 
+from neuro.launch import leads
+
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # typer has no public name for it
 
 
@@ -29,7 +31,8 @@ def telling() -> Iterator[None]:
         message = mistake(error) or _of_output(error)
         if message is None:
             raise
-        typer.echo(f"error: {message}", err=True)
+        if leads():
+            typer.echo(f"error: {message}", err=True)
         sys.exit(2)
 
 
@@ -48,7 +51,8 @@ def _of_output(error: Exception) -> str | None:
 
 def _tell(message: Warning | str, category: type[Warning], filename: str, *more: object, **named: object) -> None:
     """Print a warning for the user, without the place in our sources that raised it."""
-    typer.echo(f"warning: {message}", err=True)
+    if leads():
+        typer.echo(f"warning: {message}", err=True)
 
 
 def mistake(error: Exception) -> str | None:

@@ -43,10 +43,17 @@ class Bar:
 
 
 def advance(sim: Simulation, steps: int, bar: Bar) -> None:
-    """Run in stretches of about a fifth of a second, between which the bar moves and Ctrl-C is heard."""
+    """Run in stretches of about a fifth of a second, between which the bar moves and Ctrl-C is heard.
+
+    Processes that run together must keep step, so they run at once.
+    """
     from neuro.clock import Clock
+    from neuro.launch import processes
 
     clock = Clock(sim.program.resolution)
+    if processes() > 1:
+        sim.run(clock.ms(steps))
+        return
     done, stretch = 0, 1
     while done < steps:
         stretch = min(stretch, steps - done)

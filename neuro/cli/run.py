@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -35,25 +37,50 @@ def run(
     from neuro.cli.progress import Bar, advance
     from neuro.clock import Clock
     from neuro.collect import collect
-    from neuro.outputs import output
+    from neuro.launch import leads, processes
+    from neuro.outputs import check, output
     from neuro.results import KIND, write
 
+    together(backend)
     net = neuro.load(file, params=assignments(set))
     steps = Clock(net.resolution).step(duration, "--for")
     keep_spikes(net, record)
-    with Bar() as bar, output(out, KIND) as part:
+    with Bar() as bar, ExitStack() as files:
+        # One of several processes may be killed where it cannot tidy up: they begin the file when all else is done.
+        check(out, KIND)
+        part = files.enter_context(output(out, KIND)) if processes() == 1 else None
         try:
             bar.say("preparing")
             sim = neuro.compile(net, backend=backend, seed=seed, threads=threads)
             advance(sim, steps, bar)
             bar.say("writing")
             results = collect(sim, net, threads=threads, record=record, all_weights=all_weights)
-            write(results, part)
+            if leads():
+                write(results, part or files.enter_context(output(out, KIND)))
         except KeyboardInterrupt:
             bar.stop()
             typer.echo(f"interrupted: {out} is not written", err=True)
             raise typer.Exit(130) from None
-    report(results, out)
+    if leads():
+        report(results, out)
+
+
+def together(backend: str) -> None:
+    """Refuse several processes that would each run the whole network; told to end, one of them tidies up."""
+    import signal
+
+    from neuro.backend import find
+    from neuro.errors import ModelError
+    from neuro.launch import processes
+
+    if processes() == 1:
+        return
+    if not getattr(find(backend), "distributed", False):
+        raise ModelError(
+            f"mpirun started {processes()} processes, and backend '{backend}' runs in one",
+            hint="run it without mpirun; --threads uses more cores",
+        )
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 
 
 def keep_spikes(net: Network, names: list[str]) -> None:

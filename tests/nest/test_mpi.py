@@ -1,0 +1,134 @@
+"""One network in several processes under mpirun: the same result, one file, one voice."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from neuro.results import read
+
+NEURO = Path(sys.executable).with_name("neuro")
+NET = """\
+neuro: 1
+name: shared
+resolution: 0.5
+populations:
+  noise: {model: {poisson_generator: {rate: 900.0}}, shape: 40}
+  relay: {model: parrot_neuron, shape: 40}
+  exc: {model: {iaf_psc_exp: {tau_m: {uniform: {low: 8.0, high: 15.0}}}}, shape: 30}
+  inh: {model: iaf_psc_delta, shape: 11}
+projections:
+  noise_relay: {from: noise, to: relay, rule: one_to_one, delay: 1.0}
+  relay_exc:
+    {from: relay, to: exc, rule: {fixed_indegree: {n: 9}}, weight: 150.0, delay: 1.5, synapse: {stdp: {Wmax: 300.0}}}
+  exc_inh:
+    {from: exc, to: inh, rule: all_to_all, weight: 1.0, delay: 0.5, synapse: {stdp_dopa: {dopamine: relay, Wmax: 3.0}}}
+  inh_exc: {from: inh, to: exc, rule: all_to_all, weight: -80.0, delay: {uniform: {low: 0.5, high: 3.0}}}
+probes:
+  v: {of: exc, record: V_m, every: 5.0}
+"""
+
+
+@cache
+def obstacle() -> str:
+    """Why these tests cannot run here, or ""."""
+    if shutil.which("mpirun") is None:
+        return "mpirun is not installed"
+    if find_spec("nest") is None:
+        return "NEST is not installed"
+    script = "import nest; raise SystemExit(not nest.build_info['have_mpi'])"
+    built = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False)
+    return "this NEST was built without MPI: 'make test-mpi' builds one with it" if built.returncode else ""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _mpi():
+    if obstacle():
+        pytest.skip(obstacle())
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("net.yaml").write_text(NET)
+    return tmp_path
+
+
+def mpirun(n: int, *command: object) -> list[str]:
+    return ["mpirun", "--oversubscribe", "--allow-run-as-root", "-n", str(n), *map(str, command)]
+
+
+def run(n: int, *words: object) -> subprocess.CompletedProcess[str]:
+    command = mpirun(n, NEURO, "run", "net.yaml", *words)
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+
+
+def test_the_same_result_from_1_2_and_4_processes(folder):
+    told = {}
+    for n in (1, 2, 4):
+        done = run(n, "--backend", "nest", "--for", 100, "--out", f"{n}.h5")
+        assert (done.returncode, done.stderr) == (0, "")
+        told[n] = done.stdout.replace(f"{n}.h5", "out.h5")
+    assert told[1] == told[2] == told[4]
+    assert sorted(p.name for p in folder.iterdir()) == ["1.h5", "2.h5", "4.h5", "net.yaml"]
+    one = read("1.h5")
+    assert one.populations["exc"].ids.size > 100
+    for other in (read("2.h5"), read("4.h5")):
+        assert other.about == one.about
+        for name, train in one.populations.items():
+            assert train.counts == other.populations[name].counts
+            for word in ("times_ms", "ids", "multiplicity"):
+                np.testing.assert_array_equal(getattr(train, word), getattr(other.populations[name], word))
+        for name, wires in one.projections.items():
+            np.testing.assert_allclose(wires.weight, other.projections[name].weight, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(one.traces["v"].values, other.traces["v"].values, rtol=0, atol=1e-9)
+
+
+def test_a_killed_process_ends_all(folder):
+    script = f'echo $$ > pid.$OMPI_COMM_WORLD_RANK; exec "{NEURO}" run net.yaml --backend nest --for 1e7 --out out.h5'
+    going = subprocess.Popen(mpirun(4, "sh", "-c", script), stderr=subprocess.PIPE, text=True)
+    try:
+        pids = [Path(f"pid.{rank}") for rank in range(4)]
+        until(lambda: all(pid.is_file() and pid.read_text().strip() for pid in pids))
+        numbers = [int(pid.read_text()) for pid in pids]
+        time.sleep(10.0)  # well into the run
+        assert going.poll() is None
+        os.kill(numbers[2], signal.SIGKILL)
+        _, told = going.communicate(timeout=60)
+    finally:
+        going.kill()
+    assert going.returncode != 0
+    assert told.count("exited on signal 9 (Killed)") == 1
+    assert "Traceback" not in told
+    until(lambda: not any(Path(f"/proc/{number}").exists() for number in numbers))
+    assert [p.name for p in folder.iterdir() if "out.h5" in p.name] == []
+
+
+def until(done, seconds: float = 30.0) -> None:
+    end = time.monotonic() + seconds
+    while not done():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def test_a_mistake_is_told_once(folder):
+    done = run(3, "--backend", "nest", "--record", "ecx", "--out", "out.h5")
+    assert done.returncode != 0
+    assert done.stderr.count("error: --record: unknown population 'ecx'") == 1
+    assert "Traceback" not in done.stderr
+    assert not Path("out.h5").exists()
+
+
+def test_other_backends_run_in_one_process(folder):
+    done = run(2, "--backend", "event", "--out", "out.h5")
+    assert done.returncode != 0
+    assert done.stderr.count("error: mpirun started 2 processes, and backend 'event' runs in one\n") == 1
+    assert not Path("out.h5").exists()
