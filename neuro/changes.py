@@ -213,7 +213,7 @@ def signal_values(name: str, values: ArrayLike, size: int) -> Floats:
     return array + 0.0 if array.ndim else np.full(size, array + 0.0)
 
 
-def numbers(values: ArrayLike, what: str) -> Floats:
+def numbers(values: Any, what: str) -> Floats:
     """Any array of numbers as float64."""
     try:
         array = np.asarray(values)
