@@ -75,11 +75,6 @@ class NestEngine:
         part = self.program.populations[population]
         for name in values:
             self._check_shown(population, name)
-        if "amplitude" in values and self.step:
-            raise ModelError(
-                f"amplitude of '{part.name}' cannot change once it runs: NEST's dc_generator acts a step later",
-                hint="one dc_generator for each amplitude, with start and stop, does",
-            )
         if has_new_current(self.net.cells[population].parameters, values):
             raise ModelError(f"I_e of '{part.name}' cannot change: {NO_LEAK}", hint=FINITE)
         self.net.cells[population].set(values)

@@ -22,7 +22,6 @@ UNSUPPORTED: dict[str, str] = {
     "alpha_neuron_equal_time_constants": _NO_LEAK,
     "initial_states": _CURRENTS,
     "states_and_parameters_change": _CURRENTS,
-    "currents": "NEST's dc_generator acts a step later once it is set",
     "stdp_changes": _RULE,
     **dict.fromkeys(("best_of_each_step", "first_to_fire", "exact_best_of_each_step"), _GROUP),
     **dict.fromkeys((f"{law}_of_fixed_weights" for law in (*_LAWS, *_SAVING)), _GROUP),

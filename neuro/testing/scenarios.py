@@ -269,7 +269,7 @@ def _acts(draw: st.DrawFn, net: Network, cells: list[str]) -> tuple[Act, ...]:
 
 def _act(draw: st.DrawFn, net: Network, cells: list[str]) -> Act:
     name = draw(st.sampled_from(cells))
-    match draw(st.integers(0, 4)):
+    match draw(st.integers(0, 5)):
         case 0:
             ahead = draw(st.lists(st.integers(1, 100), min_size=1, max_size=6))
             return Act("inject", ("listed", tuple(ahead), tuple(k % 3 for k in ahead)))
@@ -282,6 +282,8 @@ def _act(draw: st.DrawFn, net: Network, cells: list[str]) -> Act:
             chosen = net.projections[draw(st.sampled_from(fixed))]
             unit = 1.0 if chosen.source == "current" else _kick(net, chosen.target)
             return Act("set_weights", (chosen.name, draw(st.sampled_from([0.0, 0.4, 1.0])) * unit))
+        case 4:
+            return Act("set", ("current",), (("amplitude", draw(st.sampled_from([0.0, 300.0, -2.0]))),))
     return _change(draw, net, name)
 
 

@@ -169,18 +169,6 @@ def test_a_current_that_nest_does_not_show():
     assert told_by(lambda: sim.set("cells", I_syn_ex=1.0)) == text
 
 
-def test_an_amplitude_that_changes():
-    net = driven()
-    net.population("current", 1, neuro.dc_generator(amplitude=10.0))
-    sim = neuro.compile(net, "nest")
-    sim.set("current", amplitude=20.0)
-    sim.run(1.0)
-    assert told_by(lambda: sim.set("current", amplitude=30.0)) == (
-        "amplitude of 'current' cannot change once it runs: NEST's dc_generator acts a step later\n"
-        "  hint: one dc_generator for each amplitude, with start and stop, does"
-    )
-
-
 def test_an_error_of_nest_is_ours_and_changes_nothing():
     sim = neuro.compile(driven(), "nest")
     cells = sim._engine.net.cells[1]
