@@ -1,7 +1,7 @@
-from neuro.kernels.jit import kernel
-
 # mypy: ignore-errors
 """Counts events in the cells of a grid."""
+
+from neuro.kernels.jit import kernel
 
 
 @kernel

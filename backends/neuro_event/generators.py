@@ -42,10 +42,9 @@ def draw_poisson(view, thread, pop, row, step, at, done, h):
         lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
         if row[COUNTS] >= 0:
             place = row[COUNTS] + (step & (row[COUNTS_STEPS] - 1)) * (row[END] - row[BEGIN])
-            guide = net.guides[row[TABLE]]
-            cumulative = net.cumulative[row[TABLE]]
             counts = net.counts[place + lo - row[BEGIN] : place + hi - row[BEGIN]]
             if row[TABLE] >= 0:
+                guide, cumulative = net.guides[row[TABLE]], net.cumulative[row[TABLE]]
                 words = net.words[thread]
                 words_of(base, lo - row[BEGIN], words)
                 for k in range(counts.shape[0]):

@@ -1,7 +1,7 @@
-from neuro.kernels.jit import kernel
-
 # mypy: ignore-errors
 """Support by neighbours."""
+
+from neuro.kernels.jit import kernel
 
 
 @kernel

@@ -1,7 +1,7 @@
-from neuro.kernels.jit import kernel
-
 # mypy: ignore-errors
 """Sums of blocks of pixels."""
+
+from neuro.kernels.jit import kernel
 
 
 @kernel

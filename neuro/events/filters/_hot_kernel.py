@@ -1,7 +1,7 @@
-from neuro.kernels.jit import kernel
-
 # mypy: ignore-errors
 """A look at each event's pixel."""
+
+from neuro.kernels.jit import kernel
 
 
 @kernel

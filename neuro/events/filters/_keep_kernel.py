@@ -1,7 +1,7 @@
-from neuro.kernels.jit import kernel
-
 # mypy: ignore-errors
 """Leave out what is not kept."""
+
+from neuro.kernels.jit import kernel
 
 
 @kernel

@@ -1,7 +1,7 @@
-from neuro.kernels.jit import kernel
-
 # mypy: ignore-errors
 """Dead time."""
+
+from neuro.kernels.jit import kernel
 
 
 @kernel

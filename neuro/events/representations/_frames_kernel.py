@@ -1,8 +1,7 @@
-from neuro.kernels.jit import kernel
-
 """Counting events per pixel."""
 
 # mypy: ignore-errors
+from neuro.kernels.jit import kernel
 
 
 @kernel
