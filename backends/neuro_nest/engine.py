@@ -104,6 +104,7 @@ class NestEngine:
         self._check_changeable(wires, "the numbers")
         self.net.rules[projection] = parameters.copy()
         words = self.net.words(wires)
+        wires.changed()
         with told():
             if wires.part.synapse.modulated:
                 for name in wires.models():

@@ -91,6 +91,8 @@ class Net:
         for record, spikes in zip(self.records, trains, strict=True):
             record.add(spikes, to)
         self.activity.add(trains, self.step, to)
+        for wires in self.wires:
+            wires.changed()
         self.step = to
 
     def _recorded(self) -> tuple[Ints, Ints]:

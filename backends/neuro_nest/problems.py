@@ -82,8 +82,6 @@ def _of_projection(part: Projection) -> Iterator[Problem]:
     told = f"projection '{part.name}'"
     if part.synapse.name not in SYNAPSES:
         yield _refused(f"{told}: {part.synapse.name}", "NEST has no such rule", ELSEWHERE, part)
-    elif part.grid is not None and part.synapse.learns:
-        yield _refused(f"{told}: a kernel that learns", "NEST's synapses share no weights", ELSEWHERE, part)
 
 
 def _of_copies(program: Program) -> Iterator[Problem]:

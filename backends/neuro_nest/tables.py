@@ -17,6 +17,9 @@ NODES = {
 SYNAPSES = {"static": "static_synapse_lbl", "stdp": "stdp_synapse_lbl", "stdp_dopa": "stdp_dopamine_synapse_lbl"}
 """Our models and NEST's, of the kind whose synapses bear a label."""
 
+STATES = {"static": ("weight",), "stdp": ("weight", "Kplus"), "stdp_dopa": ("weight", "c", "n", "Kplus")}
+"""What of their synapses can be read, in NEST's words."""
+
 UNREADABLE = frozenset({"I_syn_ex", "I_syn_in", "dI_syn_ex", "dI_syn_in"})
 """States that NEST neither shows nor sets between two steps: currents it records, a step late, slopes not at all."""
 

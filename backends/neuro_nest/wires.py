@@ -6,15 +6,16 @@ each layer of a projection has a label of its own.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.clock import Clock
 from neuro.program import Floats, Ints, Program
 from neuro_nest.ranks import Ranks
-from neuro_nest.tables import SYNAPSES
+from neuro_nest.tables import STATES, SYNAPSES
 
 DEEPEST = 1 << 20
 """Labels that each projection has."""
@@ -53,6 +54,7 @@ class Wires:
         self.row_ends = np.searchsorted(source, np.arange(n_source + 1))
         self.longest_row = max(1, int(np.diff(self.row_ends).max(initial=0)))
         self._layer = layers(source, target).astype(np.int32)
+        self._states: dict[str, Floats] = {}
 
     def rows(self, sources: Ints) -> tuple[Ints, Ints]:
         """The synapses of some sources, one after the other, and how many each has."""
@@ -102,25 +104,43 @@ class Wires:
 
     def read(self, nest: Any, first: tuple[int, int], word: str, ranks: Ranks) -> Floats:
         """A state of every synapse, in NEST's word for it."""
-        found: Floats = np.empty(len(self.source))
-        for connections, synapses in self._listed(nest, first):
-            values = np.array(connections.get(word), dtype=np.float64) if len(connections) else np.zeros(0)
-            found[ranks.gather(synapses)] = ranks.gather(np.atleast_1d(values))
-        return found
+        if not self._states:
+            words = (*STATES[self.part.synapse.name], "source", "target")
+            self._states = {name: np.zeros(len(self.source)) for name in words}
+            for layer in range(self._depth):
+                told = self._connections(nest, layer)
+                found = told.get(list(words)) if len(told) else dict.fromkeys(words, ())
+                values = {name: ranks.gather(np.atleast_1d(np.array(found[name], dtype=np.float64))) for name in words}
+                synapses = self._places(layer, values["source"] - first[0], values["target"] - first[1])
+                for name in words:
+                    self._states[name][synapses] = values[name]
+        return self._states[word].copy()
 
     def write(self, nest: Any, first: tuple[int, int], word: str, values: Floats) -> None:
         """Set a state of every synapse."""
-        for connections, synapses in self._listed(nest, first):
-            if len(connections):
-                connections.set({word: values[synapses].tolist()})
+        self.changed()
+        for layer in range(self._depth):
+            told = self._connections(nest, layer)
+            if len(told):
+                ends = told.get(["source", "target"])
+                source, target = (np.atleast_1d(np.array(ends[name])) for name in ("source", "target"))
+                chosen = values[self._places(layer, source - first[0], target - first[1])]
+                told.set([{word: value} for value in chosen.tolist()])
 
-    def _listed(self, nest: Any, first: tuple[int, int]) -> Iterator[tuple[Any, Ints]]:
-        """The connections of each layer that this process has, and which synapses they are."""
-        for layer in range(int(self._layer.max(initial=-1)) + 1):
-            connections = nest.GetConnections(synapse_label=self._label(layer))
-            ends = connections.get(["source", "target"]) if len(connections) else {"source": [], "target": []}
-            source, target = (np.atleast_1d(np.array(ends[word], dtype=np.int64)) for word in ("source", "target"))
-            synapses = np.flatnonzero(self._layer == layer)
-            codes = self.source[synapses].astype(np.int64) * self.n_target + self.target[synapses]
-            wanted = (source - first[0]) * self.n_target + target - first[1]
-            yield connections, synapses[np.searchsorted(codes, wanted)]
+    def changed(self) -> None:
+        """What was read is no longer so."""
+        self._states = {}
+
+    @property
+    def _depth(self) -> int:
+        return int(self._layer.max(initial=-1)) + 1
+
+    def _connections(self, nest: Any, layer: int) -> Any:
+        """The connections of a layer that this process has; NEST puts them in another order when it first runs."""
+        return nest.GetConnections(synapse_label=self._label(layer))
+
+    def _places(self, layer: int, source: NDArray[Any], target: NDArray[Any]) -> Ints:
+        """Which synapses have these ends."""
+        synapses = np.flatnonzero(self._layer == layer)
+        codes = self.source[synapses].astype(np.int64) * self.n_target + self.target[synapses]
+        return synapses[np.searchsorted(codes, source.astype(np.int64) * self.n_target + target.astype(np.int64))]

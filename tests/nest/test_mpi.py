@@ -112,6 +112,34 @@ def test_a_killed_process_ends_all(folder):
     assert [p.name for p in folder.iterdir() if "out.h5" in p.name] == []
 
 
+SCRIPT = """
+import sys
+import numpy as np
+import neuro
+from neuro.launch import leads
+sim = neuro.compile(neuro.load("net.yaml"), "nest")
+for _ in range(3):
+    sim.set_weights("inh_exc", np.linspace(-90.0, -50.0, 330))
+    sim.set("exc", V_th=np.linspace(-56.0, -54.0, 30), V_m=-60.0)
+    sim.run(20.0)
+times, ids = sim.spikes("exc")
+values = [*times, *ids, *sim.get("inh", "V_m"), *sim.get("exc_inh", "c"), *sim.get("relay_exc", "K_plus"), sim.time]
+np.save(f"{sys.argv[1]}.{leads():d}.npy", values)
+"""
+
+
+def test_a_script_sees_the_same_in_each_process(folder):
+    Path("script.py").write_text(SCRIPT)
+    for n in (1, 2):
+        command = mpirun(n, sys.executable, "script.py", n)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+        assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    one, first, second = (np.load(f"{name}.npy") for name in ("1.1", "2.1", "2.0"))
+    assert one.size > 100
+    np.testing.assert_array_equal(first, second)
+    np.testing.assert_allclose(first, one, rtol=0, atol=1e-9)
+
+
 def until(done, seconds: float = 30.0) -> None:
     end = time.monotonic() + seconds
     while not done():

@@ -87,18 +87,6 @@ def test_a_probe_of_a_current():
     assert refusal(net) == ("here: probe 'current': I_syn_ex: NEST does not show it between steps\n  hint: probe V_m")
 
 
-def test_a_kernel_that_learns():
-    net = neuro.Network("net", resolution=1.0)
-    net.place = Where("here")
-    net.population("sheet", (4, 4), neuro.poisson_generator(rate=10.0))
-    net.population("maps", (2, "auto", "auto"), neuro.iaf_psc_delta())
-    net.connect("sheet", "maps", neuro.grid(kernel=(2, 2)), neuro.stdp(), weight=1.0)
-    assert refusal(net) == (
-        "here: projection 'sheet_maps': a kernel that learns: NEST's synapses share no weights\n"
-        "  hint: backend 'event' runs it"
-    )
-
-
 def test_too_many_dopamines():
     net = neuro.Network("net")
     net.place = Where("here")
