@@ -44,3 +44,17 @@ def test_event_equals_reference(net: Network, seed: int, cuts: list[int]):
 def test_threads_do_not_matter(net: Network, seed: int):
     one, two = (neuro.compile(net, "event", seed=seed, threads=threads) for threads in (1, 2))
     assert differences(steered(one, []), steered(two, [30]), exact=True) == []
+
+
+def test_a_generator_of_many_rates_has_no_table_of_probabilities():
+    net = Network("rates")
+    net.population("noise", 70, neuro.poisson_generator(rate=np.linspace(1e3, 5e3, 70)))
+    net.population("cells", 70, neuro.iaf_psc_exp())
+    net.connect("noise", "cells", neuro.one_to_one(), weight=50.0, delay=1.0)
+    net.probe("v", "cells", "V_m", every=1.0)
+    found = []
+    for backend in ("reference", "event"):
+        sim = neuro.compile(net, backend, seed=1)
+        sim.run(5.0)
+        found.append(observe(sim))
+    assert differences(*found, exact=False) == []

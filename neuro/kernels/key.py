@@ -60,7 +60,8 @@ def _hashed(parts: list[object]) -> str:
 def _typed(kind: Any) -> object:
     """A numba type as text; of a named tuple its fields, too, which numba's own text leaves out."""
     if isinstance(kind, types.BaseTuple):
-        return repr(kind), getattr(kind, "fields", ()), [_typed(part) for part in kind]
+        parts: Any = kind
+        return repr(kind), getattr(kind, "fields", ()), [_typed(part) for part in parts]
     return repr(kind)
 
 
