@@ -220,6 +220,6 @@ def numbers(values: Any, what: str) -> Floats:
     except ValueError:
         array = np.asarray(None)
     if array.size and array.dtype.kind not in "iuf":
-        quoted = [repr(value) if isinstance(value, str) else value for value in values] if array.ndim else values
-        raise ModelError(f"{what}: found {shown(quoted)}: expected numbers")
+        items = [repr(item) if isinstance(item, str) else item for item in array.ravel().tolist()]
+        raise ModelError(f"{what}: found {shown(items if array.ndim else array.item())}: expected numbers")
     return array.astype(np.float64)

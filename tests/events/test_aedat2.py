@@ -143,7 +143,7 @@ def recordings(draw):
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 def test_what_is_saved_is_loaded(tmp_path, events, cut):
     path = tmp_path / "a.aedat"
-    save(iter([events[:cut], events[cut:]]), path)
+    save(iter([events[:cut], events[cut:]]), path, replace=True)
     assert load(path) == events
 
 
@@ -155,11 +155,11 @@ def test_smallest_camera_is_written(tmp_path):
         ((346, 260), "DAVIS346"),
         ((2, 900), "DAVIS640"),
     ]:
-        save(Events(one, one, one, one, size), tmp_path / "a.aedat")
+        save(Events(one, one, one, one, size), tmp_path / "a.aedat", replace=True)
         events = load(tmp_path / "a.aedat")
         assert events.metadata["chip"] == chip
         assert events.sensor_size == size
-    save(iter([Events([], [], [], [], (34, 34))]), tmp_path / "a.aedat")
+    save(iter([Events([], [], [], [], (34, 34))]), tmp_path / "a.aedat", replace=True)
     assert len(load(tmp_path / "a.aedat")) == 0
 
 

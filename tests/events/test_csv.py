@@ -206,7 +206,7 @@ def recordings(draw):
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 def test_what_is_saved_is_loaded(tmp_path, events, count, ending):
     path = tmp_path / f"a.{ending}"
-    save((events[k : k + count] for k in range(0, max(1, len(events)), count)), path)
+    save((events[k : k + count] for k in range(0, max(1, len(events)), count)), path, replace=True)
     assert load(path) == events
     assert {file.stem for file in tmp_path.iterdir()} == {"a"}
 

@@ -173,7 +173,7 @@ def recordings(draw):
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 def test_what_is_saved_is_loaded(tmp_path, events, block, cut):
     path = tmp_path / "a.dat"
-    save(iter([events[:cut], events[cut:]]), path)
+    save(iter([events[:cut], events[cut:]]), path, replace=True)
     assert load(path) == events
     found, damage = pieces(path, block)
     assert damage is None

@@ -109,7 +109,7 @@ def recordings(draw):
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 def test_what_is_saved_is_loaded(tmp_path, events, cut):
     path = tmp_path / "a.es"
-    save(iter([events[:cut], events[cut:]]), path)
+    save(iter([events[:cut], events[cut:]]), path, replace=True)
     assert load(path) == events
 
 
@@ -117,7 +117,7 @@ def test_saving_a_file_gives_the_file(shared, tmp_path):
     path = shared / "data" / "formats" / "es_poker_club_trcl0.es"
     save(load(path), tmp_path / "a.es")
     assert (tmp_path / "a.es").read_bytes() == path.read_bytes()
-    save(Events([], [], [], [], (34, 34)), tmp_path / "a.es")
+    save(Events([], [], [], [], (34, 34)), tmp_path / "a.es", replace=True)
     assert len(load(tmp_path / "a.es")) == 0
 
 

@@ -223,7 +223,7 @@ def recordings(draw):
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 def test_what_is_saved_is_loaded(tmp_path, events, cut):
     path = tmp_path / "a.raw"
-    save(iter([events[:cut], events[cut:]]), path, format="evt2")
+    save(iter([events[:cut], events[cut:]]), path, replace=True, format="evt2")
     assert load(path) == events
     words = np.frombuffer(path.read_bytes().split(b"% end\n")[-1], "<u4")
     assert words.size == len(events) + len(np.unique(events.t >> 6))
@@ -290,7 +290,7 @@ def test_the_coding_is_told_by_the_words(tmp_path):
         (640, 480),
     )  # fmt: skip
     for coding in ("evt2", "evt3"):
-        save(events, tmp_path / "a.raw", format=coding)
+        save(events, tmp_path / "a.raw", format=coding, replace=True)
         data = (tmp_path / "a.raw").read_bytes().split(b"% end\n")[-1]
         for header in (b"", b"% Date 2018-01-01\n"):
             found = load(header + data, name="a.raw")

@@ -106,7 +106,7 @@ def test_cannot_save_as(tmp_path):
             tmp_path / "a.bin", "aedat3",
             f"cannot save as format 'aedat3', expected one of {', '.join(f.name for f in written)}",
         ),
-        (tmp_path / "none" / "a.bin", None, "cannot write: No such file or directory"),
+        (tmp_path / "none" / "a.bin", None, "cannot be written: No such file or directory"),
     ):  # fmt: skip
         with pytest.raises(EventFileError) as error:
             save(events, path, format=format)

@@ -56,7 +56,7 @@ def recordings(draw):
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 def test_what_is_saved_is_loaded(tmp_path, events, cut):
     path = tmp_path / "a.bin"
-    save(iter([events[:cut], events[cut:]]), path)
+    save(iter([events[:cut], events[cut:]]), path, replace=True)
     assert load(path, sensor_size=(256, 256)) == events
     assert [file.name for file in tmp_path.iterdir()] == ["a.bin"]
 

@@ -170,7 +170,7 @@ def recordings(draw):
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 def test_what_is_saved_is_loaded(tmp_path, events, count):
     path = tmp_path / "a.npz"
-    save((events[k : k + count] for k in range(0, max(1, len(events)), count)), path)
+    save((events[k : k + count] for k in range(0, max(1, len(events)), count)), path, replace=True)
     assert load(path) == events
     assert [file.name for file in tmp_path.iterdir()] == ["a.npz"]
     with zipfile.ZipFile(path) as archive:
