@@ -23,7 +23,7 @@ ODD = [
     np.array(["a"]),
     int,
     neuro.uniform,
-    object(),
+    print,
     1j,
     {},
 ]
