@@ -137,7 +137,7 @@ def test_numbers_in_other_bases():
         assert message.endswith(f"\n  hint: write {number}: numbers here are decimal")
 
 
-@pytest.mark.parametrize("value", ODD, ids=repr)
+@pytest.mark.parametrize("value", ODD, ids=lambda value: type(value).__name__)
 def test_no_name(sim, value):
     """What is the name of nothing is told like an unknown name, also where it cannot be looked up."""
     for call in (sim.set, sim.weights, sim.trace):
@@ -150,13 +150,13 @@ def test_no_name(sim, value):
     assert told(sim.set_weights, value, 1.0).startswith("unknown projection '")
 
 
-@pytest.mark.parametrize("value", [v for v in ODD if v is not True], ids=repr)
+@pytest.mark.parametrize("value", [v for v in ODD if v is not True], ids=lambda value: type(value).__name__)
 def test_no_flag(sim, value):
     for what, call in {"reset: weights": sim.reset, "raw": lambda raw: sim.get("a", "V_m", raw=raw)}.items():
         assert told(call, value).startswith(f"{what} ")
 
 
-@pytest.mark.parametrize("value", [v for v in ODD if v not in (-1, math.inf)], ids=repr)
+@pytest.mark.parametrize("value", [v for v in ODD if v not in (-1, math.inf)], ids=lambda value: type(value).__name__)
 def test_no_number(sim, value):
     told(sim.set, "a", V_th=value)
     if value != [1.0]:
