@@ -109,7 +109,7 @@ class Choice:
     def __new__(cls, *args: Any, **words: Any) -> Self:
         """Refuse an unknown parameter by its nearest right name."""
         known = {entry.name for entry in fields(cls)}
-        if args:
+        if len(args) > sum(not entry.kw_only for entry in fields(cls)):
             raise ModelError(
                 f"{cls.called()}: found {len(args)} values without a name: expected {cls.called()}(name=value)",
                 where=here(),

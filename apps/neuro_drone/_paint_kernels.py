@@ -203,6 +203,14 @@ def moved(matrix, drawn):
 
 
 @inner
+def copy(source, target):
+    """Fill the first rows of an array with another; assigning slices would allocate, as they may overlap."""
+    for row in range(source.shape[0]):
+        for column in range(source.shape[1]):
+            target[row, column] = source[row, column]
+
+
+@inner
 def ground(matrix, focal, middle, shades, pattern, work, drawn, base):
     """Draw ground and sky if they look different from those in the base; returns whether they did."""
     levels, size, wide, sharp, x, y = pattern
@@ -219,7 +227,7 @@ def ground(matrix, focal, middle, shades, pattern, work, drawn, base):
         if tilted:
             sharpness(matrix, focal, middle, wide, sharp)
         textured_ground(matrix, focal, middle, levels, size, wide, sharp, x, y, base)
-    drawn[:4] = matrix
+    copy(matrix, drawn)
     drawn[4, 0] = 0.0
     return True
 
@@ -237,13 +245,14 @@ def paint(matrix, focal, middle, shades, pattern, ball, strips, circle, work, dr
     height, width = image.shape
     box[0], box[1], box[2], box[3] = width, height, 0, 0
     if ground(matrix, focal, middle, shades, pattern, work, drawn, base):
-        image[:] = base
+        copy(base, image)
         box[0], box[1], box[2], box[3] = 0, 0, width, height
     for row in range(height):
         first, last = painted[row]
         if first < last:
             widen(box, row, first, last)
-            image[row, first:last] = base[row, first:last]
+            for column in range(first, last):
+                image[row, column] = base[row, column]
             painted[row, 0], painted[row, 1] = width, 0
     for i in range(strips.shape[0]):
         for k in range(4):

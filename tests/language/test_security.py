@@ -206,5 +206,5 @@ def test_files_that_are_not_there(folder):
     assert error_of("none/net.yaml") == "none/net.yaml: no such file"
     assert error_of("sub.yaml") == "sub.yaml: found a folder: expected a YAML file"
     assert error_of("pipe.yaml") == "pipe.yaml: found neither file nor folder: expected a YAML file"
-    assert "cannot be read" in error_of("a\0b")
+    assert error_of("a\0b") == "path = 'a\\x00b': expected the name of a file, without a zero byte"
     assert "cannot be read" in error_of("x" * 5000)

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from hypothesis import HealthCheck, event, given, note, seed, settings
+from hypothesis import HealthCheck, Phase, event, given, note, seed, settings
 
 import neuro
 from neuro.simulation import Simulation
@@ -29,6 +29,7 @@ SETTINGS = settings(
     deadline=None,
     database=None,
     suppress_health_check=list(HealthCheck),
+    phases=[Phase.generate],  # to shrink a network takes minutes
 )
 
 
