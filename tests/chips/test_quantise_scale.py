@@ -304,5 +304,5 @@ def test_a_bias_has_room_for_the_rounding_of_its_two_parts():
     net.population("out", 1, cells)
     net.connect("dc", "out", neuro.one_to_one(), weight=1.0, delay=1.0)
     sim = neuro.compile(net, "loihi", scales={"out": 1.0})
-    sim.run(4.0)
-    assert sim.get("out", "v", raw=True)[0] == pytest.approx(2001.5 + 3 * 4095.0, abs=8)
+    sim.run(5.0)
+    assert sim.get("out", "v", raw=True)[0] == pytest.approx(2 * 2001.5 + 3 * 4095.0, abs=8)

@@ -58,7 +58,7 @@ def test_index_of_ms(tmp_path, times, count):
     t = np.array(times)
     zeros = np.zeros(t.size, int)
     events = Events(t, zeros, zeros, zeros, (1, 1))
-    save((events[k : k + count] for k in range(0, t.size, count)), tmp_path / "a.h5")
+    save((events[k : k + count] for k in range(0, t.size, count)), tmp_path / "a.h5", replace=True)
     with h5py.File(tmp_path / "a.h5") as file:
         index, own = file["ms_to_idx"][:], file["events/t"][:]
     assert len(index) == own[-1] // 1000 + 1

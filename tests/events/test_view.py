@@ -87,9 +87,9 @@ def test_a_full_disk_is_told_with_the_name_of_the_file(moving, tmp_path, monkeyp
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("pathlib.Path.write_text", full)
-    with pytest.raises(OSError, match="No space") as error:
+    with pytest.raises(ModelError) as error:
         view(moving, tmp_path / "v.html", title="bar")
-    assert error.value.filename == str(tmp_path / "v.html")
+    assert str(error.value) == f"{tmp_path / 'v.html'}: cannot be written: No space left on device"
     assert list(tmp_path.iterdir()) == []
 
 
