@@ -5,6 +5,11 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# How long an example takes depends on what else the machine does: a deadline fails tests of right code.
+settings.register_profile("suite", deadline=None)
+settings.load_profile("suite")
 
 # Started in the background, all programs that the tests start would not hear Ctrl-C.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
