@@ -19,13 +19,10 @@ from neuro_nest.watch import TOLD
 pytestmark = pytest.mark.usefixtures("nest")
 
 QUICK = (
-    "a4_iaf_psc_exp_equal_taus",
-    "a5_iaf_psc_delta_refractory_input",
-    "a6_iaf_psc_exp_dc_generator",
-    "d1_recurrent100",
+    *("a5_iaf_psc_delta_refractory_input", "a6_iaf_psc_exp_dc_generator", "d1_recurrent100"),
+    *("b1_stdp_multiplicative", "b2_stdp_additive", "b3_stdp_guetig_delay5"),
 )
-QUICK += ("b1_stdp_multiplicative", "b2_stdp_additive", "b3_stdp_guetig_delay5", "c5_stdp_dopamine")
-"""Traces that take NEST less than 20 s together: it stops at each step that is read."""
+"""Traces that take NEST seconds; of others it is read at each of 5000 steps."""
 
 
 def rich() -> neuro.Network:
