@@ -25,7 +25,7 @@ def load() -> Any:
     Raises:
         ModelError: it is not installed.
     """
-    if "nest" in sys.modules:
+    if sys.modules.get("nest") is not None:
         return sys.modules["nest"]
     flags, words, quiet = sys.getdlopenflags(), sys.argv, os.environ.get("PYNEST_QUIET")
     os.environ["PYNEST_QUIET"] = "1"

@@ -98,7 +98,8 @@ class Net:
     def _recorded(self) -> tuple[Ints, Ints]:
         """Senders and steps of the spikes of a stretch, by sender."""
         events = self._recorder.events
-        self._recorder.n_events = 0
+        if len(events["times"]):
+            self._recorder.n_events = 0
         found = np.stack([np.asarray(events[word]).astype(np.int64) for word in ("senders", "times")], axis=1)
         found = self.ranks.gather(found)
         found = found[np.argsort(found[:, 0], kind="stable")]

@@ -6,7 +6,7 @@ import atexit
 import subprocess
 from functools import cache
 
-TOLD = "error: the process that ran NEST is gone without a word: NEST crashed, or it was killed; nothing was written"
+TOLD = "error: the process that ran NEST ended without a word: NEST crashed, or it was killed"
 _WAIT = 'trap "" INT TERM HUP; read -r word || echo "$0" >&2'
 
 
