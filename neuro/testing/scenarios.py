@@ -42,6 +42,9 @@ LIMIT, RELATIVE = 1e-9, 1e-12
 TWINS, UNITS = 12, 8
 """Runs with other last places, and how many units in the last place they move."""
 
+FIXED = {"Wmin", "Wmax", "deliver_interval"}
+"""Numbers of rules that stay as they are: weights begin at their bounds, and the interval cannot be set."""
+
 RESOLUTIONS = (0.05, 0.1, 0.2, 0.5, 1.0)
 MUS = (0.0, 0.3, 1.0, 2.0)
 
@@ -87,7 +90,10 @@ class Scenario:
 
 
 def read(sim: Simulation) -> Found:
-    """What every backend shows of a simulation at one moment: all spikes so far, potentials, states of synapses."""
+    """What every backend shows of a simulation at one moment: all spikes so far, potentials, states of synapses.
+
+    Weights and eligibilities of a rule are in shares of its Wmax, since their unit is whatever the target takes.
+    """
     found: Found = {}
     for population in sim.program.populations:
         name = population.name
@@ -99,7 +105,8 @@ def read(sim: Simulation) -> Found:
             found[f"V_m of {name}"] = sim.get(name, "V_m")
     for projection in sim.program.projections:
         for word in ["weight", *(state.name for state in projection.synapse.states)]:
-            found[f"{word} of {projection.name}"] = sim.get(projection.name, word)
+            unit = projection.synapse.parameters().get("Wmax", 1.0)
+            found[f"{word} of {projection.name}"] = sim.get(projection.name, word) / unit
     return found
 
 
@@ -323,13 +330,20 @@ def differences(expected: Found, found: Found) -> list[str]:
 
 
 def nudged(sim: Simulation, rng: np.random.Generator) -> None:
-    """Move potentials, thresholds, fixed weights by a few units in the last place, as other orders of sums might."""
+    """Move what a simulation computes with by a few units in the last place, as other orders of sums might.
+
+    Potentials, thresholds and fixed weights; at the start the numbers of rules, too, which later would clip weights.
+    """
     for population in sim.program.populations:
         for word in {"V_m", "V_th"} & {*population.parameters, *(state.name for state in population.model.states)}:
             sim.set(population.name, **{word: _off(sim.get(population.name, word), rng)})
     for projection in sim.program.projections:
         if projection.size and not projection.synapse.learns:
             sim.set_weights(projection.name, _off(sim.get(projection.name, "weight"), rng))
+        if projection.synapse.learns and sim.time == 0.0:
+            words = {word: projection.synapse.parameters()[word] for word in projection.synapse.numbers()}
+            moved = {word: float(_off(np.array(value), rng)) for word, value in words.items() if word not in FIXED}
+            sim.set(projection.name, **moved)
 
 
 def _off(values: Floats, rng: np.random.Generator) -> Floats:

@@ -148,5 +148,5 @@ def test_json_of_a_network_that_does_not_fit(neuro, file):
 def test_an_unknown_chip(neuro, file):
     answer = neuro("fit", file(FITS), "--chip", "loihy")
     assert answer.status != 0
-    assert "unknown target 'loihy'" in answer.err
+    assert "unknown chip 'loihy'" in answer.err
     assert "did you mean 'loihi'" in answer.err

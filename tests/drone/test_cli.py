@@ -108,8 +108,9 @@ def test_compare_is_kept_and_told(neuro, tmp_path):
     assert "short: weights frozen, no dopamine; mean ± sd over seeds" in out
     assert {file: file.stat().st_mtime_ns for file in (tmp_path / "kept").glob("*.json")} == results
     table = (tmp_path / "kept" / "table.md").read_text().splitlines()
-    assert table[0].startswith("| controller | steps | seeds | error, px | laps |")
-    assert len(table) == 5
+    assert table[0] == "<!-- neuro drone compare -->"
+    assert table[1].startswith("| controller | steps | seeds | error, px | laps |")
+    assert len(table) == 6
 
 
 def test_lists(neuro):
@@ -149,7 +150,7 @@ MISTAKES = {
     "compare --row sn": "unknown controller 'sn'\n  hint: did you mean 'snn'?",
     "compare --row oracle --out bad.yaml": "bad.yaml: cannot be written: File exists",
     "energy oracle.h5": "controller 'oracle' has no network: expected a spiking one, dqn or ddpg",
-    "watch oracle.h5 --out no/lap.html": "no/lap.html: No such file or directory",
+    "watch oracle.h5 --out no/lap.html": "no/lap.html: cannot be written: No such file or directory",
     "watch oracle.h5 --out lap.gif": "lap.gif: a lap is written as a page for a browser: expected a name that ends in "
     ".html",
     "watch oracle.h5 --start 900 0": "option start = 900.0: expected a number >= -180 and <= 180",

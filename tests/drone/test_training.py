@@ -146,7 +146,7 @@ def test_mistakes(words, message):
 def test_out_that_cannot_be_written(tmp_path):
     with pytest.raises(neuro.ModelError) as error:
         train("B60", steps=100, out=tmp_path)
-    assert str(error.value) == f"{tmp_path}: cannot be written: Is a directory"
+    assert str(error.value) == f"{tmp_path}: is a folder, expected the name of a file"
 
 
 def test_oracle_flies_all_laps_and_nothing_none():
