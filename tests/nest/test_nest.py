@@ -19,10 +19,10 @@ from neuro_nest.watch import TOLD
 pytestmark = pytest.mark.usefixtures("nest")
 
 QUICK = (
-    *("a5_iaf_psc_delta_refractory_input", "a6_iaf_psc_exp_dc_generator", "d1_recurrent100"),
+    *("a5_iaf_psc_delta_refractory_input", "a6_iaf_psc_exp_dc_generator"),
     *("b1_stdp_multiplicative", "b2_stdp_additive", "b3_stdp_guetig_delay5"),
 )
-"""Traces that take NEST seconds; of others it is read at each of 5000 steps."""
+"""Traces that take NEST seconds; of others it is read at each of thousands of steps."""
 
 
 def rich() -> neuro.Network:
