@@ -71,7 +71,7 @@ def test_the_bill_does_not_depend_on_the_backend(letters, model):
 def test_words(model, tried):
     told = json.loads(words(model, tried, bills(tried, ("loihi", "gpu"))))
     assert list(told) == [
-        "backend", "vote", "accuracy", "interval", "recordings", "per_recording", "bills", "notes",
+        "format", "backend", "vote", "accuracy", "interval", "recordings", "per_recording", "bills", "notes",
     ]  # fmt: skip
     assert (told["backend"], told["vote"], told["recordings"]) == ("event", "majority", 26)
     assert told["accuracy"] == tried.votes["majority"].accuracy
