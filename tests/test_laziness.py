@@ -204,3 +204,14 @@ def test_a_current_that_is_set_at_every_step_keeps_no_history():
     event.set("source", amplitude=1.0)
     state = event._engine.snapshot()
     assert len(state["current.0"]) <= 2
+
+
+def test_the_lowest_potential_bounds_a_neuron_while_it_sleeps():
+    """Inhibition holds V_m at V_min for a while: in one long step it would rise from far below."""
+    net = one_cell(neuro.iaf_psc_alpha(V_min=-75.0, tau_syn_in=60.0), [5.0], -300.0)
+    reference, event = both(net)
+    for sim in (reference, event):
+        sim.run(30.0)
+        sim.run(170.0)
+    assert event.get("cells", "V_m") == pytest.approx(reference.get("cells", "V_m"), abs=1e-9)
+    assert -75.0 < event.get("cells", "V_m")[0] < -70.0

@@ -110,17 +110,21 @@ def fire(s, c, i):
 
 
 def quiet(s, c, i_0, lo, hi):
-    """V stays below its relaxation plus all the charge that the positive currents still carry."""
+    """V stays below its relaxation plus all the charge that the positive currents still carry, and V_min is not met."""
     for i in range(lo, hi):
         drive = c[I_E] + i_0[i]
         if math.isinf(c[GAIN]):
             top = s[V_M, i] if drive <= 0.0 else math.inf
+            bottom = s[V_M, i] if drive >= 0.0 else -math.inf
         else:
             top = max(s[V_M, i], c[E_L] + c[GAIN] * drive)
+            bottom = min(s[V_M, i], c[E_L] + c[GAIN] * drive)
         tau = c[TAU_EX]
         top += (max(s[I_EX, i], 0.0) * tau + max(s[D_EX, i], 0.0) * tau * tau) / c[C_M]
+        bottom += (min(s[I_EX, i], 0.0) * tau + min(s[D_EX, i], 0.0) * tau * tau) / c[C_M]
         tau = c[TAU_IN]
         top += (max(s[I_IN, i], 0.0) * tau + max(s[D_IN, i], 0.0) * tau * tau) / c[C_M]
-        if s[REFRACTORY, i] != 0.0 or not top < c[V_TH]:
+        bottom += (min(s[I_IN, i], 0.0) * tau + min(s[D_IN, i], 0.0) * tau * tau) / c[C_M]
+        if s[REFRACTORY, i] != 0.0 or not top < c[V_TH] or bottom < c[V_MIN]:
             return False
     return True
