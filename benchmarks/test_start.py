@@ -30,7 +30,7 @@ def test_import(benchmark, figure):
 
 def test_first_start(benchmark, figure, tmp_path):
     benchmark.pedantic(python, args=(SMALL,), kwargs={"XDG_CACHE_HOME": str(tmp_path)}, rounds=1)
-    figure("first start after install", benchmark.stats.stats.min, "s", "at most 30")
+    figure("first start after install", benchmark.stats.stats.min, "s", "at most 20")
 
 
 def test_later_start(benchmark, figure):

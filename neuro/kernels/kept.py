@@ -73,8 +73,10 @@ class Kept:
 
     def _file(self, signature: Any, target: Any) -> Path | None:
         place = folder()
-        name = self._kernel.py_func.__name__
-        return None if place is None else place / f"{name}-{digest(self._kernel, tuple(signature), target)}"
+        if place is None:
+            return None
+        arguments = tuple(getattr(signature, "args", signature))
+        return place / f"{self._kernel.py_func.__name__}-{digest(self._kernel, arguments, target)}"
 
 
 @cache

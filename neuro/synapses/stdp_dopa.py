@@ -14,7 +14,7 @@ from neuro.quantities import quantity
 from neuro.synapses.base import Synapse
 
 TABLE = 1024
-"""Steps for which the decays of c and n are kept in a table; beyond it they are computed."""
+"""Steps over which the decays of c and n are kept in a table; beyond it they are computed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,7 +33,7 @@ class stdp_dopa(Synapse):
     learns: ClassVar[str] = "pairs"
     modulated: ClassVar[bool] = True
     states: ClassVar[tuple[State, ...]] = (State("c", "", "eligibility trace"),)
-    width: ClassVar[int] = 10 + 2 * TABLE
+    width: ClassVar[int] = 10 + 4 * TABLE
 
     tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
     A_plus: float = quantity(1.0, "", "eligibility of a pre-post pair")
@@ -69,17 +69,23 @@ class stdp_dopa(Synapse):
 stdp_dopa.arithmetic = sys.modules[__name__]
 
 TAU_PLUS, A_PLUS, A_MINUS, TAU_C, TAU_N, B, W_MIN, W_MAX, H, TAU = range(10)
-FADE_C, FADE_N = 10, 10 + TABLE
+DECAYS = 10
 
 
 def constants(p, h, c):
-    """The parameters, the step, T = tau_c tau_n / (tau_c + tau_n), and the decays of c and n over 0, 1, ... steps."""
+    """The parameters, the step, T = tau_c tau_n / (tau_c + tau_n), and the decays over 0, 1, ... steps."""
     c[:8] = p[:8]
     c[H] = h
     c[TAU] = p[TAU_C] * p[TAU_N] / (p[TAU_C] + p[TAU_N])
     for k in range(TABLE):
-        c[FADE_C + k] = math.exp(-k * h / p[TAU_C])
-        c[FADE_N + k] = math.exp(-k * h / p[TAU_N])
+        at = DECAYS + 4 * k
+        c[at], c[at + 1], c[at + 2], c[at + 3] = decays(c, k)
+
+
+def decays(c, steps):
+    """What is left of c and of n after some steps, and what is lost of c and of c n: exact however small."""
+    at = -steps * c[H]
+    return math.exp(at / c[TAU_C]), math.exp(at / c[TAU_N]), -math.expm1(at / c[TAU_C]), -math.expm1(at / c[TAU])
 
 
 def on_post(y, e, c, k_plus):
@@ -114,11 +120,12 @@ def advance(y, e, c, begin, end, n, grid):
 def drift(y, e, c, steps, n):
     """Integrate over some steps in which n - b keeps its sign; return n at their end."""
     if steps < TABLE:
-        fading, left = c[FADE_C + steps], c[FADE_N + steps]
+        at = DECAYS + 4 * steps
+        left_c, left_n, lost_c, lost_both = c[at], c[at + 1], c[at + 2], c[at + 3]
     else:
-        fading, left = math.exp(-steps * c[H] / c[TAU_C]), math.exp(-steps * c[H] / c[TAU_N])
+        left_c, left_n, lost_c, lost_both = decays(c, steps)
     eligibility = y[1, e]
-    gain = n * c[TAU] * (1.0 - fading * left) - c[B] * c[TAU_C] * (1.0 - fading)
+    gain = n * c[TAU] * lost_both - c[B] * c[TAU_C] * lost_c
     y[0, e] = min(c[W_MAX], max(c[W_MIN], y[0, e] + eligibility * gain))
-    y[1, e] = eligibility * fading
-    return n * left
+    y[1, e] = eligibility * left_c
+    return n * left_n
