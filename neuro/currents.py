@@ -97,21 +97,22 @@ class Currents:
                 self._add(current, q, step)
         return current
 
-    def full(self, population: int, source: int, amplitude: Floats) -> Floats:
-        """The current in pA into every neuron of a population while all generators are on, one with another amplitude.
+    def full(self, population: int, instead: Mapping[int, Floats] | None = None) -> Floats:
+        """The current in pA into every neuron of a population while all generators are on.
 
         Args:
             population: the target.
-            source: the generator whose amplitude is not the present one.
-            amplitude: one value for all of it, or one each.
+            instead: amplitudes that are not the present ones, by generator; one value for all of it, or one each.
         """
+        instead = instead or {}
         current = np.zeros(self._program.populations[population].size)
         for q, weights in self._weights.items():
             p = self._program.projections[q]
             if p.target == population:
                 pre, post = self._program.connections(q)
-                own = amplitude if p.source == source else self.amplitude(p.source)
-                value = np.broadcast_to(own, self._program.populations[p.source].size)
+                value = np.broadcast_to(
+                    instead.get(p.source, self.amplitude(p.source)), self._program.populations[p.source].size
+                )
                 np.add.at(current, post, value[pre] * weights[-1][1])
         return current
 

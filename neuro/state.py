@@ -41,7 +41,7 @@ class Identity:
     fingerprint: str
 
 
-def write_state(path: Path, identity: Identity, arrays: Mapping[str, NDArray[Any]]) -> None:
+def write_state(path: Path, identity: Identity, arrays: Arrays) -> None:
     """Write a state; another state of that name is replaced once the new one is complete.
 
     Raises:
@@ -50,6 +50,7 @@ def write_state(path: Path, identity: Identity, arrays: Mapping[str, NDArray[Any
     with writing(path, FORMAT) as file:
         for field in fields(identity):
             file.attrs[field.name] = getattr(identity, field.name)
+        file.attrs["digest"] = _digest(arrays)
         for name, values in arrays.items():
             file.create_dataset(name, data=values)
 
@@ -58,7 +59,7 @@ def read_state(path: Path, identity: Identity) -> Arrays:
     """Read a state of the same network, backend and seed.
 
     Raises:
-        ModelError: there is no such file, it holds no state, or one of something else.
+        ModelError: there is no such file, it holds no state or one of something else, or it is damaged.
     """
     import h5py
 
@@ -70,6 +71,9 @@ def read_state(path: Path, identity: Identity) -> Arrays:
             _check_identity(path, file, identity)
             arrays: Arrays = {}
             file.visititems(lambda name, item: _collect(arrays, name, item))
+            digest = _digest(arrays)
+            if file.attrs.get("digest", digest) != digest:  # files of before have none
+                raise ModelError(f"{path}: a damaged state: it does not hold what sim.save wrote")
             return arrays
     except OSError:
         raise ModelError(f"{path}: not an HDF5 file: expected a state written by sim.save") from None
@@ -103,6 +107,13 @@ def _check_identity(path: Path, file: h5py.File, expected: Identity) -> None:
 
 def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
+
+
+def _digest(arrays: Arrays) -> str:
+    """A hash of all arrays: compiled loops trust their sizes and indices, so none may be missing or changed."""
+    digest = hashlib.blake2b(digest_size=16)
+    _feed(digest, {name: np.asarray(values) for name, values in arrays.items()})
+    return digest.hexdigest()
 
 
 def fingerprint(program: Program) -> str:

@@ -363,6 +363,28 @@ def test_a_state_of_something_else_is_refused(tmp_path: Path):
     assert sim.time == 1.0
 
 
+@pytest.mark.parametrize("backend", ["reference", "event"])
+@pytest.mark.parametrize("damage", ["an array is missing", "a value is another", "an array is longer"])
+def test_a_damaged_state_is_refused(tmp_path: Path, backend: str, damage: str):
+    sim = neuro.compile(small(), backend=backend)
+    sim.run(1.0)
+    sim.save(tmp_path / "state.h5")
+    sim.run(1.0)
+    with h5py.File(tmp_path / "state.h5", "r+") as file:
+        names: list[str] = []
+        file["engine"].visititems(lambda name, item: names.append(name) if getattr(item, "size", 0) else None)
+        last = f"engine/{names[-1]}"
+        values = file[last][()]
+        del file[last]
+        if damage == "a value is another":
+            file[last] = ~values if values.dtype == bool else values + 1
+        elif damage == "an array is longer":
+            file[last] = np.append(values, values)
+    with pytest.raises(ModelError, match="a damaged state: it does not hold what sim.save wrote"):
+        sim.restore(tmp_path / "state.h5")
+    assert sim.time == 2.0
+
+
 def test_a_state_replaces_the_old_file_at_once(tmp_path: Path):
     file = tmp_path / "state.h5"
     sim = start()

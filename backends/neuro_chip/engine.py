@@ -179,7 +179,7 @@ class ChipEngine:
             states["V_m"] = self.get(population, "V_m")  # the register counts from E_L
         if isinstance(part.model, dc_generator):
             for target in self._currents.targets:  # refused here, not when it is on its way
-                self._registers.bias(target, self._currents.full(target, population, parameters["amplitude"]))
+                self._registers.bias(target, self._currents.full(target, {population: parameters["amplitude"]}))
         before = dict(self._registers.parameters[population])
         self._registers.parameters[population].update(parameters)
         if isinstance(part.model, poisson_generator):

@@ -69,6 +69,8 @@ class Registers:
             exact = (values - part.rest) * part.volt
         elif name in ("I_syn_ex", "I_syn_in"):
             exact = values * part.ampere[name == "I_syn_in"] * (-1.0 if register == "g_inh" else 1.0)
+        elif (broken := values[values != np.rint(values)]).size:
+            raise ModelError(f"population '{part.name}': {name} = {broken[0]:g}: register '{name}' holds whole numbers")
         limit = 2**23 - 1 if part.kind == "loihi_lif" else _LIMIT
         bad = np.flatnonzero(np.abs(exact) > limit)
         if bad.size:

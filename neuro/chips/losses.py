@@ -48,6 +48,7 @@ LIMITS = {
     "V_reset": Limit(0.001, "of the distance from E_L to V_th is the error of V_reset", "scale the potentials up"),
     "C_m": Limit(0.02, "is the error of the membrane capacity", "lower C_m, and weights and currents with it"),
     "I_e": Limit(0.02, "is the error of the constant current", "raise the current, or leave it out"),
+    "dc": Limit(0.02, "is the error of the current of generators", "raise its amplitude, or leave it out"),
     "merged": Limit(
         0.01,
         "of the generator's spikes share a step with another of the same neuron and become one",

@@ -15,13 +15,14 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from neuro.backend import Problem
-from neuro.chips import loihi, spinnaker
+from neuro.chips import loihi, scales, spinnaker
 from neuro.chips.by_hand import options_of
 from neuro.chips.chip import Chip
-from neuro.chips.fixed import FixedPopulation, FixedProgram, FixedProjection
+from neuro.chips.fixed import FixedPopulation, FixedProgram, FixedProjection, Rounding
 from neuro.chips.learning_give import give_rules
 from neuro.chips.losses import LIMITS, losses, merged
 from neuro.chips.parts import Inputs, Options, approximated, refused
+from neuro.currents import Currents
 from neuro.errors import ModelError
 from neuro.neurons import Neuron, dc_generator, iaf_psc_delta, parrot_neuron, poisson_generator, spike_generator
 from neuro.program import Floats, Population, Program
@@ -101,10 +102,19 @@ def _population(
         return FixedPopulation(part.name, "none"), {}, [_lacking(inputs, chip)]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         fixed, found, problems = rules.population(inputs, options)
+        if inputs.currents:
+            fixed = replace(fixed, rounding=(*fixed.rounding, _rounded_currents(inputs, fixed)))
     if chip.arithmetic == "spinnaker" and isinstance(part.model, iaf_psc_delta):
         why = "no released SpiNNaker binary has it: it is emulated in the same arithmetic, slots added to v"
         problems.append(approximated(part.origin, f"population '{part.name}': iaf_psc_delta", why))
     return fixed, found, problems
+
+
+def _rounded_currents(inputs: Inputs, fixed: FixedPopulation) -> Rounding:
+    """What the bias register makes of the currents of generators, as they are described."""
+    wanted = Currents(inputs.program).full(inputs.index)
+    unit = 2.0 ** fixed.registers.get("bias_exp", np.zeros(1)) / fixed.drive
+    return scales.worst("dc", "pA", wanted, np.rint(wanted / unit) * unit, float(np.abs(wanted).max()))
 
 
 def rules_run(model: object) -> bool:

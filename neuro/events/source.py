@@ -1,4 +1,4 @@
-"""Where the bytes of a file come from: a path (mapped, not read), bytes, or an open file such as standard input."""
+"""Where the bytes of a file come from: a path (mapped, not read), bytes, a pipe, or an open file as standard input."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Source:
 
     Attributes:
         name: for messages and the ending.
-        path: where it lies on the disk, None for bytes and open files.
+        path: where it lies on the disk, None for bytes, open files and pipes.
 
     Raises:
         OSError: the path cannot be opened.
@@ -38,15 +38,19 @@ class Source:
     def __init__(self, given: Given, name: str | None = None) -> None:
         self.path: Path | None = None
         self._file: BinaryIO | None = None
+        self._pipe: BinaryIO | None = None
         self._bytes: Bytes = np.zeros(0, np.uint8)
         self._head = b""
         if isinstance(given, bytes | bytearray | memoryview):
             self.name = name or "<bytes>"
             self._bytes = np.frombuffer(given, np.uint8)
         elif isinstance(given, str | os.PathLike):
-            self.path = Path(given)
             self.name = name or os.fspath(given)
-            self._bytes = _mapped(self.path)
+            path = Path(given)
+            if path.is_file() or not path.exists():
+                self.path, self._bytes = path, _mapped(path)
+            else:
+                self._file = self._pipe = path.open("rb")
         else:
             own = getattr(given, "name", None)
             self.name = name or (own if isinstance(own, str) else "<file>")
@@ -63,7 +67,9 @@ class Source:
 
     def close(self) -> None:
         """Let go of the bytes, so that a mapped file is open no more; what was given open stays open."""
-        self._bytes, self._head, self._file = np.zeros(0, np.uint8), b"", None
+        if self._pipe is not None:
+            self._pipe.close()
+        self._bytes, self._head, self._file, self._pipe = np.zeros(0, np.uint8), b"", None, None
 
     @property
     def size(self) -> int | None:

@@ -95,6 +95,11 @@ WARNED = {
         "population 'out': I_e = 0.747375 becomes 0.732422 pA", "2.0% is the error of the constant current",
         "raise the current, or leave it out",
     )),
+    "dc": ("spinnaker", lambda: one(exp(), source=neuro.dc_generator(amplitude=25.49 / 32.768)),
+           lambda: one(exp(), source=neuro.dc_generator(amplitude=24.49 / 32.768)), {}, (
+        "population 'out': dc = 0.747375 becomes 0.732422 pA", "2.0% is the error of the current of generators",
+        "raise its amplitude, or leave it out",
+    )),
     "merged": ("loihi", lambda: one(source=neuro.poisson_generator(rate=20.1)),
                lambda: one(source=neuro.poisson_generator(rate=20.3)), {}, (
         "population 'in': poisson_generator",
@@ -188,6 +193,7 @@ exc         8        loihi_lif  139559        tau_m       10 ms      9.98791 ms 
                                               V_th        -55 mV     -54.9996 mV  < 0.01%
                                               I_e         150 pA     149.977 pA   -0.02%
                                               t_ref       2 ms       2 ms         0
+                                              dc          100 pA     100.024 pA   +0.02%
 relay       8        relay      -             -           -          -            -
 out         2        loihi_lif  81920         tau_m       inf ms     inf ms       0
                                               V_th        8 mV       8 mV         0
@@ -212,6 +218,7 @@ exc         8        spinnaker_lif    32768         tau_m     10 ms      10.0007
                                                     t_ref     2 ms       2 ms         0
                                                     C_m       250 pF     250 pF       0
                                                     I_e       150 pA     149.994 pA   < 0.01%
+                                                    dc        100 pA     100.006 pA   +0.01%
 relay       8        relay            -             -         -          -            -
 out         2        spinnaker_delta  32768         tau_m     inf ms     inf ms       0
                                                     V_th      8 mV       8 mV         0
@@ -256,7 +263,7 @@ def test_as_dict(name):
     assert list(found) == ["chip", "populations", "projections", "notes"]
     assert list(found["populations"]) == ["noise", "current", "exc", "relay", "out"]
     assert set(found["populations"]["exc"]) == {"kind", "units_per_mV", "rounding"}
-    quantities = {"tau_m", "V_th", "t_ref", "I_e"} | ({"tau_syn_ex"} if name == "loihi" else {"V_reset", "C_m"})
+    quantities = {"tau_m", "V_th", "t_ref", "I_e", "dc"} | ({"tau_syn_ex"} if name == "loihi" else {"V_reset", "C_m"})
     assert set(found["populations"]["exc"]["rounding"]) == quantities
     assert set(found["populations"]["exc"]["rounding"]["V_th"]) == {"unit", "wanted", "got", "error"}
     assert list(found["projections"]) == ["noise_exc", "exc_relay", "relay_out"]

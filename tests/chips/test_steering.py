@@ -165,3 +165,12 @@ def test_mantissas_that_are_set_are_those_that_are_described():
             neuro.ModelError, match=r"weight\[0\] = 1.5: a mantissa in sign mode mixed is a whole number"
         ):
             other.set_weights("w", [1.5, 2.0, 3.0])
+
+
+def test_a_state_register_takes_whole_numbers_only():
+    net = neuro.Network("registers", resolution=1.0)
+    net.population("out", 2, neuro.loihi_lif(vth=100))
+    sim = neuro.compile(net, backend="loihi")
+    with pytest.raises(neuro.ModelError, match=r"^population 'out': v = 0\.7: register 'v' holds whole numbers$"):
+        sim.set("out", v=[3.0, 0.7])
+    assert sim.get("out", "v").tolist() == [0.0, 0.0]

@@ -1,5 +1,7 @@
 import io
+import os
 import pickle
+import threading
 
 import numpy as np
 import pytest
@@ -27,6 +29,17 @@ def test_bytes_and_open_files(tmp_path):
     assert load(io.BytesIO(data), name="a.bin") == expected
     with path.open("rb") as file:
         assert load(file) == expected
+
+
+def test_a_named_pipe_is_read_like_an_open_file(tmp_path):
+    whole = Events(np.arange(500), np.arange(500) % 34, np.arange(500) % 30, np.arange(500) % 2, (34, 34))
+    for ending in (".bin", ".csv", ".aedat", ".npz"):
+        kept, pipe = tmp_path / f"kept{ending}", tmp_path / f"pipe{ending}"
+        save(whole, kept)
+        os.mkfifo(pipe)
+        for read in (load, lambda path: next(stream(path, count=1000, sensor_size=(34, 34)))):
+            threading.Thread(target=pipe.write_bytes, args=(kept.read_bytes(),), daemon=True).start()
+            assert read(pipe) == whole
 
 
 def test_sort():
