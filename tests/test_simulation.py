@@ -380,7 +380,7 @@ def test_a_damaged_state_is_refused(tmp_path: Path, backend: str, damage: str):
             file[last] = ~values if values.dtype == bool else values + 1
         elif damage == "an array is longer":
             file[last] = np.append(values, values)
-    with pytest.raises(ModelError, match="a damaged state: it does not hold what sim.save wrote"):
+    with pytest.raises(ModelError, match=r"a damaged state: it does not hold what sim.save wrote"):
         sim.restore(tmp_path / "state.h5")
     assert sim.time == 2.0
 
