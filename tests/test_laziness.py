@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import neuro
 from neuro.simulation import Simulation
@@ -215,3 +216,26 @@ def test_the_lowest_potential_bounds_a_neuron_while_it_sleeps():
         sim.run(170.0)
     assert event.get("cells", "V_m") == pytest.approx(reference.get("cells", "V_m"), abs=1e-9)
     assert -75.0 < event.get("cells", "V_m")[0] < -70.0
+
+
+@pytest.mark.parametrize("delay", [0.1, 2.0])
+@pytest.mark.parametrize("silent", [slice(None), slice(64, 128)])
+def test_a_generator_that_falls_silent_sends_what_is_under_way_and_nothing_old(delay: float, silent: slice):
+    def potentials(backend: str) -> list[NDArray[np.float64]]:
+        net = neuro.Network("hush", resolution=0.1)
+        noise = net.population("noise", 200, neuro.poisson_generator(rate=2000.0))
+        cells = net.population("cells", 200, neuro.iaf_psc_delta(V_th=1e9))
+        net.connect(noise, cells, neuro.one_to_one(), weight=1.0, delay=delay)
+        sim = neuro.compile(net, backend)
+        found, rate = [], np.full(200, 2000.0)
+        for level in (0.0, 2000.0, 0.0, 1000.0):
+            sim.run(4.0)
+            rate[silent] = level
+            sim.set("noise", rate=rate)
+            for length in (0.1, 0.3, 5.0):
+                sim.run(length)
+                found.append(sim.get("cells", "V_m"))
+        return found
+
+    for expected, found in zip(potentials("reference"), potentials("event"), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)

@@ -244,7 +244,7 @@ class EventEngine:
         if name in p.parameters:
             self._told[population, name] = values.copy()
         if isinstance(p.model, poisson_generator):
-            sources.set_rate(self._a, population, values)
+            sources.set_rate(self._a, population, values, self._step)
             return
         if not isinstance(p.model, Neuron):
             self._currents.set_amplitude(population, values, self._step)

@@ -37,12 +37,15 @@ def draw_poisson(view, thread, pop, row, step, at, done, h):
         return at
     base = step_word(net.keys[pop], step)
     for block in range(max(row[FIRST_BLOCK], net.edges[thread]), min(row[LAST_BLOCK], net.edges[thread + 1])):
-        if net.awake[block] == 0:
+        if net.awake[block] == 0 and (row[COUNTS] < 0 or step - net.busy[block] > row[COUNTS_STEPS]):
             continue
         lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
         if row[COUNTS] >= 0:
             place = row[COUNTS] + (step & (row[COUNTS_STEPS] - 1)) * (row[END] - row[BEGIN])
             counts = net.counts[place + lo - row[BEGIN] : place + hi - row[BEGIN]]
+            if net.awake[block] == 0:  # what it kept while it was awake is not to be read again
+                counts[:] = 0
+                continue
             if row[TABLE] >= 0:
                 guide, cumulative = net.guides[row[TABLE]], net.cumulative[row[TABLE]]
                 words = net.words[thread]
@@ -96,7 +99,8 @@ def add_counts(view, thread, row, target, step, n_all, slots, blocks):
     weight = net.weights[row[WEIGHT]]
     out = target[BEGIN] + (n_all if target[RECEPTORS] == 2 and weight < 0.0 else 0)
     for block in range(max(target[FIRST_BLOCK], net.edges[thread]), min(target[LAST_BLOCK], net.edges[thread + 1])):
-        if net.awake[source[FIRST_BLOCK] + block - target[FIRST_BLOCK]] == 0:
+        from_block = source[FIRST_BLOCK] + block - target[FIRST_BLOCK]
+        if net.awake[from_block] == 0 and step - row[LAG] > net.busy[from_block]:
             continue
         lo = (block - target[FIRST_BLOCK]) * BLOCK
         hi = min(lo + BLOCK, n)

@@ -34,7 +34,7 @@ def add_generators(a: Arrays) -> None:
                 for q, projection in enumerate(a.program.projections):
                     if projection.source == k:
                         a.net["projections"][q, t.DENSE_COUNTS] = 1
-            set_rate(a, k, p.parameters["rate"])
+            set_rate(a, k, p.parameters["rate"], 0)
     a.net["counts"] = np.zeros(size, dtype=np.uint16)
 
 
@@ -57,8 +57,8 @@ def _keeps_counts(a: Arrays, k: int) -> bool:
     )
 
 
-def set_rate(a: Arrays, k: int, rate: Floats) -> None:
-    """Set the rate in Hz of a poisson_generator, one value or one per neuron."""
+def set_rate(a: Arrays, k: int, rate: Floats, step: int) -> None:
+    """Set the rate in Hz of a poisson_generator, one value or one per neuron, after a step."""
     place, row = a.places[k], a.net["pops"][k]
     mean = rate * (a.program.resolution * 1e-3)
     here = slice(place.begin, place.end)
@@ -66,7 +66,9 @@ def set_rate(a: Arrays, k: int, rate: Floats) -> None:
     a.net["nothing"][here] = np.exp(-mean)
     first, last = row[t.FIRST_BLOCK], row[t.LAST_BLOCK]
     emitting = a.net["mean"][first * t.BLOCK : last * t.BLOCK].reshape(-1, t.BLOCK)
-    emitting.any(axis=1, out=a.net["awake"][first:last].view(np.bool_))
+    awake = a.net["awake"][first:last].view(np.bool_)
+    a.net["busy"][first:last][awake] = step
+    emitting.any(axis=1, out=awake)
     if row[t.COUNTS] >= 0:
         _tabulate(a, k, mean)
 

@@ -48,7 +48,7 @@ awake_groups u8 1  the same memory, eight blocks at a time
 due u1 1           (slots, blocks) flat: where input arrives
 due_groups u8 1    the same memory, eight blocks at a time
 slept i8 1         last step of a sleeping block
-busy i8 1          last step in which a block had input or a spike
+busy i8 1          last step in which a block had input or a spike, or a silent one of a generator a rate
 mean f8 1          of a poisson_generator's neurons, per step
 nothing f8 1       exp(-mean)
 words u8 2         random words of one block, a row per thread
