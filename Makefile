@@ -67,8 +67,7 @@ test-bounds: $(VENV)/.test
 	$(BIN)/pytest --bounds -n 2 --dist loadfile -p no:benchmark --hypothesis-seed=0 $(RUNNING)
 
 test-nest: $(VENV)/.test
-	NEURO_RANDOM_NETWORKS=$(NETWORKS) $(BIN)/pytest -n 2 --dist load -p no:benchmark --hypothesis-show-statistics \
-	  tests/nest/test_random_networks.py
+	NEURO_RANDOM_NETWORKS=$(NETWORKS) $(BIN)/pytest -n 2 --dist load -p no:benchmark tests/nest/test_random_networks.py
 
 test-mpi: $(VENV)-mpi/.installed
 	$(VENV)-mpi/bin/python -m pytest tests/nest -p no:benchmark -ra

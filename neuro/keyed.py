@@ -8,6 +8,7 @@ The mixing function is the finaliser of SplitMix64: Steele, Lea & Flood, OOPSLA 
 from __future__ import annotations
 
 import hashlib
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,7 @@ def uniform_table(part_key: int, steps: NDArray[np.int64], neurons: int) -> NDAr
     return (words >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
 
+@lru_cache(maxsize=1024)
 def poisson_table(mean: float) -> NDArray[np.float64]:
     """Cumulative probabilities of a Poisson variable, up to where they stop growing.
 
@@ -59,6 +61,8 @@ def poisson_table(mean: float) -> NDArray[np.float64]:
     while True:
         term = term * (mean / len(table))
         if total + term == total and len(table) > mean:
-            return np.array(table)
+            found = np.array(table)
+            found.flags.writeable = False
+            return found
         total += term
         table.append(total)

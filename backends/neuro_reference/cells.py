@@ -88,7 +88,7 @@ class Cells:
 
     def _draw(self, step: int) -> Ints:
         numbers: Ints = np.zeros(self.size, dtype=np.int64)
-        if self.part.start < step <= self.part.stop:
+        if self.part.start < step <= self.part.stop and self.parameters["rate"].any():
             u = keyed.uniform(self.key, step, np.arange(self.size))
             means = np.broadcast_to(self.parameters["rate"] * self.resolution / 1000.0, self.size)
             for mean in np.unique(means):

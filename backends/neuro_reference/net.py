@@ -145,7 +145,7 @@ class Net:
         """What one population emits; neurons that spike are reset."""
         cells = self.cells[index]
         if isinstance(cells.part.model, Neuron):
-            self.ids[index] = np.flatnonzero(reached & ~self.silenced[index])
+            self.ids[index] = (reached & ~self.silenced[index]).nonzero()[0]
             cells.fire(self.ids[index])
             relayed = x[0] if cells.part.model.relay else np.ones(cells.size)
             self.multiplicity[index] = relayed[self.ids[index]].astype(np.int64)
@@ -153,7 +153,7 @@ class Net:
         numbers = cells.generate(step)
         if self.program.trials is not None and index == self.program.trials.input:
             numbers = numbers + np.bincount(presented, minlength=cells.size)
-        self.ids[index] = np.flatnonzero(numbers)
+        self.ids[index] = numbers.nonzero()[0]
         self.multiplicity[index] = numbers[self.ids[index]]
 
     def _record(self, index: int, step: int, heard: Bools) -> None:

@@ -35,6 +35,8 @@ class Record:
 
     def add(self, step: int, ids: Ints, multiplicity: Ints) -> None:
         """The spikes of one step."""
+        if not len(ids):
+            return
         self.events[ids] += 1
         self.spikes[ids] += multiplicity
         if self.keeps:
