@@ -35,9 +35,20 @@ class Cells:
 
     def __init__(self, nest: Any, part: Population, parameters: dict[str, Floats], clock: Clock, ranks: Ranks) -> None:
         self.part, self.parameters, self._clock, self._ranks = part, parameters, clock, ranks
-        self.nodes = nest.Create(NODES[part.model.name], part.size)
+        self.nodes = self._create(nest)
         self.first = int(self.nodes[0].global_id)
-        self._tell(self._first_words())
+
+    def _create(self, nest: Any) -> Any:
+        """The nodes as they begin. NEST takes long to set nodes, so what all share is said of their model."""
+        own, shared = self._split(self._first_words())
+        model = NODES[self.part.model.name]
+        if shared and not own:
+            nest.CopyModel(model, f"population_{self.part.name}", shared)
+            return nest.Create(f"population_{self.part.name}", self.part.size)
+        nodes = nest.Create(model, self.part.size)
+        if own:
+            nodes.set(self._each(own, shared))
+        return nodes
 
     def _first_words(self) -> dict[str, Floats]:
         """All that NEST must know before step 1."""
@@ -53,8 +64,8 @@ class Cells:
 
     def emit(self, spikes: Train) -> None:
         """Let the injectors fire."""
-        ids, begin = np.unique(spikes.ids[np.argsort(spikes.ids, kind="stable")], return_index=True)
         order = np.argsort(spikes.ids, kind="stable")
+        ids, begin = np.unique(spikes.ids[order], return_index=True)
         times = np.split(self._clock.array_ms(spikes.steps[order]), begin[1:])
         numbers = np.split(spikes.multiplicity[order], begin[1:])
         if ids.size:
@@ -66,6 +77,12 @@ class Cells:
         """A state or parameter of every neuron."""
         if name in self.parameters:
             return np.broadcast_to(self.parameters[name], self.part.size).copy()
+        if self._ranks.size == 1:
+            return np.atleast_1d(np.array(self.nodes.get(name), dtype=np.float64))
+        return self._gathered(name)
+
+    def _gathered(self, name: str) -> Floats:
+        """A state of the neurons of all processes."""
         mine = (self._ranks.rank - self.first) % self._ranks.size  # NEST deals its nodes out in turn
         here = self.nodes[mine :: self._ranks.size] if mine < self.part.size else ()
         told = here.get(["global_id", name]) if here else {"global_id": [], name: []}
@@ -86,18 +103,24 @@ class Cells:
         self.parameters.update(parameters)
 
     def _tell(self, values: Mapping[str, Floats]) -> None:
-        if "E_L" in values:
-            values = {n: self.get(n) for n in _WITH_E_L if n in self.parameters or n == "V_m"} | dict(values)
-        words = {name: self._in_words_of_nest(name, each) for name, each in values.items()}
-        own = [name for name, each in words.items() if len(each) > 1]
-        shared = {name: each[0] for name, each in words.items() if name not in own}
-        if not words or (isinstance(self.part.model, Generator) and not isinstance(self.part.model, dc_generator)):
+        if isinstance(self.part.model, Generator) and not isinstance(self.part.model, dc_generator):
             return
+        if "E_L" in values:
+            beside = [n for n in _WITH_E_L if n not in values and (n in self.parameters or n == "V_m")]
+            values = {n: self.get(n) for n in beside} | dict(values)
+        own, shared = self._split(values)
         with told():
-            if own:
-                self.nodes.set([shared | {name: words[name][i] for name in own} for i in range(self.part.size)])
-            else:
-                self.nodes.set([shared] * self.part.size)
+            self.nodes.set(self._each(own, shared) if own else [shared])
+
+    def _each(self, own: dict[str, list[Any]], shared: dict[str, Any]) -> list[dict[str, Any]]:
+        """The words of each neuron."""
+        return [shared | {name: each[i] for name, each in own.items()} for i in range(self.part.size)]
+
+    def _split(self, values: Mapping[str, Floats]) -> tuple[dict[str, list[Any]], dict[str, Any]]:
+        """What neurons have each of their own, and what they share, in NEST's words."""
+        words = {name: self._in_words_of_nest(name, each) for name, each in values.items()}
+        own = {name: each for name, each in words.items() if len(each) > 1}
+        return own, {name: each[0] for name, each in words.items() if len(each) == 1}
 
     def _in_words_of_nest(self, name: str, values: Floats) -> list[Any]:
         if name == "refractory_input":

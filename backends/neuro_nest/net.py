@@ -93,7 +93,7 @@ class Net:
             record.add(spikes, to)
         self.activity.add(trains, self.step, to)
         for wires in self.wires:
-            wires.changed()
+            wires.ran()
         self.step = to
 
     def _recorded(self) -> tuple[Ints, Ints]:
