@@ -10,7 +10,7 @@ import numpy as np
 from neuro.clock import NEVER, Clock
 from neuro.neurons import Generator, dc_generator
 from neuro.program import Floats, Population
-from neuro_nest.kernel import told
+from neuro_nest.kernel import set_nodes, told
 from neuro_nest.ranks import Ranks
 from neuro_nest.sources import Train
 from neuro_nest.tables import ENDLESS, NODES
@@ -35,20 +35,9 @@ class Cells:
 
     def __init__(self, nest: Any, part: Population, parameters: dict[str, Floats], clock: Clock, ranks: Ranks) -> None:
         self.part, self.parameters, self._clock, self._ranks = part, parameters, clock, ranks
-        self.nodes = self._create(nest)
+        self._nest, self.nodes = nest, nest.Create(NODES[part.model.name], part.size)
         self.first = int(self.nodes[0].global_id)
-
-    def _create(self, nest: Any) -> Any:
-        """The nodes as they begin. NEST takes long to set nodes, so what all share is said of their model."""
-        own, shared = self._split(self._first_words())
-        model = NODES[self.part.model.name]
-        if shared and not own:
-            nest.CopyModel(model, f"population_{self.part.name}", shared)
-            return nest.Create(f"population_{self.part.name}", self.part.size)
-        nodes = nest.Create(model, self.part.size)
-        if own:
-            nodes.set(self._each(own, shared))
-        return nodes
+        self._tell(self._first_words())
 
     def _first_words(self) -> dict[str, Floats]:
         """All that NEST must know before step 1."""
@@ -69,9 +58,8 @@ class Cells:
         times = np.split(self._clock.array_ms(spikes.steps[order]), begin[1:])
         numbers = np.split(spikes.multiplicity[order], begin[1:])
         if ids.size:
-            self.nodes[ids.tolist()].set(
-                [{"spike_times": t, "spike_multiplicities": m} for t, m in zip(times, numbers, strict=True)]
-            )
+            words = [{"spike_times": t, "spike_multiplicities": m} for t, m in zip(times, numbers, strict=True)]
+            set_nodes(self._nest, self.nodes[ids.tolist()], words)
 
     def get(self, name: str) -> Floats:
         """A state or parameter of every neuron."""
@@ -108,19 +96,12 @@ class Cells:
         if "E_L" in values:
             beside = [n for n in _WITH_E_L if n not in values and (n in self.parameters or n == "V_m")]
             values = {n: self.get(n) for n in beside} | dict(values)
-        own, shared = self._split(values)
-        with told():
-            self.nodes.set(self._each(own, shared) if own else [shared])
-
-    def _each(self, own: dict[str, list[Any]], shared: dict[str, Any]) -> list[dict[str, Any]]:
-        """The words of each neuron."""
-        return [shared | {name: each[i] for name, each in own.items()} for i in range(self.part.size)]
-
-    def _split(self, values: Mapping[str, Floats]) -> tuple[dict[str, list[Any]], dict[str, Any]]:
-        """What neurons have each of their own, and what they share, in NEST's words."""
         words = {name: self._in_words_of_nest(name, each) for name, each in values.items()}
         own = {name: each for name, each in words.items() if len(each) > 1}
-        return own, {name: each[0] for name, each in words.items() if len(each) == 1}
+        shared = {name: each[0] for name, each in words.items() if name not in own}
+        neurons = [shared | {name: own[name][i] for name in own} for i in range(self.part.size)] if own else [shared]
+        with told():
+            set_nodes(self._nest, self.nodes, neurons)
 
     def _in_words_of_nest(self, name: str, values: Floats) -> list[Any]:
         if name == "refractory_input":

@@ -88,6 +88,14 @@ def sign(nest: Any) -> None:
     nest.CopyModel("parrot_neuron", OURS)
 
 
+def set_nodes(nest: Any, nodes: Any, words: list[dict[str, Any]]) -> None:
+    """Set nodes: one dictionary for all, or one for each.
+
+    It is what `nodes.set` calls, which first asks each node where it lies: twenty times the work.
+    """
+    nest.ll_api.nestkernel.llapi_set_nc_status(nodes._datum, words)
+
+
 def _alive(holder: Any) -> Any:
     other = _holder()
     return None if other is holder else other
