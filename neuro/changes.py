@@ -7,23 +7,26 @@ from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from neuro.backend import Engine
+from neuro.checks import numbers, refuse_masked
 from neuro.clock import Clock
 from neuro.compiler.check import check_values
 from neuro.compiler.values import per_neuron
+from neuro.distributions import Distribution
 from neuro.errors import ModelError, unknown
 from neuro.keyed import generator
 from neuro.neurons import Model
 from neuro.program import Floats, Ints, Population, Program, Projection
 from neuro.quantities import Quantity, check, word_of
 from neuro.synapses import Synapse
-from neuro.values import shown
+from neuro.values import FromFile, shown
 
 _STATE = Quantity(arrays=True)
 _WEIGHT = Quantity(arrays=True)
 _FIXED = ("deliver_interval",)
+_DRAWN = "a distribution is drawn where connections are made: net.connect(..., weight=...)"
 _KNOWN: dict[type[Model], dict[str, Quantity]] = {}
 _PARTNERS = {"V_th": "V_reset", "V_reset": "V_th"}
 
@@ -72,12 +75,7 @@ def new_values(part: Population, word: str, value: Any, seed: int, step: int) ->
             )
         raise unknown("parameter or state", word, known).at(None, f"population '{part.name}'")
     what = f"{part.name}.{word}"
-    if (
-        isinstance(value, np.ndarray)
-        and value.dtype == np.float64
-        and value.shape == (part.size,)
-        and _inside(q, value)
-    ):
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == (part.size,) and _inside(q, value):
         return value
     if q.kind == "boolean":
         return np.array([float(check(q, value, what))])
@@ -165,7 +163,10 @@ def check_rule(part: Projection, rule: Synapse, weight: Floats) -> None:
 
 def new_weights(part: Projection, rule: Synapse, weights: ArrayLike) -> Floats:
     """Weights of every synapse (of a grid: of its kernels), shape (size,)."""
-    array = np.asarray(check(_WEIGHT, weights, f"weights of '{part.name}'"), dtype=np.float64)
+    given = check(_WEIGHT, weights, f"weights of '{part.name}'")
+    if isinstance(given, Distribution | FromFile):
+        raise ModelError(f"weights of '{part.name}' = {shown(given)}: expected a number or an array", hint=_DRAWN)
+    array = np.asarray(given, dtype=np.float64)
     shapes: list[tuple[int, ...]] = [(part.size,)]
     if part.grid is not None:
         g = part.grid
@@ -182,16 +183,24 @@ def new_weights(part: Projection, rule: Synapse, weights: ArrayLike) -> Floats:
 
 def new_spikes(clock: Clock, times: ArrayLike, ids: ArrayLike, size: int) -> tuple[Ints, Ints]:
     """Steps and neurons of spikes, sorted by step, then neuron."""
-    steps = clock.steps(np.atleast_1d(numbers(times, "times")), "times")
-    neurons = neuron_ids(ids, size)
+    steps = clock.steps(_listed(numbers(times, "times"), "times"), "times")
+    neurons = _listed(neuron_ids(ids, size), "ids")
     if steps.shape != neurons.shape:
         raise ModelError(f"{steps.size} times and {neurons.size} ids: expected as many of each")
     order = np.lexsort((neurons, steps))
     return steps[order], neurons[order]
 
 
+def _listed(array: NDArray[Any], what: str) -> NDArray[Any]:
+    """A number or a plain list of them, as a list."""
+    if array.ndim > 1:
+        raise ModelError(f"{what}: an array of shape {list(array.shape)}: expected a list, one for each spike")
+    return np.atleast_1d(array)
+
+
 def neuron_ids(ids: ArrayLike, size: int) -> Ints:
     """Neurons of a population of `size`, each checked."""
+    refuse_masked(ids, "ids")
     array = np.atleast_1d(np.asarray(ids))
     if array.size == 0:
         return np.zeros(0, dtype=np.int64)
@@ -211,15 +220,3 @@ def signal_values(name: str, values: ArrayLike, size: int) -> Floats:
     if not np.isfinite(array).all():
         raise ModelError(f"signal '{name}': a value is not finite: expected numbers in 1/ms")
     return array + 0.0 if array.ndim else np.full(size, array + 0.0)
-
-
-def numbers(values: Any, what: str) -> Floats:
-    """Any array of numbers as float64."""
-    try:
-        array = np.asarray(values)
-    except ValueError:
-        array = np.asarray(None)
-    if array.size and array.dtype.kind not in "iuf":
-        items = [repr(item) if isinstance(item, str) else item for item in array.ravel().tolist()]
-        raise ModelError(f"{what}: found {shown(items if array.ndim else array.item())}: expected numbers")
-    return array.astype(np.float64)

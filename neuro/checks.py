@@ -111,8 +111,38 @@ def _delay(q: Quantity, value: Any, what: str) -> float:
     return float(value)
 
 
+def numbers(values: Any, what: str) -> NDArray[np.float64]:
+    """Any array of numbers as float64.
+
+    Raises:
+        ModelError: something in it is no number, or masked.
+    """
+    refuse_masked(values, what)
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        array = np.asarray(None)
+    if array.size and array.dtype.kind not in "iuf":
+        items = [repr(item) if isinstance(item, str) else item for item in array.ravel().tolist()]
+        raise ModelError(f"{what}: found {shown(items if array.ndim else array.item())}: expected numbers")
+    return array.astype(np.float64)
+
+
+def refuse_masked(value: Any, what: str) -> None:
+    """Refuse an array some of whose values are masked: numpy would go on with what lies under the mask.
+
+    Raises:
+        ModelError: one is.
+    """
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        index = np.argwhere(np.ma.getmaskarray(value))[0]
+        place = f"{what}[{', '.join(map(str, index))}]" if index.size else what
+        raise ModelError(f"{place} is masked: expected values for all", hint="fill it: values.filled(...)")
+
+
 def _array(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     """A list, nested evenly, or an array of numbers as doubles that cannot be written."""
+    refuse_masked(value, what)
     if isinstance(value, (list, tuple)):
         _leaves(q, value, what)
     elif isinstance(value, (str, bytes)) or np.ndim(value) == 0 or np.asarray(value).dtype.kind not in "iuf":
@@ -127,6 +157,7 @@ def _array(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
 
 def _leaves(q: Quantity, items: Any, what: str, *index: int) -> None:
     for k, item in enumerate(items):
+        refuse_masked(item, f"{what}[{', '.join(map(str, (*index, k)))}]")
         if isinstance(item, (list, tuple)):
             _leaves(q, item, what, *index, k)
         elif not is_number(item) and not (isinstance(item, np.ndarray) and item.dtype.kind in "iuf"):

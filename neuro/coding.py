@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from neuro.checks import is_number, numbers
+from neuro.errors import ModelError
+
 Floats = npt.NDArray[np.float64]
 
 
@@ -23,7 +26,7 @@ def intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, window: f
         Spike times, shape of ``r``, in [0, window].
 
     Raises:
-        ValueError: not ``r_min < r_max``, ``window`` not positive, or a value outside of the range.
+        ModelError: what is no number, not ``r_min < r_max``, ``window`` not positive, or a value outside of the range.
 
     Source: thesis eq. 14, line 689, with its misprint corrected: as printed it gives late spikes to high
         values, against the sentence before it.
@@ -48,24 +51,28 @@ def log_intensity_to_latency(r: npt.ArrayLike, r_min: float, r_max: float, windo
         Spike times, shape of ``r``, in [0, window].
 
     Raises:
-        ValueError: not ``0 < r_min < r_max``, ``window`` not positive, or a value outside of the range.
+        ModelError: what is no number, not ``0 < r_min < r_max``, ``window`` not positive, or a value outside of the
+            range.
 
     Source: thesis eq. 15, line 693.
     """
-    if not r_min > 0:
-        raise ValueError(f"r_min is {r_min}, expected more than 0 for a logarithmic code")
+    if is_number(r_min) and not r_min > 0:
+        raise ModelError(f"r_min is {r_min}, expected more than 0 for a logarithmic code")
     values = _checked(r, r_min, r_max, window)
     latency: Floats = window * (np.log(r_max) - np.log(values)) / (np.log(r_max) - np.log(r_min))
     return latency
 
 
 def _checked(r: npt.ArrayLike, r_min: float, r_max: float, window: float) -> Floats:
+    for name, value in (("r_min", r_min), ("r_max", r_max), ("window", window)):
+        if not is_number(value):
+            raise ModelError(f"{name} is {value!r:.60}, expected a number")
     if not r_min < r_max:
-        raise ValueError(f"r_min is {r_min} and r_max {r_max}, expected r_min < r_max")
+        raise ModelError(f"r_min is {r_min} and r_max {r_max}, expected r_min < r_max")
     if not window > 0:
-        raise ValueError(f"window is {window}, expected more than 0")
-    values = np.asarray(r, np.float64)
+        raise ModelError(f"window is {window}, expected more than 0")
+    values = numbers(r, "r")
     outside = ~((values >= r_min) & (values <= r_max))
     if outside.any():
-        raise ValueError(f"value {values[outside][0]} is outside of [{r_min}, {r_max}]")
+        raise ModelError(f"value {values[outside][0]} is outside of [{r_min}, {r_max}]")
     return values

@@ -223,7 +223,7 @@ class Network:
         what = f"population '{name}'"
         sizes = self._checked(SHAPE, shape, f"{what}: shape", ("shape",))
         self._expect(model, Model, what, "a model such as neuro.iaf_psc_exp()")
-        self._expect(initial or {}, Mapping, what, "states by name such as {'V_m': -60.0}")
+        self._expect({} if initial is None else initial, Mapping, what, "states by name such as {'V_m': -60.0}")
         states = [s.name for s in model.states if not s.hidden]
         start = {}
         for state, value in (initial or {}).items():

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from neuro import keyed
 from neuro.backend import Engine, EngineCounts, Outcome, Trial
-from neuro.changes import neuron_ids, numbers
+from neuro.changes import neuron_ids
+from neuro.checks import numbers
 from neuro.clock import Clock
 from neuro.counts import Counts, Tally, difference
 from neuro.errors import ModelError

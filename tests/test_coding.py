@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from neuro import ModelError
 from neuro.coding import intensity_to_latency, log_intensity_to_latency
 
 CODES = [intensity_to_latency, log_intensity_to_latency]
@@ -37,6 +38,24 @@ def test_known_values():
 )
 def test_messages(code, arguments, message):
     with pytest.raises(ValueError) as error:  # noqa: PT011 (the text is compared below)
+        code(*arguments)
+    assert str(error.value) == message
+
+
+@pytest.mark.parametrize("code", CODES)
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((None, 1.0, 2.0, 1.0), "r: found None: expected numbers"),
+        (("x", 1.0, 2.0, 1.0), "r: found 'x': expected numbers"),
+        (([1.0], None, 2.0, 1.0), "r_min is None, expected a number"),
+        (([1.0], 1.0, "x", 1.0), "r_max is 'x', expected a number"),
+        (([1.0], 1.0, 2.0, []), "window is [], expected a number"),
+        (([1.0], [], [], []), "r_min is [], expected a number"),
+    ],
+)
+def test_no_numbers(code, arguments, message):
+    with pytest.raises(ModelError) as error:
         code(*arguments)
     assert str(error.value) == message
 

@@ -163,6 +163,57 @@ def test_no_number(sim, value):
         told(sim.set_weights, "w", value)
 
 
+def test_shapes_of_what_is_injected(sim):
+    shape = "an array of shape [1, 1]: expected a list, one for each spike"
+    assert told(sim.inject, "g", [[7.0]], [[0]]) == f"times: {shape}"
+    assert told(sim.inject, "g", [7.0], [[0]]) == f"ids: {shape}"
+
+
+def test_weights_that_would_be_drawn(sim):
+    assert told(sim.set_weights, "w", neuro.uniform(low=0.5, high=2.0)) == (
+        "weights of 'w' = uniform(low=0.5, high=2): expected a number or an array\n"
+        "  hint: a distribution is drawn where connections are made: net.connect(..., weight=...)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "shown"), [(np.zeros(2), "array of shape (2,)"), ([], "[]"), (0, "0"), ("", "''")], ids=repr
+)
+def test_initial_states(given, shown):
+    message = told(neuro.Network("n").population, "a", 2, neuro.iaf_psc_exp(), initial=given)
+    assert message.endswith(f"population 'a': found {shown}: expected states by name such as {{'V_m': -60.0}}")
+
+
+def test_masked_arrays(sim):
+    """What lies under a mask is no value."""
+    half = np.ma.array([1.0, 2.0], mask=[False, True])
+    masked = "is masked: expected values for all\n  hint: fill it: values.filled(...)"
+    assert told(sim.set, "a", V_m=half) == f"a.V_m[1] {masked}"
+    assert told(sim.set, "a", V_m=[np.ma.masked, 1.0]) == f"a.V_m[0] {masked}"
+    assert told(sim.set_weights, "w", half) == f"weights of 'w'[1] {masked}"
+    assert told(sim.inject, "g", half, [0, 1]) == f"times[1] {masked}"
+    assert told(sim.inject, "g", [1.0, 2.0], half.astype(int)) == f"ids[1] {masked}"
+    assert told(neuro.iaf_psc_exp, tau_m=half).endswith(f"iaf_psc_exp.tau_m[1] {masked}")
+    assert told(events.Events, half.astype(int), [0, 0], [0, 0], [0, 1], (2, 2)) == f"t[1] {masked}"
+    sim.set("a", V_m=np.ma.array([1.0, 2.0], mask=False))
+    assert sim.get("a", "V_m").tolist() == [1.0, 2.0]
+
+
+def test_a_masked_signal():
+    net = neuro.Network("n")
+    net.signal("reward", to=net.population("a", 2, neuro.iaf_psc_delta()))
+    half = np.ma.array([1.0, 2.0], mask=[True, False])
+    message = told(neuro.compile(net, backend="reference").signal, "reward", half)
+    assert message.startswith("signal 'reward'[0] is masked: expected values for all")
+
+
+def test_a_chip_that_is_not_quite_strict():
+    net = neuro.Network("n", resolution=1.0)
+    net.population("a", 2, neuro.iaf_psc_delta())
+    message = told(neuro.compile, net, backend="loihi", strict="yes")
+    assert message == "strict = 'yes': expected true or false\n  hint: write true"
+
+
 def test_unsorted_events():
     assert told(events.Events, [3, 2], [0, 0], [0, 0], [0, 1], (2, 2)) == "event 1: time runs back from 3 to 2 us"
     assert told(events.Events, [0.5], [0], [0], [0], (2, 2)).startswith("t ")

@@ -6,13 +6,16 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from neuro.backend import Engine, Problem
+from neuro.checks import check
 from neuro.chips.chip import Chip, chip
 from neuro.chips.place import place
 from neuro.chips.quantise import quantise
 from neuro.errors import ModelError
 from neuro.program import Program
+from neuro.quantities import Quantity
 
 OF_PLACE = ("order", "neurons_per_core")
+_STRICT = Quantity(kind="boolean")
 OWN = ("strict", *OF_PLACE)
 LEARNING_CASES = (
     "counts_of_learning",
@@ -67,7 +70,7 @@ class ChipBackend:
             raise ModelError(f"{refused[0].what}: {refused[0].why}", hint=refused[0].way_out)
         from neuro_chip.engine import ChipEngine
 
-        return ChipEngine(fixed, strict=bool(options.get("strict", False)))
+        return ChipEngine(fixed, strict=check(_STRICT, options.get("strict", False), "strict"))
 
 
 def _of_place(options: Mapping[str, Any]) -> dict[str, Any]:

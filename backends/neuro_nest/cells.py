@@ -10,7 +10,7 @@ import numpy as np
 from neuro.clock import NEVER, Clock
 from neuro.neurons import Generator, dc_generator
 from neuro.program import Floats, Population
-from neuro_nest.kernel import told
+from neuro_nest.kernel import set_nodes, told
 from neuro_nest.ranks import Ranks
 from neuro_nest.sources import Train
 from neuro_nest.tables import ENDLESS, NODES
@@ -35,7 +35,7 @@ class Cells:
 
     def __init__(self, nest: Any, part: Population, parameters: dict[str, Floats], clock: Clock, ranks: Ranks) -> None:
         self.part, self.parameters, self._clock, self._ranks = part, parameters, clock, ranks
-        self.nodes = nest.Create(NODES[part.model.name], part.size)
+        self._nest, self.nodes = nest, nest.Create(NODES[part.model.name], part.size)
         self.first = int(self.nodes[0].global_id)
         self._tell(self._first_words())
 
@@ -53,19 +53,24 @@ class Cells:
 
     def emit(self, spikes: Train) -> None:
         """Let the injectors fire."""
-        ids, begin = np.unique(spikes.ids[np.argsort(spikes.ids, kind="stable")], return_index=True)
         order = np.argsort(spikes.ids, kind="stable")
+        ids, begin = np.unique(spikes.ids[order], return_index=True)
         times = np.split(self._clock.array_ms(spikes.steps[order]), begin[1:])
         numbers = np.split(spikes.multiplicity[order], begin[1:])
         if ids.size:
-            self.nodes[ids.tolist()].set(
-                [{"spike_times": t, "spike_multiplicities": m} for t, m in zip(times, numbers, strict=True)]
-            )
+            words = [{"spike_times": t, "spike_multiplicities": m} for t, m in zip(times, numbers, strict=True)]
+            set_nodes(self._nest, self.nodes[ids.tolist()], words)
 
     def get(self, name: str) -> Floats:
         """A state or parameter of every neuron."""
         if name in self.parameters:
             return np.broadcast_to(self.parameters[name], self.part.size).copy()
+        if self._ranks.size == 1:
+            return np.atleast_1d(np.array(self.nodes.get(name), dtype=np.float64))
+        return self._gathered(name)
+
+    def _gathered(self, name: str) -> Floats:
+        """A state of the neurons of all processes."""
         mine = (self._ranks.rank - self.first) % self._ranks.size  # NEST deals its nodes out in turn
         here = self.nodes[mine :: self._ranks.size] if mine < self.part.size else ()
         told = here.get(["global_id", name]) if here else {"global_id": [], name: []}
@@ -86,18 +91,17 @@ class Cells:
         self.parameters.update(parameters)
 
     def _tell(self, values: Mapping[str, Floats]) -> None:
-        if "E_L" in values:
-            values = {n: self.get(n) for n in _WITH_E_L if n in self.parameters or n == "V_m"} | dict(values)
-        words = {name: self._in_words_of_nest(name, each) for name, each in values.items()}
-        own = [name for name, each in words.items() if len(each) > 1]
-        shared = {name: each[0] for name, each in words.items() if name not in own}
-        if not words or (isinstance(self.part.model, Generator) and not isinstance(self.part.model, dc_generator)):
+        if isinstance(self.part.model, Generator) and not isinstance(self.part.model, dc_generator):
             return
+        if "E_L" in values:
+            beside = [n for n in _WITH_E_L if n not in values and (n in self.parameters or n == "V_m")]
+            values = {n: self.get(n) for n in beside} | dict(values)
+        words = {name: self._in_words_of_nest(name, each) for name, each in values.items()}
+        own = {name: each for name, each in words.items() if len(each) > 1}
+        shared = {name: each[0] for name, each in words.items() if name not in own}
+        neurons = [shared | {name: own[name][i] for name in own} for i in range(self.part.size)] if own else [shared]
         with told():
-            if own:
-                self.nodes.set([shared | {name: words[name][i] for name in own} for i in range(self.part.size)])
-            else:
-                self.nodes.set([shared] * self.part.size)
+            set_nodes(self._nest, self.nodes, neurons)
 
     def _in_words_of_nest(self, name: str, values: Floats) -> list[Any]:
         if name == "refractory_input":

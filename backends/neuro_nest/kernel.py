@@ -16,6 +16,9 @@ from neuro_nest import ranks
 from neuro_nest.watch import watch
 
 INSTALL = "pip install nest-simulator"
+OURS = "neuro_nest"
+"""A node model that only a kernel of ours has; ResetKernel takes it away."""
+
 _holder: weakref.ref[Any] = weakref.ref(type("Nobody", (), {})())
 
 
@@ -54,7 +57,8 @@ def lend(holder: Any, name: str) -> Any:
         name: of its network.
 
     Raises:
-        ModelError: another simulation lives, NEST is not installed, or it does not fit how this process was started.
+        ModelError: another simulation lives, or a network that is none of ours; NEST is not installed, or it does not
+            fit how this process was started.
     """
     global _holder
     if _alive(holder):
@@ -67,10 +71,29 @@ def lend(holder: Any, name: str) -> Any:
         )
     nest = load()
     ranks.check(nest.build_info["have_mpi"])
+    if nest.network_size and OURS not in nest.node_models:
+        raise ModelError(
+            f"backend 'nest' cannot run '{name}': NEST holds a network of {nest.network_size} nodes of your own: "
+            "expected an empty NEST, as a process has one",
+            hint="call nest.ResetKernel() first, which drops that network, or use a process of its own",
+        )
     _holder = weakref.ref(holder)
     nest.ResetKernel()
     nest.verbosity = nest.VerbosityLevel.ERROR
     return nest
+
+
+def sign(nest: Any) -> None:
+    """Mark the kernel as ours; after this its resolution and threads cannot change."""
+    nest.CopyModel("parrot_neuron", OURS)
+
+
+def set_nodes(nest: Any, nodes: Any, words: list[dict[str, Any]]) -> None:
+    """Set nodes: one dictionary for all, or one for each.
+
+    It is what `nodes.set` calls, which first asks each node where it lies: twenty times the work.
+    """
+    nest.ll_api.nestkernel.llapi_set_nc_status(nodes._datum, words)
 
 
 def _alive(holder: Any) -> Any:

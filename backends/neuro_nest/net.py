@@ -10,7 +10,7 @@ from neuro.clock import Clock
 from neuro.neurons import Generator, Neuron, dc_generator
 from neuro.program import Floats, Ints, Program
 from neuro_nest.cells import Cells
-from neuro_nest.kernel import told
+from neuro_nest.kernel import sign, told
 from neuro_nest.ranks import Ranks
 from neuro_nest.record import Activity, Record
 from neuro_nest.sources import NONE, Source, Train, train
@@ -52,6 +52,7 @@ class Net:
             nest.set(resolution=program.resolution)
             self.ranks = Ranks(nest.num_processes, nest.Rank())
             nest.set(min_delay=program.resolution, max_delay=self.clock.ms(self._longest_delay()))
+            sign(nest)
             self.cells = [
                 Cells(nest, part, own, self.clock, self.ranks)
                 for part, own in zip(program.populations, parameters, strict=True)
@@ -92,7 +93,7 @@ class Net:
             record.add(spikes, to)
         self.activity.add(trains, self.step, to)
         for wires in self.wires:
-            wires.changed()
+            wires.ran()
         self.step = to
 
     def _recorded(self) -> tuple[Ints, Ints]:

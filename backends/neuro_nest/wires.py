@@ -55,6 +55,8 @@ class Wires:
         self.longest_row = max(1, int(np.diff(self.row_ends).max(initial=0)))
         self._layer = layers(source, target).astype(np.int32)
         self._states: dict[str, Floats] = {}
+        self._listed: dict[int, Ints] = {}
+        self._has_run = False
 
     def rows(self, sources: Ints) -> tuple[Ints, Ints]:
         """The synapses of some sources, one after the other, and how many each has."""
@@ -119,17 +121,31 @@ class Wires:
     def write(self, nest: Any, first: tuple[int, int], word: str, values: Floats) -> None:
         """Set a state of every synapse."""
         self.changed()
+        shared = bool((values == values[:1]).all())
         for layer in range(self._depth):
             told = self._connections(nest, layer)
-            if len(told):
-                ends = told.get(["source", "target"])
-                source, target = (np.atleast_1d(np.array(ends[name])) for name in ("source", "target"))
-                chosen = values[self._places(layer, source - first[0], target - first[1])]
-                told.set([{word: value} for value in chosen.tolist()])
+            if len(told) and shared:
+                told.set({word: float(values[0])})
+            elif len(told):
+                told.set([{word: value} for value in values[self._order(told, layer, first)].tolist()])
 
     def changed(self) -> None:
         """What was read is no longer so."""
         self._states = {}
+
+    def ran(self) -> None:
+        """States have changed, and at the first time NEST's order of connections."""
+        self.changed()
+        if not self._has_run:
+            self._has_run, self._listed = True, {}
+
+    def _order(self, told: Any, layer: int, first: tuple[int, int]) -> Ints:
+        """Which synapses these connections of a layer are; kept, since NEST takes long to tell their ends."""
+        if layer not in self._listed:
+            ends = told.get(["source", "target"])
+            source, target = (np.atleast_1d(np.array(ends[name])) for name in ("source", "target"))
+            self._listed[layer] = self._places(layer, source - first[0], target - first[1])
+        return self._listed[layer]
 
     @property
     def _depth(self) -> int:

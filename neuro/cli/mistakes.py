@@ -58,9 +58,8 @@ def _tell(message: Warning | str, category: type[Warning], filename: str, *more:
 def mistake(error: Exception) -> str | None:
     """What to tell the user; None if it is our bug and not the user's mistake."""
     from neuro.errors import ModelError
-    from neuro.events.errors import EventFileError
 
-    if isinstance(error, (ModelError, EventFileError)):
+    if isinstance(error, ModelError):
         return str(error)
     if isinstance(error, UsageError):
         return usage(error)

@@ -80,6 +80,17 @@ def moment(name: str, value: int) -> int:
     return int(value)
 
 
+def flag(name: str, value: bool) -> bool:
+    """True or False.
+
+    Raises:
+        ModelError: it is neither.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise ModelError(f"{name} is {value!r:.60}, expected True or False")
+    return bool(value)
+
+
 def choice(name: str, value: str, known: Sequence[str]) -> str:
     """One of a few words.
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from neuro.checks import refuse_masked
 from neuro.errors import ModelError
 from neuro.events._arguments import exact, sensor
 
@@ -86,7 +87,11 @@ class Events:
 
     def __post_init__(self) -> None:
         width, height = sensor(self.sensor_size)
+        for name, given in zip("txyp", (self.t, self.x, self.y, self.p), strict=True):
+            refuse_masked(given, name)
         arrays = t, x, y, p = [np.asarray(a) for a in (self.t, self.x, self.y, self.p)]
+        if t.ndim != 1:
+            raise ModelError(f"t has shape {t.shape}, expected (n,)")
         for name, a in zip("txyp", arrays, strict=True):
             if a.ndim != 1 or len(a) != len(arrays[0]):
                 raise ModelError(f"{name} has shape {a.shape}, expected ({len(arrays[0])},) like t")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import traceback
 
+from neuro.errors import ModelError, Where
+
 
 class EventFileWarning(UserWarning):
     """A damaged event file was read as far as it is whole, or some of its events were left out."""
 
 
-class EventFileError(ValueError):
+class EventFileError(ModelError):
     """An event file is damaged, unknown, missing, or cannot hold what should be saved.
 
     The message reads ``PATH: byte OFFSET: what is wrong, and what was expected``.
@@ -20,12 +22,18 @@ class EventFileError(ValueError):
         offset: the byte at which the fault was seen; None where no byte is to blame.
     """
 
+    path: str  # type: ignore[assignment]  # of the file, not of words inside a part of a network
+
     def __init__(self, path: str, what: str, offset: int | None = None) -> None:
         place = path if offset is None else f"{path}: byte {offset}"
         super().__init__(f"{place}: {what}")
         self.path = path
         self.what = what
         self.offset = offset
+
+    def at(self, where: Where | None, context: str = "") -> EventFileError:
+        """The same error: its file is the place."""
+        return self
 
     def __reduce__(self) -> tuple[type[EventFileError], tuple[str, str, int | None]]:
         return (EventFileError, (self.path, self.what, self.offset))

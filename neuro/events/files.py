@@ -40,7 +40,8 @@ def load(
     ``metadata["t0"]`` is that of the first event.
 
     Args:
-        source: a path, the bytes of a file, or an open binary file (of a zip, or standard input).
+        source: a path, the bytes of a file, or an open binary file (of a zip, or standard input). A named pipe is
+            read as standard input is, and waited for until someone writes into it.
         format: its name or its own ending (as ``"bin"``), where neither content nor ending tells; see
             `neuro events formats`. ``"hdf5:/davis/left"`` is one recording of a file with several, and
             ``"hdf5:/events:txyp"`` tells the order of columns, too.
@@ -54,9 +55,10 @@ def load(
 
     Raises:
         EventFileError: no such file, an unknown format, or damage; the message says at which byte.
-        ModelError: the source or the sensor size is none.
+        ModelError: the source or the sensor size is none, or a flag neither True nor False.
     """
     size = None if sensor_size is None else _arguments.sensor(sensor_size)
+    sort, strict = _arguments.flag("sort", sort), _arguments.flag("strict", strict)
     with opened(source, format, name) as file:
         checked = Checked(file.name, size or file.sensor_size, strict, sort)
         pieces = [checked.piece(piece) for piece in file.pieces(WHOLE, strict)]
@@ -108,6 +110,7 @@ def stream(
             windows in a row have no events.
     """
     check_given(source)
+    strict = _arguments.flag("strict", strict)
     size = None if sensor_size is None else _arguments.sensor(sensor_size)
     start = None if start_us is None else _arguments.microseconds("start_us", start_us)
     stop = None if stop_us is None else _arguments.microseconds("stop_us", stop_us)
@@ -175,11 +178,12 @@ def save(
     Raises:
         EventFileError: no format has this ending, there is not one part, the format cannot hold an event, which
             is named, or the file cannot be written.
-        ModelError: `path` is no name of a file.
+        ModelError: `path` is no name of a file, `replace` neither True nor False, or `events` something else.
     """
     path = file_path(path, "path")
+    replace = _arguments.flag("replace", replace)
     write = _writer(path, format)
-    given = iter([events] if isinstance(events, Events) else events)
+    given = _parts_of(events)
     first = next(given, None)
     if first is None:
         empty = "a recording without events is one, Events([], [], [], [], (width, height))"
@@ -194,10 +198,23 @@ def save(
         raise EventFileError(str(path), error.what) from None
 
 
+def _parts_of(events: object) -> Iterator[Events]:
+    """The parts of a recording, each looked at."""
+    if isinstance(events, Events):
+        yield events
+        return
+    if not isinstance(events, Iterable):
+        raise ModelError(f"events is {events!r:.60}, expected Events, or the parts of a recording")
+    for k, part in enumerate(events):
+        if not isinstance(part, Events):
+            raise ModelError(f"events: part {k} is {part!r:.60}, expected Events")
+        yield part
+
+
 def _writer(path: Path, format: str | None):  # type: ignore[no-untyped-def]
     written = [f for f in FORMATS if f.write]
     if format is not None:
-        if (chosen := called(format, written)) is None:
+        if not isinstance(format, str) or (chosen := called(format, written)) is None:
             known = ", ".join(f.name for f in written)
             raise EventFileError(str(path), f"cannot save as format {format!r}, expected one of {known}")
         return chosen.write

@@ -14,6 +14,7 @@ from neuro.events.check import Checked
 from neuro.events.errors import EventFileError, EventFileWarning, let_go
 from neuro.events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Seeker, called
 from neuro.events.source import Given, Source
+from neuro.paths import file_path
 
 
 @dataclass(slots=True)
@@ -150,13 +151,14 @@ def check_given(source: object) -> None:
     """Refuse what cannot be a file.
 
     Raises:
-        ModelError: it is neither a path, nor bytes, nor an open binary file.
+        ModelError: it is neither a path that a file can have, nor bytes, nor an open binary file.
     """
     if isinstance(source, io.TextIOBase):
         hint = "open it as binary: open(path, 'rb')"
         raise ModelError(f"source is an open text file, {type(source).__name__}, expected a binary one", hint=hint)
-    known = isinstance(source, str | os.PathLike | bytes | bytearray | memoryview)
-    if not known and not callable(getattr(source, "read", None)):
+    if isinstance(source, str | os.PathLike):
+        file_path(source, "source")
+    elif not isinstance(source, bytes | bytearray | memoryview) and not callable(getattr(source, "read", None)):
         what = "expected a path, the bytes of a file, or an open binary file"
         raise ModelError(f"source is {source!r:.60}, {what}")
 
@@ -170,7 +172,7 @@ def find(source: Source, format: str | None = None) -> Format:
         EventFileError: there is none.
     """
     if format is not None:
-        kind, colon, place = format.partition(":")
+        kind, colon, place = format.partition(":") if isinstance(format, str) else ("", "", "")
         if (found := called(kind, FORMATS)) is None or (colon and found.inside is None):
             known = ", ".join(f.name for f in FORMATS)
             raise EventFileError(source.name, f"unknown format {format!r}, expected one of {known}")

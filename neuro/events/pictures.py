@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.errors import ModelError
+from neuro.events._arguments import flag
 from neuro.events._events import Events
 from neuro.events.parts import windows
 from neuro.outputs import marked, output
@@ -87,6 +88,7 @@ def gif(
     """
     from PIL import Image
 
+    replace = flag("replace", replace)
     if not LEAST_FPS <= fps <= MOST_FPS:
         raise ModelError(f"fps = {fps!r}: expected {LEAST_FPS:g} to {MOST_FPS:g} frames per second")
     if (window_us is not None and window_us < 1) or (scale is not None and scale < 1):

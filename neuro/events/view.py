@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from neuro.errors import ModelError
+from neuro.events._arguments import flag
 from neuro.events._events import Events
 from neuro.events.parts import together
 from neuro.outputs import marked, write_text
@@ -56,6 +57,7 @@ def view(
         ModelError: there are no events, the sensor has more than 2^26 px, `most` is less than 1, or the file cannot be
             written.
     """
+    replace = flag("replace", replace)
     if most < 1:
         raise ModelError(f"most = {most!r}: expected a whole number >= 1")
     events, total, step = _chosen([parts] if isinstance(parts, Events) else parts, most)

@@ -47,6 +47,24 @@ def test_a_second_simulation():
     neuro.compile(driven(), "nest").run(1.0)
 
 
+def test_a_network_of_the_users_own():
+    import nest
+
+    nest.ResetKernel()
+    own = nest.Create("iaf_psc_exp", 3, {"V_m": -61.0})
+    assert told_by(lambda: neuro.compile(driven(), "nest")) == (
+        "backend 'nest' cannot run 'net': NEST holds a network of 3 nodes of your own: expected an empty NEST, as a "
+        "process has one\n  hint: call nest.ResetKernel() first, which drops that network, or use a process of its own"
+    )
+    assert own.get("V_m") == (-61.0, -61.0, -61.0)
+    nest.ResetKernel()
+    neuro.compile(driven(), "nest").run(1.0)
+    nest.ResetKernel()
+    nest.Create("iaf_psc_exp", 2)
+    assert "NEST holds a network of 2 nodes" in told_by(lambda: neuro.compile(driven(), "nest"))
+    nest.ResetKernel()
+
+
 def test_a_resolution_off_its_clock():
     assert refusal(driven(resolution=0.0625)) == (
         "resolution = 0.0625 ms: NEST's clock ticks in 0.001 ms\n  hint: use a multiple of it"

@@ -92,14 +92,12 @@ def _parameters(kind: Any) -> dict[str, str]:
 
 def _chain(size: tuple[int, int], chosen: Sequence[tuple[str, dict[str, Any]]]) -> Chain:
     from neuro.errors import ModelError
-    from neuro.events.filters import FILTERS, FilterError, chain
+    from neuro.events.filters import FILTERS, chain
 
     made = []
     for name, values in chosen:
         try:
             made.append(FILTERS[name](size, **values))
-        except FilterError as error:
-            raise ModelError(str(error)) from None
         except TypeError:
             raise ModelError(f"filter '{name}': expected all of {', '.join(_parameters(FILTERS[name]))}") from None
         size = made[-1].out_size

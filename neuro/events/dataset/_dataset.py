@@ -18,6 +18,7 @@ from neuro.events.dataset._recordings import recordings
 from neuro.events.dataset._sample import Kept, Sample
 from neuro.events.dataset._store import Report, Stored, store
 from neuro.events.dataset._stored import stored_samples
+from neuro.paths import file_path
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,7 @@ class Dataset(Sequence[tuple[Any, int]]):
 
     Raises:
         EventFileError: there are no labelled recordings, or no such part; the message says what was expected.
-        ModelError: a part, an ending or a layout of an HDF5 file.
+        ModelError: `path` is no name of a file; a part, an ending or a layout of an HDF5 file.
     """
 
     def __init__(
@@ -67,6 +68,7 @@ class Dataset(Sequence[tuple[Any, int]]):
         ending: str | None = None,
         sensor_size: tuple[int, int] | None = None,
     ) -> None:
+        file_path(path, "path")
         self.path = os.fspath(path)
         self._size = sensor_size
         self._transform: Callable[[Events], Any] | None = None

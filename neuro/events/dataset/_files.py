@@ -47,6 +47,8 @@ def files_of(where: str) -> Files:
         return {name: read for name, read in found.items() if not _hidden(name)}
     if not path.exists():
         raise EventFileError(where, "no such folder, zip or HDF5 file")
+    if not path.is_file():
+        raise EventFileError(where, "is neither file nor folder, expected a folder, zip or HDF5 file")
     if is_hdf5(where):
         raise EventFileError(where, "is HDF5, expected a folder or zip; neuro.events.Dataset reads it")
     try:

@@ -15,6 +15,7 @@ from neuro.events.dataset._item import Item
 from neuro.events.dataset._layouts import Layout, is_part, layout_of
 from neuro.events.errors import EventFileError
 from neuro.events.files import load
+from neuro.paths import file_path
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +117,9 @@ def recordings(
 
     Raises:
         EventFileError: no such path, no recording in it, a class that ``classes`` lacks, a wrong manifest.
+        ModelError: `path` is no name of a file.
     """
+    file_path(path, "path")
     where = os.fspath(path)
     files = files_of(where)
     if ending is not None:

@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from neuro.errors import ModelError
 from neuro.events._events import Events
 from neuro.events.parts import together
 
@@ -21,7 +22,7 @@ NEVER = np.iinfo(np.int64).min
 """A time before all others, us."""
 
 
-class FilterError(ValueError):
+class FilterError(ModelError):
     """A filter was given a parameter or events that it cannot work with.
 
     The message reads ``FILTER: what was found, and what was expected``.
@@ -48,7 +49,8 @@ class Filter(ABC):
     _state: State = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        size = tuple(self.sensor_size)
+        given: object = self.sensor_size
+        size = tuple(given) if isinstance(given, tuple | list | np.ndarray) else ()
         fits = len(size) == 2 and all(_is_whole(side) and 1 <= side <= 65536 for side in size)
         self._expect(fits, "sensor_size", self.sensor_size, "width and height of 1 to 65536 px")
         object.__setattr__(self, "sensor_size", (int(size[0]), int(size[1])))
