@@ -1,4 +1,8 @@
-"""The processes that mpirun started together: what each can know of itself before any library speaks MPI."""
+"""The processes that mpirun started together: what each can know of itself before any library speaks MPI.
+
+Processes started together work together only on a backend that is distributed. Elsewhere, as in a sweep of
+independent runs, each is its own: it tells its own mistakes and writes the files that it was asked to write.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ import os
 
 _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 _RANKS = ("OMPI_COMM_WORLD_RANK", "PMI_RANK")
+_shared = False
 
 
 def processes() -> int:
@@ -14,8 +19,24 @@ def processes() -> int:
 
 
 def leads() -> bool:
-    """Whether this one speaks and writes for all."""
+    """Whether this one is the first of those that work together."""
     return _first(_RANKS) == 0
+
+
+def share() -> None:
+    """From now on one of the processes speaks and writes for all: they work on one thing."""
+    global _shared
+    _shared = processes() > 1
+
+
+def shared() -> bool:
+    """Whether this is one of several processes that work on one thing."""
+    return _shared
+
+
+def speaks() -> bool:
+    """Whether this process tells and writes what there is to tell and to write."""
+    return not _shared or leads()
 
 
 def _first(names: tuple[str, ...]) -> int:

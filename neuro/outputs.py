@@ -4,26 +4,31 @@ The rule for every file that this package and its apps write:
 
 - A new name is taken when the file is whole. If the work fails or is interrupted nothing is left.
 - A file that stands there is replaced, at the end and at once, where it is of the same kind and was written here, which
-  its mark tells (see `Kind`), or where the user asks for it. Any other stays as it is.
+  its mark tells (see `Kind`), or where the user asks for it. Any other stays as it is, and so does a text that was
+  edited since.
 - Of a link the file that it leads to is replaced; the link stays.
-- A pipe or a character device, such as /dev/stdout, is written into. A folder, a disk and a socket are refused.
+- A pipe, a character device and a descriptor, such as /dev/stdout, are written into, whatever is behind. A folder, a
+  disk and a socket are refused.
 """
 
 from __future__ import annotations
 
 import errno
+import fcntl
+import hashlib
 import itertools
 import os
 import platform
 import re
 import shutil
 import stat
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 from neuro.errors import ModelError
 from neuro.paths import file_path
@@ -31,13 +36,29 @@ from neuro.paths import file_path
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["PNG", "Kind", "Unwritable", "check", "marked", "output", "write_picture", "write_text"]
+__all__ = [
+    "PNG",
+    "Kind",
+    "Unwritable",
+    "check",
+    "make_folder",
+    "marked",
+    "output",
+    "sealed",
+    "write_picture",
+    "write_text",
+]
 
 HEAD = 4096
 """Bytes at the beginning of a file among which its mark is."""
 
 _HOST = re.sub(r"\W", "-", platform.node())[:24]
-_PART = re.compile(rf"\..*\.{_HOST}\.(\d+)\.\d+\.part", re.DOTALL)
+_PART = re.compile(rf"\..*\.{_HOST}\.(\d{{1,9}})\.\d+\.part", re.DOTALL)
+_DESCRIPTOR = re.compile(
+    rf"/dev/(stdin|stdout|stderr)|(?:/dev|/proc/(?:self|thread-self|{os.getpid()}))/fd/(\d{{1,9}})"
+)
+_NUMBERS = {"stdin": 0, "stdout": 1, "stderr": 2}
+_DIGITS = 32
 _number = itertools.count()
 _swept: set[Path] = set()
 
@@ -63,11 +84,13 @@ class Kind:
         ours: whether a file is one that was written here. Kinds without a mark, as event files, cannot tell, and are
             replaced only where the user asks for it.
         ask: how the user asks, "" where there is no way.
+        seal: gives a text that is to be written what shows later that nobody edited it.
     """
 
     what: str
     ours: Callable[[Path], bool] = lambda path: False
     ask: str = ""
+    seal: Callable[[str], str] = str
 
 
 def marked(what: str, mark: str, ask: str = "") -> Kind:
@@ -80,7 +103,41 @@ def marked(what: str, mark: str, ask: str = "") -> Kind:
     return Kind(what, ours, ask)
 
 
-PNG = marked("a picture of neuro", "Software\0neuro")
+def sealed(what: str, mark: str, digest: str, ask: str = "") -> Kind:
+    """A kind of text that has a mark near its beginning, and right behind it a digest of all the rest.
+
+    What a person edited has a digest that does not fit, and is never replaced.
+
+    Args:
+        what: as of `Kind`.
+        mark: a text that is in all of this kind.
+        digest: how it is written, with "{}" for the digits.
+        ask: as of `Kind`.
+    """
+    before, after = (part.encode() for part in digest.split("{}"))
+    place = re.compile(
+        re.escape(mark.encode()) + b"(" + re.escape(before) + b"([0-9a-f]{32})" + re.escape(after) + b")"
+    )
+
+    def ours(path: Path) -> bool:
+        content = path.read_bytes()
+        found = place.search(content[:HEAD])
+        return found is not None and _digest(content[: found.start(1)], content[found.end(1) :]) == found[2].decode()
+
+    def seal(text: str) -> str:
+        head, there, rest = text.partition(mark)
+        head += there
+        return head + digest.format(_digest(head.encode(), rest.encode())) + rest
+
+    return Kind(what, ours, ask, seal)
+
+
+def _digest(*parts: bytes) -> str:
+    return hashlib.sha256(b"".join(parts)).hexdigest()[:_DIGITS]
+
+
+# The whole chunk of text: of the length 14, then its kind, keyword and text.
+PNG = marked("a picture of neuro", "\0\0\0\x0etEXtSoftware\0neuro")
 
 
 @contextmanager
@@ -122,12 +179,18 @@ def check(path: Path, kind: Kind, replace: bool = False) -> None:
             file can be written to, or a file that is not ours.
     """
     with _telling(path):
+        number = _descriptor(path)
+        if number is not None:
+            _check_descriptor(path, number)
+            return
         mode = _mode(path)
         if mode is not None:
             _check_there(path, mode)
             if stat.S_ISREG(mode) and not replace and not kind.ours(path):
                 raise _in_the_way(path, kind)
         part = _part(path)
+        if path.is_symlink() and not part.parent.is_dir():
+            raise Unwritable(path, f"leads to {_leads_to(path)}: expected a link into a folder that is there")
         _sweep(part.parent)
         part.touch(exist_ok=False)
         part.unlink()
@@ -141,6 +204,26 @@ def _check_there(path: Path, mode: int) -> None:
         raise Unwritable(path, f"is a {'disk' if stat.S_ISBLK(mode) else 'socket'}, expected the name of a file")
     if not os.access(path, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+
+def _descriptor(path: Path) -> int | None:
+    """The open descriptor that a name, or the link of that name, stands for; None for all other names."""
+    name = os.path.abspath(path)
+    for _ in range(40):
+        found = _DESCRIPTOR.fullmatch(name)
+        if found:
+            return _NUMBERS[found[1]] if found[1] else int(found[2])
+        if not os.path.islink(name):
+            return None
+        name = os.path.abspath(os.path.join(os.path.dirname(name), os.readlink(name)))
+    return None
+
+
+def _check_descriptor(path: Path, number: int) -> None:
+    if stat.S_ISDIR(os.fstat(number).st_mode):
+        raise Unwritable(path, "is a folder, expected the name of a file")
+    if fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
+        raise Unwritable(path, "is open for reading, expected a descriptor that can be written to")
 
 
 def _in_the_way(path: Path, kind: Kind) -> Unwritable:
@@ -159,13 +242,27 @@ def _mode(path: Path) -> int | None:
 
 def _is_special(path: Path) -> bool:
     mode = _mode(path)
-    return mode is not None and not stat.S_ISREG(mode)
+    return _descriptor(path) is not None or (mode is not None and not stat.S_ISREG(mode))
 
 
 def write_text(path: Path, text: str, kind: Kind, replace: bool = False) -> None:
-    """Write a text; arguments and errors as of `output`."""
+    """Write a text, with the seal of its kind; arguments and errors as of `output`."""
     with output(path, kind, replace) as part:
-        part.write_text(text, "utf-8")
+        part.write_text(kind.seal(text), "utf-8")
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder, and those that it lies in, where there is none yet.
+
+    Raises:
+        Unwritable: something else has its name or that of one in which it lies, or it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise Unwritable(path, "is no folder: expected the name of a folder, or a new name") from None
+    except OSError as error:
+        raise Unwritable(path, f"cannot be made: {error.strerror}") from None
 
 
 def write_picture(path: Path, figure: Figure) -> None:
@@ -199,7 +296,7 @@ def _take_place(part: Path, path: Path) -> None:
     """Put what is written where it belongs, all at once where that is a file."""
     try:
         if _is_special(path):
-            with part.open("rb") as source, path.open("wb") as target:
+            with part.open("rb") as source, _opened(path) as target:
                 shutil.copyfileobj(source, target)
             return
         if _mode(path) is not None:
@@ -209,15 +306,33 @@ def _take_place(part: Path, path: Path) -> None:
         raise OSError(error.errno, error.strerror) from None
 
 
+def _opened(path: Path) -> IO[bytes]:
+    """A pipe, device or descriptor to write into; a descriptor goes on where it is, as others may write there, too."""
+    number = _descriptor(path)
+    if number is None:
+        return path.open("wb")
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
+    return os.fdopen(os.dup(number), "wb")
+
+
 def _sweep(folder: Path) -> None:
-    """Remove what killed processes of this machine have left in a folder; once, since it may have many files."""
+    """Remove what killed processes of this user and machine have left in a folder, as far as that can be done.
+
+    Once, since it may have many files.
+    """
     if folder in _swept:
         return
     _swept.add(folder)
-    for left in folder.iterdir():
-        found = _PART.fullmatch(left.name)
-        if found and not _runs(int(found[1])):
-            left.unlink(missing_ok=True)
+    with suppress(OSError), os.scandir(folder) as entries:
+        for left in entries:
+            found = _PART.fullmatch(left.name)
+            if found and not _runs(int(found[1])):
+                with suppress(OSError):
+                    state = left.stat(follow_symlinks=False)
+                    if stat.S_ISREG(state.st_mode) and state.st_uid == os.getuid():
+                        os.unlink(left.path)
 
 
 def _runs(process: int) -> bool:
@@ -225,6 +340,6 @@ def _runs(process: int) -> bool:
         os.kill(process, 0)
     except ProcessLookupError:
         return False
-    except OSError:
+    except (OSError, OverflowError):
         pass
     return True

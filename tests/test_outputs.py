@@ -1,6 +1,7 @@
 """Every file that is written: whole or not there, and never in the place of what is not ours."""
 
 import os
+import re
 import resource
 import signal
 import socket
@@ -20,9 +21,10 @@ from neuro import ModelError, events, outputs
 from neuro.events.pictures import gif
 from neuro.events.view import view
 from neuro.hdf5 import new_file, writing
-from neuro.outputs import Unwritable, check, marked, output, write_picture, write_text
+from neuro.outputs import Unwritable, check, make_folder, marked, output, sealed, write_picture, write_text
 
 OURS = marked("a text of ours", "# ours")
+SEALED = sealed("a text with a seal", "# a seal", ", digest {}")
 
 
 def _net():
@@ -81,6 +83,53 @@ def test_a_network_written_by_hand_stays(tmp_path):
     with pytest.raises(Unwritable) as error:
         neuro.load(path).save(path)
     assert str(error.value) == f"{path}: exists and is not a network that was saved: expected a new name"
+
+
+TEXTS = {
+    "text": (lambda path: write_text(path, "# a seal\nbody\n", SEALED), "a.txt"),
+    "network": WRITERS["network"],
+    "page": WRITERS["page"],
+}
+
+
+@pytest.mark.parametrize("kind", TEXTS)
+@pytest.mark.parametrize("where", ["end", "middle", "beginning", "digest"])
+def test_a_text_that_was_edited_stays(kind, where, tmp_path):
+    write, name = TEXTS[kind]
+    path = tmp_path / name
+    write(path)
+    text = path.read_text()
+    half = text.index("\n", len(text) // 2 if kind != "text" else 0)
+    edited = {
+        "end": text + "# mine\n",
+        "middle": text[:half] + " # mine" + text[half:],
+        "beginning": "# mine\n" + text,
+        "digest": re.sub(", digest [0-9a-f]{32}|<!-- digest [0-9a-f]{32} -->", "", text),  # as marks once were
+    }[where]
+    assert edited != text
+    path.write_text(edited)
+    with pytest.raises(Unwritable, match=rf"{name}: exists.*: expected a new name"):
+        write(path)
+    assert path.read_text() == edited
+    path.write_text(text)
+    write(path)
+
+
+def test_a_saved_network_with_a_comment_stays(tmp_path):
+    path = tmp_path / "net.yaml"
+    _net().save(path)
+    path.write_text(path.read_text().replace("resolution:", "# mine\nresolution:"))
+    with pytest.raises(Unwritable) as error:
+        neuro.load(path).save(path)
+    assert str(error.value) == f"{path}: exists and is not a network that was saved: expected a new name"
+
+
+def test_a_picture_of_a_like_name_stays(tmp_path):
+    """The mark is the whole chunk: 'Software' is 'neuro', not 'neuroglancer'."""
+    path = tmp_path / "a.png"
+    Figure().savefig(path, format="png", metadata={"Software": "neuroglancer"})
+    with pytest.raises(Unwritable, match="exists and is not a picture of neuro"):
+        write_picture(path, Figure())
 
 
 def test_no_recording_is_replaced_unless_asked(tmp_path):
@@ -167,6 +216,59 @@ def test_a_recording_into_a_device(device):
     with pytest.raises(events.EventFileError, match=r"full\.csv: cannot be written: No space left on device$"):
         events.save(_recording(), full)
     assert stat.S_ISCHR(full.stat().st_mode)
+
+
+INTO = """
+import os, sys, pathlib
+from neuro.outputs import marked, write_text
+print("before")
+write_text(pathlib.Path(sys.argv[1]), "content\\n", marked("ours", "# ours"))
+print("after")
+"""
+
+
+@pytest.mark.parametrize("name", ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "link", "/dev/stderr", "/dev/fd/2"])
+def test_a_descriptor_is_written_into_whatever_is_behind(name, tmp_path):
+    """The shell has opened the file: it is no name of ours to take, and others write there, too."""
+    if name == "link":
+        name = str(tmp_path / "link")
+        os.symlink("/dev/stdout", name)
+    file, errors = tmp_path / "thesis.txt", tmp_path / "errors.txt"
+    for path in (file, errors):
+        path.write_text("mine\n")
+    inodes = file.stat().st_ino, errors.stat().st_ino
+    with file.open("a") as out, errors.open("a") as err:
+        assert subprocess.run([sys.executable, "-c", INTO, name], stdout=out, stderr=err).returncode == 0
+    if name[-1] in "r2":
+        assert (file.read_text(), errors.read_text()) == ("mine\nbefore\nafter\n", "mine\ncontent\n")
+    else:
+        assert (file.read_text(), errors.read_text()) == ("mine\nbefore\ncontent\nafter\n", "mine\n")
+    assert (file.stat().st_ino, errors.stat().st_ino) == inodes
+
+
+def test_descriptors_that_cannot_be_written_to(tmp_path):
+    (tmp_path / "a").touch()
+    what = "is open for reading, expected a descriptor that can be written to"
+    with (tmp_path / "a").open("rb") as reading, pytest.raises(Unwritable, match=rf"{what}$"):
+        check(Path(f"/dev/fd/{reading.fileno()}"), OURS)
+    with pytest.raises(Unwritable, match=r"/dev/fd/999: cannot be written: Bad file descriptor$"):
+        check(Path("/dev/fd/999"), OURS)
+
+
+def test_a_link_into_a_missing_folder_names_it(tmp_path):
+    link = tmp_path / "a"
+    link.symlink_to(tmp_path / "no" / "b")
+    with pytest.raises(Unwritable) as error:
+        check(link, OURS)
+    assert str(error.value) == (f"{link}: leads to {tmp_path}/no/b: expected a link into a folder that is there")
+
+
+@pytest.mark.parametrize("path", ["thesis.txt", "thesis.txt/below", "/dev/null"])
+def test_what_is_no_folder(path, tmp_path):
+    (tmp_path / "thesis.txt").touch()
+    with pytest.raises(Unwritable) as error:
+        make_folder(tmp_path / path)
+    assert str(error.value) == f"{tmp_path / path}: is no folder: expected the name of a folder, or a new name"
 
 
 def test_what_no_file_can_be_written_to(tmp_path):
@@ -332,6 +434,45 @@ def test_what_a_killed_process_left_is_removed(tmp_path, monkeypatch):
     monkeypatch.setattr(outputs, "_swept", set())
     write_text(path, "# ours: new", OURS)
     assert sorted(os.listdir(tmp_path)) == [elsewhere.name, "a"]
+
+
+def _left(folder, process=99_999_999):
+    return folder / f".a.{outputs._HOST}.{process}.0.part"
+
+
+def test_sweeping_takes_files_of_this_user_only(tmp_path, monkeypatch):
+    monkeypatch.setattr(outputs, "_swept", set())
+    _left(tmp_path).mkdir()
+    _left(tmp_path, "9" * 23).touch()
+    _left(tmp_path, "9" * 9).touch()
+    before = set(os.listdir(tmp_path)) - {_left(tmp_path, "9" * 9).name}
+    write_text(tmp_path / "a", "# ours", OURS)
+    assert set(os.listdir(tmp_path)) == {*before, "a"}
+
+
+def test_leftovers_of_others_stay(tmp_path, monkeypatch):
+    monkeypatch.setattr(outputs, "_swept", set())
+    _left(tmp_path).touch()
+    monkeypatch.setattr(os, "getuid", lambda: 4321)
+    write_text(tmp_path / "a", "# ours", OURS)
+    assert sorted(os.listdir(tmp_path)) == [_left(tmp_path).name, "a"]
+
+
+@pytest.mark.parametrize("call", ["scandir", "unlink"])
+def test_sweeping_that_is_refused_is_no_error(call, tmp_path, monkeypatch):
+    """As in a folder that may be written to but not read, and in one with the sticky bit."""
+    monkeypatch.setattr(outputs, "_swept", set())
+    _left(tmp_path).touch()
+    real = getattr(os, call)
+
+    def refuse(path, *more, **named):
+        if Path(path) in (tmp_path, _left(tmp_path)):
+            raise PermissionError(13, "Permission denied")
+        return real(path, *more, **named)
+
+    monkeypatch.setattr(os, call, refuse)
+    write_text(tmp_path / "a", "# ours", OURS)
+    assert (tmp_path / "a").read_text() == "# ours"
 
 
 def test_no_file_is_opened_for_writing_elsewhere():

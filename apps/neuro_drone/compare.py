@@ -13,7 +13,7 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.cli.options import whole
-from neuro.outputs import check, marked, write_text
+from neuro.outputs import check, make_folder, sealed, write_text
 from neuro_drone.controllers import kind_of
 from neuro_drone.cores import side_by_side
 from neuro_drone.evaluate import Lap, grid, try_out
@@ -25,7 +25,7 @@ from neuro_drone.train import Progress, train
 __all__ = ["ROWS", "Job", "Plan", "Row", "Said", "Summary", "run"]
 
 FORMAT = "neuro drone result 1"
-RESULT = marked("a result of 'neuro drone compare'", f'"format": "{FORMAT}"')
+RESULT = sealed("a result of 'neuro drone compare'", f'"format": "{FORMAT}"', ', "digest": "{}"')
 ROWS = ("nothing", "oracle", "centroid", "static", "static-linear", "lms", "snn-eta0", "snn-flipped", "snn")
 """What is always compared: what a world gives for free, what the best can reach, and what must fail."""
 
@@ -192,7 +192,7 @@ def run(plan: Plan, report: Callable[[Said], None] | None = None) -> list[Summar
         ModelError: of the first job that raises one.
     """
     try:
-        plan.folder.mkdir(parents=True, exist_ok=True)
+        make_folder(plan.folder)
     except OSError as error:
         raise ModelError(f"{plan.folder}: cannot be written: {error.strerror}") from None
     jobs = plan.jobs()

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 
 from neuro.cli.tables import console, table
-from neuro.outputs import marked, write_picture, write_text
+from neuro.outputs import make_folder, sealed, write_picture, write_text
 from neuro_drone.compare import Summary
 from neuro_drone.controllers import CONTROLLERS
 from neuro_drone.evaluate import Tried
 from neuro_drone.model import Model
 from neuro_drone.scenario import NAMES, Ball, load
 
-MARK = "<!-- neuro drone compare -->\n"
-TABLE = marked("a table of 'neuro drone compare'", MARK)
+MARK = "<!-- neuro drone compare -->"
+TABLE = sealed("a table of 'neuro drone compare'", MARK, "<!-- digest {} -->")
 AXES = {"ball": ("right, px", "down, px"), "line": ("right, px", "lean, degrees")}
 """What the error on each axis is."""
 
@@ -116,7 +116,7 @@ def write_comparison(summaries: Sequence[Summary], file: Path) -> None:
     columns, rows = columns_of(summaries)
     heads = [name.lstrip(">") for name in columns]
     lines = [heads, ["---:" if name.startswith(">") else "---" for name in columns], *rows]
-    write_text(file, MARK + "".join(f"| {' | '.join(line)} |\n" for line in lines), TABLE)
+    write_text(file, f"{MARK}\n" + "".join(f"| {' | '.join(line)} |\n" for line in lines), TABLE)
 
 
 def comparison(summaries: Sequence[Summary]) -> str:
@@ -164,7 +164,7 @@ def write_pictures(model: Model, tried: Tried, folder: Path) -> list[Path]:
         figures["training.png"] = pictures.training(model)
     if pictures.weight_maps(model):
         figures["weights.png"] = pictures.weights(model)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     for name, figure in figures.items():
         write_picture(folder / name, figure)
     return [folder / name for name in figures]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.outputs import marked, output
+from neuro.outputs import output, sealed
 from neuro_drone.evaluate import Start
 from neuro_drone.flight import Flight, Spikes, fly
 from neuro_drone.model import Model
@@ -28,7 +28,9 @@ __all__ = ["page", "watch"]
 MOST = 3_000_000
 """Events, and spikes of a population, of a page; of more an even choice is shown."""
 
-PAGE = marked("a page of 'neuro drone watch'", '<meta name="generator" content="neuro drone watch">')
+PAGE = sealed(
+    "a page of 'neuro drone watch'", '<meta name="generator" content="neuro drone watch">', "<!-- digest {} -->"
+)
 
 POINTS = 600
 """Points of the path."""
@@ -56,7 +58,7 @@ def watch(model: Model, file: Path, start: tuple[float, float] | None = None, ba
     begin = Start(start or ((20.0, 10.0) if line else (-30.0, -30.0)), 1 if line else 0)
     with output(file, PAGE) as part:
         flight = fly(model, begin, backend)
-        part.write_text(page(flight), "utf-8")
+        part.write_text(PAGE.seal(page(flight)), "utf-8")
     return told(flight)
 
 

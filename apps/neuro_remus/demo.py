@@ -9,7 +9,7 @@ import numpy as np
 
 from neuro.cli.energy import TARGETS
 from neuro.events import Recordings, recordings
-from neuro.outputs import write_text
+from neuro.outputs import make_folder, write_text
 from neuro_remus import energy, report
 from neuro_remus.features import c1_spikes
 from neuro_remus.saccades import make_dataset
@@ -32,7 +32,7 @@ def run(data: Path | None, out: Path, seed: int) -> None:
         EventFileError: the recordings cannot be read or made.
     """
     began = time.perf_counter()
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     if data is None:
         print(f"making {N_TRAIN} + {N_TEST} recordings of moving digits in {out / 'recordings'}")
         data = make_dataset(out / "recordings", N_TRAIN, N_TEST, seed)

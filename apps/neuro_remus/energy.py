@@ -11,12 +11,12 @@ import typer
 from neuro.chips.energy import number, quantity
 from neuro.chips.footnotes import footnotes
 from neuro.cli.tables import console, table
-from neuro.outputs import marked
+from neuro.outputs import sealed
 from neuro_remus.model import Model
 from neuro_remus.tried import Tried
 
 FORMAT = "neuro remus energy 1"
-BILLS = marked("the bills of 'neuro remus demo'", f'"format": "{FORMAT}"')
+BILLS = sealed("the bills of 'neuro remus demo'", f'"format": "{FORMAT}"', ', "digest": "{}"')
 
 if TYPE_CHECKING:
     from neuro.chips.energy import Energy

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 from neuro import ModelError
 from neuro.cli.tables import console, table
-from neuro.outputs import marked, write_picture
+from neuro.outputs import sealed, write_picture
 from neuro_remus.model import Model
 from neuro_remus.settings import SETTINGS, Settings
 from neuro_remus.train import Progress
 from neuro_remus.tried import Tried
 
 FORMAT = "neuro remus figures 1"
-FIGURES = marked("the figures of 'neuro remus demo'", f'"format": "{FORMAT}"')
+FIGURES = sealed("the figures of 'neuro remus demo'", f'"format": "{FORMAT}"', ', "digest": "{}"')
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

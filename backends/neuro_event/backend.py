@@ -32,12 +32,15 @@ class EventBackend:
             options: `strict` is accepted as by chips: nothing overflows here.
 
         Raises:
-            ModelError: an option is unknown or `threads` is not a whole number >= 1.
+            ModelError: an option is unknown, `threads` is not a whole number >= 1, or numba must not compile.
         """
         for name in options.keys() - {"strict"}:
             raise ModelError(f"backend 'event' has no option '{name}'", hint="known: strict, threads")
         if isinstance(threads, bool) or not isinstance(threads, int) or threads < 1:
             raise ModelError(f"threads = {threads!r}: expected a whole number >= 1, e.g. {os.cpu_count()}")
+        from neuro.kernels.jit import must_compile
+
+        must_compile(self.name)
         from neuro_event.engine import EventEngine
 
         return EventEngine(program, threads)

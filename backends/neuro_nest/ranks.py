@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.errors import ModelError
-from neuro.launch import leads, processes
+from neuro.launch import leads, processes, share
 
 BUILD = (
     "apt-get install openmpi-bin libopenmpi-dev libgsl-dev, then "
@@ -39,7 +39,8 @@ class Ranks:
 
 
 def check(with_mpi: bool) -> None:
-    """Refuse several processes where NEST would run all of the network in each."""
+    """Refuse several processes where NEST would run all of the network in each; else they share it."""
+    share()
     if processes() > 1 and not with_mpi:
         raise ModelError(f"mpirun started {processes()} processes, but this NEST was built without MPI", hint=BUILD)
 

@@ -61,12 +61,13 @@ def compare(
 
 def write(found: Comparison, page_part: Path | None, json_part: Path | None) -> None:
     """Write the files that are asked for."""
-    from neuro.compare.report import page
+    from neuro.compare.report import PAGE, page
+    from neuro.compare.result import JSON
 
     if page_part:
-        page_part.write_text(page(found), "utf-8")
+        page_part.write_text(PAGE.seal(page(found)), "utf-8")
     if json_part:
-        json_part.write_text(plain(found) + "\n", "utf-8")
+        json_part.write_text(JSON.seal(plain(found) + "\n"), "utf-8")
 
 
 def plain(found: Comparison) -> str:

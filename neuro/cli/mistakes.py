@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import typer
 
-from neuro.launch import leads
+from neuro.launch import speaks
 
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # typer has no public name for it
 
@@ -23,7 +23,8 @@ def telling() -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.showwarning = _tell
             yield
-            sys.stdout.flush()
+            if sys.stdout is not None:  # it was not closed before the start
+                sys.stdout.flush()
     except BrokenPipeError:  # the reader, say `head`, has seen enough
         _give_up_output()
         sys.exit(1)
@@ -31,14 +32,15 @@ def telling() -> Iterator[None]:
         message = mistake(error) or _of_output(error)
         if message is None:
             raise
-        if leads():
+        if speaks():
             typer.echo(f"error: {message}", err=True)
         sys.exit(2)
 
 
 def _give_up_output() -> None:
     """Throw away what could not be printed, which would be tried again at the end."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if sys.stdout is not None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _of_output(error: Exception) -> str | None:
@@ -51,7 +53,7 @@ def _of_output(error: Exception) -> str | None:
 
 def _tell(message: Warning | str, category: type[Warning], filename: str, *more: object, **named: object) -> None:
     """Print a warning for the user, without the place in our sources that raised it."""
-    if leads():
+    if speaks():
         typer.echo(f"warning: {message}", err=True)
 
 

@@ -15,12 +15,12 @@ def plot(file: File, out: Folder = None) -> None:
     """Draw the spikes, rates and traces of a run as PNG files."""
     from neuro import plots
     from neuro.errors import ModelError
-    from neuro.outputs import write_picture
+    from neuro.outputs import make_folder, write_picture
     from neuro.results import read
 
     results = read(file)
     folder = file.parent if out is None else out
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     spikes = any(train.recorded for train in results.populations.values())
     pictures = [plots.raster, plots.rates] * spikes + [plots.traces] * bool(results.traces)
     if not pictures:

@@ -12,6 +12,11 @@ if TYPE_CHECKING:
 STRETCH_S = 0.2
 
 
+def _is_terminal() -> bool:
+    """Whether stderr is one; it is None where it was closed before the start."""
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
 class Bar:
     """A bar of biological time with the rate of the run; nothing of it stays."""
 
@@ -20,7 +25,7 @@ class Bar:
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
         columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-        self._bar = Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty())
+        self._bar = Progress(*columns, console=Console(stderr=True), transient=True, disable=not _is_terminal())
         self._task = self._bar.add_task("", total=None)
         self._bar.start()
         return self
@@ -45,13 +50,13 @@ class Bar:
 def advance(sim: Simulation, steps: int, bar: Bar) -> None:
     """Run in stretches of about a fifth of a second, between which the bar moves and Ctrl-C is heard.
 
-    Processes that run together must keep step, so they run at once.
+    Processes that share a network must keep step, so they run at once.
     """
     from neuro.clock import Clock
-    from neuro.launch import processes
+    from neuro.launch import shared
 
     clock = Clock(sim.program.resolution)
-    if processes() > 1:
+    if shared():
         sim.run(clock.ms(steps))
         return
     done, stretch = 0, 1

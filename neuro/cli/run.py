@@ -37,7 +37,7 @@ def run(
     from neuro.cli.progress import Bar, advance
     from neuro.clock import Clock
     from neuro.collect import collect
-    from neuro.launch import leads, processes
+    from neuro.launch import shared, speaks
     from neuro.outputs import check, output
     from neuro.results import KIND, write
 
@@ -48,39 +48,33 @@ def run(
     with Bar() as bar, ExitStack() as files:
         # One of several processes may be killed where it cannot tidy up: they begin the file when all else is done.
         check(out, KIND)
-        part = files.enter_context(output(out, KIND)) if processes() == 1 else None
+        part = files.enter_context(output(out, KIND)) if not shared() else None
         try:
             bar.say("preparing")
             sim = neuro.compile(net, backend=backend, seed=seed, threads=threads)
             advance(sim, steps, bar)
             bar.say("writing")
             results = collect(sim, net, threads=threads, record=record, all_weights=all_weights)
-            if leads():
+            if speaks():
                 write(results, part or files.enter_context(output(out, KIND)))
         except KeyboardInterrupt:
             bar.stop()
             typer.echo(f"interrupted: {out} is not written", err=True)
             raise typer.Exit(130) from None
-    if leads():
+    if speaks():
         report(results, out)
 
 
 def together(backend: str) -> None:
-    """Refuse several processes that would each run the whole network; told to end, one of them tidies up."""
+    """Let the processes of mpirun share the network where the backend can; told to end, one of them tidies up."""
     import signal
 
     from neuro.backend import find
-    from neuro.errors import ModelError
-    from neuro.launch import processes
+    from neuro.launch import processes, share
 
-    if processes() == 1:
-        return
-    if not getattr(find(backend), "distributed", False):
-        raise ModelError(
-            f"mpirun started {processes()} processes, and backend '{backend}' runs in one",
-            hint="run it without mpirun; --threads uses more cores",
-        )
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    if processes() > 1 and getattr(find(backend), "distributed", False):
+        share()
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 
 
 def keep_spikes(net: Network, names: list[str]) -> None:

@@ -17,10 +17,10 @@ from neuro.compare.energybars import joules
 from neuro.compare.html import Html, join, table, tag
 from neuro.compare.raster import rasters
 from neuro.compare.result import Comparison, Run
-from neuro.outputs import marked
+from neuro.outputs import sealed
 
 _FOLDER = Path(__file__).parent
-PAGE = marked("a page of 'neuro compare'", '<meta name="generator" content="neuro compare">')
+PAGE = sealed("a page of 'neuro compare'", '<meta name="generator" content="neuro compare">', "<!-- digest {} -->")
 
 DISTANCE = (
     "The distance is that of Victor and Purpura (1996), divided by the spikes of both runs: adding or removing a spike "

@@ -12,11 +12,11 @@ from neuro.chips.placement import Placement
 from neuro.compare.spikes import Distance, Divergence, Train
 from neuro.compare.weights import Histogram, WeightDifference
 from neuro.counts import Counts
-from neuro.outputs import marked
+from neuro.outputs import sealed
 from neuro.program import Floats, Program
 
 FORMAT = "neuro comparison 1"
-JSON = marked("a comparison as JSON", f'"format": "{FORMAT}"')
+JSON = sealed("a comparison as JSON", f'"format": "{FORMAT}"', ', "digest": "{}"')
 SHARED = ("spikes", "synaptic_ops", "neuron_updates", "neuron_updates_active", "learning_updates")
 """Counts that are equal on every backend for equal spikes."""
 

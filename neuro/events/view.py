@@ -21,14 +21,19 @@ from neuro.errors import ModelError
 from neuro.events._arguments import flag
 from neuro.events._events import Events
 from neuro.events.parts import together
-from neuro.outputs import marked, write_text
+from neuro.outputs import sealed, write_text
 from neuro.paths import file_path
 
 MOST = 500_000
 """Events of a page; 9 bytes each, so a page has at most 6 MB."""
 PIXELS = 1 << 26
 """Browsers have no larger canvas."""
-PAGE = marked("a page of 'neuro events view'", '<meta name="generator" content="neuro events view">', "replace=True")
+PAGE = sealed(
+    "a page of 'neuro events view'",
+    '<meta name="generator" content="neuro events view">',
+    "<!-- digest {} -->",
+    "replace=True",
+)
 BARS = 400
 """Bars of the rate along the time line."""
 

@@ -9,11 +9,26 @@ from typing import Any
 
 import numba
 
+from neuro.errors import ModelError
 from neuro.kernels.kept import Kept
 from neuro.kernels.part import PartCompiler
 
 _njit: Any = numba.njit
 _PART = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": PartCompiler}
+
+
+def must_compile(backend: str) -> None:
+    """Refuse a backend whose kernels cannot run as plain Python.
+
+    Raises:
+        ModelError: numba is told to compile nothing.
+    """
+    config: Any = numba.config
+    if config.DISABLE_JIT:
+        raise ModelError(
+            f"backend '{backend}' has to be compiled, and NUMBA_DISABLE_JIT is set: expected it to be unset",
+            hint="unset it, or run on backend 'reference', which is not compiled",
+        )
 
 
 def kernel(function: Callable[..., Any]) -> Any:

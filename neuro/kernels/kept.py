@@ -9,9 +9,13 @@ from __future__ import annotations
 
 import os
 import pickle
+import re
+import stat
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,6 +31,9 @@ _dumps: Any = dumps
 
 ROOM = 1 << 28
 """Bytes that all machine code may take together; a network takes about one million."""
+
+_OURS = re.compile(r".+-[0-9a-f]{32}(\.\d+)?", re.DOTALL)
+_DAY_S = 86_400.0
 
 
 class Kept:
@@ -45,12 +52,10 @@ class Kept:
         """The machine code for these types of arguments, or None: it has to be compiled."""
         place = self._file(signature, target)
         if place is not None:
-            try:
+            # A damaged file may raise anything; whatever it is, compiling anew writes a whole one.
+            with suppress(Exception):
                 told = pickle.loads(place.read_bytes())
                 os.utime(place)
-            except (OSError, EOFError, pickle.UnpicklingError):
-                pass
-            else:
                 target.refresh()
                 return _result._rebuild(target, *told)
         _say_once(kept=place is not None)
@@ -83,16 +88,16 @@ class Kept:
 def folder() -> Path | None:
     """Where machine code is kept: in the user's cache, else in the temporary folder; None if neither can be written.
 
-    What lies there is run, so it must be a folder of this user into which nobody else can write.
+    What lies there is run, so it must be a folder of this user into which nobody else can write, and no link to one.
     """
     for place in _places():
         try:
             place.mkdir(parents=True, exist_ok=True, mode=0o700)
-            state = place.stat()
+            state = place.lstat()
             tempfile.TemporaryFile(dir=place).close()
         except OSError:
             continue
-        if state.st_uid == os.getuid() and not state.st_mode & 0o022:
+        if stat.S_ISDIR(state.st_mode) and state.st_uid == os.getuid() and not state.st_mode & 0o022:
             return place
     return None
 
@@ -116,10 +121,22 @@ def _write(place: Path, content: bytes) -> None:
 
 
 def _clear(place: Path, room: int) -> None:
-    """Remove files that have not been used for longest, until the rest takes at most so many bytes."""
+    """Remove machine code that has not been used for longest, until the rest takes at most so many bytes.
+
+    What killed processes left half-written goes after a day; files of other names stay.
+    """
+    kept = []
     with os.scandir(place) as entries:
-        files = sorted(((e.stat().st_mtime, e.stat().st_size, e.path) for e in entries if e.is_file()), reverse=True)
-    for _, size, path in files:
+        for entry in entries:
+            found = _OURS.fullmatch(entry.name)
+            if found is None or not entry.is_file(follow_symlinks=False):
+                continue
+            state = entry.stat(follow_symlinks=False)
+            if found[1] is None:
+                kept.append((state.st_mtime, state.st_size, entry.path))
+            elif state.st_mtime < time.time() - _DAY_S:
+                Path(entry.path).unlink(missing_ok=True)
+    for _, size, path in sorted(kept, reverse=True):
         room -= size
         if room < 0:
             Path(path).unlink(missing_ok=True)

@@ -3,6 +3,7 @@
 A kernel's code rests on its own bytecode, on the values of all globals that it reads, on all kernels that it calls,
 however far away their sources are, on how it is compiled, and on who compiles it for which processor. Values and
 bytecode are looked at, not files: an edited comment compiles nothing, and a function without a file counts, too.
+Two files alone are read: those that say how kernels are compiled.
 """
 
 # mypy: disable-error-code="attr-defined"
@@ -11,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import math
 import platform
+import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -26,6 +28,9 @@ from numba.core.extending import _Intrinsic
 
 _COMPILER = (platform.python_version(), numba.__version__, llvmlite.__version__, np.__version__)
 _config: Any = numba.config
+_HOW = tuple(Path(__file__).with_name(name) for name in ("jit.py", "part.py"))
+_KNOWN_BY_NAME = {"numba", "numpy", *sys.stdlib_module_names}
+"""Packages whose versions are in `_COMPILER`."""
 
 
 def digest(kernel: Any, arguments: tuple[Any, ...], target: Any) -> str:
@@ -41,6 +46,7 @@ def digest(kernel: Any, arguments: tuple[Any, ...], target: Any) -> str:
     """
     numbers = {kernel: 0}
     parts: list[object] = [_COMPILER, target.codegen().magic_tuple(), _config.BOUNDSCHECK, _config.OPT]
+    parts += [_source(str(path)) for path in _HOW]
     parts += [_typed(kind) for kind in arguments]
     waiting = [kernel]
     for each in waiting:
@@ -67,19 +73,27 @@ def _typed(kind: Any) -> object:
 
 @cache
 def _own(kernel: Any) -> tuple[str, list[Any]]:
-    """What a kernel itself says and reads, as a digest; and the kernels that it calls."""
+    """What a kernel or a plain function itself says and reads, as a digest; and those that it calls."""
     called: list[Any] = []
+    if isinstance(kernel, FunctionType):
+        return _hashed(_said(kernel, called)), called
     return _hashed([sorted(kernel.targetoptions.items()), *_said(kernel.py_func, called)]), called
 
 
 def _said(function: FunctionType, called: list[Any]) -> list[object]:
-    """All that a function is made of; the kernels among it are added to `called`."""
+    """All that a function is made of; the kernels and functions among it are added to `called`."""
     parts: list[object] = [function.__defaults__, function.__kwdefaults__]
-    parts += [_value(function, "closure", cell.cell_contents, called) for cell in function.__closure__ or ()]
-    for code in _codes(function.__code__):
+    codes = list(_codes(function.__code__))
+    words = [word for code in codes for word in code.co_names]
+    for cell in function.__closure__ or ():
+        for name, value in _followed("closure", cell.cell_contents, words):
+            parts.append((name, _value(function, name, value, called)))
+    for code in codes:
         said = [_constant(c) for c in code.co_consts if not isinstance(c, CodeType) and c != function.__doc__]
         parts += [code.co_code, code.co_exceptiontable, code.co_flags, code.co_varnames, code.co_names, said]
-        for name, value in _globals(code, function.__globals__):
+    scope = function.__globals__
+    for word in dict.fromkeys(word for word in words if word in scope):
+        for name, value in _followed(word, scope[word], words):
             parts.append((name, _value(function, name, value, called)))
     return parts
 
@@ -97,18 +111,26 @@ def _constant(value: object) -> object:
     return sorted(map(repr, value)) if isinstance(value, frozenset) else value
 
 
-def _globals(code: CodeType, scope: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    """The globals that a code names, and what it may name of modules but those that numba knows by name."""
-    for name in code.co_names:
-        if name in scope:
-            yield name, scope[name]
-            if isinstance(scope[name], ModuleType) and scope[name] not in (math, np):
-                of = vars(scope[name])
-                yield from ((f"{name}.{attribute}", of[attribute]) for attribute in code.co_names if attribute in of)
+def _followed(name: str, value: Any, words: list[str]) -> Iterator[tuple[str, Any]]:
+    """A value, and of a module all that a function of these words may read of it, through modules in modules.
+
+    Modules that numba knows by name are not looked into.
+    """
+    yield name, value
+    seen, waiting = {math, np}, [(name, value)]
+    for path, module in waiting:
+        if not isinstance(module, ModuleType) or module in seen:
+            continue
+        seen.add(module)
+        for word in dict.fromkeys(words):
+            if hasattr(module, word):
+                found = f"{path}.{word}", getattr(module, word)
+                yield found
+                waiting.append(found)
 
 
 def _value(function: FunctionType, name: str, value: Any, called: list[Any]) -> object:
-    """How a global acts on the machine code; kernels are added to `called`."""
+    """How a global acts on the machine code; kernels and functions are added to `called`."""
     match value:
         case Dispatcher():
             called.append(value)
@@ -125,6 +147,9 @@ def _value(function: FunctionType, name: str, value: Any, called: list[Any]) -> 
             return value.__name__
         case type():
             return value.__module__, value.__qualname__, getattr(value, "_fields", ())
+        case FunctionType() if value.__module__.partition(".")[0] not in _KNOWN_BY_NAME:
+            called.append(value)
+            return "function"
         case FunctionType() | BuiltinFunctionType():
             return value.__module__, value.__qualname__
         case np.ufunc():

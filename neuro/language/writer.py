@@ -15,13 +15,13 @@ from neuro.hdf5 import new_file
 from neuro.language.describe import Arrays, describe
 from neuro.language.reader import scalar
 from neuro.network import Network
-from neuro.outputs import Kind, Unwritable, marked, output
+from neuro.outputs import Kind, Unwritable, output, sealed
 from neuro.paths import file_path
 
 WIDTH = 110
 ENDINGS = (".yaml", ".yml")
-MARK = "# saved by neuro\n"
-NETWORK = marked("a network that was saved", MARK)
+MARK = "# saved by neuro"
+NETWORK = sealed("a network that was saved", MARK, ", digest {}")
 _ARRAYS = "arrays of a neuro network"
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
 _ELSEWHERE_BOOLEANS = ("yes", "no", "on", "off", "y", "n", "true", "false", "null")
@@ -45,7 +45,7 @@ def save(net: Network, path: str | Path) -> None:
     arrays = Arrays(beside.name)
     text = to_text(describe(net, arrays))
     with ExitStack() as files:
-        files.enter_context(output(file, NETWORK)).write_text(MARK + text, encoding="utf-8")
+        files.enter_context(output(file, NETWORK)).write_text(NETWORK.seal(f"{MARK}\n{text}"), encoding="utf-8")
         if arrays.kept:
             _write_arrays(files.enter_context(_claimed(beside)), arrays)
 

@@ -37,6 +37,14 @@ def test_the_command(neuro, network):
     assert not list(Path().rglob("*.part"))
 
 
+def test_what_is_no_folder(neuro, network):
+    neuro("run", network, "--backend", "reference", "--for", "2")
+    for name in ("/dev/full", network):
+        answer = neuro("plot", "out.h5", "--out", name)
+        expected = f"error: {name}: is no folder: expected the name of a folder, or a new name\n"
+        assert (answer.status, answer.out, answer.err) == (2, "", expected)
+
+
 @pytest.mark.parametrize("size", [1, 7, 101, 10_000])
 @pytest.mark.parametrize("spikes", [0, 1, 5000])
 def test_any_size(size, spikes, tmp_path):

@@ -144,3 +144,49 @@ def test_what_stood_there_stays_when_a_run_fails(neuro, network, monkeypatch):
         neuro(*RUN)
     assert Path("out.h5").read_bytes() == precious
     assert sorted(os.listdir()) == ["net.yaml", "out.h5"]
+
+
+@pytest.mark.parametrize("words", ["OMPI_COMM_WORLD_SIZE OMPI_COMM_WORLD_RANK", "PMI_SIZE PMI_RANK"])
+def test_independent_runs_under_mpirun(neuro, network, monkeypatch, words):
+    """On a backend that shares no network each process runs, writes and tells for itself."""
+    size, rank = words.split()
+    monkeypatch.setenv(size, "2")
+    for k in "01":
+        monkeypatch.setenv(rank, k)
+        answer = neuro("run", network, "--for", "1", "--out", f"{k}.h5")
+        assert (answer.status, answer.err) == (0, "")
+        assert answer.out.endswith(f"{k}.h5: 1 ms\n")
+        assert Path(f"{k}.h5").exists()
+        answer = neuro("check", "nope.yaml")
+        assert (answer.status, answer.out) == (2, "")
+        assert answer.err.startswith("error: nope.yaml: no such file")
+
+
+@pytest.mark.parametrize(("rank", "told"), [("0", "error: --record: unknown population 'ecx'"), ("1", "")])
+def test_of_a_shared_run_one_tells(neuro, network, monkeypatch, rank, told):
+    from neuro import launch
+    from neuro_reference import ReferenceBackend
+
+    monkeypatch.setattr(ReferenceBackend, "distributed", True, raising=False)
+    monkeypatch.setattr(launch, "_shared", False)
+    monkeypatch.setenv("PMI_SIZE", "2")
+    monkeypatch.setenv("PMI_RANK", rank)
+    answer = neuro("run", network, "--backend", "reference", "--record", "ecx")
+    assert answer.status == 2
+    assert answer.err.partition("\n")[0] == told
+
+
+CLOSED = [
+    "--version >&-",
+    "show net.yaml >&-",
+    "models >&- 2>&-",
+    "run net.yaml --for 1 2>&-",
+    "check net.yaml <&- >&- 2>&-",
+]
+
+
+@pytest.mark.parametrize("words", CLOSED)
+def test_a_closed_stream_is_no_error(network, words):
+    main = f'"{sys.executable}" -c "from neuro.cli import main; main()" {words}'
+    done = subprocess.run(["sh", "-c", main], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

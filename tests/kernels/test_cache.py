@@ -35,8 +35,8 @@ def files(tmp_path):
 
     def write(**sources):
         for name, source in sources.items():
-            path = tmp_path / (name.replace("__", "/") + ".py")
-            path.parent.mkdir(exist_ok=True)
+            path = tmp_path / (re.sub("(?<=[a-z])__(?=[a-z])", "/", name) + ".py")
+            path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(source)
 
     return write
@@ -57,7 +57,7 @@ def python(tmp_path):
 def settings(folder):
     path = os.pathsep.join([str(folder), *sys.path])
     environment = {**os.environ, "PYTHONPATH": path, "XDG_CACHE_HOME": str(folder / "cache")}
-    return {"env": environment, "capture_output": True, "text": True}
+    return {"env": environment, "cwd": folder, "capture_output": True, "text": True}
 
 
 @pytest.fixture
@@ -75,6 +75,89 @@ def test_an_edit_of_a_number_in_a_third_file_is_seen(package, files, python):
     assert python(RUN) == ("3", SAYS)
     files(far__numbers="EXTRA = 10\n")
     assert python(RUN) == ("13", SAYS)
+
+
+DEEP = """
+import {imported}
+from neuro.kernels.jit import kernel
+
+@kernel
+def total(values):
+    return values[0] + values[1] + {read}
+"""
+CLOSED = """
+from neuro.kernels.jit import kernel
+
+def made():
+    import far.numbers as numbers
+
+    @kernel
+    def total(values):
+        return values[0] + values[1] + numbers.EXTRA
+
+    return total
+
+total = made()
+"""
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        DEEP.format(imported="far.numbers", read="far.numbers.EXTRA"),
+        DEEP.format(imported="deep.er.numbers", read="deep.er.numbers.EXTRA"),
+        DEEP.format(imported="deep", read="deep.other.er.numbers.EXTRA"),
+        CLOSED,
+    ],
+    ids=["two", "three", "in a circle", "closure"],
+)
+def test_an_edit_of_a_number_in_a_module_of_modules_is_seen(source, files, python):
+    def numbers(extra):
+        text = f"EXTRA = {extra}\n"
+        files(far__numbers=text, deep__er__numbers=text, near__kernels=source)
+        files(**{"deep/__init__": "import deep as other\nfrom deep import er\n"})
+
+    numbers(0)
+    code = "import deep.er.numbers; " + RUN
+    assert python(code) == ("3", SAYS)
+    numbers(10)
+    assert python(code) == ("13", SAYS)
+
+
+PLAIN = """
+from numba.extending import register_jitable
+from far.numbers import EXTRA
+
+@register_jitable
+def again(a, b):
+    return a + b + EXTRA
+
+@register_jitable
+def add(a, b):
+    return again(a, b)
+"""
+
+
+def test_an_edit_of_a_plain_function_is_seen(package, files, python):
+    """What numba compiles without a dispatcher, and what it calls and reads."""
+    files(far__called=PLAIN)
+    assert python(RUN) == ("3", SAYS)
+    assert python(RUN) == ("3", "")
+    files(far__numbers="EXTRA = 10\n")
+    assert python(RUN) == ("13", SAYS)
+    files(far__called=PLAIN.replace("a + b", "a * b"))
+    assert python(RUN) == ("12", SAYS)
+
+
+@pytest.mark.parametrize("name", ["jit.py", "part.py"])
+def test_an_edit_of_how_kernels_compile_is_seen(name, package, python, tmp_path):
+    copy = tmp_path / "neuro"
+    subprocess.run(["cp", "-r", str(REPOSITORY / "neuro"), str(copy)], check=True)
+    assert python(RUN) == ("3", SAYS)
+    with (copy / "kernels" / name).open("a") as source:
+        source.write("# an edit\n")
+    assert python(RUN) == ("3", SAYS)
+    assert python(RUN) == ("3", "")
 
 
 def test_what_does_not_change_the_code_compiles_nothing(package, files, python):

@@ -1,6 +1,8 @@
 """Where machine code is kept, and how much of it."""
 
 import os
+import pickle
+import time
 
 import pytest
 
@@ -68,12 +70,81 @@ def test_no_temporary_folder_is_no_error(monkeypatch):
     assert len(list(kept._places())) == 1
 
 
+def test_a_link_to_a_folder_is_not_trusted(places, tmp_path):
+    """Who made the link says what lies there, and what is removed."""
+    (tmp_path / "theirs").mkdir(mode=0o700)
+    (tmp_path / "link").symlink_to(tmp_path / "theirs")
+    places(tmp_path / "link")
+    assert kept.folder() is None
+
+
+def _file(path, age):
+    path.write_bytes(bytes(100))
+    os.utime(path, (time.time() - age, time.time() - age))
+
+
+NAMES = {word: f"total-{k:032x}" for k, word in enumerate(("new", "used", "old", "oldest"))}
+
+
 def test_what_was_not_used_for_longest_goes_first(tmp_path):
-    for age, name in enumerate(("new", "used", "old", "oldest")):
-        (tmp_path / name).write_bytes(bytes(100))
-        os.utime(tmp_path / name, (1e9 - age, 1e9 - age))
+    for age, name in enumerate(NAMES.values()):
+        _file(tmp_path / name, age)
     kept._clear(tmp_path, 250)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "used"]
+    assert {path.name for path in tmp_path.iterdir()} == {NAMES["new"], NAMES["used"]}
+
+
+def test_only_our_own_files_are_removed(tmp_path):
+    day = 86_400
+    ours = {NAMES["old"]: 0, f"{NAMES['old']}.123": 2 * day, f"<lambda>-{'a' * 32}": 0}
+    others = {
+        "thesis": 9 * day,
+        f"total-{'a' * 31}": 0,
+        f"total-{'A' * 32}": 0,
+        f"{NAMES['old']}.txt": 0,
+        f"{NAMES['old']}.45": day / 2,  # it is still written
+    }
+    for name, age in (ours | others).items():
+        _file(tmp_path / name, age)
+    (tmp_path / NAMES["new"]).symlink_to(tmp_path / "thesis")
+    (tmp_path / NAMES["used"]).mkdir()
+    kept._clear(tmp_path, 0)
+    assert {path.name for path in tmp_path.iterdir()} == {*others, NAMES["new"], NAMES["used"]}
+
+
+class Odd:
+    """What raises when it is read back."""
+
+    def __reduce__(self):
+        return int, ("odd",)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        pickle.dumps((1, 2)),
+        pickle.dumps(None),
+        pickle.dumps({}),
+        pickle.dumps(Odd()),
+        b"cno_such_module\nname\n.",
+        b"\x80\x63",
+        b"",
+    ],
+    ids=["short", "nothing", "dictionary", "raising", "module", "protocol", "empty"],
+)
+def test_a_file_of_something_else_is_compiled_anew(content, places, tmp_path):
+    from neuro.kernels.jit import kernel
+
+    def double(a):
+        return 2 * a
+
+    places(tmp_path)
+    assert kernel(double)(3) == 6
+    (file,) = tmp_path.iterdir()
+    file.write_bytes(content)
+    assert kernel(double)(3) == 6
+    again = kernel(double)
+    assert again(3) == 6
+    assert sum(again.stats.cache_hits.values()) == 1
 
 
 def test_a_kernel_may_not_read_what_the_key_cannot_see():

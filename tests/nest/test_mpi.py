@@ -155,8 +155,10 @@ def test_a_mistake_is_told_once(folder):
     assert not Path("out.h5").exists()
 
 
-def test_other_backends_run_in_one_process(folder):
-    done = run(2, "--backend", "event", "--out", "out.h5")
-    assert done.returncode != 0
-    assert done.stderr.count("error: mpirun started 2 processes, and backend 'event' runs in one\n") == 1
-    assert not Path("out.h5").exists()
+def test_on_other_backends_each_process_is_its_own(folder):
+    script = f'exec "{NEURO}" run net.yaml --seed $OMPI_COMM_WORLD_RANK --for 10 --out $OMPI_COMM_WORLD_RANK.h5'
+    done = subprocess.run(mpirun(2, "sh", "-c", script), capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert sorted(p.name for p in folder.iterdir()) == ["0.h5", "1.h5", "net.yaml"]
+    assert "0.h5: 10 ms" in done.stdout
+    assert "1.h5: 10 ms" in done.stdout

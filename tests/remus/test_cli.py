@@ -181,3 +181,10 @@ def test_help_is_light():
         "import sys, neuro_remus.cli; sys.exit(any(m in sys.modules for m in ('numba', 'h5py', 'matplotlib', 'numpy')))"
     )
     subprocess.run([sys.executable, "-c", heavy], check=True)
+
+
+def test_a_demonstration_into_what_is_no_folder(neuro, tmp_path):
+    (tmp_path / "thesis.txt").touch()
+    status, _, err = neuro("demo", "--out", str(tmp_path / "thesis.txt"))
+    expected = f"error: {tmp_path}/thesis.txt: is no folder: expected the name of a folder, or a new name\n"
+    assert (status, err) == (2, expected)
