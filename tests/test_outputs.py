@@ -1,5 +1,6 @@
 """Every file that is written: whole or not there, and never in the place of what is not ours."""
 
+import json
 import os
 import re
 import resource
@@ -85,7 +86,15 @@ def test_a_network_written_by_hand_stays(tmp_path):
     assert str(error.value) == f"{path}: exists and is not a network that was saved: expected a new name"
 
 
+FORMAT = sealed("a JSON file", '"format": "f 1"', ', "digest": "{}"')
+
+
+def _json(path):
+    write_text(path, json.dumps({"format": "f 1", "of": ["é"]}, indent=1, ensure_ascii=False) + "\n", FORMAT)
+
+
 TEXTS = {
+    "json": (_json, "a.json"),
     "text": (lambda path: write_text(path, "# a seal\nbody\n", SEALED), "a.txt"),
     "network": WRITERS["network"],
     "page": WRITERS["page"],
@@ -104,7 +113,9 @@ def test_a_text_that_was_edited_stays(kind, where, tmp_path):
         "end": text + "# mine\n",
         "middle": text[:half] + " # mine" + text[half:],
         "beginning": "# mine\n" + text,
-        "digest": re.sub(", digest [0-9a-f]{32}|<!-- digest [0-9a-f]{32} -->", "", text),  # as marks once were
+        "digest": re.sub(
+            ', "digest": "[0-9a-f]{32}"|, digest [0-9a-f]{32}|<!-- digest [0-9a-f]{32} -->', "", text
+        ),  # as marks once were
     }[where]
     assert edited != text
     path.write_text(edited)

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from neuro import ModelError
 from neuro.cli.options import whole
 from neuro.outputs import check, make_folder, sealed, write_text
 from neuro_drone.controllers import kind_of
@@ -191,10 +190,7 @@ def run(plan: Plan, report: Callable[[Said], None] | None = None) -> list[Summar
     Raises:
         ModelError: of the first job that raises one.
     """
-    try:
-        make_folder(plan.folder)
-    except OSError as error:
-        raise ModelError(f"{plan.folder}: cannot be written: {error.strerror}") from None
+    make_folder(plan.folder)
     jobs = plan.jobs()
     found = side_by_side(Job.run, jobs, report=report)
     return [

@@ -1,6 +1,7 @@
 """The commands: what they write and print, and what they tell of mistakes."""
 
 import json
+import re
 import subprocess
 import sys
 
@@ -108,7 +109,7 @@ def test_compare_is_kept_and_told(neuro, tmp_path):
     assert "short: weights frozen, no dopamine; mean ± sd over seeds" in out
     assert {file: file.stat().st_mtime_ns for file in (tmp_path / "kept").glob("*.json")} == results
     table = (tmp_path / "kept" / "table.md").read_text().splitlines()
-    assert table[0] == "<!-- neuro drone compare -->"
+    assert re.fullmatch("<!-- neuro drone compare --><!-- digest [0-9a-f]{32} -->", table[0])
     assert table[1].startswith("| controller | steps | seeds | error, px | laps |")
     assert len(table) == 6
 
@@ -148,7 +149,7 @@ MISTAKES = {
     "learnt on\n  hint: see 'neuro drone test --help'",
     "compare --row": "Option '--row' requires an argument",
     "compare --row sn": "unknown controller 'sn'\n  hint: did you mean 'snn'?",
-    "compare --row oracle --out bad.yaml": "bad.yaml: cannot be written: File exists",
+    "compare --row oracle --out bad.yaml": "bad.yaml: is no folder: expected the name of a folder, or a new name",
     "energy oracle.h5": "controller 'oracle' has no network: expected a spiking one, dqn or ddpg",
     "watch oracle.h5 --out no/lap.html": "no/lap.html: cannot be written: No such file or directory",
     "watch oracle.h5 --out lap.gif": "lap.gif: a lap is written as a page for a browser: expected a name that ends in "

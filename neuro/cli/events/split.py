@@ -32,6 +32,7 @@ def split(
     from neuro.events import save, stream
     from neuro.events.convert import given
     from neuro.events.files import RECORDING
+    from neuro.outputs import make_folder
 
     if (every is None) == (count is None):
         raise typer.BadParameter("expected one of the two", param_hint="'--every' / '--count'")
@@ -49,7 +50,7 @@ def split(
             if not len(part):
                 empty += 1
                 continue
-            out.mkdir(parents=True, exist_ok=True)
+            make_folder(out)
             target = out / f"{name.stem}-{k:05d}{suffix}"
             spare(source, target, RECORDING, force)
             save(part, target, replace=force)
