@@ -111,15 +111,17 @@ def _plain(value: Any) -> Any:
 
 def _digest(arrays: Arrays) -> str:
     """A hash of all arrays: compiled loops trust their sizes and indices, so none may be missing or changed."""
-    digest = hashlib.blake2b(digest_size=16)
-    _feed(digest, {name: np.asarray(values) for name, values in arrays.items()})
-    return digest.hexdigest()
+    return _hashed({name: np.asarray(values) for name, values in arrays.items()})
 
 
 def fingerprint(program: Program) -> str:
     """A hash of everything that decides what a program does; places in files do not count."""
+    return _hashed(program)
+
+
+def _hashed(value: Any) -> str:
     digest = hashlib.blake2b(digest_size=16)
-    _feed(digest, program)
+    _feed(digest, value)
     return digest.hexdigest()
 
 

@@ -100,6 +100,7 @@ def add_counts(view, thread, row, target, step, n_all, slots, blocks):
     out = target[BEGIN] + (n_all if target[RECEPTORS] == 2 and weight < 0.0 else 0)
     for block in range(max(target[FIRST_BLOCK], net.edges[thread]), min(target[LAST_BLOCK], net.edges[thread + 1])):
         from_block = source[FIRST_BLOCK] + block - target[FIRST_BLOCK]
+        # what one sent before it fell silent may still be under way
         if net.awake[from_block] == 0 and step - row[LAG] > net.busy[from_block]:
             continue
         lo = (block - target[FIRST_BLOCK]) * BLOCK
