@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from neuro import chips, coding, compare, events
-    from neuro.backend import OverflowWarning
-    from neuro.distributions import lognormal, normal, uniform
-    from neuro.errors import ModelError
-    from neuro.language import load
-    from neuro.network import Network, Trials, dropout, labels, reward, winner_take_all
-    from neuro.neurons import (
+    from neuro.core.errors import ModelError
+    from neuro.model.distributions import lognormal, normal, uniform
+    from neuro.model.language import load
+    from neuro.model.network import Network, Trials, dropout, labels, reward, winner_take_all
+    from neuro.model.neurons import (
         dc_generator,
         iaf_psc_alpha,
         iaf_psc_delta,
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
         spike_generator,
         spinnaker_lif,
     )
-    from neuro.rules import (
+    from neuro.model.rules import (
         all_to_all,
         fixed_indegree,
         fixed_outdegree,
@@ -33,18 +32,19 @@ if TYPE_CHECKING:
         pairs,
         pairwise_bernoulli,
     )
-    from neuro.simulation import ApproximationWarning, Simulation, compile
-    from neuro.synapses import loihi_learning, loihi_static, r_stdp, static, stdp, stdp_dopa
+    from neuro.model.synapses import loihi_learning, loihi_static, r_stdp, static, stdp, stdp_dopa
+    from neuro.program.backend import OverflowWarning
+    from neuro.run.simulation import ApproximationWarning, Simulation, compile
 
 __version__ = "0.1.0"
 
 _HOMES = {
-    "neuro.distributions": ("lognormal", "normal", "uniform"),
-    "neuro.backend": ("OverflowWarning",),
-    "neuro.errors": ("ModelError",),
-    "neuro.language": ("load",),
-    "neuro.network": ("Network", "Trials", "dropout", "labels", "reward", "winner_take_all"),
-    "neuro.neurons": (
+    "neuro.model.distributions": ("lognormal", "normal", "uniform"),
+    "neuro.program.backend": ("OverflowWarning",),
+    "neuro.core.errors": ("ModelError",),
+    "neuro.model.language": ("load",),
+    "neuro.model.network": ("Network", "Trials", "dropout", "labels", "reward", "winner_take_all"),
+    "neuro.model.neurons": (
         "dc_generator",
         "iaf_psc_alpha",
         "iaf_psc_delta",
@@ -56,7 +56,7 @@ _HOMES = {
         "spike_generator",
         "spinnaker_lif",
     ),
-    "neuro.rules": (
+    "neuro.model.rules": (
         "all_to_all",
         "fixed_indegree",
         "fixed_outdegree",
@@ -65,8 +65,8 @@ _HOMES = {
         "pairs",
         "pairwise_bernoulli",
     ),
-    "neuro.simulation": ("ApproximationWarning", "Simulation", "compile"),
-    "neuro.synapses": ("loihi_learning", "loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"),
+    "neuro.run.simulation": ("ApproximationWarning", "Simulation", "compile"),
+    "neuro.model.synapses": ("loihi_learning", "loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"),
 }
 _MODULES = ("chips", "coding", "compare", "events")
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
@@ -123,8 +123,8 @@ def __getattr__(name: str) -> Any:
         return import_module(f"neuro.{name}")
     if name not in _HOME:
         if not name.startswith("_"):
-            from neuro.neurons import MODELS
-            from neuro.synapses import SYNAPSES
+            from neuro.model.neurons import MODELS
+            from neuro.model.synapses import SYNAPSES
 
             if name in MODELS or name in SYNAPSES:
                 return MODELS.get(name) or SYNAPSES[name]

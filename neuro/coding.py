@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from neuro.checks import is_number, numbers
-from neuro.errors import ModelError
+from neuro.core.checks import is_number, numbers
+from neuro.core.errors import ModelError
 
 Floats = npt.NDArray[np.float64]
 

@@ -25,7 +25,7 @@ from neuro import (
     winner_take_all,
 )
 from neuro.compiler import compile_network
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
 
 
 def base(resolution: float = 0.1) -> Network:

@@ -7,8 +7,8 @@ import neuro
 from neuro import Network, fixed_indegree, fixed_outdegree, iaf_psc_exp, pairs, pairwise_bernoulli, poisson_generator
 from neuro.compiler import compile_network
 from neuro.compiler.show import program_text, tables
-from neuro.program import Program, Projection
-from neuro.rules import Rule
+from neuro.model.rules import Rule
+from neuro.program.program import Program, Projection
 
 
 def compiled(

@@ -2,7 +2,7 @@
 
 import pytest
 
-from neuro.backend import installed
+from neuro.program.backend import installed
 from neuro.testing import CASES, check_case
 
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 import neuro
-from neuro.simulation import Simulation
+from neuro.run.simulation import Simulation
 
 
 def both(net: neuro.Network, seed: int = 1) -> tuple[Simulation, Simulation]:

@@ -8,10 +8,10 @@ from typing import ClassVar
 import pytest
 
 import neuro
-from neuro.neurons import MODELS, State, iaf_psc_exp
-from neuro.neurons import base as neurons
-from neuro.quantities import Value, quantity
-from neuro.synapses import SYNAPSES, Synapse, complete, r_stdp, stdp
+from neuro.core.quantities import Value, quantity
+from neuro.model.neurons import MODELS, State, iaf_psc_exp
+from neuro.model.neurons import base as neurons
+from neuro.model.synapses import SYNAPSES, Synapse, complete, r_stdp, stdp
 from neuro_event import build, tables
 
 V_M, NOTE = State("V_m", "mV", "membrane potential"), State("note", "", "something else")

@@ -18,11 +18,12 @@ import pytest
 from matplotlib.figure import Figure
 
 import neuro
-from neuro import ModelError, events, outputs
+from neuro import ModelError, events
+from neuro.core import outputs
+from neuro.core.hdf5 import new_file, writing
+from neuro.core.outputs import Unwritable, check, make_folder, marked, output, sealed, write_picture, write_text
 from neuro.events.pictures import gif
 from neuro.events.view import view
-from neuro.hdf5 import new_file, writing
-from neuro.outputs import Unwritable, check, make_folder, marked, output, sealed, write_picture, write_text
 
 OURS = marked("a text of ours", "# ours")
 SEALED = sealed("a text with a seal", "# a seal", ", digest {}")
@@ -231,7 +232,7 @@ def test_a_recording_into_a_device(device):
 
 INTO = """
 import os, sys, pathlib
-from neuro.outputs import marked, write_text
+from neuro.core.outputs import marked, write_text
 print("before")
 write_text(pathlib.Path(sys.argv[1]), "content\\n", marked("ours", "# ours"))
 print("after")
@@ -421,7 +422,7 @@ def test_a_protected_file_stays(tmp_path):
 
 KILLED = """
 import pathlib, sys, time
-from neuro.outputs import marked, output
+from neuro.core.outputs import marked, output
 with output(pathlib.Path(sys.argv[1]), marked("ours", "# ours")) as part:
     part.write_text("# ours: half")
     print(part.name, flush=True)
@@ -487,7 +488,7 @@ def test_sweeping_that_is_refused_is_no_error(call, tmp_path, monkeypatch):
 
 
 def test_no_file_is_opened_for_writing_elsewhere():
-    """All files are written by way of `neuro.outputs`; formats of events and batches get their path from there."""
+    """All files are written by way of `neuro.core.outputs`; formats of events and batches get their path from there."""
     root = Path(outputs.__file__).parents[1]
     calls = (
         ".savefig(",
@@ -506,10 +507,10 @@ def test_no_file_is_opened_for_writing_elsewhere():
         if any(call in path.read_text() for call in calls)
     }
     formats = {f"neuro/events/formats/{name}.py" for name in FORMATS}
-    temporary = {"neuro/results.py", "neuro/events/formats/rosbag.py", "apps/neuro_remus/model.py"}
-    given = {"neuro/cli/compare.py", "neuro/language/writer.py", "apps/neuro_drone/watch.py"}
+    temporary = {"neuro/files/results.py", "neuro/events/formats/rosbag.py", "apps/neuro_remus/model.py"}
+    given = {"neuro/cli/compare.py", "neuro/model/language/writer.py", "apps/neuro_drone/watch.py"}
     cache = {"neuro/kernels/kept.py"}  # machine code, in a folder of its own
-    assert found == {"neuro/outputs.py"} | formats | temporary | given | cache
+    assert found == {"neuro/core/outputs.py"} | formats | temporary | given | cache
 
 
 FORMATS = ("evt2", "evt3", "event_stream", "aedat2", "dat", "nmnist", "table", "npz")

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 
 import neuro
-from neuro.neurons.propagators import from_alpha, from_constant, from_exponential
+from neuro.model.neurons.propagators import from_alpha, from_constant, from_exponential
 
 C_M = 250.0
 taus = some.floats(0.05, 500.0)

@@ -5,8 +5,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import neuro
-from neuro.network import Network
-from neuro.simulation import Simulation
+from neuro.model.network import Network
+from neuro.run.simulation import Simulation
 from neuro.testing import observe
 from neuro.testing.case import differences
 from neuro.testing.strategies import networks

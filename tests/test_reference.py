@@ -6,8 +6,8 @@ from pathlib import Path
 
 import neuro
 from neuro.cli.models import body, bounds, catalogue, shown
-from neuro.language.sources import SECTIONS
-from neuro.network import Trials
+from neuro.model.language.sources import SECTIONS
+from neuro.model.network import Trials
 
 REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
 HEAD = """\

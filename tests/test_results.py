@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from neuro import ModelError
-from neuro.results import YAML, Results, Trace, Train, Weights, read, write
+from neuro.files.results import YAML, Results, Trace, Train, Weights, read, write
 
 
 @pytest.fixture

@@ -11,10 +11,10 @@ import pytest
 
 import neuro
 from neuro import Network, all_to_all, grid, iaf_psc_delta, iaf_psc_exp, one_to_one, poisson_generator, stdp
-from neuro.backend import Problem
-from neuro.errors import ModelError, Where
-from neuro.program import Program
-from neuro.simulation import ApproximationWarning, Simulation
+from neuro.core.errors import ModelError, Where
+from neuro.program.backend import Problem
+from neuro.program.program import Program
+from neuro.run.simulation import ApproximationWarning, Simulation
 from neuro_reference import ReferenceBackend
 
 

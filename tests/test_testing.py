@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from neuro.backend import EngineCounts, Problem
-from neuro.neurons import izhikevich
-from neuro.program import Floats, Program
+from neuro.model.neurons import izhikevich
+from neuro.program.backend import EngineCounts, Problem
+from neuro.program.program import Floats, Program
 from neuro.testing import CASES, NEEDS_FLOATS, check_backend, check_case
 from neuro_reference import ReferenceBackend
 from neuro_reference.engine import ReferenceEngine

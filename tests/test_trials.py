@@ -7,8 +7,8 @@ import pytest
 
 import neuro
 from neuro import Network, all_to_all, iaf_psc_delta, r_stdp, spike_generator, winner_take_all
-from neuro.errors import ModelError
-from neuro.simulation import Simulation
+from neuro.core.errors import ModelError
+from neuro.run.simulation import Simulation
 
 RATES = {"Ar_plus": 0.1, "Ar_minus": -0.05, "Ap_plus": 0.02, "Ap_minus": -0.04}
 

@@ -1,4 +1,4 @@
-"""`neuro.verify`: NEST's traces come out on every float backend, and a wrong value is found."""
+"""`neuro.verify.verify`: NEST's traces come out on every float backend, and a wrong value is found."""
 
 import json
 import shutil
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.errors import ModelError
-from neuro.verify import Result, verify
+from neuro.core.errors import ModelError
+from neuro.verify.verify import Result, verify
 
 BACKENDS = ("reference", "event")
 

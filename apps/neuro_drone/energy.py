@@ -11,8 +11,8 @@ import typer
 
 from neuro import ModelError
 from neuro.chips.chip import chip
-from neuro.chips.energy import number, quantity, sourced
-from neuro.chips.footnotes import footnotes
+from neuro.chips.pricing.energy import number, quantity, sourced
+from neuro.chips.pricing.footnotes import footnotes
 from neuro.cli.tables import console, table
 from neuro_drone.controllers.agents import DQNSettings
 from neuro_drone.controllers.dense import Flier
@@ -23,7 +23,7 @@ from neuro_drone.model import Model
 
 if TYPE_CHECKING:
     from neuro import Counts
-    from neuro.chips.energy import Energy
+    from neuro.chips.pricing.energy import Energy
 
 __all__ = ["Bills", "Dense", "priced", "show", "words"]
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.errors import unknown
+from neuro.core.errors import unknown
 from neuro.events import Events
 from neuro_drone.actions import ACTIONS, model
 from neuro_drone.ball import BallTask

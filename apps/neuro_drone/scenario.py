@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from neuro import ModelError
-from neuro.errors import Where, unknown
-from neuro.language import Node, about, mistake, plain, read, words
+from neuro.core.errors import Where, unknown
+from neuro.model.language import Node, about, mistake, plain, read, words
 from neuro_drone.parts import Ball, Camera, Drone, Ground, Line, Part, check, range_of
 
 __all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Scenario", "load", "pair"]

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import neuro
-from neuro.hdf5 import reading, writing
+from neuro.core.hdf5 import reading, writing
 
 FORMAT = "neuro remus training 1"
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from neuro.chips.energy import number, quantity
-from neuro.chips.footnotes import footnotes
+from neuro.chips.pricing.energy import number, quantity
+from neuro.chips.pricing.footnotes import footnotes
 from neuro.cli.tables import console, table
-from neuro.outputs import sealed
+from neuro.core.outputs import sealed
 from neuro_remus.model import Model
 from neuro_remus.tried import Tried
 
@@ -19,7 +19,7 @@ FORMAT = "neuro remus energy 1"
 BILLS = sealed("the bills of 'neuro remus demo'", f'"format": "{FORMAT}"', ', "digest": "{}"')
 
 if TYPE_CHECKING:
-    from neuro.chips.energy import Energy
+    from neuro.chips.pricing.energy import Energy
 
 FRONT_END = (
     "not in the bill: the camera, the front end, which makes C1 spikes of events on the host, and the way between "

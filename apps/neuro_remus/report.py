@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from neuro import ModelError
 from neuro.cli.tables import console, table
-from neuro.outputs import sealed, write_picture
+from neuro.core.outputs import sealed, write_picture
 from neuro_remus.model import Model
 from neuro_remus.settings import SETTINGS, Settings
 from neuro_remus.train import Progress

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from neuro.backend import Engine, Problem
-from neuro.checks import check
 from neuro.chips.chip import Chip, chip
-from neuro.chips.place import place
-from neuro.chips.quantise import quantise
-from neuro.errors import ModelError
-from neuro.program import Program
-from neuro.quantities import Quantity
+from neuro.chips.placing.place import place
+from neuro.chips.quantising.quantise import quantise
+from neuro.core.checks import check
+from neuro.core.errors import ModelError
+from neuro.core.quantities import Quantity
+from neuro.program.backend import Engine, Problem
+from neuro.program.program import Program
 
 OF_PLACE = ("order", "neurons_per_core")
 _STRICT = Quantity(kind="boolean")
@@ -60,7 +60,7 @@ class ChipBackend:
             program: what to run.
             threads: accepted; one thread computes.
             options: `strict` (an overflow is an error); `scales`, `shifts`, `exponents`, `signals`, see
-                `neuro.chips.quantise`; `order`, `neurons_per_core`, see `neuro.chips.place`.
+                `neuro.chips.quantising.quantise`; `order`, `neurons_per_core`, see `neuro.chips.placing.place`.
 
         Raises:
             ModelError: the chip refuses the program, or an option is unknown.

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro import keyed
-from neuro.chips.fixed import FixedPopulation, FixedProgram
-from neuro.clock import NEVER
-from neuro.program import Program, Projection
+from neuro.chips.quantising.fixed import FixedPopulation, FixedProgram
+from neuro.core import keyed_random
+from neuro.core.clock import NEVER
+from neuro.program.program import Program, Projection
 from neuro_chip import tables as t
 
 KINDS = {
@@ -73,7 +73,7 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
 
 
 def _keys(program: Program, purpose: str, names: list[str]) -> NDArray[np.uint64]:
-    return np.array([keyed.key(program.seed, purpose, name) for name in names], dtype=np.uint64)
+    return np.array([keyed_random.key(program.seed, purpose, name) for name in names], dtype=np.uint64)
 
 
 def slots_of(fixed: FixedProgram, target: int) -> int:

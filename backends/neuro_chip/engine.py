@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.backend import EngineCounts, Outcome, OverflowWarning, Spikes, Trial
-from neuro.chips.fixed import FixedProgram
-from neuro.clock import NEVER
-from neuro.currents import Currents
-from neuro.errors import ModelError, unknown
-from neuro.neurons import dc_generator, poisson_generator, spike_generator
-from neuro.program import Floats, Ints
+from neuro.chips.quantising.fixed import FixedProgram
+from neuro.core.clock import NEVER
+from neuro.core.errors import ModelError, unknown
+from neuro.model.neurons import dc_generator, poisson_generator, spike_generator
+from neuro.program.backend import EngineCounts, Outcome, OverflowWarning, Spikes, Trial
+from neuro.program.currents import Currents
+from neuro.program.program import Floats, Ints
 from neuro_chip import tables as t
 from neuro_chip.build import STATES, arrays_of, write_registers, write_states
 from neuro_chip.learners import Learners
@@ -31,7 +31,7 @@ _LIVE = (*_KEPT, "emitted", "emitted_times", "groups", "clock", "potential", "me
 
 
 class ChipEngine:
-    """A quantised program in execution; `neuro.backend.Engine` says what each method does.
+    """A quantised program in execution; `neuro.program.backend.Engine` says what each method does.
 
     Args:
         fixed: registers and words.

@@ -5,7 +5,7 @@ import numpy as np
 
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.jit import compiled, inner, kernel
-from neuro.synapses import r_stdp
+from neuro.model.synapses import r_stdp
 
 _reward = compiled(r_stdp.arithmetic.reward)
 _encourage = compiled(r_stdp.arithmetic.encourage)

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.fixed import FixedProgram, FixedProjection
-from neuro.chips.learning import POST, LearningRule, Term
-from neuro.program import Floats, Ints, Program
+from neuro.chips.quantising.fixed import FixedProgram, FixedProjection
+from neuro.model.synapses.loihi_rule import POST, LearningRule, Term
+from neuro.program.program import Floats, Ints, Program
 from neuro_chip import learning as kernels
 from neuro_chip import tables as t
 from neuro_chip.plastic import Plastic

@@ -29,9 +29,9 @@ Where references differ:
 # mypy: ignore-errors
 import numpy as np
 
+from neuro.core.keyed_random import NEURON_STRIDE
 from neuro.kernels.draws import mix, step_word
 from neuro.kernels.jit import kernel, merged
-from neuro.keyed import NEURON_STRIDE
 
 GATE, MASK, MANTISSA, SHIFT, SIZE, FIRST = range(6)
 """Columns of a product: gate; 2^k - 1; scale; number of factors; then (factor, constant) pairs."""
@@ -100,7 +100,7 @@ def spike(history, slot, impulses, ids, flags, times):
 
 @merged
 def factor(code, i, j, at, xs, ys, x0, y0, w, t):
-    """The value of a factor; codes as in `neuro.chips.learning.FACTORS`."""
+    """The value of a factor; codes as in `neuro.model.synapses.loihi_rule.FACTORS`."""
     if code == 9:
         return w
     if code == 10:

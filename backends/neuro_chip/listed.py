@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.neurons import spike_generator
-from neuro.program import Ints, Program
+from neuro.model.neurons import spike_generator
+from neuro.program.program import Ints, Program
 from neuro_chip import tables as t
 
 _NOTHING = np.zeros(0, dtype=np.int64)

@@ -7,9 +7,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.learning import FACTORS, FRACTION_BITS, MODULATORY, POST, PRE, LearningRule, Term
-from neuro.chips.loihi_words import bounds, grain_of
-from neuro.keyed import key
+from neuro.chips.loihi.words import bounds, grain_of
+from neuro.core.keyed_random import key
+from neuro.model.synapses.loihi_rule import FACTORS, FRACTION_BITS, MODULATORY, POST, PRE, LearningRule, Term
 from neuro_chip import learning as kernels
 
 Ints = NDArray[np.int64]

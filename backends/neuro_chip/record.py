@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.backend import Spikes
-from neuro.program import Ints
+from neuro.program.backend import Spikes
+from neuro.program.program import Ints
 
 Chunk = tuple[Ints, Ints, Ints]
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.backend import Problem
-from neuro.chips.fixed import FixedPopulation, FixedProgram, FixedProjection
-from neuro.chips.quantise import requantise
-from neuro.errors import ModelError, unknown
-from neuro.neurons import Neuron
-from neuro.program import Floats, Ints
+from neuro.chips.quantising.fixed import FixedPopulation, FixedProgram, FixedProjection
+from neuro.chips.quantising.quantise import requantise
+from neuro.core.errors import ModelError, unknown
+from neuro.model.neurons import Neuron
+from neuro.program.backend import Problem
+from neuro.program.program import Floats, Ints
 
 _LIMIT = 2**31 - 1
 _KEPT = "a running chip keeps its scale: describe the network with these values, or lower them"

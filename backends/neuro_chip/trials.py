@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from neuro import keyed
-from neuro.backend import Outcome, Trial
-from neuro.chips.fixed import FixedProjection
-from neuro.clock import NEVER
-from neuro.program import Floats, Ints, Projection
+from neuro.chips.quantising.fixed import FixedProjection
+from neuro.core import keyed_random
+from neuro.core.clock import NEVER
+from neuro.program.backend import Outcome, Trial
+from neuro.program.program import Floats, Ints, Projection
 from neuro_chip import host
 from neuro_chip import tables as t
 from neuro_chip.build import STATES, write_states
@@ -38,7 +38,7 @@ class Trials:
         self._began = 0
         self.changes = 0
         self._inputs: dict[tuple[int, int], tuple[Ints, Ints]] = {}
-        self._keys = [keyed.key(engine.program.seed, "rounding", p.name) for p in engine.program.projections]
+        self._keys = [keyed_random.key(engine.program.seed, "rounding", p.name) for p in engine.program.projections]
 
     def start_anew(self) -> None:
         """Nothing was taught: the draws of rounding begin again."""

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.fixed import FixedProgram, FixedProjection, Words
-from neuro.chips.loihi import word
-from neuro.errors import ModelError
-from neuro.program import Floats, Ints
+from neuro.chips.loihi.neurons import word
+from neuro.chips.quantising.fixed import FixedProgram, FixedProjection, Words
+from neuro.core.errors import ModelError
+from neuro.program.program import Floats, Ints
 from neuro_chip import tables as t
 
 

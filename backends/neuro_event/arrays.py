@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from neuro.program import Program
+from neuro.program.program import Program
 from neuro_event.layout import Place, Synapses
 
 

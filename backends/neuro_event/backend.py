@@ -6,9 +6,9 @@ import os
 from collections.abc import Sequence
 from typing import Any
 
-from neuro.backend import Engine, Problem, floats_only
-from neuro.errors import ModelError
-from neuro.program import Program
+from neuro.core.errors import ModelError
+from neuro.program.backend import Engine, Problem, floats_only
+from neuro.program.program import Program
 from neuro_event.models import unknown
 
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from neuro import keyed
-from neuro.neurons import Neuron
-from neuro.program import Floats, Program
+from neuro.core import keyed_random
+from neuro.model.neurons import Neuron
+from neuro.program.program import Floats, Program
 from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
@@ -153,7 +153,9 @@ def _groups(a: Arrays) -> None:
     groups = a.program.groups
     a.net["groups"] = np.full((max(1, len(groups)), 5), t.NONE, dtype=np.int64)
     a.net["closed"] = np.zeros(max(1, len(groups)), dtype=np.uint8)
-    a.net["group_keys"] = np.array([keyed.key(a.program.seed, "tie", g.name) for g in groups] or [0], dtype=np.uint64)
+    a.net["group_keys"] = np.array(
+        [keyed_random.key(a.program.seed, "tie", g.name) for g in groups] or [0], dtype=np.uint64
+    )
     for k, g in enumerate(groups):
         a.net["groups"][k] = (g.population, int(g.first_to_fire), 0, -1, -1)
     trials = a.program.trials

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from neuro.currents import Currents
-from neuro.program import Ints, Program
+from neuro.program.currents import Currents
+from neuro.program.program import Ints, Program
 from neuro_event import loop
 from neuro_event.arrays import Arrays
 

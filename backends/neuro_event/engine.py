@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.backend import EngineCounts, Outcome, Spikes, Trial
-from neuro.currents import Currents
-from neuro.errors import ModelError
-from neuro.neurons import Neuron, poisson_generator
-from neuro.program import Floats, Ints, Program, Trials
+from neuro.core.errors import ModelError
+from neuro.model.neurons import Neuron, poisson_generator
+from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
+from neuro.program.currents import Currents
+from neuro.program.program import Floats, Ints, Program, Trials
 from neuro_event import build, layout, lazy, learning, loop, projections, reading, rewards, sources
 from neuro_event import tables as t
 from neuro_event.currents import apply
@@ -30,7 +30,7 @@ _FIXED = _GIVEN | _VIEWS | _EMPTY | _REBUILT
 
 
 class EventEngine:
-    """A program in execution on the compiled loop; see `neuro.backend.Engine`."""
+    """A program in execution on the compiled loop; see `neuro.program.backend.Engine`."""
 
     def __init__(self, program: Program, threads: int) -> None:
         self._program = program

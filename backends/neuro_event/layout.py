@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.neurons import Neuron, dc_generator, poisson_generator, spike_generator
-from neuro.program import Floats, Ints, Population, Program, Projection
+from neuro.model.neurons import Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.program.program import Floats, Ints, Population, Program, Projection
 from neuro_event import tables as t
 from neuro_event.models import NEURONS
 

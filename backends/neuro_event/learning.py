@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.program import Floats, Ints, Program
+from neuro.program.program import Floats, Ints, Program
 from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays

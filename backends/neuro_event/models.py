@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from neuro.backend import Problem
-from neuro.neurons import NEURONS as LISTED
-from neuro.neurons import Neuron
-from neuro.program import Population, Program, Projection
-from neuro.synapses import SYNAPSES, Synapse, r_stdp
+from neuro.model.neurons import NEURONS as LISTED
+from neuro.model.neurons import Neuron
+from neuro.model.synapses import SYNAPSES, Synapse, r_stdp
+from neuro.program.backend import Problem
+from neuro.program.program import Population, Program, Projection
 
 NEURONS: tuple[type[Neuron], ...] = tuple(LISTED)
 RULES: tuple[type[Synapse], ...] = tuple(s for s in SYNAPSES.values() if s.learns == "pairs")

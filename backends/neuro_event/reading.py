@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.program import Floats, Ints
+from neuro.program.program import Floats, Ints
 from neuro_event import lazy, loop
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays

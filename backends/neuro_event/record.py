@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.backend import Spikes
-from neuro.program import Program
+from neuro.program.backend import Spikes
+from neuro.program.program import Program
 from neuro_event.layout import Place
 
 Part = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32]]

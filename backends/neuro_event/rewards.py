@@ -4,7 +4,7 @@
 import numpy as np
 
 from neuro.kernels.jit import compiled, kernel
-from neuro.synapses import r_stdp
+from neuro.model.synapses import r_stdp
 from neuro_event import tables as t
 from neuro_event.views import net_of
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from neuro import keyed
+from neuro.core import keyed_random
 from neuro.kernels.draws import GUIDE_BITS
-from neuro.neurons import poisson_generator
-from neuro.program import Floats
+from neuro.model.neurons import poisson_generator
+from neuro.program.program import Floats
 from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
@@ -20,7 +20,7 @@ def add_generators(a: Arrays) -> None:
     """Set the rates, and make room for those that keep counts."""
     pops = a.net["pops"]
     a.net["keys"] = np.array(
-        [keyed.key(a.program.seed, "poisson", p.name) for p in a.program.populations], dtype=np.uint64
+        [keyed_random.key(a.program.seed, "poisson", p.name) for p in a.program.populations], dtype=np.uint64
     )
     a.net["guides"] = np.zeros((len(a.program.populations), GUIDE), dtype=np.uint16)
     a.net["cumulative"] = np.full((len(a.program.populations), TABLE_WIDTH), np.inf)
@@ -78,7 +78,7 @@ def _tabulate(a: Arrays, k: int, mean: Floats) -> None:
     row = a.net["pops"][k]
     row[t.TABLE] = t.NONE
     if np.all(mean == mean[0]):
-        table = keyed.poisson_table(float(mean[0]))
+        table = keyed_random.poisson_table(float(mean[0]))
         if table.size < a.net["cumulative"].shape[1]:
             row[t.TABLE] = k
             a.net["cumulative"][k] = np.inf

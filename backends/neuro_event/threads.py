@@ -6,7 +6,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from statistics import median
 
-from neuro.program import Ints
+from neuro.program.program import Ints
 from neuro_event import loop
 
 PERIOD = 128

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from neuro.backend import Problem
-from neuro.errors import ModelError, nearest
-from neuro.program import Program
+from neuro.core.errors import ModelError, nearest
+from neuro.program.backend import Problem
+from neuro.program.program import Program
 from neuro_nest.problems import problems
 from neuro_nest.tables import UNREADABLE
 from neuro_nest.unsupported import UNSUPPORTED

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from neuro.clock import NEVER, Clock
-from neuro.neurons import Generator, dc_generator
-from neuro.program import Floats, Population
+from neuro.core.clock import NEVER, Clock
+from neuro.model.neurons import Generator, dc_generator
+from neuro.program.program import Floats, Population
 from neuro_nest.kernel import set_nodes, told
 from neuro_nest.ranks import Ranks
 from neuro_nest.sources import Train

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.backend import EngineCounts, Outcome, Spikes, Trial
-from neuro.errors import ModelError
-from neuro.neurons import Neuron
-from neuro.program import Floats, Ints, Program
+from neuro.core.errors import ModelError
+from neuro.model.neurons import Neuron
+from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
+from neuro.program.program import Floats, Ints, Program
 from neuro_nest import kernel
 from neuro_nest.kernel import told
 from neuro_nest.net import Net
@@ -23,7 +23,7 @@ _WORDS = {"K_plus": "Kplus"}
 
 
 class NestEngine:
-    """A program in execution; `neuro.backend.Engine` says what each method does.
+    """A program in execution; `neuro.program.backend.Engine` says what each method does.
 
     Args:
         program: the network, of which nothing is refused.

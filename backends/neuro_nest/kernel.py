@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from neuro.errors import ModelError
-from neuro.launch import processes
+from neuro.core.errors import ModelError
+from neuro.core.launch import processes
 from neuro_nest import ranks
 from neuro_nest.watch import watch
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from neuro.clock import Clock
-from neuro.neurons import Generator, Neuron, dc_generator
-from neuro.program import Floats, Ints, Program
+from neuro.core.clock import Clock
+from neuro.model.neurons import Generator, Neuron, dc_generator
+from neuro.program.program import Floats, Ints, Program
 from neuro_nest.cells import Cells
 from neuro_nest.kernel import sign, told
 from neuro_nest.ranks import Ranks

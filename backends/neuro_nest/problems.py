@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from neuro.backend import Problem, floats_only
-from neuro.neurons import dc_generator
-from neuro.program import Floats, Population, Program, Projection
+from neuro.model.neurons import dc_generator
+from neuro.program.backend import Problem, floats_only
+from neuro.program.program import Floats, Population, Program, Projection
 from neuro_nest.tables import NODES, SYNAPSE_MODELS, SYNAPSES, TICKS_PER_MS, UNREADABLE
 
 ELSEWHERE = "backend 'event' runs it"

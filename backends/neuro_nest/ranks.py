@@ -10,8 +10,8 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.errors import ModelError
-from neuro.launch import leads, processes, share
+from neuro.core.errors import ModelError
+from neuro.core.launch import leads, processes, share
 
 BUILD = (
     "apt-get install openmpi-bin libopenmpi-dev libgsl-dev, then "

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from neuro.backend import Spikes
-from neuro.program import Ints, Program
+from neuro.program.backend import Spikes
+from neuro.program.program import Ints, Program
 from neuro_nest.sources import NONE, Train
 from neuro_nest.wires import Wires
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuro import keyed
-from neuro.neurons import poisson_generator
-from neuro.program import Floats, Ints, Population
+from neuro.core import keyed_random
+from neuro.model.neurons import poisson_generator
+from neuro.program.program import Floats, Ints, Population
 
 DRAWS = 1 << 21
 """Draws that are held at a time."""
@@ -43,7 +43,7 @@ class Source:
 
     def __init__(self, part: Population, parameters: dict[str, Floats], resolution: float, seed: int) -> None:
         self.part, self.parameters, self.resolution = part, parameters, resolution
-        self._key = keyed.key(seed, "poisson", part.name)
+        self._key = keyed_random.key(seed, "poisson", part.name)
         self._steps, self._ids = part.spike_steps, part.spike_ids
 
     def emit(self, after: int, to: int) -> Train:
@@ -69,10 +69,10 @@ class Source:
         return Train(*(np.concatenate([getattr(p, name) for p in pieces]) for name in ("steps", "ids", "multiplicity")))
 
     def _table(self, means: Floats, steps: Ints) -> Train:
-        u = keyed.uniform_table(self._key, steps, self.part.size)
+        u = keyed_random.uniform_table(self._key, steps, self.part.size)
         numbers = np.zeros(u.shape, dtype=np.int64)
         for mean in np.unique(means):
             here = means == mean
-            numbers[:, here] = np.searchsorted(keyed.poisson_table(float(mean)), u[:, here], side="right")
+            numbers[:, here] = np.searchsorted(keyed_random.poisson_table(float(mean)), u[:, here], side="right")
         rows, ids = np.nonzero(numbers)
         return Train(steps[rows], ids, numbers[rows, ids])

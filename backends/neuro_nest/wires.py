@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.clock import Clock
-from neuro.program import Floats, Ints, Program
+from neuro.core.clock import Clock
+from neuro.program.program import Floats, Ints, Program
 from neuro_nest.ranks import Ranks
 from neuro_nest.tables import STATES, SYNAPSES
 

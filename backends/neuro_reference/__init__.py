@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from neuro.backend import Problem, floats_only
-from neuro.errors import ModelError, nearest
-from neuro.program import Program
+from neuro.core.errors import ModelError, nearest
+from neuro.program.backend import Problem, floats_only
+from neuro.program.program import Program
 from neuro_reference.engine import ReferenceEngine
 
 

@@ -7,9 +7,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro import keyed
-from neuro.neurons import Neuron, dc_generator, poisson_generator
-from neuro.program import Floats, Ints, Population
+from neuro.core import keyed_random
+from neuro.model.neurons import Neuron, dc_generator, poisson_generator
+from neuro.program.program import Floats, Ints, Population
 
 _CONSTANTS = 32
 
@@ -30,7 +30,7 @@ class Cells:
         self.parameters = {name: values.copy() for name, values in part.parameters.items()}
         self.names = [state.name for state in part.model.states]
         self.states: Floats = np.zeros((len(self.names), self.size))
-        self.key = keyed.key(seed, "poisson", part.name)
+        self.key = keyed_random.key(seed, "poisson", part.name)
         self.injected_steps: Ints = part.spike_steps.copy()
         self.injected_ids: Ints = part.spike_ids.copy()
         self.start_anew(self.names)
@@ -89,11 +89,11 @@ class Cells:
     def _draw(self, step: int) -> Ints:
         numbers: Ints = np.zeros(self.size, dtype=np.int64)
         if self.part.start < step <= self.part.stop and self.parameters["rate"].any():
-            u = keyed.uniform(self.key, step, np.arange(self.size))
+            u = keyed_random.uniform(self.key, step, np.arange(self.size))
             means = np.broadcast_to(self.parameters["rate"] * self.resolution / 1000.0, self.size)
             for mean in np.unique(means):
                 here = means == mean
-                numbers[here] = np.searchsorted(keyed.poisson_table(float(mean)), u[here], side="right")
+                numbers[here] = np.searchsorted(keyed_random.poisson_table(float(mean)), u[here], side="right")
         return numbers
 
     def current(self, step: int) -> Floats | None:

@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.backend import EngineCounts, Outcome, Spikes, Trial
-from neuro.clock import NEVER
-from neuro.program import Floats, Ints, Program
+from neuro.core.clock import NEVER
+from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
+from neuro.program.program import Floats, Ints, Program
 from neuro_reference import snapshots
 from neuro_reference.net import Net
 
 
 class ReferenceEngine:
-    """A program in execution; `neuro.backend.Engine` says what each method does."""
+    """A program in execution; `neuro.program.backend.Engine` says what each method does."""
 
     def __init__(self, program: Program) -> None:
         self.program, self.net = program, Net(program)

@@ -7,9 +7,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro import keyed
-from neuro.neurons import Neuron, dc_generator
-from neuro.program import Floats, Ints, Program
+from neuro.core import keyed_random
+from neuro.model.neurons import Neuron, dc_generator
+from neuro.program.program import Floats, Ints, Program
 from neuro_reference.cells import Cells
 from neuro_reference.pairs import Pairs
 from neuro_reference.record import Record
@@ -45,7 +45,7 @@ class Net:
         }
         self.rules = {i: w.part.synapse.vector() for i, w in enumerate(self.wires) if w.part.synapse.learns == "trials"}
         self.records = [Record(p.size, p.records) for p in program.populations]
-        self.ties = [keyed.key(program.seed, "tie", group.name) for group in program.groups]
+        self.ties = [keyed_random.key(program.seed, "tie", group.name) for group in program.groups]
         self.silenced = [np.zeros(p.size, dtype=bool) for p in program.populations]
         self.trial_updates: Ints = np.zeros(len(self.wires), dtype=np.int64)
         self.potentials: list[Floats] = [c.states[:1].copy() for c in self.cells]
@@ -133,7 +133,7 @@ class Net:
         if self.closed[index] or not len(candidates):
             return
         above = cells.states[0, candidates] - cells.constants[candidates, 0]
-        drawn = keyed.uniform(self.ties[index], step, candidates)
+        drawn = keyed_random.uniform(self.ties[index], step, candidates)
         best = candidates[np.lexsort((candidates, -drawn, -above))[0]]
         reached[group.population][best] = True
         if group.first_to_fire:

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from neuro.program import Floats, Ints, Program
+from neuro.program.program import Floats, Ints, Program
 from neuro_reference.wires import Wires
 
 

@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from neuro.backend import Spikes
-from neuro.program import Ints
+from neuro.program.backend import Spikes
+from neuro.program.program import Ints
 
 
 class Record:

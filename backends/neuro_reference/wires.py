@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.program import Floats, Ints, Program
+from neuro.program.program import Floats, Ints, Program
 
 
 class Wires:

@@ -8,7 +8,7 @@ from functools import cache
 from os import PathLike
 from pathlib import Path
 
-from neuro.errors import unknown
+from neuro.core.errors import unknown
 
 TABLES = Path(__file__).parent / "tables"
 

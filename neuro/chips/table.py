@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from neuro.chips.chip import COSTS, LIMITS, Chip, Figure, Mesh
-from neuro.errors import ModelError
-from neuro.language.nodes import found, mistake, words
-from neuro.language.reader import Node, read
+from neuro.core.errors import ModelError
+from neuro.model.language.nodes import found, mistake, words
+from neuro.model.language.reader import Node, read
 
 ARITHMETICS = ("", "loihi", "spinnaker")
 WORDS = ("like", "name", "title", "arithmetic", "limits", "mesh", "step_s", "costs")

@@ -10,8 +10,8 @@ from neuro.cli.options import Backend, NetworkFile, Seed, Set, assignments
 def check(file: NetworkFile, backend: Backend = "event", seed: Seed = 0, set: Set = []) -> None:  # noqa: B006
     """Load and compile a network, ask the backend whether it can run it, and say so."""
     import neuro
-    from neuro.backend import find
     from neuro.compiler import compile_network
+    from neuro.program.backend import find
 
     chosen = find(backend)
     program = compile_network(neuro.load(file, params=assignments(set)), seed)

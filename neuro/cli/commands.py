@@ -11,7 +11,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from neuro.errors import ModelError, unknown
+from neuro.core.errors import ModelError, unknown
 
 GROUP = "neuro.commands"
 

@@ -35,11 +35,11 @@ def compare(
     """Run a network on several backends and compare spikes, weights, counts and joules with the first."""
     import neuro
     from neuro.cli.progress import Bar, advance
-    from neuro.clock import Clock
     from neuro.compare import compare as run
     from neuro.compare.report import PAGE
     from neuro.compare.result import JSON
-    from neuro.outputs import output
+    from neuro.core.clock import Clock
+    from neuro.core.outputs import output
 
     net = neuro.load(file, params=assignments(set))
     names = [name.strip() for name in backends.split(",") if name.strip()]

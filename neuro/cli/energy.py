@@ -11,10 +11,10 @@ from neuro.cli.options import Backend, NetworkFile, Seed, Set, Threads, assignme
 
 if TYPE_CHECKING:
     from neuro.chips.chip import Chip
-    from neuro.chips.energy import Energy
-    from neuro.chips.placement import Placement
-    from neuro.program import Program
-    from neuro.simulation import Simulation
+    from neuro.chips.placing.placement import Placement
+    from neuro.chips.pricing.energy import Energy
+    from neuro.program.program import Program
+    from neuro.run.simulation import Simulation
 
 TARGETS = ["loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu"]
 
@@ -41,9 +41,9 @@ def energy(
     """Run a network and print what that would take on chips: counts, joules and where the figures come from."""
     import neuro
     from neuro.chips.chip import chip
-    from neuro.chips.price import check_costs, price
+    from neuro.chips.pricing.price import check_costs, price
     from neuro.cli.progress import Bar, advance
-    from neuro.clock import Clock
+    from neuro.core.clock import Clock
 
     if per[0] < 1:
         raise typer.BadParameter(f"'{per[0]}': expected a whole number >= 1", param_hint="'--per'")
@@ -72,8 +72,8 @@ def energy(
 
 def placed(program: Program, chip: Chip) -> Placement | None:
     """Where the neurons lie on a chip, None where nothing is placed; refused at once if they do not fit."""
-    from neuro.chips.place import place
-    from neuro.chips.price import check_fits
+    from neuro.chips.placing.place import place
+    from neuro.chips.pricing.price import check_fits
 
     if chip.mesh is None:
         return None
@@ -84,7 +84,7 @@ def placed(program: Program, chip: Chip) -> Placement | None:
 
 def plain(sim: Simulation, bills: list[Energy], placement: Placement | None, per: tuple[int, str]) -> dict[str, Any]:
     """All bills for JSON, and the run as NeuroBench would report it with the first of them."""
-    from neuro.chips.neurobench import neurobench
+    from neuro.chips.pricing.neurobench import neurobench
 
     counts = sim._engine.counts()
     samples, steps = per[0], counts.steps // per[0]

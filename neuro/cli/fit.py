@@ -13,8 +13,8 @@ import typer
 from neuro.cli.options import NetworkFile, Seed, Set, assignments
 
 if TYPE_CHECKING:
-    from neuro.backend import Problem
     from neuro.chips.chip import Chip
+    from neuro.program.backend import Problem
 
 ChipName = Annotated[str, typer.Option("--chip", metavar="NAME", help="loihi or spinnaker, or the table of another.")]
 Order = Annotated[str, typer.Option("--order", metavar="NAME", help="Lay cores out as connected, or as declared.")]
@@ -34,9 +34,9 @@ def fit(
     The exit status is 1 if it does not.
     """
     import neuro
-    from neuro.chips.place import place
-    from neuro.chips.quantise import ARITHMETIC, quantise
-    from neuro.chips.rounding import report
+    from neuro.chips.placing.place import place
+    from neuro.chips.quantising.quantise import ARITHMETIC, quantise
+    from neuro.chips.quantising.report import report
     from neuro.compiler import compile_network
 
     target = _target(chip)
@@ -58,7 +58,7 @@ def fit(
 def _target(name: str) -> Chip:
     """The chip; refuse one of which nothing is known that a network could exceed."""
     from neuro.chips.chip import chip, chips
-    from neuro.errors import ModelError, unknown
+    from neuro.core.errors import ModelError, unknown
 
     limited = [known for known in chips() if chip(known).limits]
     if name not in chips() and not name.endswith((".yaml", ".yml")):

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 import typer
 
-from neuro.launch import speaks
+from neuro.core.launch import speaks
 
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # typer has no public name for it
 
@@ -59,7 +59,7 @@ def _tell(message: Warning | str, category: type[Warning], filename: str, *more:
 
 def mistake(error: Exception) -> str | None:
     """What to tell the user; None if it is our bug and not the user's mistake."""
-    from neuro.errors import ModelError
+    from neuro.core.errors import ModelError
 
     if isinstance(error, ModelError):
         return str(error)

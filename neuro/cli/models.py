@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from neuro.quantities import Choice, Quantity
+    from neuro.core.quantities import Choice, Quantity
 
 
 def models(name: Annotated[str, typer.Argument(metavar="[NAME]", help="Only this one.")] = "") -> None:
     """Describe every model, synapse, rule and distribution: parameters, units, defaults, bounds, equation, source."""
     from neuro.cli.tables import console
-    from neuro.errors import unknown
+    from neuro.core.errors import unknown
 
     sections = catalogue()
     known = {word: choice for section in sections.values() for word, choice in section.items()}
@@ -33,11 +33,11 @@ def models(name: Annotated[str, typer.Argument(metavar="[NAME]", help="Only this
 
 def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
     """Everything that can be named in a network, by section."""
-    from neuro.distributions import DISTRIBUTIONS
-    from neuro.network import dropout, labels, reward, winner_take_all
-    from neuro.neurons import GENERATORS, NATIVE, NEURONS
-    from neuro.rules import RULES
-    from neuro.synapses import SYNAPSES
+    from neuro.model.distributions import DISTRIBUTIONS
+    from neuro.model.network import dropout, labels, reward, winner_take_all
+    from neuro.model.neurons import GENERATORS, NATIVE, NEURONS
+    from neuro.model.rules import RULES
+    from neuro.model.synapses import SYNAPSES
 
     return {
         "Generators": {model.__name__: model for model in GENERATORS},

@@ -13,10 +13,10 @@ Folder = Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Wh
 
 def plot(file: File, out: Folder = None) -> None:
     """Draw the spikes, rates and traces of a run as PNG files."""
-    from neuro import plots
-    from neuro.errors import ModelError
-    from neuro.outputs import make_folder, write_picture
-    from neuro.results import read
+    from neuro.core.errors import ModelError
+    from neuro.core.outputs import make_folder, write_picture
+    from neuro.files import plots
+    from neuro.files.results import read
 
     results = read(file)
     folder = file.parent if out is None else out

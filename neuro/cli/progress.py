@@ -7,7 +7,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from neuro.simulation import Simulation
+    from neuro.run.simulation import Simulation
 
 STRETCH_S = 0.2
 
@@ -52,8 +52,8 @@ def advance(sim: Simulation, steps: int, bar: Bar) -> None:
 
     Processes that share a network must keep step, so they run at once.
     """
-    from neuro.clock import Clock
-    from neuro.launch import shared
+    from neuro.core.clock import Clock
+    from neuro.core.launch import shared
 
     clock = Clock(sim.program.resolution)
     if shared():

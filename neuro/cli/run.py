@@ -12,8 +12,8 @@ import typer
 from neuro.cli.options import Backend, NetworkFile, Seed, Set, Threads, assignments, milliseconds
 
 if TYPE_CHECKING:
-    from neuro.network import Network
-    from neuro.results import Results
+    from neuro.files.results import Results
+    from neuro.model.network import Network
 
 Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]
 Record = Annotated[list[str], typer.Option(metavar="NAME", help="Keep only this population's spikes; repeatable.")]
@@ -35,11 +35,11 @@ def run(
     """Run a network and write its spikes, traces and weights, and the network itself, to one HDF5 file."""
     import neuro
     from neuro.cli.progress import Bar, advance
-    from neuro.clock import Clock
-    from neuro.collect import collect
-    from neuro.launch import shared, speaks
-    from neuro.outputs import check, output
-    from neuro.results import KIND, write
+    from neuro.core.clock import Clock
+    from neuro.core.launch import shared, speaks
+    from neuro.core.outputs import check, output
+    from neuro.files.results import KIND, write
+    from neuro.run.collect import collect
 
     together(backend)
     net = neuro.load(file, params=assignments(set))
@@ -69,8 +69,8 @@ def together(backend: str) -> None:
     """Let the processes of mpirun share the network where the backend can; told to end, one of them tidies up."""
     import signal
 
-    from neuro.backend import find
-    from neuro.launch import processes, share
+    from neuro.core.launch import processes, share
+    from neuro.program.backend import find
 
     if processes() > 1 and getattr(find(backend), "distributed", False):
         share()
@@ -79,8 +79,8 @@ def together(backend: str) -> None:
 
 def keep_spikes(net: Network, names: list[str]) -> None:
     """Ask for the spikes of the named populations; those of Poisson generators are not kept of themselves."""
-    from neuro.errors import ModelError, Where, unknown
-    from neuro.neurons import dc_generator, poisson_generator
+    from neuro.core.errors import ModelError, Where, unknown
+    from neuro.model.neurons import dc_generator, poisson_generator
 
     net.place = Where("--record")
     probed = {probe.of for probe in net.probes.values() if probe.record == "spikes"}

@@ -9,6 +9,6 @@ import typer
 
 def schema() -> None:
     """Print the JSON Schema of network files, for editors that complete YAML."""
-    from neuro.language.schema import schema as build
+    from neuro.model.language.schema import schema as build
 
     typer.echo(json.dumps(build(), indent=2))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from neuro.verify import Result
+    from neuro.verify.verify import Result
 
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Golden traces: NAME.json and NAME.npz of each case.")]
 Chosen = Annotated[
@@ -23,9 +23,9 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a tabl
 
 def verify(folder: Folder, backend: Chosen = None, as_json: Json = False) -> None:
     """Compare a backend with golden traces; the exit status is 1 if a value is wrong."""
-    from neuro.backend import find
     from neuro.cli.progress import Bar
-    from neuro.verify import verify as compare
+    from neuro.program.backend import find
+    from neuro.verify.verify import verify as compare
 
     with Bar() as bar:
         results = compare(folder, find(backend) if backend else None, progress=bar.say)

@@ -11,7 +11,7 @@ from neuro.compare import html
 from neuro.compare.html import Html, tag
 from neuro.compare.result import Comparison
 from neuro.compare.weights import Histogram
-from neuro.program import Floats
+from neuro.program.program import Floats
 
 WIDTH, HEIGHT = 330.0, 150.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 8.0, 8.0, 10.0, 26.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from neuro.chips.chip import Chip, Mesh
-from neuro.chips.mesh import mesh_of
-from neuro.chips.placement import Core, Placement
+from neuro.chips.placing.mesh import mesh_of
+from neuro.chips.placing.placement import Core, Placement
 from neuro.compare import html
 from neuro.compare.html import Html, tag
 

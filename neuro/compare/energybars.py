@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 from neuro.chips.chip import COSTS
-from neuro.chips.energy import STATIC, Energy, Item, number, quantity, sourced
+from neuro.chips.pricing.energy import STATIC, Energy, Item, number, quantity, sourced
 from neuro.compare import html
 from neuro.compare.html import Html, tag
 from neuro.compare.result import Bill, Comparison

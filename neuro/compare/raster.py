@@ -10,7 +10,7 @@ from neuro.compare import html, words
 from neuro.compare.html import Html, tag
 from neuro.compare.result import Comparison, Run
 from neuro.compare.spikes import Train, evenly
-from neuro.program import Ints
+from neuro.program.program import Ints
 
 MOST_ROWS = 64
 LEAST_ROWS = 8

@@ -8,8 +8,8 @@ from string import Template
 
 import neuro
 from neuro.chips.chip import chip
-from neuro.chips.energy import quantity
-from neuro.chips.fixed import FixedProgram
+from neuro.chips.pricing.energy import quantity
+from neuro.chips.quantising.fixed import FixedProgram
 from neuro.compare import words
 from neuro.compare.bars import learnt, weights
 from neuro.compare.chipmap import chip_map
@@ -17,7 +17,7 @@ from neuro.compare.energybars import joules
 from neuro.compare.html import Html, join, table, tag
 from neuro.compare.raster import rasters
 from neuro.compare.result import Comparison, Run
-from neuro.outputs import sealed
+from neuro.core.outputs import sealed
 
 _FOLDER = Path(__file__).parent
 PAGE = sealed("a page of 'neuro compare'", '<meta name="generator" content="neuro compare">', "<!-- digest {} -->")

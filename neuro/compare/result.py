@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from neuro.chips.energy import Energy
-from neuro.chips.fixed import FixedProgram
-from neuro.chips.placement import Placement
+from neuro.chips.placing.placement import Placement
+from neuro.chips.pricing.energy import Energy
+from neuro.chips.quantising.fixed import FixedProgram
 from neuro.compare.spikes import Distance, Divergence, Train
 from neuro.compare.weights import Histogram, WeightDifference
-from neuro.counts import Counts
-from neuro.outputs import sealed
-from neuro.program import Floats, Program
+from neuro.core.outputs import sealed
+from neuro.program.counts import Counts
+from neuro.program.program import Floats, Program
 
 FORMAT = "neuro comparison 1"
 JSON = sealed("a comparison as JSON", f'"format": "{FORMAT}"', ', "digest": "{}"')

@@ -8,24 +8,24 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
-from neuro.backend import OverflowWarning, find
 from neuro.chips.chip import Chip, chip, chips
-from neuro.chips.fixed import FixedProgram
-from neuro.chips.place import place
-from neuro.chips.placement import Placement
-from neuro.chips.price import unrunnable
-from neuro.chips.quantise import quantise
-from neuro.clock import Clock
+from neuro.chips.placing.place import place
+from neuro.chips.placing.placement import Placement
+from neuro.chips.pricing.price import unrunnable
+from neuro.chips.quantising.fixed import FixedProgram
+from neuro.chips.quantising.quantise import quantise
 from neuro.compare import spikes
 from neuro.compare.result import Bill, Comparison, PopulationResult, Run
 from neuro.compare.spikes import Train
 from neuro.compare.weights import difference, histograms, learnt, rounding
-from neuro.errors import ModelError
-from neuro.extras import install
-from neuro.network import Network
-from neuro.neurons import Generator, dc_generator, poisson_generator
-from neuro.program import Program
-from neuro.simulation import ApproximationWarning, Simulation, compile
+from neuro.core.clock import Clock
+from neuro.core.errors import ModelError
+from neuro.core.extras import install
+from neuro.model.network import Network
+from neuro.model.neurons import Generator, dc_generator, poisson_generator
+from neuro.program.backend import OverflowWarning, find
+from neuro.program.program import Program
+from neuro.run.simulation import ApproximationWarning, Simulation, compile
 
 TARGETS = ("loihi", "spinnaker", "cpu", "gpu")
 """What the counts of the first run are priced for, beside each chip backend's own bill."""

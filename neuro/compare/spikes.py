@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from neuro.program import Floats, Ints
+from neuro.program.program import Floats, Ints
 
 COST_MS = 10.0
 """Moving a spike so far costs as much as removing it; pairs closer than twice this are moved."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.fixed import FixedProgram
-from neuro.neurons import dc_generator
-from neuro.program import Floats, Program, Projection
+from neuro.chips.quantising.fixed import FixedProgram
+from neuro.model.neurons import dc_generator
+from neuro.program.program import Floats, Program, Projection
 
 BINS = 48
 _LAST_BITS = 1e-12

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from neuro.chips.energy import quantity
+from neuro.chips.pricing.energy import quantity
 from neuro.compare.result import Bill, Comparison, PopulationResult, Run
 from neuro.compare.spikes import Divergence
 

@@ -8,17 +8,17 @@ from typing import NoReturn, TypeAlias
 
 import numpy as np
 
-from neuro.clock import Clock
 from neuro.compiler.shapes import Shape, size
 from neuro.compiler.values import plain
-from neuro.distributions import Distribution
-from neuro.errors import ModelError, nearest, unknown
-from neuro.keyed import LARGEST_MEAN
-from neuro.network import Group, Network, Population, Probe, Projection, Signal
-from neuro.neurons import Model, Neuron, dc_generator, poisson_generator, spike_generator
-from neuro.program import Floats
-from neuro.rules import grid
-from neuro.synapses import stdp_dopa
+from neuro.core.clock import Clock
+from neuro.core.errors import ModelError, nearest, unknown
+from neuro.core.keyed_random import LARGEST_MEAN
+from neuro.model.distributions import Distribution
+from neuro.model.network import Group, Network, Population, Probe, Projection, Signal
+from neuro.model.neurons import Model, Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.model.rules import grid
+from neuro.model.synapses import stdp_dopa
+from neuro.program.program import Floats
 
 AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NoReturn
 
-from neuro import program as resolved
-from neuro.clock import Clock
 from neuro.compiler.check import recordable
 from neuro.compiler.shapes import Shape
-from neuro.errors import ModelError, nearest, unknown
-from neuro.network import Network, Trials
-from neuro.network import dropout as Dropout
-from neuro.network import labels as Labels
-from neuro.network import reward as Reward
-from neuro.neurons import spike_generator
+from neuro.core.clock import Clock
+from neuro.core.errors import ModelError, nearest, unknown
+from neuro.model.network import Network, Trials
+from neuro.model.network import dropout as Dropout
+from neuro.model.network import labels as Labels
+from neuro.model.network import reward as Reward
+from neuro.model.neurons import spike_generator
+from neuro.program.program import program as resolved
 
 
 def resolve_trials(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> resolved.Trials | None:

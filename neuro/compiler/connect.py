@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.errors import ModelError
-from neuro.program import Grid, Ints
-from neuro.rules import (
+from neuro.core.errors import ModelError
+from neuro.model.rules import (
     Rule,
     all_to_all,
     fixed_indegree,
@@ -19,6 +18,7 @@ from neuro.rules import (
     pairs,
     pairwise_bernoulli,
 )
+from neuro.program.program import Grid, Ints
 
 _DRAWS = 1 << 22
 NO_ROWS: Ints = np.zeros(0, dtype=np.int64)
@@ -30,7 +30,7 @@ class Connections:
     """Synapses of one projection.
 
     Attributes:
-        layout, row_ends, targets, size: as in `neuro.program.Projection`.
+        layout, row_ends, targets, size: as in `neuro.program.program.Projection`.
         order: for listed pairs that were not sorted: which listed pair each synapse is, else None.
         listed: the shapes that an array of weights may have; empty where synapses are drawn at random.
     """

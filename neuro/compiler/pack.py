@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from neuro.program import Projection
+from neuro.program.program import Projection
 
 
 def packed(projections: tuple[Projection, ...]) -> tuple[Projection, ...]:

@@ -6,21 +6,21 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from neuro import program as resolved
-from neuro.clock import NEVER, Clock
 from neuro.compiler.check import check_network, check_values, refuse, telling
 from neuro.compiler.check_trials import resolve_trials
 from neuro.compiler.connect import connect
 from neuro.compiler.pack import packed
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.values import delay_steps, one_delay, per_neuron, per_synapse
-from neuro.errors import ModelError
-from neuro.keyed import generator
-from neuro.network import Network, Population, Projection
-from neuro.neurons import Neuron, dc_generator, poisson_generator, spike_generator
-from neuro.program import Floats, Ints
-from neuro.rules import grid
-from neuro.synapses import stdp_dopa
+from neuro.core.clock import NEVER, Clock
+from neuro.core.errors import ModelError
+from neuro.core.keyed_random import generator
+from neuro.model.network import Network, Population, Projection
+from neuro.model.neurons import Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.model.rules import grid
+from neuro.model.synapses import stdp_dopa
+from neuro.program.program import Floats, Ints
+from neuro.program.program import program as resolved
 
 
 def compile_network(net: Network, seed: int) -> resolved.Program:

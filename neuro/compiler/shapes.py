@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from neuro.errors import ModelError
-from neuro.network import AUTO, Network, Projection
-from neuro.program import Grid
-from neuro.rules import grid
+from neuro.core.errors import ModelError
+from neuro.model.network import AUTO, Network, Projection
+from neuro.model.rules import grid
+from neuro.program.program import Grid
 
 Shape = tuple[int, ...]
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.clock import NEVER, Clock
-from neuro.network import Network
-from neuro.program import Floats, Population, Program, Projection, Trials
+from neuro.core.clock import NEVER, Clock
+from neuro.model.network import Network
+from neuro.program.program import Floats, Population, Program, Projection, Trials
 
 _LISTED = 8
 

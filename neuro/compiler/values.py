@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.clock import Clock
 from neuro.compiler.connect import Connections
-from neuro.distributions import Distribution
-from neuro.errors import ModelError
-from neuro.program import Floats
-from neuro.quantities import FromFile
+from neuro.core.clock import Clock
+from neuro.core.errors import ModelError
+from neuro.core.quantities import FromFile
+from neuro.model.distributions import Distribution
+from neuro.program.program import Floats
 
 LONGEST_DELAY = 2**16
 """Steps that a delay may have."""

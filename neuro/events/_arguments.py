@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
 
 
 def positive(name: str, value: float, unit: str = "") -> float:

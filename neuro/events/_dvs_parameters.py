@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
 
 Image = npt.NDArray[Any]
 

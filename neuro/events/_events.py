@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.checks import refuse_masked
-from neuro.errors import ModelError
+from neuro.core.checks import refuse_masked
+from neuro.core.errors import ModelError
 from neuro.events._arguments import exact, sensor
 
 EVENT = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
 from neuro.events._dvs_parameters import LOWEST_THRESHOLD, DVSParameters, Image, shares
 from neuro.events._events import Events
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import traceback
 
-from neuro.errors import ModelError, Where
+from neuro.core.errors import ModelError, Where
 
 
 class EventFileWarning(UserWarning):

@@ -7,7 +7,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
+from neuro.core.outputs import Kind, Unwritable, output
+from neuro.core.paths import file_path
 from neuro.events import _arguments
 from neuro.events._events import Events
 from neuro.events.check import Arrays, Checked, joined
@@ -17,8 +19,6 @@ from neuro.events.formats._write import in_order
 from neuro.events.opening import Opened, check_given, opened, smallest
 from neuro.events.parts import batches, between, windows
 from neuro.events.source import WHOLE, Given
-from neuro.outputs import Kind, Unwritable, output
-from neuro.paths import file_path
 
 RECORDING = Kind("a recording", ask="replace=True")
 BLOCK = 1 << 20

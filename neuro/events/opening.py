@@ -9,12 +9,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
+from neuro.core.paths import file_path
 from neuro.events.check import Checked
 from neuro.events.errors import EventFileError, EventFileWarning, let_go
 from neuro.events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Seeker, called
 from neuro.events.source import Given, Source
-from neuro.paths import file_path
 
 
 @dataclass(slots=True)

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
+from neuro.core.outputs import marked, output
 from neuro.events._arguments import flag
 from neuro.events._events import Events
 from neuro.events.parts import windows
-from neuro.outputs import marked, output
 
 COLOURS = ("#0072B2", "#D55E00", "#FFFFFF")
 """ON, OFF and background: Okabe and Ito's blue and vermilion, which colour-blind readers tell apart."""

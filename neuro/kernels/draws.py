@@ -1,10 +1,10 @@
-"""Keyed random numbers, bit for bit those of `neuro.keyed`."""
+"""Keyed random numbers, bit for bit those of `neuro.core.keyed_random`."""
 
 # mypy: ignore-errors
 import numpy as np
 
+from neuro.core.keyed_random import NEURON_STRIDE, STEP_STRIDE
 from neuro.kernels.jit import inner
-from neuro.keyed import NEURON_STRIDE, STEP_STRIDE
 
 _STEP = np.uint64(STEP_STRIDE)
 _NEURON = np.uint64(NEURON_STRIDE)

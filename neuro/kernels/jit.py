@@ -9,7 +9,7 @@ from typing import Any
 
 import numba
 
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
 from neuro.kernels.kept import Kept
 from neuro.kernels.part import PartCompiler
 

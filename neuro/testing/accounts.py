@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from neuro.neurons import Neuron, dc_generator
-from neuro.program import Grid, Ints, Projection
-from neuro.simulation import Simulation
+from neuro.model.neurons import Neuron, dc_generator
+from neuro.program.program import Grid, Ints, Projection
+from neuro.run.simulation import Simulation
 from neuro.testing.case import Found
 
 

@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.network import Network
-from neuro.simulation import Simulation
+from neuro.model.network import Network
+from neuro.run.simulation import Simulation
 
 Found = dict[str, NDArray[Any]]
 Start = Callable[..., Simulation]

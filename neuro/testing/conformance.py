@@ -6,10 +6,10 @@ import warnings
 from functools import cache
 from typing import Any
 
-from neuro.backend import Backend, find, unreadable
-from neuro.errors import ModelError
-from neuro.network import Network
-from neuro.simulation import ApproximationWarning, Simulation, compile
+from neuro.core.errors import ModelError
+from neuro.model.network import Network
+from neuro.program.backend import Backend, find, unreadable
+from neuro.run.simulation import ApproximationWarning, Simulation, compile
 from neuro.testing import (  # noqa: F401
     connections,
     exact,

@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from neuro.distributions import lognormal, normal, uniform
-from neuro.network import Network
-from neuro.neurons import Model, iaf_psc_alpha, iaf_psc_delta, iaf_psc_exp, izhikevich, parrot_neuron, poisson_generator
-from neuro.rules import (
+from neuro.model.distributions import lognormal, normal, uniform
+from neuro.model.network import Network
+from neuro.model.neurons import (
+    Model,
+    iaf_psc_alpha,
+    iaf_psc_delta,
+    iaf_psc_exp,
+    izhikevich,
+    parrot_neuron,
+    poisson_generator,
+)
+from neuro.model.rules import (
     Rule,
     all_to_all,
     fixed_indegree,

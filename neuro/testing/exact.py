@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from neuro.distributions import uniform
-from neuro.network import Network
-from neuro.neurons import iaf_psc_delta, parrot_neuron, spike_generator
-from neuro.rules import all_to_all, fixed_indegree, grid, one_to_one, pairs
+from neuro.model.distributions import uniform
+from neuro.model.network import Network
+from neuro.model.neurons import iaf_psc_delta, parrot_neuron, spike_generator
+from neuro.model.rules import all_to_all, fixed_indegree, grid, one_to_one, pairs
 from neuro.testing.case import Found, Start, after, case, integers_too, network, observe
 
 INF = float("inf")

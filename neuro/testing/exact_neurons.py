@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from neuro.network import winner_take_all
-from neuro.neurons import dc_generator, iaf_psc_exp, poisson_generator, spike_generator
-from neuro.rules import all_to_all, one_to_one, pairs
-from neuro.synapses import stdp
+from neuro.model.network import winner_take_all
+from neuro.model.neurons import dc_generator, iaf_psc_exp, poisson_generator, spike_generator
+from neuro.model.rules import all_to_all, one_to_one, pairs
+from neuro.model.synapses import stdp
 from neuro.testing.case import Found, Start, after, case, integers_too, network, observe
 from neuro.testing.exact import cell, driven, whole
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from neuro.distributions import uniform
-from neuro.network import Network, winner_take_all
-from neuro.neurons import parrot_neuron, spike_generator
-from neuro.rules import Rule, all_to_all, fixed_indegree, fixed_outdegree, grid, one_to_one, pairs
+from neuro.model.distributions import uniform
+from neuro.model.network import Network, winner_take_all
+from neuro.model.neurons import parrot_neuron, spike_generator
+from neuro.model.rules import Rule, all_to_all, fixed_indegree, fixed_outdegree, grid, one_to_one, pairs
 from neuro.testing.exact import cell
 
 LONGEST = 60

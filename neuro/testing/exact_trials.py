@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from neuro.network import Network, winner_take_all
-from neuro.neurons import spike_generator
-from neuro.rules import all_to_all, grid
-from neuro.synapses import Synapse, r_stdp, static
+from neuro.model.network import Network, winner_take_all
+from neuro.model.neurons import spike_generator
+from neuro.model.rules import all_to_all, grid
+from neuro.model.synapses import Synapse, r_stdp, static
 from neuro.testing.case import Found, Start, case, integers_too, network, observe
 from neuro.testing.exact import cell, whole
 from neuro.testing.trials import batch, taught, told

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from neuro.distributions import uniform
-from neuro.network import Network, winner_take_all
-from neuro.neurons import (
+from neuro.model.distributions import uniform
+from neuro.model.network import Network, winner_take_all
+from neuro.model.neurons import (
     Model,
     dc_generator,
     iaf_psc_alpha,
@@ -17,7 +17,7 @@ from neuro.neurons import (
     poisson_generator,
     spike_generator,
 )
-from neuro.rules import (
+from neuro.model.rules import (
     all_to_all,
     fixed_indegree,
     one_to_one,

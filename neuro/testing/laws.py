@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from neuro.backend import OverflowWarning
-from neuro.network import Network
-from neuro.neurons import Generator, dc_generator, poisson_generator
-from neuro.simulation import Simulation
+from neuro.model.network import Network
+from neuro.model.neurons import Generator, dc_generator, poisson_generator
+from neuro.program.backend import OverflowWarning
+from neuro.run.simulation import Simulation
 from neuro.testing.accounts import expected_counts
 from neuro.testing.case import CASES, Case, Found, Start, about, counted, integers_too, law, network, observe
 from neuro.testing.subjects import SUBJECTS, Subject

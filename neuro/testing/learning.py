@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from neuro.distributions import uniform
-from neuro.network import Network
-from neuro.neurons import iaf_psc_delta, iaf_psc_exp, izhikevich, parrot_neuron, poisson_generator, spike_generator
-from neuro.rules import Rule, all_to_all, fixed_indegree, one_to_one, pairs, pairwise_bernoulli
-from neuro.synapses import Synapse, stdp, stdp_dopa
+from neuro.model.distributions import uniform
+from neuro.model.network import Network
+from neuro.model.neurons import (
+    iaf_psc_delta,
+    iaf_psc_exp,
+    izhikevich,
+    parrot_neuron,
+    poisson_generator,
+    spike_generator,
+)
+from neuro.model.rules import Rule, all_to_all, fixed_indegree, one_to_one, pairs, pairwise_bernoulli
+from neuro.model.synapses import Synapse, stdp, stdp_dopa
 from neuro.testing.case import Found, Start, after, case, network, observe
 
 

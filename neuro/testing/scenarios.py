@@ -16,9 +16,10 @@ from typing import Any, TypeVar
 import numpy as np
 from hypothesis import strategies as st
 
-from neuro.distributions import uniform
-from neuro.network import Network, Projection
-from neuro.neurons import (
+from neuro.core.quantities import Choice, word_of
+from neuro.model.distributions import uniform
+from neuro.model.network import Network, Projection
+from neuro.model.neurons import (
     Model,
     dc_generator,
     iaf_psc_alpha,
@@ -29,10 +30,9 @@ from neuro.neurons import (
     poisson_generator,
     spike_generator,
 )
-from neuro.quantities import Choice, word_of
-from neuro.rules import Rule, all_to_all, fixed_indegree, one_to_one, pairs
-from neuro.simulation import Simulation
-from neuro.synapses import Synapse, static, stdp, stdp_dopa
+from neuro.model.rules import Rule, all_to_all, fixed_indegree, one_to_one, pairs
+from neuro.model.synapses import Synapse, static, stdp, stdp_dopa
+from neuro.run.simulation import Simulation
 from neuro.testing.case import Found
 
 SILENCE = 10_000

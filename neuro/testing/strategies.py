@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from neuro.distributions import Distribution, lognormal, normal, uniform
-from neuro.network import Network, winner_take_all
-from neuro.neurons import (
+from neuro.model.distributions import Distribution, lognormal, normal, uniform
+from neuro.model.network import Network, winner_take_all
+from neuro.model.neurons import (
     Model,
     dc_generator,
     iaf_psc_alpha,
@@ -23,7 +23,7 @@ from neuro.neurons import (
     poisson_generator,
     spike_generator,
 )
-from neuro.rules import (
+from neuro.model.rules import (
     Rule,
     all_to_all,
     fixed_indegree,
@@ -32,7 +32,7 @@ from neuro.rules import (
     pairs,
     pairwise_bernoulli,
 )
-from neuro.synapses import Synapse, static, stdp, stdp_dopa
+from neuro.model.synapses import Synapse, static, stdp, stdp_dopa
 
 _WEIGHT = {"iaf_psc_delta": 4.0, "izhikevich": 6.0, "parrot_neuron": 1.0}
 _CURRENT = {"iaf_psc_delta": 500.0, "izhikevich": 8.0}

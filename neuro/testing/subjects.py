@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuro.distributions import normal, uniform
-from neuro.network import Network, winner_take_all
-from neuro.neurons import (
+from neuro.model.distributions import normal, uniform
+from neuro.model.network import Network, winner_take_all
+from neuro.model.neurons import (
     dc_generator,
     iaf_psc_alpha,
     iaf_psc_delta,
@@ -19,9 +19,9 @@ from neuro.neurons import (
     poisson_generator,
     spike_generator,
 )
-from neuro.rules import all_to_all, fixed_indegree, one_to_one, pairwise_bernoulli
-from neuro.simulation import Simulation
-from neuro.synapses import stdp, stdp_dopa
+from neuro.model.rules import all_to_all, fixed_indegree, one_to_one, pairwise_bernoulli
+from neuro.model.synapses import stdp, stdp_dopa
+from neuro.run.simulation import Simulation
 from neuro.testing.case import network
 
 

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from neuro.distributions import normal, uniform
-from neuro.network import Network, winner_take_all
-from neuro.neurons import iaf_psc_delta, iaf_psc_exp, spike_generator
-from neuro.rules import Rule, all_to_all, fixed_indegree, grid, one_to_one
-from neuro.simulation import Simulation
-from neuro.synapses import r_stdp
+from neuro.model.distributions import normal, uniform
+from neuro.model.network import Network, winner_take_all
+from neuro.model.neurons import iaf_psc_delta, iaf_psc_exp, spike_generator
+from neuro.model.rules import Rule, all_to_all, fixed_indegree, grid, one_to_one
+from neuro.model.synapses import r_stdp
+from neuro.run.simulation import Simulation
+from neuro.run.trials import TrialResults
 from neuro.testing.case import Found, Start, case, network, observe
-from neuro.trials import TrialResults
 
 INF = float("inf")
 

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from neuro import keyed
-from neuro.chips.learning import FACTORS, MODULATORY, POST, PRE, WIDTHS, Factor, LearningRule, Term, Trace
-from neuro.chips.learning_map import rule_of
-from neuro.chips.loihi_words import bounds, grain_of
-from neuro.chips.rule_text import parse
-from neuro.synapses import stdp, stdp_dopa
-from neuro.synapses.loihi_static import SIGN_MODES
+from neuro.chips.loihi.learning_map import rule_of
+from neuro.chips.loihi.words import bounds, grain_of
+from neuro.core import keyed_random
+from neuro.model.synapses import stdp, stdp_dopa
+from neuro.model.synapses.loihi_rule import FACTORS, MODULATORY, POST, PRE, WIDTHS, Factor, LearningRule, Term, Trace
+from neuro.model.synapses.loihi_rule_text import parse
+from neuro.model.synapses.loihi_static import SIGN_MODES
 from neuro_chip.plastic import Plastic
 
 NONE = np.zeros(0, dtype=np.int64)
@@ -31,7 +31,7 @@ def held(x: Fraction) -> Fraction:
 
 
 class Twin:
-    """The learning engine with dictionaries and fractions; draws are those of `neuro.keyed`."""
+    """The learning engine with dictionaries and fractions; draws are those of `neuro.core.keyed_random`."""
 
     def __init__(self, rule, n_source, n_target, weights, bits, mode, seed, name):
         self.rule, self.seed, self.name = rule, seed, name
@@ -44,7 +44,7 @@ class Twin:
         self.fired: tuple[dict[int, int], dict[int, int]] = ({}, {})
 
     def draw(self, purpose, step, index, below):
-        u = keyed.uniform(keyed.key(self.seed, purpose, self.name), step, np.array([index]))[0]
+        u = keyed_random.uniform(keyed_random.key(self.seed, purpose, self.name), step, np.array([index]))[0]
         return (int(u * 2.0**32) * below) >> 32
 
     def step(self, step, pre, post):

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import neuro
-from neuro.backend import OverflowWarning
-from neuro.simulation import ApproximationWarning
+from neuro.program.backend import OverflowWarning
+from neuro.run.simulation import ApproximationWarning
 
 MODES = {"mixed": (-256, 254), "excitatory": (0, 255), "inhibitory": (-255, 0)}
 INPUTS, CELLS, STEPS = 3, 4, 70

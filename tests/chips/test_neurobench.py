@@ -10,9 +10,9 @@ import pytest
 
 import neuro
 from neuro.chips.chip import chip
-from neuro.chips.neurobench import neurobench
-from neuro.chips.price import price
-from neuro.errors import ModelError
+from neuro.chips.pricing.neurobench import neurobench
+from neuro.chips.pricing.price import price
+from neuro.core.errors import ModelError
 
 SIZES = (34, 16, 4)
 SAMPLES, TICKS = 8, 20

@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import neuro
-from neuro.backend import EngineCounts, Problem
 from neuro.chips.chip import chip
-from neuro.chips.energy import quantity
-from neuro.chips.place import place
-from neuro.chips.price import price
-from neuro.counts import Tally
-from neuro.errors import ModelError, Where
+from neuro.chips.placing.place import place
+from neuro.chips.pricing.energy import quantity
+from neuro.chips.pricing.price import price
+from neuro.core.errors import ModelError, Where
+from neuro.program.backend import EngineCounts, Problem
+from neuro.program.counts import Tally
 
 
 @dataclass(frozen=True)
@@ -483,7 +483,9 @@ def test_mistakes(run):
     )
     with pytest.raises(ModelError) as caught:
         price(*run, None, chip("loihi"))
-    assert str(caught.value) == "target 'loihi' needs a placement\n  hint: neuro.chips.place.place(program, chip)"
+    assert (
+        str(caught.value) == "target 'loihi' needs a placement\n  hint: neuro.chips.place(program, chip)"
+    )
 
 
 @given(

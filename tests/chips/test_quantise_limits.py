@@ -8,10 +8,10 @@ import pytest
 
 import neuro
 from neuro.chips.chip import chip
-from neuro.chips.quantise import quantise
+from neuro.chips.quantising.quantise import quantise
 from neuro.compiler import compile_network
-from neuro.errors import ModelError
-from neuro.simulation import ApproximationWarning
+from neuro.core.errors import ModelError
+from neuro.run.simulation import ApproximationWarning
 
 EXP = {"E_L": 0.0, "V_reset": 0.0, "V_th": 10.0}
 DELTA = {**EXP, "t_ref": 0.0}
@@ -674,7 +674,7 @@ ODD = {
 @pytest.mark.parametrize("name", ["loihi", "spinnaker"])
 @pytest.mark.parametrize("case", ODD)
 def test_no_traceback(case, name):
-    from neuro.chips.rounding import report
+    from neuro.chips.quantising.report import report
 
     program = ODD[case]()
     fixed = quantise(program, chip(name))

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.errors import ModelError
-from neuro.simulation import ApproximationWarning
+from neuro.core.errors import ModelError
+from neuro.run.simulation import ApproximationWarning
 
 CHIPS = ["loihi", "spinnaker"]
 H = 0.5

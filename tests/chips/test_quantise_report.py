@@ -8,11 +8,11 @@ import pytest
 
 import neuro
 from neuro.chips.chip import chip
-from neuro.chips.losses import LIMITS
-from neuro.chips.quantise import quantise
-from neuro.chips.rounding import report
+from neuro.chips.quantising.losses import LIMITS
+from neuro.chips.quantising.quantise import quantise
+from neuro.chips.quantising.report import report
 from neuro.compiler import compile_network
-from neuro.simulation import ApproximationWarning
+from neuro.run.simulation import ApproximationWarning
 
 
 def one(model=None, h=1.0, weight=1.0, source=None, n=1, rule=None):

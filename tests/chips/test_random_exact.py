@@ -7,9 +7,9 @@ from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
 import neuro
-from neuro.backend import OverflowWarning
-from neuro.network import Network
-from neuro.simulation import ApproximationWarning
+from neuro.model.network import Network
+from neuro.program.backend import OverflowWarning
+from neuro.run.simulation import ApproximationWarning
 from neuro.testing import Found, observe
 from neuro.testing.case import differences
 from neuro.testing.exact_strategies import exact_networks

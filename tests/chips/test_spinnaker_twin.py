@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import neuro
-from neuro.backend import OverflowWarning
-from neuro.simulation import ApproximationWarning
+from neuro.program.backend import OverflowWarning
+from neuro.run.simulation import ApproximationWarning
 
 INPUTS, CELLS, TICKS = 3, 4, 40
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.simulation import ApproximationWarning, Simulation
+from neuro.run.simulation import ApproximationWarning, Simulation
 
 CHIPS = ("loihi", "spinnaker")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from neuro.chips.chip import COSTS, LIMITS, Mesh, chip, chips
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
 
 ROOT = Path(__file__).parents[2]
 FIGURE = "{value: 1.0e-12, source: here}"

@@ -8,7 +8,7 @@ import typer
 import neuro as framework
 from neuro.cli.compare import compare
 from neuro.cli.mistakes import telling
-from neuro.extras import install
+from neuro.core.extras import install
 
 NETWORK = """\
 neuro: 1

@@ -6,7 +6,7 @@ import typer
 
 import neuro as framework
 from neuro.chips.chip import chip
-from neuro.chips.price import price
+from neuro.chips.pricing.price import price
 from neuro.cli.energy import energy
 from neuro.cli.mistakes import telling
 

@@ -15,8 +15,8 @@ import typer
 from neuro.cli.commands import Commands
 from neuro.cli.events import app, shell
 from neuro.cli.mistakes import telling
+from neuro.core.extras import install
 from neuro.events import Events, load, save
-from neuro.extras import install
 
 
 def root():

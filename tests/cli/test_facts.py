@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from neuro import load
-from neuro.backend import Problem
 from neuro.cli.models import catalogue
 from neuro.compiler import compile_network
 from neuro.compiler.show import program_text
+from neuro.program.backend import Problem
 
 
 def test_check(neuro, network):
@@ -31,7 +31,7 @@ def test_check_tells_what_a_backend_refuses(neuro, network, monkeypatch):
                 Problem(True, "population 'noise': 20 neurons", "the limit is 10", "split it", size.origin),
             )
 
-    monkeypatch.setattr("neuro.backend.find", lambda name: Small())
+    monkeypatch.setattr("neuro.program.backend.find", lambda name: Small())
     answer = neuro("check", network)
     assert (answer.status, answer.out) == (2, "")
     assert answer.err == (

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from neuro import ModelError, plots
-from neuro.results import Results, Trace, Train
+from neuro import ModelError
+from neuro.files import plots
+from neuro.files.results import Results, Trace, Train
 
 
 def results(size=10, spikes=100, traced=1, recorded=True, duration=1000.0):

@@ -10,7 +10,7 @@ import pytest
 
 import neuro as framework
 from neuro.cli.progress import STRETCH_S
-from neuro.results import read
+from neuro.files.results import read
 
 RUN = ("run", "net.yaml", "--backend", "reference", "--for", "50")
 
@@ -95,7 +95,7 @@ def test_record_keeps_what_is_named(neuro, network):
 
 
 def test_weights_that_follow_from_the_network_are_left_out(neuro, network, monkeypatch):
-    monkeypatch.setattr("neuro.collect.SMALL", 1)
+    monkeypatch.setattr("neuro.run.collect.SMALL", 1)
     answer = neuro(*RUN)
     assert "left out the static weights of current_exc, exc_one; --all-weights keeps them\n" in answer.out
     kept = read("out.h5").projections
@@ -139,7 +139,7 @@ def test_an_interrupted_run_leaves_nothing(network):
 def test_what_stood_there_stays_when_a_run_fails(neuro, network, monkeypatch):
     neuro(*RUN)
     precious = Path("out.h5").read_bytes()
-    monkeypatch.setattr("neuro.collect.files_of", lambda net: 1 / 0)
+    monkeypatch.setattr("neuro.run.collect.files_of", lambda net: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         neuro(*RUN)
     assert Path("out.h5").read_bytes() == precious
@@ -164,7 +164,7 @@ def test_independent_runs_under_mpirun(neuro, network, monkeypatch, words):
 
 @pytest.mark.parametrize(("rank", "told"), [("0", "error: --record: unknown population 'ecx'"), ("1", "")])
 def test_of_a_shared_run_one_tells(neuro, network, monkeypatch, rank, told):
-    from neuro import launch
+    from neuro.core import launch
     from neuro_reference import ReferenceBackend
 
     monkeypatch.setattr(ReferenceBackend, "distributed", True, raising=False)

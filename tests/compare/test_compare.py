@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 import neuro
 from neuro.compare import compare, spikes
 from neuro.compare.runs import _against, _gather, _recording
-from neuro.errors import ModelError
-from neuro.extras import install
+from neuro.core.errors import ModelError
+from neuro.core.extras import install
 
 CHIPS = ["event", "loihi", "spinnaker"]
 

@@ -7,7 +7,7 @@ import pytest
 
 import neuro
 from neuro.chips.chip import chip
-from neuro.chips.place import place
+from neuro.chips.placing.place import place
 from neuro.compare import compare, raster
 from neuro.compare.chipmap import chip_map
 from neuro.compare.html import Html, join, svg, table, tag

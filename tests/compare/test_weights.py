@@ -3,7 +3,7 @@ import pytest
 
 import neuro
 from neuro.chips.chip import chip
-from neuro.chips.quantise import quantise
+from neuro.chips.quantising.quantise import quantise
 from neuro.compare.weights import difference, histograms, learnt, rounding
 
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neuro import ModelError
-from neuro.extras import install
+from neuro.core.extras import install
 from neuro_drone.body import Kinematic, body_of
 from neuro_drone.bullet import ARM, DRAG_TO_THRUST, MOST_THRUST, Bullet, _rotors
 from neuro_drone.env import DroneEnv

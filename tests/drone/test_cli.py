@@ -9,7 +9,7 @@ import pytest
 from matplotlib.image import imread
 
 from neuro.cli import main
-from neuro.extras import install
+from neuro.core.extras import install
 
 SHORT = """\
 step: 20

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import neuro
-from neuro.extras import install
+from neuro.core.extras import install
 from neuro_drone import train as training
 from neuro_drone.checkpoint import beside
 from neuro_drone.controllers import CONTROLLERS, make

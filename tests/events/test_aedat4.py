@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from neuro.core.extras import install
 from neuro.events import EventFileError, EventFileWarning, Events, load, stream
 from neuro.events.formats._aedat4_packet import RECORD
 from neuro.events.formats.aedat4 import Aedat4
 from neuro.events.source import Source
-from neuro.extras import install
 
 FILES = ["dvxplorer_lite_320x240.aedat4", "davis346_aestream.aedat4", "davis346_small.aedat4"]
 INFO = (

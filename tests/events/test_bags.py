@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from neuro.core.extras import install
 from neuro.events import EventFileError, EventFileWarning, Events, load, stream
-from neuro.extras import install
 
 NAME = "ros1_event_camera_msgs_evt3.bag"
 ROWS = [(1_000_000_000_000_005, 1, 2, 1), (1_000_000_000_000_007, 3, 4, 0), (1_000_000_000_999_999, 639, 479, 1)]

@@ -11,7 +11,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
 from neuro.events import EventFileError
 from neuro.events.dataset import Dataset, _pack, _store
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
 from neuro.events import EventFileError, Events
 from neuro.events.dataset import LAYOUTS, Dataset
 

@@ -4,7 +4,7 @@ import sys
 import numpy as np
 import pytest
 
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
 from neuro.events import EVENT, Events
 
 

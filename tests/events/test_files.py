@@ -6,7 +6,7 @@ import threading
 import numpy as np
 import pytest
 
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
 from neuro.events import EventFileError, Events, load, save, stream
 from neuro.events.formats import FORMATS
 from neuro.events.parts import windows

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
+from neuro.core.extras import install
 from neuro.events import Events, load
 from neuro.events.representations import (
     binary_frame,
@@ -19,7 +20,6 @@ from neuro.events.representations import (
     time_surface,
     voxel_grid,
 )
-from neuro.extras import install
 
 WIDTH, HEIGHT = 7, 5
 EVENT = st.tuples(st.integers(0, 30), st.integers(0, WIDTH - 1), st.integers(0, HEIGHT - 1), st.integers(0, 1))

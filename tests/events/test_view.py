@@ -13,7 +13,7 @@ import pytest
 from matplotlib.image import imread
 from PIL import Image
 
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
 from neuro.events import Events, save, stream
 from neuro.events.info import info
 from neuro.events.pictures import gif

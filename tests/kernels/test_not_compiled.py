@@ -25,7 +25,7 @@ def _run(backend):
 def test_the_event_backend_refuses():
     done = _run("event")
     assert done.stderr.splitlines()[-2:] == [
-        "neuro.errors.ModelError: backend 'event' has to be compiled, and NUMBA_DISABLE_JIT is set: "
+        "neuro.core.errors.ModelError: backend 'event' has to be compiled, and NUMBA_DISABLE_JIT is set: "
         "expected it to be unset",
         "  hint: unset it, or run on backend 'reference', which is not compiled",
     ]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import pytest
 
 import neuro
-from neuro.neurons import Generator
+from neuro.model.neurons import Generator
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,9 +51,9 @@ def test_a_neuron_and_a_rule_that_are_not_listed():
     assert without_places(error.value) == (
         "backend 'event' cannot run this network (2 problems)\n"
         "population 'c': my_cell: it was not listed when this backend was first used\n"
-        "  hint: enter it in NEURONS of neuro.neurons before\n"
+        "  hint: enter it in NEURONS of neuro.model.neurons before\n"
         "projection 'w': my_rule: it was not listed when this backend was first used\n"
-        "  hint: enter it in SYNAPSES of neuro.synapses before"
+        "  hint: enter it in SYNAPSES of neuro.model.synapses before"
     )
 
 
@@ -64,11 +64,11 @@ def without_places(error):
 MINE = """
 import sys
 from dataclasses import dataclass
-import neuro.neurons, neuro.synapses
-from neuro.neurons import iaf_psc_delta
-from neuro.neurons.iaf_psc_delta import constants, quiet, step
-from neuro.synapses import stdp
-from neuro.synapses.stdp import on_post
+import neuro.model.neurons, neuro.model.synapses
+from neuro.model.neurons import iaf_psc_delta
+from neuro.model.neurons.iaf_psc_delta import constants, quiet, step
+from neuro.model.synapses import stdp
+from neuro.model.synapses.stdp import on_post
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class my_cell(iaf_psc_delta):
@@ -88,8 +88,8 @@ def on_pre(y, e, c, k_minus):
 """
 REGISTER = """
 from mine import my_cell, my_rule
-neuro.neurons.NEURONS = (*neuro.neurons.NEURONS, my_cell)
-neuro.synapses.SYNAPSES["my_rule"] = my_rule
+neuro.model.neurons.NEURONS = (*neuro.model.neurons.NEURONS, my_cell)
+neuro.model.synapses.SYNAPSES["my_rule"] = my_rule
 """
 RUN = """
 import numpy as np
@@ -112,7 +112,9 @@ def test_a_model_from_outside_runs_as_it_is_now(tmp_path):
 
     def acts(source):
         (tmp_path / "mine.py").write_text(source)
-        (tmp_path / "run.py").write_text("import neuro.neurons, neuro.synapses\n" + (REGISTER if source else "") + RUN)
+        (tmp_path / "run.py").write_text(
+            "import neuro.model.neurons, neuro.model.synapses\n" + (REGISTER if source else "") + RUN
+        )
         path = os.pathsep.join([str(tmp_path), *sys.path])
         environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONPATH": path}
         done = subprocess.run(

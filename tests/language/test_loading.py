@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.distributions import normal, uniform
+from neuro.model.distributions import normal, uniform
 
 FOLLOWER = """\
 neuro: 1

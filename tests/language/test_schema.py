@@ -6,9 +6,9 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from neuro.language import schema
-from neuro.language.nodes import plain
-from neuro.language.reader import read
+from neuro.model.language import schema
+from neuro.model.language.nodes import plain
+from neuro.model.language.reader import read
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = sorted(path for folder in ("models", "examples") for path in (ROOT / folder).rglob("*.yaml"))

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from neuro.results import read
+from neuro.files.results import read
 
 NEURO = Path(sys.executable).with_name("neuro")
 NET = """\
@@ -116,7 +116,7 @@ SCRIPT = """
 import sys
 import numpy as np
 import neuro
-from neuro.launch import leads
+from neuro.core.launch import leads
 sim = neuro.compile(neuro.load("net.yaml"), "nest")
 for _ in range(3):
     sim.set_weights("inh_exc", np.linspace(-90.0, -50.0, 330))

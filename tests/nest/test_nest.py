@@ -13,7 +13,7 @@ import pytest
 import neuro
 from neuro.testing import observe
 from neuro.testing.case import Found, differences
-from neuro.verify import verify
+from neuro.verify.verify import verify
 from neuro_nest.watch import TOLD
 
 pytestmark = pytest.mark.usefixtures("nest")
@@ -188,12 +188,12 @@ def test_a_missing_nest_is_told_with_what_installs_it():
     code = hidden + CRASHING.format(end="")
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=100)
     assert told.stderr.splitlines()[-2:] == [
-        "neuro.errors.ModelError: backend 'nest' needs NEST, which is not installed",
+        "neuro.core.errors.ModelError: backend 'nest' needs NEST, which is not installed",
         "  hint: pip install nest-simulator",
     ]
 
 
 def test_listing_backends_imports_no_nest():
-    code = "import sys, neuro.backend; assert 'nest' in neuro.backend.installed(); print('nest' in sys.modules)"
+    code = "import sys; from neuro.program import backend; assert 'nest' in backend.installed(); print('nest' in sys.modules)"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=100)
     assert told.stdout == "False\n"

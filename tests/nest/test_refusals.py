@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.errors import ModelError, Where
-from neuro.neurons import Neuron
-from neuro.synapses import Synapse
+from neuro.core.errors import ModelError, Where
+from neuro.model.neurons import Neuron
+from neuro.model.synapses import Synapse
 
 pytestmark = pytest.mark.usefixtures("nest")
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.outputs import _HOST
+from neuro.core.outputs import _HOST
 from neuro_remus import checkpoint
 from neuro_remus.decide import decide
 from neuro_remus.evaluate import evaluate

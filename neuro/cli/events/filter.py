@@ -59,7 +59,7 @@ def _parsed(text: str) -> tuple[str, dict[str, Any]]:
     import yaml
 
     from neuro.cli.options import number
-    from neuro.errors import ModelError, unknown
+    from neuro.core.errors import ModelError, unknown
     from neuro.events.filters import FILTERS
 
     try:
@@ -91,7 +91,7 @@ def _parameters(kind: Any) -> dict[str, str]:
 
 
 def _chain(size: tuple[int, int], chosen: Sequence[tuple[str, dict[str, Any]]]) -> Chain:
-    from neuro.errors import ModelError
+    from neuro.core.errors import ModelError
     from neuro.events.filters import FILTERS, chain
 
     made = []

@@ -15,8 +15,8 @@ from neuro.cli.options import whole
 from neuro.cli.progress import Bar
 
 if TYPE_CHECKING:
+    from neuro.core.outputs import Kind
     from neuro.events import Events
-    from neuro.outputs import Kind
 
 
 def sensor(text: str) -> tuple[int, int]:
@@ -55,9 +55,9 @@ def spare(source: str | Path, target: str | Path, kind: Kind, force: bool) -> No
     """Refuse to write over the recording itself, or over what is not ours unless that is wanted; or into no folder."""
     from dataclasses import replace
 
-    from neuro.errors import ModelError
-    from neuro.outputs import check
-    from neuro.paths import file_path
+    from neuro.core.errors import ModelError
+    from neuro.core.outputs import check
+    from neuro.core.paths import file_path
 
     if str(target) == "-":
         return

@@ -68,8 +68,8 @@ def _run(group: Any, path: str, words: list[str]) -> None:
 
 def _typed(context: Any, prompt: str) -> Iterator[str]:
     """The lines that a person types."""
-    from neuro.errors import ModelError
-    from neuro.extras import install
+    from neuro.core.errors import ModelError
+    from neuro.core.extras import install
 
     try:
         from prompt_toolkit import PromptSession

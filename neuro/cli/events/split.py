@@ -28,11 +28,11 @@ def split(
     force: Force = False,
 ) -> None:
     """Cut a recording into files of equal time or equally many events; windows without events give no file."""
-    from neuro.errors import ModelError
+    from neuro.core.errors import ModelError
+    from neuro.core.outputs import make_folder
     from neuro.events import save, stream
     from neuro.events.convert import given
     from neuro.events.files import RECORDING
-    from neuro.outputs import make_folder
 
     if (every is None) == (count is None):
         raise typer.BadParameter("expected one of the two", param_hint="'--every' / '--count'")

@@ -31,7 +31,7 @@ def tohdf5(
     lenient: Mend = False,
 ) -> None:
     """Gather a data set into one HDF5 file, /class/sample; after a kill the same command goes on where it was."""
-    from neuro.errors import ModelError
+    from neuro.core.errors import ModelError
     from neuro.events.dataset import Dataset
 
     if not out.parent.is_dir():

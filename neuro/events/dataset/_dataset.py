@@ -11,14 +11,14 @@ from typing import Any, Self, overload
 
 import numpy as np
 
-from neuro.errors import ModelError, unknown
+from neuro.core.errors import ModelError, unknown
+from neuro.core.paths import file_path
 from neuro.events._events import Events
 from neuro.events.dataset._files import is_hdf5
 from neuro.events.dataset._recordings import recordings
 from neuro.events.dataset._sample import Kept, Sample
 from neuro.events.dataset._store import Report, Stored, store
 from neuro.events.dataset._stored import stored_samples
-from neuro.paths import file_path
 
 
 @dataclass(frozen=True, slots=True)

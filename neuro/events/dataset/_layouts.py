@@ -25,7 +25,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
-from neuro.errors import unknown
+from neuro.core.errors import unknown
 from neuro.events.dataset._files import ARCHIVES, Files, natural
 from neuro.events.dataset._gesture import gestures, is_gestures
 from neuro.events.dataset._item import Item

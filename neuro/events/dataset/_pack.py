@@ -73,9 +73,9 @@ def pack(numbers: Sequence[int]) -> int:
     Raises:
         EventFileError: one is damaged, and that is to stop.
     """
+    from neuro.core.hdf5 import new_file
+    from neuro.core.outputs import Kind, output
     from neuro.events.formats.hdf5 import write_sample
-    from neuro.hdf5 import new_file
-    from neuro.outputs import Kind, output
 
     path = Path(_job.folder) / f"{numbers[0]:08d}.h5"
     damaged = {}

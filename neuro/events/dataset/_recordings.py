@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import overload
 
+from neuro.core.paths import file_path
 from neuro.events._events import Events
 from neuro.events.dataset._files import files_of, natural
 from neuro.events.dataset._item import Item
 from neuro.events.dataset._layouts import Layout, is_part, layout_of
 from neuro.events.errors import EventFileError
 from neuro.events.files import load
-from neuro.paths import file_path
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,12 +23,12 @@ from multiprocessing import get_context
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from neuro.errors import unknown
+from neuro.core.errors import unknown
+from neuro.core.outputs import Kind, output, write_text
 from neuro.events.dataset import _pack
 from neuro.events.dataset._files import is_hdf5
 from neuro.events.dataset._stored import CLASSES, NUMBER
 from neuro.events.errors import EventFileError
-from neuro.outputs import Kind, output, write_text
 
 BATCH = 64
 """Samples of a small file; a kill costs at most so many of each process."""
@@ -183,7 +183,7 @@ def _join(
     """Copy all small files into one, in the order of the samples: the same bytes, however often it was gone on with."""
     import h5py
 
-    from neuro.hdf5 import new_file
+    from neuro.core.hdf5 import new_file
 
     names = _names(samples, classes)
     places, damaged = _contents(folder)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.keyed_random import key
 from neuro.events._events import Events
 from neuro.events.filters._filter import Filter, State
 from neuro.events.parts import together
-from neuro.keyed import key
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,9 @@ from math import sqrt
 
 import numpy as np
 
+from neuro.core.keyed_random import key
 from neuro.events._events import Events
 from neuro.events.filters._filter import Filter, FilterError, State
-from neuro.keyed import key
 
 MOST = 1 << 28
 """Noise events that may be asked of one part; they take 6 GB."""

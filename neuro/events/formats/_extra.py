@@ -5,8 +5,8 @@ from __future__ import annotations
 from importlib import import_module
 from types import ModuleType
 
+from neuro.core.extras import install
 from neuro.events.formats._format import Damage
-from neuro.extras import install
 
 EXTRA = "events"
 """The extra of this package that installs them."""

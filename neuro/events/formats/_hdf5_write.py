@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.hdf5 import new_file
 from neuro.events._events import EVENT, Events
 from neuro.events.formats._format import Unsavable
 from neuro.events.formats._hdf5_attributes import describe
-from neuro.hdf5 import new_file
 
 SAMPLE = np.dtype([("ts", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
 """A row of a sample: aertb's field names, with times that are exact."""

@@ -8,10 +8,10 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
+from neuro.core.extras import install
 from neuro.events._arguments import moment
 from neuro.events._events import Events
-from neuro.extras import install
 
 Polarity = Literal["separate", "signed", "ignored"]
 Representation = npt.NDArray[Any] | Any

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
 from neuro.events._arguments import choice
 from neuro.events._events import Events
 from neuro.events.representations._common import Polarity, Representation, given

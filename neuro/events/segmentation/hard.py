@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
 from neuro.events._arguments import moment, whole
 from neuro.events.segmentation._cutter import NONE, Times, bounds
 

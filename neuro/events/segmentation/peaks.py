@@ -7,7 +7,7 @@ from math import exp, log
 import numpy as np
 import numpy.typing as npt
 
-from neuro.errors import ModelError
+from neuro.core.errors import ModelError
 from neuro.events._arguments import positive
 from neuro.events.segmentation._cutter import Times, bounds
 

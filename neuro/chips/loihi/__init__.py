@@ -1,0 +1,1 @@
+"""Loihi 1's arithmetic: registers, weight words, and rules of its learning engine."""

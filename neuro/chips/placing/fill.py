@@ -1,0 +1,141 @@
+"""Compiled loops of placing: filling a core neuron by neuron, and counting what reaches each core.
+
+A line is one source neuron of one projection, see `neuro.chips.placing.incoming`.
+"""
+
+# mypy: ignore-errors
+from neuro.chips.placing import packing
+from neuro.kernels.jit import inner, kernel
+
+NEURONS, AXONS, MEMORY, EDGES, LINES = range(5)
+"""What is counted of a core while it fills: neurons, axons in, bits, axons out, lines that reach it."""
+
+_ROW_BITS = packing.ROW_WORDS * packing.WORD_BITS
+_WORD_BITS = packing.WORD_BITS
+block_bits = inner(packing.block_bits)
+index_bits = inner(packing.index_bits)
+
+
+@kernel
+def scatter(source, target, first, position, line):
+    """Enter the synapses of a projection behind those that their targets already have."""
+    for e in range(source.size):
+        t = target[e]
+        line[position[t]] = first + source[e]
+        position[t] += 1
+
+
+@kernel
+def fill(queue, begin, end, core, rows, graph, sends, limits, told, marks):
+    """Add the neurons queue[begin:end] to a core until one does not fit; returns its position, or end.
+
+    Args:
+        queue: neurons in the order in which they are taken.
+        begin: position of the first.
+        end: the position after the last.
+        core: a number that no other core has had: marks of other cores are void.
+        rows: whether synapses lie in rows, not in blocks.
+        graph: ends, line, source, projection, bits and sources of `Incoming`.
+        sends: axons out of each neuron, as far as known.
+        limits: most of NEURONS, AXONS, MEMORY and EDGES.
+        told: the same of this core so far, and LINES.
+        marks: count and core of each line, core of each source, longest row and its core of each projection, and
+            the lines that reach this core.
+    """
+    for position in range(begin, end):
+        if told[NEURONS] == limits[NEURONS]:
+            return position
+        t = queue[position]
+        width = _widen(rows, graph, told, marks)
+        for e in range(graph[0][t], graph[0][t + 1]):
+            _add(graph[1][e], core, rows, width, graph, told, marks)
+        told[EDGES] += sends[t]
+        if told[AXONS] > limits[AXONS] or told[MEMORY] > limits[MEMORY] or told[EDGES] > limits[EDGES]:
+            return position
+    return end
+
+
+@inner
+def _widen(rows, graph, told, marks):
+    """One neuron more; where its index needs another bit, all synapses of the core do."""
+    before = index_bits(told[NEURONS])
+    told[NEURONS] += 1
+    width = index_bits(told[NEURONS])
+    if width != before and not rows:
+        told[MEMORY] = 0
+        for k in range(told[LINES]):
+            line = marks[5][k]
+            told[MEMORY] += block_bits(marks[0][line], graph[4][graph[3][line]] + width)
+    return width
+
+
+@inner
+def _add(line, core, rows, width, graph, told, marks):
+    """One synapse more."""
+    count, line_core, source_core, longest, row_core, lines = marks
+    source, projection = graph[2][line], graph[3][line]
+    if line_core[line] != core:
+        line_core[line] = core
+        count[line] = 0
+        lines[told[LINES]] = line
+        told[LINES] += 1
+        if source_core[source] != core:
+            source_core[source] = core
+            told[AXONS] += 1
+    count[line] += 1
+    if not rows:
+        bits = graph[4][projection] + width
+        told[MEMORY] += block_bits(count[line], bits) - block_bits(count[line] - 1, bits)
+        return
+    if row_core[projection] != core:
+        row_core[projection] = core
+        longest[projection] = 0
+        told[MEMORY] += graph[5][projection] * _ROW_BITS
+    if count[line] > longest[projection]:
+        longest[projection] = count[line]
+        told[MEMORY] += graph[5][projection] * _WORD_BITS
+
+
+@kernel
+def reach(queue, core, begin, end, ends, line, source, line_core, source_core, place, kept, found):
+    """Which lines reach which core, and with how many synapses; returns how many such pairs there are.
+
+    Args:
+        queue: neurons in the order in which they were taken.
+        core: of each piece of the queue, ascending.
+        begin: where each piece begins in the queue.
+        end: the position after its last.
+        ends: of `Incoming`.
+        line: likewise.
+        source: likewise.
+        line_core: work space per line, all -1.
+        source_core: work space per neuron, all -1.
+        place: work space per line.
+        kept: work space per neuron.
+        found: is filled: line, core, synapses, and whether it is the first line of its source that reaches the core.
+    """
+    n = 0
+    for p in range(core.size):
+        for position in range(begin[p], end[p]):
+            t = queue[position]
+            for e in range(ends[t], ends[t + 1]):
+                own = line[e]
+                s = source[own]
+                if line_core[own] != core[p]:
+                    line_core[own] = core[p]
+                    place[own] = n
+                    found[0][n] = own
+                    found[1][n] = core[p]
+                    found[2][n] = 0
+                    found[3][n] = 0
+                    if source_core[s] != core[p]:
+                        source_core[s] = core[p]
+                        kept[s] = n
+                        found[3][n] = 1
+                    elif own < found[0][kept[s]]:
+                        found[3][kept[s]] = 0
+                        found[3][n] = 1
+                        kept[s] = n
+                    n += 1
+                found[2][place[own]] += 1
+    return n

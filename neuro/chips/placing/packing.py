@@ -1,0 +1,113 @@
+"""How many bits the synapses of a core take in its memory.
+
+Loihi keeps, for each source neuron and projection, a list of the synapses onto the core in blocks of at most 64. A
+block of n takes n (weight + delay + tag + index bits) + 10 bits, rounded up to 64: nengo-loihi 1.1.0's packing, where
+the 10 bits are 4 for the format and 6 for the length. The bits of one synapse:
+
+- weight: 8, or `num_weight_bits` of a `loihi_static`;
+- delay: those of the largest delay register of the projection, none where that is 0 (shared delays are stored, too:
+  a synapse has no other place for its delay);
+- tag: 9 where the chip learns, none where the host applies the rule (`r_stdp`);
+- index: those that tell the compartments of the core apart, none for one compartment, otherwise at least 6.
+
+SpiNNaker keeps, for each projection and core, one row per source neuron in SDRAM: 3 words of header and one word of 32
+bits per synapse, all rows as long as the longest, so that a row is found by multiplying (sPyNNaker's static rows; a
+plastic synapse has two half words and takes as much).
+
+Kernels of a grid are spelled out on both: the chips share no weights between neurons. A chip without an arithmetic here
+(Loihi 2) is packed as Loihi 1, as no other format was found published.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.chips.chip import Chip
+from neuro.program.program import Ints, Program
+
+if TYPE_CHECKING:
+    from neuro.chips.placing.incoming import Incoming
+
+Words = NDArray[np.int32]
+
+BLOCK = 64
+BLOCK_BITS = 10
+UNIT_BITS = 64
+WEIGHT_BITS = 8
+TAG_BITS = 9
+SHORTEST_INDEX = 6
+ROW_WORDS = 3
+WORD_BITS = 32
+
+_AT_ONCE = ("iaf_psc_delta", "loihi_lif", "parrot_neuron")
+"""Models whose delay register is one less than the delay, see the conventions in `neuro.chips.loihi.neurons`."""
+
+
+def in_rows(chip: Chip) -> bool:
+    """Whether synapses lie in rows, as on SpiNNaker, and not in Loihi's blocks."""
+    return chip.arithmetic == "spinnaker"
+
+
+def memory_limit(chip: Chip) -> int | None:
+    """Bytes that the synapses of one core can take at most: its own memory, or all that its chip shares."""
+    own = chip.limit("synapse_bytes_per_core")
+    return chip.limit("synapse_bytes_per_chip") if own is None else own
+
+
+def block_bits(synapses: Any, bits: Any) -> Any:
+    """Bits of the synapses of one source onto one core, in Loihi's blocks; numbers or arrays.
+
+    Args:
+        synapses: how many.
+        bits: of one synapse.
+    """
+    rest = synapses % BLOCK
+    full = (BLOCK * bits + BLOCK_BITS + UNIT_BITS - 1) // UNIT_BITS
+    last = (rest * bits + BLOCK_BITS + UNIT_BITS - 1) // UNIT_BITS
+    return UNIT_BITS * (synapses // BLOCK * full + (rest > 0) * last)
+
+
+def index_bits(neurons: int) -> int:
+    """Bits that tell the compartments of a core apart; the formats are 0, 6, 7, ... (nengo-loihi 1.1.0)."""
+    if neurons <= 1:
+        return 0
+    bits = SHORTEST_INDEX
+    while neurons > 1 << bits:
+        bits += 1
+    return bits
+
+
+def synapse_bits(program: Program, index: int) -> int:
+    """Bits of one synapse of a projection in Loihi's blocks, without its index."""
+    part = program.projections[index]
+    weight = int(part.synapse.parameters().get("num_weight_bits", WEIGHT_BITS))
+    at_once = program.populations[part.target].model.name in _AT_ONCE
+    delay = max(int(part.delay.max(initial=0)) - at_once, 0).bit_length()
+    return weight + delay + (TAG_BITS if part.synapse.learns in ("pairs", "chip") else 0)
+
+
+def core_bytes(chip: Chip, neurons: Ints, core: Words, line: Words, synapses: Words, into: Incoming) -> Ints:
+    """Bytes of synapses of every core.
+
+    Args:
+        chip: tells the packing.
+        neurons: of every core.
+        core: a core that a line (a source neuron of a projection) reaches, one entry for each such pair.
+        line: the line.
+        synapses: how many it has onto that core.
+        into: what the lines are.
+    """
+    n = len(neurons)
+    if not in_rows(chip):
+        index = np.array([index_bits(int(count)) for count in neurons], dtype=np.int64)
+        bits = into.bits[into.projection[line]] + index[core]
+        counts, widths = np.arange(synapses.max(initial=0) + 1), np.arange(bits.max(initial=0) + 1)
+        taken = block_bits(counts[:, None], widths)[synapses, bits]
+        return np.bincount(core, weights=taken, minlength=n).astype(np.int64) // 8
+    longest = np.zeros((n, len(into.bits)), dtype=np.int64)
+    np.maximum.at(longest, (core, into.projection[line]), synapses)
+    row = np.where(longest > 0, ROW_WORDS + longest, 0) * WORD_BITS
+    return np.asarray(row @ into.sources // 8)

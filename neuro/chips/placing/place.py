@@ -1,0 +1,190 @@
+"""Place: from a program and a chip to cores, tiles and chips, and the hops that spikes make between them.
+
+What is taken to be so:
+
+- Generators are the host's: they take no core, and their spikes enter the machine at tile (0, 0) of chip 0.
+- A core takes neurons of a population as long as its limits allow. A population that fits whole shares the core of
+  the one before it, where the chip lets several populations share a core (`populations_per_core`:
+  SpiNNaker does not).
+- Synapses lie at the target's core, see `neuro.chips.placing.packing`.
+- An input axon of a core is a source neuron whose spikes reach it, generators' too, however many projections it has;
+  an output axon is a pair of a neuron and a core that it reaches, its own core included. A dopamine population's
+  broadcast and currents of a dc_generator take none.
+- A spike to several cores is sent once for each, except on SpiNNaker, whose routers copy it.
+- Chips lie side by side on a square, and their tiles go on from one chip to the next.
+
+Order "connected" takes neurons that lie at one place of a grid together, since they share their sources, and takes
+populations and cores in an order in which each comes after those to which it is tied most. It lays the cores along
+tiles that touch, and exchanges tiles and cores while that saves hops. Order "declared" takes all as it is declared,
+tile by tile and row by row. Where this happens to be shorter, "connected" takes it, too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from neuro.chips.chip import Chip
+from neuro.chips.placing.capacity import misfits
+from neuro.chips.placing.incoming import Incoming, incoming
+from neuro.chips.placing.mesh import LARGEST, Places, chain, draw_close, lay_out
+from neuro.chips.placing.placement import Core, Placement
+from neuro.chips.placing.routes import Hops, routes
+from neuro.chips.placing.split import Split, neurons_of, split
+from neuro.core.errors import ModelError, unknown
+from neuro.program.program import Floats, Program
+
+ORDERS = ("connected", "declared")
+
+
+def place(program: Program, chip: Chip, *, order: str = "connected", neurons_per_core: int | None = None) -> Placement:
+    """Place the neurons of a program on cores.
+
+    Args:
+        program: of float or of a chip's own models; its values do not matter.
+        chip: with limits, and a mesh if its cores do not all share one tile.
+        order: "connected" or "declared".
+        neurons_per_core: put fewer neurons on a core than the chip allows.
+
+    Returns:
+        the same placement for the same arguments; what does not fit is in its `problems`, but the delays of a chip
+        whose arithmetic is emulated, which `neuro.chips.quantising.quantise` tells.
+
+    Raises:
+        ModelError: an argument cannot be.
+    """
+    if order not in ORDERS:
+        raise unknown("order", order, ORDERS)
+    if neurons_per_core is not None:
+        _check_neurons(neurons_per_core, chip)
+    into = incoming(program)
+    declared = neurons_of(program)
+    cut = split(program, chip, into, declared, neurons_per_core)
+    drafts = [_draft(program, chip, into, cut, lay_out(chip, cut.memory, snake=False))]
+    if order == "connected":
+        tied = _tied(program, into, declared)
+        if tied != declared or any(part.grid is not None for part in program.projections):
+            cut = split(program, chip, into, tied, neurons_per_core, by_place=True)
+        drafts.insert(0, _draft(program, chip, into, *_close(chip, into, cut)))
+    best = min(drafts, key=lambda draft: (draft.chips, draft.hops))
+    return _placement(program, chip, into, best, order)
+
+
+def _check_neurons(neurons_per_core: int, chip: Chip) -> None:
+    if type(neurons_per_core) is not int or neurons_per_core < 1:
+        raise ModelError(f"neurons_per_core = {neurons_per_core!r}: expected a whole number >= 1")
+    limit = chip.limit("neurons_per_core")
+    if limit is not None and neurons_per_core > limit:
+        raise ModelError(f"neurons_per_core = {neurons_per_core}: expected at most {limit}, the limit of {chip.name}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Draft:
+    """One way to place a program."""
+
+    split: Split
+    places: Places
+    ways: tuple[Hops, ...]
+
+    @property
+    def chips(self) -> int:
+        return len(np.unique(self.places.chip))
+
+    @property
+    def hops(self) -> int:
+        return sum(part.total for part in self.ways)
+
+
+def _draft(program: Program, chip: Chip, into: Incoming, cut: Split, places: Places) -> _Draft:
+    """Number cores by their places and count hops."""
+    order = np.lexsort((places.slot, places.column, places.row, places.chip))
+    cut, places = cut.taken(order), places.taken(order)
+    return _Draft(cut, places, routes(program, into, cut, places, multicast(chip)))
+
+
+def multicast(chip: Chip) -> bool:
+    """Whether a chip's routers copy a spike that goes to several cores; Loihi 1 sends one for each."""
+    return chip.arithmetic == "spinnaker"
+
+
+def _tied(program: Program, into: Incoming, populations: list[int]) -> list[int]:
+    """Populations in an order that follows their synapses."""
+    n = len(program.populations)
+    synapses, pull = np.zeros((n, n)), np.zeros(n)
+    for part, count in zip(program.projections, into.synapses, strict=True):
+        if part.source in populations:
+            synapses[[part.source, part.target], [part.target, part.source]] += count
+        else:
+            pull[part.target] += count
+    np.fill_diagonal(synapses, 0.0)
+    order = chain(synapses[np.ix_(populations, populations)], pull[populations])
+    return [populations[i] for i in order]
+
+
+def _close(chip: Chip, into: Incoming, cut: Split) -> tuple[Split, Places]:
+    """Lay cores out so that those which exchange many spikes are close."""
+    if len(cut.cores) > LARGEST:
+        return cut, lay_out(chip, cut.memory, snake=True)
+    traffic, pull = _traffic(into, cut)
+    order = chain(traffic, pull)
+    cut, traffic, pull = cut.taken(order), traffic[np.ix_(order, order)], pull[order]
+    places = lay_out(chip, cut.memory, snake=True)
+    return cut, draw_close(chip, places, cut.memory, traffic, pull)
+
+
+def _traffic(into: Incoming, cut: Split) -> tuple[Floats, Floats]:
+    """Spikes between each two cores and from the host to each, if all sources spike once."""
+    n = len(cut.cores)
+    begin = cut.core_of[into.source[cut.line[cut.sent]]]
+    end = cut.core[cut.sent].astype(np.int64)
+    pull = np.bincount(end[begin < 0], minlength=n).astype(np.float64)
+    between = np.bincount((begin * n + end)[begin >= 0], minlength=n * n).reshape(n, n).astype(np.float64)
+    np.fill_diagonal(between, 0.0)
+    return between + between.T, pull
+
+
+def _placement(program: Program, chip: Chip, into: Incoming, draft: _Draft, order: str) -> Placement:
+    """The report of a draft."""
+    cut, places = draft.split, draft.places
+    starts = into.start[:-1], into.start[1:]
+    return Placement(
+        network=program.name,
+        target=chip.name,
+        order=order,
+        multicast=multicast(chip),
+        cores=tuple(_core(chip, cut, places, i) for i in range(len(cut.cores))),
+        chips_used=draft.chips,
+        tiles_used=len(np.unique(np.stack((places.column, places.row)), axis=1).T),
+        core_of=tuple(cut.core_of[first:last] for first, last in zip(*starts, strict=True)),
+        populations=tuple(part.name for part in program.populations),
+        projections=tuple(part.name for part in program.projections),
+        ways=draft.ways,
+        problems=misfits(program, chip, into, cut, draft.chips),
+    )
+
+
+def _core(chip: Chip, cut: Split, places: Places, i: int) -> Core:
+    """One core with its load."""
+    neurons, memory, axons_in, axons_out = (
+        int(counts[i]) for counts in (cut.neurons, cut.memory, cut.axons_in, cut.axons_out)
+    )
+    used = {
+        "neurons_per_core": neurons,
+        "synapse_bytes_per_core": memory,
+        "axons_in_per_core": axons_in,
+        "axons_out_per_core": axons_out,
+    }
+    limits = {name: chip.limit(name) for name in used}
+    return Core(
+        chip=int(places.chip[i]),
+        column=int(places.column[i]),
+        row=int(places.row[i]),
+        slot=int(places.slot[i]),
+        parts=cut.cores[i],
+        neurons=neurons,
+        synapse_bytes=memory,
+        axons_in=axons_in,
+        axons_out=axons_out,
+        load={name: used[name] / limit for name, limit in limits.items() if limit},
+    )

@@ -1,0 +1,1 @@
+"""What a run takes on a chip: counts times figures with sources."""

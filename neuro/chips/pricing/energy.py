@@ -1,0 +1,209 @@
+"""The bill of a run: what was done how often, what each costs, and where that figure comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from neuro.core.errors import ModelError
+
+_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"), (1e-15, "f"))
+STATIC = "static_per_chip"
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One line of a bill.
+
+    Attributes:
+        what: the name of the cost, see `neuro.chips.chip.COSTS`.
+        kind: what `of` names: "population", "projection" or "chip".
+        of: the population, the projection or the target.
+        count: how often; of `static_per_chip` chips x seconds.
+        joules_each: what one costs in J; None if no figure is published, then it is not in the sums.
+        joules: what all cost.
+        source: of the figure.
+        conditions: under which it holds.
+    """
+
+    what: str
+    kind: str
+    of: str
+    count: float
+    joules_each: float | None
+    joules: float | None
+    source: str
+    conditions: str
+
+
+@dataclass(frozen=True, slots=True)
+class Energy:
+    """The bill of a run on a target, or of one part of it, see `per`.
+
+    Attributes:
+        target: the name of the chip or processor.
+        title: the same for people.
+        chips: chips that are on.
+        chip_time_s: how long the chip takes for the run, in s; None where that is not known.
+        steps: steps of the run.
+        items: the lines, populations first, then projections, then the chip.
+        notes: what is assumed, and what is not in the sums.
+        of: what the bill is of: "run", or what it was divided by.
+    """
+
+    target: str
+    title: str
+    chips: int
+    chip_time_s: float | None
+    steps: float
+    items: tuple[Item, ...]
+    notes: tuple[str, ...]
+    of: str = "run"
+
+    @property
+    def total_j(self) -> float:
+        """Joules in all."""
+        return self.dynamic_j + self.static_j
+
+    @property
+    def dynamic_j(self) -> float:
+        """Joules of what is done."""
+        return _sum(item for item in self.items if item.what != STATIC)
+
+    @property
+    def static_j(self) -> float:
+        """Joules of chips being on; 0 where no figure is published, then a note says so."""
+        return _sum(item for item in self.items if item.what == STATIC)
+
+    @property
+    def static_known(self) -> bool:
+        """Whether there is a figure of static power, and a time that it lasts."""
+        return any(item.what == STATIC for item in self.items)
+
+    def sums(self) -> tuple[str, str, str]:
+        """Dynamic, static and total energy as text; static is "not priced" where no figure is published."""
+        static = quantity(self.static_j, "J") if self.static_known else "not priced"
+        return quantity(self.dynamic_j, "J"), static, quantity(self.total_j, "J")
+
+    def machine(self) -> tuple[str, str]:
+        """Chip time and chips as text; "-" where no time is known, since then nothing is said of chips either."""
+        return ("-", "-") if self.chip_time_s is None else (quantity(self.chip_time_s, "s"), f"{self.chips:,}")
+
+    def by_population(self) -> dict[str, float]:
+        """Dynamic joules of each population's neurons."""
+        return self._by("population")
+
+    def by_projection(self) -> dict[str, float]:
+        """Dynamic joules of each projection: synapses, learning and the ways of its spikes."""
+        return self._by("projection")
+
+    def _by(self, kind: str) -> dict[str, float]:
+        sums: dict[str, float] = {}
+        for item in self.items:
+            if item.kind == kind:
+                sums[item.of] = sums.get(item.of, 0.0) + (item.joules or 0.0)
+        return sums
+
+    def by_cost(self) -> dict[str, float]:
+        """Joules of each cost, in the order of the items."""
+        sums: dict[str, float] = {}
+        for item in self.items:
+            if item.joules is not None:
+                sums[item.what] = sums.get(item.what, 0.0) + item.joules
+        return sums
+
+    def per(self, n: int, what: str) -> Energy:
+        """The same bill for one of `n` equal parts.
+
+        Args:
+            n: how many the run had.
+            what: what one is called, e.g. "recording" or "control step".
+
+        Raises:
+            ModelError: `n` is not a whole number >= 1.
+        """
+        if isinstance(n, bool) or not isinstance(n, int) or n < 1:
+            raise ModelError(f"per = {n!r}: expected a whole number >= 1")
+        items = tuple(
+            replace(item, count=item.count / n, joules=None if item.joules is None else item.joules / n)
+            for item in self.items
+        )
+        time = None if self.chip_time_s is None else self.chip_time_s / n
+        return replace(self, items=items, chip_time_s=time, steps=self.steps / n, of=what)
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it as plain values, for JSON; what is not known is None."""
+        static = self.static_j if self.static_known else None
+        sums = {"total_j": self.total_j, "dynamic_j": self.dynamic_j, "static_j": static}
+        about = {"target": self.target, "title": self.title, "of": self.of, **sums}
+        chips = None if self.chip_time_s is None else self.chips
+        time = {"chip_time_s": self.chip_time_s, "chips": chips, "steps": self.steps}
+        return {**about, **time, "items": [asdict(item) for item in self.items], "notes": list(self.notes)}
+
+    def __str__(self) -> str:
+        return "\n".join((self._head(), "", *self._rows(), "", *self._foot()))
+
+    def _head(self) -> str:
+        parts = [f"{number(self.steps)} steps"]
+        if self.chip_time_s is not None:
+            chips = f"{self.chips} chip" + "s" * (self.chips != 1)
+            parts = [chips, *parts, f"{quantity(self.chip_time_s, 's')} of chip time"]
+        return f"{self.title} ({self.target}), energy per {self.of}: {', '.join(parts)}"
+
+    def _sources(self) -> list[str]:
+        told = (sourced(item.source, item.conditions) for item in self.items if item.source)
+        return list(dict.fromkeys(told))
+
+    def _rows(self) -> list[str]:
+        sources = self._sources()
+        table = [("item", "of", "count", "each", "energy", "source")]
+        for item in self.items:
+            told = sourced(item.source, item.conditions)
+            unit = "W" if item.what == STATIC else "J"
+            each = "-" if item.joules_each is None else quantity(item.joules_each, unit)
+            energy = "not priced" if item.joules is None else quantity(item.joules, "J")
+            mark = f"[{sources.index(told) + 1}]" if item.source else ""
+            count = f"{quantity(item.count, 's')}" if item.what == STATIC else number(item.count)
+            table.append((item.what, item.of, count, each, energy, mark))
+        for name, energy in zip(("dynamic", "static", "total"), self.sums(), strict=True):
+            table.append((name, "", "", "", energy, ""))
+        return aligned(table)
+
+    def _foot(self) -> list[str]:
+        sources = [f"[{i}] {told}" for i, told in enumerate(self._sources(), 1)]
+        return [*sources, *(f"- {note}" for note in self.notes)]
+
+
+def _sum(items: Iterable[Item]) -> float:
+    return sum((item.joules for item in items if item.joules is not None), 0.0)
+
+
+def sourced(source: str, conditions: str) -> str:
+    """A source with its conditions."""
+    return f"{source} ({conditions})" if conditions else source
+
+
+def quantity(value: float, unit: str) -> str:
+    """Four digits with a prefix, e.g. "23.6 pJ"."""
+    if value == 0:
+        return f"0 {unit}"
+    scale, prefix = next((pair for pair in _PREFIXES if abs(value) >= pair[0] * 0.99995), _PREFIXES[-1])
+    return f"{value / scale:.4g} {prefix}{unit}"
+
+
+def number(count: float) -> str:
+    """A count with separators; a fraction has four digits, a large one none."""
+    if count == int(count):
+        return f"{int(count):,}"
+    return f"{count:,.0f}" if abs(count) >= 1000 else f"{count:.4g}"
+
+
+def aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Columns of equal width; what is counted is set to the right."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    right = (False, False, True, True, True, False)
+    cells = (
+        [cell.rjust(w) if r else cell.ljust(w) for cell, w, r in zip(row, widths, right, strict=True)] for row in rows
+    )
+    return ["  ".join(line).rstrip() for line in cells]

@@ -1,0 +1,1 @@
+"""From a float program to a chip's integers, and what that changes."""

@@ -1,0 +1,196 @@
+"""What quantising looks at: one population of a program and all that arrives at it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from neuro.core.errors import Where
+from neuro.model.neurons import Neuron, dc_generator
+from neuro.model.neurons.base import LARGEST
+from neuro.program.backend import Problem
+from neuro.program.program import Floats, Ints, Population, Program
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What a user may set by hand.
+
+    Attributes:
+        scales: units of the voltage register per mV, by population.
+        exponents: Loihi's weight exponents, by projection.
+        shifts: SpiNNaker's shifts of the (excitatory, inhibitory) slots, by population.
+        signals: largest dopamine concentration in 1/ms that a signal will set, by projection.
+    """
+
+    scales: Mapping[str, float] = field(default_factory=dict)
+    exponents: Mapping[str, int] = field(default_factory=dict)
+    shifts: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    signals: Mapping[str, float] = field(default_factory=dict)
+
+
+class Inputs:
+    """A population of neurons and the projections onto it.
+
+    Args:
+        program: the whole network.
+        index: which population.
+        modes: sign modes that are kept whatever the weights are now, by projection.
+
+    Attributes:
+        spikes, currents: indices of the projections that carry spikes, and currents.
+    """
+
+    def __init__(self, program: Program, index: int, modes: Mapping[str, str] | None = None) -> None:
+        self.program, self.index, self.part = program, index, program.populations[index]
+        self._modes = modes or {}
+        incoming = [i for i, p in enumerate(program.projections) if p.target == index]
+        self.currents = [i for i in incoming if self._carries_current(i)]
+        self.spikes = [i for i in incoming if i not in self.currents]
+
+    def _carries_current(self, index: int) -> bool:
+        source = self.program.populations[self.program.projections[index].source]
+        return isinstance(source.model, dc_generator)
+
+    def learns(self, index: int) -> bool:
+        """Whether the weights of a projection change."""
+        return bool(self.program.projections[index].synapse.learns)
+
+    def range_of(self, index: int) -> Floats:
+        """The weights of a projection, followed by the bounds between which learning may move them."""
+        part = self.program.projections[index]
+        limits = part.synapse.parameters()
+        if part.synapse.learns in ("pairs", "trials") and "Wmax" in limits:
+            return np.concatenate((part.weight, [limits.get("Wmin", 0.0), limits["Wmax"]]))
+        return part.weight
+
+    def sign_mode(self, index: int) -> str:
+        """The signs that the weights of a projection have or may come to have."""
+        if kept := self._modes.get(self.program.projections[index].name):
+            return kept
+        low, high = self._bounds[index]
+        if low >= 0.0:
+            return "excitatory"
+        return "inhibitory" if high <= 0.0 else "mixed"
+
+    @cached_property
+    def _bounds(self) -> dict[int, tuple[float, float]]:
+        found = {}
+        for index in self.spikes:
+            weight = self.range_of(index)
+            found[index] = (float(weight.min(initial=0.0)), float(weight.max(initial=0.0)))
+        return found
+
+    @property
+    def low(self) -> float:
+        """The most negative weight that arrives, at most 0."""
+        return min((low for low, _ in self._bounds.values()), default=0.0)
+
+    @property
+    def high(self) -> float:
+        """The most positive weight that arrives, at least 0."""
+        return max((high for _, high in self._bounds.values()), default=0.0)
+
+    @cached_property
+    def current(self) -> float:
+        """The largest current in pA that generators may add to one neuron."""
+        total = 0.0
+        for index in self.currents:
+            part = self.program.projections[index]
+            amplitude = self.program.populations[part.source].parameters["amplitude"]
+            fan_in = 1
+            if part.layout != "one_to_one":
+                _, post = self.program.connections(index)
+                fan_in = int(np.bincount(post, minlength=1).max(initial=0))
+            total += fan_in * float(np.abs(amplitude).max(initial=0.0)) * float(np.abs(part.weight).max(initial=0.0))
+        return total
+
+    def targets(self, index: int) -> Ints:
+        """The target of every synapse of a projection, in the order of its weights."""
+        return self.program.connections(index)[1]
+
+
+def constants_of(part: Population, resolution: float) -> Floats:
+    """The constants of a population's exact integration, one row, or one a neuron where they differ."""
+    model = part.model
+    assert isinstance(model, Neuron)
+    columns = [part.parameters[word] for word in model.quantities()]
+    size = max(column.size for column in columns)
+    rows = np.stack([np.broadcast_to(column, size) for column in columns], axis=1)
+    different, back = np.unique(rows, axis=0, return_inverse=True)
+    constants = np.zeros((len(different), LARGEST))
+    for row, c in zip(different, constants, strict=True):
+        model.arithmetic.constants(row, resolution, c)
+    found: Floats = constants[back.reshape(-1)]
+    return found
+
+
+def value_at(part: Population, name: str, neuron: int) -> float:
+    """A parameter of one neuron."""
+    return float(np.broadcast_to(part.parameters[name], part.size)[neuron])
+
+
+def too_short(part: Population, name: str, resolution: float) -> Iterator[Problem]:
+    """A time constant below a step."""
+    shortest = float(part.parameters[name].min())
+    if shortest < resolution:
+        yield refused(
+            part.origin,
+            f"population '{part.name}': {name} = {shortest:g} ms",
+            f"it is below a step of {resolution:g} ms",
+            "use a finer resolution or a longer time constant",
+        )
+
+
+def too_long(
+    part: Population, name: str, resolution: float, limit: float, register: str, infinite: bool
+) -> Iterator[Problem]:
+    """A finite time constant beyond the longest that a decay register holds; `infinite`: it also holds no decay."""
+    tau = part.parameters[name]
+    longest = float(tau[np.isfinite(tau)].max(initial=0.0))
+    if longest > limit * (1.0 + 1e-9):
+        way = f"use at most {limit:.6g} ms, a coarser resolution" + (", or .inf for no leak" if infinite else "")
+        yield refused(
+            part.origin,
+            f"population '{part.name}': {name} = {longest:g} ms",
+            f"{register} holds at most {limit:.6g} ms at a resolution of {resolution:g} ms",
+            way if infinite else way.replace(", a ", " or a "),
+        )
+
+
+def one_kernel(inputs: Inputs, index: int, gains: int) -> list[Problem]:
+    """A shared kernel onto neurons whose weights would need different scales; `gains` is how many there are."""
+    part = inputs.program.projections[index]
+    if part.grid is None or gains == 1:
+        return []
+    told = f"projection '{part.name}': a shared kernel onto neurons that differ"
+    return [refused(part.origin, told, "a kernel has one scale", "give the neurons the same time constants and C_m")]
+
+
+def converging(inputs: Inputs, index: int, weight: Floats) -> Floats:
+    """Sum of the weights of a projection that each neuron could receive in one step."""
+    part, n = inputs.program.projections[index], inputs.part.size
+    source = inputs.program.populations[part.source].size
+    if part.grid is not None:
+        per_map: Floats = np.broadcast_to(weight, part.size).reshape(part.grid.maps, -1).sum(axis=1)
+        return np.repeat(per_map, n // part.grid.maps)
+    if part.layout == "one_to_one":
+        return np.broadcast_to(weight, n)
+    if part.layout == "dense":
+        column: Floats = np.broadcast_to(weight, source * n).reshape(source, n).sum(axis=0)
+        return column
+    counted = np.bincount(part.targets, weights=np.broadcast_to(weight, part.size), minlength=n)
+    return counted.astype(np.float64)
+
+
+def refused(origin: Where | None, what: str, why: str, way_out: str) -> Problem:
+    """A problem that keeps a program from running."""
+    return Problem(True, what, why, way_out, origin)
+
+
+def approximated(origin: Where | None, what: str, why: str, way_out: str = "") -> Problem:
+    """A problem that changes what a program does."""
+    return Problem(False, what, why, way_out, origin)

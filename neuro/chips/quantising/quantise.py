@@ -1,0 +1,212 @@
+"""From a float program to a chip's integers, with a report of what that changes.
+
+Nothing is changed in silence: what the chip cannot do is refused, what it does otherwise is approximated, and a
+rounding is told where it exceeds a limit below. All problems of a program are found at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from types import ModuleType
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from neuro.chips.chip import Chip
+from neuro.chips.loihi.learning_rules import give_rules
+from neuro.chips.loihi import neurons as loihi
+from neuro.chips.quantising import rounding
+from neuro.chips.quantising.fixed import FixedPopulation, FixedProgram, FixedProjection, Rounding
+from neuro.chips.quantising.inputs import Inputs, Options, approximated, refused
+from neuro.chips.quantising.losses import LIMITS, losses, merged
+from neuro.chips.quantising.options import options_of
+from neuro.chips.spinnaker import neurons as spinnaker
+from neuro.core.errors import ModelError
+from neuro.model.neurons import Neuron, dc_generator, iaf_psc_delta, parrot_neuron, poisson_generator, spike_generator
+from neuro.program.backend import Problem
+from neuro.program.currents import Currents
+from neuro.program.program import Floats, Population, Program
+
+__all__ = ["ARITHMETIC", "LIMITS", "quantise", "requantise", "rules_run"]
+
+ARITHMETIC: dict[str, ModuleType] = {"loihi": loihi, "spinnaker": spinnaker}
+
+_KEPT: WeakKeyDictionary[Program, dict[tuple[Any, ...], FixedProgram]] = WeakKeyDictionary()
+
+
+def quantise(program: Program, chip: Chip, **options: Any) -> FixedProgram:
+    """Bring a program into a chip's integers.
+
+    Args:
+        program: what was compiled.
+        chip: one with an arithmetic.
+        options: scales and such that are set by hand, see `neuro.chips.quantising.inputs.Options`.
+
+    Returns:
+        registers, words and delays; `problems` tells what is refused or approximated, all at once.
+
+    Raises:
+        ModelError: the chip has no arithmetic here, or an option names nothing.
+    """
+    if chip.arithmetic not in ARITHMETIC:
+        raise ModelError(
+            f"chip '{chip.name}' has no arithmetic here: expected one of {', '.join(ARITHMETIC)}",
+            hint="its limits and costs serve placing and energy only",
+        )
+    chosen = options_of(program, chip, options)
+    key = (chip.name, chip.path, repr(sorted(options.items())))
+    kept = _KEPT.setdefault(program, {})
+    if key not in kept:
+        kept[key] = _quantise(program, chip, chosen)
+    return kept[key]
+
+
+def _quantise(program: Program, chip: Chip, options: Options) -> FixedProgram:
+    populations: list[FixedPopulation] = []
+    projections: dict[int, FixedProjection] = {}
+    problems: list[Problem] = []
+    for index, part in enumerate(program.populations):
+        if not isinstance(part.model, Neuron):
+            kind = "current" if isinstance(part.model, dc_generator) else "source"
+            populations.append(FixedPopulation(part.name, kind))
+            continue
+        fixed, found, told = _population(Inputs(program, index), chip, options)
+        populations.append(fixed)
+        projections |= found
+        problems += told
+    problems += give_rules(program, chip, projections, options)
+    wires = tuple(projections.get(index) for index in range(len(program.projections)))
+    problems += _delays(program, chip, wires)
+    if any(p.refused for p in problems):
+        return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), ())
+    problems += merged(program, chip)
+    problems += losses(program, populations, wires)
+    return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), tuple(_notes(program, chip, wires)))
+
+
+def _population(
+    inputs: Inputs, chip: Chip, options: Options
+) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
+    """One population of neurons and the projections onto it."""
+    rules, part = ARITHMETIC[chip.arithmetic], inputs.part
+    if part.model.chip == chip.arithmetic:
+        found, problems = {}, []
+        for index in inputs.spikes:
+            found[index], told = rules.native_projection(inputs, index)
+            problems += told
+        return rules.native(part), found, [*problems, *_no_current(inputs), *_no_register(part, rules.STATE_LIMIT)]
+    if isinstance(part.model, parrot_neuron):
+        relays = {index: rules.relay_projection(inputs, index) for index in inputs.spikes}
+        return FixedPopulation(part.name, "relay"), relays, []
+    if not rules_run(part.model):
+        return FixedPopulation(part.name, "none"), {}, [_lacking(inputs, chip)]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        fixed, found, problems = rules.population(inputs, options)
+        if inputs.currents:
+            fixed = replace(fixed, rounding=(*fixed.rounding, _rounded_currents(inputs, fixed)))
+    if chip.arithmetic == "spinnaker" and isinstance(part.model, iaf_psc_delta):
+        why = "no released SpiNNaker binary has it: it is emulated in the same arithmetic, slots added to v"
+        problems.append(approximated(part.origin, f"population '{part.name}': iaf_psc_delta", why))
+    return fixed, found, problems
+
+
+def _rounded_currents(inputs: Inputs, fixed: FixedPopulation) -> Rounding:
+    """What the bias register makes of the currents of generators, as they are described."""
+    wanted = Currents(inputs.program).full(inputs.index)
+    unit = 2.0 ** fixed.registers.get("bias_exp", np.zeros(1)) / fixed.drive
+    return rounding.worst("dc", "pA", wanted, np.rint(wanted / unit) * unit, float(np.abs(wanted).max()))
+
+
+def rules_run(model: object) -> bool:
+    """Whether a model can be brought into integers."""
+    return loihi.runs(model)
+
+
+def _lacking(inputs: Inputs, chip: Chip) -> Problem:
+    model = inputs.part.model
+    why = f"{chip.name} has no such neuron: it has iaf_psc_exp, iaf_psc_delta and parrot_neuron"
+    way = f"backend '{model.chip}' runs it" if model.chip else "use iaf_psc_exp, or run on event"
+    return refused(inputs.part.origin, f"population '{inputs.part.name}': {model.name}", why, way)
+
+
+def _no_current(inputs: Inputs) -> list[Problem]:
+    found = [inputs.program.projections[index] for index in inputs.currents]
+    why = "neurons described in registers take no current in pA"
+    return [refused(p.origin, f"projection '{p.name}': a current", why, "set a bias or offset register") for p in found]
+
+
+def _no_register(part: Population, limit: int) -> Iterator[Problem]:
+    """Initial states that no state register holds."""
+    for name, values in part.initial.items():
+        bad = np.flatnonzero((values != np.rint(values)) | (np.abs(values) > limit))
+        if bad.size:
+            what = f"population '{part.name}': {name} = {values[bad[0]]:.10g} at step 0"
+            why = f"a state register holds whole numbers from -{limit} to {limit}"
+            yield refused(part.origin, what, why, "begin with one of these")
+
+
+def _delays(program: Program, chip: Chip, wires: tuple[FixedProjection | None, ...]) -> Iterator[Problem]:
+    longest = chip.limit("delay_max")
+    for part, fixed in zip(program.projections, wires, strict=True):
+        if fixed is None or longest is None or fixed.delay.max(initial=0) <= longest:
+            continue
+        steps = int(fixed.delay.max())
+        extra = steps - int(part.delay.max())
+        yield refused(
+            part.origin,
+            f"projection '{part.name}': a delay of {int(part.delay.max()) * program.resolution:g} ms",
+            f"{steps} steps in the delay register, which holds at most {longest} on {chip.name}",
+            f"use at most {(longest - extra) * program.resolution:g} ms, a coarser resolution, or a chain of parrots",
+        )
+
+
+def _notes(program: Program, chip: Chip, wires: tuple[FixedProjection | None, ...]) -> Iterator[str]:
+    """What the host does for the chip."""
+    if any(isinstance(p.model, (poisson_generator, spike_generator)) for p in program.populations):
+        yield "the host sends the spikes of generators"
+    if any(isinstance(p.model, dc_generator) for p in program.populations):
+        yield "the host writes currents of dc_generators into the bias registers when they change"
+    for group in program.groups:
+        yield f"the host decides group '{group.name}' from the voltages of the step; the chip has no winner-take-all"
+    if program.trials is not None:
+        yield f"the host resets {', '.join(program.trials.reset) or 'nothing'} before each trial"
+    for part in program.projections:
+        if part.synapse.learns == "trials":
+            yield (
+                f"the host applies {part.synapse.name} to '{part.name}' between trials and writes the weights, rounded "
+                "stochastically: the chip cannot tie weights in learning"
+            )
+    if chip.arithmetic == "spinnaker" and program.resolution != 1.0:
+        yield f"a step of {program.resolution:g} ms takes a tick of 1 ms on the machine"
+    native = chip.limit("delay_native")
+    if native is not None and any(w.delay.max(initial=0) > native for w in wires if w is not None):
+        yield f"delays above {native} ticks need delay extensions, whose cores are not placed"
+
+
+def requantise(
+    fixed: FixedProgram, population: int, parameters: Mapping[str, Floats], weights: Mapping[int, Floats]
+) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
+    """A population with other parameters, at the scale, exponents and shifts that it has.
+
+    Args:
+        fixed: the quantised program.
+        population: which.
+        parameters: all of its parameters.
+        weights: the present weights, by projection, of those that differ from the program's.
+    """
+    program, cells = fixed.program, fixed.populations[population]
+    projections = tuple(
+        replace(part, weight=weights.get(index, part.weight)) for index, part in enumerate(program.projections)
+    )
+    part = replace(program.populations[population], parameters=dict(parameters))
+    others = (*program.populations[:population], part, *program.populations[population + 1 :])
+    changed = replace(program, populations=others, projections=projections)
+    modes = {w.name: w.sign_mode for w in fixed.projections if w is not None and w.sign_mode}
+    exponents = {w.name: w.exponent for w in fixed.projections if w is not None and w.sign_mode}
+    shifts = {}
+    if "exc_shift" in cells.registers:
+        shifts = {cells.name: (int(cells.registers["exc_shift"][0]), int(cells.registers["inh_shift"][0]))}
+    options = Options(scales={cells.name: cells.volt}, exponents=exponents, shifts=shifts)
+    return _population(Inputs(changed, population, modes), fixed.chip, options)

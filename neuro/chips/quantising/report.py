@@ -1,0 +1,91 @@
+"""The report of quantising as tables: what each register and each weight memory makes of what was described."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy.typing as npt
+
+from neuro.chips.placing.placement import aligned
+from neuro.chips.quantising.fixed import FixedProgram, FixedProjection, Rounding
+from neuro.program.program import Projection
+
+POPULATIONS = ("population", "neurons", "is a", "units per mV", "quantity", "described", "on the chip", "error")
+PROJECTIONS = ("projection", "weights", "bits", "signs", "scale", "a step", "delay", "become 0", "largest error", "rms")
+
+
+def report(fixed: FixedProgram) -> str:
+    """What quantising made of a program: a table of populations, one of projections, and notes."""
+    lines = [f"network '{fixed.program.name}' in the integers of {fixed.chip.title}"]
+    for head, rows in ((POPULATIONS, _populations(fixed)), (PROJECTIONS, _projections(fixed))):
+        if body := list(rows):
+            lines += ["", *aligned([head, *body], right=0)]
+    if fixed.notes:
+        lines += ["", "notes", *(f"  - {note}" for note in fixed.notes)]
+    return "\n".join(lines)
+
+
+def _populations(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
+    for part, cells in zip(fixed.program.populations, fixed.populations, strict=True):
+        if cells.kind in ("source", "current"):
+            continue
+        scaled = f"{cells.volt:.6g}" if cells.rounding else "-"
+        own = (part.name, f"{part.size:,}", cells.kind, scaled)
+        rows = [_rounded(r) for r in cells.rounding] or [("-",) * 4]
+        for k, row in enumerate(rows):
+            yield (*(own if k == 0 else ("",) * 4), *row)
+
+
+def _rounded(r: Rounding) -> tuple[str, ...]:
+    told = _share(r.error, signed=True)
+    return r.quantity, f"{r.wanted:.6g} {r.unit}", f"{r.got:.6g} {r.unit}", told
+
+
+def _projections(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
+    for part, wires in zip(fixed.program.projections, fixed.projections, strict=True):
+        if wires is None:
+            continue
+        lost = wires.rounding
+        yield (
+            part.name,
+            f"{part.size:,}",
+            str(wires.bits),
+            wires.sign_mode or "either",
+            _scale(fixed, part, wires),
+            _range(wires.step),
+            _delay(part, wires),
+            _share(lost.zeroed),
+            _share(lost.worst),
+            _share(lost.rms),
+        )
+
+
+def _scale(fixed: FixedProgram, part: Projection, wires: FixedProjection) -> str:
+    """Loihi's exponent, or SpiNNaker's shifts."""
+    if wires.sign_mode:
+        return f"exponent {wires.exponent}"
+    registers = fixed.populations[part.target].registers
+    if "exc_shift" not in registers:
+        return "-"
+    return "shifts " + ", ".join(str(int(registers[f"{word}_shift"][0])) for word in ("exc", "inh"))
+
+
+def _delay(part: Projection, wires: FixedProjection) -> str:
+    """Steps as described, and what the delay register holds where it is another number."""
+    described = _range(part.delay)
+    register = _range(wires.delay)
+    return described if described == register else f"{described} as {register}"
+
+
+def _range(values: npt.NDArray[Any]) -> str:
+    low, high = values.min(), values.max()
+    return f"{low:.5g}" if low == high else f"{low:.5g}..{high:.5g}"
+
+
+def _share(error: float, signed: bool = False) -> str:
+    if error == 0.0:
+        return "0"
+    if abs(error) < 5e-5:
+        return "< 0.01%"
+    return f"{error:+.2%}" if signed else f"{error:.2%}"

@@ -1,0 +1,244 @@
+"""SpiNNaker's integers: s16.15 neurons, unsigned 0.32 decays and 16-bit ring-buffer slots.
+
+| described | on the chip |
+| --- | --- |
+| mV, nA | s16.15: the number times 32768 |
+| `iaf_psc_exp`, weight w | a word of w/1000 x 2^(15 - shift), made larger or smaller by the constant factor between the chip's integration, which holds the current for a tick, and the exact one: V_m is then the same at every tick |
+| `iaf_psc_delta`, weight w | a word of w 2^(15 - shift), added to v |
+| V_m >= V_th | v >= v_thresh |
+| t_ref of R steps | t_refract = R |
+| delay of D steps | `iaf_psc_exp`: D + 1, `iaf_psc_delta`: D, since NEST's currents act one step later than they arrive |
+
+`iaf_psc_delta` exists on no released SpiNNaker binary. It is emulated as its authors would write it: the same
+s16.15 products, slots added to v. Source: sPyNNaker's neuron core (Rhodes et al., Front. Neurosci. 12:816, 2018).
+"""  # noqa: E501
+
+from __future__ import annotations
+
+import numpy as np
+
+from neuro.chips.quantising import rounding
+from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding, WeightRounding, Words
+from neuro.chips.quantising.inputs import Inputs, Options, constants_of, converging, one_kernel, refused
+from neuro.chips.spinnaker.limits import FRACTION, LARGEST, LARGEST_SHIFT, ONE, SLOT, lacking, overflows
+from neuro.model.neurons import iaf_psc_delta
+from neuro.program.backend import Problem
+from neuro.program.program import Floats, Ints, Population
+
+__all__ = ["STATE_LIMIT", "native", "native_projection", "population", "relay_projection"]
+
+STATE_LIMIT = LARGEST
+"""The largest initial v and g in registers."""
+
+FINE = 256
+"""Steps that the largest weight keeps although a slot might then saturate."""
+
+
+def native(part: Population) -> FixedPopulation:
+    """A `spinnaker_lif`: its parameters are the registers."""
+    registers = {name: values.astype(np.int64) for name, values in part.parameters.items() if name != "tau_minus"}
+    initial = {name: values.astype(np.int64) for name, values in part.initial.items()}
+    return FixedPopulation(part.name, "spinnaker_lif", registers, initial, float(ONE))
+
+
+def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
+    """A projection onto a `spinnaker_lif`: its weights are words, negative ones for the inhibitory receptor."""
+    part = inputs.program.projections[index]
+    problems = []
+    bad = np.flatnonzero((part.weight != np.rint(part.weight)) | (np.abs(part.weight) > SLOT))
+    if bad.size:
+        told = f"projection '{part.name}': weight = {part.weight[bad[0]]:g}"
+        problems.append(
+            refused(
+                part.origin, told, f"a word is a whole number from -{SLOT} to {SLOT}", "change exc_shift or inh_shift"
+            )
+        )
+    words: Words = np.clip(np.rint(part.weight), -SLOT, SLOT).astype(np.int32)
+    return _projection(
+        part.name,
+        words,
+        np.ones(1),
+        np.ones(1),
+        part.delay,
+        rounding.judged(words.astype(float), words, 1.0, -SLOT, SLOT),
+    ), problems
+
+
+def _projection(
+    name: str, words: Words, step: Floats, below: Floats, delay: Words, rounding: WeightRounding
+) -> FixedProjection:
+    ticks = delay.astype(np.int32)
+    return FixedProjection(
+        name=name,
+        mantissas=words,
+        words=words,
+        low=-SLOT,
+        high=SLOT,
+        grain=1,
+        exponent=0,
+        sign_mode="",
+        bits=16,
+        step=step,
+        step_below=below,
+        lag=ticks,
+        delay=ticks,
+        rounding=rounding,
+    )
+
+
+def relay_projection(inputs: Inputs, index: int) -> FixedProjection:
+    """A projection onto parrots: every spike counts, whatever its weight."""
+    part = inputs.program.projections[index]
+    ones: Words = np.ones(1, dtype=np.int32)
+    return _projection(
+        part.name, ones, part.weight.copy(), part.weight.copy(), part.delay, WeightRounding(0.0, 0.0, 0.0, 0.0)
+    )
+
+
+def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
+    """A population of `iaf_psc_delta` or `iaf_psc_exp`, and the projections onto it."""
+    delta = isinstance(inputs.part.model, iaf_psc_delta)
+    registers, gain, drive, rounding = _delta(inputs) if delta else _exponential(inputs)
+    shifts = options.shifts.get(inputs.part.name) or _shifts(inputs, gain)
+    registers["exc_shift"], registers["inh_shift"] = (np.full(1, shift, dtype=np.int64) for shift in shifts)
+    part, p = inputs.part, inputs.part.parameters
+    ampere: tuple[Floats, ...] = ()
+    initial = {"v": part.initial["V_m"] * ONE}
+    if not delta:
+        h = inputs.program.resolution
+        ampere = tuple(
+            g * registers[f"{word}_init"] / FRACTION * ONE / np.exp(-h / p[tau])
+            for word, tau, g in zip(("exc", "inh"), ("tau_syn_ex", "tau_syn_in"), gain, strict=True)
+        )
+        initial["g_exc"], initial["g_inh"] = part.initial["I_syn_ex"] * ampere[0], -part.initial["I_syn_in"] * ampere[1]
+    problems = [*lacking(inputs), *overflows(inputs, initial, drive)]
+    states = {name: np.clip(np.rint(values), -LARGEST, LARGEST).astype(np.int64) for name, values in initial.items()}
+    kind = "spinnaker_delta" if delta else "spinnaker_lif"
+    fixed = FixedPopulation(part.name, kind, registers, states, float(ONE), np.zeros(1), ampere, drive, tuple(rounding))
+    found = {}
+    for index in inputs.spikes:
+        found[index], more = _weights(inputs, index, gain, shifts)
+        problems += more
+    return fixed, found, problems
+
+
+def _exponential(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floats, list[Rounding]]:
+    """Registers of `iaf_psc_exp`, nA in a slot per pA of weight by receptor, i_offset per pA, and what is rounded."""
+    from neuro.model.neurons.iaf_psc_exp import P11_EX, P11_IN, P32_EX, P32_IN, P33
+
+    part, h = inputs.part, inputs.program.resolution
+    p, c = part.parameters, constants_of(inputs.part, inputs.program.resolution)
+    r_m = p["tau_m"] / p["C_m"] * 1000.0
+    registers = _potentials(inputs, c[:, P33])
+    registers["r_m"] = np.rint(np.where(np.isfinite(r_m), r_m, 0.0) * ONE).astype(np.int64)
+    registers["i_offset"] = np.rint(p["I_e"] / 1000.0 * ONE).astype(np.int64)
+    rounding = _rounded_potentials(inputs, registers, c[:, P33])
+    gains = []
+    for word, tau, kept, exact in (("exc", "tau_syn_ex", P11_EX, P32_EX), ("inh", "tau_syn_in", P11_IN, P32_IN)):
+        share = p[tau] / h * -np.expm1(-h / p[tau])
+        registers[f"{word}_decay"] = np.floor(FRACTION * c[:, kept]).astype(np.int64)
+        registers[f"{word}_init"] = np.minimum(np.floor(FRACTION * share), FRACTION - 1).astype(np.int64)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            own = c[:, exact] / (r_m * -np.expm1(-h / p["tau_m"]) * share)
+        gains.append(np.where(np.isfinite(own), own, 0.001))
+    if np.isfinite(p["tau_m"]).all():
+        got = p["tau_m"] / np.maximum(registers["r_m"] / ONE, 1e-300) * 1000.0
+        rounding.append(rounding.worst("C_m", "pF", p["C_m"], got, p["C_m"]))
+    rounding += _rounded_current(p["I_e"], registers["i_offset"] / ONE * 1000.0)
+    return registers, (gains[0], gains[1]), np.full(1, ONE / 1000.0), rounding
+
+
+def _delta(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floats, list[Rounding]]:
+    """Registers of `iaf_psc_delta`, mV in a slot per mV of weight, units per pA of current, and what is rounded."""
+    from neuro.model.neurons.iaf_psc_delta import P30, P33
+
+    p, c = inputs.part.parameters, constants_of(inputs.part, inputs.program.resolution)
+    registers = _potentials(inputs, c[:, P33])
+    registers["i_offset"] = np.rint(c[:, P30] * p["I_e"] * ONE).astype(np.int64)
+    rounding = _rounded_potentials(inputs, registers, c[:, P33])
+    rounding += _rounded_current(p["I_e"], registers["i_offset"] / ONE / c[:, P30])
+    return registers, (np.ones(1), np.ones(1)), c[:, P30] * ONE, rounding
+
+
+def _rounded_current(wanted: Floats, got: Floats) -> list[Rounding]:
+    if not wanted.any():
+        return []
+    return [rounding.worst("I_e", "pA", wanted, got, float(np.abs(wanted).max()))]
+
+
+def _potentials(inputs: Inputs, leak: Floats) -> dict[str, Ints]:
+    p, h = inputs.part.parameters, inputs.program.resolution
+    names = {"v_rest": "E_L", "v_reset": "V_reset", "v_thresh": "V_th"}
+    registers = {name: np.rint(p[word] * ONE).astype(np.int64) for name, word in names.items()}
+    registers["exp_tc"] = np.rint(leak * ONE).astype(np.int64)
+    registers["t_refract"] = np.rint(p["t_ref"] / h).astype(np.int64)
+    return registers
+
+
+def _rounded_potentials(inputs: Inputs, registers: dict[str, Ints], leak: Floats) -> list[Rounding]:
+    p, h = inputs.part.parameters, inputs.program.resolution
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tau = np.where(registers["exp_tc"] >= ONE, np.inf, -h / np.log(registers["exp_tc"] / ONE))
+    distance = np.abs(p["V_th"] - p["E_L"])
+    return [
+        rounding.worst("tau_m", "ms", p["tau_m"], tau, p["tau_m"]),
+        rounding.worst("V_th", "mV", p["V_th"], registers["v_thresh"] / ONE, distance),
+        rounding.worst("V_reset", "mV", p["V_reset"], registers["v_reset"] / ONE, distance),
+        rounding.worst("t_ref", "ms", p["t_ref"], registers["t_refract"] * h, 1.0),
+    ]
+
+
+def _shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
+    """Shifts of the two receptors: one spike of every synapse saturates no slot, unless weights lose their grain.
+
+    A slot that could hold all synapses of a neuron at once is too coarse for a weight where many converge; then the
+    largest weight keeps `FINE` steps and saturation, should it happen, is counted.
+    """
+    found = []
+    for sign, own in zip((1.0, -1.0), gain, strict=True):
+        largest, total = 0.0, np.zeros(inputs.part.size)
+        for index in inputs.spikes:
+            part = inputs.program.projections[index]
+            weight = np.maximum(sign * inputs.range_of(index), 0.0)
+            largest = max(largest, float(weight.max(initial=0.0)))
+            total += converging(inputs, index, np.maximum(sign * part.weight, 0.0))
+        scale = ONE * float(own.max())
+        safe = _fitting(float(total.max(initial=0.0)) * scale)
+        fine = int(np.floor(np.log2(max(largest * scale / FINE, 1.0))))
+        found.append(int(np.clip(max(_fitting(largest * scale), min(safe, fine)), 0, LARGEST_SHIFT)))
+    return found[0], found[1]
+
+
+def _fitting(value: float) -> int:
+    """The smallest shift with which a value fits into a slot."""
+    return max(0, int(np.ceil(np.log2(value / SLOT)))) if value > SLOT else 0
+
+
+def _weights(
+    inputs: Inputs, index: int, gain: tuple[Floats, Floats], shifts: tuple[int, int]
+) -> tuple[FixedProjection, list[Problem]]:
+    """The weights of a projection as words."""
+    part = inputs.program.projections[index]
+    problems = one_kernel(inputs, index, gain[0].size)
+    delta = isinstance(inputs.part.model, iaf_psc_delta)
+    steps = [2.0**shift / (ONE * own) for shift, own in zip(shifts, gain, strict=True)]
+    if steps[0].size > 1 and part.grid is None:
+        steps = [step[inputs.targets(index)] for step in steps]
+    else:
+        steps = [step[:1] for step in steps]
+    step = np.where(part.weight < 0.0, steps[1], steps[0])
+    words = rounding.rounded(part.weight, step, -SLOT, SLOT, 1)
+    found = rounding.judged(np.broadcast_to(part.weight, words.shape), words, step, -SLOT, SLOT)
+    if found.saturated > 0.0:
+        beyond = rounding.beyond(part.weight, step, -SLOT, SLOT)
+        word, shift = ("inh_shift", shifts[1]) if beyond.weight < 0.0 else ("exc_shift", shifts[0])
+        problems.append(
+            refused(
+                part.origin,
+                f"projection '{part.name}': weight = {beyond.weight:g}",
+                f"a word of 16 bits holds at most {SLOT * beyond.step:.6g} at {word} {shift}",
+                "use a larger shift, or leave it to be chosen" if shift < LARGEST_SHIFT else "scale the weights down",
+            )
+        )
+    delay = (part.delay + (not delta)).astype(np.int32)
+    return _projection(part.name, words, steps[0], steps[1], delay, found), problems

@@ -1,0 +1,310 @@
+"""Whether a value is what a quantity accepts, and its canonical form."""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.errors import ModelError, nearest
+from neuro.core.hints import axes, notation
+from neuro.core.values import FromFile, shown
+
+if TYPE_CHECKING:
+    from neuro.core.quantities import Quantity
+
+LARGEST = 2**31 - 1
+_HUGE = int(sys.float_info.max)
+_BOOLEANS = {"true": "true", "yes": "true", "on": "true", "false": "false", "no": "false", "off": "false"}
+
+
+def check(q: Quantity, value: Any, what: str, path: tuple[str, ...] = ()) -> Any:
+    """Return `value` in its canonical form, or say what is wrong with it.
+
+    Args:
+        q: what the parameter may be.
+        value: a number, word, list, array, distribution or `FromFile`.
+        what: the full name for the message, e.g. "iaf_psc_exp.tau_m".
+        path: the words that lead to the value inside its part; the last word of `what` if not given.
+
+    Raises:
+        ModelError: it is none of the accepted kinds, or out of bounds (the first such element is named).
+    """
+    if value is None and q.optional:
+        return None
+    try:
+        return _CHECKERS[q.kind](q, value, what)
+    except ModelError as error:
+        error.path = (*(path or (re.split(r"[^\w]", what)[-1],)), *error.path)
+        raise
+
+
+def wrong(q: Quantity, value: Any, what: str, *index: int) -> ModelError:
+    """The error for a value, or the element of it at `index`, that a quantity does not accept."""
+    place = f"{what}[{', '.join(map(str, index))}]" if index else what
+    found = f"{place} has no value" if value is None else f"{place} = {shown(value)}"
+    expected = q.expected()
+    if isinstance(value, float) and not math.isfinite(value):
+        expected = expected.replace("a number", "a finite number", 1)
+    return ModelError(f"{found}: expected {expected}", hint=_hint(q, value), path=tuple(map(str, index)))
+
+
+def _hint(q: Quantity, value: Any) -> str:
+    if isinstance(value, type) and hasattr(value, "called"):
+        return f"write {value.called()}(...)"
+    if not isinstance(value, str):
+        return ""
+    if q.kind == "word":
+        return nearest(value, q.words)
+    if q.kind == "boolean":
+        return f"write {_BOOLEANS[value.lower()]}" if value.lower() in _BOOLEANS else ""
+    if q.kind == "shape":
+        near = nearest(value, q.words)
+        return axes(value) or (near if near.startswith("did") else "")
+    return notation(value, q.unit) if q.kind not in ("name", "names", "part") else ""
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a single number that a double can hold; true and false are none."""
+    if isinstance(value, int):
+        return not isinstance(value, bool) and abs(value) <= _HUGE
+    return isinstance(value, (float, np.integer, np.floating))
+
+
+def _within(q: Quantity, x: float) -> bool:
+    return not (
+        math.isnan(x)
+        or (q.whole and not x.is_integer())
+        or (math.isinf(x) and not q.infinite)
+        or (q.above is not None and not x > q.above)
+        or (q.at_least is not None and not x >= q.at_least)
+        or (q.below is not None and not x < q.below)
+        or (q.at_most is not None and not x <= q.at_most)
+    )
+
+
+def _number(q: Quantity, value: Any, what: str) -> Any:
+    if is_number(value):
+        if not _within(q, float(value)):
+            raise wrong(q, value, what)
+        return float(value)
+    if not q.arrays:
+        raise wrong(q, value, what)
+    if getattr(value, "kind", "") == "distribution" and not isinstance(value, type):
+        return value
+    if isinstance(value, FromFile):
+        _each(q, value.values, what)
+        return value
+    array = _array(q, value, what)
+    _each(q, array, what)
+    return array
+
+
+def _delay(q: Quantity, value: Any, what: str) -> float:
+    if not is_number(value) or not math.isfinite(value) or value <= 0:
+        raise wrong(q, value, what)
+    return float(value)
+
+
+def numbers(values: Any, what: str) -> NDArray[np.float64]:
+    """Any array of numbers as float64.
+
+    Raises:
+        ModelError: something in it is no number, or masked.
+    """
+    refuse_masked(values, what)
+    try:
+        array = np.asarray(values)
+    except ValueError:
+        array = np.asarray(None)
+    if array.size and array.dtype.kind not in "iuf":
+        items = [repr(item) if isinstance(item, str) else item for item in array.ravel().tolist()]
+        raise ModelError(f"{what}: found {shown(items if array.ndim else array.item())}: expected numbers")
+    return array.astype(np.float64)
+
+
+def refuse_masked(value: Any, what: str) -> None:
+    """Refuse an array some of whose values are masked: numpy would go on with what lies under the mask.
+
+    Raises:
+        ModelError: one is.
+    """
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        index = np.argwhere(np.ma.getmaskarray(value))[0]
+        place = f"{what}[{', '.join(map(str, index))}]" if index.size else what
+        raise ModelError(f"{place} is masked: expected values for all", hint="fill it: values.filled(...)")
+
+
+def _array(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
+    """A list, nested evenly, or an array of numbers as doubles that cannot be written."""
+    refuse_masked(value, what)
+    if isinstance(value, (list, tuple)):
+        _leaves(q, value, what)
+    elif isinstance(value, (str, bytes)) or np.ndim(value) == 0 or np.asarray(value).dtype.kind not in "iuf":
+        raise wrong(q, value, what)
+    try:
+        array = np.array(value, dtype=np.float64)
+    except ValueError:
+        raise ModelError(f"{what} has rows of different lengths: expected as many numbers in each") from None
+    array.flags.writeable = False
+    return array
+
+
+def _leaves(q: Quantity, items: Any, what: str, *index: int) -> None:
+    for k, item in enumerate(items):
+        refuse_masked(item, f"{what}[{', '.join(map(str, (*index, k)))}]")
+        if isinstance(item, (list, tuple)):
+            _leaves(q, item, what, *index, k)
+        elif not is_number(item) and not (isinstance(item, np.ndarray) and item.dtype.kind in "iuf"):
+            raise wrong(q, item, what, *index, k)
+
+
+def _each(q: Quantity, array: NDArray[np.float64], what: str) -> None:
+    good = ~np.isnan(array)
+    if not q.infinite:
+        good &= np.isfinite(array)
+    if q.whole:
+        good &= array == np.floor(array)
+    for bound, compare in (
+        (q.above, np.greater),
+        (q.at_least, np.greater_equal),
+        (q.below, np.less),
+        (q.at_most, np.less_equal),
+    ):
+        if bound is not None:
+            good &= compare(array, bound)
+    if not good.all():
+        index = tuple(int(i) for i in np.argwhere(~good)[0])
+        raise wrong(q, float(array[index]), what, *index)
+
+
+def _is_whole(value: Any) -> bool:
+    return is_number(value) and abs(value) <= LARGEST and float(value) == int(value)
+
+
+def _integer(q: Quantity, value: Any, what: str) -> int:
+    if not _is_whole(value) or not _within(q, float(value)):
+        raise wrong(q, value, what)
+    return int(value)
+
+
+def _boolean(q: Quantity, value: Any, what: str) -> bool:
+    if not isinstance(value, (bool, np.bool_)):
+        raise wrong(q, value, what)
+    return bool(value)
+
+
+def _name(q: Quantity, value: Any, what: str) -> str:
+    text = getattr(value, "name", value)
+    if not isinstance(text, str):
+        raise wrong(q, value, what)
+    return text
+
+
+def _names(q: Quantity, value: Any, what: str) -> tuple[str, ...]:
+    items = [value] if isinstance(value, str) else value
+    if not isinstance(items, (list, tuple)):
+        raise wrong(q, value, what)
+    for k, item in enumerate(items):
+        if not isinstance(item, str):
+            raise wrong(q, item, what, k)
+    return tuple(items)
+
+
+def _word(q: Quantity, value: Any, what: str) -> str:
+    if not isinstance(value, str) or value not in q.words:
+        raise wrong(q, value, what)
+    return value
+
+
+def _shape(q: Quantity, value: Any, what: str) -> tuple[int | str, ...]:
+    items = [value] if is_number(value) or (isinstance(value, str) and value in q.words) else value
+    if not isinstance(items, (list, tuple, np.ndarray)) or len(items) == 0:
+        raise wrong(q, value, what)
+    for k, item in enumerate(items):
+        if is_number(item) and item > LARGEST and float(item).is_integer():
+            _check_count((int(item),), what)
+        if not (isinstance(item, str) and item in q.words) and not (_is_whole(item) and _within(q, float(item))):
+            raise wrong(q, item, what, *([k] if items is value else []))
+    sizes = tuple(item if isinstance(item, str) else int(item) for item in items)
+    _check_count(sizes, what)
+    return sizes
+
+
+def _check_count(sizes: tuple[int | str, ...], what: str) -> None:
+    if math.prod(size for size in sizes if isinstance(size, int)) > LARGEST:
+        found = shown(sizes if len(sizes) > 1 else sizes[0])
+        raise ModelError(f"{what} = {found}: expected at most {LARGEST} elements")
+
+
+def _ids(q: Quantity, value: Any, what: str) -> NDArray[np.int64]:
+    array = value.values if isinstance(value, FromFile) else _array(q, value, what)
+    if array.ndim != 1:
+        raise wrong(q, value, what)
+    bad = np.flatnonzero(~((array >= 0) & (array <= LARGEST) & (array == np.floor(array))))
+    if bad.size:
+        raise wrong(q, float(array[bad[0]]), what, int(bad[0]))
+    ids = array.astype(np.int64)
+    ids.flags.writeable = False
+    return ids
+
+
+def _times(q: Quantity, value: Any, what: str) -> tuple[NDArray[np.float64], ...]:
+    """One list for each neuron; rows of a file end in NaN where they are shorter than the longest."""
+    if isinstance(value, FromFile):
+        table = np.atleast_2d(value.values)
+        return tuple(
+            _train(q, row[: row.size - int(np.isnan(row[::-1]).cumprod().sum())], what, [n])
+            for n, row in enumerate(table)
+        )
+    if not isinstance(value, (list, tuple, np.ndarray)):
+        raise wrong(q, value, what)
+    if len(value) and all(map(is_number, value)):
+        return (_train(q, value, what, []),)
+    return tuple(_train(q, row, what, [n]) for n, row in enumerate(value))
+
+
+def _train(q: Quantity, row: Any, what: str, index: list[int]) -> NDArray[np.float64]:
+    if not isinstance(row, (list, tuple, np.ndarray)):
+        raise wrong(q, row, what, *index)
+    times = _array(q, row, what)
+    if times.ndim != 1:
+        raise wrong(q, row, what, *index)
+    bad = np.flatnonzero(~(np.isfinite(times) & (times > 0) & (np.diff(times, prepend=0.0) >= 0)))
+    if bad.size:
+        k = int(bad[0])
+        place = ", ".join(map(str, [*index, k]))
+        raise ModelError(
+            f"{what}[{place}] = {shown(float(times[k]))}: expected spike times > 0 ms in ascending order",
+            path=tuple(map(str, [*index, k])),
+        )
+    return times
+
+
+def _part(q: Quantity, value: Any, what: str) -> Any:
+    assert q.part is not None
+    if isinstance(value, q.part):
+        return value
+    if not isinstance(value, Mapping):
+        raise wrong(q, value, what)
+    return q.part.from_words(value)
+
+
+_CHECKERS: dict[str, Callable[[Quantity, Any, str], Any]] = {
+    "number": _number,
+    "integer": _integer,
+    "boolean": _boolean,
+    "name": _name,
+    "names": _names,
+    "word": _word,
+    "shape": _shape,
+    "times": _times,
+    "ids": _ids,
+    "delay": _delay,
+    "part": _part,
+}

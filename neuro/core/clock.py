@@ -1,0 +1,114 @@
+"""Milliseconds and steps: the one place where they are converted."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.checks import is_number
+from neuro.core.errors import ModelError
+from neuro.core.values import shown
+
+NEVER = 2**62
+LARGEST = 2**40
+"""Steps that a time may have."""
+
+TOLERANCE = 1e-6
+
+
+class Clock:
+    """Converts between times in ms and whole steps.
+
+    A time counts as on the grid when it is within a millionth of a step of it. Where a millisecond is a whole
+    number of steps, `ms` gives the double nearest to the decimal number (3 steps of 0.1 ms are 0.3 ms).
+
+    Args:
+        resolution: length of a step in ms.
+    """
+
+    def __init__(self, resolution: float) -> None:
+        self.resolution = resolution
+        per_ms = round(1.0 / resolution)
+        self._per_ms = float(per_ms) if per_ms >= 1 and abs(per_ms * resolution - 1.0) < 1e-12 else 0.0
+
+    def ms(self, step: int) -> float:
+        """The time of a step in ms."""
+        return step / self._per_ms if self._per_ms else step * self.resolution
+
+    def array_ms(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The times of many steps in ms."""
+        if self._per_ms:
+            return steps / self._per_ms
+        return steps.astype(np.float64) * self.resolution
+
+    def floor(self, ms: Any, what: str) -> int:
+        """The last step at or before a time; infinite times give -1 or `NEVER`.
+
+        Args:
+            ms: the time.
+            what: its name in the message.
+
+        Raises:
+            ModelError: it is no time.
+        """
+        if not is_number(ms) or math.isnan(ms):
+            raise ModelError(f"{what} = {shown(ms)}: expected a time in ms")
+        if not math.isfinite(ms):
+            return NEVER if ms > 0 else -1
+        return math.floor(float(ms) / self.resolution + TOLERANCE)
+
+    def step(self, ms: Any, what: str) -> int:
+        """The step of a time that must lie on the grid; infinity gives `NEVER`.
+
+        Args:
+            ms: the time.
+            what: its name in the message, e.g. "duration".
+
+        Raises:
+            ModelError: it is no time or lies between two steps; the nearest right ones are named.
+        """
+        if not is_number(ms) or math.isnan(ms):
+            raise ModelError(f"{what} = {shown(ms)}: expected a time in ms")
+        exact = float(ms) / self.resolution
+        if math.isinf(float(ms)):
+            return NEVER if exact > 0 else -NEVER
+        if abs(exact) > LARGEST:
+            raise self._too_long(float(ms), what)
+        step = round(exact)
+        if abs(exact - step) > TOLERANCE:
+            raise self._off_grid(float(ms), what)
+        return step
+
+    def steps(self, times: NDArray[np.float64], what: str) -> NDArray[np.int64]:
+        """The steps of many finite times that must lie on the grid.
+
+        Raises:
+            ModelError: one does not; the first such is named.
+        """
+        exact = times / self.resolution
+        long = np.flatnonzero(np.isfinite(times.ravel()) & (np.abs(exact.ravel()) > LARGEST))
+        if long.size:
+            name = f"{what}[{long[0]}]" if times.size > 1 else what
+            raise self._too_long(float(times.ravel()[long[0]]), name)
+        steps = np.rint(exact)
+        near = np.abs(exact - steps) <= TOLERANCE
+        if not near.all():
+            bad = int(np.flatnonzero(~near.ravel())[0])
+            raise self._off_grid(float(times.ravel()[bad]), f"{what}[{bad}]" if times.size > 1 else what)
+        return steps.astype(np.int64)
+
+    def _too_long(self, ms: float, what: str) -> ModelError:
+        return ModelError(f"{what} = {ms:g} ms: expected at most {self.ms(LARGEST):g} ms, 2^40 steps")
+
+    def _off_grid(self, ms: float, what: str) -> ModelError:
+        if not math.isfinite(ms):
+            return ModelError(f"{what} = {ms}: expected a finite time in ms")
+        below = math.floor(ms / self.resolution)
+        near = [f"{self.ms(step):.12g}" for step in (below, below + 1) if step > 0]
+        return ModelError(
+            f"{what} = {ms:.12g} ms: expected a multiple of the resolution, {self.resolution:g} ms",
+            hint=f"the nearest {'is' if len(near) == 1 else 'are'} {' or '.join(near)} ms" if near else "",
+        )

@@ -1,0 +1,78 @@
+"""The one error that users of the language see.
+
+```
+ValueError
+└── ModelError     a network, a parameter or a call that cannot be used as it stands
+```
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+from neuro.core.hints import nearest
+
+__all__ = ["ModelError", "Where", "here", "nearest", "unknown"]
+
+_PACKAGES = ("neuro", "neuro_chip", "neuro_event", "neuro_nest", "neuro_reference", "dataclasses", "contextlib")
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """A place in the user's text: file, line and column (both from 1; 0 = not known)."""
+
+    file: str
+    line: int = 0
+    column: int = 0
+
+    def __str__(self) -> str:
+        parts = [self.file, *(str(n) for n in (self.line, self.column) if n)]
+        return ":".join(parts)
+
+
+class ModelError(ValueError):
+    """A mistake in a description or a call, told so that its author can mend it.
+
+    Attributes:
+        message: what was found and what was expected, one sentence.
+        where: the place in the YAML file or the Python source, if known.
+        hint: the nearest right name or the way out, if there is one.
+        path: the words (and positions in lists) that lead to the value inside the part,
+            e.g. `("initial", "V_m", "3")`.
+    """
+
+    def __init__(self, message: str, *, where: Where | None = None, hint: str = "", path: tuple[str, ...] = ()) -> None:
+        self.message, self.where, self.hint, self.path = message, where, hint, path
+        super().__init__(str(self))
+
+    def __str__(self) -> str:
+        place = f"{self.where}: " if self.where else ""
+        return place + self.message + (f"\n  hint: {self.hint}" if self.hint else "")
+
+    def at(self, where: Where | None, context: str = "") -> ModelError:
+        """The same error with a place, and with `context` before the message, where it had none."""
+        fresh = context and not self.message.startswith(context)
+        message = f"{context}: {self.message}" if fresh else self.message
+        return ModelError(message, where=self.where or where, hint=self.hint, path=self.path)
+
+
+def unknown(
+    kind: str, name: object, known: Iterable[str], where: Where | None = None, path: tuple[str, ...] = ()
+) -> ModelError:
+    """The error for a name that nothing bears."""
+    return ModelError(f"unknown {kind} '{name}'", where=where, hint=nearest(str(name), known), path=path)
+
+
+def here() -> Where | None:
+    """File and line of the nearest caller outside this library, for messages only."""
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None:
+        module = str(frame.f_globals.get("__name__", "")).partition(".")[0]
+        if module not in _PACKAGES and not frame.f_code.co_filename.startswith("<"):
+            return Where(Path(frame.f_code.co_filename).name, frame.f_lineno)
+        frame = frame.f_back
+    return None

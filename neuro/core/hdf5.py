@@ -1,0 +1,132 @@
+"""HDF5 files with a mark: the attribute `format`, by which a file is known and may be replaced by a new one."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from json import JSONDecodeError
+from pathlib import Path
+from typing import Any
+
+from neuro.core.errors import ModelError
+from neuro.core.outputs import Kind, output
+from neuro.core.paths import existing
+
+__all__ = ["has_format", "kind", "new_file", "reading", "writing"]
+
+
+def kind(format: str, what: str = "") -> Kind:
+    """The kind of file of a format; it may be replaced by another of that format.
+
+    Args:
+        format: its attribute `format`, e.g. "neuro remus model 1".
+        what: it is, for messages; "a" and the format if not given.
+    """
+    return Kind(what or f"a {format}", lambda path: has_format(path, format))
+
+
+def has_format(path: Path, format: str) -> bool:
+    """Whether there is an HDF5 file of a format."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return bool(file.attrs.get("format") == format)
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError):
+        return False
+
+
+@contextmanager
+def writing(path: Path, format: str, replace: bool = False) -> Iterator[Any]:
+    """A new HDF5 file of a format, which takes the name `path` when the block ends well.
+
+    Args:
+        path: of the file.
+        format: its attribute `format`.
+        replace: whether to replace any other file, too.
+
+    Raises:
+        Unwritable: as of `neuro.core.outputs.output`.
+    """
+    with output(path, kind(format), replace) as part, new_file(part) as file:
+        file.attrs["format"] = format
+        yield file
+
+
+@contextmanager
+def new_file(path: Path, **options: Any) -> Iterator[Any]:
+    """A new HDF5 file in the place of any other.
+
+    Args:
+        path: of the file.
+        options: of `h5py.File`.
+
+    Raises:
+        OSError: it cannot be written, as on a full disk.
+    """
+    import h5py
+
+    with _Disk(path) as disk:
+        try:
+            with h5py.File(disk, "w", **options) as file:
+                yield file
+        finally:
+            if disk.error is not None:
+                raise disk.error from None
+
+
+class _Disk(io.FileIO):
+    """A file that does not fail: HDF5 cannot let go of what it cannot write, and brings the process down with it.
+
+    Attributes:
+        error: of the first failure; what comes after it is thrown away.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "w+b")
+        self.error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        """Write all of it, or keep the first failure."""
+        rest = memoryview(data)
+        size = rest.nbytes
+        try:
+            while self.error is None and rest.nbytes:
+                rest = rest[super().write(rest) :]
+        except OSError as error:
+            self.error = error
+        return size
+
+    def truncate(self, size: int | None = None) -> int:
+        """Make it as long, or keep the first failure."""
+        try:
+            return super().truncate(size) if self.error is None else size or 0
+        except OSError as error:
+            self.error = error
+            return size or 0
+
+
+@contextmanager
+def reading(path: Path, what: str) -> Iterator[Any]:
+    """An HDF5 file of a format.
+
+    Args:
+        path: the file.
+        what: its attribute `format`, e.g. "neuro remus model 1".
+
+    Raises:
+        ModelError: there is no such file, it is of another format, or damaged.
+    """
+    import h5py
+
+    path = existing(path, f"a {what}")
+    try:
+        with h5py.File(path) as file:
+            if file.attrs.get("format") != what:
+                raise ModelError(f"{path}: not a {what}")
+            yield file
+    except OSError:
+        raise ModelError(f"{path}: not a {what}") from None
+    except (KeyError, TypeError, AttributeError, JSONDecodeError) as error:
+        raise ModelError(f"{path}: damaged {what}: {error}") from None

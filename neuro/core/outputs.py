@@ -1,0 +1,345 @@
+"""What is written takes its name when it is whole, and never in the place of what is not ours.
+
+The rule for every file that this package and its apps write:
+
+- A new name is taken when the file is whole. If the work fails or is interrupted nothing is left.
+- A file that stands there is replaced, at the end and at once, where it is of the same kind and was written here, which
+  its mark tells (see `Kind`), or where the user asks for it. Any other stays as it is, and so does a text that was
+  edited since.
+- Of a link the file that it leads to is replaced; the link stays.
+- A pipe, a character device and a descriptor, such as /dev/stdout, are written into, whatever is behind. A folder, a
+  disk and a socket are refused.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import hashlib
+import itertools
+import os
+import platform
+import re
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+from neuro.core.errors import ModelError
+from neuro.core.paths import file_path
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "PNG",
+    "Kind",
+    "Unwritable",
+    "check",
+    "make_folder",
+    "marked",
+    "output",
+    "sealed",
+    "write_picture",
+    "write_text",
+]
+
+HEAD = 4096
+"""Bytes at the beginning of a file among which its mark is."""
+
+_HOST = re.sub(r"\W", "-", platform.node())[:24]
+_PART = re.compile(rf"\..*\.{_HOST}\.(\d{{1,9}})\.\d+\.part", re.DOTALL)
+_DESCRIPTOR = re.compile(
+    rf"/dev/(stdin|stdout|stderr)|(?:/dev|/proc/(?:self|thread-self|{os.getpid()}))/fd/(\d{{1,9}})"
+)
+_NUMBERS = {"stdin": 0, "stdout": 1, "stderr": 2}
+_DIGITS = 32
+_number = itertools.count()
+_swept: set[Path] = set()
+
+
+class Unwritable(ModelError):
+    """A file cannot be written, or what stands there is not to be replaced.
+
+    Attributes:
+        what: the message without the name of the file.
+    """
+
+    def __init__(self, path: Path, what: str) -> None:
+        self.what = what
+        super().__init__(f"{path}: {what}")
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A kind of file that is written here.
+
+    Attributes:
+        what: it is, for messages, e.g. "a page of 'neuro compare'".
+        ours: whether a file is one that was written here. Kinds without a mark, as event files, cannot tell, and are
+            replaced only where the user asks for it.
+        ask: how the user asks, "" where there is no way.
+        seal: gives a text that is to be written what shows later that nobody edited it.
+    """
+
+    what: str
+    ours: Callable[[Path], bool] = lambda path: False
+    ask: str = ""
+    seal: Callable[[str], str] = str
+
+
+def marked(what: str, mark: str, ask: str = "") -> Kind:
+    """A kind of file that has a text near its beginning."""
+
+    def ours(path: Path) -> bool:
+        with path.open("rb") as file:
+            return mark.encode() in file.read(HEAD)
+
+    return Kind(what, ours, ask)
+
+
+def sealed(what: str, mark: str, digest: str, ask: str = "") -> Kind:
+    """A kind of text that has a mark near its beginning, and right behind it a digest of all the rest.
+
+    What a person edited has a digest that does not fit, and is never replaced.
+
+    Args:
+        what: as of `Kind`.
+        mark: a text that is in all of this kind.
+        digest: how it is written, with "{}" for the digits.
+        ask: as of `Kind`.
+    """
+    before, after = (part.encode() for part in digest.split("{}"))
+    place = re.compile(
+        re.escape(mark.encode()) + b"(" + re.escape(before) + b"([0-9a-f]{32})" + re.escape(after) + b")"
+    )
+
+    def ours(path: Path) -> bool:
+        content = path.read_bytes()
+        found = place.search(content[:HEAD])
+        return found is not None and _digest(content[: found.start(1)], content[found.end(1) :]) == found[2].decode()
+
+    def seal(text: str) -> str:
+        head, there, rest = text.partition(mark)
+        head += there
+        return head + digest.format(_digest(head.encode(), rest.encode())) + rest
+
+    return Kind(what, ours, ask, seal)
+
+
+def _digest(*parts: bytes) -> str:
+    return hashlib.sha256(b"".join(parts)).hexdigest()[:_DIGITS]
+
+
+# The whole chunk of text: of the length 14, then its kind, keyword and text.
+PNG = marked("a picture of neuro", "\0\0\0\x0etEXtSoftware\0neuro")
+
+
+@contextmanager
+def output(path: str | os.PathLike[str], kind: Kind, replace: bool = False) -> Iterator[Path]:
+    """A new empty file to write into, which takes the name `path` when the block ends well.
+
+    That it can be written shows at once, before the work of the block begins.
+
+    Args:
+        path: of the file.
+        kind: what is written.
+        replace: whether the user asks for the place of any other file.
+
+    Raises:
+        Unwritable: see `check`; or the disk is full.
+    """
+    path = file_path(path, "path")
+    check(path, kind, replace)
+    part = _part(path)
+    try:
+        with _telling(path, part):
+            part.touch(exist_ok=False)
+            yield part
+            _take_place(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def check(path: Path, kind: Kind, replace: bool = False) -> None:
+    """See whether a file may be written, before long work; nothing is left behind.
+
+    Args:
+        path: of the file.
+        kind: what is written.
+        replace: whether the user asks for the place of any other file.
+
+    Raises:
+        Unwritable: there is no such folder, it cannot be written to, `path` is a folder or something else that no
+            file can be written to, or a file that is not ours.
+    """
+    with _telling(path):
+        number = _descriptor(path)
+        if number is not None:
+            _check_descriptor(path, number)
+            return
+        mode = _mode(path)
+        if mode is not None:
+            _check_there(path, mode)
+            if stat.S_ISREG(mode) and not replace and not kind.ours(path):
+                raise _in_the_way(path, kind)
+        part = _part(path)
+        if path.is_symlink() and not part.parent.is_dir():
+            raise Unwritable(path, f"leads to {_leads_to(path)}: expected a link into a folder that is there")
+        _sweep(part.parent)
+        part.touch(exist_ok=False)
+        part.unlink()
+
+
+def _check_there(path: Path, mode: int) -> None:
+    """Refuse what no file can be written to."""
+    if stat.S_ISDIR(mode):
+        raise Unwritable(path, "is a folder, expected the name of a file")
+    if stat.S_ISBLK(mode) or stat.S_ISSOCK(mode):
+        raise Unwritable(path, f"is a {'disk' if stat.S_ISBLK(mode) else 'socket'}, expected the name of a file")
+    if not os.access(path, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+
+def _descriptor(path: Path) -> int | None:
+    """The open descriptor that a name, or the link of that name, stands for; None for all other names."""
+    name = os.path.abspath(path)
+    for _ in range(40):
+        found = _DESCRIPTOR.fullmatch(name)
+        if found:
+            return _NUMBERS[found[1]] if found[1] else int(found[2])
+        if not os.path.islink(name):
+            return None
+        name = os.path.abspath(os.path.join(os.path.dirname(name), os.readlink(name)))
+    return None
+
+
+def _check_descriptor(path: Path, number: int) -> None:
+    if stat.S_ISDIR(os.fstat(number).st_mode):
+        raise Unwritable(path, "is a folder, expected the name of a file")
+    if fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
+        raise Unwritable(path, "is open for reading, expected a descriptor that can be written to")
+
+
+def _in_the_way(path: Path, kind: Kind) -> Unwritable:
+    if kind.ask:
+        return Unwritable(path, f"exists: expected a new name, or {kind.ask} to replace it")
+    return Unwritable(path, f"exists and is not {kind.what}: expected a new name")
+
+
+def _mode(path: Path) -> int | None:
+    """What stands there or where a link leads to; None where nothing does."""
+    try:
+        return path.stat().st_mode
+    except FileNotFoundError:
+        return None
+
+
+def _is_special(path: Path) -> bool:
+    mode = _mode(path)
+    return _descriptor(path) is not None or (mode is not None and not stat.S_ISREG(mode))
+
+
+def write_text(path: Path, text: str, kind: Kind, replace: bool = False) -> None:
+    """Write a text, with the seal of its kind; arguments and errors as of `output`."""
+    with output(path, kind, replace) as part:
+        part.write_text(kind.seal(text), "utf-8")
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder, and those that it lies in, where there is none yet.
+
+    Raises:
+        Unwritable: something else has its name or that of one in which it lies, or it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise Unwritable(path, "is no folder: expected the name of a folder, or a new name") from None
+    except OSError as error:
+        raise Unwritable(path, f"cannot be made: {error.strerror}") from None
+
+
+def write_picture(path: Path, figure: Figure) -> None:
+    """Write a figure as PNG; errors as of `output`."""
+    with output(path, PNG) as part:
+        figure.savefig(part, format="png", metadata={"Software": "neuro"})
+
+
+@contextmanager
+def _telling(path: Path, part: Path | None = None) -> Iterator[None]:
+    """Tell what the system refuses as the user's file has it; errors about other files than the part go on."""
+    try:
+        yield
+    except OSError as error:
+        if part and error.filename is not None and not str(error.filename).startswith(str(part)):
+            raise
+        raise Unwritable(path, f"cannot be written: {error.strerror or error}") from None
+
+
+def _part(path: Path) -> Path:
+    """A new name beside the file that a name leads to; for what is no file a new name among temporary files."""
+    folder = Path(tempfile.gettempdir()) if _is_special(path) else _leads_to(path).parent
+    return folder / f".{path.name[:50]}.{_HOST}.{os.getpid()}.{next(_number)}.part"
+
+
+def _leads_to(path: Path) -> Path:
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def _take_place(part: Path, path: Path) -> None:
+    """Put what is written where it belongs, all at once where that is a file."""
+    try:
+        if _is_special(path):
+            with part.open("rb") as source, _opened(path) as target:
+                shutil.copyfileobj(source, target)
+            return
+        if _mode(path) is not None:
+            shutil.copymode(path, part)
+        part.replace(_leads_to(path))
+    except OSError as error:
+        raise OSError(error.errno, error.strerror) from None
+
+
+def _opened(path: Path) -> IO[bytes]:
+    """A pipe, device or descriptor to write into; a descriptor goes on where it is, as others may write there, too."""
+    number = _descriptor(path)
+    if number is None:
+        return path.open("wb")
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
+    return os.fdopen(os.dup(number), "wb")
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what killed processes of this user and machine have left in a folder, as far as that can be done.
+
+    Once, since it may have many files.
+    """
+    if folder in _swept:
+        return
+    _swept.add(folder)
+    with suppress(OSError), os.scandir(folder) as entries:
+        for left in entries:
+            found = _PART.fullmatch(left.name)
+            if found and not _runs(int(found[1])):
+                with suppress(OSError):
+                    state = left.stat(follow_symlinks=False)
+                    if stat.S_ISREG(state.st_mode) and state.st_uid == os.getuid():
+                        os.unlink(left.path)
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        pass
+    return True

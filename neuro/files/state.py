@@ -1,0 +1,149 @@
+"""The state of a simulation in an HDF5 file."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.errors import ModelError
+from neuro.core.hdf5 import writing
+from neuro.core.paths import existing
+from neuro.core.quantities import Choice
+from neuro.program.program import Program
+
+if TYPE_CHECKING:
+    import h5py
+
+FORMAT = "neuro state 1"
+Arrays = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What a state belongs to; a state can be restored only where all of it is the same.
+
+    Attributes:
+        network: its name.
+        backend: its name.
+        seed: of everything random.
+        fingerprint: hash of the resolved network.
+    """
+
+    network: str
+    backend: str
+    seed: int
+    fingerprint: str
+
+
+def write_state(path: Path, identity: Identity, arrays: Arrays) -> None:
+    """Write a state; another state of that name is replaced once the new one is complete.
+
+    Raises:
+        ModelError: the file cannot be written, or something else has that name.
+    """
+    with writing(path, FORMAT) as file:
+        for field in fields(identity):
+            file.attrs[field.name] = getattr(identity, field.name)
+        file.attrs["digest"] = _digest(arrays)
+        for name, values in arrays.items():
+            file.create_dataset(name, data=values)
+
+
+def read_state(path: Path, identity: Identity) -> Arrays:
+    """Read a state of the same network, backend and seed.
+
+    Raises:
+        ModelError: there is no such file, it holds no state or one of something else, or it is damaged.
+    """
+    import h5py
+
+    path = existing(path, "a state written by sim.save")
+    try:
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("format") != FORMAT:
+                raise ModelError(f"{path}: it holds no state: expected a file written by sim.save")
+            _check_identity(path, file, identity)
+            arrays: Arrays = {}
+            file.visititems(lambda name, item: _collect(arrays, name, item))
+            digest = _digest(arrays)
+            if file.attrs.get("digest", digest) != digest:  # files of before have none
+                raise ModelError(f"{path}: a damaged state: it does not hold what sim.save wrote")
+            return arrays
+    except OSError:
+        raise ModelError(f"{path}: not an HDF5 file: expected a state written by sim.save") from None
+
+
+def _collect(arrays: Arrays, name: str, item: Any) -> None:
+    import h5py
+
+    if isinstance(item, h5py.Dataset):
+        arrays[name] = item[()]
+
+
+def _check_identity(path: Path, file: h5py.File, expected: Identity) -> None:
+    for name, hint in (
+        ("backend", "compile the network for that backend"),
+        ("seed", "compile the network with that seed"),
+        ("network", ""),
+    ):
+        found = file.attrs.get(name)
+        if found != getattr(expected, name):
+            raise ModelError(
+                f"{path}: a state of {name} {_plain(found)!r}: expected {name} {getattr(expected, name)!r}", hint=hint
+            )
+    if file.attrs.get("fingerprint") != expected.fingerprint:
+        raise ModelError(
+            f"{path}: a state of another network '{expected.network}': its populations, connections or "
+            "parameters differ from this one's",
+            hint="restore into the network that was saved; sim.set changes parameters after restoring",
+        )
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _digest(arrays: Arrays) -> str:
+    """A hash of all arrays: compiled loops trust their sizes and indices, so none may be missing or changed."""
+    return _hashed({name: np.asarray(values) for name, values in arrays.items()})
+
+
+def fingerprint(program: Program) -> str:
+    """A hash of everything that decides what a program does; places in files do not count."""
+    return _hashed(program)
+
+
+def _hashed(value: Any) -> str:
+    digest = hashlib.blake2b(digest_size=16)
+    _feed(digest, value)
+    return digest.hexdigest()
+
+
+def _feed(digest: hashlib.blake2b, value: Any) -> None:
+    if isinstance(value, np.ndarray):
+        digest.update(f"{value.dtype.str}{value.shape}".encode())
+        digest.update(np.ascontiguousarray(value).data)
+    elif isinstance(value, Choice):
+        digest.update(value.name.encode())
+        _feed(digest, {k: v for k, v in value.parameters().items() if isinstance(v, (str, float, int))})
+    elif is_dataclass(value):
+        for field in fields(value):
+            if field.name != "origin":
+                digest.update(field.name.encode())
+                _feed(digest, getattr(value, field.name))
+    elif isinstance(value, Mapping):
+        for key in sorted(value):
+            digest.update(key.encode())
+            _feed(digest, value[key])
+    elif isinstance(value, tuple):
+        digest.update(f"{len(value)}".encode())
+        for item in value:
+            _feed(digest, item)
+    else:
+        digest.update(repr(value).encode())

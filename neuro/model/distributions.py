@@ -1,0 +1,96 @@
+"""Random values for weights, delays and initial states."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.errors import ModelError
+from neuro.core.quantities import Choice, quantity
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Distribution(Choice):
+    """Base of the distributions."""
+
+    kind: ClassVar[str] = "distribution"
+
+    def sample(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+        """Draw n values."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class uniform(Distribution):
+    """Evenly between `low` and `high`."""
+
+    low: float = quantity(0.0, "", "smallest value")
+    high: float = quantity(1.0, "", "values stay below it")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.low > self.high:
+            raise ModelError(f"uniform.low = {self.low:g}: expected at most high = {self.high:g}", path=("low",))
+
+    def sample(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+        """Draw n values."""
+        return rng.uniform(self.low, self.high, n)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Clipped(Distribution):
+    """A distribution with bounds; values outside are drawn again."""
+
+    low: float = quantity(-math.inf, "", "values below are drawn again", infinite=True)
+    high: float = quantity(math.inf, "", "values above are drawn again", infinite=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.low < self.high:
+            raise ModelError(f"{self.name}.low = {self.low:g}: expected less than high = {self.high:g}", path=("low",))
+
+    def _draw(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+        raise NotImplementedError
+
+    def sample(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+        """Draw n values; those outside [low, high] again.
+
+        Raises:
+            ModelError: fewer than one value in a thousand falls between the bounds.
+        """
+        values = self._draw(rng, n)
+        for _ in range(1000):
+            outside = np.flatnonzero((values < self.low) | (values > self.high))
+            if outside.size == 0:
+                return values
+            values[outside] = self._draw(rng, outside.size)
+        raise ModelError(f"{self!r}: hardly any value lies between low and high")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class normal(_Clipped):
+    """Gaussian; with `low` and `high` truncated."""
+
+    mean: float = quantity(0.0, "", "mean before clipping")
+    std: float = quantity(1.0, "", "standard deviation before clipping", at_least=0)
+
+    def _draw(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+        return rng.normal(self.mean, self.std, n)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class lognormal(_Clipped):
+    """The logarithm is Gaussian; with `low` and `high` truncated."""
+
+    mean: float = quantity(0.0, "", "mean of the logarithm")
+    std: float = quantity(1.0, "", "standard deviation of the logarithm", at_least=0)
+
+    def _draw(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+        return rng.lognormal(self.mean, self.std, n)
+
+
+DISTRIBUTIONS: dict[str, type[Distribution]] = {d.__name__: d for d in (uniform, normal, lognormal)}

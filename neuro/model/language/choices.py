@@ -1,0 +1,156 @@
+"""Nodes to models, rules, synapses and distributions, and to the values of their parameters."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeVar
+
+from neuro.core.errors import ModelError, unknown
+from neuro.core.quantities import Choice, Quantity
+from neuro.core.values import shown
+from neuro.model.distributions import DISTRIBUTIONS
+from neuro.model.language.files import array
+from neuro.model.language.nodes import about, found, mistake, plain, words
+from neuro.model.language.reader import Node
+from neuro.model.network import winner_take_all
+from neuro.model.neurons import MODELS
+from neuro.model.rules import RULES
+from neuro.model.synapses import SYNAPSES
+
+TABLES: dict[str, Mapping[str, type[Choice]]] = {
+    "model": MODELS,
+    "rule": RULES,
+    "synapse": SYNAPSES,
+    "group": {"winner_take_all": winner_take_all},
+    "distribution": DISTRIBUTIONS,
+}
+C = TypeVar("C", bound=Choice)
+_CALL = re.compile(r"(\w+)\s*\((.*)\)")
+
+
+def choice(node: Node, kind: str) -> Any:
+    """What a name, or `{name: {parameters}}`, stands for.
+
+    Args:
+        node: the name or the mapping.
+        kind: what is chosen, a key of `TABLES`.
+    """
+    if isinstance(node.value, Choice):
+        return node.value
+    if isinstance(node.value, str):
+        cls = _named(node.value, node, kind)
+        return with_parameters(cls, Node({}, node.where, node.where, node.source))
+    if not isinstance(node.value, dict) or len(node.value) != 1:
+        raise mistake(
+            node, f"{kind}: {found(node)}: expected a name, or {{name: {{parameters}}}}", _regroup(node, kind)
+        )
+    [(name, inner)] = node.value.items()
+    cls = _named(name, Node(name, inner.label, inner.label, node.source), kind)
+    if inner.value is None:
+        raise mistake(inner, f"{name} has no parameters here", f"write '{name}' alone")
+    return with_parameters(cls, inner)
+
+
+def with_parameters(cls: type[C], node: Node) -> C:
+    """Make a choice from the mapping of its parameters."""
+    if isinstance(node.value, cls):
+        return node.value
+    name, known = cls.called(), cls.quantities()
+    if not known and node.value != {}:
+        raise mistake(node, f"{name} has no parameters", f"write '{name}' alone")
+    if not isinstance(node.value, dict):
+        needed = [word for word in known if word not in cls.defaults()]
+        hint = f"write {{{name}: {{{needed[0]}: {plain(node)}}}}}" if len(needed) == 1 else ""
+        raise mistake(node, f"{name}: {found(node)}: expected its parameters, {{word: value}}", hint)
+    said = words(node, known, name, kind=f"parameter of {name}")
+    values = {word: value(known[word], inner, f"{name}.{word}") for word, inner in said.items()}
+    with about(node):
+        return cls.from_words(values)
+
+
+def value(q: Quantity, node: Node, what: str) -> Any:
+    """The value of one parameter; whether it is accepted is checked where it is used.
+
+    Args:
+        q: the parameter.
+        node: what is said of it.
+        what: its full name, for messages.
+    """
+    if q.part is not None:
+        return with_parameters(q.part, node)
+    if isinstance(node.value, dict) and "file" in node.value and (q.arrays or q.kind in ("ids", "times")):
+        return array(node)
+    if q.arrays and isinstance(node.value, dict):
+        _refuse_bare_parameters(node, what)
+        return choice(node, "distribution")
+    if q.arrays and isinstance(node.value, str) and _first_word(node.value) in DISTRIBUTIONS:
+        return choice(node, "distribution")
+    return plain(node)
+
+
+def part(node: Node, known: Iterable[str], what: str, needs: Iterable[str]) -> dict[str, Node]:
+    """The words of a part, see `words`; a parameter that strayed out of its choice is sent back there."""
+    names = list(known)
+    for word, inner in node.value.items() if isinstance(node.value, dict) else ():
+        if word not in names and (home := _home(node, word)):
+            raise ModelError(f"unknown word of {what} '{word}'", where=inner.label, hint=f"write {home}")
+    return words(node, names, what, needs)
+
+
+def _home(node: Node, word: str) -> str:
+    """The choice in a part that has a parameter of this name, as it should be written."""
+    for kind, table in TABLES.items():
+        chosen = node.value.get(kind)
+        name = chosen if chosen is None else chosen.value
+        if isinstance(name, dict):
+            name = next(iter(name), None)
+        if isinstance(name, str) and name in table and word in table[name].quantities():
+            return f"{kind}: {{{name}: {{{word}: {shown(plain(node.value[word]))}}}}}"
+    return ""
+
+
+def _named(name: str, node: Node, kind: str) -> type[Choice]:
+    table = TABLES[kind]
+    if name in table:
+        return table[name]
+    error = unknown(kind, name, table)
+    others = [f"'{name}' is a {other}, not a {kind}" for other, names in TABLES.items() if name in names]
+    hint = others[0] if others else error.hint
+    call = _CALL.fullmatch(name)
+    if call and call[1] in table:
+        hint = f"write {{{call[1]}: {{{call[2].replace('=', ': ')}}}}}"
+        if not call[2].strip():
+            hint = f"write '{call[1]}' alone"
+        elif "=" not in call[2]:
+            hint = f"write {{{call[1]}: {{word: value}}}} with the words " + ", ".join(table[call[1]].quantities())
+    raise mistake(node, error.message, hint)
+
+
+def _regroup(node: Node, kind: str) -> str:
+    """How `{name, parameter: value}` or `{type: name, parameter: value}` is meant."""
+    if not isinstance(node.value, dict):
+        return ""
+    table = TABLES[kind]
+    names = [word for word in node.value if word in table]
+    names += [n.value for n in node.value.values() if isinstance(n.value, str) and n.value in table]
+    if len(names) != 1:
+        return ""
+    rest = {w: plain(n) for w, n in node.value.items() if w != names[0] and n.value != names[0]}
+    return f"write {shown({names[0]: rest})}"
+
+
+def _refuse_bare_parameters(node: Node, what: str) -> None:
+    """Refuse `{mean: 1, std: 2}`, which lacks the name of the distribution."""
+    if any(word in DISTRIBUTIONS for word in node.value):
+        return
+    fitting = [name for name, cls in DISTRIBUTIONS.items() if set(node.value) <= set(cls.quantities())]
+    if fitting and node.value:
+        found_ = shown(plain(node))
+        raise mistake(
+            node, f"{what} = {found_}: expected the name of a distribution", f"write {{{fitting[0]}: {found_}}}"
+        )
+
+
+def _first_word(text: str) -> str:
+    return text.partition("(")[0].strip()

@@ -1,0 +1,103 @@
+"""A network as plain data in the grammar of the language: mappings, lists, numbers and words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.quantities import Choice
+from neuro.core.values import FromFile, same
+from neuro.model.language.sources import VERSION
+from neuro.model.network import Network
+
+LARGEST_INLINE = 64
+
+
+class Arrays:
+    """The arrays that are too large to be read in a text; each is replaced by `{file, key}`."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.kept: dict[str, NDArray[Any]] = {}
+
+    def keep(self, key: str, array: NDArray[Any]) -> dict[str, str]:
+        """Put an array aside."""
+        self.kept[key] = array
+        return {"file": self.file, "key": key}
+
+
+def describe(net: Network, arrays: Arrays) -> dict[str, Any]:
+    """All sections of a network; a parameter that has its default is left out.
+
+    Args:
+        net: the network.
+        arrays: takes the large ones.
+    """
+    sections: dict[str, Any] = {"neuro": VERSION, "name": net.name, "resolution": net.resolution}
+    sections["populations"] = {
+        p.name: {
+            "model": _choice(p.model, arrays, f"{p.name}.model"),
+            "shape": list(p.shape),
+            **({"initial": _values(p.initial, arrays, f"{p.name}.initial")} if p.initial else {}),
+        }
+        for p in net.populations.values()
+    }
+    sections["projections"] = {
+        p.name: {
+            "from": p.source,
+            "to": p.target,
+            "rule": _choice(p.rule, arrays, f"{p.name}.rule"),
+            **_values({"weight": p.weight, "delay": p.delay}, arrays, p.name),
+            "synapse": _choice(p.synapse, arrays, f"{p.name}.synapse"),
+        }
+        for p in net.projections.values()
+    }
+    sections["signals"] = {s.name: {"to": s.to} for s in net.signals.values()}
+    sections["groups"] = {g.name: _choice(g.choice, arrays, g.name) for g in net.groups.values()}
+    if net.trials_section is not None:
+        sections["trials"] = _parameters(net.trials_section, arrays, "trials")
+    sections["probes"] = {
+        p.name: {"of": p.of, "record": p.record, **({} if p.every is None else {"every": p.every})}
+        for p in net.probes.values()
+    }
+    return {word: section for word, section in sections.items() if section != {}}
+
+
+def _choice(choice: Choice, arrays: Arrays, key: str) -> Any:
+    parameters = _parameters(choice, arrays, key)
+    return {choice.name: parameters} if parameters else choice.name
+
+
+def _parameters(choice: Choice, arrays: Arrays, key: str) -> dict[str, Any]:
+    defaults = choice.defaults()
+    changed = {w: v for w, v in choice.parameters().items() if w not in defaults or not same(v, defaults[w])}
+    return _values(changed, arrays, key)
+
+
+def _values(values: Any, arrays: Arrays, key: str) -> dict[str, Any]:
+    return {word: _value(value, arrays, f"{key}.{word}") for word, value in values.items()}
+
+
+def _value(value: Any, arrays: Arrays, key: str) -> Any:
+    if isinstance(value, FromFile):
+        value = value.values
+    if isinstance(value, np.ndarray):
+        inline = value.size <= LARGEST_INLINE and np.array(value.tolist()).shape == value.shape
+        return value.tolist() if inline else arrays.keep(key, value)
+    if isinstance(value, Choice):
+        return _choice(value, arrays, key) if value.kind == "distribution" else _parameters(value, arrays, key)
+    if isinstance(value, tuple) and value and all(isinstance(row, np.ndarray) for row in value):
+        if len(value) + sum(row.size for row in value) <= LARGEST_INLINE:
+            return [row.tolist() for row in value]
+        return arrays.keep(key, _table(value))
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _table(rows: tuple[NDArray[Any], ...]) -> NDArray[np.float64]:
+    """Rows of different lengths as one array; the shorter ones end in NaN."""
+    table = np.full((len(rows), max(row.size for row in rows)), np.nan)
+    for n, row in enumerate(rows):
+        table[n, : row.size] = row
+    return table

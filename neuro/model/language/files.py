@@ -1,0 +1,113 @@
+"""Arrays in files beside the description. Nothing outside its folder is read and nothing in a file is run."""
+
+from __future__ import annotations
+
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.errors import ModelError, nearest
+from neuro.core.values import FromFile, shown
+from neuro.model.language.nodes import mistake, words
+from neuro.model.language.reader import Node
+
+MAX_ELEMENTS = 2**28
+ENDINGS = (".h5", ".hdf5", ".npy")
+
+
+def inside(node: Node, name: str) -> Path:
+    """The path of a file named in a description, which must lie in the folder of the description or below.
+
+    Args:
+        node: where it is named.
+        name: relative to the folder of the file that `node` stands in.
+    """
+    folder = Path(node.where.file).parent
+    parts = PurePosixPath(name).parts
+    if PurePosixPath(name).is_absolute() or PureWindowsPath(name).drive or "\\" in name or ".." in parts:
+        raise mistake(node, f"file {shown(name)}: expected a path inside the folder of the description, without '..'")
+    path = folder / name
+    try:
+        real = path.resolve()
+        leads_out = not real.is_relative_to(folder.resolve())
+        there = real.is_file()
+    except (OSError, ValueError, RuntimeError):
+        raise mistake(node, f"file {shown(name)}: expected the name of a file") from None
+    if leads_out:
+        message = f"file {shown(name)} is a link out of the folder of the description: expected a file inside it"
+        raise mistake(node, message)
+    if not there:
+        files = [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
+        near = nearest(path.name, [other for other in files if other != Path(node.where.file).name])
+        raise mistake(node, f"no file {shown(name)} beside the description", near if near.startswith("did") else "")
+    return path
+
+
+def array(node: Node) -> FromFile:
+    """The values that `{file: w.h5, key: name}` stands for."""
+    said = words(node, ("file", "key"), "a file", needs=("file",))
+    for word in said:
+        if not isinstance(said[word].value, str):
+            raise mistake(said[word], f"{word} = {said[word].value!r}: expected a name")
+    name, ending = said["file"].value, PurePosixPath(said["file"].value).suffix
+    if ending not in ENDINGS:
+        raise mistake(said["file"], f"file {shown(name)}: expected a name ending in {', '.join(ENDINGS)}")
+    if ending == ".npy" and "key" in said:
+        raise mistake(said["key"], f"a key for '{name}': expected none, an NPY file holds one array")
+    if ending != ".npy" and "key" not in said:
+        raise mistake(node, f"file {shown(name)} needs 'key', the data set in it")
+    path = inside(said["file"], name)
+    values = _hdf5(path, said["file"], said["key"]) if "key" in said else _npy(path, said["file"])
+    values.flags.writeable = False
+    return FromFile(name, said["key"].value if "key" in said else "", values)
+
+
+def _npy(path: Path, node: Node) -> NDArray[np.float64]:
+    try:
+        values = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, EOFError, MemoryError, SyntaxError):
+        raise mistake(node, f"file '{node.value}': expected an NPY file with an array of numbers") from None
+    _check(values, node, f"file '{node.value}'")
+    return np.array(values, dtype=np.float64)
+
+
+def _hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
+    import h5py
+
+    what = f"'{key.value}' in '{file.value}'"
+    try:
+        with h5py.File(path, "r") as opened:
+            data = opened
+            for part in [p for p in key.value.split("/") if p]:
+                link = data.get(part, getlink=True) if isinstance(data, h5py.Group) else None
+                if link is None:
+                    raise mistake(key, f"no data set {what}", nearest(key.value, _names(opened)))
+                if not isinstance(link, h5py.HardLink):
+                    raise mistake(key, f"{what} is a link: expected a data set of the file itself")
+                data = data[part]
+            if not isinstance(data, h5py.Dataset):
+                raise mistake(key, f"{what} is a group: expected a data set", nearest("", _names(data)))
+            if data.is_virtual or data.external:
+                raise mistake(key, f"{what} is kept in other files: expected a data set of the file itself")
+            _check(data, key, what)
+            return np.asarray(data[()], dtype=np.float64)
+    except ModelError:
+        raise
+    except (OSError, ValueError, KeyError, RuntimeError, TypeError, MemoryError):
+        raise mistake(file, f"file '{file.value}': expected an HDF5 file that can be read") from None
+
+
+def _names(group: Any) -> list[str]:
+    """Names of what lies in a group, for hints."""
+    return [str(name) for name in group][:100]
+
+
+def _check(data: Any, node: Node, what: str) -> None:
+    """Refuse what is no array of numbers, or too large for memory whatever its file says."""
+    if data.dtype is None or data.dtype.kind not in "iuf" or not data.shape:
+        found = "one number" if not data.shape else f"elements of type {data.dtype}"
+        raise mistake(node, f"{what} holds {found}: expected an array of numbers")
+    if data.size > MAX_ELEMENTS:
+        raise mistake(node, f"{what} holds {data.size} numbers: expected at most {MAX_ELEMENTS}")

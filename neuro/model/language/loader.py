@@ -1,0 +1,140 @@
+"""A description in YAML to a `Network`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from neuro.core.errors import Where, unknown
+from neuro.core.paths import file_path
+from neuro.core.quantities import Choice
+from neuro.model.language.choices import choice, part, value, with_parameters
+from neuro.model.language.nodes import about, follow, plain, within, words
+from neuro.model.language.parameters import resolve
+from neuro.model.language.reader import Node
+from neuro.model.language.sources import gather
+from neuro.model.network import DELAY, INITIAL, WEIGHT, Network, Trials, check_name
+from neuro.model.synapses import static
+
+VALUES = {"weight": WEIGHT, "delay": DELAY}
+
+
+def load(path: str | Path, params: Mapping[str, Any] | None = None) -> Network:
+    """Read a network from a YAML file.
+
+    Args:
+        path: the file; files that it names are looked for in its folder only.
+        params: values for the file's `parameters`, in place of those it gives.
+
+    Returns:
+        The network, with values in place of all `$names`.
+
+    Raises:
+        ModelError: with the file, line and column of the first mistake, and what was expected.
+    """
+    file = file_path(path, "path")
+    sections = resolve(gather(file), {} if params is None else params, Where(str(file)))
+    return _Builder(sections).network()
+
+
+class _Builder:
+    """Adds the parts of each section to a network, in the order in which they refer to each other."""
+
+    def __init__(self, sections: Mapping[str, Node]) -> None:
+        self.sections = sections
+        self.net = Network()
+
+    def network(self) -> Network:
+        for word in ("name", "resolution"):
+            if word in self.sections:
+                node = self.sections[word]
+                with about(node):
+                    settings = {"name": self.net.name, "resolution": self.net.resolution, word: plain(node)}
+                    self.net = Network(settings["name"], resolution=settings["resolution"])
+        self.each("populations", self.population)
+        self.each("projections", self.projection)
+        self.each("signals", self.signal)
+        self.each("groups", self.group)
+        if "trials" in self.sections:
+            self.trials(self.sections["trials"])
+        self.each("probes", self.probe)
+        self.net.place = None
+        self.references()
+        return self.net
+
+    def each(self, section: str, add: Callable[[str, Node], None]) -> None:
+        if section not in self.sections:
+            return
+        for name, node in self.sections[section].value.items():
+            self.net.place = node.label
+            check_name(name, section.removesuffix("s"), node.label)
+            with within(f"{section.removesuffix('s')} '{name}'"):
+                add(name, node)
+
+    def population(self, name: str, node: Node) -> None:
+        said = part(node, ("model", "shape", "initial"), "a population", ("model", "shape"))
+        model = choice(said["model"], "model")
+        initial = {}
+        if "initial" in said:
+            known = [state.name for state in model.states if not state.hidden]
+            states = words(said["initial"], known, "initial", kind=f"state of {model.name}")
+            initial = {word: value(INITIAL, inner, f"initial.{word}") for word, inner in states.items()}
+        with about(node):
+            self.net.population(name, plain(said["shape"]), model, initial=initial)
+
+    def projection(self, name: str, node: Node) -> None:
+        known = ("from", "to", "rule", "weight", "delay", "synapse")
+        said = part(node, known, "a projection", ("from", "to", "rule"))
+        rule = choice(said["rule"], "rule")
+        synapse = choice(said["synapse"], "synapse") if "synapse" in said else static()
+        values = {word: value(q, said[word], word) for word, q in VALUES.items() if word in said}
+        with about(node):
+            ends = [plain(said[word]) for word in ("from", "to")]
+            self.net.connect(ends[0], ends[1], rule, synapse, name=name, **values)
+
+    def signal(self, name: str, node: Node) -> None:
+        said = words(node, ("to",), "a signal", needs=("to",))
+        with about(node):
+            self.net.signal(name, to=plain(said["to"]))
+
+    def group(self, name: str, node: Node) -> None:
+        group = choice(node, "group")
+        with about(node):
+            self.net.group(name, group)
+
+    def trials(self, node: Node) -> None:
+        with within("trials"):
+            self.net.trials_section = with_parameters(Trials, node)
+        self.net.trials_origin = node.label
+
+    def probe(self, name: str, node: Node) -> None:
+        said = words(node, ("of", "record", "every"), "a probe", needs=("of",))
+        rest = {word: plain(said[word]) for word in ("record", "every") if word in said}
+        with about(node):
+            self.net.probe(name, plain(said["of"]), **rest)
+
+    def references(self) -> None:
+        """Check the names that choices hold; those of the parts are checked as the parts are added."""
+        for name, group in self.net.groups.items():
+            node = follow(self.sections["groups"], (name, group.choice.name))
+            self.names(group.choice, node, f"group '{name}'")
+        for name, projection in self.net.projections.items():
+            node = follow(self.sections["projections"], (name, "synapse", projection.synapse.name))
+            self.names(projection.synapse, node, f"projection '{name}'")
+        if self.net.trials_section is not None:
+            self.names(self.net.trials_section, self.sections["trials"], "trials")
+
+    def names(self, choice: Choice, node: Node, context: str) -> None:
+        for word, name in choice.parameters().items():
+            q = choice.quantities()[word]
+            if isinstance(name, Choice):
+                self.names(name, follow(node, (word,)), f"{context}: {word}")
+            elif q.kind == "name" and name is not None:
+                kind = "signal" if word == "signal" else "population"
+                known = self.net.signals if kind == "signal" else self.net.populations
+                if name not in known:
+                    error = unknown(kind, name, known, path=(word,))
+                    error.hint = error.hint if known else f"add it to the section '{kind}s'"
+                    with about(node, context):
+                        raise error

@@ -1,0 +1,111 @@
+"""Nodes to plain values, and errors to the node that they are about."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from neuro.core.errors import ModelError, Where, unknown
+from neuro.core.values import shown
+from neuro.model.language.reader import Node
+
+
+def plain(node: Node) -> Any:
+    """The value without its places."""
+    if isinstance(node.value, list):
+        return [plain(item) for item in node.value]
+    if isinstance(node.value, dict):
+        return {word: plain(item) for word, item in node.value.items()}
+    return node.value
+
+
+def mistake(node: Node, message: str, hint: str = "") -> ModelError:
+    """The error for a node."""
+    return ModelError(message, where=place(node), hint=_joined(hint, node.source))
+
+
+def place(node: Node) -> Where:
+    """Where the value stands, or the word before it where there is none."""
+    return node.label if node.value is None else node.where
+
+
+def found(node: Node) -> str:
+    """What stands there, for messages."""
+    if node.value is None:
+        return "found nothing"
+    return f"found {shown(plain(node))}"
+
+
+def words(node: Node, known: Iterable[str], what: str, needs: Iterable[str] = (), kind: str = "") -> dict[str, Node]:
+    """The words of a mapping, of which only `known` ones are accepted.
+
+    Args:
+        node: the mapping.
+        known: all words that have a meaning here.
+        what: what the mapping describes, for messages.
+        needs: the words that must be there.
+        kind: what a word is, for messages; "word of ..." if not given.
+    """
+    names = list(known)
+    if not isinstance(node.value, dict):
+        listed = ", ".join(names)
+        raise mistake(node, f"{found(node)}: expected the words of {what}: {listed}")
+    for word, value in node.value.items():
+        if word not in names:
+            raise _unknown_word(word, value, names, kind or f"word of {what}")
+        if value.value is None:
+            raise mistake(value, f"{word} has no value", "write it after the ':'")
+    for word in needs:
+        if word not in node.value:
+            raise ModelError(f"{what} needs '{word}'", where=node.label)
+    return node.value
+
+
+def _unknown_word(word: str, value: Node, names: list[str], kind: str) -> ModelError:
+    error = unknown(kind, word, names, value.label)
+    before, colon, after = word.partition(":")
+    if colon and before in names and value.value is None:
+        return ModelError(error.message, where=value.label, hint=f"write '{before}: {after}', with a space after ':'")
+    return error
+
+
+@contextmanager
+def about(node: Node, context: str = "") -> Iterator[None]:
+    """Give an error raised inside the place of the value of `node` that its path leads to."""
+    try:
+        yield
+    except ModelError as error:
+        at = follow(node, error.path)
+        raise ModelError(
+            error.at(None, context).message,
+            where=place(at),
+            hint=_joined(error.hint, at.source),
+        ) from None
+
+
+@contextmanager
+def within(context: str) -> Iterator[None]:
+    """Begin the message of an error raised inside with `context`."""
+    try:
+        yield
+    except ModelError as error:
+        raise error.at(None, context) from None
+
+
+def follow(node: Node, path: Iterable[str]) -> Node:
+    """The node that a path of words and positions leads to, as far as it goes."""
+    for step in path:
+        inner: Node | None = None
+        if isinstance(node.value, dict):
+            inner = node.value.get(step)
+        elif isinstance(node.value, list) and step.isdecimal() and int(step) < len(node.value):
+            inner = node.value[int(step)]
+        if inner is None:
+            return node
+        node = inner
+    return node
+
+
+def _joined(*hints: str) -> str:
+    return "; ".join(hint for hint in hints if hint)

@@ -1,0 +1,118 @@
+"""The `$names` of a description, put in place before anything else is looked at."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from neuro.core.errors import ModelError, Where, unknown
+from neuro.core.values import shown
+from neuro.model.language.nodes import mistake
+from neuro.model.language.reader import MAX_DEPTH, Node
+
+MAX_PLACED = 1_000_000
+
+_NAME = re.compile(r"[^\W\d]\w*")
+_USE = re.compile(r"\$([^\W\d]\w*)")
+
+
+def resolve(sections: Mapping[str, Node], overrides: Mapping[str, Any], where: Where) -> dict[str, Node]:
+    """Put the values of parameters in place of their `$names`.
+
+    Args:
+        sections: of the description; `parameters` among them is left out of the result.
+        overrides: values by name that take the place of the description's.
+        where: the file, for errors about overrides.
+
+    Raises:
+        ModelError: a name is unknown, or an override has no effect.
+    """
+    if not isinstance(overrides, Mapping):
+        raise ModelError(f"params = {shown(overrides)}: expected a mapping from names to values", where=where)
+    given = sections["parameters"].value if "parameters" in sections else {}
+    for name in overrides:
+        if name not in given:
+            raise unknown("parameter", name, given, where)
+    names = _Names(given)
+    for name, node in given.items():
+        if not _NAME.fullmatch(name):
+            raise ModelError(
+                f"parameter name {shown(name)}: expected letters, digits and '_', not a digit first",
+                where=node.label,
+                hint=f"write {name[1:]}; the $ stands where it is used" if name[:1] == "$" else "",
+            )
+        if node.value is None and name not in overrides:
+            raise mistake(node, f"parameter '{name}' has no value")
+        source = f"${name} is set at {node.label}"
+        if name in overrides:
+            node = _as_node(overrides[name], node)
+            source = f"${name} is set by params"
+        names.values[name] = names.put(node), source
+    out = {section: names.put(node) for section, node in sections.items() if section != "parameters"}
+    for name in overrides:
+        if name not in names.used:
+            raise ModelError(
+                f"the override of '{name}' has no effect: nothing uses ${name}",
+                where=given[name].label,
+            )
+    return out
+
+
+class _Names:
+    def __init__(self, given: Mapping[str, Node]) -> None:
+        self.given = given
+        self.values: dict[str, tuple[Node, str]] = {}
+        self.used: set[str] = set()
+        self.placed = 0
+
+    def put(self, node: Node) -> Node:
+        """The node with values in place of names."""
+        value = node.value
+        if isinstance(value, str) and "$" in value:
+            return self._value(node)
+        if isinstance(value, list):
+            return Node([self.put(item) for item in value], node.where, node.label, node.source)
+        if isinstance(value, dict):
+            return Node({word: self.put(item) for word, item in value.items()}, node.where, node.label, node.source)
+        return node
+
+    def _value(self, node: Node) -> Node:
+        use = _USE.fullmatch(node.value)
+        if use is None:
+            inner = _USE.search(node.value)
+            hint = "formulas are not evaluated: give the result a name of its own" if inner else ""
+            raise mistake(node, f"found '{node.value}': expected a $name that stands alone", hint)
+        name = use[1]
+        if name not in self.values:
+            if name in self.given:
+                raise mistake(node, f"${name} is used before it is set", f"set it above, see {self.given[name].label}")
+            error = unknown("parameter", f"${name}", (f"${known}" for known in self.given))
+            raise mistake(node, error.message, error.hint if self.given else f"add parameters: {{{name}: ...}}")
+        self.used.add(name)
+        value, source = self.values[name]
+        return self._moved(value, Node(None, node.where, node.label, source), 0)
+
+    def _moved(self, value: Node, to: Node, depth: int) -> Node:
+        """The value as if it stood where it is used."""
+        self.placed += 1
+        if self.placed > MAX_PLACED or depth > MAX_DEPTH:
+            limit = f"{MAX_DEPTH} levels" if depth > MAX_DEPTH else f"{MAX_PLACED} values"
+            raise ModelError(f"parameters stand for more than {limit}: expected fewer", where=to.where, hint=to.source)
+        inner = value.value
+        if isinstance(inner, list):
+            inner = [self._moved(item, to, depth + 1) for item in inner]
+        elif isinstance(inner, dict):
+            inner = {word: self._moved(item, to, depth + 1) for word, item in inner.items()}
+        return Node(inner, to.where, to.label, to.source)
+
+
+def _as_node(value: Any, at: Node) -> Node:
+    """A Python value as if it stood in the file."""
+    if isinstance(value, (list, tuple)):
+        value = [_as_node(item, at) for item in value]
+    elif isinstance(value, Mapping):
+        value = {str(word): _as_node(item, at) for word, item in value.items()}
+    elif hasattr(value, "dtype") and getattr(value, "ndim", 1) == 0:
+        value = value.item()
+    return Node(value, at.where, at.label)

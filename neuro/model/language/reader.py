@@ -1,0 +1,236 @@
+"""YAML text to nodes that know their place. Nothing is constructed but words, numbers, lists and mappings."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from neuro.core.errors import ModelError, Where, nearest
+
+MAX_BYTES = 32 * 2**20
+MAX_DEPTH = 32
+MAX_DIGITS = 18
+
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_WHOLE = re.compile(r"[-+]?[0-9]+")
+_NUMBER = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?")
+_CONSTANTS = {
+    **dict.fromkeys(("", "~", "null"), None),
+    "true": True,
+    "false": False,
+    ".inf": math.inf,
+    "+.inf": math.inf,
+    "-.inf": -math.inf,
+    ".nan": math.nan,
+}
+_UNPRINTABLE = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A value of the document.
+
+    Attributes:
+        value: None, a boolean, number or word, a list of nodes, or a mapping from words to nodes.
+        where: where it stands.
+        label: where the word before it stands, if it has one.
+        source: what else decides on it: "$w is set at net.yaml:4:3" for a value put in place of a parameter.
+    """
+
+    value: Any
+    where: Where
+    label: Where
+    source: str = ""
+
+
+def read(path: Path, expected: str = "a network", begin: str = "neuro: 1") -> Node:
+    """Read a file.
+
+    Args:
+        path: the file.
+        expected: what it describes, for messages.
+        begin: how such a description may begin.
+
+    Raises:
+        ModelError: it cannot be read, is empty, or is not plain YAML.
+    """
+    text = _text(path)
+    return _Reader(text, str(path)).document(expected, begin)
+
+
+def _bytes(path: Path) -> bytes:
+    where = Where(str(path))
+    try:
+        if path.exists() and not path.is_file():
+            kind = "a folder" if path.is_dir() else "neither file nor folder"
+        else:
+            with path.open("rb") as file:
+                return file.read(MAX_BYTES + 1)
+    except FileNotFoundError:
+        beside = [p.name for p in path.parent.glob("*.y*ml")] if path.parent.is_dir() else []
+        raise ModelError("no such file", where=where, hint=nearest(path.name, beside) if beside else "") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ModelError(f"cannot be read: {reason}", where=where) from None
+    raise ModelError(f"found {kind}: expected a YAML file", where=where)
+
+
+def _text(path: Path) -> str:
+    data = _bytes(path)
+    if len(data) > MAX_BYTES:
+        raise ModelError(
+            f"found more than {MAX_BYTES // 2**20} MiB: expected a shorter description",
+            where=Where(str(path)),
+            hint="put large arrays into an HDF5 file: {file: w.h5, key: name}",
+        )
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        place = _place(data[: error.start].decode("utf-8", "replace"), str(path))
+        raise ModelError(f"found the byte 0x{data[error.start]:02x}: expected UTF-8 text", where=place) from None
+    if odd := _UNPRINTABLE.search(text):
+        place = _place(text[: odd.start()], str(path))
+        raise ModelError(f"found the character U+{ord(odd[0]):04X}: expected text", where=place)
+    return text
+
+
+def _place(before: str, file: str) -> Where:
+    """The place after the text `before`."""
+    return Where(file, before.count("\n") + 1, len(before) - before.rfind("\n"))
+
+
+class _Reader:
+    """Turns the parser's events into nodes, and refuses what is no plain data on the way."""
+
+    def __init__(self, text: str, file: str) -> None:
+        self.lines, self.file = text.splitlines(), file
+        self.events: Iterator[yaml.Event] = yaml.parse(text, Loader=_LOADER)
+
+    def document(self, expected: str, begin: str) -> Node:
+        self.next()
+        if isinstance(self.next(), yaml.StreamEndEvent):
+            raise ModelError(
+                f"the file is empty: expected {expected}", where=Where(self.file, 1, 1), hint=f"begin: {begin}"
+            )
+        root = self.node(self.next(), 0)
+        self.next()
+        after = self.next()
+        if not isinstance(after, yaml.StreamEndEvent):
+            raise ModelError("found a second document: expected one", where=self.place(after.start_mark))
+        return root
+
+    def next(self) -> yaml.Event:
+        try:
+            return next(self.events)
+        except yaml.MarkedYAMLError as error:
+            raise self.syntax(error) from None
+        except yaml.YAMLError as error:
+            raise ModelError(f"not YAML: {error}", where=Where(self.file)) from None
+
+    def place(self, mark: Any) -> Where:
+        return Where(self.file, mark.line + 1, mark.column + 1)
+
+    def node(self, event: yaml.Event, depth: int, label: Where | None = None) -> Node:
+        where = self.place(event.start_mark)
+        self.plain(event, where)
+        if depth > MAX_DEPTH:
+            raise ModelError(f"found more than {MAX_DEPTH} levels: expected fewer", where=where)
+        if isinstance(event, yaml.ScalarEvent):
+            value: Any = scalar(event.value, where) if event.implicit[0] else event.value
+        elif isinstance(event, yaml.SequenceStartEvent):
+            value = []
+            while not isinstance(item := self.next(), yaml.SequenceEndEvent):
+                value.append(self.node(item, depth + 1))
+        else:
+            value = self.mapping(depth)
+        return Node(value, where, label or where)
+
+    def mapping(self, depth: int) -> dict[str, Node]:
+        words: dict[str, Node] = {}
+        while not isinstance(key := self.next(), yaml.MappingEndEvent):
+            where = self.place(key.start_mark)
+            self.plain(key, where)
+            if not isinstance(key, yaml.ScalarEvent) or not key.value:
+                raise ModelError("expected a word before ':'", where=where)
+            if key.value == "<<" and key.implicit[0]:
+                raise ModelError("'<<' merges mappings, which the language has not: write the words out", where=where)
+            node = self.node(self.next(), depth + 1, where)
+            if key.value in words:
+                first = words[key.value].label
+                raise ModelError(f"'{key.value}' is said twice", where=where, hint=f"first at {first}")
+            words[key.value] = node
+        return words
+
+    def plain(self, event: Any, where: Where) -> None:
+        """Refuse anchors, aliases and tags."""
+        if isinstance(event, yaml.AliasEvent):
+            raise ModelError(
+                f"found the alias '*{event.anchor}': expected a value", where=where, hint="use parameters and $names"
+            )
+        if event.anchor is not None:
+            raise ModelError(
+                f"found the anchor '&{event.anchor}': expected a value", where=where, hint="use parameters and $names"
+            )
+        if event.tag is not None:
+            tag = event.tag.replace("tag:yaml.org,2002:", "!!")
+            raise ModelError(f"found the tag '{tag}': expected a value without one", where=where)
+
+    def syntax(self, error: yaml.MarkedYAMLError) -> ModelError:
+        """The parser's error in plainer words."""
+        mark = error.problem_mark or error.context_mark
+        if mark is None:
+            return ModelError(f"not YAML: {error.problem}", where=Where(self.file))
+        where = self.place(mark)
+        line = self.lines[mark.line] if mark.line < len(self.lines) else ""
+        found = (re.match(r"\w+|.?", line[mark.column :]) or "")[0]
+        problem = str(error.problem)
+        if found == "\t" or "tab character" in problem:
+            return ModelError("found a tab: expected spaces", where=where, hint="YAML is indented by spaces only")
+        if "cannot start any token" in problem:
+            return ModelError(f"found '{found}': expected a value", where=where, hint="text with it needs quotes")
+        if "mapping values are not allowed" in problem:
+            return ModelError(
+                "found ':' where no word can stand before it",
+                where=where,
+                hint="is a ':' missing on the line above, or the indentation different?",
+            )
+        if "could not find expected ':'" in problem:
+            return ModelError("expected ':' after the word on the line above", where=where)
+        if "expected ',' or" in problem:
+            closing = "]" if "']'" in problem else "}"
+            start = self.place(error.context_mark) if error.context_mark else where
+            return ModelError(f"expected ',' or '{closing}' in what begins at {start}", where=where)
+        if "expected key" in problem or "<block end>" in problem or "'-' indicator" in problem:
+            return ModelError(
+                f"found '{found}' where a word or the end of the part should be" if found else "unfinished",
+                where=where,
+                hint="do the words of a part begin in the same column, and do brackets match?",
+            )
+        if "end of stream" in problem:
+            begin = self.place(error.context_mark) if error.context_mark else where
+            return ModelError("found the end of the file inside quotes", where=begin)
+        return ModelError(f"not YAML: {problem}", where=where)
+
+
+def scalar(text: str, where: Where) -> bool | int | float | str | None:
+    """What a word without quotes means: yes, no, on and off are words, only true and false are booleans."""
+    if text in _CONSTANTS:
+        return _CONSTANTS[text]
+    if _WHOLE.fullmatch(text) and len(text) <= MAX_DIGITS:
+        return int(text)
+    if _NUMBER.fullmatch(text):
+        number = float(text)
+        if math.isinf(number):
+            raise ModelError(
+                f"found {text if len(text) < 40 else text[:37] + '...'}: expected a number below 1.8e308",
+                where=where,
+                hint="infinity is .inf",
+            )
+        return number
+    return text

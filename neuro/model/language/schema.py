@@ -1,0 +1,206 @@
+"""A JSON Schema of the language, made from the definitions that the loader uses, for editors."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING
+from typing import Any
+
+from neuro.core.quantities import Choice, Quantity
+from neuro.model.language.choices import TABLES
+from neuro.model.language.sources import VERSION
+from neuro.model.network import (
+    DELAY,
+    EVERY,
+    INITIAL,
+    RECORD,
+    RESOLUTION,
+    SHAPE,
+    WEIGHT,
+    Group,
+    Network,
+    Probe,
+    Projection,
+    Signal,
+    Trials,
+)
+from neuro.model.network import Population as PopulationPart
+from neuro.model.neurons import MODELS
+
+Schema = dict[str, Any]
+_NAME = r"^[\w.-]+$"
+_PARAMETER: Schema = {"$ref": "#/$defs/parameter"}
+
+
+def schema() -> Schema:
+    """The JSON Schema (draft 2020-12) of a network in YAML."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "neuro network",
+        "description": "A spiking network: populations, projections, signals, groups, trials and probes.",
+        **_closed(
+            {
+                "neuro": {"const": VERSION, "description": "version of the language"},
+                "name": {
+                    "type": "string",
+                    "pattern": _NAME,
+                    "description": "name of the network",
+                    "default": "network",
+                },
+                "resolution": _quantity(RESOLUTION, Network().resolution),
+                "parameters": {
+                    "type": "object",
+                    "description": "values that $name stands for; neuro.load(path, params={...}) overrides them",
+                    "propertyNames": {"pattern": r"^[^\W\d]\w*$"},
+                },
+                "include": {
+                    "type": "array",
+                    "items": {"type": "string"},
+                    "description": "files in this folder whose sections are read before those of this file",
+                },
+                "populations": _named(_population(), PopulationPart),
+                "projections": _named(_projection(), Projection),
+                "signals": _named(_closed({"to": _text("the population it acts on")}, ["to"]), Signal),
+                "groups": _named({"$ref": "#/$defs/group"}, Group),
+                "trials": _words(Trials),
+                "probes": _named(_probe(), Probe),
+            },
+        ),
+        "$defs": {
+            "parameter": {"type": "string", "pattern": r"^\$[^\W\d]\w*$", "description": "the value of a parameter"},
+            "numbers": {
+                "type": "array",
+                "items": {"anyOf": [{"type": "number"}, _PARAMETER, {"$ref": "#/$defs/numbers"}]},
+            },
+            "file": {
+                **_closed({"file": {"type": "string"}, "key": {"type": "string"}}, ["file"]),
+                "description": "an array in an HDF5 file (key: the data set) or NPY file in this folder",
+            },
+            **{kind: _choice(table) for kind, table in TABLES.items()},
+            **{f"{kind}.{name}": _words(cls) for kind, table in TABLES.items() for name, cls in table.items()},
+        },
+    }
+
+
+def _population() -> Schema:
+    states = sorted({state.name for model in MODELS.values() for state in model.states if not state.hidden})
+    initial = {**_closed({state: _quantity(INITIAL) for state in states}), "description": INITIAL.doc}
+    return _closed(
+        {"model": {"$ref": "#/$defs/model"}, "shape": _quantity(SHAPE), "initial": initial}, ["model", "shape"]
+    )
+
+
+def _projection() -> Schema:
+    return _closed(
+        {
+            "from": _text("the population whose spikes are sent"),
+            "to": _text("the population that receives them"),
+            "rule": {"$ref": "#/$defs/rule"},
+            "weight": _quantity(WEIGHT, 1.0),
+            "delay": _quantity(DELAY, 1.0),
+            "synapse": {"$ref": "#/$defs/synapse", "default": "static"},
+        },
+        ["from", "to", "rule"],
+    )
+
+
+def _probe() -> Schema:
+    words = {"of": _text("the population"), "record": _quantity(RECORD, "spikes"), "every": _quantity(EVERY)}
+    return _closed(words, ["of"])
+
+
+def _text(description: str) -> Schema:
+    return {"type": "string", "description": description}
+
+
+def _closed(properties: Schema, required: Iterable[str] = ()) -> Schema:
+    """A mapping with these words and no others."""
+    needs = {"required": list(required)} if required else {}
+    return {"type": "object", "properties": properties, **needs, "additionalProperties": False}
+
+
+def _named(part: Schema, cls: type) -> Schema:
+    """A mapping from names to parts."""
+    return {
+        "type": "object",
+        "description": _summary(cls),
+        "propertyNames": {"pattern": _NAME},
+        "additionalProperties": part,
+    }
+
+
+def _choice(table: Mapping[str, type[Choice]]) -> Schema:
+    """A name, or `{name: {parameters}}`; the name alone where no parameter is required."""
+    kind = next(iter(table.values())).kind
+    alone = [{"const": name, "description": _summary(cls)} for name, cls in table.items() if not _required(cls)]
+    words = {name: {"$ref": f"#/$defs/{kind}.{name}"} for name in table}
+    return {"anyOf": [*alone, {**_closed(words), "minProperties": 1, "maxProperties": 1}, _PARAMETER]}
+
+
+def _words(cls: type[Choice]) -> Schema:
+    """The parameters of one choice."""
+    defaults = cls.defaults()
+    words = {word: _quantity(q, defaults.get(word, MISSING)) for word, q in cls.quantities().items()}
+    return {"title": cls.called(), "description": _summary(cls), **_closed(words, _required(cls))}
+
+
+def _required(cls: type[Choice]) -> list[str]:
+    defaults = cls.defaults()
+    return [word for word in cls.quantities() if word not in defaults]
+
+
+def _summary(cls: type) -> str:
+    return (inspect.getdoc(cls) or "").partition("\n")[0]
+
+
+def _quantity(q: Quantity, default: Any = MISSING) -> Schema:
+    """What a parameter may be."""
+    accepted = _accepted(q)
+    out: Schema = {"anyOf": accepted} if len(accepted) > 1 else dict(accepted[0])
+    out["description"] = f"{q.doc} ({q.unit})" if q.unit else q.doc
+    if isinstance(default, float) and math.isinf(default):
+        out["description"] += f", {'-' if default < 0 else ''}.inf if not given"
+    elif default is not MISSING and default is not None:
+        out["default"] = list(default) if isinstance(default, tuple) else default
+    return out
+
+
+def _accepted(q: Quantity) -> list[Schema]:
+    bounds = {
+        word: bound
+        for word, bound in (
+            ("exclusiveMinimum", q.above),
+            ("minimum", q.at_least),
+            ("exclusiveMaximum", q.below),
+            ("maximum", q.at_most),
+        )
+        if bound is not None
+    }
+    file, numbers = {"$ref": "#/$defs/file"}, {"$ref": "#/$defs/numbers"}
+    integer = {"type": "integer", **bounds}
+    match q.kind:
+        case "number":
+            more = [numbers, file, {"$ref": "#/$defs/distribution"}] if q.arrays else []
+            return [{"type": "number", **bounds}, *more, _PARAMETER]
+        case "delay":
+            return [{"type": "number", "exclusiveMinimum": 0}, _PARAMETER]
+        case "integer":
+            return [integer, _PARAMETER]
+        case "boolean":
+            return [{"type": "boolean"}, _PARAMETER]
+        case "word":
+            return [{"enum": list(q.words)}, _PARAMETER]
+        case "shape":
+            sizes: list[Schema] = [integer, *({"const": word} for word in q.words), _PARAMETER]
+            return [{"type": "array", "items": {"anyOf": sizes}, "minItems": 1}, *sizes]
+        case "names":
+            return [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
+        case "ids" | "times":
+            return [numbers, file, _PARAMETER]
+        case "part":
+            assert q.part is not None
+            return [_words(q.part)]
+        case _:
+            return [{"type": "string"}]

@@ -1,0 +1,92 @@
+"""A file and what it includes, as one set of sections."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from neuro.core.errors import ModelError
+from neuro.core.values import shown
+from neuro.model.language.files import inside
+from neuro.model.language.nodes import found, mistake, plain, within, words
+from neuro.model.language.reader import Node, read
+
+OWN = ("neuro", "name", "include")
+GATHERED = ("parameters", "populations", "projections", "signals", "groups", "probes")
+SECTIONS = (*OWN, "resolution", *GATHERED[:-1], "trials", "probes")
+VERSION = 1
+
+
+def gather(path: Path) -> dict[str, Node]:
+    """Read a file with everything it includes.
+
+    Returns:
+        The sections by name; the parts of included files come before the file's own.
+
+    Raises:
+        ModelError: a file cannot be read, a word is unknown, or two files define the same part.
+    """
+    return _sections(read(path), [path.resolve()], set())
+
+
+def _sections(root: Node, chain: list[Path], seen: set[Path]) -> dict[str, Node]:
+    own = words(root, SECTIONS, "a network")
+    version = own.get("neuro")
+    if version is not None and (type(version.value) is not int or version.value != VERSION):
+        raise mistake(version, f"neuro = {shown(plain(version))}: expected {VERSION}, the version of the language")
+    merged: dict[str, Node] = {}
+    for node in _included(own):
+        for section, part in _included_sections(node, chain, seen).items():
+            _merge(merged, section, part)
+    for section, part in own.items():
+        if section in GATHERED:
+            _mapping(section, part)
+        _merge(merged, section, part)
+    return merged
+
+
+def _included(own: dict[str, Node]) -> list[Node]:
+    if "include" not in own:
+        return []
+    node = own["include"]
+    if isinstance(node.value, str):
+        raise mistake(node, f"include = '{node.value}': expected a list of files", f"write [{node.value}]")
+    if not isinstance(node.value, list):
+        raise mistake(node, f"include: {found(node)}: expected a list of files")
+    for item in node.value:
+        if not isinstance(item.value, str):
+            raise mistake(item, f"include: {found(item)}: expected the name of a file")
+    return node.value
+
+
+def _included_sections(node: Node, chain: list[Path], seen: set[Path]) -> dict[str, Node]:
+    with within("include"):
+        path = inside(node, node.value)
+        real = path.resolve()
+        if real in chain:
+            names = " -> ".join(p.name for p in [*chain[chain.index(real) :], real])
+            raise mistake(node, f"'{node.value}' includes itself: {names}")
+        if real in seen:
+            raise mistake(node, f"'{node.value}' is included twice", "include it once; its parts are seen everywhere")
+    seen.add(real)
+    inner = _sections(read(path), [*chain, real], seen)
+    return {section: part for section, part in inner.items() if section not in OWN}
+
+
+def _mapping(section: str, node: Node) -> None:
+    if not isinstance(node.value, dict):
+        hint = "write 'name: {...}' for each, without '-'" if isinstance(node.value, list) else ""
+        raise mistake(node, f"{section}: {found(node)}: expected a mapping from names to parts", hint)
+
+
+def _merge(merged: dict[str, Node], section: str, part: Node) -> None:
+    if section not in merged:
+        merged[section] = part
+        return
+    first = merged[section]
+    if section not in GATHERED:
+        raise ModelError(f"'{section}' is said twice", where=part.label, hint=f"first at {first.label}")
+    for name, node in part.value.items():
+        if name in first.value:
+            earlier = first.value[name].label
+            raise ModelError(f"{section}: '{name}' is defined twice", where=node.label, hint=f"first at {earlier}")
+    merged[section] = Node({**first.value, **part.value}, first.where, first.label)

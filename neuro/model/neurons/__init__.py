@@ -1,0 +1,45 @@
+"""Population models, one a file. A new one is a module and a line in `NEURONS`."""
+
+from neuro.model.neurons.base import Generator, Model, Neuron, State, complete
+from neuro.model.neurons.generators import dc_generator, poisson_generator, spike_generator
+from neuro.model.neurons.iaf_psc_alpha import iaf_psc_alpha
+from neuro.model.neurons.iaf_psc_delta import iaf_psc_delta
+from neuro.model.neurons.iaf_psc_exp import iaf_psc_exp
+from neuro.model.neurons.izhikevich import izhikevich
+from neuro.model.neurons.loihi_lif import loihi_lif
+from neuro.model.neurons.parrot_neuron import parrot_neuron
+from neuro.model.neurons.spinnaker_lif import spinnaker_lif
+
+GENERATORS: tuple[type[Generator], ...] = (poisson_generator, spike_generator, dc_generator)
+NEURONS: tuple[type[Neuron], ...] = (
+    parrot_neuron,
+    iaf_psc_delta,
+    iaf_psc_exp,
+    iaf_psc_alpha,
+    izhikevich,
+)
+NATIVE: tuple[type[Neuron], ...] = (loihi_lif, spinnaker_lif)
+"""Neurons in the registers of a chip; they have no float arithmetic."""
+
+MODELS: dict[str, type[Model]] = {model.__name__: model for model in (*GENERATORS, *map(complete, NEURONS), *NATIVE)}
+
+__all__ = [
+    "GENERATORS",
+    "MODELS",
+    "NATIVE",
+    "NEURONS",
+    "Generator",
+    "Model",
+    "Neuron",
+    "State",
+    "dc_generator",
+    "iaf_psc_alpha",
+    "iaf_psc_delta",
+    "iaf_psc_exp",
+    "izhikevich",
+    "loihi_lif",
+    "parrot_neuron",
+    "poisson_generator",
+    "spike_generator",
+    "spinnaker_lif",
+]

@@ -1,0 +1,151 @@
+"""What a neuron model is: parameters, state rows and four plain functions.
+
+A model's arithmetic is written once, as functions over arrays that run as they stand in the reference
+backend and compiled in the event backend. All neurons of a network lie side by side; `lo` and `hi`
+bound the neurons of one call, which share one vector of constants `c`.
+
+    constants(p, h, c)                    fill `c` from the parameters `p` (in order of definition) for a step of h ms
+    step(s, c, x, i_0, lo, hi, fired)     advance one step: `s` states, `x` arrived input, `i_0` current in pA;
+                                          set `fired` where the threshold is reached
+    fire(s, c, i)                         what a spike does to neuron i
+    quiet(s, c, i_0, lo, hi)              whether none of them can fire before its next input
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+
+from neuro.core.quantities import Choice, Value, quantity
+
+LARGEST = 20
+"""Most numeric parameters of a neuron model, `tau_minus` among them, and most constants."""
+
+FUNCTIONS = {"constants": 3, "step": 7, "fire": 3, "quiet": 5}
+"""The functions of a neuron model's arithmetic and how many arguments each takes."""
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """A state variable: its name, unit and meaning. Hidden ones count steps and are not recorded."""
+
+    name: str
+    unit: str
+    doc: str
+    hidden: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Model(Choice):
+    """Base of every population model.
+
+    Class attributes:
+        equation: the dynamics, one line for people.
+        source: paper or simulator that defines it.
+        chip: the chip whose registers the parameters are, "" for a model of all backends.
+    """
+
+    kind: ClassVar[str] = "model"
+    equation: ClassVar[str] = ""
+    source: ClassVar[str] = ""
+    chip: ClassVar[str] = ""
+    states: ClassVar[tuple[State, ...]] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Generator(Model):
+    """A population without input: each of its neurons emits one spike train, or a current."""
+
+    emits: ClassVar[str] = "spikes"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Neuron(Model):
+    """A population that is stepped.
+
+    Class attributes:
+        receptors: 1, all input is summed; 2, positive weights go to the first and negative to the second.
+        relay: whether a spike carries the multiplicity that arrived, whatever the weight.
+        linear: whether n quiet steps equal one step with the constants of n h.
+        arithmetic: the module with `constants`, `step`, `fire` and `quiet`, see above. The first
+            constant is the threshold and the first state V_m, where the model has them.
+    """
+
+    receptors: ClassVar[int] = 1
+    relay: ClassVar[bool] = False
+    linear: ClassVar[bool] = False
+    arithmetic: ClassVar[ModuleType]
+
+    tau_minus: Value = quantity(
+        20.0,
+        "ms",
+        "time constant of the post trace that plastic synapses onto this neuron read",
+        above=0,
+        arrays=True,
+    )
+
+    @staticmethod
+    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """The state at time 0, by name; a state that is not named starts at 0."""
+        return {}
+
+
+Function = Callable[..., Any]
+N = TypeVar("N", bound=type[Neuron])
+
+
+def complete(model: N) -> N:
+    """Return a neuron model if it has all that backends rely on.
+
+    Raises:
+        TypeError: something is missing or too large; it says what.
+    """
+    told = f"neuron model '{model.__name__}'"
+    check_functions(told, model, FUNCTIONS)
+    names = [state.name for state in model.states]
+    if "V_m" in names[1:]:
+        raise TypeError(f"{told}: V_m is state {names.index('V_m')}: expected it first")
+    if model.receptors not in (1, 2):
+        raise TypeError(f"{told}: receptors = {model.receptors}: expected 1 or 2")
+    kinds = {word: q.kind for word, q in model.quantities().items()}
+    if other := [word for word, kind in kinds.items() if kind not in ("number", "integer", "boolean")]:
+        raise TypeError(f"{told}: parameter '{other[0]}' is a {kinds[other[0]]}: expected a number or a boolean")
+    if len(kinds) > LARGEST:
+        raise TypeError(f"{told} has {len(kinds)} parameters with tau_minus: expected at most {LARGEST}")
+    defaults = model.defaults()
+    if all(np.isscalar(defaults.get(word)) for word in kinds):
+        c = np.zeros(LARGEST)
+        fill(told, model, np.array([float(defaults[word]) for word in kinds]), c)
+        if "V_m" in names and "V_th" in kinds and c[0] != defaults["V_th"]:
+            raise TypeError(f"{told}: its first constant is {c[0]:g}: expected V_th = {defaults['V_th']:g}")
+    return model
+
+
+def check_functions(told: str, model: type[Any], functions: Mapping[str, int]) -> None:
+    """Refuse a model whose arithmetic lacks a function, or has one with other arguments."""
+    arithmetic = getattr(model, "arithmetic", None)
+    if arithmetic is None:
+        raise TypeError(
+            f"{told} has no arithmetic: write '{model.__name__}.arithmetic = sys.modules[__name__]' below it"
+        )
+    for name, count in functions.items():
+        code = getattr(getattr(arithmetic, name, None), "__code__", None)
+        if code is None:
+            raise TypeError(f"{told}: '{arithmetic.__name__}' has no function '{name}'")
+        if code.co_argcount != count:
+            raise TypeError(f"{told}: '{name}' takes {code.co_argcount} arguments: expected {count}")
+
+
+def fill(told: str, model: type[Any], p: Any, c: Any) -> None:
+    """Compute the constants of a model for a step of 0.1 ms."""
+    try:
+        model.arithmetic.constants(p, 0.1, c)
+    except (IndexError, ValueError) as error:
+        raise TypeError(
+            f"{told}: 'constants' fails for its defaults ({error}): "
+            f"expected at most {len(c)} constants from {len(p)} parameters"
+        ) from None

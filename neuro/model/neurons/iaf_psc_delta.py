@@ -1,0 +1,108 @@
+"""Leaky integrate-and-fire with delta-shaped input."""
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from neuro.core.quantities import Value, quantity
+from neuro.model.neurons.base import Neuron, State
+from neuro.model.neurons.propagators import from_constant, leak
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class iaf_psc_delta(Neuron):
+    """Leaky integrate-and-fire neuron whose input makes V_m jump by its weight in mV.
+
+    An infinite `tau_m` removes the leak. Source: NEST 3.10, `iaf_psc_delta`; Rotter & Diesmann 1999.
+    """
+
+    equation: ClassVar[str] = "V_m' = -(V_m - E_L)/tau_m + I/C_m + sum w delta(t - t_spike); spike at V_m >= V_th"
+    source: ClassVar[str] = "NEST 3.10 iaf_psc_delta; Rotter & Diesmann, Biol. Cybern. 81:381, 1999"
+    states: ClassVar[tuple[State, ...]] = (
+        State("V_m", "mV", "membrane potential"),
+        State("refractory", "steps", "steps left to hold", hidden=True),
+        State("held_input", "mV", "input gathered while refractory", hidden=True),
+    )
+    linear: ClassVar[bool] = True
+
+    tau_m: Value = quantity(10.0, "ms", "membrane time constant", above=0, infinite=True, arrays=True)
+    C_m: Value = quantity(250.0, "pF", "membrane capacity", above=0, arrays=True)
+    t_ref: Value = quantity(2.0, "ms", "refractory period", at_least=0, arrays=True)
+    E_L: Value = quantity(-70.0, "mV", "resting potential", arrays=True)
+    V_reset: Value = quantity(-70.0, "mV", "potential after a spike", arrays=True)
+    V_th: Value = quantity(-55.0, "mV", "threshold", arrays=True)
+    V_min: Value = quantity(-math.inf, "mV", "lowest potential", infinite=True, arrays=True)
+    I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
+    refractory_input: bool = quantity(False, "", "keep input that arrives while refractory", kind="boolean")
+
+    @staticmethod
+    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """V_m starts at E_L."""
+        return {"V_m": parameters["E_L"]}
+
+
+iaf_psc_delta.arithmetic = sys.modules[__name__]
+
+V_M, REFRACTORY, HELD = range(3)
+V_TH, V_RESET, E_L, V_MIN, P33, P30, I_E, R, GAIN, KEEP = range(10)
+
+
+def constants(p, h, c):
+    """Fill `c` for a step of h ms; `p` is tau_minus, then the parameters above in order."""
+    tau_m, c_m = p[1], p[2]
+    c[V_TH], c[V_RESET], c[E_L], c[V_MIN] = p[6], p[5], p[4], p[7]
+    c[P33] = leak(tau_m, h)
+    c[P30] = from_constant(tau_m, c_m, h)
+    c[I_E] = p[8]
+    c[R] = round(p[3] / h)
+    c[GAIN] = tau_m / c_m
+    c[KEEP] = p[9]
+
+
+def step(s, c, x, i_0, lo, hi, fired):
+    """One step: V, then the input, then the threshold."""
+    v_th, e_l, v_min, p33, p30, i_e = c[V_TH], c[E_L], c[V_MIN], c[P33], c[P30], c[I_E]
+    if c[KEEP] == 0.0:
+        for i in range(lo, hi):
+            held = s[REFRACTORY, i]
+            v = e_l + p33 * (s[V_M, i] - e_l) + p30 * (i_e + i_0[i]) + x[0, i]
+            v = v_min if v < v_min else v
+            v = v if held == 0.0 else s[V_M, i]
+            s[V_M, i] = v
+            s[REFRACTORY, i] = 0.0 if held == 0.0 else held - 1.0
+            fired[i] = v >= v_th
+    else:
+        for i in range(lo, hi):
+            held = s[REFRACTORY, i]
+            if held == 0.0:
+                v = e_l + p33 * (s[V_M, i] - e_l) + p30 * (i_e + i_0[i]) + x[0, i] + s[HELD, i]
+                s[V_M, i] = max(v, v_min)
+                s[HELD, i] = 0.0
+            else:
+                s[HELD, i] += x[0, i] * p33**held
+                s[REFRACTORY, i] = held - 1.0
+            fired[i] = s[V_M, i] >= v_th
+
+
+def fire(s, c, i):
+    """Reset V and hold it."""
+    s[V_M, i] = c[V_RESET]
+    s[REFRACTORY, i] = c[R]
+
+
+def quiet(s, c, i_0, lo, hi):
+    """Without input V goes from where it is towards E_L + tau_m I / C_m and not beyond."""
+    for i in range(lo, hi):
+        drive = c[I_E] + i_0[i]
+        if math.isinf(c[GAIN]):
+            top = s[V_M, i] if drive <= 0.0 else math.inf
+        else:
+            top = max(s[V_M, i], c[E_L] + c[GAIN] * drive)
+        if s[REFRACTORY, i] != 0.0 or s[HELD, i] != 0.0 or not top < c[V_TH]:
+            return False
+    return True

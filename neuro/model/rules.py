@@ -1,0 +1,96 @@
+"""Connection rules: which neuron of one population reaches which of another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from neuro.core.errors import ModelError
+from neuro.core.quantities import Choice, quantity
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rule(Choice):
+    """Base of the connection rules."""
+
+    kind: ClassVar[str] = "rule"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class one_to_one(Rule):
+    """Neuron i reaches neuron i; both populations have the same size."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class all_to_all(Rule):
+    """Every neuron reaches every neuron, itself only with `autapses`."""
+
+    autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
+
+
+@dataclass(frozen=True, eq=False)
+class fixed_indegree(Rule):
+    """Every target has n sources drawn at random."""
+
+    n: int = quantity(doc="sources of each target", kind="integer", at_least=1)
+    autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
+    multapses: bool = quantity(True, "", "whether a pair may be drawn twice", kind="boolean")
+
+
+@dataclass(frozen=True, eq=False)
+class fixed_outdegree(Rule):
+    """Every source has n targets drawn at random."""
+
+    n: int = quantity(doc="targets of each source", kind="integer", at_least=1)
+    autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
+    multapses: bool = quantity(True, "", "whether a pair may be drawn twice", kind="boolean")
+
+
+@dataclass(frozen=True, eq=False)
+class pairwise_bernoulli(Rule):
+    """Every pair is connected with probability p."""
+
+    p: float = quantity(doc="probability", at_least=0, at_most=1)
+    autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
+
+
+@dataclass(frozen=True, eq=False)
+class pairs(Rule):
+    """The listed pairs: source pre[k] reaches target post[k]; a pair may be listed twice."""
+
+    pre: Any = quantity(doc="sources", kind="ids")
+    post: Any = quantity(doc="targets", kind="ids")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.pre) != len(self.post):
+            raise ModelError(
+                f"pairs: {len(self.pre)} sources and {len(self.post)} targets: expected as many of each",
+                path=("post",),
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class grid(Rule):
+    """A sheet of neurons with one kernel per map, as a convolution.
+
+    The source has the shape (channels, height, width) or (height, width), the target (maps, rows, columns).
+    Target (m, r, c) is reached from channel k, row r stride + i - padding, column c stride + j - padding with
+    the weight kernel[m, k, i, j]; the target's rows and columns may be `auto`.
+    """
+
+    kernel: tuple[int, ...] = quantity(doc="height and width", kind="shape", at_least=1)
+    stride: int = quantity(1, "", "step of the kernel", kind="integer", at_least=1)
+    padding: int = quantity(0, "", "silent border round the source", kind="integer", at_least=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.kernel) != 2:
+            raise ModelError(
+                f"grid.kernel = {list(self.kernel)}: expected two numbers, height and width", path=("kernel",)
+            )
+
+
+RULES: dict[str, type[Rule]] = {
+    r.__name__: r for r in (one_to_one, all_to_all, fixed_indegree, fixed_outdegree, pairwise_bernoulli, pairs, grid)
+}

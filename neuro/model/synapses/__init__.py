@@ -1,0 +1,46 @@
+"""Synapse models, one a file. A new one is a module and a name in the list below."""
+
+import numpy as np
+
+from neuro.model.neurons.base import check_functions, fill
+from neuro.model.synapses.base import FUNCTIONS, Synapse
+from neuro.model.synapses.loihi_learning import loihi_learning
+from neuro.model.synapses.loihi_static import loihi_static
+from neuro.model.synapses.r_stdp import r_stdp
+from neuro.model.synapses.static import static
+from neuro.model.synapses.stdp import stdp
+from neuro.model.synapses.stdp_dopa import stdp_dopa
+
+_LISTED: tuple[type[Synapse], ...] = (static, stdp, stdp_dopa, r_stdp, loihi_static, loihi_learning)
+
+
+def complete(model: type[Synapse]) -> type[Synapse]:
+    """Return a synapse model if it has all that backends rely on.
+
+    Raises:
+        TypeError: something is missing or not possible yet; it says what.
+    """
+    told = f"synapse model '{model.__name__}'"
+    if model.learns not in ("", "pairs", "trials", "chip"):
+        raise TypeError(f"{told}: learns = '{model.learns}': expected '', 'pairs', 'trials' or 'chip'")
+    if model.learns == "trials" and model.arithmetic is not r_stdp.arithmetic:
+        raise TypeError(f"{told}: expected a rule with r_stdp's arithmetic: backends know no other rule for trials yet")
+    if model.modulated and not issubclass(model, stdp_dopa):
+        raise TypeError(f"{told}: expected a subclass of stdp_dopa, whose words say where dopamine comes from")
+    if model.learns == "pairs":
+        if "tau_plus" not in model.quantities():
+            raise TypeError(f"{told} has no 'tau_plus': expected one, the time constant of K+")
+        check_functions(told, model, {**FUNCTIONS, **({"advance": 7} if model.modulated else {})})
+        defaults = model.defaults()
+        if all(word in defaults for word in model.numbers()):
+            c, y = np.zeros(model.width), np.ones((1 + len(model.states), 1))
+            fill(told, model, np.array([float(defaults[word]) for word in model.numbers()]), c)
+            model.arithmetic.on_post(y, 0, c, 0.0)
+            if np.any(y != 1.0):
+                raise TypeError(f"{told}: 'on_post' changes a synapse where K+ is 0: expected it to leave every bit")
+    return model
+
+
+SYNAPSES: dict[str, type[Synapse]] = {model.__name__: complete(model) for model in _LISTED}
+
+__all__ = ["SYNAPSES", "Synapse", "loihi_learning", "loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"]

@@ -1,0 +1,67 @@
+"""What a synapse model is: parameters and, where it learns, a few plain functions.
+
+A pairwise rule reads two traces that the backend keeps: K+ of the source (decays with `tau_plus`, grows by
+1 at each pre spike) and K- of the target (decays with the target's `tau_minus`, grows by 1 at each post
+spike). A post spike reaches the synapse after the synapse's delay. At one instant dopamine comes first, then
+post, then pre. Synapse `e` has the states `y[:, e]`; the first is the weight; `c` holds the rule's constants.
+
+    constants(p, h, c)                        fill `c` from the parameters `p` (numbers only, in order of definition)
+    on_post(y, e, c, k_plus)                  a post spike arrives; K+ there, from strictly earlier pre spikes
+    on_pre(y, e, c, k_minus)                  a pre spike; K- there, from strictly earlier post arrivals
+    advance(y, e, c, begin, end, n, grid)     what happens between events (steps), for rules with `modulated`:
+                                              n is the dopamine concentration at `begin`, `grid` the delivery grid
+
+A rule for trials has `constants` and
+
+    reward(w, before, won, c)                 new weight of an input of the deciding neuron, see `r_stdp`
+    encourage(w, c)                           new weight of an input of a neuron that should have decided
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import ModuleType
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.quantities import Choice
+from neuro.model.neurons.base import State
+
+FUNCTIONS = {"constants": 3, "on_post": 4, "on_pre": 4}
+"""The functions of a pairwise rule and how many arguments each takes."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Synapse(Choice):
+    """Base of every synapse model.
+
+    Class attributes:
+        learns: "" (static), "pairs" (spike pairs), "trials" (at the end of a trial) or "chip" (by a chip's own engine).
+        chip: the chip whose registers the parameters are, "" for a model of all backends.
+        modulated: whether a dopamine concentration acts on it.
+        states: the states of a synapse beside its weight.
+        width: how many constants `constants` fills; tables of decays may be among them.
+        arithmetic: the module with the functions above.
+    """
+
+    kind: ClassVar[str] = "synapse"
+    equation: ClassVar[str] = ""
+    source: ClassVar[str] = ""
+    learns: ClassVar[str] = ""
+    chip: ClassVar[str] = ""
+    modulated: ClassVar[bool] = False
+    states: ClassVar[tuple[State, ...]] = ()
+    width: ClassVar[int] = 20
+    arithmetic: ClassVar[ModuleType]
+
+    @classmethod
+    def numbers(cls) -> tuple[str, ...]:
+        """Words of the numeric parameters, in the order in which `constants` reads them."""
+        return tuple(w for w, q in cls.quantities().items() if q.kind in ("number", "integer", "boolean"))
+
+    def vector(self) -> NDArray[np.float64]:
+        """The numeric parameters as one vector."""
+        values = self.parameters()
+        return np.array([float(values[word]) for word in self.numbers()], dtype=np.float64)

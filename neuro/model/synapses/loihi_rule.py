@@ -1,0 +1,179 @@
+"""Loihi's learning rules: what the weight w and the tag t of a synapse change by, as sums of products.
+
+    dw = sum_i S_i prod_j (factor_ij + C_ij)        S = m 2^e, m = -8..7, e.g. "2^-2*x1*y0 - 2^-2*x0*y1"
+
+A product is gated by its dependency: x0 (a pre spike in this epoch), y0 (a post spike) or u_k (1 in every 2^k-th
+epoch, u0 always). The rule is applied at the end of every epoch of 1 to 63 steps.
+
+Sources: Davies et al., IEEE Micro 38(1):82, 2018 (widths, sums of products, epochs); Michaelis et al., Front.
+Neuroinform. 16:1015624, 2022 (Brian2Loihi: exponents, traces); lava-nc 0.10 (4-bit scale mantissas, 8-bit constants,
+16-bit accumulator, 9-bit tags). Where they disagree: `backends/neuro_chip/learning.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from neuro.core.errors import ModelError
+
+TRACE_MAX = 127
+"""Traces are 7-bit unsigned."""
+FRACTION_BITS = 7
+"""The 16-bit accumulator holds a 9-bit variable and 7 bits below it: smaller changes are lost."""
+PRODUCT_BITS = 15
+"""Bits of a product, beside its sign, that fit the accumulator."""
+MANTISSA_BITS = 4
+"""Bits of a scale's mantissa: -8..7."""
+LARGEST_EXPONENT = 9
+LARGEST_CONSTANT = 255
+LONGEST_EPOCH = 63
+LARGEST_U = 9
+MOST_FACTORS = 4
+"""Factors of a product beside its dependency, so that every product fits 64 bits; this library's."""
+KEEP = 1 << 20
+"""Denominator of an exponential decay; this library's, so that 10,000 steps are within 1 %."""
+
+PRE, POST, MODULATORY = ("x1", "x2"), ("y1", "y2", "y3"), ("r1", "r2")
+TRACES = (*PRE, *POST, *MODULATORY)
+FACTORS = ("x0", *PRE, "y0", *POST, *MODULATORY, "w", "t")
+WIDTHS = {"x0": 0, "y0": 0, **dict.fromkeys(TRACES, 7), "w": 9, "t": 9}
+"""Bits of each factor in a product; a spike is a gate."""
+
+
+@dataclass(frozen=True, slots=True)
+class Factor:
+    """One factor of a product: `name + add`."""
+
+    name: str
+    add: int = 0
+
+    def __str__(self) -> str:
+        return f"({self.name} {'-' if self.add < 0 else '+'} {abs(self.add)})" if self.add else self.name
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """One product.
+
+    Attributes:
+        mantissa, exponent: the scale, mantissa 2^exponent; the mantissa is odd.
+        gate: its dependency, "x0", "y0" or "u": when it acts, and the spike at whose step traces are read.
+        every: k of u_k, 0 where it acts in every epoch.
+        factors: the others.
+
+    Raises:
+        ModelError: it does not fit the chip's bits.
+    """
+
+    mantissa: int
+    exponent: int
+    gate: str
+    every: int
+    factors: tuple[Factor, ...]
+
+    def __post_init__(self) -> None:
+        if not -8 <= self.mantissa <= 7:
+            raise ModelError(
+                f"'{self}': scale {self.mantissa} x 2^{self.exponent}: expected -8 to 7 times a power of 2",
+                hint="write it as two products",
+            )
+        lowest = -FRACTION_BITS - max(0, self.bits - PRODUCT_BITS)
+        if not lowest <= self.exponent <= LARGEST_EXPONENT:
+            raise ModelError(
+                f"'{self}': exponent {self.exponent}: expected {lowest} to {LARGEST_EXPONENT} for a product of "
+                f"{self.bits} bits"
+            )
+        if len(self.factors) > MOST_FACTORS:
+            raise ModelError(f"'{self}': {len(self.factors)} factors beside the dependency: expected {MOST_FACTORS}")
+
+    @property
+    def bits(self) -> int:
+        """Bits of the product: those of its factors and of the scale's mantissa."""
+        return sum(WIDTHS[f.name] for f in self.factors) + MANTISSA_BITS
+
+    def __str__(self) -> str:
+        parts = [] if abs(self.mantissa) == 1 else [str(abs(self.mantissa))]
+        parts += [f"2^{self.exponent}"] if self.exponent else []
+        parts += [f"u{self.every}"] if self.every or self.gate == "u" else []
+        parts += [self.gate] if self.gate != "u" else []
+        parts += [str(f) for f in self.factors]
+        return ("-" if self.mantissa < 0 else "") + "*".join(parts)
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """A 7-bit trace: per step it keeps numerator / denominator (stochastically rounded), a spike adds `impulse`."""
+
+    impulse: int
+    numerator: int
+    denominator: int
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.impulse <= TRACE_MAX:
+            raise ModelError(f"impulse {self.impulse}: expected 0 to {TRACE_MAX}")
+        if not 0 <= self.numerator <= self.denominator <= KEEP:
+            raise ModelError(f"decay {self.numerator}/{self.denominator}: expected 0 to 1, denominator <= {KEEP}")
+
+    @classmethod
+    def first_order(cls, impulse: int, tau: int) -> Trace:
+        """Keeps 1 - 1/tau (tau in steps, >= 1), as Brian2Loihi."""
+        return cls(impulse, tau - 1, tau)
+
+    @classmethod
+    def exponential(cls, impulse: int, tau: float) -> Trace:
+        """Keeps exp(-1/tau) (tau in steps) to 20 bits, as lava."""
+        return cls(impulse, round(KEEP * math.exp(-1.0 / tau)), KEEP)
+
+    @property
+    def tau(self) -> float:
+        """Time constant in steps of the mean of the trace."""
+        keep = self.numerator / self.denominator
+        return math.inf if keep == 1 else 0.0 if keep == 0 else -1.0 / math.log(keep)
+
+
+@dataclass(frozen=True, slots=True)
+class LearningRule:
+    """What a plastic projection does on Loihi.
+
+    Attributes:
+        dw, dt: products that change weight and tag; either may be empty.
+        traces: by name; all that the products read.
+        epoch: steps between two applications of the rule.
+        rounding: "stochastic": what is below the resolution of a weight decides by a draw; "away": to whole mantissas
+            away from 0, then to the resolution towards 0, as Brian2Loihi does for products of spikes.
+
+    Raises:
+        ModelError: a trace that is read never rises, or the epoch is out of bounds.
+    """
+
+    dw: tuple[Term, ...]
+    dt: tuple[Term, ...] = ()
+    traces: Mapping[str, Trace] = field(default_factory=dict)
+    epoch: int = 1
+    rounding: str = "stochastic"
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.epoch <= LONGEST_EPOCH:
+            raise ModelError(f"epoch = {self.epoch}: expected 1 to {LONGEST_EPOCH} steps")
+        if self.rounding not in ("stochastic", "away"):
+            raise ModelError(f"rounding = '{self.rounding}': expected stochastic or away")
+        for term in (*self.dw, *self.dt):
+            for factor in term.factors:
+                if factor.name in TRACES and factor.name not in self.traces:
+                    raise ModelError(
+                        f"'{term}' reads {factor.name}, which never rises",
+                        hint=f"give {factor.name}_impulse and {factor.name}_tau",
+                    )
+
+    def __str__(self) -> str:
+        lines = [f"{word} = {text(terms)}" for word, terms in (("dw", self.dw), ("dt", self.dt)) if terms]
+        lines += [f"{name}: impulse {tr.impulse}, tau {tr.tau:.4g} steps" for name, tr in self.traces.items()]
+        return "\n".join([*lines, f"epoch {self.epoch}"])
+
+
+def text(terms: tuple[Term, ...]) -> str:
+    """The sum as its users write it; `rule_text.parse` reads it back."""
+    parts = [str(term) for term in terms]
+    return "".join(parts[:1] + [f" - {p[1:]}" if p.startswith("-") else f" + {p}" for p in parts[1:]])

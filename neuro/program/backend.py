@@ -1,0 +1,256 @@
+"""What a backend is: a package that turns a `Program` into an engine, registered as `neuro.backends`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.errors import ModelError, Where, nearest
+from neuro.model.neurons import GENERATORS, Generator, Model
+from neuro.model.synapses import Synapse
+from neuro.program.program import Floats, Ints, Program
+
+
+class OverflowWarning(UserWarning):
+    """A register of an emulated chip overflowed while a network ran: what follows is the chip's, not the network's."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Something that a backend cannot run as described.
+
+    Attributes:
+        refused: True if it cannot run at all, False if it is approximated.
+        what: the part and the property, e.g. "population 'exc': 1500 neurons".
+        why: the limit, and what is done instead where it is approximated.
+        way_out: what the author can do.
+        origin: the place in the description.
+    """
+
+    refused: bool
+    what: str
+    why: str
+    way_out: str = ""
+    origin: Where | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spikes:
+    """Spikes of one population, by step, then id. A multiplicity above 1 is several spikes in one step."""
+
+    steps: Ints
+    ids: Ints
+    multiplicity: NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """One presentation.
+
+    Attributes:
+        ticks, ids: input spikes, sorted by tick, then id; an input fires at most once if a rule learns.
+        silenced: maps of the output that must not fire, shape (maps,), bool.
+    """
+
+    ticks: Ints
+    ids: Ints
+    silenced: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """How a trial ended.
+
+    Attributes:
+        winner: the neuron that decided, or -1.
+        tick: the tick of the decision, or -1.
+        potential: largest V_m of each map at the decision (before the reset) or at the end, shape (maps,).
+        best: the neuron of each map that has it, shape (maps,).
+        ticks: ticks that were run.
+    """
+
+    winner: int
+    tick: int
+    potential: Floats
+    best: Ints
+    ticks: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EngineCounts:
+    """Raw counts since the start.
+
+    Attributes:
+        steps: steps run.
+        events: spike events of each population (a multiplicity counts once), per neuron.
+        spikes: spikes of each population with their multiplicity, per neuron.
+        active: neuron-steps of each population with an arrival or a spike.
+        trial_updates: weights changed at the end of trials, per projection.
+        native: what only this backend counts, by name: of a chip its overflows, say. They are not shared.
+    """
+
+    steps: int
+    events: tuple[Ints, ...]
+    spikes: tuple[Ints, ...]
+    active: Ints
+    trial_updates: Ints
+    native: Mapping[str, int] = field(default_factory=dict)
+
+
+class Engine(Protocol):
+    """A program in execution. Times are steps; populations and projections are indices."""
+
+    @property
+    def step(self) -> int:
+        """The last finished step."""
+
+    def run(self, steps: int) -> None:
+        """Advance."""
+
+    def present(self, trial: Trial) -> Outcome:
+        """Run one trial: clear what is under way, reset, present, decide. Advances the clock by its ticks."""
+
+    def learn(self, projection: int, neuron: int, decided: int, won: bool) -> None:
+        """Apply the trial rule to the inputs of `neuron`, of the trial just presented, decided at tick `decided`."""
+
+    def encourage(self, projection: int, maps: Ints) -> None:
+        """Apply eq. 128 to every weight of the given maps."""
+
+    def inject(self, population: int, steps: Ints, ids: Ints) -> None:
+        """Add spikes of a spike_generator, at steps after the present one."""
+
+    def signal(self, signal: int, values: Floats) -> None:
+        """Set the dopamine concentration of every synapse that listens to a signal, one value per post neuron."""
+
+    def get(self, population: int, name: str) -> Floats:
+        """A state or parameter, shape (size,)."""
+
+    def set(self, population: int, values: Mapping[str, Floats]) -> None:
+        """Change states and parameters together, all or none; acts from the next step on.
+
+        Each value has the shape (1,) or (size,). A `ModelError` tells what the engine cannot hold.
+        """
+
+    def get_synapses(self, projection: int, name: str) -> Floats:
+        """A state of every synapse, in the order of the program's weights.
+
+        "weight" (stored, as NEST's), a state of the model such as "c", "K_plus" of the synapse's source, or
+        "n" of its target.
+        """
+
+    def set_rule(self, projection: int, parameters: Floats) -> None:
+        """Change the numbers of a synapse model, all of them, in the order of `Synapse.vector`."""
+
+    def set_weights(self, projection: int, weights: Floats) -> None:
+        """Replace all weights."""
+
+    def spikes(self, population: int, since: int) -> Spikes:
+        """Recorded spikes with step > since."""
+
+    def forget(self, before: int) -> None:
+        """Drop recorded spikes with step <= before."""
+
+    def counts(self) -> EngineCounts:
+        """Counts since the start or the last reset."""
+
+    def memory(self) -> dict[str, int]:
+        """Bytes by what they hold, e.g. {"synapses": ..., "neurons": ...}."""
+
+    def reset(self, weights: bool) -> None:
+        """Back to step 0 and the initial states, and to the initial weights if asked."""
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Everything that `restore` needs to continue bit for bit."""
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Continue from a snapshot of the same program."""
+
+
+class Backend(Protocol):
+    """How a program gets to run.
+
+    A backend that computes in integers says `arithmetic = "integer"`; "float" is taken otherwise.
+    A backend that cannot run some cases of `neuro.testing` lists them, with reasons, in an attribute
+    `unsupported: dict[str, str]`. One that does not show some states of neurons names them in an attribute
+    `unreadable: frozenset[str]`; its engine has it, too. One whose processes run a network together under mpirun says
+    `distributed = True`.
+    """
+
+    name: str
+    description: str
+
+    def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
+        """What of the program is refused or approximated; `options` are those of `build`."""
+
+    def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
+        """Make an engine at step 0."""
+
+
+@runtime_checkable
+class Registers(Protocol):
+    """An engine whose neurons and synapses have registers that can be read."""
+
+    def registers(self, population: int, name: str) -> Ints:
+        """A register of every neuron, by its own name or that of the state or parameter it stands for."""
+
+    def synapse_registers(self, projection: int, name: str) -> Ints:
+        """A register of every synapse, in the order of the program's weights."""
+
+
+def unreadable(shows: Backend | Engine) -> frozenset[str]:
+    """The states of neurons that a backend or its engine does not show."""
+    names: frozenset[str] = getattr(shows, "unreadable", frozenset())
+    return names
+
+
+def floats_only(program: Program) -> list[Problem]:
+    """The problems of a float backend: parts in a chip's registers, and generators that nobody knows how to step."""
+    parts: list[tuple[str, Model | Synapse, Where | None]] = [
+        (f"population '{p.name}'", p.model, p.origin) for p in program.populations
+    ]
+    parts += [(f"projection '{p.name}'", p.synapse, p.origin) for p in program.projections]
+    own = [
+        Problem(
+            True,
+            f"population '{p.name}': {p.model.name}",
+            "a generator of one's own emits nothing: backends know " + ", ".join(g.__name__ for g in GENERATORS),
+            "inject the spikes that it emits into a spike_generator",
+            p.origin,
+        )
+        for p in program.populations
+        if isinstance(p.model, Generator) and not isinstance(p.model, GENERATORS)
+    ]
+    return own + [
+        Problem(
+            True,
+            f"{what}: {choice.name}",
+            f"its parameters are registers of {choice.chip}",
+            f"backend '{choice.chip}' runs it",
+            origin,
+        )
+        for what, choice, origin in parts
+        if choice.chip
+    ]
+
+
+def installed() -> dict[str, Backend]:
+    """All installed backends by name."""
+    return {entry.name: entry.load() for entry in sorted(entry_points(group="neuro.backends"), key=lambda e: e.name)}
+
+
+def find(name: str) -> Backend:
+    """The backend of that name.
+
+    Raises:
+        ModelError: there is none.
+    """
+    entries = {entry.name: entry for entry in entry_points(group="neuro.backends")}
+    if name not in entries:
+        raise ModelError(f"unknown backend '{name}'", hint=nearest(name, entries))
+    backend: Backend = entries[name].load()
+    return backend

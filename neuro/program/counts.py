@@ -1,0 +1,171 @@
+"""What a run took: counts that every backend shares, since they follow from spikes and connections alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from neuro.model.neurons import Neuron
+from neuro.program.backend import EngineCounts
+from neuro.program.program import Grid, Ints, Program
+
+
+@dataclass(frozen=True, slots=True)
+class PopulationCounts:
+    """Counts of one population.
+
+    Attributes:
+        spikes: spikes with their multiplicity.
+        neuron_updates: neurons x steps (0 for generators).
+        neuron_updates_active: neuron-steps with an arrival or a spike.
+    """
+
+    spikes: int
+    neuron_updates: int
+    neuron_updates_active: int
+
+
+@dataclass(frozen=True, slots=True)
+class ProjectionCounts:
+    """Counts of one projection.
+
+    Attributes:
+        synaptic_ops: spikes x the synapses each one travels along.
+        learning_updates: plastic synapses of each pre and each post spike, and weights changed after trials.
+    """
+
+    synaptic_ops: int
+    learning_updates: int
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """Counts of a run: totals, and the same by population and projection.
+
+    Attributes:
+        steps: steps run.
+        spikes, neuron_updates, neuron_updates_active: sums over the populations.
+        synaptic_ops, learning_updates: sums over the projections.
+        populations, projections: the parts by name.
+        native: what only this backend counts, such as a chip's overflows, by name.
+    """
+
+    steps: int
+    populations: Mapping[str, PopulationCounts]
+    projections: Mapping[str, ProjectionCounts]
+    native: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def spikes(self) -> int:
+        """Spikes of all populations with their multiplicity."""
+        return sum(part.spikes for part in self.populations.values())
+
+    @property
+    def neuron_updates(self) -> int:
+        """Neurons x steps."""
+        return sum(part.neuron_updates for part in self.populations.values())
+
+    @property
+    def neuron_updates_active(self) -> int:
+        """Neuron-steps with an arrival or a spike."""
+        return sum(part.neuron_updates_active for part in self.populations.values())
+
+    @property
+    def synaptic_ops(self) -> int:
+        """Spikes x the synapses each one travels along."""
+        return sum(part.synaptic_ops for part in self.projections.values())
+
+    @property
+    def learning_updates(self) -> int:
+        """Plastic synapses of each pre and each post spike, and weights changed after trials."""
+        return sum(part.learning_updates for part in self.projections.values())
+
+
+class Tally:
+    """Turns an engine's raw counts into `Counts`.
+
+    Args:
+        program: tells who is connected to whom.
+    """
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self._fans: dict[int, tuple[Ints, Ints]] = {}
+
+    def between(self, before: EngineCounts | None, after: EngineCounts) -> Counts:
+        """Counts from one moment (None: the start) to another."""
+        if before is not None:
+            after = difference(after, before)
+        populations = {
+            part.name: PopulationCounts(
+                spikes=int(after.spikes[index].sum()),
+                neuron_updates=part.size * after.steps if isinstance(part.model, Neuron) else 0,
+                neuron_updates_active=int(after.active[index]),
+            )
+            for index, part in enumerate(self.program.populations)
+        }
+        projections = {
+            part.name: ProjectionCounts(
+                synaptic_ops=int(after.spikes[part.source] @ self._fan(index)[0]),
+                learning_updates=self._learning(index, after),
+            )
+            for index, part in enumerate(self.program.projections)
+        }
+        return Counts(after.steps, populations, projections, dict(after.native))
+
+    def _learning(self, index: int, counts: EngineCounts) -> int:
+        part = self.program.projections[index]
+        updates = int(counts.trial_updates[index])
+        if part.synapse.learns in ("pairs", "chip"):
+            fan_out, fan_in = self._fan(index)
+            updates += int(counts.events[part.source] @ fan_out) + int(counts.events[part.target] @ fan_in)
+        return updates
+
+    def _fan(self, index: int) -> tuple[Ints, Ints]:
+        """Synapses of each source, and onto each target of a projection that learns in pairs."""
+        if index not in self._fans:
+            self._fans[index] = self._count_synapses(index)
+        return self._fans[index]
+
+    def _count_synapses(self, index: int) -> tuple[Ints, Ints]:
+        part = self.program.projections[index]
+        n_pre = self.program.populations[part.source].size
+        n_post = self.program.populations[part.target].size
+        if part.layout == "one_to_one":
+            return np.ones(n_pre, dtype=np.int64), np.ones(n_post, dtype=np.int64)
+        if part.layout == "dense":
+            return np.full(n_pre, n_post, dtype=np.int64), np.full(n_post, n_pre, dtype=np.int64)
+        if part.grid is not None:
+            return _grid_fan_out(part.grid), np.zeros(0, dtype=np.int64)
+        fan_in = (
+            np.bincount(part.targets, minlength=n_post) if part.synapse.learns in ("pairs", "chip") else np.zeros(0)
+        )
+        return np.diff(part.row_ends), fan_in.astype(np.int64)
+
+
+def difference(after: EngineCounts, before: EngineCounts) -> EngineCounts:
+    """What was counted between two moments."""
+    return EngineCounts(
+        steps=after.steps - before.steps,
+        events=tuple(a - b for a, b in zip(after.events, before.events, strict=True)),
+        spikes=tuple(a - b for a, b in zip(after.spikes, before.spikes, strict=True)),
+        active=after.active - before.active,
+        trial_updates=after.trial_updates - before.trial_updates,
+        native={name: count - before.native.get(name, 0) for name, count in after.native.items()},
+    )
+
+
+def _grid_fan_out(g: Grid) -> Ints:
+    """Targets of every source of a grid: those whose kernel covers it."""
+
+    def covering(length: int, kernel: int, places: int) -> Ints:
+        offset = np.arange(length)[:, None] + g.padding - np.arange(places)[None, :] * g.stride
+        covered: Ints = ((offset >= 0) & (offset < kernel)).sum(axis=1)
+        return covered
+
+    rows = covering(g.height, g.kernel_height, g.rows)
+    columns = covering(g.width, g.kernel_width, g.columns)
+    sheet: Ints = np.outer(rows, columns).reshape(-1) * g.maps
+    return np.tile(sheet, g.channels)

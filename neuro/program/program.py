@@ -1,0 +1,224 @@
+"""A network resolved and checked: flat arrays, steps and indices; names and origins for messages only.
+
+This is all that a backend sees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.errors import Where
+from neuro.model.neurons import Model
+from neuro.model.synapses import Synapse
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Population:
+    """Neurons of one model.
+
+    Attributes:
+        model: the model; its numbers are in `parameters`.
+        shape: sizes of the axes; `size` is their product and neuron ids run in C order.
+        parameters: by word, shape (1,) where all neurons share it, else (size,).
+        initial: states at step 0 by name, likewise.
+        spike_steps, spike_ids: a spike_generator's listed spikes, sorted by step, then id.
+        start, stop: a generator emits spikes in steps start < k <= stop, and a current in steps start <= k < stop.
+        records: whether its spikes are kept for reading.
+    """
+
+    name: str
+    model: Model
+    shape: tuple[int, ...]
+    size: int
+    parameters: dict[str, Floats]
+    initial: dict[str, Floats]
+    spike_steps: Ints
+    spike_ids: Ints
+    start: int
+    stop: int
+    records: bool
+    origin: Where | None
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Sizes of a shared-kernel projection: source (channels, height, width), target (maps, rows, columns)."""
+
+    channels: int
+    height: int
+    width: int
+    maps: int
+    rows: int
+    columns: int
+    kernel_height: int
+    kernel_width: int
+    stride: int
+    padding: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Projection:
+    """Connections between two populations.
+
+    Attributes:
+        source, target: indices of the populations.
+        layout: "one_to_one", "dense" (every pair, source-major), "csr" or "grid" (a shared kernel).
+        row_ends: csr: synapses of source i are row_ends[i] : row_ends[i + 1], targets ascending.
+        targets: csr: the target of each synapse, int32.
+        weight: shape (1,) where shared, else one per synapse; grid: (maps, channels, height, width) flat.
+        delay: in steps, shape (1,) or one per synapse, int32, >= 1.
+        size: number of synapses (of a grid: of its kernels' weights).
+        grid: the sizes of a grid, else None.
+        signal: index of the signal that sets n, or -1.
+        dopamine: index of the population that releases dopamine, or -1; `dopamine_one_to_one` and
+            `dopamine_delay` (steps) say how.
+    """
+
+    name: str
+    source: int
+    target: int
+    layout: str
+    row_ends: Ints
+    targets: NDArray[np.int32]
+    weight: Floats
+    delay: NDArray[np.int32]
+    size: int
+    grid: Grid | None
+    synapse: Synapse
+    signal: int
+    dopamine: int
+    dopamine_one_to_one: bool
+    dopamine_delay: int
+    origin: Where | None
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """A signal and the index of the population it goes to."""
+
+    name: str
+    target: int
+    origin: Where | None
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """A winner-take-all population."""
+
+    name: str
+    population: int
+    first_to_fire: bool
+    origin: Where | None
+
+
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """What to record: "spikes" or a state, every `every` steps."""
+
+    name: str
+    population: int
+    record: str
+    every: int
+    origin: Where | None
+
+
+@dataclass(frozen=True, slots=True)
+class Trials:
+    """How trials go.
+
+    Attributes:
+        input, output: indices of the generator and of the population that decides.
+        group: index of the winner-take-all group of the output.
+        duration: ticks.
+        stop_at_decision: whether the first spike ends a trial.
+        maps, maps_per_label: maps of the output and how many stand for one label (0: no labels).
+        reward: by outcome (correct, wrong, silent).
+        dropout: share of maps dropped in epoch 0; `dropout_decay` per epoch; `dropout_per_trial`.
+        reset: states of the output that start anew.
+    """
+
+    input: int
+    output: int
+    group: int
+    duration: int
+    stop_at_decision: bool
+    maps: int
+    maps_per_label: int
+    reward: tuple[float, float, float]
+    dropout: float
+    dropout_decay: float
+    dropout_per_trial: bool
+    reset: tuple[str, ...]
+    origin: Where | None
+
+
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
+class Program:
+    """The whole network.
+
+    Attributes:
+        resolution: length of a step in ms, for the models' constants.
+        min_delay: the smallest delay in steps.
+    """
+
+    name: str
+    resolution: float
+    seed: int
+    min_delay: int
+    populations: tuple[Population, ...]
+    projections: tuple[Projection, ...]
+    signals: tuple[Signal, ...]
+    groups: tuple[Group, ...]
+    probes: tuple[Probe, ...]
+    trials: Trials | None
+
+    def connections(self, index: int) -> tuple[Ints, Ints]:
+        """Source and target of every synapse of a projection, in the order of its weights (not for a grid)."""
+        part = self.projections[index]
+        n_source, n_target = self.populations[part.source].size, self.populations[part.target].size
+        if part.layout == "one_to_one":
+            ids = np.arange(n_source, dtype=np.int64)
+            return ids, ids
+        if part.layout == "dense":
+            return (
+                np.repeat(np.arange(n_source, dtype=np.int64), n_target),
+                np.tile(np.arange(n_target, dtype=np.int64), n_source),
+            )
+        source = np.repeat(np.arange(n_source, dtype=np.int64), np.diff(part.row_ends))
+        return source, part.targets.astype(np.int64)
+
+    def synapses(self, index: int) -> tuple[Ints, Ints, Ints]:
+        """Source, target and place of the weight of every synapse of a projection, sorted by source, then target.
+
+        The synapses of a grid share weights; elsewhere each has its own.
+        """
+        part = self.projections[index]
+        if part.grid is not None:
+            return _spelt_out(part.grid)
+        return (*self.connections(index), np.arange(part.size))
+
+
+def _spelt_out(g: Grid) -> tuple[Ints, Ints, Ints]:
+    """Source, target and weight of every synapse of a grid, sorted by source, then target."""
+    m, r, c, k, i, j = np.meshgrid(
+        np.arange(g.maps),
+        np.arange(g.rows),
+        np.arange(g.columns),
+        np.arange(g.channels),
+        np.arange(g.kernel_height),
+        np.arange(g.kernel_width),
+        indexing="ij",
+    )
+    y, x = r * g.stride + i - g.padding, c * g.stride + j - g.padding
+    inside = (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
+    source = ((k * g.height + y) * g.width + x)[inside]
+    target = ((m * g.rows + r) * g.columns + c)[inside]
+    slot = (((m * g.channels + k) * g.kernel_height + i) * g.kernel_width + j)[inside]
+    order = np.lexsort((target, source))
+    return source[order], target[order], slot[order]

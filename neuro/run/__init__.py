@@ -1,0 +1,1 @@
+"""What users hold: the simulation, its trials, records and settings."""

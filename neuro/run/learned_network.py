@@ -1,0 +1,93 @@
+"""The network with what it has learnt, as a `Network` that any backend can compile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+
+from neuro.core.clock import Clock
+from neuro.core.quantities import word_of
+from neuro.model.network import Network, Population, Projection
+from neuro.model.rules import all_to_all, grid, one_to_one, pairs
+from neuro.model.synapses import Synapse
+from neuro.program.backend import Engine
+from neuro.program.program import Floats, Program
+from neuro.program.program import Population as ResolvedPopulation
+from neuro.program.program import Projection as ResolvedProjection
+
+
+def learnt_network(
+    net: Network, program: Program, engine: Engine, clock: Clock, rules: Mapping[int, Synapse]
+) -> Network:
+    """A copy of `net` that holds the present weights and parameters and nothing random in its connections.
+
+    Synapses that were drawn at random become listed pairs; weights, delays and initial states that were drawn
+    become arrays. States such as V_m begin anew.
+
+    Args:
+        net: what was compiled.
+        program: its resolved form.
+        engine: holds the present weights and parameters.
+        clock: of the network.
+        rules: the present synapse models of projections.
+    """
+    copy = Network(net.name, resolution=net.resolution)
+    for index, population in enumerate(program.populations):
+        copy.populations[population.name] = _population(net.populations[population.name], population, index, engine)
+    for index, projection in enumerate(program.projections):
+        copy.projections[projection.name] = _projection(
+            net.projections[projection.name], projection, program, index, engine, clock, rules[index]
+        )
+    copy.signals, copy.groups, copy.probes = dict(net.signals), dict(net.groups), dict(net.probes)
+    copy.trials_section, copy.trials_origin = net.trials_section, net.trials_origin
+    return copy
+
+
+def _population(part: Population, resolved: ResolvedPopulation, index: int, engine: Engine) -> Population:
+    model = part.model
+    changed = {}
+    for entry in fields(model):
+        word = word_of(entry.name)
+        if word in resolved.parameters:
+            now = _one_or_all(engine.get(index, word))
+            changed[entry.name] = bool(now) if entry.metadata["quantity"].kind == "boolean" else now
+    initial = {name: _one_or_all(resolved.initial[name]) for name in part.initial}
+    return replace(part, shape=resolved.shape, model=replace(model, **changed), initial=initial)
+
+
+def _projection(
+    part: Projection,
+    resolved: ResolvedProjection,
+    program: Program,
+    index: int,
+    engine: Engine,
+    clock: Clock,
+    synapse: Synapse,
+) -> Projection:
+    weight = engine.get_synapses(index, "weight")
+    delay = clock.array_ms(resolved.delay.astype(np.int64))
+    shape: Callable[[Floats], Any] = _one_or_all
+    rule = part.rule
+    if isinstance(rule, all_to_all) and resolved.layout == "dense":
+        sizes = (program.populations[resolved.source].size, program.populations[resolved.target].size)
+        shape = lambda values: _one_or_all(values, sizes)  # noqa: E731
+    elif isinstance(rule, grid) and resolved.grid is not None:
+        g = resolved.grid
+        kernels = (g.maps, g.channels, g.kernel_height, g.kernel_width)
+        return replace(part, synapse=synapse, weight=weight.reshape(kernels), delay=float(delay[0]))
+    elif not isinstance(rule, one_to_one):
+        pre, post = program.connections(index)
+        rule = pairs(pre=pre, post=post)
+    return replace(part, rule=rule, synapse=synapse, weight=shape(weight), delay=shape(delay))
+
+
+def _one_or_all(values: Floats, shape: tuple[int, ...] | None = None) -> Any:
+    """A number where all are equal, else an array that cannot be changed."""
+    if values.size and (values == values[0]).all():
+        return float(values[0])
+    array = values.copy() if shape is None else values.reshape(shape).copy()
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,222 @@
+"""What may be changed while a simulation runs, checked and brought into the engine's form."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from neuro.compiler.check import check_values
+from neuro.compiler.values import per_neuron
+from neuro.core.checks import numbers, refuse_masked
+from neuro.core.clock import Clock
+from neuro.core.errors import ModelError, unknown
+from neuro.core.keyed_random import generator
+from neuro.core.quantities import Quantity, check, word_of
+from neuro.core.values import FromFile, shown
+from neuro.model.distributions import Distribution
+from neuro.model.neurons import Model
+from neuro.model.synapses import Synapse
+from neuro.program.backend import Engine
+from neuro.program.program import Floats, Ints, Population, Program, Projection
+
+_STATE = Quantity(arrays=True)
+_WEIGHT = Quantity(arrays=True)
+_FIXED = ("deliver_interval",)
+_DRAWN = "a distribution is drawn where connections are made: net.connect(..., weight=...)"
+_KNOWN: dict[type[Model], dict[str, Quantity]] = {}
+_PARTNERS = {"V_th": "V_reset", "V_reset": "V_th"}
+
+
+def _quantities(model: Model) -> dict[str, Quantity]:
+    """The parameters of a model, kept since a closed loop asks for them at every step."""
+    if type(model) not in _KNOWN:
+        _KNOWN[type(model)] = model.quantities()
+    return _KNOWN[type(model)]
+
+
+def states(part: Population) -> list[str]:
+    """The states of a population that can be read and set."""
+    return [state.name for state in part.model.states if not state.hidden]
+
+
+def synapse_states(part: Projection) -> list[str]:
+    """What can be read of a projection's synapses."""
+    names = ["weight", *(state.name for state in part.synapse.states)]
+    if part.synapse.learns == "pairs":
+        names.append("K_plus")
+    if part.synapse.modulated:
+        names.append("n")
+    return names
+
+
+def new_values(part: Population, word: str, value: Any, seed: int, step: int) -> Floats:
+    """Values of a state or parameter, shape (1,) or (size,).
+
+    Args:
+        part: the population.
+        word: the state or parameter.
+        value: a number, an array or a distribution.
+        seed: of a distribution's draws.
+        step: the present one; draws differ from step to step.
+    """
+    if word in part.parameters:
+        q = _quantities(part.model)[word]
+    elif word in states(part):
+        q = _STATE
+    else:
+        known = [*part.parameters, *states(part)]
+        if word in _quantities(part.model):
+            raise ModelError(
+                f"{part.model.name}.{word} of '{part.name}' is fixed: change the network and compile again"
+            )
+        raise unknown("parameter or state", word, known).at(None, f"population '{part.name}'")
+    what = f"{part.name}.{word}"
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == (part.size,) and _inside(q, value):
+        return value
+    if q.kind == "boolean":
+        return np.array([float(check(q, value, what))])
+    rng = generator(seed, "set", f"{what}@{step}")
+    array = per_neuron(check(q, value, what), part.shape, what, rng)
+    check(q, array, what)
+    return array
+
+
+def _inside(q: Quantity, array: Floats) -> bool:
+    """Whether all values of an array are finite and within the bounds; the fast way to say yes."""
+    low, high = array.min(), array.max()
+    return bool(
+        low > -np.inf
+        and high < np.inf
+        and (q.above is None or low > q.above)
+        and (q.at_least is None or low >= q.at_least)
+        and (q.below is None or high < q.below)
+        and (q.at_most is None or high <= q.at_most)
+    )
+
+
+def check_together(program: Program, index: int, new: Mapping[str, Floats], engine: Engine, clock: Clock) -> None:
+    """Refuse parameters that do not go with each other or with the rest of their population.
+
+    Args:
+        program: the whole network.
+        index: the population.
+        new: parameters and states by name.
+        engine: knows the present values of the others.
+        clock: of the network.
+    """
+    part = program.populations[index]
+    if "tau_minus" in new and any(p.target == index and p.synapse.learns == "pairs" for p in program.projections):
+        raise ModelError(
+            f"{part.name}.tau_minus: plastic synapses read this trace, so it is fixed once compiled",
+            hint="change the network and compile again",
+        )
+    together = {word: array for word, array in new.items() if word in part.parameters}
+    for word, partner in _PARTNERS.items():
+        if word in together and partner in part.parameters and partner not in together:
+            together[partner] = engine.get(index, partner)
+    try:
+        check_values(part.model, together, clock)
+    except ModelError as error:
+        raise error.at(None, f"population '{part.name}'") from None
+
+
+def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any]) -> Synapse:
+    """A synapse model with some numbers changed."""
+    names = {word_of(entry.name): entry.name for entry in fields(rule)}
+    settable = [word for word in rule.numbers() if word not in _FIXED]
+    for word in values:
+        if word in names and word not in settable:
+            raise ModelError(f"{rule.name}.{word} of '{part.name}' is fixed: change the network and compile again")
+        if word not in settable:
+            raise unknown(f"parameter of {rule.name}", word, settable).at(None, f"projection '{part.name}'")
+    return replace(rule, **{names[word]: value for word, value in values.items()})
+
+
+def rule_of(rule: Synapse, vector: Floats) -> Synapse:
+    """A synapse model with the numbers of a vector."""
+    kinds = {word_of(entry.name): entry for entry in fields(rule)}
+    convert = {"boolean": bool, "integer": int}
+    changed = {
+        kinds[word].name: convert.get(kinds[word].metadata["quantity"].kind, float)(value)
+        for word, value in zip(rule.numbers(), vector.tolist(), strict=True)
+    }
+    return replace(rule, **changed)
+
+
+def check_rule(part: Projection, rule: Synapse, weight: Floats) -> None:
+    """Weights that pairs change stay within their rule's bounds."""
+    limits = rule.parameters()
+    if rule.learns != "pairs" or "Wmax" not in limits:
+        return
+    low, high = limits.get("Wmin", 0.0), limits["Wmax"]
+    bad = np.flatnonzero((weight < low) | (weight > high))
+    if bad.size:
+        raise ModelError(
+            f"projection '{part.name}': weight[{bad[0]}] = {weight[bad[0]]:g}: "
+            f"expected {low:g} to {high:g}, the bounds of {rule.name}"
+        )
+
+
+def new_weights(part: Projection, rule: Synapse, weights: ArrayLike) -> Floats:
+    """Weights of every synapse (of a grid: of its kernels), shape (size,)."""
+    given = check(_WEIGHT, weights, f"weights of '{part.name}'")
+    if isinstance(given, Distribution | FromFile):
+        raise ModelError(f"weights of '{part.name}' = {shown(given)}: expected a number or an array", hint=_DRAWN)
+    array = np.asarray(given, dtype=np.float64)
+    shapes: list[tuple[int, ...]] = [(part.size,)]
+    if part.grid is not None:
+        g = part.grid
+        shapes.append((g.maps, g.channels, g.kernel_height, g.kernel_width))
+    if array.ndim and array.shape not in shapes:
+        raise ModelError(
+            f"weights of '{part.name}': an array of shape {list(array.shape)}: "
+            f"expected {' or '.join(str(list(s)) for s in reversed(shapes))}"
+        )
+    full = np.broadcast_to(array.reshape(-1), part.size) + 0.0
+    check_rule(part, rule, full)
+    return full
+
+
+def new_spikes(clock: Clock, times: ArrayLike, ids: ArrayLike, size: int) -> tuple[Ints, Ints]:
+    """Steps and neurons of spikes, sorted by step, then neuron."""
+    steps = clock.steps(_listed(numbers(times, "times"), "times"), "times")
+    neurons = _listed(neuron_ids(ids, size), "ids")
+    if steps.shape != neurons.shape:
+        raise ModelError(f"{steps.size} times and {neurons.size} ids: expected as many of each")
+    order = np.lexsort((neurons, steps))
+    return steps[order], neurons[order]
+
+
+def _listed(array: NDArray[Any], what: str) -> NDArray[Any]:
+    """A number or a plain list of them, as a list."""
+    if array.ndim > 1:
+        raise ModelError(f"{what}: an array of shape {list(array.shape)}: expected a list, one for each spike")
+    return np.atleast_1d(array)
+
+
+def neuron_ids(ids: ArrayLike, size: int) -> Ints:
+    """Neurons of a population of `size`, each checked."""
+    refuse_masked(ids, "ids")
+    array = np.atleast_1d(np.asarray(ids))
+    if array.size == 0:
+        return np.zeros(0, dtype=np.int64)
+    if array.dtype.kind not in "iu":
+        raise ModelError(f"ids: found {array.dtype}: expected whole numbers")
+    bad = np.flatnonzero((array < 0) | (array >= size))
+    if bad.size:
+        raise ModelError(f"ids[{bad[0]}] = {array[bad[0]]}: expected a neuron from 0 to {size - 1}")
+    return array.astype(np.int64)
+
+
+def signal_values(name: str, values: ArrayLike, size: int) -> Floats:
+    """Values of a signal, shape (size,)."""
+    array = numbers(values, f"signal '{name}'")
+    if array.shape not in ((), (size,)):
+        raise ModelError(f"signal '{name}': an array of shape {list(array.shape)}: expected a number or [{size}]")
+    if not np.isfinite(array).all():
+        raise ModelError(f"signal '{name}': a value is not finite: expected numbers in 1/ms")
+    return array + 0.0 if array.ndim else np.full(size, array + 0.0)

@@ -1,0 +1,255 @@
+"""The trial loop: presentation, decision, labels, dropout and reward, once for all backends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from neuro.core import keyed_random
+from neuro.core.checks import numbers
+from neuro.core.clock import Clock
+from neuro.core.errors import ModelError
+from neuro.model.synapses import Synapse
+from neuro.program.backend import Engine, EngineCounts, Outcome, Trial
+from neuro.program.counts import Counts, Tally, difference
+from neuro.program.program import Floats, Ints, Program
+from neuro.run.settable import neuron_ids
+
+Bools = NDArray[np.bool_]
+_CHUNK = 1 << 24
+
+
+@dataclass(frozen=True, eq=False)
+class TrialResults:
+    """How the trials of a batch ended, one entry for each.
+
+    Attributes:
+        winner: the neuron that decided, or -1.
+        label: the label of its map (the map itself where the network has no labels), or -1.
+        step: the tick of the decision, from 0, or -1.
+        potential: the largest V_m of each map at the decision, or at the end, shape (trials, maps).
+        ticks: ticks that were run.
+    """
+
+    winner: Ints
+    label: Ints
+    step: Ints
+    potential: Floats
+    ticks: Ints
+    _tally: Tally
+    _before: EngineCounts
+    _after: EngineCounts
+
+    @cached_property
+    def counts(self) -> Counts:
+        """What the batch took."""
+        return self._tally.between(self._before, self._after)
+
+    @property
+    def raw_counts(self) -> EngineCounts:
+        """What the batch took, per neuron."""
+        return difference(self._after, self._before)
+
+    def __len__(self) -> int:
+        return len(self.winner)
+
+
+class TrialLoop:
+    """Presents trials to an engine and teaches it.
+
+    Args:
+        program: it has trials.
+        engine: presents and learns.
+        clock: of the network.
+        tally: counts what a batch took.
+        rules: the present synapse models of the projections.
+    """
+
+    def __init__(
+        self, program: Program, engine: Engine, clock: Clock, tally: Tally, rules: Mapping[int, Synapse]
+    ) -> None:
+        assert program.trials is not None
+        self.program, self.section = program, program.trials
+        section = program.trials
+        self.engine, self.clock, self.tally, self.rules = engine, clock, tally, rules
+        self.inputs = program.populations[section.input].size
+        output = program.populations[section.output]
+        self.per_map = output.size // section.maps
+        self.per_label = max(section.maps_per_label, 1)
+        self.per_label_neurons = self.per_map * self.per_label
+        self.maps_of = np.arange(section.maps // self.per_label * self.per_label).reshape(-1, self.per_label)
+        self.learners: list[tuple[int, bool, float]] = []
+        self.key = keyed_random.key(program.seed, "dropout", output.name)
+        self.start_anew()
+
+    def start_anew(self) -> None:
+        """No sample has been seen."""
+        self.seen, self.last = 0, (-1, -1)
+
+    def state(self) -> Ints:
+        """What dropout remembers: how many samples were drawn for, and the epoch and number of the last."""
+        return np.array([self.seen, *self.last], dtype=np.int64)
+
+    def put(self, state: Ints) -> None:
+        """Set what `state` gave."""
+        self.seen, self.last = int(state[0]), (int(state[1]), int(state[2]))
+
+    def run(
+        self,
+        times: ArrayLike,
+        ids: ArrayLike,
+        offsets: ArrayLike,
+        labels: ArrayLike | None,
+        learn: bool,
+        samples: ArrayLike | None,
+        epoch: int,
+    ) -> TrialResults:
+        """Present a batch; `Simulation.trials` says what the arguments are."""
+        ends = self._offsets(offsets, np.size(times))
+        n = len(ends) - 1
+        ticks, neurons = self._input(times, ids, ends, once=learn)
+        right = self._labels(labels, n, learn)
+        silenced = self._dropout(samples, n, int(epoch)) if learn else np.zeros((1, self.section.maps), dtype=bool)
+        teach = learn and right is not None
+        self.learners = self._learners()
+        winner, step, ran = (np.full(n, -1, dtype=np.int64) for _ in range(3))
+        potential = np.empty((n, self.section.maps))
+        before = self.engine.counts()
+        present, quiet, bounds = self.engine.present, silenced[0] if len(silenced) else None, ends.tolist()
+        for i in range(n):
+            a, b = bounds[i], bounds[i + 1]
+            mute = silenced[i] if learn else quiet
+            outcome = present(Trial(ticks[a:b], neurons[a:b], mute))  # type: ignore[arg-type]
+            winner[i], step[i], ran[i], potential[i] = outcome.winner, outcome.tick, outcome.ticks, outcome.potential
+            if teach:
+                self._teach(outcome, int(right[i]), mute)  # type: ignore[index,arg-type]
+        label = np.where(winner >= 0, winner // self.per_label_neurons, -1)
+        return TrialResults(winner, label, step, potential, ran, self.tally, before, self.engine.counts())
+
+    def _teach(self, outcome: Outcome, right: int, silenced: Bools) -> None:
+        """Reward or punish the neuron that decided; after a mistake or silence help the right label's maps."""
+        decided = outcome.winner >= 0
+        hit = decided and outcome.winner // self.per_label_neurons == right
+        reward = (self.section.reward[0] if hit else self.section.reward[1]) if decided else 0.0
+        for projection, rescue, epsilon in self.learners:
+            if reward != 0.0:
+                self.engine.learn(projection, outcome.winner, outcome.tick, reward > 0.0)
+            if hit:
+                continue
+            if rescue:
+                self._rescue(projection, outcome, right, silenced)
+            elif epsilon > 0.0:
+                self.engine.encourage(projection, self.maps_of[right])
+
+    def _rescue(self, projection: int, outcome: Outcome, right: int, silenced: Bools) -> None:
+        """Reward the best-excited neuron of the right label, as if it had decided."""
+        maps = self.maps_of[right]
+        awake = maps[~silenced[maps]]
+        if len(awake):
+            best = int(outcome.best[awake[outcome.potential[awake].argmax()]])
+            self.engine.learn(projection, best, outcome.tick if outcome.tick >= 0 else outcome.ticks - 1, True)
+
+    def _learners(self) -> list[tuple[int, bool, float]]:
+        """The projections that learn, whether they rescue, and epsilon."""
+        found = []
+        for index, part in enumerate(self.program.projections):
+            if part.synapse.learns == "trials":
+                rule = self.rules[index].parameters()
+                found.append((index, bool(rule["rescue"]), float(rule["epsilon"])))
+        return found
+
+    def _offsets(self, offsets: ArrayLike, total: int) -> Ints:
+        array = np.asarray(offsets)
+        if array.ndim != 1 or array.size < 1 or array.dtype.kind not in "iu":
+            raise ModelError("trials: offsets: expected whole numbers, one more than there are trials")
+        if array[0] != 0 or array[-1] != total or np.any(np.diff(array.astype(np.int64)) < 0):
+            raise ModelError(
+                f"trials: offsets from {array[0]} to {array[-1]}: expected ascending numbers from 0 to {total}, "
+                "the number of times"
+            )
+        return array.astype(np.int64)
+
+    def _input(self, times: ArrayLike, ids: ArrayLike, ends: Ints, once: bool) -> tuple[Ints, Ints]:
+        """Ticks and neurons of the input spikes, sorted within each trial."""
+        try:
+            ticks = self.clock.steps(np.ravel(numbers(times, "times")), "times")
+            neurons = neuron_ids(np.ravel(np.asarray(ids)), self.inputs)
+        except ModelError as error:
+            raise error.at(None, "trials") from None
+        if ticks.shape != neurons.shape:
+            raise ModelError(f"trials: {ticks.size} times and {neurons.size} ids: expected as many of each")
+        bad = np.flatnonzero((ticks < 0) | (ticks >= self.section.duration))
+        if bad.size:
+            raise ModelError(
+                f"trials: times[{bad[0]}] = {self.clock.ms(int(ticks[bad[0]])):g} ms: expected 0 <= t < "
+                f"{self.clock.ms(self.section.duration):g} ms, the duration"
+            )
+        trial = np.repeat(np.arange(len(ends) - 1), np.diff(ends))
+        place = (trial * self.section.duration + ticks) * self.inputs + neurons
+        if np.any(place[1:] < place[:-1]):
+            order = np.argsort(place, kind="stable")
+            ticks, neurons = ticks[order], neurons[order]
+        if once:
+            self._refuse_repeats(trial, neurons)
+        return ticks, neurons
+
+    def _refuse_repeats(self, trial: Ints, neurons: Ints) -> None:
+        """First-spike rules know one spike of each input in a trial."""
+        n = int(trial[-1]) + 1 if trial.size else 0
+        chunk = min(n, max(1, _CHUNK // self.inputs))
+        for first in range(0, n, max(chunk, 1)):
+            a, b = np.searchsorted(trial, (first, first + chunk))
+            who = (trial[a:b] - first) * self.inputs + neurons[a:b]
+            seen = np.zeros(chunk * self.inputs, dtype=np.uint8)
+            seen[who] = 1
+            if np.count_nonzero(seen) < len(who):
+                number, neuron = divmod(int(np.argmax(np.bincount(who) > 1)), self.inputs)
+                raise ModelError(
+                    f"trials: input {neuron} spikes twice in trial {number + first}: "
+                    "expected at most once while learning",
+                    hint="keep the first spike of each input",
+                )
+
+    def _labels(self, labels: ArrayLike | None, n: int, learn: bool) -> Ints | None:
+        if labels is None:
+            if learn:
+                raise ModelError("trials: learn=True without labels: expected one label for each trial")
+            return None
+        array = np.asarray(labels)
+        if array.shape != (n,) or array.dtype.kind not in "iu":
+            raise ModelError(f"trials: labels of shape {list(array.shape)}: expected {n} whole numbers, one a trial")
+        known = self.section.maps // self.per_label
+        bad = np.flatnonzero((array < 0) | (array >= known))
+        if bad.size:
+            raise ModelError(f"trials: labels[{bad[0]}] = {array[bad[0]]}: expected a label from 0 to {known - 1}")
+        return array.astype(np.int64)
+
+    def _dropout(self, samples: ArrayLike | None, n: int, epoch: int) -> Bools:
+        """Which maps are silenced in each trial: a draw for each sample, counted over all that has been learnt."""
+        if epoch < 0:
+            raise ModelError(f"trials: epoch = {epoch}: expected a whole number >= 0")
+        share = self.section.dropout * self.section.dropout_decay**epoch
+        counted = self._count_samples(samples, n, epoch)
+        return keyed_random.uniform_table(self.key, counted, self.section.maps) < share
+
+    def _count_samples(self, samples: ArrayLike | None, n: int, epoch: int) -> Ints:
+        """The running number of each trial's sample; a new one begins where the sample or the epoch changes."""
+        if samples is None or self.section.dropout_per_trial:
+            new = np.ones(n, dtype=bool)
+        else:
+            array = np.asarray(samples)
+            if array.shape != (n,) or array.dtype.kind not in "iu":
+                raise ModelError(
+                    f"trials: samples of shape {list(array.shape)}: expected {n} whole numbers, one a trial"
+                )
+            before = self.last[1] if self.last[0] == epoch else -1
+            new = np.diff(array.astype(np.int64), prepend=before) != 0
+            if n:
+                self.last = (epoch, int(array[-1]))
+        counted = self.seen + np.cumsum(new) - 1
+        self.seen += int(new.sum())
+        return counted

@@ -1,0 +1,1 @@
+"""Golden traces of other simulators beside ours."""

@@ -1,0 +1,43 @@
+"""A golden case as it was read, and how far a result is from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+
+from neuro.core.clock import Clock
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Golden:
+    """A case as it was read: what was simulated and what came out."""
+
+    facts: Mapping[str, Any]
+    arrays: Mapping[str, NDArray[Any]]
+
+    @property
+    def clock(self) -> Clock:
+        """Steps and milliseconds of the case."""
+        return Clock(float(self.facts["resolution_ms"]))
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Deviation of one quantity.
+
+    Attributes:
+        quantity: "spikes", a state, or "case" where the case could not be compared.
+        error: largest deviation; where whole numbers are compared, how many are wrong.
+        message: where, if that is known.
+        case: which of a file's cases, "" if it holds one.
+        exact: whether no deviation is accepted.
+    """
+
+    quantity: str
+    error: float
+    message: str = ""
+    case: str = ""
+    exact: bool = False

@@ -1,0 +1,265 @@
+"""Golden cases as networks: build what was simulated, run it, and say how far the result is from what came out.
+
+| kind | told by | compared |
+| --- | --- | --- |
+| neuron | `neuron` and `inputs` | spikes and every recorded state |
+| network | `neuron` and the array `src` | spikes and V_m of the first neurons |
+| stdp | `synapse` of model stdp_synapse | the weight sent at each pre spike, final weight and trace |
+| dopamine | `synapse` of model stdp_dopamine_synapse | the same and w, c, n, K+ over time |
+
+Files of chips are told and compared by `neuro.verify.chips`.
+
+In a case with `deliver_interval` > 1 NEST brings a synapse up to date at delivery points only, so between them
+its rows show a state that is out of date. Rows are compared at the delivery points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import neuro.run.simulation
+from neuro.core.clock import Clock
+from neuro.core.errors import ModelError
+from neuro.model.network import Network
+from neuro.model.neurons import MODELS, Neuron, dc_generator, iaf_psc_delta, spike_generator
+from neuro.model.rules import all_to_all, one_to_one, pairs
+from neuro.model.synapses import Synapse, stdp, stdp_dopa
+from neuro.program.backend import Backend, find, unreadable
+from neuro.program.program import Floats, Ints
+from neuro.verify.chips import chip_of, compare_chip
+from neuro.verify.comparison import Comparison, Golden
+
+NEST_V_M = -70.0
+STRONG = 1e12
+
+
+def compare(golden: Golden, backend: str | Backend) -> list[Comparison]:
+    """Run a case on a backend and compare every quantity.
+
+    Raises:
+        ModelError: the case is of no known kind, or its network cannot be built.
+        KeyError, TypeError, ValueError, IndexError, AttributeError: a part of it is missing or of another form.
+    """
+    facts = golden.facts
+    if chip_of(facts):
+        return list(compare_chip(golden, backend))
+    if "synapse" in facts:
+        model = facts["synapse"]["model"]
+        if model == "stdp_synapse":
+            return _compare_stdp(golden, backend)
+        if model == "stdp_dopamine_synapse":
+            return _compare_dopamine(golden, backend)
+        raise ModelError(f"a synapse of model '{model}': expected stdp_synapse or stdp_dopamine_synapse")
+    if "neuron" in facts and "src" in golden.arrays:
+        return _compare_network(golden, backend)
+    if "neuron" in facts and "inputs" in facts:
+        return _compare_neuron(golden, backend)
+    raise ModelError("a case of no known kind: expected 'neuron' with 'inputs', 'neuron' with 'src', or 'synapse'")
+
+
+# neurons
+
+
+def _compare_neuron(golden: Golden, backend: str | Backend) -> list[Comparison]:
+    facts, arrays, clock = golden.facts, golden.arrays, golden.clock
+    net = Network("neuron", resolution=clock.resolution)
+    _add_neurons(net, 1, facts["neuron"])
+    for number, given in enumerate(facts["inputs"].values()):
+        name = f"input_{number}"
+        if "amplitude_pA" in given:
+            times = {"start": float(given["start_ms"]), "stop": float(given["stop_ms"])}
+            net.population(name, 1, dc_generator(amplitude=given["amplitude_pA"], **times))
+        else:
+            net.population(name, 1, spike_generator(spike_times=[_exact(given["spike_times_ms"], clock)]))
+        net.connect(name, "neurons", one_to_one(), weight=given.get("weight", 1.0), delay=given["delay_ms"])
+    hidden = unreadable(find(backend) if isinstance(backend, str) else backend)
+    recorded = [name for name in arrays if name not in ("times_ms", "spikes_ms", *hidden)]
+    for name in recorded:
+        net.probe(name, "neurons", name)
+    sim = neuro.run.simulation.compile(net, backend)
+    sim.run(facts["t_sim_ms"])
+    rows = _steps(arrays["times_ms"], clock) - 1 if recorded else np.zeros(0, dtype=np.int64)
+    found = [_spikes(sim.spikes("neurons"), arrays["spikes_ms"], np.zeros_like(arrays["spikes_ms"], dtype=int), clock)]
+    return found + [_values(name, sim.trace(name)[1][rows, 0], arrays[name]) for name in recorded]
+
+
+def _compare_network(golden: Golden, backend: str | Backend) -> list[Comparison]:
+    facts, arrays, clock = golden.facts, golden.arrays, golden.clock
+    n = int(facts["neuron"]["n"])
+    net = Network("network", resolution=clock.resolution)
+    _add_neurons(net, n, facts["neuron"])
+    steps = _steps(arrays["in_t_ms"], clock)
+    times = [clock.array_ms(np.sort(steps[arrays["in_id"] == i])) for i in range(n)]
+    net.population("input", n, spike_generator(spike_times=times))
+    net.connect("input", "neurons", one_to_one(), weight=facts["in_weight_pA"], delay=facts["in_delay_ms"])
+    net.connect(
+        "neurons",
+        "neurons",
+        pairs(pre=arrays["src"], post=arrays["tgt"]),
+        weight=arrays["weight_pA"],
+        delay=_exact(arrays["delay_ms"], clock),
+    )
+    net.probe("V_m", "neurons", "V_m")
+    sim = neuro.run.simulation.compile(net, backend)
+    sim.run(facts["t_sim_ms"])
+    rows, columns = arrays["V_sample"].shape
+    return [
+        _spikes(sim.spikes("neurons"), arrays["spike_t_ms"], arrays["spike_id"], clock),
+        _values("V_m", sim.trace("V_m")[1][:rows, :columns], arrays["V_sample"]),
+    ]
+
+
+def _add_neurons(net: Network, n: int, facts: Mapping[str, Any]) -> None:
+    """Neurons with NEST's words; words of states and `initial` say where they start."""
+    kind = MODELS.get(facts["model"])
+    if kind is None or not issubclass(kind, Neuron):
+        raise ModelError(f"a neuron of model '{facts['model']}', which is not known")
+    states = {state.name for state in kind.states}
+    words = {word: value if isinstance(value, bool) else float(value) for word, value in facts["params"].items()}
+    if not words.pop("consistent_integration", True):
+        raise ModelError("consistent_integration: false: expected true")
+    start = {"V_m": words.get("E_L", NEST_V_M)} if "E_L" in kind.quantities() else {}
+    start |= {word: words.pop(word) for word in list(words) if word in states}
+    told = facts.get("initial", {"V_m": NEST_V_M} if "E_L" in kind.quantities() else {})
+    if isinstance(told, Mapping):
+        start |= {word: float(value) for word, value in told.items() if word in states}
+    model = kind.from_words(words)
+    assert isinstance(model, Neuron)
+    net.population("neurons", n, model, initial=start)
+
+
+# synapses
+
+
+def _compare_stdp(golden: Golden, backend: str | Backend) -> list[Comparison]:
+    facts, arrays, clock = golden.facts, golden.arrays, golden.clock
+    words = ("tau_plus", "alpha", "mu_plus", "mu_minus", "Wmax")
+    rule = stdp(lambda_=facts["synapse"]["lambda"], **{word: facts["synapse"][word] for word in words})
+    net = _synapse_network(golden, rule, 1)
+    sim = neuro.run.simulation.compile(net, backend)
+    pre = _steps(arrays["w_times_ms"], clock)
+    sent = [sim.get("pre_post", "weight")[0] for _ in _walk(sim, pre + 1, clock)]
+    end = clock.step(facts["t_sim_ms"], "t_sim_ms")
+    for _ in _walk(sim, [max(end, int(pre[-1]) + 1)], clock):
+        pass
+    since_pre = sim.time - clock.ms(int(pre[-1]))
+    k_plus = sim.get("pre_post", "K_plus")[0] * np.exp(since_pre / facts["synapse"]["tau_plus"])
+    final = np.array([sim.get("pre_post", "weight")[0], k_plus])  # NEST shows K+ as of the last pre spike
+    return [
+        _values("w_after", np.array(sent), arrays["w_after"]),
+        _values("final", final, arrays["final"]),
+    ]
+
+
+def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[Comparison]:
+    facts, arrays, clock = golden.facts, golden.arrays, golden.clock
+    words = ("A_plus", "A_minus", "tau_plus", "tau_c", "tau_n", "b", "Wmin", "Wmax")
+    dopa = facts["dopa"]
+    written = {clock.step(t, "set_n"): float(value) for t, value in facts.get("set_n", [])}
+    source: dict[str, Any] = (
+        {"signal": "n"} if written else {"dopamine": "dopa", "dopamine_delay": float(dopa["delay_ms"])}
+    )
+    parameters = {word: facts["synapse"][word] for word in words}
+    rule = stdp_dopa(**parameters, deliver_interval=int(dopa["deliver_interval"]), **source)
+    shortest = clock.step(dopa["min_delay_ms"], "min_delay_ms")
+    net = _synapse_network(golden, rule, shortest)
+    if written:
+        net.signal("n", to="post")
+    else:
+        times = clock.array_ms(np.sort(_steps(arrays["dopa_ms"], clock)))
+        net.population("dopa", 1, spike_generator(spike_times=[times]))
+    sim = neuro.run.simulation.compile(net, backend)
+    grid = shortest * int(dopa["deliver_interval"])
+    rows = _steps(arrays["trace"][:, 0], clock)
+    shown = np.flatnonzero(rows % grid == 0)
+    pre = _steps(arrays["w_times_ms"], clock)
+    doses = _steps(arrays["dopa_ms"], clock) + clock.step(dopa["delay_ms"], "delay_ms") if written else pre[:0]
+    read: dict[int, list[float]] = {}
+    for step in _walk(sim, np.unique(np.concatenate((rows[shown], pre, doses, list(written)))).astype(int), clock):
+        arrived = int(np.count_nonzero(doses == step))
+        if arrived:
+            sim.signal("n", sim.get("pre_post", "n") + arrived / facts["synapse"]["tau_n"])
+        read[step] = [float(sim.get("pre_post", name)[0]) for name in ("weight", "c", "n", "K_plus")]
+        if step in written:
+            sim.signal("n", written[step])
+    found = np.array([read[int(step)] for step in rows[shown]])
+    results = [
+        _values(name, found[:, column], arrays["trace"][shown, column + 1])
+        for column, name in enumerate(("w", "c", "n", "Kplus"))
+    ]
+    return [*results, _values("w_after", np.array([read[int(step)][0] for step in pre]), arrays["w_after"])]
+
+
+def _synapse_network(golden: Golden, rule: Synapse, shortest: int) -> Network:
+    """One synapse between a neuron with the listed spikes and one that fires when told, whatever the synapse sends.
+
+    Args:
+        golden: the case.
+        rule: the synapse model.
+        shortest: the smallest delay of the network in steps, that of the connection that tells the post neuron.
+    """
+    facts, arrays, clock = golden.facts, golden.arrays, golden.clock
+    h = clock.resolution
+    net = Network("synapse", resolution=h)
+    net.population("pre", 1, spike_generator(spike_times=[_exact(arrays["pre_ms"], clock)]))
+    told = clock.array_ms(_steps(arrays["post_ms"], clock) - shortest)
+    net.population("driver", 1, spike_generator(spike_times=[told]))
+    deaf = iaf_psc_delta(
+        tau_m=h, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=STRONG, tau_minus=facts["synapse"]["tau_minus_ms"]
+    )
+    net.population("post", 1, deaf)
+    net.connect("driver", "post", one_to_one(), weight=2.0 * STRONG, delay=clock.ms(shortest))
+    weight, delay = float(facts["synapse"]["weight0"]), float(facts["synapse"]["delay_ms"])
+    net.connect("pre", "post", all_to_all(), rule, weight=weight, delay=delay, name="pre_post")
+    return net
+
+
+def _walk(sim: neuro.run.simulation.Simulation, steps: Iterable[int], clock: Clock) -> Iterable[int]:
+    """Run to each of some ascending steps in turn."""
+    for step in steps:
+        sim.run(clock.ms(int(step) - clock.step(sim.time, "time")))
+        yield int(step)
+
+
+# comparison
+
+
+def _steps(times: NDArray[Any], clock: Clock) -> Ints:
+    return clock.steps(np.asarray(times, dtype=np.float64), "times")
+
+
+def _exact(times: Any, clock: Clock) -> Floats:
+    """The doubles nearest to the grid."""
+    return clock.array_ms(_steps(np.asarray(times), clock))
+
+
+def _values(quantity: str, found: NDArray[Any], expected: NDArray[Any]) -> Comparison:
+    if found.shape != expected.shape:
+        return Comparison(quantity, float("inf"), f"shape {list(found.shape)}: expected {list(expected.shape)}")
+    if not found.size:
+        return Comparison(quantity, 0.0)
+    error = np.abs(found - expected)
+    error[np.isnan(error)] = np.inf
+    worst = np.unravel_index(int(error.argmax()), error.shape)
+    return Comparison(
+        quantity,
+        float(error[worst]),
+        f"[{', '.join(str(i) for i in worst)}] = {found[worst]:.12g}: expected {expected[worst]:.12g}",
+    )
+
+
+def _spikes(found: tuple[Floats, Ints], times: NDArray[Any], ids: NDArray[Any], clock: Clock) -> Comparison:
+    mine = set(zip(_steps(found[0], clock).tolist(), found[1].tolist(), strict=True))
+    right = set(zip(_steps(times, clock).tolist(), np.asarray(ids).tolist(), strict=True))
+    wrong = sorted(mine ^ right)
+    if not wrong:
+        return Comparison("spikes", float(abs(len(found[0]) - len(times))), "a spike is listed twice")
+    step, neuron = wrong[0]
+    what = "is not expected" if wrong[0] in mine else "is missing"
+    return Comparison(
+        "spikes", float(len(wrong)), f"{len(wrong)} differ, first: neuron {neuron} at {clock.ms(step):g} ms {what}"
+    )

@@ -1,0 +1,117 @@
+"""Compare a backend with golden traces: folders of cases, each NAME.json and NAME.npz.
+
+The format is that of traces recorded from NEST: what was simulated is in the json, what came out in the npz.
+The kind of a case is told by its content, see `neuro.verify.nest`.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from neuro.core.errors import ModelError
+from neuro.program.backend import Backend
+from neuro.verify.chips import chip_of
+from neuro.verify.comparison import Comparison, Golden
+from neuro.verify.nest import compare
+
+LIMIT = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """How one quantity of one case came out.
+
+    Attributes:
+        case: the name of the files.
+        quantity: "spikes", a state such as "V_m", or "case" where the case could not be compared.
+        error: largest deviation in the unit of the quantity; of spikes the number of wrong ones.
+        limit: what is accepted.
+        ok: whether it is within the limit.
+        message: what is wrong, "" if nothing is.
+    """
+
+    case: str
+    quantity: str
+    error: float
+    limit: float
+    ok: bool
+    message: str
+
+
+def verify(
+    folder: str | PathLike[str],
+    backend: str | Backend | None = None,
+    *,
+    progress: Callable[[str], None] = lambda name: None,
+) -> list[Result]:
+    """Run every case of a folder on a backend: spikes must be equal, values equal within 1e-9, those of chips exactly.
+
+    A case that cannot be read or is of an unknown kind is a result that is not ok, with a message.
+
+    Args:
+        folder: holds NAME.json and NAME.npz for each case.
+        backend: its name, or the backend itself; where it is not given, the chip that the traces are of, else "event".
+        progress: called with the name of each case before it runs.
+
+    Raises:
+        ModelError: there is no such folder, it holds no case, or there is no such backend.
+    """
+    place = Path(folder)
+    if not place.is_dir():
+        raise ModelError(f"{place}: no such folder: expected one with cases NAME.json and NAME.npz")
+    files = sorted(place.glob("*.json"))
+    if not files:
+        raise ModelError(f"{place}: no case in it: expected files NAME.json and NAME.npz")
+    results = []
+    for file in files:
+        progress(file.stem)
+        results += [_judge(file.stem, found) for found in _run(file, backend)]
+    return results
+
+
+def _run(file: Path, backend: str | Backend | None) -> list[Comparison]:
+    try:
+        golden = _read(file)
+        return compare(golden, backend or chip_of(golden.facts) or "event")
+    except ModelError as error:
+        return [_failed(str(error))]
+    except KeyError as error:
+        return [_failed(f"{error.args[0]!r} is missing")]
+    except (TypeError, ValueError, IndexError, AttributeError) as error:
+        return [_failed(f"it is not of the expected form: {error}")]
+
+
+def _read(file: Path) -> Golden:
+    try:
+        facts = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ModelError(f"{file.name} cannot be read: {error}") from None
+    if not isinstance(facts, dict):
+        raise ModelError(f"{file.name}: expected an object that describes a case")
+    arrays = file.with_suffix(".npz")
+    if not arrays.is_file():
+        raise ModelError(f"{arrays.name} is missing")
+    try:
+        with arrays.open("rb") as opened, np.load(opened, allow_pickle=False) as stored:
+            return Golden(facts, {name: stored[name] for name in stored.files})
+    except (OSError, ValueError, zipfile.BadZipFile, EOFError) as error:
+        raise ModelError(f"{arrays.name} cannot be read: {error}") from None
+
+
+def _failed(message: str) -> Comparison:
+    return Comparison("case", float("inf"), message)
+
+
+def _judge(case: str, found: Comparison) -> Result:
+    limit = 0.0 if found.exact or found.quantity in ("spikes", "case") else LIMIT
+    ok = bool(found.error <= limit)
+    message = "" if ok else found.message or f"it deviates by {found.error:.3g}: expected at most {limit:g}"
+    case = f"{case}: {found.case}" if found.case else case
+    return Result(case, found.quantity, found.error, limit, ok, message)
