@@ -4,9 +4,7 @@ import pytest
 from chip_networks import feedforward, recurrent, sources
 
 import neuro
-from neuro.chips.chip import chip
-from neuro.chips.placing.place import place
-from neuro.chips.quantising.quantise import quantise
+from neuro.chips import chip, place, quantise
 from neuro.compiler import compile_network
 
 AIMS = {"ff": "at least 60,000", "rec": "at least 9,000"}

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from neuro.core.lazy import lazily
+from neuro.core.version import VERSION
+
+__version__ = VERSION
 
 if TYPE_CHECKING:
     from neuro import chips, coding, compare, events
     from neuro.core.errors import ModelError
     from neuro.model.distributions import lognormal, normal, uniform
     from neuro.model.language import load
-    from neuro.model.network import Network, Trials, dropout, labels, reward, winner_take_all
+    from neuro.model.network import Network
     from neuro.model.neurons import (
         dc_generator,
         iaf_psc_alpha,
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
         spike_generator,
         spinnaker_lif,
     )
+    from neuro.model.parts import Trials, dropout, labels, reward, winner_take_all
     from neuro.model.rules import (
         all_to_all,
         fixed_indegree,
@@ -34,16 +39,19 @@ if TYPE_CHECKING:
     )
     from neuro.model.synapses import loihi_learning, loihi_static, r_stdp, static, stdp, stdp_dopa
     from neuro.program.backend import OverflowWarning
+    from neuro.program.counts import Counts
     from neuro.run.simulation import ApproximationWarning, Simulation, compile
-
-__version__ = "0.1.0"
+    from neuro.run.trials import TrialResults
 
 _HOMES = {
-    "neuro.model.distributions": ("lognormal", "normal", "uniform"),
-    "neuro.program.backend": ("OverflowWarning",),
+    "neuro.chips": (),
+    "neuro.coding": (),
+    "neuro.compare": (),
+    "neuro.events": (),
     "neuro.core.errors": ("ModelError",),
+    "neuro.model.distributions": ("lognormal", "normal", "uniform"),
     "neuro.model.language": ("load",),
-    "neuro.model.network": ("Network", "Trials", "dropout", "labels", "reward", "winner_take_all"),
+    "neuro.model.network": ("Network",),
     "neuro.model.neurons": (
         "dc_generator",
         "iaf_psc_alpha",
@@ -56,6 +64,7 @@ _HOMES = {
         "spike_generator",
         "spinnaker_lif",
     ),
+    "neuro.model.parts": ("Trials", "dropout", "labels", "reward", "winner_take_all"),
     "neuro.model.rules": (
         "all_to_all",
         "fixed_indegree",
@@ -65,18 +74,21 @@ _HOMES = {
         "pairs",
         "pairwise_bernoulli",
     ),
-    "neuro.run.simulation": ("ApproximationWarning", "Simulation", "compile"),
     "neuro.model.synapses": ("loihi_learning", "loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"),
+    "neuro.program.backend": ("OverflowWarning",),
+    "neuro.program.counts": ("Counts",),
+    "neuro.run.trials": ("TrialResults",),
+    "neuro.run.simulation": ("ApproximationWarning", "Simulation", "compile"),
 }
-_MODULES = ("chips", "coding", "compare", "events")
-_HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
     "ApproximationWarning",
+    "Counts",
     "ModelError",
     "Network",
     "OverflowWarning",
     "Simulation",
+    "TrialResults",
     "Trials",
     "__version__",
     "all_to_all",
@@ -117,22 +129,5 @@ __all__ = [
     "winner_take_all",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name in _MODULES:
-        return import_module(f"neuro.{name}")
-    if name not in _HOME:
-        if not name.startswith("_"):
-            from neuro.model.neurons import MODELS
-            from neuro.model.synapses import SYNAPSES
-
-            if name in MODELS or name in SYNAPSES:
-                return MODELS.get(name) or SYNAPSES[name]
-        raise AttributeError(f"module 'neuro' has no attribute '{name}'")
-    value = getattr(import_module(_HOME[name]), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = lazily(__name__, _HOMES)

@@ -7,7 +7,7 @@ from pathlib import Path
 import neuro
 from neuro.cli.models import body, bounds, catalogue, shown
 from neuro.model.language.sources import SECTIONS
-from neuro.model.network import Trials
+from neuro.model.parts import Trials
 
 REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
 HEAD = """\

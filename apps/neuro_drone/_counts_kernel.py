@@ -1,7 +1,7 @@
 # mypy: ignore-errors
 """Counts events in the cells of a grid."""
 
-from neuro.kernels.jit import kernel
+from neuro.apps import kernel
 
 
 @kernel

@@ -8,7 +8,7 @@ the share of each pixel that lies inside. No pixel is sampled, so the share is e
 
 from math import ceil, floor, pi, sin, sqrt
 
-from neuro.kernels.jit import inner, kernel
+from neuro.apps import inner, kernel
 from neuro_drone._texture_kernels import sharpness, textured_ground
 
 NEAR = 1e-3

@@ -5,7 +5,7 @@ from math import floor, log2
 
 import numpy as np
 
-from neuro.kernels.jit import inner
+from neuro.apps import inner
 
 RUN = 8
 """Pixels of a row that take one level of the pattern."""

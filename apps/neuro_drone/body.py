@@ -8,7 +8,7 @@ from typing import Protocol
 from neuro_drone.geometry import Pose
 from neuro_drone.scenario import Drone
 
-__all__ = ["GRAVITY", "Body", "Kinematic", "body_of"]
+__all__ = ["GRAVITY", "Body", "Kinematic"]
 
 GRAVITY = 9.81
 """m/s^2."""
@@ -97,19 +97,6 @@ class Kinematic:
 
     def close(self) -> None:
         """See `Body`."""
-
-
-def body_of(drone: Drone) -> Body:
-    """The body for the physics that a drone asks for.
-
-    Raises:
-        ModelError: it needs a package that is not installed.
-    """
-    if drone.physics == "kinematic":
-        return Kinematic(drone)
-    from neuro_drone.bullet import Bullet
-
-    return Bullet(drone)
 
 
 def _towards(size: float, a_max: float, lag: float, seconds: float, fall: float) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from typing import Any
 from weakref import finalize
 
 from neuro import ModelError
-from neuro.core.extras import install
+from neuro.apps import install
 from neuro_drone.body import GRAVITY, Kinematic
 from neuro_drone.geometry import Pose
 from neuro_drone.scenario import Drone

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from neuro.cli.energy import TARGETS, Target
-from neuro.cli.options import Backend, Seed, Set, whole
+from neuro.apps import TARGETS, Backend, Seed, Set, Target, whole
 
 if TYPE_CHECKING:
     from neuro_drone.model import Model

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from neuro.cli.options import whole
-from neuro.core.outputs import check, make_folder, sealed, write_text
+from neuro.apps import check, make_folder, sealed, whole, write_text
 from neuro_drone.controllers import kind_of
 from neuro_drone.cores import side_by_side
 from neuro_drone.evaluate import Lap, grid, try_out

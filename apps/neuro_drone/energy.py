@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from neuro import ModelError
-from neuro.chips.chip import chip
-from neuro.chips.pricing.energy import number, quantity, sourced
-from neuro.chips.pricing.footnotes import footnotes
-from neuro.cli.tables import console, table
+from neuro.apps import console, number, quantity, sourced, table
+from neuro.chips import chip, footnotes
 from neuro_drone.controllers.agents import DQNSettings
 from neuro_drone.controllers.dense import Flier
 from neuro_drone.controllers.spiking import Spiking
@@ -23,7 +21,7 @@ from neuro_drone.model import Model
 
 if TYPE_CHECKING:
     from neuro import Counts
-    from neuro.chips.pricing.energy import Energy
+    from neuro.chips import Energy
 
 __all__ = ["Bills", "Dense", "priced", "show", "words"]
 

@@ -11,11 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.core.errors import unknown
+from neuro.apps import unknown
 from neuro.events import Events
 from neuro_drone.actions import ACTIONS, model
 from neuro_drone.ball import BallTask
-from neuro_drone.body import Body, body_of
+from neuro_drone.bodies import body_of
+from neuro_drone.body import Body
 from neuro_drone.eye import Eye
 from neuro_drone.geometry import View
 from neuro_drone.line import LineTask

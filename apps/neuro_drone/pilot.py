@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from neuro import ModelError
-from neuro.cli.options import assignments
-from neuro.core.errors import unknown
+from neuro.apps import assignments, unknown
 from neuro_drone.controllers import CONTROLLERS, Controller, kind_of, make
 from neuro_drone.controllers.deep import Deep, needed
 from neuro_drone.model import Model

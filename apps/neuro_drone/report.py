@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from neuro.cli.tables import console, table
-from neuro.core.outputs import make_folder, sealed, write_picture, write_text
+from neuro.apps import console, make_folder, sealed, table, write_picture, write_text
 from neuro_drone.compare import Summary
 from neuro_drone.controllers import CONTROLLERS
 from neuro_drone.evaluate import Tried

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from neuro import ModelError
-from neuro.core.errors import Where, unknown
-from neuro.model.language import Node, about, mistake, plain, read, words
+from neuro.apps import Node, Where, about, mistake, plain, read, unknown, words
 from neuro_drone.parts import Ball, Camera, Drone, Ground, Line, Part, check, range_of
 
 __all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Scenario", "load", "pair"]

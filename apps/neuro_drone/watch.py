@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.core.outputs import output, sealed
+from neuro.apps import output, sealed
 from neuro_drone.evaluate import Start
 from neuro_drone.flight import Flight, Spikes, fly
 from neuro_drone.model import Model

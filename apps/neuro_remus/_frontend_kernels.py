@@ -3,7 +3,7 @@
 
 import numpy as np
 
-from neuro.kernels.jit import allocating
+from neuro.apps import allocating
 
 
 @allocating

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from neuro.cli.energy import TARGETS, Target
-from neuro.cli.options import Backend, Seed, Set, assignments, whole
+from neuro.apps import TARGETS, Backend, Seed, Set, Target, assignments, whole
 
 if TYPE_CHECKING:
     from neuro.events import Recordings

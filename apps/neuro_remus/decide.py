@@ -12,7 +12,7 @@ from neuro import Simulation
 from neuro_remus.features import Spikes
 
 if TYPE_CHECKING:
-    from neuro.run.trials import TrialResults
+    from neuro import TrialResults
 
 Ints = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]

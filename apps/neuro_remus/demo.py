@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from neuro.cli.energy import TARGETS
-from neuro.core.outputs import make_folder, write_text
+from neuro.apps import TARGETS, make_folder, write_text
 from neuro.events import Recordings, recordings
 from neuro_remus import energy, report
 from neuro_remus.features import c1_spikes

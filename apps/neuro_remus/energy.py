@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from neuro.chips.pricing.energy import number, quantity
-from neuro.chips.pricing.footnotes import footnotes
-from neuro.cli.tables import console, table
-from neuro.core.outputs import sealed
+from neuro.apps import console, number, quantity, sealed, table
+from neuro.chips import footnotes
 from neuro_remus.model import Model
 from neuro_remus.tried import Tried
 
@@ -19,7 +17,7 @@ FORMAT = "neuro remus energy 1"
 BILLS = sealed("the bills of 'neuro remus demo'", f'"format": "{FORMAT}"', ', "digest": "{}"')
 
 if TYPE_CHECKING:
-    from neuro.chips.pricing.energy import Energy
+    from neuro.chips import Energy
 
 FRONT_END = (
     "not in the bill: the camera, the front end, which makes C1 spikes of events on the host, and the way between "

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from neuro import ModelError
-from neuro.cli.tables import console, table
-from neuro.core.outputs import sealed, write_picture
+from neuro.apps import console, sealed, table, write_picture
 from neuro_remus.model import Model
 from neuro_remus.settings import SETTINGS, Settings
 from neuro_remus.train import Progress

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.outputs import Kind, Unwritable, write_text
+from neuro.apps import Kind, Unwritable, write_text
 from neuro.events import DVSParameters, EventFileError, Events, dvs_events, save
 from neuro_remus.bars import shown
 from neuro_remus.digits import mnist_5k

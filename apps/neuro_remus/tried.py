@@ -15,7 +15,7 @@ from neuro_remus.model import Model
 from neuro_remus.settings import VOTES
 
 if TYPE_CHECKING:
-    from neuro.run.trials import TrialResults
+    from neuro import TrialResults
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from neuro.chips.chip import Chip, chip
+from neuro.chips.description import Chip
+from neuro.chips.known import chip
 from neuro.chips.placing.place import place
 from neuro.chips.quantising.quantise import quantise
 from neuro.core.checks import check

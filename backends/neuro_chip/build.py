@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.quantising.fixed import FixedPopulation, FixedProgram
+from neuro.chips.quantising.fixed import FixedPopulation
+from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core import keyed_random
 from neuro.core.clock import NEVER
 from neuro.program.program import Program, Projection

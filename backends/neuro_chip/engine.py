@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.quantising.fixed import FixedProgram
+from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError, unknown
 from neuro.model.neurons import dc_generator, poisson_generator, spike_generator

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.quantising.fixed import FixedProgram, FixedProjection
+from neuro.chips.quantising.fixed import FixedProjection
+from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.model.synapses.loihi_rule import POST, LearningRule, Term
 from neuro.program.program import Floats, Ints, Program
 from neuro_chip import learning as kernels

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.quantising.fixed import FixedPopulation, FixedProgram, FixedProjection
+from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
+from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.quantise import requantise
 from neuro.core.errors import ModelError, unknown
 from neuro.model.neurons import Neuron

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.chips.loihi.neurons import word
-from neuro.chips.quantising.fixed import FixedProgram, FixedProjection, Words
+from neuro.chips.quantising.fixed import FixedProjection, Words
+from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints
 from neuro_chip import tables as t

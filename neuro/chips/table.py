@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
-from neuro.chips.chip import COSTS, LIMITS, Chip, Figure, Mesh
+from neuro.chips.description import COSTS, LIMITS, Chip, Figure, Mesh
 from neuro.core.errors import ModelError
 from neuro.model.language.nodes import found, mistake, words
 from neuro.model.language.reader import Node, read

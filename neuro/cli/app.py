@@ -6,7 +6,6 @@ from typing import Annotated
 
 import typer
 
-import neuro
 from neuro.cli.backends import backends
 from neuro.cli.check import check
 from neuro.cli.commands import Commands
@@ -21,6 +20,7 @@ from neuro.cli.run import run
 from neuro.cli.schema import schema
 from neuro.cli.show import show
 from neuro.cli.verify import verify
+from neuro.core.version import VERSION
 
 COMMANDS = (run, plot, compare, check, show, fit, energy, schema, verify, models, backends, shell)
 
@@ -37,6 +37,6 @@ def root(
 ) -> None:
     """Describe a spiking network once; run it on a fast simulator or on an emulated chip."""
     if version:
-        typer.echo(f"neuro {neuro.__version__}")
+        typer.echo(f"neuro {VERSION}")
     elif context.invoked_subcommand is None:
         typer.echo(context.get_help())

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 def backends() -> None:
     """List what networks can run on."""
-    from neuro.cli.tables import console, table
+    from neuro.core.tables import console, table
     from neuro.program.backend import installed
 
     rows = [(name, backend.description) for name, backend in installed().items()]

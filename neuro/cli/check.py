@@ -9,12 +9,12 @@ from neuro.cli.options import Backend, NetworkFile, Seed, Set, assignments
 
 def check(file: NetworkFile, backend: Backend = "event", seed: Seed = 0, set: Set = []) -> None:  # noqa: B006
     """Load and compile a network, ask the backend whether it can run it, and say so."""
-    import neuro
     from neuro.compiler import compile_network
+    from neuro.model.language import load
     from neuro.program.backend import find
 
     chosen = find(backend)
-    program = compile_network(neuro.load(file, params=assignments(set)), seed)
+    program = compile_network(load(file, params=assignments(set)), seed)
     problems = chosen.problems(program)
     for problem in problems:
         place = f"{problem.origin}: " if problem.origin else ""

@@ -33,15 +33,15 @@ def compare(
     html: Html = None,
 ) -> None:
     """Run a network on several backends and compare spikes, weights, counts and joules with the first."""
-    import neuro
     from neuro.cli.progress import Bar, advance
     from neuro.compare import compare as run
     from neuro.compare.report import PAGE
     from neuro.compare.result import JSON
     from neuro.core.clock import Clock
     from neuro.core.outputs import output
+    from neuro.model.language import load
 
-    net = neuro.load(file, params=assignments(set))
+    net = load(file, params=assignments(set))
     names = [name.strip() for name in backends.split(",") if name.strip()]
     Clock(net.resolution).step(duration, "--for")
     _check_apart(html, json_out)
@@ -77,8 +77,8 @@ def plain(found: Comparison) -> str:
 
 def tell(found: Comparison, as_json: bool, written: list[Path]) -> None:
     """Print a comparison, and which files there are."""
-    from neuro.cli.tables import console
     from neuro.compare.table import show
+    from neuro.core.tables import console
 
     if as_json:
         typer.echo(plain(found))

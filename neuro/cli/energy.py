@@ -10,7 +10,7 @@ import typer
 from neuro.cli.options import Backend, NetworkFile, Seed, Set, Threads, assignments, milliseconds
 
 if TYPE_CHECKING:
-    from neuro.chips.chip import Chip
+    from neuro.chips.description import Chip
     from neuro.chips.placing.placement import Placement
     from neuro.chips.pricing.energy import Energy
     from neuro.program.program import Program
@@ -39,23 +39,24 @@ def energy(
     as_json: Json = False,
 ) -> None:
     """Run a network and print what that would take on chips: counts, joules and where the figures come from."""
-    import neuro
-    from neuro.chips.chip import chip
+    from neuro.chips.known import chip
     from neuro.chips.pricing.price import check_costs, price
     from neuro.cli.progress import Bar, advance
     from neuro.core.clock import Clock
+    from neuro.model.language import load
+    from neuro.run.simulation import compile as compiled
 
     if per[0] < 1:
         raise typer.BadParameter(f"'{per[0]}': expected a whole number >= 1", param_hint="'--per'")
     chips = [chip(name) for name in target]
     for each in chips:
         check_costs(each)
-    net = neuro.load(file, params=assignments(set))
+    net = load(file, params=assignments(set))
     steps = Clock(net.resolution).step(duration, "--for")
     with Bar() as bar:
         try:
             bar.say("preparing")
-            sim = neuro.compile(net, backend=backend, seed=seed, threads=threads)
+            sim = compiled(net, backend=backend, seed=seed, threads=threads)
             placements = [placed(sim.program, each) for each in chips]
             advance(sim, steps, bar)
         except KeyboardInterrupt:
@@ -95,7 +96,7 @@ def plain(sim: Simulation, bills: list[Energy], placement: Placement | None, per
 
 def tell(bills: list[Energy]) -> None:
     """Print the bills and, if there are several, a row of each."""
-    from neuro.cli.tables import console, table
+    from neuro.core.tables import console, table
 
     for priced in bills:
         typer.echo(f"{priced}\n")

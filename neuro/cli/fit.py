@@ -13,7 +13,7 @@ import typer
 from neuro.cli.options import NetworkFile, Seed, Set, assignments
 
 if TYPE_CHECKING:
-    from neuro.chips.chip import Chip
+    from neuro.chips.description import Chip
     from neuro.program.backend import Problem
 
 ChipName = Annotated[str, typer.Option("--chip", metavar="NAME", help="loihi or spinnaker, or the table of another.")]
@@ -33,14 +33,14 @@ def fit(
 
     The exit status is 1 if it does not.
     """
-    import neuro
     from neuro.chips.placing.place import place
+    from neuro.chips.quantising.fixed_program import report
     from neuro.chips.quantising.quantise import ARITHMETIC, quantise
-    from neuro.chips.quantising.report import report
     from neuro.compiler import compile_network
+    from neuro.model.language import load
 
     target = _target(chip)
-    program = compile_network(neuro.load(file, params=assignments(set)), seed)
+    program = compile_network(load(file, params=assignments(set)), seed)
     placement = place(program, target, order=order)
     fixed = quantise(program, target) if target.arithmetic in ARITHMETIC else None
     problems = [*(fixed.problems if fixed else ()), *placement.problems]
@@ -57,7 +57,7 @@ def fit(
 
 def _target(name: str) -> Chip:
     """The chip; refuse one of which nothing is known that a network could exceed."""
-    from neuro.chips.chip import chip, chips
+    from neuro.chips.known import chip, chips
     from neuro.core.errors import ModelError, unknown
 
     limited = [known for known in chips() if chip(known).limits]

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from neuro.core.quantities import Choice, Quantity
+    from neuro.core.choice import Choice
+    from neuro.core.quantities import Quantity
 
 
 def models(name: Annotated[str, typer.Argument(metavar="[NAME]", help="Only this one.")] = "") -> None:
     """Describe every model, synapse, rule and distribution: parameters, units, defaults, bounds, equation, source."""
-    from neuro.cli.tables import console
     from neuro.core.errors import unknown
+    from neuro.core.tables import console
 
     sections = catalogue()
     known = {word: choice for section in sections.values() for word, choice in section.items()}
@@ -34,8 +35,8 @@ def models(name: Annotated[str, typer.Argument(metavar="[NAME]", help="Only this
 def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
     """Everything that can be named in a network, by section."""
     from neuro.model.distributions import DISTRIBUTIONS
-    from neuro.model.network import dropout, labels, reward, winner_take_all
     from neuro.model.neurons import GENERATORS, NATIVE, NEURONS
+    from neuro.model.parts import dropout, labels, reward, winner_take_all
     from neuro.model.rules import RULES
     from neuro.model.synapses import SYNAPSES
 
@@ -55,7 +56,7 @@ def describe(choice: type[Choice], out: Any) -> None:
     from rich.padding import Padding
     from rich.text import Text
 
-    from neuro.cli.tables import table
+    from neuro.core.tables import table
 
     out.print(Text(choice.__name__, style="bold cyan"))
     for text in filter(None, (body(choice), said(choice, "equation"), said(choice, "source"))):

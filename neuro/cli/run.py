@@ -33,16 +33,17 @@ def run(
     all_weights: AllWeights = False,
 ) -> None:
     """Run a network and write its spikes, traces and weights, and the network itself, to one HDF5 file."""
-    import neuro
     from neuro.cli.progress import Bar, advance
     from neuro.core.clock import Clock
     from neuro.core.launch import shared, speaks
     from neuro.core.outputs import check, output
     from neuro.files.results import KIND, write
+    from neuro.model.language import load
     from neuro.run.collect import collect
+    from neuro.run.simulation import compile as compiled
 
     together(backend)
-    net = neuro.load(file, params=assignments(set))
+    net = load(file, params=assignments(set))
     steps = Clock(net.resolution).step(duration, "--for")
     keep_spikes(net, record)
     with Bar() as bar, ExitStack() as files:
@@ -51,7 +52,7 @@ def run(
         part = files.enter_context(output(out, KIND)) if not shared() else None
         try:
             bar.say("preparing")
-            sim = neuro.compile(net, backend=backend, seed=seed, threads=threads)
+            sim = compiled(net, backend=backend, seed=seed, threads=threads)
             advance(sim, steps, bar)
             bar.say("writing")
             results = collect(sim, net, threads=threads, record=record, all_weights=all_weights)
@@ -96,7 +97,7 @@ def keep_spikes(net: Network, names: list[str]) -> None:
 
 def report(results: Results, out: Path) -> None:
     """Print a row for each population."""
-    from neuro.cli.tables import console, table
+    from neuro.core.tables import console, table
 
     seconds = results.duration_ms / 1000.0
     rows = []

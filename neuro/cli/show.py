@@ -15,12 +15,12 @@ NUMBERS = ("neurons", "synapses", "weight", "delay (ms)", "bytes")
 
 def show(file: NetworkFile, program: AsProgram = False, seed: Seed = 0, set: Set = []) -> None:  # noqa: B006
     """Show the populations, projections and memory of a network, or its resolved form."""
-    import neuro
-    from neuro.cli.tables import console, table
     from neuro.compiler import compile_network
     from neuro.compiler.show import program_text, tables
+    from neuro.core.tables import console, table
+    from neuro.model.language import load
 
-    net = neuro.load(file, params=assignments(set))
+    net = load(file, params=assignments(set))
     resolved = compile_network(net, seed)
     if program:
         typer.echo(program_text(resolved), nl=False)

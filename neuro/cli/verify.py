@@ -44,7 +44,7 @@ def plain(result: Result) -> dict[str, Any]:
 
 def tell(results: list[Result]) -> None:
     """Print a row for each quantity of each case, and the sum of it."""
-    from neuro.cli.tables import console, table
+    from neuro.core.tables import console, table
 
     columns = ("case", "quantity", ">deviation", ">accepted", "", "")
     rows = [

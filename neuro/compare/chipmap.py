@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from neuro.chips.chip import Chip, Mesh
+from neuro.chips.description import Chip, Mesh
 from neuro.chips.placing.mesh import mesh_of
 from neuro.chips.placing.placement import Core, Placement
 from neuro.compare import html

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from neuro.chips.chip import COSTS
+from neuro.chips.description import COSTS
 from neuro.chips.pricing.energy import STATIC, Energy, Item, number, quantity, sourced
 from neuro.compare import html
 from neuro.compare.html import Html, tag

@@ -6,11 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from string import Template
 
-import neuro
-from neuro.chips.chip import chip
+from neuro.chips.known import chip
 from neuro.chips.pricing.energy import quantity
-from neuro.chips.quantising.fixed import FixedProgram
-from neuro.compare import words
+from neuro.chips.quantising.fixed_program import FixedProgram
+from neuro.compare import cells
 from neuro.compare.bars import learnt, weights
 from neuro.compare.chipmap import chip_map
 from neuro.compare.energybars import joules
@@ -18,6 +17,7 @@ from neuro.compare.html import Html, join, table, tag
 from neuro.compare.raster import rasters
 from neuro.compare.result import Comparison, Run
 from neuro.core.outputs import sealed
+from neuro.core.version import VERSION
 
 _FOLDER = Path(__file__).parent
 PAGE = sealed("a page of 'neuro compare'", '<meta name="generator" content="neuro compare">', "<!-- digest {} -->")
@@ -46,7 +46,7 @@ def page(comparison: Comparison) -> str:
         *_energy(comparison),
         *_rounding(comparison),
         *_remarks(comparison),
-        tag("footer", f"Written by neuro {neuro.__version__} (neuro compare)."),
+        tag("footer", f"Written by neuro {VERSION} (neuro compare)."),
     )
     template = Template((_FOLDER / "report.html").read_text("utf-8"))
     style = (_FOLDER / "report.css").read_text("utf-8").strip()
@@ -66,7 +66,7 @@ def _card(comparison: Comparison, run: Run) -> Html:
     name = tag("h3", run.backend)
     if run.refused:
         head = tag("p", "refused", class_="big")
-        return tag("section", name, head, tag("p", words.reason(run)), class_="card refused")
+        return tag("section", name, head, tag("p", cells.reason(run)), class_="card refused")
     assert run.counts is not None
     facts = [("spikes", f"{run.counts.spikes:,}"), ("synaptic operations", f"{run.counts.synaptic_ops:,}")]
     if run is comparison.first:
@@ -74,7 +74,7 @@ def _card(comparison: Comparison, run: Run) -> Html:
     else:
         equal = sum(part.same for part in run.neurons.values())
         big, below = f"{equal} of {len(run.neurons)}", "populations fire exactly the same spikes"
-        facts += [("first difference", words.earliest(comparison, run)), ("distance", words.far(run.per_spike))]
+        facts += [("first difference", cells.earliest(comparison, run)), ("distance", cells.far(run.per_spike))]
     if run.own is not None:
         facts.append(("energy", quantity(run.own.total_j, "J")))
     rows = [part for what, value in facts for part in (tag("dt", what), tag("dd", value))]
@@ -82,11 +82,11 @@ def _card(comparison: Comparison, run: Run) -> Html:
 
 
 def _numbers(comparison: Comparison) -> Html:
-    inputs = [f"on {run.backend} {words.INPUTS[run.inputs]}" for run in comparison.ran[1:]]
+    inputs = [f"on {run.backend} {cells.INPUTS[run.inputs]}" for run in comparison.ran[1:]]
     told = f"Counts that all backends share. Input spikes: {'; '.join(inputs)}."
-    natives = list(words.natives(comparison))
-    parts = [tag("h2", "In numbers"), tag("p", told), table(words.SUMMARY, words.summary(comparison))]
-    return join([*parts, table(words.NATIVE, natives) if natives else None])
+    natives = list(cells.natives(comparison))
+    parts = [tag("h2", "In numbers"), tag("p", told), table(cells.SUMMARY, cells.summary(comparison))]
+    return join([*parts, table(cells.NATIVE, natives) if natives else None])
 
 
 def _spikes(comparison: Comparison) -> Iterator[Html]:
@@ -95,7 +95,7 @@ def _spikes(comparison: Comparison) -> Iterator[Html]:
     yield rasters(comparison)
     yield tag("h3", "Populations")
     yield tag("p", DISTANCE)
-    yield table(words.POPULATIONS, words.populations(comparison))
+    yield table(cells.POPULATIONS, cells.populations(comparison))
 
 
 def _weights(comparison: Comparison) -> Iterator[Html]:
@@ -109,7 +109,7 @@ def _weights(comparison: Comparison) -> Iterator[Html]:
     if comparison.learnt:
         yield learnt(comparison)
     yield tag("p", "The last column is what quantising alone does to the weights as described.")
-    yield table(words.PROJECTIONS, words.projections(comparison))
+    yield table(cells.PROJECTIONS, cells.projections(comparison))
 
 
 def _maps(comparison: Comparison) -> Iterator[Html]:
@@ -162,7 +162,7 @@ def _scaled(fixed: FixedProgram) -> Iterator[tuple[object, ...]]:
 def _remarks(comparison: Comparison) -> Iterator[Html]:
     told = [f"{run.backend} refused: {run.refused}" for run in comparison.runs if run.refused]
     told += [text for run in comparison.runs for text in run.warnings]
-    told += [f"no bill for {bill.target}: {bill.reason}" for bill in words.unpriced(comparison)]
+    told += [f"no bill for {bill.target}: {bill.reason}" for bill in cells.unpriced(comparison)]
     told += comparison.notes
     yield tag("h2", "Warnings and notes")
     yield tag("ul", *(tag("li", text) for text in told), class_="remarks") if told else tag("p", "None.")

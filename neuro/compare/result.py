@@ -8,7 +8,7 @@ from typing import Any
 
 from neuro.chips.placing.placement import Placement
 from neuro.chips.pricing.energy import Energy
-from neuro.chips.quantising.fixed import FixedProgram
+from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.compare.spikes import Distance, Divergence, Train
 from neuro.compare.weights import Histogram, WeightDifference
 from neuro.core.outputs import sealed

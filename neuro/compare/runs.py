@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
-from neuro.chips.chip import Chip, chip, chips
+from neuro.chips.description import Chip
+from neuro.chips.known import chip, chips
 from neuro.chips.placing.place import place
 from neuro.chips.placing.placement import Placement
 from neuro.chips.pricing.price import unrunnable
-from neuro.chips.quantising.fixed import FixedProgram
+from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.quantise import quantise
 from neuro.compare import spikes
 from neuro.compare.result import Bill, Comparison, PopulationResult, Run

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from neuro.cli.tables import table
-from neuro.compare import words
+from neuro.compare import cells
 from neuro.compare.result import Comparison
+from neuro.core.tables import table
 
 DISTANCE = "distance: edits per spike (Victor and Purpura, 10 ms), 0 where equal, 1 where no spike has a partner"
 
@@ -20,13 +20,13 @@ def show(comparison: Comparison, out: Any) -> None:
     """
     first = comparison.first.backend
     title = f"{comparison.network}: {comparison.ms:g} ms, seed {comparison.seed}, compared with {first}"
-    out.print(table(words.SUMMARY, words.summary(comparison), title=title))
-    out.print(table(words.POPULATIONS, words.populations(comparison)))
+    out.print(table(cells.SUMMARY, cells.summary(comparison), title=title))
+    out.print(table(cells.POPULATIONS, cells.populations(comparison)))
     out.print(DISTANCE, markup=False)
     for columns, rows in (
-        (words.PROJECTIONS, words.projections(comparison)),
-        (words.NATIVE, words.natives(comparison)),
-        (words.ENERGY, words.bills(comparison)),
+        (cells.PROJECTIONS, cells.projections(comparison)),
+        (cells.NATIVE, cells.natives(comparison)),
+        (cells.ENERGY, cells.bills(comparison)),
     ):
         told = list(rows)
         if told:
@@ -38,9 +38,9 @@ def show(comparison: Comparison, out: Any) -> None:
 
 def _remarks(comparison: Comparison) -> list[str]:
     refused = [f"refused: {run.refused}" for run in comparison.runs if run.refused]
-    unpriced = [f"no bill for {bill.target}: {bill.reason}" for bill in words.unpriced(comparison)]
+    unpriced = [f"no bill for {bill.target}: {bill.reason}" for bill in cells.unpriced(comparison)]
     inputs = [
-        f"input of {run.backend}: {words.INPUTS[run.inputs]} as on {comparison.first.backend}"
+        f"input of {run.backend}: {cells.INPUTS[run.inputs]} as on {comparison.first.backend}"
         for run in comparison.ran
         if run.inputs != "same"
     ]

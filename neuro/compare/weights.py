@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.quantising.fixed import FixedProgram
+from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.model.neurons import dc_generator
 from neuro.program.program import Floats, Program, Projection
 

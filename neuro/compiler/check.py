@@ -14,8 +14,9 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, nearest, unknown
 from neuro.core.keyed_random import LARGEST_MEAN
 from neuro.model.distributions import Distribution
-from neuro.model.network import Group, Network, Population, Probe, Projection, Signal
+from neuro.model.network import Network
 from neuro.model.neurons import Model, Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.model.parts import Group, Population, Probe, Projection, Signal
 from neuro.model.rules import grid
 from neuro.model.synapses import stdp_dopa
 from neuro.program.program import Floats

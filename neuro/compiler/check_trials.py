@@ -9,11 +9,12 @@ from neuro.compiler.check import recordable
 from neuro.compiler.shapes import Shape
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, nearest, unknown
-from neuro.model.network import Network, Trials
-from neuro.model.network import dropout as Dropout
-from neuro.model.network import labels as Labels
-from neuro.model.network import reward as Reward
+from neuro.model.network import Network
 from neuro.model.neurons import spike_generator
+from neuro.model.parts import Trials
+from neuro.model.parts import dropout as Dropout
+from neuro.model.parts import labels as Labels
+from neuro.model.parts import reward as Reward
 from neuro.program.program import program as resolved
 
 

@@ -15,8 +15,9 @@ from neuro.compiler.values import delay_steps, one_delay, per_neuron, per_synaps
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
-from neuro.model.network import Network, Population, Projection
+from neuro.model.network import Network
 from neuro.model.neurons import Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.model.parts import Population, Projection
 from neuro.model.rules import grid
 from neuro.model.synapses import stdp_dopa
 from neuro.program.program import Floats, Ints

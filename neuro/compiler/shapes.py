@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping
 
 from neuro.core.errors import ModelError
-from neuro.model.network import AUTO, Network, Projection
+from neuro.model.network import Network
+from neuro.model.parts import AUTO, Projection
 from neuro.model.rules import grid
 from neuro.program.program import Grid
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from neuro.compiler.connect import Connections
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
-from neuro.core.quantities import FromFile
+from neuro.core.values import FromFile
 from neuro.model.distributions import Distribution
 from neuro.program.program import Floats
 

@@ -6,17 +6,15 @@ import math
 import re
 import sys
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, nearest
 from neuro.core.hints import axes, notation
+from neuro.core.quantities import Quantity
 from neuro.core.values import FromFile, shown
-
-if TYPE_CHECKING:
-    from neuro.core.quantities import Quantity
 
 LARGEST = 2**31 - 1
 _HUGE = int(sys.float_info.max)

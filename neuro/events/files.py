@@ -16,9 +16,9 @@ from neuro.events.check import Arrays, Checked, joined
 from neuro.events.errors import EventFileError
 from neuro.events.formats import FORMATS, Format, Unsavable, called
 from neuro.events.formats._write import in_order
-from neuro.events.opening import Opened, check_given, opened, smallest
+from neuro.events.opening import Opened, opened, smallest
 from neuro.events.parts import batches, between, windows
-from neuro.events.source import WHOLE, Given
+from neuro.events.source import WHOLE, Given, check_given
 
 RECORDING = Kind("a recording", ask="replace=True")
 BLOCK = 1 << 20

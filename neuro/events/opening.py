@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import io
-import os
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-from neuro.core.errors import ModelError
-from neuro.core.paths import file_path
 from neuro.events.check import Checked
 from neuro.events.errors import EventFileError, EventFileWarning, let_go
 from neuro.events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Seeker, called
-from neuro.events.source import Given, Source
+from neuro.events.source import Given, Source, opened_source
 
 
 @dataclass(slots=True)
@@ -127,40 +123,6 @@ def _close(*parts: Any) -> None:
         close = getattr(part, "close", None)
         if close is not None:
             close()
-
-
-def opened_source(source: Given, name: str | None) -> Source:
-    """The bytes of a file.
-
-    Raises:
-        EventFileError: there is no such file.
-        ModelError: `source` is neither a path, nor bytes, nor an open binary file.
-    """
-    check_given(source)
-    try:
-        return Source(source, name)
-    except FileNotFoundError:
-        raise EventFileError(os.fspath(source), "no such file") from None  # type: ignore[arg-type]
-    except IsADirectoryError:
-        raise EventFileError(os.fspath(source), "is a folder, expected a file") from None  # type: ignore[arg-type]
-    except OSError as error:
-        raise EventFileError(os.fspath(source), f"cannot read: {error.strerror}") from None  # type: ignore[arg-type]
-
-
-def check_given(source: object) -> None:
-    """Refuse what cannot be a file.
-
-    Raises:
-        ModelError: it is neither a path that a file can have, nor bytes, nor an open binary file.
-    """
-    if isinstance(source, io.TextIOBase):
-        hint = "open it as binary: open(path, 'rb')"
-        raise ModelError(f"source is an open text file, {type(source).__name__}, expected a binary one", hint=hint)
-    if isinstance(source, str | os.PathLike):
-        file_path(source, "source")
-    elif not isinstance(source, bytes | bytearray | memoryview) and not callable(getattr(source, "read", None)):
-        what = "expected a path, the bytes of a file, or an open binary file"
-        raise ModelError(f"source is {source!r:.60}, {what}")
 
 
 def find(source: Source, format: str | None = None) -> Format:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import mmap
 import os
 from collections.abc import Iterator
@@ -12,7 +13,9 @@ from typing import BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from neuro.events.errors import let_go
+from neuro.core.errors import ModelError
+from neuro.core.paths import file_path
+from neuro.events.errors import EventFileError, let_go
 
 Given = str | os.PathLike[str] | bytes | bytearray | memoryview | BinaryIO
 Bytes = npt.NDArray[np.uint8]
@@ -162,3 +165,37 @@ def _mapped(path: Path) -> Bytes:
         if os.fstat(file.fileno()).st_size == 0:
             return np.zeros(0, np.uint8)
         return np.frombuffer(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), np.uint8)
+
+
+def opened_source(source: Given, name: str | None) -> Source:
+    """The bytes of a file.
+
+    Raises:
+        EventFileError: there is no such file.
+        ModelError: `source` is neither a path, nor bytes, nor an open binary file.
+    """
+    check_given(source)
+    try:
+        return Source(source, name)
+    except FileNotFoundError:
+        raise EventFileError(os.fspath(source), "no such file") from None  # type: ignore[arg-type]
+    except IsADirectoryError:
+        raise EventFileError(os.fspath(source), "is a folder, expected a file") from None  # type: ignore[arg-type]
+    except OSError as error:
+        raise EventFileError(os.fspath(source), f"cannot read: {error.strerror}") from None  # type: ignore[arg-type]
+
+
+def check_given(source: object) -> None:
+    """Refuse what cannot be a file.
+
+    Raises:
+        ModelError: it is neither a path that a file can have, nor bytes, nor an open binary file.
+    """
+    if isinstance(source, io.TextIOBase):
+        hint = "open it as binary: open(path, 'rb')"
+        raise ModelError(f"source is an open text file, {type(source).__name__}, expected a binary one", hint=hint)
+    if isinstance(source, str | os.PathLike):
+        file_path(source, "source")
+    elif not isinstance(source, bytes | bytearray | memoryview) and not callable(getattr(source, "read", None)):
+        what = "expected a path, the bytes of a file, or an open binary file"
+        raise ModelError(f"source is {source!r:.60}, {what}")

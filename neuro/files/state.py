@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.core.hdf5 import writing
 from neuro.core.paths import existing
-from neuro.core.quantities import Choice
 from neuro.program.program import Program
 
 if TYPE_CHECKING:

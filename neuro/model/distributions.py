@@ -9,8 +9,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
-from neuro.core.quantities import Choice, quantity
+from neuro.core.quantities import quantity
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,182 +1,41 @@
-"""A network as its author says it: populations, projections, signals, groups, trials and probes.
-
-The parts are frozen; the network only gathers them. It knows no backend, no array layout and no steps.
-"""
+"""A network under construction: it gathers parts, and knows no backend, no array layout and no steps."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 from neuro.core.checks import check
 from neuro.core.errors import ModelError, Where, here, unknown
-from neuro.core.quantities import Choice, Quantity, Value, quantity, same
-from neuro.core.values import shown
+from neuro.core.quantities import Quantity
+from neuro.core.values import same, shown
 from neuro.model.neurons import Model
+from neuro.model.parts import (
+    DELAY,
+    EVERY,
+    INITIAL,
+    RECORD,
+    RESOLUTION,
+    SHAPE,
+    WEIGHT,
+    Description,
+    Group,
+    Part,
+    Population,
+    Probe,
+    Projection,
+    Signal,
+    Trials,
+    winner_take_all,
+)
 from neuro.model.rules import Rule
 from neuro.model.synapses import Synapse, static
-
-AUTO = "auto"
-WEIGHT = Quantity(doc="weight: mV or pA by the target's model", arrays=True)
-DELAY = Quantity(unit="ms", doc="delay, a multiple of the resolution", above=0, arrays=True)
-INITIAL = Quantity(doc="state at time 0", arrays=True)
-RESOLUTION = Quantity(unit="ms", doc="length of a step", above=0)
-EVERY = Quantity(unit="ms", doc="interval between two records; each step if not given", above=0, optional=True)
-RECORD = Quantity(doc="spikes, or a state of the population's model", kind="name")
-SHAPE = Quantity(
-    doc="number of neurons, or sizes of the axes; auto where a grid decides", kind="shape", at_least=1, words=(AUTO,)
-)
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """Base of the named parts. Two parts are equal when all but their origin is."""
-
-    word: ClassVar[str] = "part"
-    name: str
-
-    def __eq__(self, other: object) -> bool:
-        if type(self) is not type(other):
-            return NotImplemented
-        mine, theirs = vars(self), vars(other)
-        return all(same(mine[k], theirs[k]) for k in mine if k != "origin")
-
-    __hash__ = None  # type: ignore[assignment]
-
-
-@dataclass(frozen=True, eq=False)
-class Population(Part):
-    """Neurons of one model, laid out in a shape.
-
-    Attributes:
-        shape: sizes of the axes; `"auto"` where a grid projection decides.
-        model: what each neuron is.
-        initial: states at time 0 that differ from the model's own, by name.
-    """
-
-    word: ClassVar[str] = "population"
-    shape: tuple[int | str, ...]
-    model: Model
-    initial: Mapping[str, Value] = field(default_factory=dict)
-    origin: Where | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Projection(Part):
-    """Connections from one population to another, by one rule and with one synapse model."""
-
-    word: ClassVar[str] = "projection"
-    source: str
-    target: str
-    rule: Rule
-    synapse: Synapse
-    weight: Value
-    delay: Value
-    origin: Where | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Signal(Part):
-    """Values set from outside, one per neuron of a population: the dopamine of synapses onto it."""
-
-    word: ClassVar[str] = "signal"
-    to: str
-    origin: Where | None = None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class winner_take_all(Choice):
-    """One neuron of a population decides.
-
-    With `first_to_fire` the first spike silences all others until the next trial or reset; without, only
-    the best of each step fires and the others that reached the threshold are reset. The largest V_m - V_th
-    wins; a tie is drawn.
-    """
-
-    kind: ClassVar[str] = "group"
-    of: str = quantity(doc="the population", kind="name")
-    first_to_fire: bool = quantity(True, "", "decide once instead of at each step", kind="boolean")
-
-
-@dataclass(frozen=True, eq=False)
-class Group(Part):
-    """Neurons that act together."""
-
-    word: ClassVar[str] = "group"
-    choice: winner_take_all
-    origin: Where | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Probe(Part):
-    """What to record of a population: its spikes, or a state at intervals of `every` ms (None: each step)."""
-
-    word: ClassVar[str] = "probe"
-    of: str
-    record: str
-    every: float | None = None
-    origin: Where | None = None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class labels(Choice):
-    """Which label a map stands for: map m has the label m // maps_per_label."""
-
-    kind: ClassVar[str] = "labels"
-    of: str = quantity(doc="the population whose first axis is the map", kind="name")
-    maps_per_label: int = quantity(1, "", "maps of each label", kind="integer", at_least=1)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class reward(Choice):
-    """The reward of a trial by its outcome; > 0 rewards, < 0 punishes, 0 teaches nothing."""
-
-    kind: ClassVar[str] = "reward"
-    correct: float = quantity(1.0, "", "the decision is the label")
-    wrong: float = quantity(-1.0, "", "it is another one")
-    silent: float = quantity(0.0, "", "there was no decision")
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class dropout(Choice):
-    """Leave maps out while learning: a dropped map integrates but cannot fire.
-
-    The share in epoch e is p decay^e. Source: Mosca 2020, section 6.2.6 and table 3.
-    """
-
-    kind: ClassVar[str] = "dropout"
-    of: str = quantity(doc="the population", kind="name")
-    axis: str = quantity("map", "", "what is dropped as one", kind="word", words=("map",))
-    p: float = quantity(0.25, "", "share dropped in the first epoch", at_least=0, below=1)
-    every: str = quantity("sample", "", "how long a draw holds", kind="word", words=("sample", "trial"))
-    decay: float = quantity(1.0, "", "factor on p from epoch to epoch", at_least=0, at_most=1)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Trials(Choice):
-    """Short presentations, each with a decision and, when labelled, a reward.
-
-    A tick is one step of a trial; an input at time t is emitted in tick t / resolution, 0 <= t < duration.
-    At the start of a trial no spike is under way and the states named in `reset` are as at time 0.
-    """
-
-    kind: ClassVar[str] = "trials"
-    word: ClassVar[str] = "trials"
-    input: str = quantity(doc="the spike_generator that receives the trials' spikes", kind="name")
-    duration: float = quantity(doc="length of a trial", unit="ms", above=0)
-    stop: str = quantity("at_decision", "", "when a trial ends", kind="word", words=("at_decision", "full"))
-    labels: Any = quantity(None, "", "what the maps stand for", kind="part", part=labels)
-    reward: Any = quantity(None, "", "the reward by outcome", kind="part", part=reward)
-    dropout: Any = quantity(None, "", "maps left out while learning", kind="part", part=dropout)
-    reset: Any = quantity(("V_m",), "", "states that start anew", kind="names")
-
 
 P = TypeVar("P", bound=Part)
 
 
-class Network:
+class Network(Description):
     """A network under construction.
 
     Args:
@@ -184,8 +43,6 @@ class Network:
         resolution: length of a step in ms.
 
     Attributes:
-        populations, projections, signals, groups, probes: the parts by name, in the order of definition.
-        trials_section: the trials, or None.
         place: where the next part comes from; None means the caller's line.
     """
 
@@ -193,12 +50,9 @@ class Network:
         self.name = check_name(name, "network", here())
         self.place: Where | None = None
         self.resolution: float = self._checked(RESOLUTION, resolution, "resolution", ("resolution",))
-        self.populations: dict[str, Population] = {}
-        self.projections: dict[str, Projection] = {}
-        self.signals: dict[str, Signal] = {}
-        self.groups: dict[str, Group] = {}
-        self.probes: dict[str, Probe] = {}
-        self.trials_section: Trials | None = None
+        self.populations, self.projections = {}, {}
+        self.signals, self.groups, self.probes = {}, {}, {}
+        self.trials_section = None
         self.trials_origin: Where | None = None
 
     def population(

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
-from neuro.core.quantities import Choice, quantity
+from neuro.core.quantities import quantity
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

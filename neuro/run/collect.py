@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-import neuro
+from neuro.core.version import VERSION
 from neuro.files.results import YAML, Results, Trace, Train, Weights
 from neuro.model.network import Network
 from neuro.program.program import Population, Projection
@@ -41,7 +41,7 @@ def collect(
         "threads": threads,
         "duration_ms": sim.time,
         "resolution_ms": program.resolution,
-        "neuro": neuro.__version__,
+        "neuro": VERSION,
         "python": platform.python_version(),
         **{name: version(name) for name in ("numpy", "numba")},
     }

@@ -10,7 +10,8 @@ import numpy as np
 
 from neuro.core.clock import Clock
 from neuro.core.quantities import word_of
-from neuro.model.network import Network, Population, Projection
+from neuro.model.network import Network
+from neuro.model.parts import Population, Projection
 from neuro.model.rules import all_to_all, grid, one_to_one, pairs
 from neuro.model.synapses import Synapse
 from neuro.program.backend import Engine

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from neuro.compiler.check import check_values
 from neuro.compiler.values import per_neuron
-from neuro.core.checks import numbers, refuse_masked
+from neuro.core.checks import check, numbers, refuse_masked
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.core.keyed_random import generator
-from neuro.core.quantities import Quantity, check, word_of
+from neuro.core.quantities import Quantity, word_of
 from neuro.core.values import FromFile, shown
 from neuro.model.distributions import Distribution
 from neuro.model.neurons import Model

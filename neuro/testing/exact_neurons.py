@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from neuro.model.network import winner_take_all
 from neuro.model.neurons import dc_generator, iaf_psc_exp, poisson_generator, spike_generator
+from neuro.model.parts import winner_take_all
 from neuro.model.rules import all_to_all, one_to_one, pairs
 from neuro.model.synapses import stdp
 from neuro.testing.case import Found, Start, after, case, integers_too, network, observe

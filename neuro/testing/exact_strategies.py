@@ -12,8 +12,9 @@ import numpy as np
 from hypothesis import strategies as st
 
 from neuro.model.distributions import uniform
-from neuro.model.network import Network, winner_take_all
+from neuro.model.network import Network
 from neuro.model.neurons import parrot_neuron, spike_generator
+from neuro.model.parts import winner_take_all
 from neuro.model.rules import Rule, all_to_all, fixed_indegree, fixed_outdegree, grid, one_to_one, pairs
 from neuro.testing.exact import cell
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from neuro.model.network import Network, winner_take_all
+from neuro.model.network import Network
 from neuro.model.neurons import spike_generator
+from neuro.model.parts import winner_take_all
 from neuro.model.rules import all_to_all, grid
 from neuro.model.synapses import Synapse, r_stdp, static
 from neuro.testing.case import Found, Start, case, integers_too, network, observe

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from neuro.model.distributions import uniform
-from neuro.model.network import Network, winner_take_all
+from neuro.model.network import Network
 from neuro.model.neurons import (
     Model,
     dc_generator,
@@ -17,6 +17,7 @@ from neuro.model.neurons import (
     poisson_generator,
     spike_generator,
 )
+from neuro.model.parts import winner_take_all
 from neuro.model.rules import (
     all_to_all,
     fixed_indegree,

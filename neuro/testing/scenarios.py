@@ -16,9 +16,10 @@ from typing import Any, TypeVar
 import numpy as np
 from hypothesis import strategies as st
 
-from neuro.core.quantities import Choice, word_of
+from neuro.core.choice import Choice
+from neuro.core.quantities import word_of
 from neuro.model.distributions import uniform
-from neuro.model.network import Network, Projection
+from neuro.model.network import Network
 from neuro.model.neurons import (
     Model,
     dc_generator,
@@ -30,6 +31,7 @@ from neuro.model.neurons import (
     poisson_generator,
     spike_generator,
 )
+from neuro.model.parts import Projection
 from neuro.model.rules import Rule, all_to_all, fixed_indegree, one_to_one, pairs
 from neuro.model.synapses import Synapse, static, stdp, stdp_dopa
 from neuro.run.simulation import Simulation

@@ -11,7 +11,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from neuro.model.distributions import Distribution, lognormal, normal, uniform
-from neuro.model.network import Network, winner_take_all
+from neuro.model.network import Network
 from neuro.model.neurons import (
     Model,
     dc_generator,
@@ -23,6 +23,7 @@ from neuro.model.neurons import (
     poisson_generator,
     spike_generator,
 )
+from neuro.model.parts import winner_take_all
 from neuro.model.rules import (
     Rule,
     all_to_all,

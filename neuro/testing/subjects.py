@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from neuro.model.distributions import normal, uniform
-from neuro.model.network import Network, winner_take_all
+from neuro.model.network import Network
 from neuro.model.neurons import (
     dc_generator,
     iaf_psc_alpha,
@@ -19,6 +19,7 @@ from neuro.model.neurons import (
     poisson_generator,
     spike_generator,
 )
+from neuro.model.parts import winner_take_all
 from neuro.model.rules import all_to_all, fixed_indegree, one_to_one, pairwise_bernoulli
 from neuro.model.synapses import stdp, stdp_dopa
 from neuro.run.simulation import Simulation

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from neuro.model.distributions import normal, uniform
-from neuro.model.network import Network, winner_take_all
+from neuro.model.network import Network
 from neuro.model.neurons import iaf_psc_delta, iaf_psc_exp, spike_generator
+from neuro.model.parts import winner_take_all
 from neuro.model.rules import Rule, all_to_all, fixed_indegree, grid, one_to_one
 from neuro.model.synapses import r_stdp
 from neuro.run.simulation import Simulation

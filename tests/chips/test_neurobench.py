@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.chips.chip import chip
-from neuro.chips.pricing.neurobench import neurobench
-from neuro.chips.pricing.price import price
+from neuro.chips import chip, neurobench, price
 from neuro.core.errors import ModelError
 
 SIZES = (34, 16, 4)

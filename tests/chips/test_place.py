@@ -13,12 +13,11 @@ from hypothesis import strategies as st
 
 import neuro
 import neuro_models
-from neuro.chips.chip import Chip, Figure, Mesh, chip
+from neuro.chips import chip, place, quantise
+from neuro.chips.description import Chip, Figure, Mesh
 from neuro.chips.placing.capacity import too_late
 from neuro.chips.placing.mesh import exchange, lay_out
 from neuro.chips.placing.packing import block_bits, index_bits, synapse_bits
-from neuro.chips.placing.place import place
-from neuro.chips.quantising.quantise import quantise
 from neuro.compiler import compile_network
 from neuro.model.neurons import Neuron
 

@@ -10,10 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import neuro
-from neuro.chips.chip import chip
-from neuro.chips.placing.place import place
+from neuro.chips import chip, place, price
 from neuro.chips.pricing.energy import quantity
-from neuro.chips.pricing.price import price
 from neuro.core.errors import ModelError, Where
 from neuro.program.backend import EngineCounts, Problem
 from neuro.program.counts import Tally
@@ -483,9 +481,7 @@ def test_mistakes(run):
     )
     with pytest.raises(ModelError) as caught:
         price(*run, None, chip("loihi"))
-    assert (
-        str(caught.value) == "target 'loihi' needs a placement\n  hint: neuro.chips.place(program, chip)"
-    )
+    assert str(caught.value) == "target 'loihi' needs a placement\n  hint: neuro.chips.place(program, chip)"
 
 
 @given(

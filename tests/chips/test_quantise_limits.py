@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.chips.chip import chip
-from neuro.chips.quantising.quantise import quantise
+from neuro.chips import chip, quantise
 from neuro.compiler import compile_network
 from neuro.core.errors import ModelError
 from neuro.run.simulation import ApproximationWarning
@@ -674,7 +673,7 @@ ODD = {
 @pytest.mark.parametrize("name", ["loihi", "spinnaker"])
 @pytest.mark.parametrize("case", ODD)
 def test_no_traceback(case, name):
-    from neuro.chips.quantising.report import report
+    from neuro.chips.quantising.fixed_program import report
 
     program = ODD[case]()
     fixed = quantise(program, chip(name))

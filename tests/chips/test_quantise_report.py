@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.chips.chip import chip
+from neuro.chips import chip, quantise
+from neuro.chips.quantising.fixed_program import report
 from neuro.chips.quantising.losses import LIMITS
-from neuro.chips.quantising.quantise import quantise
-from neuro.chips.quantising.report import report
 from neuro.compiler import compile_network
 from neuro.run.simulation import ApproximationWarning
 

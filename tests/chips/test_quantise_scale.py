@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import neuro
-from neuro.chips.chip import chip
-from neuro.chips.quantising.quantise import quantise
+from neuro.chips import chip, quantise
 from neuro.compiler import compile_network
 
 GRAINS = {"excitatory": (0, 255, 1), "inhibitory": (-255, 0, 1), "mixed": (-256, 254, 2)}

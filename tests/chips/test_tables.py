@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from neuro.chips.chip import COSTS, LIMITS, Mesh, chip, chips
+from neuro.chips import chip, chips
+from neuro.chips.description import COSTS, LIMITS, Mesh
 from neuro.core.errors import ModelError
 
 ROOT = Path(__file__).parents[2]

@@ -5,8 +5,7 @@ import pytest
 import typer
 
 import neuro as framework
-from neuro.chips.chip import chip
-from neuro.chips.pricing.price import price
+from neuro.chips import chip, price
 from neuro.cli.energy import energy
 from neuro.cli.mistakes import telling
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.chips.chip import chip
-from neuro.chips.placing.place import place
+from neuro.chips import chip, place
 from neuro.compare import compare, raster
 from neuro.compare.chipmap import chip_map
 from neuro.compare.html import Html, join, svg, table, tag

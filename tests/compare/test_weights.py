@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.chips.chip import chip
-from neuro.chips.quantising.quantise import quantise
+from neuro.chips import chip, quantise
 from neuro.compare.weights import difference, histograms, learnt, rounding
 
 

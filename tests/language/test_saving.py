@@ -12,10 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import neuro
-from neuro.core.quantities import FromFile
+from neuro.core.values import FromFile
 from neuro.model.distributions import DISTRIBUTIONS
-from neuro.model.network import Trials
 from neuro.model.neurons import MODELS
+from neuro.model.parts import Trials
 from neuro.model.rules import RULES
 from neuro.model.synapses import SYNAPSES
 
@@ -131,7 +131,7 @@ def networks(draw):
         shape = draw(st.lists(st.integers(1, 99) | st.just("auto"), min_size=1, max_size=3))
         states = [s.name for s in model.states if not s.hidden]
         initial = draw(
-            st.fixed_dictionaries({}, optional={s: values(neuro.model.network.INITIAL, names) for s in states})
+            st.fixed_dictionaries({}, optional={s: values(neuro.model.parts.INITIAL, names) for s in states})
         )
         net.population(name, shape, model, initial=initial)
     names["population"] = list(net.populations)
@@ -142,8 +142,8 @@ def networks(draw):
     for name in draw(st.lists(NAMES, max_size=3, unique=True)):
         rule = draw(choices(RULES[draw(st.sampled_from(list(RULES)))], names))
         synapse = draw(choices(SYNAPSES[draw(st.sampled_from(list(SYNAPSES)))], names))
-        weight = draw(values(neuro.model.network.WEIGHT, names))
-        delay = draw(values(neuro.model.network.DELAY, names))
+        weight = draw(values(neuro.model.parts.WEIGHT, names))
+        delay = draw(values(neuro.model.parts.DELAY, names))
         net.connect(draw(population), draw(population), rule, synapse, weight=weight, delay=delay, name=name)
     for name in draw(st.lists(NAMES, max_size=1)):
         net.group(name, draw(choices(neuro.winner_take_all, names)))

@@ -13,7 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from neuro.core.errors import unknown
+from neuro.apps import unknown
 from neuro_drone.controllers.agents import DDPG, DQN, DDPGSettings, DQNSettings
 from neuro_drone.controllers.lms import LMS, LMSSettings
 from neuro_drone.controllers.settings import changed, plain

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.core.extras import install
+from neuro.apps import install
 from neuro_drone.controllers.dense import Dense, Flier, Floats, Singles, observed
 from neuro_drone.controllers.settings import choice, number, share, whole
 from neuro_drone.controllers.simple import Fixed

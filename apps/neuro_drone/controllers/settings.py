@@ -8,7 +8,7 @@ from math import inf
 from typing import Any
 
 from neuro import ModelError, Network
-from neuro.core.errors import unknown
+from neuro.apps import unknown
 
 __all__ = ["changed", "choice", "number", "numbers", "plain", "share", "unknown", "whole"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from neuro.chips.chip import Chip
+from neuro.chips.description import Chip
 from neuro.chips.loihi.learning_fit import COARSE_UPDATE
 from neuro.chips.loihi.learning_map import Mapped, rule_of
 from neuro.chips.quantising.fixed import FixedProjection

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from neuro.chips.chip import Chip
+from neuro.chips.description import Chip
 from neuro.chips.placing.fan_out import spiking
 from neuro.chips.placing.incoming import Incoming
 from neuro.chips.placing.mesh import capacity

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuro.chips.chip import Chip, Mesh
+from neuro.chips.description import Chip, Mesh
 from neuro.program.program import Floats, Ints
 
 LARGEST = 2000

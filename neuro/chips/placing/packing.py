@@ -20,18 +20,10 @@ Kernels of a grid are spelled out on both: the chips share no weights between ne
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from neuro.chips.chip import Chip
-from neuro.program.program import Ints, Program
-
-if TYPE_CHECKING:
-    from neuro.chips.placing.incoming import Incoming
-
-Words = NDArray[np.int32]
+from neuro.chips.description import Chip
+from neuro.program.program import Program
 
 BLOCK = 64
 BLOCK_BITS = 10
@@ -87,27 +79,3 @@ def synapse_bits(program: Program, index: int) -> int:
     at_once = program.populations[part.target].model.name in _AT_ONCE
     delay = max(int(part.delay.max(initial=0)) - at_once, 0).bit_length()
     return weight + delay + (TAG_BITS if part.synapse.learns in ("pairs", "chip") else 0)
-
-
-def core_bytes(chip: Chip, neurons: Ints, core: Words, line: Words, synapses: Words, into: Incoming) -> Ints:
-    """Bytes of synapses of every core.
-
-    Args:
-        chip: tells the packing.
-        neurons: of every core.
-        core: a core that a line (a source neuron of a projection) reaches, one entry for each such pair.
-        line: the line.
-        synapses: how many it has onto that core.
-        into: what the lines are.
-    """
-    n = len(neurons)
-    if not in_rows(chip):
-        index = np.array([index_bits(int(count)) for count in neurons], dtype=np.int64)
-        bits = into.bits[into.projection[line]] + index[core]
-        counts, widths = np.arange(synapses.max(initial=0) + 1), np.arange(bits.max(initial=0) + 1)
-        taken = block_bits(counts[:, None], widths)[synapses, bits]
-        return np.bincount(core, weights=taken, minlength=n).astype(np.int64) // 8
-    longest = np.zeros((n, len(into.bits)), dtype=np.int64)
-    np.maximum.at(longest, (core, into.projection[line]), synapses)
-    row = np.where(longest > 0, ROW_WORDS + longest, 0) * WORD_BITS
-    return np.asarray(row @ into.sources // 8)

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuro.chips.chip import Chip
+from neuro.chips.description import Chip
 from neuro.chips.placing.capacity import misfits
 from neuro.chips.placing.incoming import Incoming, incoming
 from neuro.chips.placing.mesh import LARGEST, Places, chain, draw_close, lay_out

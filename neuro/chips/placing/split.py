@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.chip import Chip
+from neuro.chips.description import Chip
 from neuro.chips.placing import fill
 from neuro.chips.placing.incoming import Incoming
-from neuro.chips.placing.packing import core_bytes, in_rows, memory_limit
+from neuro.chips.placing.memory import core_bytes
+from neuro.chips.placing.packing import in_rows, memory_limit
 from neuro.model.neurons import Neuron
 from neuro.program.program import Ints, Program
 

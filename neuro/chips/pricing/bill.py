@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from os import PathLike
 
-from neuro.chips.chip import chip
+from neuro.chips.known import chip
 from neuro.chips.placing.place import place
 from neuro.chips.pricing.energy import Energy
 from neuro.chips.pricing.price import price

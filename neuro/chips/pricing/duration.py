@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from neuro.chips.chip import Chip
+from neuro.chips.description import Chip
 from neuro.chips.pricing.energy import quantity, sourced
 from neuro.model.neurons import Neuron
 from neuro.program.counts import Counts

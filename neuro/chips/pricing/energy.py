@@ -17,7 +17,7 @@ class Item:
     """One line of a bill.
 
     Attributes:
-        what: the name of the cost, see `neuro.chips.chip.COSTS`.
+        what: the name of the cost, see `neuro.chips.description.COSTS`.
         kind: what `of` names: "population", "projection" or "chip".
         of: the population, the projection or the target.
         count: how often; of `static_per_chip` chips x seconds.

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from neuro.chips.chip import Chip
+from neuro.chips.description import Chip
 from neuro.chips.placing.capacity import too_late
 from neuro.chips.placing.fan_out import dense_size, spiking
 from neuro.chips.pricing.duration import chip_time, told_times
@@ -44,9 +44,7 @@ def price(program: Program, counts: EngineCounts, placement: Placement | None, c
     if "mac" in chip.costs:
         return bill.dense()
     if chip.mesh is not None and placement is None:
-        raise ModelError(
-            f"target '{chip.name}' needs a placement", hint="neuro.chips.place(program, chip)"
-        )
+        raise ModelError(f"target '{chip.name}' needs a placement", hint="neuro.chips.place(program, chip)")
     if placement is not None:
         check_fits(program, placement, chip)
     return bill.spiking(counts, placement)

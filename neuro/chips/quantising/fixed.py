@@ -6,15 +6,12 @@ This is all that the chip backend sees beside the program itself.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.chip import Chip
 from neuro.model.synapses.loihi_rule import LearningRule
-from neuro.program.backend import Problem
-from neuro.program.program import Floats, Ints, Program
+from neuro.program.program import Floats, Ints
 
 Words = NDArray[np.int32]
 
@@ -137,63 +134,3 @@ class FixedProjection:
         """Weights in units of a mantissa, before rounding."""
         values: Floats = weights / np.where(weights < 0.0, self.step_below, self.step)
         return values
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FixedProgram:
-    """A whole program in a chip's integers.
-
-    Attributes:
-        chip: what it was made for.
-        program: what it was made from.
-        populations, projections: in the order of the program; a projection that carries a current, or that could not
-            be brought into integers, is None.
-        problems: what is refused, and what is approximated beyond the stated limits.
-        notes: what the host does for the chip, and other things to know.
-    """
-
-    chip: Chip
-    program: Program
-    populations: tuple[FixedPopulation, ...]
-    projections: tuple[FixedProjection | None, ...]
-    problems: tuple[Problem, ...]
-    notes: tuple[str, ...]
-
-    def __str__(self) -> str:
-        """The report as a text."""
-        from neuro.chips.quantising.report import report
-
-        return report(self)
-
-    def as_dict(self) -> dict[str, Any]:
-        """The report for JSON."""
-        return {
-            "chip": self.chip.name,
-            "populations": {
-                part.name: {
-                    "kind": part.kind,
-                    "units_per_mV": part.volt,
-                    "rounding": {
-                        r.quantity: {"unit": r.unit, "wanted": r.wanted, "got": r.got, "error": r.error}
-                        for r in part.rounding
-                    },
-                }
-                for part in self.populations
-            },
-            "projections": {
-                part.name: {
-                    "exponent": part.exponent,
-                    "sign_mode": part.sign_mode,
-                    "bits": part.bits,
-                    "step": float(part.step.max()),
-                    "delay": [int(part.delay.min(initial=0)), int(part.delay.max(initial=0))],
-                    "saturated": part.rounding.saturated,
-                    "zeroed": part.rounding.zeroed,
-                    "largest_error": part.rounding.worst,
-                    "rms_error": part.rounding.rms,
-                }
-                for part in self.projections
-                if part is not None
-            },
-            "notes": list(self.notes),
-        }

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuro.chips.chip import Chip
+from neuro.chips.description import Chip
 from neuro.chips.loihi.words import grain_of
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
 from neuro.chips.quantising.inputs import approximated, refused

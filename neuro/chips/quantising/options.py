@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from neuro.chips.chip import Chip
+from neuro.chips.description import Chip
 from neuro.chips.loihi.words import WEIGHT_EXPONENTS
 from neuro.chips.quantising.inputs import Options
 from neuro.chips.spinnaker.limits import LARGEST_SHIFT

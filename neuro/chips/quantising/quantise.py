@@ -14,11 +14,12 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from neuro.chips.chip import Chip
-from neuro.chips.loihi.learning_rules import give_rules
+from neuro.chips.description import Chip
 from neuro.chips.loihi import neurons as loihi
+from neuro.chips.loihi.learning_rules import give_rules
 from neuro.chips.quantising import rounding
-from neuro.chips.quantising.fixed import FixedPopulation, FixedProgram, FixedProjection, Rounding
+from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding
+from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.inputs import Inputs, Options, approximated, refused
 from neuro.chips.quantising.losses import LIMITS, losses, merged
 from neuro.chips.quantising.options import options_of

@@ -107,7 +107,7 @@ def _chain(size: tuple[int, int], chosen: Sequence[tuple[str, dict[str, Any]]]) 
 def _list(given: bool) -> None:
     if not given:
         return
-    from neuro.cli.tables import console, table
+    from neuro.core.tables import console, table
     from neuro.events.filters import FILTERS
 
     rows = [

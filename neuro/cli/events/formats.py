@@ -5,7 +5,7 @@ from __future__ import annotations
 
 def formats() -> None:
     """List the file formats, and whether they were tried on real recordings."""
-    from neuro.cli.tables import console, table
+    from neuro.core.tables import console, table
     from neuro.events.formats import FORMATS
 
     rows = [

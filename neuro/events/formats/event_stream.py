@@ -26,7 +26,7 @@ from neuro.events._events import Events
 from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.formats._format import Damage, Format, Piece, Size, Unsavable
 from neuro.events.formats._write import in_order, refuse
-from neuro.events.source import Bytes, Given, Source
+from neuro.events.source import Bytes, Given, Source, opened_source
 
 MAGIC = b"Event Stream"
 VERSION = (2, 0, 0)
@@ -118,8 +118,6 @@ def generic(source: Given, *, name: str | None = None, strict: bool = True) -> l
     Raises:
         EventFileError: no such file, other events, or damage; the message says at which byte.
     """
-    from neuro.events.opening import opened_source
-
     with opened_source(source, name) as data:
         return _all_generic(data, strict)
 

@@ -6,15 +6,16 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
+from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, unknown
-from neuro.core.quantities import Choice, Quantity
+from neuro.core.quantities import Quantity
 from neuro.core.values import shown
 from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.language.files import array
 from neuro.model.language.nodes import about, found, mistake, plain, words
 from neuro.model.language.reader import Node
-from neuro.model.network import winner_take_all
 from neuro.model.neurons import MODELS
+from neuro.model.parts import winner_take_all
 from neuro.model.rules import RULES
 from neuro.model.synapses import SYNAPSES
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.quantities import Choice
+from neuro.core.choice import Choice
 from neuro.core.values import FromFile, same
 from neuro.model.language.sources import VERSION
-from neuro.model.network import Network
+from neuro.model.parts import Description
 
 LARGEST_INLINE = 64
 
@@ -28,7 +28,7 @@ class Arrays:
         return {"file": self.file, "key": key}
 
 
-def describe(net: Network, arrays: Arrays) -> dict[str, Any]:
+def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
     """All sections of a network; a parameter that has its default is left out.
 
     Args:

@@ -6,15 +6,16 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from neuro.core.choice import Choice
 from neuro.core.errors import Where, unknown
 from neuro.core.paths import file_path
-from neuro.core.quantities import Choice
 from neuro.model.language.choices import choice, part, value, with_parameters
 from neuro.model.language.nodes import about, follow, plain, within, words
 from neuro.model.language.parameters import resolve
 from neuro.model.language.reader import Node
 from neuro.model.language.sources import gather
-from neuro.model.network import DELAY, INITIAL, WEIGHT, Network, Trials, check_name
+from neuro.model.network import Network, check_name
+from neuro.model.parts import DELAY, INITIAL, WEIGHT, Trials
 from neuro.model.synapses import static
 
 VALUES = {"weight": WEIGHT, "delay": DELAY}

@@ -8,10 +8,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import MISSING
 from typing import Any
 
-from neuro.core.quantities import Choice, Quantity
+from neuro.core.choice import Choice
+from neuro.core.quantities import Quantity
 from neuro.model.language.choices import TABLES
 from neuro.model.language.sources import VERSION
-from neuro.model.network import (
+from neuro.model.network import Network
+from neuro.model.neurons import MODELS
+from neuro.model.parts import (
     DELAY,
     EVERY,
     INITIAL,
@@ -20,14 +23,12 @@ from neuro.model.network import (
     SHAPE,
     WEIGHT,
     Group,
-    Network,
     Probe,
     Projection,
     Signal,
     Trials,
 )
-from neuro.model.network import Population as PopulationPart
-from neuro.model.neurons import MODELS
+from neuro.model.parts import Population as PopulationPart
 
 Schema = dict[str, Any]
 _NAME = r"^[\w.-]+$"

@@ -16,7 +16,7 @@ from neuro.core.outputs import Kind, Unwritable, output, sealed
 from neuro.core.paths import file_path
 from neuro.model.language.describe import Arrays, describe
 from neuro.model.language.reader import scalar
-from neuro.model.network import Network
+from neuro.model.parts import Description
 
 WIDTH = 110
 ENDINGS = (".yaml", ".yml")
@@ -27,7 +27,7 @@ _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
 _ELSEWHERE_BOOLEANS = ("yes", "no", "on", "off", "y", "n", "true", "false", "null")
 
 
-def save(net: Network, path: str | Path) -> None:
+def save(net: Description, path: str | Path) -> None:
     """Write a network as YAML, with an HDF5 file of the same stem beside it if it has large arrays.
 
     Args:

@@ -20,7 +20,8 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from neuro.core.quantities import Choice, Value, quantity
+from neuro.core.choice import Choice
+from neuro.core.quantities import Value, quantity
 
 LARGEST = 20
 """Most numeric parameters of a neuron model, `tau_minus` among them, and most constants."""

@@ -26,7 +26,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.quantities import Choice
+from neuro.core.choice import Choice
 from neuro.model.neurons.base import State
 
 FUNCTIONS = {"constants": 3, "on_post": 4, "on_pre": 4}

@@ -1,16 +1,9 @@
-"""What is known of a chip: its limits, its mesh and what things cost on it, read from a table with sources."""
+"""What is known of a chip: its limits, its mesh and what things cost on it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache
-from os import PathLike
-from pathlib import Path
-
-from neuro.core.errors import unknown
-
-TABLES = Path(__file__).parent / "tables"
 
 LIMITS = {
     "chips": "chips of the largest machine",
@@ -106,44 +99,3 @@ class Chip:
     def limit(self, name: str) -> int | None:
         """A limit as a whole number, None where the chip has none of that name."""
         return int(self.limits[name].value) if name in self.limits else None
-
-
-def chips() -> tuple[str, ...]:
-    """Names of the chips and processors that there are tables of."""
-    return tuple(sorted(path.stem for path in TABLES.glob("*.yaml")))
-
-
-def chip(name: str | PathLike[str]) -> Chip:
-    """The chip of that name, or of a table file of the user.
-
-    Raises:
-        ModelError: there is none, or the file is not such a table.
-    """
-    text = str(name)
-    if text.endswith((".yaml", ".yml")):
-        return read_chip(Path(name))
-    if text not in chips():
-        raise unknown("target", text, chips())
-    return _own(text)
-
-
-def read_chip(path: Path) -> Chip:
-    """The chip that a table file describes.
-
-    A table with `like: loihi` starts from ours and changes what it names.
-
-    Raises:
-        ModelError: the file is not a table, a word is unknown, or a number has no source; it says where.
-    """
-    from neuro.chips.table import like, load, parse
-
-    root = load(path)
-    base = like(root)
-    if base is not None and base.value not in chips():
-        raise unknown("target", base.value, chips(), base.where)
-    return parse(root, path, None if base is None else chip(base.value))
-
-
-@cache
-def _own(name: str) -> Chip:
-    return read_chip(TABLES / f"{name}.yaml")

@@ -1,18 +1,79 @@
-"""The report of quantising as tables: what each register and each weight memory makes of what was described."""
+"""A program in a chip's integers, and the report of what quantising made of each register and weight memory."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy.typing as npt
 
+from neuro.chips.description import Chip
 from neuro.chips.placing.placement import aligned
-from neuro.chips.quantising.fixed import FixedProgram, FixedProjection, Rounding
-from neuro.program.program import Projection
+from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding
+from neuro.program.backend import Problem
+from neuro.program.program import Program, Projection
 
 POPULATIONS = ("population", "neurons", "is a", "units per mV", "quantity", "described", "on the chip", "error")
 PROJECTIONS = ("projection", "weights", "bits", "signs", "scale", "a step", "delay", "become 0", "largest error", "rms")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FixedProgram:
+    """A whole program in a chip's integers.
+
+    Attributes:
+        chip: what it was made for.
+        program: what it was made from.
+        populations, projections: in the order of the program; a projection that carries a current, or that could not
+            be brought into integers, is None.
+        problems: what is refused, and what is approximated beyond the stated limits.
+        notes: what the host does for the chip, and other things to know.
+    """
+
+    chip: Chip
+    program: Program
+    populations: tuple[FixedPopulation, ...]
+    projections: tuple[FixedProjection | None, ...]
+    problems: tuple[Problem, ...]
+    notes: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """The report as a text."""
+        return report(self)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The report for JSON."""
+        return {
+            "chip": self.chip.name,
+            "populations": {
+                part.name: {
+                    "kind": part.kind,
+                    "units_per_mV": part.volt,
+                    "rounding": {
+                        r.quantity: {"unit": r.unit, "wanted": r.wanted, "got": r.got, "error": r.error}
+                        for r in part.rounding
+                    },
+                }
+                for part in self.populations
+            },
+            "projections": {
+                part.name: {
+                    "exponent": part.exponent,
+                    "sign_mode": part.sign_mode,
+                    "bits": part.bits,
+                    "step": float(part.step.max()),
+                    "delay": [int(part.delay.min(initial=0)), int(part.delay.max(initial=0))],
+                    "saturated": part.rounding.saturated,
+                    "zeroed": part.rounding.zeroed,
+                    "largest_error": part.rounding.worst,
+                    "rms_error": part.rounding.rms,
+                }
+                for part in self.projections
+                if part is not None
+            },
+            "notes": list(self.notes),
+        }
 
 
 def report(fixed: FixedProgram) -> str:

@@ -1,4 +1,4 @@
-"""Tables as all commands print them."""
+"""Tables as all that prints in a terminal shows them."""
 
 from __future__ import annotations
 

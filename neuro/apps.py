@@ -1,0 +1,115 @@
+"""What applications on this framework are made of: files that are replaced whole, commands, YAML with places, kernels.
+
+from neuro.apps import console, kernel, output, read
+
+Names here stay, wherever they are defined.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from neuro.core.lazy import lazily
+
+if TYPE_CHECKING:
+    from neuro.chips.pricing.energy import number, quantity, sourced
+    from neuro.cli.energy import TARGETS, Target
+    from neuro.cli.options import Backend, Seed, Set, assignments, whole
+    from neuro.core import hdf5
+    from neuro.core.errors import Where, unknown
+    from neuro.core.extras import install
+    from neuro.core.outputs import Kind, Unwritable, check, make_folder, output, sealed, write_picture, write_text
+    from neuro.core.tables import console, table
+    from neuro.kernels.jit import allocating, inner, kernel
+    from neuro.model.language import Node, about, mistake, plain, read, words
+
+_HOMES = {
+    "neuro.cli.energy": (
+        "TARGETS",
+        "Target",
+    ),
+    "neuro.cli.options": (
+        "Backend",
+        "Seed",
+        "Set",
+        "assignments",
+        "whole",
+    ),
+    "neuro.core.errors": (
+        "Where",
+        "unknown",
+    ),
+    "neuro.core.hdf5": (),
+    "neuro.core.extras": ("install",),
+    "neuro.core.outputs": (
+        "Kind",
+        "Unwritable",
+        "check",
+        "make_folder",
+        "output",
+        "sealed",
+        "write_picture",
+        "write_text",
+    ),
+    "neuro.core.tables": (
+        "console",
+        "table",
+    ),
+    "neuro.chips.pricing.energy": (
+        "number",
+        "quantity",
+        "sourced",
+    ),
+    "neuro.kernels.jit": (
+        "allocating",
+        "inner",
+        "kernel",
+    ),
+    "neuro.model.language": (
+        "Node",
+        "about",
+        "mistake",
+        "plain",
+        "read",
+        "words",
+    ),
+}
+
+__all__ = [
+    "TARGETS",
+    "Backend",
+    "Kind",
+    "Node",
+    "Seed",
+    "Set",
+    "Target",
+    "Unwritable",
+    "Where",
+    "about",
+    "allocating",
+    "assignments",
+    "check",
+    "console",
+    "hdf5",
+    "inner",
+    "install",
+    "kernel",
+    "make_folder",
+    "mistake",
+    "number",
+    "output",
+    "plain",
+    "quantity",
+    "read",
+    "sealed",
+    "sourced",
+    "table",
+    "unknown",
+    "whole",
+    "words",
+    "write_picture",
+    "write_text",
+]
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = lazily(__name__, _HOMES)

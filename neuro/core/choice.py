@@ -1,0 +1,103 @@
+"""Named choices with parameters: models, synapses, rules, distributions, groups."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields
+from typing import Any, ClassVar, Self
+
+from neuro.core.checks import check
+from neuro.core.errors import ModelError, here, nearest, unknown
+from neuro.core.quantities import Quantity, word_of
+from neuro.core.values import same, shown
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Choice:
+    """A named choice with parameters, said `name(parameters)` in Python and `{name: {parameters}}` in YAML.
+
+    Subclasses are frozen dataclasses whose fields are made by `quantity`. Two choices are equal when
+    they have the same name and equal parameters, arrays compared by value.
+    """
+
+    kind: ClassVar[str] = "choice"
+    word: ClassVar[str] = ""
+
+    def __init_subclass__(cls) -> None:
+        cls.__repr__ = Choice.__repr__  # type: ignore[method-assign]  # or @dataclass would make its own
+
+    def __new__(cls, *args: Any, **words: Any) -> Self:
+        """Refuse an unknown parameter by its nearest right name."""
+        known = {entry.name for entry in fields(cls)}
+        if len(args) > sum(not entry.kw_only for entry in fields(cls)):
+            raise ModelError(
+                f"{cls.called()}: found {len(args)} values without a name: expected {cls.called()}(name=value)",
+                where=here(),
+                hint=nearest("", [entry.name for entry in fields(cls)]),
+            )
+        for word in words:
+            if word not in known:
+                raise unknown(f"parameter of {cls.called()}", word, known, here(), (word,))
+        return super().__new__(cls)
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            q, value, word = entry.metadata["quantity"], getattr(self, entry.name), word_of(entry.name)
+            try:
+                object.__setattr__(self, entry.name, check(q, value, f"{self.name}.{word}", (word,)))
+            except ModelError as error:
+                raise error.at(here()) from None
+
+    @classmethod
+    def called(cls) -> str:
+        """The word that names this choice in the language: the name of its class, or `word`."""
+        return cls.word or cls.__name__
+
+    @property
+    def name(self) -> str:
+        """The word that names this choice in the language."""
+        return self.called()
+
+    @classmethod
+    def quantities(cls) -> dict[str, Quantity]:
+        """The parameters by their words, in the order of definition."""
+        return {word_of(entry.name): entry.metadata["quantity"] for entry in fields(cls)}
+
+    @classmethod
+    def defaults(cls) -> dict[str, Any]:
+        """The default of each parameter that has one, by its word."""
+        return {word_of(f.name): f.default for f in fields(cls) if f.default is not MISSING}
+
+    @classmethod
+    def from_words(cls, parameters: Mapping[str, Any]) -> Self:
+        """Make one from words and values.
+
+        Raises:
+            ModelError: a word is unknown, a required one is missing, or a value is out of bounds.
+        """
+        names = {word_of(entry.name): entry for entry in fields(cls)}
+        for word in parameters:
+            if word not in names:
+                raise unknown(f"parameter of {cls.called()}", word, names, path=(str(word),))
+        for word, entry in names.items():
+            if entry.default is MISSING and word not in parameters:
+                expected = entry.metadata["quantity"].expected()
+                raise ModelError(f"{cls.called()} needs '{word}': expected {expected}")
+        return cls(**{names[word].name: value for word, value in parameters.items()})
+
+    def parameters(self) -> dict[str, Any]:
+        """All parameters by their words, in the order of definition."""
+        return {word_of(entry.name): getattr(self, entry.name) for entry in fields(self)}
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other):
+            return NotImplemented
+        mine, theirs = self.parameters(), other.parameters()
+        return all(same(mine[word], theirs[word]) for word in mine)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        mine = {f.name: getattr(self, f.name) for f in fields(self)}
+        changed = {f.name for f in fields(self) if f.default is MISSING or not same(mine[f.name], f.default)}
+        return f"{self.name}({', '.join(f'{k}={shown(v)}' for k, v in mine.items() if k in changed)})"
