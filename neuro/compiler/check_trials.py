@@ -15,7 +15,7 @@ from neuro.model.parts import Trials
 from neuro.model.parts import dropout as Dropout
 from neuro.model.parts import labels as Labels
 from neuro.model.parts import reward as Reward
-from neuro.program.program import program as resolved
+from neuro.program import program as resolved
 
 
 def resolve_trials(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> resolved.Trials | None:

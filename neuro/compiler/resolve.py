@@ -21,7 +21,7 @@ from neuro.model.parts import Population, Projection
 from neuro.model.rules import grid
 from neuro.model.synapses import stdp_dopa
 from neuro.program.program import Floats, Ints
-from neuro.program.program import program as resolved
+from neuro.program import program as resolved
 
 
 def compile_network(net: Network, seed: int) -> resolved.Program:

@@ -65,7 +65,7 @@ def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[
     by_hand = options.scales.get(part.name)
     volt = choose_scale(inputs, d) if by_hand is None else float(by_hand)
     problems += overflows(part, d, volt)
-    registers, rounding = _registers(inputs, d, volt)
+    registers, errors = _registers(inputs, d, volt)
     ampere = () if not d.tau else (volt * d.gain / d.fade,) * 2
     initial = {name: np.rint(volt * values).astype(np.int64) for name, values in (("v", d.start), ("u", d.current))}
     fixed = FixedPopulation(
@@ -77,7 +77,7 @@ def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[
         part.parameters["E_L"].copy(),
         ampere,
         volt * d.drift,
-        rounding,
+        errors,
     )
     found = {}
     for index in inputs.spikes:
@@ -94,15 +94,15 @@ def _registers(inputs: Inputs, d: Described, volt: float) -> tuple[dict[str, Int
     dv = np.rint(4096.0 * (1.0 - d.leak)).astype(np.int64)
     bias_exp, bias_mant = bias(volt * d.drift * p["I_e"], inputs.current * float(np.abs(volt * d.drift).max()))
     refractory = np.rint(p["t_ref"] / h).astype(np.int64) + 1
-    rounding = [_time_constant("tau_m", p["tau_m"], (4096 - dv) / 4096, h)]
+    errors = [_time_constant("tau_m", p["tau_m"], (4096 - dv) / 4096, h)]
     if d.tau:
-        rounding.append(_time_constant(d.tau, p[d.tau], (4095 - du) / 4096, h))
+        errors.append(_time_constant(d.tau, p[d.tau], (4095 - du) / 4096, h))
     got = p["E_L"] + 64.0 * (vth + 1) / volt
-    rounding.append(rounding.worst("V_th", "mV", p["V_th"], got, np.abs(d.distance)))
+    errors.append(rounding.worst("V_th", "mV", p["V_th"], got, np.abs(d.distance)))
     if p["I_e"].any():
         got = (bias_mant << bias_exp) / (volt * d.drift)
-        rounding.append(rounding.worst("I_e", "pA", p["I_e"], got, float(np.abs(p["I_e"]).max())))
-    rounding.append(rounding.worst("t_ref", "ms", p["t_ref"], (refractory - 1) * h, 1.0))
+        errors.append(rounding.worst("I_e", "pA", p["I_e"], got, float(np.abs(p["I_e"]).max())))
+    errors.append(rounding.worst("t_ref", "ms", p["t_ref"], (refractory - 1) * h, 1.0))
     registers = {
         "du": np.clip(du, 0, 4095),
         "dv": np.clip(dv, 0, 4095),
@@ -111,7 +111,7 @@ def _registers(inputs: Inputs, d: Described, volt: float) -> tuple[dict[str, Int
         "bias_exp": bias_exp,
         "refractory": np.clip(refractory, 1, REFRACTORY_LIMIT),
     }
-    return {name: np.atleast_1d(values).astype(np.int64) for name, values in registers.items()}, tuple(rounding)
+    return {name: np.atleast_1d(values).astype(np.int64) for name, values in registers.items()}, tuple(errors)
 
 
 def threshold(distance: Floats) -> Ints:

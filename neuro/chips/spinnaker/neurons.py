@@ -98,7 +98,7 @@ def relay_projection(inputs: Inputs, index: int) -> FixedProjection:
 def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
     """A population of `iaf_psc_delta` or `iaf_psc_exp`, and the projections onto it."""
     delta = isinstance(inputs.part.model, iaf_psc_delta)
-    registers, gain, drive, rounding = _delta(inputs) if delta else _exponential(inputs)
+    registers, gain, drive, errors = _delta(inputs) if delta else _exponential(inputs)
     shifts = options.shifts.get(inputs.part.name) or _shifts(inputs, gain)
     registers["exc_shift"], registers["inh_shift"] = (np.full(1, shift, dtype=np.int64) for shift in shifts)
     part, p = inputs.part, inputs.part.parameters
@@ -114,7 +114,7 @@ def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[
     problems = [*lacking(inputs), *overflows(inputs, initial, drive)]
     states = {name: np.clip(np.rint(values), -LARGEST, LARGEST).astype(np.int64) for name, values in initial.items()}
     kind = "spinnaker_delta" if delta else "spinnaker_lif"
-    fixed = FixedPopulation(part.name, kind, registers, states, float(ONE), np.zeros(1), ampere, drive, tuple(rounding))
+    fixed = FixedPopulation(part.name, kind, registers, states, float(ONE), np.zeros(1), ampere, drive, tuple(errors))
     found = {}
     for index in inputs.spikes:
         found[index], more = _weights(inputs, index, gain, shifts)
@@ -132,7 +132,7 @@ def _exponential(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats]
     registers = _potentials(inputs, c[:, P33])
     registers["r_m"] = np.rint(np.where(np.isfinite(r_m), r_m, 0.0) * ONE).astype(np.int64)
     registers["i_offset"] = np.rint(p["I_e"] / 1000.0 * ONE).astype(np.int64)
-    rounding = _rounded_potentials(inputs, registers, c[:, P33])
+    errors = _rounded_potentials(inputs, registers, c[:, P33])
     gains = []
     for word, tau, kept, exact in (("exc", "tau_syn_ex", P11_EX, P32_EX), ("inh", "tau_syn_in", P11_IN, P32_IN)):
         share = p[tau] / h * -np.expm1(-h / p[tau])
@@ -143,9 +143,9 @@ def _exponential(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats]
         gains.append(np.where(np.isfinite(own), own, 0.001))
     if np.isfinite(p["tau_m"]).all():
         got = p["tau_m"] / np.maximum(registers["r_m"] / ONE, 1e-300) * 1000.0
-        rounding.append(rounding.worst("C_m", "pF", p["C_m"], got, p["C_m"]))
-    rounding += _rounded_current(p["I_e"], registers["i_offset"] / ONE * 1000.0)
-    return registers, (gains[0], gains[1]), np.full(1, ONE / 1000.0), rounding
+        errors.append(rounding.worst("C_m", "pF", p["C_m"], got, p["C_m"]))
+    errors += _rounded_current(p["I_e"], registers["i_offset"] / ONE * 1000.0)
+    return registers, (gains[0], gains[1]), np.full(1, ONE / 1000.0), errors
 
 
 def _delta(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floats, list[Rounding]]:
@@ -155,9 +155,9 @@ def _delta(inputs: Inputs) -> tuple[dict[str, Ints], tuple[Floats, Floats], Floa
     p, c = inputs.part.parameters, constants_of(inputs.part, inputs.program.resolution)
     registers = _potentials(inputs, c[:, P33])
     registers["i_offset"] = np.rint(c[:, P30] * p["I_e"] * ONE).astype(np.int64)
-    rounding = _rounded_potentials(inputs, registers, c[:, P33])
-    rounding += _rounded_current(p["I_e"], registers["i_offset"] / ONE / c[:, P30])
-    return registers, (np.ones(1), np.ones(1)), c[:, P30] * ONE, rounding
+    errors = _rounded_potentials(inputs, registers, c[:, P33])
+    errors += _rounded_current(p["I_e"], registers["i_offset"] / ONE / c[:, P30])
+    return registers, (np.ones(1), np.ones(1)), c[:, P30] * ONE, errors
 
 
 def _rounded_current(wanted: Floats, got: Floats) -> list[Rounding]:
