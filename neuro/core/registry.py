@@ -1,0 +1,159 @@
+"""Parts by name: those of this package, of installed packages (entry points), and those that a program registers.
+
+One registry for each kind of part stands beside what defines the kind. Whoever names a part, in YAML, on the command
+line or in a report, looks here, so a part of a stranger is like one of ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache
+from importlib.metadata import EntryPoints, entry_points
+from typing import Any, Generic, TypeVar, overload
+
+from neuro.core.errors import ModelError, here
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+_REGISTRIES: list[Registry[Any]] = []
+
+
+class Registry(Mapping[str, T], Generic[T]):
+    """All parts of one kind, by name, ours first.
+
+    Args:
+        kind: what one is, for messages, e.g. "synapse model".
+        own: those of this package.
+        takes: whether a thing is of this kind; a kind of plain functions is said to `register`.
+        group: the entry points of installed packages.
+        name: how a part is called.
+        complete: returns a part of a stranger if it has all that is relied on, and raises `TypeError` if not. It is
+            asked when the part is first used: a decorator sees a class before the functions below it.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        own: Iterable[T],
+        *,
+        takes: Callable[[object], bool] | None = None,
+        group: str = "",
+        name: Callable[[Any], str] = lambda part: part.called() if hasattr(part, "called") else part.__name__,
+        complete: Callable[[Any], Any] = lambda part: part,
+    ) -> None:
+        self.kind, self.takes, self._group, self._name, self._complete = kind, takes, group, name, complete
+        self._parts: dict[str, T] = {name(part): part for part in own}
+        self._registered: dict[str, T] = {}
+        self._closed_by = ""
+        _REGISTRIES.append(self)
+
+    def add(self, part: T) -> None:
+        """Register a part.
+
+        Raises:
+            ModelError: another one has its name, or it comes too late.
+        """
+        name = self._name(part)
+        if self._closed_by:
+            raise ModelError(
+                f"{self.kind} '{name}' is registered too late: {self._closed_by}",
+                where=here(),
+                hint="register it first; an instance of it works in Python without being registered",
+            )
+        if name in self._parts or name in self._registered or name in self._entries():
+            raise ModelError(f"{self.kind} '{name}' is registered twice", where=here(), hint="give it another name")
+        self._registered[name] = part
+
+    def close(self, reason: str) -> None:
+        """Take no more parts from now on, since `reason`."""
+        self._closed_by = self._closed_by or reason
+
+    def __getitem__(self, name: str) -> T:
+        if name not in self._parts:
+            if name in self._registered:
+                self._parts[name] = self._completed(self._registered[name])
+            elif name in self._entries():
+                self._parts[name] = self._loaded(name)
+        return self._parts[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(dict.fromkeys((*self._parts, *self._registered, *self._entries())))
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._parts or name in self._registered or name in self._entries()
+
+    def _entries(self) -> set[str]:
+        return installed(self._group).names if self._group else set()
+
+    def _loaded(self, name: str) -> T:
+        """A part of an installed package."""
+        entry = installed(self._group)[name]
+        told = f"{self.kind} '{name}' cannot be loaded from {entry.value}"
+        try:
+            part = entry.load()
+        except Exception as error:
+            hint = "install again the package that brings it"
+            raise ModelError(f"{told}: {type(error).__name__}: {error}", hint=hint) from error
+        if self.takes is not None and not self.takes(part):
+            raise ModelError(f"{told}: found {part!r:.60}: expected a {self.kind}")
+        if self._name(part) != name:
+            raise ModelError(f"{told}: it is called '{self._name(part)}': expected the same name")
+        return self._completed(part)
+
+    def _completed(self, part: T) -> T:
+        try:
+            complete: T = self._complete(part)
+        except TypeError as error:
+            raise ModelError(str(error)) from None
+        return complete
+
+
+@cache
+def installed(group: str) -> EntryPoints:
+    """The entry points of one group of all installed packages."""
+    return _installed().select(group=group)
+
+
+@cache
+def _installed() -> EntryPoints:
+    return entry_points()
+
+
+@overload
+def register(thing: R, *, kind: str = "") -> R: ...
+@overload
+def register(*, kind: str) -> Callable[[R], R]: ...
+def register(thing: Any = None, *, kind: str = "") -> Any:
+    """Make a part known by its name: in YAML, Python, on the command line, in `neuro models` and `neuro schema`.
+
+    Also a decorator. A class of neurons, generators, synapses, rules, distributions or filters, an event format, a
+    chip and a backend are told apart by themselves; a plain function says what it is by `kind`.
+
+    Args:
+        thing: the part.
+        kind: of a function, e.g. `@neuro.register(kind="segmenter")`.
+
+    Returns:
+        The part itself.
+
+    Raises:
+        ModelError: it is of no known kind, its name is taken, or it comes too late.
+    """
+    if thing is None:
+        return lambda function: register(function, kind=kind)
+    _registry_of(thing, kind).add(thing)
+    return thing
+
+
+def _registry_of(thing: object, kind: str) -> Registry[Any]:
+    for registry in _REGISTRIES:
+        if registry.kind == kind if kind else registry.takes is not None and registry.takes(thing):
+            return registry
+    kinds = ", ".join(sorted(registry.kind for registry in _REGISTRIES))
+    hint = "write neuro.register(kind=...) above a function" if callable(thing) and not kind else ""
+    what = f"kind = {kind!r}" if kind else f"found {thing!r:.60}"
+    raise ModelError(f"neuro.register: {what}: expected one of these: {kinds}", where=here(), hint=hint)
