@@ -16,7 +16,6 @@ from neuro.compiler.check import check_values
 from neuro.compiler.values import per_neuron
 from neuro.distributions import Distribution
 from neuro.errors import ModelError, unknown
-from neuro.keyed import generator
 from neuro.neurons import Model
 from neuro.program import Floats, Ints, Population, Program, Projection
 from neuro.quantities import Quantity, check, word_of
@@ -79,9 +78,10 @@ def new_values(part: Population, word: str, value: Any, seed: int, step: int) ->
         return value
     if q.kind == "boolean":
         return np.array([float(check(q, value, what))])
-    rng = generator(seed, "set", f"{what}@{step}")
-    array = per_neuron(check(q, value, what), part.shape, what, rng)
-    check(q, array, what)
+    accepted = check(q, value, what)
+    array = per_neuron(accepted, part.shape, what, (seed, "set", f"{what}@{step}"))
+    if isinstance(accepted, (Distribution, FromFile)):
+        check(q, array, what)
     return array
 
 
