@@ -127,6 +127,9 @@ class Wires:
             if len(told) and shared:
                 told.set({word: float(values[0])})
             elif len(told):
+                if nest.local_num_threads > 1:
+                    # NEST's threads list what is theirs as they come, so the order is another at each call.
+                    self._listed = {}
                 told.set([{word: value} for value in values[self._order(told, layer, first)].tolist()])
 
     def changed(self) -> None:

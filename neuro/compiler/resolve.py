@@ -20,8 +20,8 @@ from neuro.model.neurons import Neuron, dc_generator, poisson_generator, spike_g
 from neuro.model.parts import Population, Projection
 from neuro.model.rules import grid
 from neuro.model.synapses import stdp_dopa
-from neuro.program.program import Floats, Ints
 from neuro.program import program as resolved
+from neuro.program.program import Floats, Ints
 
 
 def compile_network(net: Network, seed: int) -> resolved.Program:
@@ -77,9 +77,9 @@ def _population(net: Network, part: Population, shape: Shape, clock: Clock, seed
     for word, quantity in model.quantities().items():
         if quantity.kind not in ("number", "integer", "boolean") or word in ("start", "stop"):
             continue
-        rng = generator(seed, "parameter", f"{part.name}.{word}")
+        key = (seed, "parameter", f"{part.name}.{word}")
         with telling(part):
-            parameters[word] = per_neuron(model.parameters()[word], shape, f"{model.name}.{word}", rng)
+            parameters[word] = per_neuron(model.parameters()[word], shape, f"{model.name}.{word}", key)
     with telling(part):
         check_values(model, parameters, clock)
         if isinstance(model, (poisson_generator, dc_generator)):
@@ -114,9 +114,9 @@ def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], s
         for name, value in part.model.initial(parameters).items():
             start[name] = np.asarray(value, dtype=np.float64).reshape(-1) + 0.0
     for name, value in part.initial.items():
-        rng = generator(seed, "initial", f"{part.name}.{name}")
+        key = (seed, "initial", f"{part.name}.{name}")
         with telling(part):
-            start[name] = per_neuron(value, shape, f"initial.{name}", rng)
+            start[name] = per_neuron(value, shape, f"initial.{name}", key)
     return start
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from neuro.compiler.connect import Connections
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
+from neuro.core.keyed_random import generator
 from neuro.core.values import FromFile
 from neuro.model.distributions import Distribution
 from neuro.program.program import Floats
@@ -23,19 +24,19 @@ def plain(value: Any) -> Any:
     return value.values if isinstance(value, FromFile) else value
 
 
-def per_neuron(value: Any, shape: tuple[int, ...], what: str, rng: np.random.Generator) -> Floats:
+def per_neuron(value: Any, shape: tuple[int, ...], what: str, key: tuple[int, str, str]) -> Floats:
     """One value for each neuron of a population, or one for all (shape (1,)).
 
     Args:
         value: a number, an array of the population's shape or flat, or a distribution.
         shape: the population's.
         what: its name in messages.
-        rng: draws from a distribution.
+        key: of a distribution's draws, see `keyed_random.generator`.
     """
     size = int(np.prod(shape))
     value = plain(value)
     if isinstance(value, Distribution):
-        return value.sample(rng, size)
+        return value.sample(generator(*key), size)
     array = np.asarray(value, dtype=np.float64)
     if array.ndim == 0:
         return array.reshape(1) + 0.0

@@ -14,7 +14,6 @@ from neuro.compiler.values import per_neuron
 from neuro.core.checks import check, numbers, refuse_masked
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
-from neuro.core.keyed_random import generator
 from neuro.core.quantities import Quantity, word_of
 from neuro.core.values import FromFile, shown
 from neuro.model.distributions import Distribution
@@ -79,9 +78,10 @@ def new_values(part: Population, word: str, value: Any, seed: int, step: int) ->
         return value
     if q.kind == "boolean":
         return np.array([float(check(q, value, what))])
-    rng = generator(seed, "set", f"{what}@{step}")
-    array = per_neuron(check(q, value, what), part.shape, what, rng)
-    check(q, array, what)
+    accepted = check(q, value, what)
+    array = per_neuron(accepted, part.shape, what, (seed, "set", f"{what}@{step}"))
+    if isinstance(accepted, (Distribution, FromFile)):
+        check(q, array, what)
     return array
 
 

@@ -83,6 +83,22 @@ def test_threads_do_not_matter():
     assert differences(steered("nest"), steered("nest", threads=2), exact=False) == []
 
 
+def test_threads_set_each_weight_where_it_belongs():
+    import nest
+
+    net = neuro.Network("many")
+    net.population("pre", 40, neuro.parrot_neuron())
+    net.population("post", 50, neuro.iaf_psc_exp())
+    net.connect("pre", "post", neuro.all_to_all(), weight=1.0, name="wires")
+    sim = neuro.compile(net, "nest", threads=2)
+    sim.run(1.0)
+    for base in range(30):
+        sim.set_weights("wires", base + np.arange(2000.0))
+        ends = nest.GetConnections(synapse_model="static_synapse_lbl").get(["source", "target", "weight"])
+        pre, post = (np.array(ends[word]) - min(ends[word]) for word in ("source", "target"))
+        assert np.array_equal(ends["weight"], base + pre * 50 + post)
+
+
 def test_a_reset_repeats():
     sim = neuro.compile(rich(), "nest")
     sim.run(30.0)
