@@ -12,6 +12,7 @@ __version__ = VERSION
 if TYPE_CHECKING:
     from neuro import chips, coding, compare, events
     from neuro.core.errors import ModelError
+    from neuro.core.registry import register
     from neuro.model.distributions import lognormal, normal, uniform
     from neuro.model.language import load
     from neuro.model.network import Network
@@ -49,6 +50,7 @@ _HOMES = {
     "neuro.compare": (),
     "neuro.events": (),
     "neuro.core.errors": ("ModelError",),
+    "neuro.core.registry": ("register",),
     "neuro.model.distributions": ("lognormal", "normal", "uniform"),
     "neuro.model.language": ("load",),
     "neuro.model.network": ("Network",),
@@ -119,6 +121,7 @@ __all__ = [
     "parrot_neuron",
     "poisson_generator",
     "r_stdp",
+    "register",
     "reward",
     "spike_generator",
     "spinnaker_lif",
@@ -129,5 +132,13 @@ __all__ = [
     "winner_take_all",
 ]
 
+
+def _registered(name: str) -> object:
+    """A model, synapse, rule or distribution of a stranger."""
+    from neuro.model.language.choices import TABLES
+
+    return next((table[name] for table in TABLES.values() if name in table), None)
+
+
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazily(__name__, _HOMES)
+    __getattr__, __dir__ = lazily(__name__, _HOMES, _registered)

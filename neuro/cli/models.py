@@ -35,15 +35,15 @@ def models(name: Annotated[str, typer.Argument(metavar="[NAME]", help="Only this
 def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
     """Everything that can be named in a network, by section."""
     from neuro.model.distributions import DISTRIBUTIONS
-    from neuro.model.neurons import GENERATORS, NATIVE, NEURONS
+    from neuro.model.neurons import MODELS, Generator
     from neuro.model.parts import dropout, labels, reward, winner_take_all
     from neuro.model.rules import RULES
     from neuro.model.synapses import SYNAPSES
 
     return {
-        "Generators": {model.__name__: model for model in GENERATORS},
-        "Neurons": {model.__name__: model for model in NEURONS},
-        "Neurons in a chip's registers": {model.__name__: model for model in NATIVE},
+        "Generators": {name: model for name, model in MODELS.items() if issubclass(model, Generator)},
+        "Neurons": {n: model for n, model in MODELS.items() if not (model.chip or issubclass(model, Generator))},
+        "Neurons in a chip's registers": {name: model for name, model in MODELS.items() if model.chip},
         "Synapses": SYNAPSES,
         "Connection rules": RULES,
         "Distributions": DISTRIBUTIONS,

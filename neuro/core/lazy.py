@@ -7,12 +7,15 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 
 
-def lazily(module: str, homes: Mapping[str, Sequence[str]]) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+def lazily(
+    module: str, homes: Mapping[str, Sequence[str]], more: Callable[[str], object] = lambda name: None
+) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     """A `__getattr__` and a `__dir__` for a public module.
 
     Args:
         module: its name.
         homes: the names by the modules that define them; a module without names is public itself, by its last word.
+        more: finds what is known only while running, None where there is no such name.
     """
     home = {name: where for where, names in homes.items() for name in names}
     modules = {where.rpartition(".")[2]: where for where, names in homes.items() if not names}
@@ -21,6 +24,8 @@ def lazily(module: str, homes: Mapping[str, Sequence[str]]) -> tuple[Callable[[s
         if name in modules:
             return import_module(modules[name])
         if name not in home:
+            if not name.startswith("_") and (found := more(name)) is not None:
+                return found
             raise AttributeError(f"module '{module}' has no attribute '{name}'")
         value = getattr(import_module(home[name]), name)
         setattr(sys.modules[module], name, value)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
+from neuro.core.registry import Registry
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,4 +95,10 @@ class lognormal(_Clipped):
         return rng.lognormal(self.mean, self.std, n)
 
 
-DISTRIBUTIONS: dict[str, type[Distribution]] = {d.__name__: d for d in (uniform, normal, lognormal)}
+DISTRIBUTIONS: Registry[type[Distribution]] = Registry(
+    "distribution",
+    (uniform, normal, lognormal),
+    takes=lambda part: isinstance(part, type) and issubclass(part, Distribution),
+    group="neuro.distributions",
+)
+"""All distributions by name."""

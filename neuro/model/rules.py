@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
+from neuro.core.registry import Registry
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,6 +93,10 @@ class grid(Rule):
             )
 
 
-RULES: dict[str, type[Rule]] = {
-    r.__name__: r for r in (one_to_one, all_to_all, fixed_indegree, fixed_outdegree, pairwise_bernoulli, pairs, grid)
-}
+RULES: Registry[type[Rule]] = Registry(
+    "rule",
+    (one_to_one, all_to_all, fixed_indegree, fixed_outdegree, pairwise_bernoulli, pairs, grid),
+    takes=lambda part: isinstance(part, type) and issubclass(part, Rule),
+    group="neuro.rules",
+)
+"""All connection rules by name."""

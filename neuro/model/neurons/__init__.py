@@ -1,5 +1,6 @@
-"""Population models, one a file. A new one is a module and a line in `NEURONS`."""
+"""Population models, one a file, and the registry of all."""
 
+from neuro.core.registry import Registry
 from neuro.model.neurons.base import Generator, Model, Neuron, State, complete
 from neuro.model.neurons.generators import dc_generator, poisson_generator, spike_generator
 from neuro.model.neurons.iaf_psc_alpha import iaf_psc_alpha
@@ -11,17 +12,18 @@ from neuro.model.neurons.parrot_neuron import parrot_neuron
 from neuro.model.neurons.spinnaker_lif import spinnaker_lif
 
 GENERATORS: tuple[type[Generator], ...] = (poisson_generator, spike_generator, dc_generator)
-NEURONS: tuple[type[Neuron], ...] = (
-    parrot_neuron,
-    iaf_psc_delta,
-    iaf_psc_exp,
-    iaf_psc_alpha,
-    izhikevich,
-)
+NEURONS: tuple[type[Neuron], ...] = (parrot_neuron, iaf_psc_delta, iaf_psc_exp, iaf_psc_alpha, izhikevich)
 NATIVE: tuple[type[Neuron], ...] = (loihi_lif, spinnaker_lif)
 """Neurons in the registers of a chip; they have no float arithmetic."""
 
-MODELS: dict[str, type[Model]] = {model.__name__: model for model in (*GENERATORS, *map(complete, NEURONS), *NATIVE)}
+MODELS: Registry[type[Model]] = Registry(
+    "model",
+    (*GENERATORS, *NEURONS, *NATIVE),
+    takes=lambda part: isinstance(part, type) and issubclass(part, Model),
+    group="neuro.models",
+    complete=lambda model: complete(model) if issubclass(model, Neuron) and not model.chip else model,
+)
+"""All models of populations by name."""
 
 __all__ = [
     "GENERATORS",

@@ -13,15 +13,15 @@ bound the neurons of one call, which share one vector of constants `c`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from types import ModuleType
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from neuro.core.choice import Choice
 from neuro.core.quantities import Value, quantity
+from neuro.model.arithmetic import OfModule, check_functions, fill
 
 LARGEST = 20
 """Most numeric parameters of a neuron model, `tau_minus` among them, and most constants."""
@@ -72,14 +72,14 @@ class Neuron(Model):
         receptors: 1, all input is summed; 2, positive weights go to the first and negative to the second.
         relay: whether a spike carries the multiplicity that arrived, whatever the weight.
         linear: whether n quiet steps equal one step with the constants of n h.
-        arithmetic: the module with `constants`, `step`, `fire` and `quiet`, see above. The first
+        arithmetic: the module with `constants`, `step`, `fire` and `quiet`, see above: that of the class. The first
             constant is the threshold and the first state V_m, where the model has them.
     """
 
     receptors: ClassVar[int] = 1
     relay: ClassVar[bool] = False
     linear: ClassVar[bool] = False
-    arithmetic: ClassVar[ModuleType]
+    arithmetic: ClassVar[OfModule] = OfModule(("step", "fire", "quiet"))
 
     tau_minus: Value = quantity(
         20.0,
@@ -95,7 +95,6 @@ class Neuron(Model):
         return {}
 
 
-Function = Callable[..., Any]
 N = TypeVar("N", bound=type[Neuron])
 
 
@@ -124,29 +123,3 @@ def complete(model: N) -> N:
         if "V_m" in names and "V_th" in kinds and c[0] != defaults["V_th"]:
             raise TypeError(f"{told}: its first constant is {c[0]:g}: expected V_th = {defaults['V_th']:g}")
     return model
-
-
-def check_functions(told: str, model: type[Any], functions: Mapping[str, int]) -> None:
-    """Refuse a model whose arithmetic lacks a function, or has one with other arguments."""
-    arithmetic = getattr(model, "arithmetic", None)
-    if arithmetic is None:
-        raise TypeError(
-            f"{told} has no arithmetic: write '{model.__name__}.arithmetic = sys.modules[__name__]' below it"
-        )
-    for name, count in functions.items():
-        code = getattr(getattr(arithmetic, name, None), "__code__", None)
-        if code is None:
-            raise TypeError(f"{told}: '{arithmetic.__name__}' has no function '{name}'")
-        if code.co_argcount != count:
-            raise TypeError(f"{told}: '{name}' takes {code.co_argcount} arguments: expected {count}")
-
-
-def fill(told: str, model: type[Any], p: Any, c: Any) -> None:
-    """Compute the constants of a model for a step of 0.1 ms."""
-    try:
-        model.arithmetic.constants(p, 0.1, c)
-    except (IndexError, ValueError) as error:
-        raise TypeError(
-            f"{told}: 'constants' fails for its defaults ({error}): "
-            f"expected at most {len(c)} constants from {len(p)} parameters"
-        ) from None

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -54,8 +53,6 @@ class iaf_psc_alpha(Neuron):
         """V_m starts at E_L."""
         return {"V_m": parameters["E_L"]}
 
-
-iaf_psc_alpha.arithmetic = sys.modules[__name__]
 
 V_M, I_EX, I_IN, D_EX, D_IN, REFRACTORY = range(6)
 V_TH, V_RESET, E_L, V_MIN, P33, P30, I_E, R, GAIN, H = range(10)

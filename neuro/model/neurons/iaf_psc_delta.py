@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -45,8 +44,6 @@ class iaf_psc_delta(Neuron):
         """V_m starts at E_L."""
         return {"V_m": parameters["E_L"]}
 
-
-iaf_psc_delta.arithmetic = sys.modules[__name__]
 
 V_M, REFRACTORY, HELD = range(3)
 V_TH, V_RESET, E_L, V_MIN, P33, P30, I_E, R, GAIN, KEEP = range(10)

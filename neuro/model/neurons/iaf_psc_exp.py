@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -50,8 +49,6 @@ class iaf_psc_exp(Neuron):
         """V_m starts at E_L."""
         return {"V_m": parameters["E_L"]}
 
-
-iaf_psc_exp.arithmetic = sys.modules[__name__]
 
 V_M, I_EX, I_IN, REFRACTORY = range(4)
 V_TH, V_RESET, E_L, P33, P30, I_E, R, GAIN, P32_EX, P32_IN, P11_EX, P11_IN, CHARGE_EX, CHARGE_IN = range(14)

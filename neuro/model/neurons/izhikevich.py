@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -43,8 +42,6 @@ class izhikevich(Neuron):
         """V_m = -65 mV and U_m = b V_m, as in the paper."""
         return {"V_m": -65.0, "U_m": -65.0 * parameters["b"]}
 
-
-izhikevich.arithmetic = sys.modules[__name__]
 
 V_M, U_M = range(2)
 V_TH, A, B, C, D, I_E, V_MIN, H = range(8)

@@ -3,7 +3,6 @@
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,9 +16,6 @@ class parrot_neuron(Neuron):
     equation: ClassVar[str] = "emits at t what arrives at t"
     source: ClassVar[str] = "NEST 3.10 parrot_neuron"
     relay: ClassVar[bool] = True
-
-
-parrot_neuron.arithmetic = sys.modules[__name__]
 
 
 def constants(p, h, c):

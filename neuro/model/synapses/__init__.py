@@ -1,8 +1,9 @@
-"""Synapse models, one a file. A new one is a module and a name in the list below."""
+"""Synapse models, one a file, and the registry of all."""
 
 import numpy as np
 
-from neuro.model.neurons.base import check_functions, fill
+from neuro.core.registry import Registry
+from neuro.model.arithmetic import check_functions, fill
 from neuro.model.synapses.base import FUNCTIONS, Synapse
 from neuro.model.synapses.loihi_learning import loihi_learning
 from neuro.model.synapses.loihi_static import loihi_static
@@ -10,8 +11,6 @@ from neuro.model.synapses.r_stdp import r_stdp
 from neuro.model.synapses.static import static
 from neuro.model.synapses.stdp import stdp
 from neuro.model.synapses.stdp_dopa import stdp_dopa
-
-_LISTED: tuple[type[Synapse], ...] = (static, stdp, stdp_dopa, r_stdp, loihi_static, loihi_learning)
 
 
 def complete(model: type[Synapse]) -> type[Synapse]:
@@ -41,6 +40,13 @@ def complete(model: type[Synapse]) -> type[Synapse]:
     return model
 
 
-SYNAPSES: dict[str, type[Synapse]] = {model.__name__: complete(model) for model in _LISTED}
+SYNAPSES: Registry[type[Synapse]] = Registry(
+    "synapse",
+    (static, stdp, stdp_dopa, r_stdp, loihi_static, loihi_learning),
+    takes=lambda part: isinstance(part, type) and issubclass(part, Synapse),
+    group="neuro.synapses",
+    complete=complete,
+)
+"""All synapse models by name."""
 
 __all__ = ["SYNAPSES", "Synapse", "loihi_learning", "loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"]

@@ -20,13 +20,13 @@ A rule for trials has `constants` and
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import ModuleType
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
+from neuro.model.arithmetic import OfModule
 from neuro.model.neurons.base import State
 
 FUNCTIONS = {"constants": 3, "on_post": 4, "on_pre": 4}
@@ -43,7 +43,7 @@ class Synapse(Choice):
         modulated: whether a dopamine concentration acts on it.
         states: the states of a synapse beside its weight.
         width: how many constants `constants` fills; tables of decays may be among them.
-        arithmetic: the module with the functions above.
+        arithmetic: the module with the functions above: that of the class.
     """
 
     kind: ClassVar[str] = "synapse"
@@ -54,7 +54,7 @@ class Synapse(Choice):
     modulated: ClassVar[bool] = False
     states: ClassVar[tuple[State, ...]] = ()
     width: ClassVar[int] = 20
-    arithmetic: ClassVar[ModuleType]
+    arithmetic: ClassVar[OfModule] = OfModule(("on_post", "on_pre", "advance", "reward", "encourage"))
 
     @classmethod
     def numbers(cls) -> tuple[str, ...]:

@@ -3,7 +3,6 @@
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -43,8 +42,6 @@ class r_stdp(Synapse):
         if not self.Wmin < self.Wmax:
             raise ModelError(f"r_stdp.Wmin = {self.Wmin:g}: expected less than Wmax = {self.Wmax:g}", path=("Wmin",))
 
-
-r_stdp.arithmetic = sys.modules[__name__]
 
 AR_PLUS, AR_MINUS, AP_PLUS, AP_MINUS, EPSILON, RESCUE, W_MIN, W_MAX = range(8)
 

@@ -3,7 +3,6 @@
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -32,8 +31,6 @@ class stdp(Synapse):
     mu_minus: float = quantity(1.0, "", "weight dependence of depression", at_least=0)
     Wmax: float = quantity(100.0, "", "largest weight, in the unit of the weight", above=0)
 
-
-stdp.arithmetic = sys.modules[__name__]
 
 TAU_PLUS, LAMBDA, ALPHA, MU_PLUS, MU_MINUS, W_MAX = range(6)
 

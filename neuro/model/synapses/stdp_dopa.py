@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -65,8 +64,6 @@ class stdp_dopa(Synapse):
                 path=("dopamine",),
             )
 
-
-stdp_dopa.arithmetic = sys.modules[__name__]
 
 TAU_PLUS, A_PLUS, A_MINUS, TAU_C, TAU_N, B, W_MIN, W_MAX, H, TAU = range(10)
 DECAYS = 10

@@ -1,0 +1,63 @@
+"""Where the arithmetic of a model stands: in the module of its class, as plain functions."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Collection, Mapping
+from types import ModuleType
+from typing import Any
+
+
+class OfModule:
+    """The class attribute `arithmetic`: the module of the nearest class whose module has one of some functions.
+
+    So a model and its functions are one file, and a subclass without functions has those of its base.
+
+    Args:
+        functions: names by which a module is known.
+    """
+
+    def __init__(self, functions: Collection[str]) -> None:
+        self._functions = functions
+
+    def __get__(self, model: object, kind: type[Any]) -> ModuleType:
+        for each in kind.__mro__:
+            module = sys.modules.get(each.__module__)
+            if module is not None and any(hasattr(module, name) for name in self._functions):
+                return module
+        return sys.modules[kind.__module__]
+
+
+def check_functions(told: str, model: type[Any], functions: Mapping[str, int]) -> None:
+    """Refuse a model whose arithmetic lacks a function, or has one with other arguments.
+
+    Args:
+        told: what messages call the model.
+        model: the class.
+        functions: how many arguments each takes.
+
+    Raises:
+        TypeError: it says which.
+    """
+    arithmetic = model.arithmetic
+    for name, count in functions.items():
+        code = getattr(getattr(arithmetic, name, None), "__code__", None)
+        if code is None:
+            raise TypeError(f"{told}: '{arithmetic.__name__}' has no function '{name}'")
+        if code.co_argcount != count:
+            raise TypeError(f"{told}: '{name}' takes {code.co_argcount} arguments: expected {count}")
+
+
+def fill(told: str, model: type[Any], p: Any, c: Any) -> None:
+    """Compute the constants of a model for a step of 0.1 ms.
+
+    Raises:
+        TypeError: it has more of them than `c` holds.
+    """
+    try:
+        model.arithmetic.constants(p, 0.1, c)
+    except (IndexError, ValueError) as error:
+        raise TypeError(
+            f"{told}: 'constants' fails for its defaults ({error}): "
+            f"expected at most {len(c)} constants from {len(p)} parameters"
+        ) from None
