@@ -88,7 +88,7 @@ def _populations(a: Arrays) -> None:
     pops = np.full((len(a.program.populations), t.POPULATION_COLUMNS), t.NONE, dtype=np.int64)
     for k, (p, place) in enumerate(zip(a.program.populations, a.places, strict=True)):
         row = pops[k]
-        row[t.KIND] = layout.kind(p)
+        row[t.KIND], row[t.NUMBER] = layout.kind(p), k
         row[t.BEGIN], row[t.END] = place.begin, place.end
         row[t.FIRST_BLOCK], row[t.LAST_BLOCK] = place.begin // t.BLOCK, -(-place.end // t.BLOCK)
         row[t.RECORD] = int(p.records)
@@ -96,7 +96,7 @@ def _populations(a: Arrays) -> None:
         row[t.RECEPTORS], row[t.RELAY], row[t.LINEAR] = 1, 0, 0
         if isinstance(p.model, Neuron):
             model = type(p.model)
-            row[t.MODEL] = layout.model_number(p)
+            row[t.MODEL], row[t.ENTRY] = layout.called(model)
             row[t.RECEPTORS], row[t.RELAY], row[t.LINEAR] = model.receptors, int(model.relay), int(model.linear)
     for k, group in enumerate(a.program.groups):
         pops[group.population, t.GROUP] = k

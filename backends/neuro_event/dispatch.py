@@ -9,12 +9,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from neuro.kernels.jit import compiled, inner, merged
-from neuro_event.models import MODULATED_RULES, NEURONS, RULES
-
-_STEP = "s, c, x, i_0, lo, hi, fired"
+from neuro_event.models import MODULATED_RULES, RULES
 
 
-def _chosen(function: str, arguments: str, models: Sequence[Any], compile_: Any = inner) -> Any:
+def chosen(function: str, arguments: str, models: Sequence[Any], compile_: Any = inner) -> Any:
     """A compiled function (number, arguments) that calls the function of that name of the numbered model."""
     scope: dict[str, Any] = {}
     lines = [f"def {function}(number, {arguments}):"]
@@ -26,11 +24,6 @@ def _chosen(function: str, arguments: str, models: Sequence[Any], compile_: Any 
     return compile_(scope[function])
 
 
-constants = _chosen("constants", "p, h, c", NEURONS)
-step = _chosen("step", _STEP, NEURONS)
-fire = _chosen("fire", "s, c, i", NEURONS)
-quiet = _chosen("quiet", "s, c, i_0, lo, hi", NEURONS)
-
-on_post = _chosen("on_post", "y, e, c, k_plus", RULES, merged)
-on_pre = _chosen("on_pre", "y, e, c, k_minus", RULES, merged)
-advance = _chosen("advance", "y, e, c, begin, end, n, grid", MODULATED_RULES)
+on_post = chosen("on_post", "y, e, c, k_plus", RULES, merged)
+on_pre = chosen("on_pre", "y, e, c, k_minus", RULES, merged)
+advance = chosen("advance", "y, e, c, begin, end, n, grid", MODULATED_RULES)

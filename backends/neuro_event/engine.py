@@ -406,6 +406,7 @@ class EventEngine:
         """Everything that `restore` needs to continue bit for bit."""
         self._record.drain(self._a.net)
         net = {f"net.{k}": v.copy() for k, v in self._a.net.items() if k not in _FIXED}
+        net["net.pops"] = self._a.net["pops"][:, : t.NUMBER].copy()  # what follows are addresses of this process
         plastic = {f"plastic.{k}": v.copy() for k, v in self._a.plastic.items() if k not in _VIEWS}
         own = {"engine.step": np.array(self._step), "engine.trial_updates": self._trial_updates.copy()}
         own["engine.edges"] = self._a.net["edges"].copy()
@@ -438,7 +439,9 @@ class EventEngine:
         self._start_over(None)
         for name, value in arrays.items():
             part, _, rest = name.partition(".")
-            if part == "net":
+            if name == "net.pops":
+                self._a.net["pops"][:, : t.NUMBER] = value
+            elif part == "net":
                 self._a.net[rest] = value.copy()
             elif part == "plastic":
                 self._a.plastic[rest] = value.copy()

@@ -5,8 +5,7 @@ import math
 
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.jit import inner
-from neuro_event import dispatch
-from neuro_event.neurons import emit, wake
+from neuro_event.neurons import emit, spike, wake
 from neuro_event.tables import (
     BEGIN,
     CONSTANT,
@@ -18,7 +17,6 @@ from neuro_event.tables import (
     GROUP,
     IN_TRIAL,
     LAST_BLOCK,
-    MODEL,
     WINNER,
 )
 from neuro_event.views import net_of
@@ -71,13 +69,12 @@ def settle(view, thread, pop, row, n, step, at, done, h):
         net.groups[group, DECIDED] = step
     for k in range(n):
         i = net.found[thread, k]
-        own = net.constants[row[CONSTANT] + (i - row[BEGIN]) * row[CONSTANT_STRIDE]]
         if i == winner:
-            dispatch.fire(row[MODEL], net.state, own, i)
+            spike(view, row, i)
             at = emit(view, thread, pop, row, i, 1, step, done, h, at)
             net.active[thread, pop] += 1 - net.found_arrived[thread, k]
         elif net.groups[group, FIRST_TO_FIRE] == 0:
-            dispatch.fire(row[MODEL], net.state, own, i)
+            spike(view, row, i)
     if net.groups[group, FIRST_TO_FIRE] == 1:
         net.closed[group] = 1
     return at

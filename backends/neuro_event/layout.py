@@ -12,6 +12,7 @@ from neuro.model.neurons import Neuron, dc_generator, poisson_generator, spike_g
 from neuro.program.program import Floats, Ints, Population, Program, Projection
 from neuro_event import tables as t
 from neuro_event.models import NEURONS
+from neuro_event.operations import entry
 
 WORD = t.BLOCK * t.GROUPED
 """Neurons of a group of blocks; populations begin at multiples of it."""
@@ -185,10 +186,9 @@ def _count(p: Projection, program: Program) -> int:
     return p.size
 
 
-def model_number(population: Population) -> int:
-    """The number of a neuron model in the dispatch."""
-    assert isinstance(population.model, Neuron)
-    return NEURONS.index(type(population.model))
+def called(model: type[Neuron]) -> tuple[int, int]:
+    """The number of a neuron model in the loop and 0, or 0 and the address of a stranger's, which is compiled now."""
+    return (NEURONS.index(model), 0) if model in NEURONS else (0, entry(model))
 
 
 def aligned(rows: int, columns: int) -> Ints:

@@ -1,29 +1,30 @@
-"""The models that the compiled loop knows, in the order of their numbers: those listed when this is first imported."""
+"""The models that are compiled into the loop, in the order of their numbers; those of strangers have entries."""
 
 from __future__ import annotations
 
-from neuro.model.neurons import NEURONS as LISTED
+from neuro.model.neurons import NEURONS as OWN
 from neuro.model.neurons import Neuron
-from neuro.model.synapses import SYNAPSES, Synapse, r_stdp
+from neuro.model.synapses import Synapse, r_stdp, stdp, stdp_dopa
 from neuro.program.backend import Problem
-from neuro.program.program import Population, Program, Projection
+from neuro.program.program import Program
 
-NEURONS: tuple[type[Neuron], ...] = tuple(LISTED)
-RULES: tuple[type[Synapse], ...] = tuple(s for s in SYNAPSES.values() if s.learns == "pairs")
+NEURONS: tuple[type[Neuron], ...] = OWN
+RULES: tuple[type[Synapse], ...] = (stdp, stdp_dopa)
 MODULATED_RULES = tuple(rule for rule in RULES if rule.modulated)
 
 
 def unknown(program: Program) -> list[Problem]:
     """A problem for each part whose model has no number: its code is not in the loop."""
-    cells = [p for p in program.populations if isinstance(p.model, Neuron) and not p.model.chip]
-    wires = [p for p in program.projections if not p.synapse.chip]
     return [
-        *(
-            _problem(f"population '{p.name}': {p.model.name}", "neurons", p)
-            for p in cells
-            if type(p.model) not in NEURONS
-        ),
-        *(_problem(f"projection '{p.name}': {p.synapse.name}", "synapses", p) for p in wires if not _runs(p.synapse)),
+        Problem(
+            True,
+            f"projection '{p.name}': {p.synapse.name}",
+            "its code is not in the compiled loop",
+            "run it on backend 'reference'",
+            p.origin,
+        )
+        for p in program.projections
+        if not p.synapse.chip and not _runs(p.synapse)
     ]
 
 
@@ -31,8 +32,3 @@ def _runs(synapse: Synapse) -> bool:
     if synapse.learns == "trials":
         return synapse.arithmetic is r_stdp.arithmetic
     return not synapse.learns or type(synapse) in RULES
-
-
-def _problem(what: str, package: str, part: Population | Projection) -> Problem:
-    way_out = f"enter it in {package.upper()} of neuro.{package} before"
-    return Problem(True, what, "it was not listed when this backend was first used", way_out, part.origin)

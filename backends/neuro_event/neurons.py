@@ -4,21 +4,20 @@
 import numpy as np
 
 from neuro.kernels.jit import inner
-from neuro_event import dispatch
+from neuro_event.models import NEURONS
+from neuro_event.operations import CATCH_UP, FIRE, QUIET, STEP, compiled_operations
 from neuro_event.plastic import post_spike
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
-    CONSTANT,
-    CONSTANT_STRIDE,
     END,
+    ENTRY,
     FIRST_BLOCK,
     GROUP,
     GROUPED,
     HISTORY,
     LAST_BLOCK,
     LINEAR,
-    MODEL,
     RECEPTORS,
     RECORD,
     RELAY,
@@ -28,13 +27,14 @@ from neuro_event.tables import (
     RINGS,
     RINGS_END,
 )
-from neuro_event.views import net_of
+from neuro_event.views import call_entry, net_of
 
 IDLE = 16
 """Steps without input after which a block may sleep; it is looked at every so many steps."""
 
 _SIGN = np.int64(-(2**63))
-_ONE = np.uint64(1)
+
+catch_up, step_run, is_quiet, fire_one = compiled_operations(NEURONS)
 
 
 @inner
@@ -64,30 +64,29 @@ def wake(view, thread, row, block, last, h):
     n = last - net.slept[block]
     if n > 0 and row[LINEAR] == 1:
         lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
-        c = net.scratch[thread]
-        if row[CONSTANT_STRIDE] == 0:
-            dispatch.constants(row[MODEL], net.parameters[row[CONSTANT]], n * h, c)
-            dispatch.step(row[MODEL], net.state, c, net.calm, net.current, np.uint64(lo), np.uint64(hi), net.fired)
+        if row[ENTRY] == 0:
+            catch_up(view, thread, row, lo, hi, n * h)
         else:
-            for i in range(lo, hi):
-                dispatch.constants(row[MODEL], net.parameters[row[CONSTANT] + i - row[BEGIN]], n * h, c)
-                u = np.uint64(i)
-                dispatch.step(row[MODEL], net.state, c, net.calm, net.current, u, u + _ONE, net.fired)
+            call_entry(view, row, CATCH_UP, lo, hi, thread, n * h)
     net.awake[block] = 1
     net.busy[block] = last
 
 
 @inner
-def is_quiet(view, row, lo, hi):
+def calm(view, row, lo, hi):
     """Whether no neuron of a block can fire before its next input."""
-    net = net_of(view)
-    if row[CONSTANT_STRIDE] == 0:
-        return dispatch.quiet(row[MODEL], net.state, net.constants[row[CONSTANT]], net.current, lo, hi)
-    for i in range(lo, hi):
-        c = net.constants[row[CONSTANT] + i - row[BEGIN]]
-        if not dispatch.quiet(row[MODEL], net.state, c, net.current, i, i + 1):
-            return False
-    return True
+    if row[ENTRY] == 0:
+        return is_quiet(view, row, lo, hi)
+    return call_entry(view, row, QUIET, lo, hi, 0, 0.0) == 1
+
+
+@inner
+def spike(view, row, i):
+    """What a spike does to its neuron."""
+    if row[ENTRY] == 0:
+        fire_one(view, row, i)
+    else:
+        call_entry(view, row, FIRE, i, i + 1, 0, 0.0)
 
 
 @inner
@@ -161,22 +160,17 @@ def step_word_of_blocks(view, thread, row, begin, end, slot, step, h, n_all):
                     add_ring(view, net.projections[net.incoming[k]], lo, hi, row, step, n_all)
             continue
         if run < block:
-            step_run(view, row, run * BLOCK, min(block * BLOCK, row[END]))
+            step_neighbours(view, row, run * BLOCK, min(block * BLOCK, row[END]))
         run = block + 1
 
 
 @inner
-def step_run(view, row, lo, hi):
+def step_neighbours(view, row, lo, hi):
     """Step neighbouring neurons."""
-    net = net_of(view)
-    if row[CONSTANT_STRIDE] == 0:
-        c = net.constants[row[CONSTANT]]
-        dispatch.step(row[MODEL], net.state, c, net.x, net.current, np.uint64(lo), np.uint64(hi), net.fired)
-        return
-    for i in range(lo, hi):
-        c = net.constants[row[CONSTANT] + i - row[BEGIN]]
-        u = np.uint64(i)
-        dispatch.step(row[MODEL], net.state, c, net.x, net.current, u, u + _ONE, net.fired)
+    if row[ENTRY] == 0:
+        step_run(view, row, lo, hi)
+    else:
+        call_entry(view, row, STEP, lo, hi, 0, 0.0)
 
 
 @inner
@@ -205,9 +199,8 @@ def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks
                 while i < hi:
                     came = net.bits[0, i] != _SIGN or (two and net.bits[1, i] != _SIGN)
                     if row[GROUP] < 0:
-                        own = net.constants[row[CONSTANT] + (i - row[BEGIN]) * row[CONSTANT_STRIDE]]
                         m = np.int64(net.x[0, i]) if row[RELAY] == 1 else 1
-                        dispatch.fire(row[MODEL], net.state, own, i)
+                        spike(view, row, i)
                         at = emit(view, thread, pop, row, i, m, step, done, h, at)
                         active += not came
                     elif net.muted[i] == 0 and net.closed[row[GROUP]] == 0:
@@ -223,7 +216,7 @@ def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks
             net.active[thread, pop] += active
             if active:
                 net.busy[block] = step
-            elif step % IDLE == 0 and step - net.busy[block] >= IDLE and is_quiet(view, row, lo, hi):
+            elif step % IDLE == 0 and step - net.busy[block] >= IDLE and calm(view, row, lo, hi):
                 net.awake[block] = 0
                 net.slept[block] = step
     return n_found, at

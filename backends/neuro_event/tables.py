@@ -37,8 +37,10 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     TABLE,
     START,
     STOP,
+    NUMBER,
+    ENTRY,
     POPULATION_COLUMNS,
-) = range(24)
+) = range(26)
 
 # projections
 (

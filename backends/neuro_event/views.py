@@ -20,6 +20,10 @@ from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, mod
 from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
+from neuro.kernels.address import caller
+from neuro.kernels.jit import inner
+from neuro_event.tables import ENTRY, NUMBER
+
 NET = """
 pops i8 2          columns of `tables`, a row per population
 projections i8 2   likewise, a row per projection
@@ -192,11 +196,35 @@ def _viewer(name, text, first):
     @intrinsic
     def viewer(typingctx, table):
         def codegen(context, builder, signature, arguments):
+            if isinstance(signature.args[0], types.Integer):
+                return builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
             return context.make_array(signature.args[0])(context, builder, arguments[0]).data
 
         return views(table), codegen
 
     return viewer
+
+
+@intrinsic
+def address(typingctx, table):
+    """The address of a table, which an entry takes in place of the table."""
+
+    def codegen(context, builder, signature, arguments):
+        if isinstance(signature.args[0], types.Integer):
+            return arguments[0]
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        return builder.ptrtoint(data, ir.IntType(64))
+
+    return types.int64(table), codegen
+
+
+_call = caller(types.int64, *(types.int64,) * 6, types.float64)
+
+
+@inner
+def call_entry(view, row, operation, lo, hi, thread, interval):
+    """Let the entry of a population's model do an operation, see `operations`."""
+    return _call(row[ENTRY], (address(view), row[NUMBER], operation, lo, hi, thread, interval))
 
 
 @intrinsic

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import NoReturn, TypeAlias
+from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
 
@@ -13,12 +13,13 @@ from neuro.compiler.values import plain
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, nearest, unknown
 from neuro.core.keyed_random import LARGEST_MEAN
+from neuro.core.registry import Registry
 from neuro.model.distributions import Distribution
 from neuro.model.network import Network
-from neuro.model.neurons import Model, Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.model.neurons import MODELS, Model, Neuron, dc_generator, poisson_generator, spike_generator
 from neuro.model.parts import Group, Population, Probe, Projection, Signal
 from neuro.model.rules import grid
-from neuro.model.synapses import stdp_dopa
+from neuro.model.synapses import SYNAPSES, stdp_dopa
 from neuro.program.program import Floats
 
 AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe
@@ -70,12 +71,21 @@ def telling(part: AnyPart) -> Iterator[None]:
 
 def _check_population(part: Population, shape: Shape) -> None:
     model = part.model
+    _check_whole(part, MODELS, type(model))
     if isinstance(model, spike_generator) and len(model.spike_times) not in (0, size(shape)):
         refuse(
             part,
             f"spike_generator.spike_times has {len(model.spike_times)} lists: "
             f"expected {size(shape)}, one for each neuron",
         )
+
+
+def _check_whole(part: AnyPart, registry: Registry[Any], model: type[Any]) -> None:
+    """The class of a stranger has all that backends rely on, registered or not."""
+    try:
+        registry.check(model)
+    except ModelError as error:
+        refuse(part, error.message, error.hint)
 
 
 def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -> None:
@@ -132,6 +142,7 @@ def _swap(part: Projection) -> str:
 
 def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) -> None:
     synapse = part.synapse
+    _check_whole(part, SYNAPSES, type(synapse))
     if isinstance(part.rule, grid) and synapse.learns == "pairs":
         refuse(
             part, f"{synapse.name} on a shared kernel: expected static or r_stdp", "all_to_all gives each pair a weight"

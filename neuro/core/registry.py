@@ -45,6 +45,7 @@ class Registry(Mapping[str, T], Generic[T]):
         self.kind, self.takes, self._group, self._name, self._complete = kind, takes, group, name, complete
         self._parts: dict[str, T] = {name(part): part for part in own}
         self._registered: dict[str, T] = {}
+        self._whole: set[T] = set(self._parts.values())
         self._closed_by = ""
         _REGISTRIES.append(self)
 
@@ -64,6 +65,15 @@ class Registry(Mapping[str, T], Generic[T]):
         if name in self._parts or name in self._registered or name in self._entries():
             raise ModelError(f"{self.kind} '{name}' is registered twice", where=here(), hint="give it another name")
         self._registered[name] = part
+
+    def check(self, part: T) -> None:
+        """Refuse a part, registered or not, that lacks what is relied on.
+
+        Raises:
+            ModelError: it says what.
+        """
+        if part not in self._whole:
+            self._completed(part)
 
     def close(self, reason: str) -> None:
         """Take no more parts from now on, since `reason`."""
@@ -109,6 +119,7 @@ class Registry(Mapping[str, T], Generic[T]):
             complete: T = self._complete(part)
         except TypeError as error:
             raise ModelError(str(error)) from None
+        self._whole.add(part)
         return complete
 
 

@@ -1,0 +1,110 @@
+"""What a run of neighbouring neurons does, for any choice of the models' functions.
+
+The loop has the operations of all models of the package compiled in, chosen by number. A stranger's model has an entry
+of its own, which the loop calls by its address, once for a run of neurons: so a new model compiles nothing but itself.
+"""
+
+# mypy: ignore-errors
+from functools import cache
+
+import numpy as np
+from numba import types
+
+from neuro.kernels.address import address_of
+from neuro.kernels.jit import inner, kernel
+from neuro_event.dispatch import chosen
+from neuro_event.tables import BEGIN, CONSTANT, CONSTANT_STRIDE, MODEL
+from neuro_event.views import net_of
+
+_ONE = np.uint64(1)
+
+CATCH_UP, STEP, QUIET, FIRE = range(4)
+"""Operations of an entry."""
+
+
+def operations(constants, step, fire, quiet):
+    """The operations, compiled for functions that take a model's number first: see `neuro.model.neurons.base`."""
+
+    @inner
+    def catch_up(view, thread, row, lo, hi, interval):
+        """One step of `interval` ms without input, for neurons that slept so long."""
+        net = net_of(view)
+        c = net.scratch[thread]
+        if row[CONSTANT_STRIDE] == 0:
+            constants(row[MODEL], net.parameters[row[CONSTANT]], interval, c)
+            step(row[MODEL], net.state, c, net.calm, net.current, np.uint64(lo), np.uint64(hi), net.fired)
+        else:
+            for i in range(lo, hi):
+                constants(row[MODEL], net.parameters[row[CONSTANT] + i - row[BEGIN]], interval, c)
+                u = np.uint64(i)
+                step(row[MODEL], net.state, c, net.calm, net.current, u, u + _ONE, net.fired)
+
+    @inner
+    def step_run(view, row, lo, hi):
+        """Step neurons with their input."""
+        net = net_of(view)
+        if row[CONSTANT_STRIDE] == 0:
+            c = net.constants[row[CONSTANT]]
+            step(row[MODEL], net.state, c, net.x, net.current, np.uint64(lo), np.uint64(hi), net.fired)
+            return
+        for i in range(lo, hi):
+            c = net.constants[row[CONSTANT] + i - row[BEGIN]]
+            u = np.uint64(i)
+            step(row[MODEL], net.state, c, net.x, net.current, u, u + _ONE, net.fired)
+
+    @inner
+    def is_quiet(view, row, lo, hi):
+        """Whether none of the neurons can fire before its next input."""
+        net = net_of(view)
+        if row[CONSTANT_STRIDE] == 0:
+            return quiet(row[MODEL], net.state, net.constants[row[CONSTANT]], net.current, lo, hi)
+        for i in range(lo, hi):
+            c = net.constants[row[CONSTANT] + i - row[BEGIN]]
+            if not quiet(row[MODEL], net.state, c, net.current, i, i + 1):
+                return False
+        return True
+
+    @inner
+    def fire_one(view, row, i):
+        """What a spike does to its neuron."""
+        net = net_of(view)
+        c = net.constants[row[CONSTANT] + (i - row[BEGIN]) * row[CONSTANT_STRIDE]]
+        fire(row[MODEL], net.state, c, i)
+
+    return catch_up, step_run, is_quiet, fire_one
+
+
+def compiled_operations(models):
+    """The operations of some models, chosen by their places in the list."""
+    return operations(
+        chosen("constants", "p, h, c", models),
+        chosen("step", "s, c, x, i_0, lo, hi, fired", models),
+        chosen("fire", "s, c, i", models),
+        chosen("quiet", "s, c, i_0, lo, hi", models),
+    )
+
+
+@cache
+def entry(model):
+    """The address of all operations of one model, compiled by themselves.
+
+    Its arguments are those of `neuro_event.views.call`.
+    """
+    catch_up, step_run, is_quiet, fire_one = compiled_operations([model])
+
+    @kernel
+    def run(view, pop, operation, lo, hi, thread, interval):
+        net = net_of(view)
+        row = net.pops[pop]
+        if operation == STEP:
+            net.fired[lo:hi] = 0  # ours write it for each neuron; to set it where it is reached is enough
+            step_run(view, row, lo, hi)
+        elif operation == CATCH_UP:
+            catch_up(view, thread, row, lo, hi, interval)
+        elif operation == FIRE:
+            fire_one(view, row, lo)
+        elif is_quiet(view, row, lo, hi):
+            return 1
+        return 0
+
+    return address_of(run, types.int64(*(types.int64,) * 6, types.float64))
