@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from neuro.core import keyed_random
-from neuro.model.neurons import Neuron
+from neuro.model.neurons import Generator, Neuron
 from neuro.program.program import Floats, Program
 from neuro_event import layout
 from neuro_event import tables as t
@@ -53,7 +53,7 @@ def _longest_delay(program: Program) -> int:
 def _neurons(a: Arrays, slots: int) -> None:
     n = layout.total(a.program)
     blocks = n // t.BLOCK
-    states = [len(type(p.model).states) for p in a.program.populations if isinstance(p.model, Neuron)]
+    states = [len(type(p.model).states) for p in a.program.populations if layout.computes(p)]
     a.net |= {
         "state": np.zeros((max([1, *states]), n)),
         "calm": np.full((2, n), -0.0),
@@ -74,13 +74,13 @@ def _neurons(a: Arrays, slots: int) -> None:
     }
     for population, place in zip(a.program.populations, a.places, strict=True):
         a.net["order"][place.begin : place.end] = place.outside
-        if isinstance(population.model, Neuron):
+        if population.kind == "neuron":
             tau = np.atleast_1d(population.parameters["tau_minus"])
             a.net["tau_minus"][place.begin : place.end] = place.taken(tau) if tau.size > 1 else tau[0]
             a.net["awake"][place.begin // t.BLOCK : -(-place.end // t.BLOCK)] = 1
-            for row, state in enumerate(type(population.model).states):
-                start = np.atleast_1d(population.initial.get(state.name, np.zeros(1)))
-                a.net["state"][row, place.begin : place.end] = place.taken(start) if start.size > 1 else start[0]
+        for row, state in enumerate(type(population.model).states):
+            start = np.atleast_1d(population.initial.get(state.name, np.zeros(1)))
+            a.net["state"][row, place.begin : place.end] = place.taken(start) if start.size > 1 else start[0]
     a.net["initial"] = a.net["state"].copy()
 
 
@@ -94,9 +94,10 @@ def _populations(a: Arrays) -> None:
         row[t.RECORD] = int(p.records)
         row[t.START], row[t.STOP] = p.start, p.stop
         row[t.RECEPTORS], row[t.RELAY], row[t.LINEAR] = 1, 0, 0
+        if layout.computes(p):
+            row[t.MODEL], row[t.ENTRY] = layout.called(type(p.model))
         if isinstance(p.model, Neuron):
-            model = type(p.model)
-            row[t.MODEL], row[t.ENTRY] = layout.called(model)
+            model = p.model
             row[t.RECEPTORS], row[t.RELAY], row[t.LINEAR] = model.receptors, int(model.relay), int(model.linear)
     for k, group in enumerate(a.program.groups):
         pops[group.population, t.GROUP] = k
@@ -110,7 +111,7 @@ def rebuild_constants(a: Arrays, changed: dict[int, Floats]) -> None:
     at = 0
     for k, (p, place) in enumerate(zip(a.program.populations, a.places, strict=True)):
         a.net["pops"][k, t.CONSTANT], a.net["pops"][k, t.CONSTANT_STRIDE] = 0, 0
-        if not isinstance(p.model, Neuron):
+        if not layout.computes(p):
             continue
         rows = changed[k] if k in changed else layout.parameter_rows(p, place)
         a.net["pops"][k, t.CONSTANT], a.net["pops"][k, t.CONSTANT_STRIDE] = at, int(rows.shape[0] > 1)
@@ -119,7 +120,7 @@ def rebuild_constants(a: Arrays, changed: dict[int, Floats]) -> None:
     a.net["parameters"] = np.concatenate(parameters) if parameters else np.zeros((1, PARAMETERS))
     a.net["constants"] = np.zeros((a.net["parameters"].shape[0], t.CONSTANTS))
     for k, p in enumerate(a.program.populations):
-        if isinstance(p.model, Neuron):
+        if isinstance(p.model, (Neuron, Generator)) and layout.computes(p):
             first = a.net["pops"][k, t.CONSTANT]
             n = (a.places[k].end - a.places[k].begin) if a.net["pops"][k, t.CONSTANT_STRIDE] else 1
             compute = type(p.model).arithmetic.constants

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
-from neuro.model.neurons import Neuron, poisson_generator
 from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program, Trials
@@ -214,7 +213,7 @@ class EventEngine:
     def get(self, population: int, name: str) -> Floats:
         """A state or parameter, shape (size,); sleeping neurons are brought up in a copy."""
         p, place = self._program.populations[population], self._a.places[population]
-        if isinstance(p.model, Neuron):
+        if layout.computes(p):
             states = [s.name for s in type(p.model).states]
             if name in states:
                 return place.told(
@@ -224,10 +223,10 @@ class EventEngine:
 
     def _parameter(self, population: int, name: str) -> Floats:
         p, place = self._program.populations[population], self._a.places[population]
-        if isinstance(p.model, poisson_generator) and name == "rate":
+        if p.kind == "poisson" and name == "rate":
             mean: Floats = self._a.net["mean"][place.begin : place.end]
             return mean / (self._program.resolution * 1e-3)
-        if isinstance(p.model, Neuron):
+        if layout.computes(p):
             rows = self._changed.get(population, layout.parameter_rows(p, place))
             column = rows[:, layout.numeric_words(type(p.model)).index(name)]
             return np.broadcast_to(place.told(column) if column.size > 1 else column, p.size).copy()
@@ -243,13 +242,14 @@ class EventEngine:
         p, place = self._program.populations[population], self._a.places[population]
         if name in p.parameters:
             self._told[population, name] = values.copy()
-        if isinstance(p.model, poisson_generator):
+        if p.kind == "poisson":
             sources.set_rate(self._a, population, values, self._step)
             return
-        if not isinstance(p.model, Neuron):
+        if not layout.computes(p):
             self._currents.set_amplitude(population, values, self._step)
             return
-        loop.wake_population(self._view, population, self._step, self._program.resolution)
+        if p.kind == "neuron":
+            loop.wake_population(self._view, population, self._step, self._program.resolution)
         inner = place.taken(values) if values.size > 1 else values
         states = [s.name for s in type(p.model).states]
         if name in states:

@@ -22,7 +22,7 @@ from neuro_event.tables import (
     TABLE,
     WEIGHT,
 )
-from neuro_event.views import net_of
+from neuro_event.views import call_entry, net_of
 
 
 @inner
@@ -70,6 +70,21 @@ def draw_poisson(view, thread, pop, row, step, at, done, h):
                     m = poisson_by_sum(base, i - row[BEGIN], net.mean[i], net.nothing[i])
                     at = emit(view, thread, pop, row, i, m, step, done, h, at)
                     i = next_fired(view, i + 1, hi)
+    return at
+
+
+@inner
+def let_emit(view, thread, pop, row, step, at, done, h):
+    """One step of a stranger's generator."""
+    net = net_of(view)
+    for block in range(max(row[FIRST_BLOCK], net.edges[thread]), min(row[LAST_BLOCK], net.edges[thread + 1])):
+        lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
+        call_entry(view, row, step, lo, hi, thread, h)
+        if any_fired(view, lo, hi):
+            i = next_fired(view, lo, hi)
+            while i < hi:
+                at = emit(view, thread, pop, row, i, np.int64(net.x[0, i]), step, done, h, at)
+                i = next_fired(view, i + 1, hi)
     return at
 
 

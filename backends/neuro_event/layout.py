@@ -8,14 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.model.neurons import Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Ints, Population, Program, Projection
 from neuro_event import tables as t
 from neuro_event.models import NEURONS
-from neuro_event.operations import entry
+from neuro_event.operations import entry, generator_entry
 
 WORD = t.BLOCK * t.GROUPED
 """Neurons of a group of blocks; populations begin at multiples of it."""
+
+
+_KINDS = {
+    "poisson": t.POISSON,
+    "listed": t.LISTED,
+    "current": t.CURRENT,
+    "neuron": t.NEURON,
+    "generator": t.GENERATOR,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +76,12 @@ def total(program: Program) -> int:
 
 def kind(population: Population) -> int:
     """Which branch of the loop a population takes."""
-    if isinstance(population.model, poisson_generator):
-        return t.POISSON
-    if isinstance(population.model, spike_generator):
-        return t.LISTED
-    return t.CURRENT if isinstance(population.model, dc_generator) else t.NEURON
+    return _KINDS[population.kind]
+
+
+def computes(population: Population) -> bool:
+    """Whether a population has constants and states: neurons, and generators of strangers."""
+    return population.kind in ("neuron", "generator")
 
 
 def numeric_words(model: type[Any]) -> list[str]:
@@ -186,9 +196,11 @@ def _count(p: Projection, program: Program) -> int:
     return p.size
 
 
-def called(model: type[Neuron]) -> tuple[int, int]:
-    """The number of a neuron model in the loop and 0, or 0 and the address of a stranger's, which is compiled now."""
-    return (NEURONS.index(model), 0) if model in NEURONS else (0, entry(model))
+def called(model: type[Any]) -> tuple[int, int]:
+    """The number of a model in the loop and 0, or 0 and the address of a stranger's, which is compiled now."""
+    if model in NEURONS:
+        return NEURONS.index(model), 0
+    return 0, entry(model) if issubclass(model, Neuron) else generator_entry(model)
 
 
 def aligned(rows: int, columns: int) -> Ints:

@@ -6,7 +6,7 @@
 # mypy: ignore-errors
 from neuro.kernels.jit import inner, kernel
 from neuro_event.deliver import log_delivery
-from neuro_event.generators import add_counts, draw_poisson, list_spikes
+from neuro_event.generators import add_counts, draw_poisson, let_emit, list_spikes
 from neuro_event.groups import settle, weigh_maps
 from neuro_event.neurons import step_neurons, wake
 from neuro_event.plastic import learn_step
@@ -20,6 +20,7 @@ from neuro_event.tables import (
     DONE_DOPAMINE,
     END,
     FIRST_BLOCK,
+    GENERATOR,
     HORIZON,
     IN_TRIAL,
     KIND,
@@ -85,6 +86,8 @@ def advance(view, thread, first, last, h):
                 at = draw_poisson(view, thread, pop, row, step, at, done, h)
             elif row[KIND] == LISTED:
                 at = list_spikes(view, thread, pop, row, step, at, done, h)
+            elif row[KIND] == GENERATOR:
+                at = let_emit(view, thread, pop, row, step, at, done, h)
         net.log_ends[thread, slot, net.pops.shape[0]] = at
         net.log_at[thread, 0] = at
 

@@ -11,7 +11,8 @@ import numpy as np
 from numba import types
 
 from neuro.kernels.address import address_of
-from neuro.kernels.jit import inner, kernel
+from neuro.kernels.draws import step_word, uniform
+from neuro.kernels.jit import compiled, inner, kernel
 from neuro_event.dispatch import chosen
 from neuro_event.tables import BEGIN, CONSTANT, CONSTANT_STRIDE, MODEL
 from neuro_event.views import net_of
@@ -105,6 +106,32 @@ def entry(model):
             fire_one(view, row, lo)
         elif is_quiet(view, row, lo, hi):
             return 1
+        return 0
+
+    return address_of(run, types.int64(*(types.int64,) * 6, types.float64))
+
+
+@cache
+def generator_entry(model):
+    """The address of what a stranger's generator emits in a step, which stands in place of the operation."""
+    emit = compiled(model.arithmetic.emit)
+
+    @kernel
+    def run(view, pop, step, lo, hi, thread, interval):
+        net = net_of(view)
+        row = net.pops[pop]
+        base = step_word(net.keys[pop], step)
+        out, u = net.x[0], net.x[1]
+        for i in range(lo, hi):
+            out[i] = 0.0
+            u[i] = uniform(base, i - row[BEGIN])
+        if row[CONSTANT_STRIDE] == 0:
+            emit(net.state, net.constants[row[CONSTANT]], u, step, lo, hi, out)
+        else:
+            for i in range(lo, hi):
+                emit(net.state, net.constants[row[CONSTANT] + i - row[BEGIN]], u, step, i, i + 1, out)
+        for i in range(lo, hi):
+            net.fired[i] = out[i] >= 1.0
         return 0
 
     return address_of(run, types.int64(*(types.int64,) * 6, types.float64))

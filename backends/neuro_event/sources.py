@@ -6,8 +6,7 @@ import numpy as np
 
 from neuro.core import keyed_random
 from neuro.kernels.draws import GUIDE_BITS
-from neuro.model.neurons import poisson_generator
-from neuro.program.program import Floats
+from neuro.program.program import Floats, drawn_for
 from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
@@ -20,13 +19,13 @@ def add_generators(a: Arrays) -> None:
     """Set the rates, and make room for those that keep counts."""
     pops = a.net["pops"]
     a.net["keys"] = np.array(
-        [keyed_random.key(a.program.seed, "poisson", p.name) for p in a.program.populations], dtype=np.uint64
+        [keyed_random.key(a.program.seed, drawn_for(p), p.name) for p in a.program.populations], dtype=np.uint64
     )
     a.net["guides"] = np.zeros((len(a.program.populations), GUIDE), dtype=np.uint16)
     a.net["cumulative"] = np.full((len(a.program.populations), TABLE_WIDTH), np.inf)
     size = 0
     for k, p in enumerate(a.program.populations):
-        if isinstance(p.model, poisson_generator):
+        if p.kind == "poisson":
             if _keeps_counts(a, k):
                 steps = layout.power_of_two(2 * a.longest_delay + 1)
                 pops[k, t.COUNTS], pops[k, t.COUNTS_STEPS] = size, steps

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from neuro.core.clock import NEVER, Clock
-from neuro.model.neurons import Generator, dc_generator
 from neuro.program.program import Floats, Population
 from neuro_nest.kernel import set_nodes, told
 from neuro_nest.ranks import Ranks
@@ -41,12 +40,12 @@ class Cells:
 
     def _first_words(self) -> dict[str, Floats]:
         """All that NEST must know before step 1."""
-        if isinstance(self.part.model, dc_generator):
+        if self.part.kind == "current":
             span = {"start": self._clock.ms(self.part.start)}
             if self.part.stop < NEVER:
                 span["stop"] = self._clock.ms(self.part.stop)
             return self.parameters | {word: np.array([value]) for word, value in span.items()}
-        if isinstance(self.part.model, Generator):
+        if self.part.kind != "neuron":
             return {}
         shown = [state.name for state in self.part.model.states if state.name in ("V_m", "U_m")]
         return self.parameters | {name: self.part.initial[name] for name in shown}
@@ -91,7 +90,7 @@ class Cells:
         self.parameters.update(parameters)
 
     def _tell(self, values: Mapping[str, Floats]) -> None:
-        if isinstance(self.part.model, Generator) and not isinstance(self.part.model, dc_generator):
+        if self.part.kind in ("poisson", "listed"):
             return
         if "E_L" in values:
             beside = [n for n in _WITH_E_L if n not in values and (n in self.parameters or n == "V_m")]

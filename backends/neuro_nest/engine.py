@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
-from neuro.model.neurons import Neuron
 from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
 from neuro_nest import kernel
@@ -166,7 +165,7 @@ class NestEngine:
     def counts(self) -> EngineCounts:
         """Counts since the start or the last reset."""
         records = self.net.records
-        stepped = np.array([isinstance(p.model, Neuron) for p in self.program.populations])
+        stepped = np.array([p.kind == "neuron" for p in self.program.populations])
         return EngineCounts(
             steps=self.step,
             events=tuple(record.events.copy() for record in records),

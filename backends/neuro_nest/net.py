@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from neuro.core.clock import Clock
-from neuro.model.neurons import Generator, Neuron, dc_generator
 from neuro.program.program import Floats, Ints, Program
 from neuro_nest.cells import Cells
 from neuro_nest.kernel import sign, told
@@ -64,7 +63,7 @@ class Net:
         self.sources = {
             index: Source(cells.part, cells.parameters, program.resolution, program.seed)
             for index, cells in enumerate(self.cells)
-            if isinstance(cells.part.model, Generator) and not self._sends_current(index)
+            if cells.part.kind in ("poisson", "listed")
         }
         self.records = [Record(p.size, p.records) for p in program.populations]
         self.activity = Activity(program, [w for w in self.wires if not self._sends_current(w.part.source)])
@@ -86,7 +85,7 @@ class Net:
             self.nest.Simulate(self.clock.ms(to - self.step))
             senders, steps = self._recorded()
         for index, cells in enumerate(self.cells):
-            if isinstance(cells.part.model, Neuron):
+            if cells.part.kind == "neuron":
                 begin, end = np.searchsorted(senders, (cells.first, cells.first + cells.part.size))
                 trains[index] = train(steps[begin:end], senders[begin:end] - cells.first, cells.part.size)
         for record, spikes in zip(self.records, trains, strict=True):
@@ -107,7 +106,7 @@ class Net:
         return found[:, 0], found[:, 1]
 
     def _sends_current(self, population: int) -> bool:
-        return isinstance(self.program.populations[population].model, dc_generator)
+        return self.program.populations[population].kind == "current"
 
     def _longest_delay(self) -> int:
         longest = [max(int(p.delay.max(initial=1)), p.dopamine_delay) for p in self.program.projections]
@@ -116,7 +115,7 @@ class Net:
     def _record_neurons(self) -> Any:
         recorder = self.nest.Create("spike_recorder", params={"time_in_steps": True})
         for cells in self.cells:
-            if isinstance(cells.part.model, Neuron):
+            if cells.part.kind == "neuron":
                 self.nest.Connect(cells.nodes, recorder, syn_spec={"delay": self.program.resolution})
         return recorder
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from neuro.core import keyed_random
-from neuro.model.neurons import poisson_generator
 from neuro.program.program import Floats, Ints, Population
 
 DRAWS = 1 << 21
@@ -48,7 +47,7 @@ class Source:
 
     def emit(self, after: int, to: int) -> Train:
         """What is emitted in steps after < k <= to."""
-        if isinstance(self.part.model, poisson_generator):
+        if self.part.kind == "poisson":
             return self._draw(max(after, self.part.start), min(to, self.part.stop))
         first, last = np.searchsorted(self._steps, (after, to), side="right")
         return train(self._steps[first:last], self._ids[first:last], self.part.size)

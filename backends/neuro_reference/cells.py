@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core import keyed_random
-from neuro.model.neurons import Neuron, dc_generator, poisson_generator
-from neuro.program.program import Floats, Ints, Population
+from neuro.model.neurons import Generator, Neuron
+from neuro.program.program import Floats, Ints, Population, drawn_for
 
 _CONSTANTS = 32
 
@@ -30,7 +30,7 @@ class Cells:
         self.parameters = {name: values.copy() for name, values in part.parameters.items()}
         self.names = [state.name for state in part.model.states]
         self.states: Floats = np.zeros((len(self.names), self.size))
-        self.key = keyed_random.key(seed, "poisson", part.name)
+        self.key = keyed_random.key(seed, drawn_for(part), part.name)
         self.injected_steps: Ints = part.spike_steps.copy()
         self.injected_ids: Ints = part.spike_ids.copy()
         self.start_anew(self.names)
@@ -49,7 +49,7 @@ class Cells:
     def refresh(self) -> None:
         """Work out the constants after a change of parameters."""
         model = self.part.model
-        if not isinstance(model, Neuron):
+        if not isinstance(model, (Neuron, Generator)) or self.part.kind not in ("neuron", "generator"):
             return
         values = [np.broadcast_to(v, self.size) for v in self.parameters.values()]
         self.constants: Floats = np.zeros((self.size, _CONSTANTS))
@@ -81,10 +81,20 @@ class Cells:
 
     def generate(self, step: int) -> Ints:
         """Number of spikes of each neuron of a generator in a step."""
-        if isinstance(self.part.model, poisson_generator):
+        if self.part.kind == "poisson":
             return self._draw(step)
+        if self.part.kind == "generator":
+            return self._emit(step)
         due = self.injected_ids[self.injected_steps == step]
         return np.bincount(due, minlength=self.size).astype(np.int64)
+
+    def _emit(self, step: int) -> Ints:
+        model = self.part.model
+        assert isinstance(model, Generator)
+        u, out = keyed_random.uniform(self.key, step, np.arange(self.size)), np.zeros(self.size)
+        for lo, hi in self.runs:
+            model.arithmetic.emit(self.states, self.constants[lo], u, step, lo, hi, out)
+        return out.astype(np.int64)
 
     def _draw(self, step: int) -> Ints:
         numbers: Ints = np.zeros(self.size, dtype=np.int64)
@@ -98,7 +108,7 @@ class Cells:
 
     def current(self, step: int) -> Floats | None:
         """Current of each neuron of a dc_generator in a step, or None while it is off."""
-        if not isinstance(self.part.model, dc_generator) or not self.part.start <= step < self.part.stop:
+        if self.part.kind != "current" or not self.part.start <= step < self.part.stop:
             return None
         return np.broadcast_to(self.parameters["amplitude"], self.size)
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core import keyed_random
-from neuro.model.neurons import Neuron, dc_generator
+from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference.cells import Cells
 from neuro_reference.pairs import Pairs
@@ -88,7 +88,7 @@ class Net:
         self.step = step
 
     def _carries_current(self, wires: Wires) -> bool:
-        return isinstance(self.cells[wires.part.source].part.model, dc_generator)
+        return wires.part.carries == "current"
 
     def _send(self) -> None:
         """The spikes of the last step teach and set out."""
@@ -120,7 +120,7 @@ class Net:
         return x, current, heard
 
     def _update(self, cells: Cells, x: Floats, current: Floats) -> Bools:
-        if isinstance(cells.part.model, Neuron):
+        if cells.part.kind == "neuron":
             return cells.update(x, current)
         return np.zeros(cells.size, dtype=bool)
 
@@ -159,6 +159,6 @@ class Net:
     def _record(self, index: int, step: int, heard: Bools) -> None:
         record = self.records[index]
         record.add(step, self.ids[index], self.multiplicity[index])
-        if isinstance(self.cells[index].part.model, Neuron):
+        if self.cells[index].part.kind == "neuron":
             heard[self.ids[index]] = True
             record.active += int(heard.sum())

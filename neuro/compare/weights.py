@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.model.neurons import dc_generator
 from neuro.program.program import Floats, Program, Projection
 
 BINS = 48
@@ -146,7 +145,7 @@ def _edges(low: float, high: float, grain: float) -> Floats:
 def unit(program: Program, part: Projection) -> str:
     """The unit of a projection's weights: that of the input its target takes."""
     model = program.populations[part.target].model
-    if model.chip or isinstance(program.populations[part.source].model, dc_generator):
+    if model.chip or part.carries == "current":
         return ""
     states = {state.name: state.unit for state in model.states}
     return states.get("I_syn_ex", states.get("V_m", ""))

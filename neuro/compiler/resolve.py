@@ -74,8 +74,9 @@ def _population(net: Network, part: Population, shape: Shape, clock: Clock, seed
     model = part.model
     parameters: dict[str, Floats] = {}
     start, stop = 0, NEVER
+    fixed = ("start", "stop") if model.role in ("poisson", "current") else ()
     for word, quantity in model.quantities().items():
-        if quantity.kind not in ("number", "integer", "boolean") or word in ("start", "stop"):
+        if quantity.kind not in ("number", "integer", "boolean") or word in fixed:
             continue
         key = (seed, "parameter", f"{part.name}.{word}")
         with telling(part):
@@ -88,6 +89,7 @@ def _population(net: Network, part: Population, shape: Shape, clock: Clock, seed
     return resolved.Population(
         name=part.name,
         model=model,
+        kind=model.role,
         shape=shape,
         size=size(shape),
         parameters=parameters,
@@ -160,6 +162,7 @@ def _projection(
         name=part.name,
         source=names.index(part.source),
         target=names.index(part.target),
+        carries="current" if net.populations[part.source].model.role == "current" else "spikes",
         layout=found.layout,
         row_ends=found.row_ends,
         targets=found.targets,

@@ -29,7 +29,7 @@ def address_of(kernel: Any, signature: Any) -> int:
 
 
 def caller(result: Any, *arguments: Any) -> Any:
-    """A compiled function (address, tuple of arguments) that calls what lies there; all are numba's types of numbers."""
+    """A compiled function (address, tuple of arguments) that calls what lies there; all types are of numbers."""
 
     @intrinsic
     def call(typingctx, address, given):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, Where, nearest
-from neuro.model.neurons import GENERATORS, Generator, Model
+from neuro.model.neurons import Model
 from neuro.model.synapses import Synapse
 from neuro.program.program import Floats, Ints, Program
 
@@ -209,23 +209,12 @@ def unreadable(shows: Backend | Engine) -> frozenset[str]:
 
 
 def floats_only(program: Program) -> list[Problem]:
-    """The problems of a float backend: parts in a chip's registers, and generators that nobody knows how to step."""
+    """The problems of a float backend: parts in a chip's registers."""
     parts: list[tuple[str, Model | Synapse, Where | None]] = [
         (f"population '{p.name}'", p.model, p.origin) for p in program.populations
     ]
     parts += [(f"projection '{p.name}'", p.synapse, p.origin) for p in program.projections]
-    own = [
-        Problem(
-            True,
-            f"population '{p.name}': {p.model.name}",
-            "a generator of one's own emits nothing: backends know " + ", ".join(g.__name__ for g in GENERATORS),
-            "inject the spikes that it emits into a spike_generator",
-            p.origin,
-        )
-        for p in program.populations
-        if isinstance(p.model, Generator) and not isinstance(p.model, GENERATORS)
-    ]
-    return own + [
+    return [
         Problem(
             True,
             f"{what}: {choice.name}",
@@ -235,6 +224,21 @@ def floats_only(program: Program) -> list[Problem]:
         )
         for what, choice, origin in parts
         if choice.chip
+    ]
+
+
+def own_generators(program: Program) -> list[Problem]:
+    """The problems of a backend that does not run generators of strangers."""
+    return [
+        Problem(
+            True,
+            f"population '{p.name}': {p.model.name}",
+            "only poisson_generator, spike_generator and dc_generator emit here",
+            "run it on backend 'event', or inject the spikes that it emits there into a spike_generator",
+            p.origin,
+        )
+        for p in program.populations
+        if p.kind == "generator"
     ]
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from neuro.model.neurons import Neuron
 from neuro.program.backend import EngineCounts
 from neuro.program.program import Grid, Ints, Program
 
@@ -101,7 +100,7 @@ class Tally:
         populations = {
             part.name: PopulationCounts(
                 spikes=int(after.spikes[index].sum()),
-                neuron_updates=part.size * after.steps if isinstance(part.model, Neuron) else 0,
+                neuron_updates=part.size * after.steps if part.kind == "neuron" else 0,
                 neuron_updates_active=int(after.active[index]),
             )
             for index, part in enumerate(self.program.populations)

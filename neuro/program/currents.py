@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.model.neurons import dc_generator
 from neuro.program.program import Floats, Ints, Program
 
 NEVER = np.iinfo(np.int64).max
@@ -35,7 +34,7 @@ class Currents:
         self._program = program
         self._amplitudes: dict[int, History] = {}
         for k, p in enumerate(program.populations):
-            if isinstance(p.model, dc_generator):
+            if p.kind == "current":
                 amplitude = np.broadcast_to(p.parameters["amplitude"], p.size).astype(np.float64)
                 self._amplitudes[k] = [(0, amplitude.copy())]
         self._weights: dict[int, History] = {

@@ -24,6 +24,7 @@ class Population:
 
     Attributes:
         model: the model; its numbers are in `parameters`.
+        kind: what it does, `model.role`: "neuron", "poisson", "listed", "current" or "generator" (a stranger's).
         shape: sizes of the axes; `size` is their product and neuron ids run in C order.
         parameters: by word, shape (1,) where all neurons share it, else (size,).
         initial: states at step 0 by name, likewise.
@@ -34,6 +35,7 @@ class Population:
 
     name: str
     model: Model
+    kind: str
     shape: tuple[int, ...]
     size: int
     parameters: dict[str, Floats]
@@ -44,6 +46,11 @@ class Population:
     stop: int
     records: bool
     origin: Where | None
+
+
+def drawn_for(population: Population) -> str:
+    """The purpose of a population's keyed draws, see `neuro.core.keyed_random.key`."""
+    return "generator" if population.kind == "generator" else "poisson"
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +75,7 @@ class Projection:
 
     Attributes:
         source, target: indices of the populations.
+        carries: "spikes" or "current".
         layout: "one_to_one", "dense" (every pair, source-major), "csr" or "grid" (a shared kernel).
         row_ends: csr: synapses of source i are row_ends[i] : row_ends[i + 1], targets ascending.
         targets: csr: the target of each synapse, int32.
@@ -83,6 +91,7 @@ class Projection:
     name: str
     source: int
     target: int
+    carries: str
     layout: str
     row_ends: Ints
     targets: NDArray[np.int32]

@@ -12,7 +12,7 @@ from neuro.program.program import Floats, Grid, Ints, Program, Projection
 def spiking(program: Program) -> list[int]:
     """Indices of the projections that carry spikes; those of a dc_generator carry a current."""
     sources = (program.populations[part.source].model for part in program.projections)
-    return [i for i, model in enumerate(sources) if not isinstance(model, Generator) or model.emits == "spikes"]
+    return [i for i, model in enumerate(sources) if not isinstance(model, Generator) or model.role != "current"]
 
 
 def dense_size(program: Program, index: int) -> int:

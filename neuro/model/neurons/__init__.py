@@ -21,7 +21,7 @@ MODELS: Registry[type[Model]] = Registry(
     (*GENERATORS, *NEURONS, *NATIVE),
     takes=lambda part: isinstance(part, type) and issubclass(part, Model),
     group="neuro.models",
-    complete=lambda model: complete(model) if issubclass(model, Neuron) and not model.chip else model,
+    complete=complete,
 )
 """All models of populations by name."""
 

@@ -9,15 +9,22 @@ bound the neurons of one call, which share one vector of constants `c`.
                                           set `fired` where the threshold is reached
     fire(s, c, i)                         what a spike does to neuron i
     quiet(s, c, i_0, lo, hi)              whether none of them can fire before its next input
+
+A generator has, beside `constants`,
+
+    emit(s, c, u, step, lo, hi, out)      `out[i]`, 0 before, is how many spikes neuron i emits in a step (an integer,
+                                          from 1 on, which covers the last h ms up to step x h); `u[i]` is a number in
+                                          [0, 1) that is drawn anew for each neuron and step
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
 from neuro.core.quantities import Value, quantity
@@ -28,6 +35,9 @@ LARGEST = 20
 
 FUNCTIONS = {"constants": 3, "step": 7, "fire": 3, "quiet": 5}
 """The functions of a neuron model's arithmetic and how many arguments each takes."""
+
+EMITTING = {"constants": 3, "emit": 7}
+"""Those of a generator's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +58,12 @@ class Model(Choice):
         equation: the dynamics, one line for people.
         source: paper or simulator that defines it.
         chip: the chip whose registers the parameters are, "" for a model of all backends.
+        role: what backends do with it: "neuron" (stepped), "poisson", "listed" and "current" (the generators of this
+            package), "generator" (any other).
     """
 
     kind: ClassVar[str] = "model"
+    role: ClassVar[str] = ""
     equation: ClassVar[str] = ""
     source: ClassVar[str] = ""
     chip: ClassVar[str] = ""
@@ -59,9 +72,14 @@ class Model(Choice):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Generator(Model):
-    """A population without input: each of its neurons emits one spike train, or a current."""
+    """A population without input: each of its neurons emits one spike train, or a current.
 
-    emits: ClassVar[str] = "spikes"
+    Class attributes:
+        arithmetic: the module with `constants` and `emit`, see above: that of the class.
+    """
+
+    role: ClassVar[str] = "generator"
+    arithmetic: ClassVar[OfModule] = OfModule(("emit",))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,6 +94,7 @@ class Neuron(Model):
             constant is the threshold and the first state V_m, where the model has them.
     """
 
+    role: ClassVar[str] = "neuron"
     receptors: ClassVar[int] = 1
     relay: ClassVar[bool] = False
     linear: ClassVar[bool] = False
@@ -95,15 +114,24 @@ class Neuron(Model):
         return {}
 
 
-N = TypeVar("N", bound=type[Neuron])
-
-
-def complete(model: N) -> N:
-    """Return a neuron model if it has all that backends rely on.
+def complete(model: type[Model]) -> type[Model]:
+    """Return a model if it has all that backends rely on.
 
     Raises:
         TypeError: something is missing or too large; it says what.
     """
+    if issubclass(model, Neuron) and not model.chip:
+        _complete_neuron(model)
+    elif issubclass(model, Generator) and model.role == "generator":
+        told = f"generator '{model.__name__}'"
+        check_functions(told, model, EMITTING)
+        _complete_numbers(told, model)
+    elif not issubclass(model, (Neuron, Generator)):
+        raise TypeError(f"model '{model.__name__}': expected a subclass of Neuron or Generator")
+    return model
+
+
+def _complete_neuron(model: type[Neuron]) -> None:
     told = f"neuron model '{model.__name__}'"
     check_functions(told, model, FUNCTIONS)
     names = [state.name for state in model.states]
@@ -111,15 +139,21 @@ def complete(model: N) -> N:
         raise TypeError(f"{told}: V_m is state {names.index('V_m')}: expected it first")
     if model.receptors not in (1, 2):
         raise TypeError(f"{told}: receptors = {model.receptors}: expected 1 or 2")
+    c = _complete_numbers(told, model)
+    if c is not None and "V_m" in names and "V_th" in model.quantities() and c[0] != model.defaults()["V_th"]:
+        raise TypeError(f"{told}: its first constant is {c[0]:g}: expected V_th = {model.defaults()['V_th']:g}")
+
+
+def _complete_numbers(told: str, model: type[Model]) -> NDArray[np.float64] | None:
+    """The constants for the defaults, None if a parameter has none."""
     kinds = {word: q.kind for word, q in model.quantities().items()}
     if other := [word for word, kind in kinds.items() if kind not in ("number", "integer", "boolean")]:
         raise TypeError(f"{told}: parameter '{other[0]}' is a {kinds[other[0]]}: expected a number or a boolean")
     if len(kinds) > LARGEST:
         raise TypeError(f"{told} has {len(kinds)} parameters with tau_minus: expected at most {LARGEST}")
     defaults = model.defaults()
-    if all(np.isscalar(defaults.get(word)) for word in kinds):
-        c = np.zeros(LARGEST)
-        fill(told, model, np.array([float(defaults[word]) for word in kinds]), c)
-        if "V_m" in names and "V_th" in kinds and c[0] != defaults["V_th"]:
-            raise TypeError(f"{told}: its first constant is {c[0]:g}: expected V_th = {defaults['V_th']:g}")
-    return model
+    if not all(np.isscalar(defaults.get(word)) for word in kinds):
+        return None
+    c = np.zeros(LARGEST)
+    fill(told, model, np.array([float(defaults[word]) for word in kinds]), c)
+    return c

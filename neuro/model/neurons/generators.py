@@ -20,6 +20,7 @@ class poisson_generator(Generator):
 
     equation: ClassVar[str] = "number of spikes in a step ~ Poisson(rate h / 1000)"
     source: ClassVar[str] = "NEST 3.10 poisson_generator"
+    role: ClassVar[str] = "poisson"
 
     rate: Value = quantity(0.0, "Hz", "mean rate", at_least=0, arrays=True)
     start: float = quantity(0.0, "ms", "emits after this time", at_least=0)
@@ -32,6 +33,7 @@ class spike_generator(Generator):
 
     equation: ClassVar[str] = "emits at the listed times"
     source: ClassVar[str] = "NEST 3.10 spike_generator"
+    role: ClassVar[str] = "listed"
 
     spike_times: Any = quantity((), "ms", "one ascending list of times for each neuron", kind="times")
 
@@ -42,7 +44,7 @@ class dc_generator(Generator):
 
     equation: ClassVar[str] = "I = amplitude for start <= t < stop"
     source: ClassVar[str] = "NEST 3.10 dc_generator"
-    emits: ClassVar[str] = "current"
+    role: ClassVar[str] = "current"
 
     amplitude: Value = quantity(0.0, "pA", "current", arrays=True)
     start: float = quantity(0.0, "ms", "begin", at_least=0)
