@@ -200,7 +200,8 @@ def called(model: type[Any]) -> tuple[int, int]:
     """The number of a model in the loop and 0, or 0 and the address of a stranger's, which is compiled now."""
     if model in NEURONS:
         return NEURONS.index(model), 0
-    return 0, entry(model) if issubclass(model, Neuron) else generator_entry(model)
+    own: Any = model
+    return 0, entry(own) if issubclass(model, Neuron) else generator_entry(own)
 
 
 def aligned(rows: int, columns: int) -> Ints:

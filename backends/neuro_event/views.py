@@ -5,7 +5,7 @@ on a small network. So the engine passes one integer table, and each function ma
 The engine keeps the arrays alive.
 """
 
-# mypy: disable-error-code="no-untyped-def,no-untyped-call,attr-defined,no-any-return,override,misc"
+# mypy: disable-error-code="no-untyped-def,no-untyped-call,attr-defined,call-arg,no-any-return,override,misc"
 from __future__ import annotations
 
 from collections.abc import Mapping

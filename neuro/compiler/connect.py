@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.compiler.shapes import Shape, size
 from neuro.core.errors import ModelError
 from neuro.model.rules import (
+    RULES,
     Rule,
     all_to_all,
     fixed_indegree,
@@ -44,14 +46,14 @@ class Connections:
 
 
 def connect(
-    rule: Rule, n_pre: int, n_post: int, same: bool, sizes: Grid | None, rng: np.random.Generator
+    rule: Rule, source: Shape, target: Shape, same: bool, sizes: Grid | None, rng: np.random.Generator
 ) -> Connections:
     """The synapses that a rule makes.
 
     Args:
         rule: the rule.
-        n_pre: neurons of the source.
-        n_post: neurons of the target.
+        source: shape of the source.
+        target: shape of the target.
         same: whether source and target are one population, so that autapses are possible.
         sizes: of a grid.
         rng: for rules that draw.
@@ -59,6 +61,7 @@ def connect(
     Raises:
         ModelError: the rule does not fit the sizes.
     """
+    n_pre, n_post = size(source), size(target)
     match rule:
         case one_to_one():
             if n_pre != n_post:
@@ -81,13 +84,29 @@ def connect(
         case pairwise_bernoulli():
             return _bernoulli(rule.p, n_pre, n_post, same and not rule.autapses, rng)
         case pairs():
-            return _listed(rule, n_pre, n_post)
+            return _listed(rule.pre, rule.post, n_pre, n_post, "pairs")
         case grid():
             assert sizes is not None
             shape = (sizes.maps, sizes.channels, sizes.kernel_height, sizes.kernel_width)
             n = int(np.prod(shape))
             return Connections("grid", n, listed=(shape, (n,), *(((shape[0], *shape[2:]),) if shape[1] == 1 else ())))
-    raise ModelError(f"rule '{rule.name}' is not known to the compiler")
+    return _listed(*_own_pairs(rule, source, target, same, rng), n_pre, n_post, rule.name)
+
+
+def _own_pairs(rule: Rule, source: Shape, target: Shape, same: bool, rng: np.random.Generator) -> tuple[Ints, Ints]:
+    """The pairs that a rule of a stranger says, if they are whole numbers >= 0 and as many of each."""
+    RULES.check(type(rule))
+    said = rule.connect(source, target, same, rng)
+    if not isinstance(said, tuple) or len(said) != 2:
+        raise ModelError(f"{rule.name}.connect gives {said!r:.60}: expected (sources, targets)")
+    pre, post = (np.asarray(ids) for ids in said)
+    for word, ids in (("sources", pre), ("targets", post)):
+        if ids.ndim != 1 or (ids.size and (ids.dtype.kind not in "iu" or ids.min() < 0)):
+            found = f"{ids.dtype} of shape {list(ids.shape)}"
+            raise ModelError(f"{rule.name}.connect: {word}: found {found}: expected a row of whole numbers >= 0")
+    if pre.size != post.size:
+        raise ModelError(f"{rule.name}.connect: {pre.size} sources and {post.size} targets: expected as many of each")
+    return pre.astype(np.int64), post.astype(np.int64)
 
 
 def _rows(row_ends: Ints, targets: NDArray[np.int32]) -> Connections:
@@ -149,13 +168,13 @@ def _bernoulli(p: float, n_pre: int, n_post: int, but_self: bool, rng: np.random
     return _rows(np.cumsum(np.concatenate(degrees), dtype=np.int64), np.concatenate(targets))
 
 
-def _listed(rule: pairs, n_pre: int, n_post: int) -> Connections:
-    for word, ids, n in (("pre", rule.pre, n_pre), ("post", rule.post, n_post)):
+def _listed(pre: Ints, post: Ints, n_pre: int, n_post: int, name: str) -> Connections:
+    for word, ids, n in (("pre", pre, n_pre), ("post", post, n_post)):
         if len(ids) and ids.max() >= n:
             bad = int(np.flatnonzero(ids >= n)[0])
-            raise ModelError(f"pairs.{word}[{bad}] = {ids[bad]}: expected a neuron below {n}, the population's size")
-    place = rule.pre * n_post + rule.post
+            raise ModelError(f"{name}.{word}[{bad}] = {ids[bad]}: expected a neuron below {n}, the population's size")
+    place = pre * n_post + post
     order = None if np.all(place[1:] >= place[:-1]) else np.argsort(place, kind="stable")
-    targets = (rule.post if order is None else rule.post[order]).astype(np.int32)
-    row_ends = np.concatenate(([0], np.cumsum(np.bincount(rule.pre, minlength=n_pre)))).astype(np.int64)
+    targets = (post if order is None else post[order]).astype(np.int32)
+    row_ends = np.concatenate(([0], np.cumsum(np.bincount(pre, minlength=n_pre)))).astype(np.int64)
     return Connections("csr", len(targets), row_ends, targets, order, ((len(targets),),))

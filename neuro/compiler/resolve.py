@@ -136,13 +136,14 @@ def _listed_spikes(model: object, clock: Clock) -> tuple[Ints, Ints]:
 def _projection(
     net: Network, part: Projection, shapes: Mapping[str, Shape], clock: Clock, seed: int
 ) -> resolved.Projection:
-    n_pre, n_post = size(shapes[part.source]), size(shapes[part.target])
     sizes = grid_of(part, shapes) if isinstance(part.rule, grid) else None
     if sizes is not None and not isinstance(part.delay, float):
         refuse(part, "delay: a shared kernel has one delay: expected a number")
     same = part.source == part.target
     with telling(part):
-        found = connect(part.rule, n_pre, n_post, same, sizes, generator(seed, "connect", part.name))
+        found = connect(
+            part.rule, shapes[part.source], shapes[part.target], same, sizes, generator(seed, "connect", part.name)
+        )
         weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name))
         delay = delay_steps(part.delay, found, clock, "delay", generator(seed, "delay", part.name))
     if sizes is not None and weight.size == 1:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
@@ -13,9 +16,28 @@ from neuro.core.registry import Registry
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rule(Choice):
-    """Base of the connection rules."""
+    """Base of the connection rules. A rule of one's own says its pairs in `connect`."""
 
     kind: ClassVar[str] = "rule"
+
+    def connect(
+        self, source: tuple[int, ...], target: tuple[int, ...], same: bool, rng: np.random.Generator
+    ) -> tuple[ArrayLike, ArrayLike]:
+        """The pairs of neurons that are connected, in any order; a pair may come twice.
+
+        Args:
+            source: sizes of the axes of the source; its neurons are counted from 0 in C order.
+            target: of the target.
+            same: whether both are one population.
+            rng: draws the same numbers in each run of a network, others with another seed.
+
+        Returns:
+            Source and target of every synapse, whole numbers. An array of weights or delays has the same order.
+
+        Raises:
+            ModelError: the rule does not fit the populations.
+        """
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,10 +115,22 @@ class grid(Rule):
             )
 
 
+def complete(rule: type[Rule]) -> type[Rule]:
+    """Return a rule of a stranger if it says its pairs.
+
+    Raises:
+        TypeError: it does not.
+    """
+    if rule.connect is Rule.connect:
+        raise TypeError(f"rule '{rule.__name__}' has no method 'connect', which says its pairs")
+    return rule
+
+
 RULES: Registry[type[Rule]] = Registry(
     "rule",
     (one_to_one, all_to_all, fixed_indegree, fixed_outdegree, pairwise_bernoulli, pairs, grid),
     takes=lambda part: isinstance(part, type) and issubclass(part, Rule),
     group="neuro.rules",
+    complete=complete,
 )
 """All connection rules by name."""
