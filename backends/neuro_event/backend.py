@@ -9,7 +9,6 @@ from typing import Any
 from neuro.core.errors import ModelError
 from neuro.program.backend import Engine, Problem, floats_only
 from neuro.program.program import Program
-from neuro_event.models import unknown
 
 
 class EventBackend:
@@ -21,7 +20,7 @@ class EventBackend:
 
     def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
         """Only parts in the registers of a chip are refused, and models that are not listed."""
-        return [*floats_only(program), *unknown(program)]
+        return floats_only(program)
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
         """Make an engine at step 0.

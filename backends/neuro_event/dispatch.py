@@ -24,6 +24,6 @@ def chosen(function: str, arguments: str, models: Sequence[Any], compile_: Any =
     return compile_(scope[function])
 
 
-on_post = chosen("on_post", "y, e, c, k_plus", RULES, merged)
-on_pre = chosen("on_pre", "y, e, c, k_minus", RULES, merged)
+on_post = chosen("on_post", "y, e, c, pre, post", RULES, merged)
+on_pre = chosen("on_pre", "y, e, c, pre, post", RULES, merged)
 advance = chosen("advance", "y, e, c, begin, end, n, grid", MODULATED_RULES)

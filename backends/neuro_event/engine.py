@@ -298,6 +298,7 @@ class EventEngine:
                 plastic["tau"][k],
                 plastic["table"][k],
                 plastic["decay"][k],
+                plastic["kinds"][k],
                 parameters,
                 p.synapse,
                 self._program,
@@ -408,6 +409,7 @@ class EventEngine:
         net = {f"net.{k}": v.copy() for k, v in self._a.net.items() if k not in _FIXED}
         net["net.pops"] = self._a.net["pops"][:, : t.NUMBER].copy()  # what follows are addresses of this process
         plastic = {f"plastic.{k}": v.copy() for k, v in self._a.plastic.items() if k not in _VIEWS}
+        plastic["plastic.table"] = self._a.plastic["table"][:, : t.RULE_NUMBER].copy()
         own = {"engine.step": np.array(self._step), "engine.trial_updates": self._trial_updates.copy()}
         own["engine.edges"] = self._a.net["edges"].copy()
         for q, rule in self._rules.items():
@@ -443,6 +445,8 @@ class EventEngine:
                 self._a.net["pops"][:, : t.NUMBER] = value
             elif part == "net":
                 self._a.net[rest] = value.copy()
+            elif name == "plastic.table":
+                self._a.plastic["table"][:, : t.RULE_NUMBER] = value
             elif part == "plastic":
                 self._a.plastic[rest] = value.copy()
             elif part == "rule":
@@ -454,6 +458,8 @@ class EventEngine:
             elif part == "told":
                 k, _, word = rest.partition(".")
                 self._told[int(k), word] = value.copy()
+        if "plastic.spiked" not in arrays:  # version 0.1.0
+            self._a.plastic["spiked"] = self._a.plastic["k_time"].copy()
         self._step = int(arrays["engine.step"])
         self._trial_updates = arrays["engine.trial_updates"].copy()
         self._record.restore(arrays)

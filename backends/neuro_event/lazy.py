@@ -8,7 +8,8 @@ import numpy as np
 from neuro.kernels.jit import kernel
 from neuro_event import tables as t
 from neuro_event.deliver import log_delivery, receptor
-from neuro_event.plastic import bring_history, bring_target, dopamine_at
+from neuro_event.own_rules import OF_NEURON, TAU, TIME, pre_value
+from neuro_event.plastic import bring_history, bring_target, dopamine_at, post_spike
 from neuro_event.views import net_of, plastic_of
 
 
@@ -39,6 +40,25 @@ def bring_traces(view, q, n_sources, n_targets, step, h):
             place = p.table[q, t.FIRST_SOURCE] + source
             p.k_plus[thread, place] *= math.exp(-(step - p.k_time[thread, place]) * h / p.tau[q, 0])
             p.k_time[thread, place] = step
+
+
+@kernel
+def bring_own_traces(view, q, n_sources, n_targets, step, h):
+    """Likewise of a stranger's rule. A history gets an entry of no spike, from which its traces decay on."""
+    net, p = net_of(view), plastic_of(view)
+    pop = net.projections[p.table[q, t.PROJECTION], t.TARGET]
+    for target in range(n_targets):
+        place = p.table[q, t.FIRST_TARGET] + target
+        p.n[place] = dopamine_at(view, q, target, step, h)
+        p.n_time[place] = step
+        post_spike(view, pop, 0, target, 0, step, step - 1, h)
+    for thread in range(p.k_plus.shape[0]):
+        for source in range(n_sources):
+            own = p.table[q, t.FIRST_SOURCE] + source * p.table[q, t.SOURCE_STRIDE]
+            for j in range(p.table[q, t.SOURCE_STRIDE]):
+                if p.kinds[q, j, TAU] != TIME and p.kinds[q, j, TAU] != OF_NEURON:
+                    p.k_plus[thread, own + j] = pre_value(p, q, j, thread, own, step, h)
+            p.k_time[thread, own] = step
 
 
 @kernel

@@ -12,6 +12,7 @@ from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.models import MODULATED_RULES, RULES
+from neuro_event.own_rules import OF_NEURON, TIME, rule_entry
 from neuro_event.plastic import DECAYS, ENTRY, NEWEST
 
 
@@ -23,6 +24,7 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
     width = max([t.CONSTANTS, *(program.projections[q].synapse.width for q in learning)])
     rules, tau = np.zeros((len(learning), width)), np.zeros((len(learning), 2))
     decay = np.zeros((len(learning), 3, DECAYS))
+    kinds = np.zeros((len(learning), 2 * _most_traces(program, learning), 3))
     incoming: list[Ints] = [np.zeros(1, dtype=np.int64)]
     in_synapse: list[Ints] = []
     in_source: list[NDArray[np.int32]] = []
@@ -32,14 +34,19 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         p, s = program.projections[q], a.synapses[q]
         row = table[k]
         n_source, n_target = program.populations[p.source].size, program.populations[p.target].size
-        row[t.PROJECTION], row[t.RULE] = q, RULES.index(type(p.synapse))
-        if p.synapse.modulated:
-            row[t.MODULATED] = MODULATED_RULES.index(type(p.synapse))
+        row[t.PROJECTION], row[t.RULE_NUMBER], row[t.RULE_ENTRY], row[t.SOURCE_STRIDE] = q, k, 0, 1
+        own_rule: Any = type(p.synapse)
+        if own_rule in RULES:
+            row[t.RULE] = RULES.index(own_rule)
+            if p.synapse.modulated:
+                row[t.MODULATED] = MODULATED_RULES.index(own_rule)
+        else:
+            row[t.RULE_ENTRY], row[t.SOURCE_STRIDE] = rule_entry(own_rule), max(1, len(own_rule.pre))
         row[t.FIRST_SYNAPSE], row[t.FIRST_SOURCE], row[t.FIRST_TARGET] = n_synapses, n_sources, n_targets
         row[t.INCOMING] = n_incoming
         row[t.DOPAMINE], row[t.DOPAMINE_ONE_TO_ONE] = p.dopamine, int(p.dopamine_one_to_one)
         row[t.DOPAMINE_DELAY], row[t.LONGEST] = p.dopamine_delay, int(p.delay.max()) if p.delay.size else 1
-        set_rule_constants(rules[k], tau[k], row, decay[k], p.synapse.vector(), p.synapse, program)
+        set_rule_constants(rules[k], tau[k], row, decay[k], kinds[k], p.synapse.vector(), p.synapse, program)
         tau_minus = program.populations[p.target].parameters["tau_minus"]
         if np.all(tau_minus == tau_minus[0]):
             decay[k, 2] = np.exp(-np.arange(DECAYS) * program.resolution / tau_minus[0])
@@ -51,8 +58,8 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         in_source.append(pre[order])
         own = p.weight[s.order] if s.order is not None and p.weight.size > 1 else p.weight
         y.append(np.broadcast_to(own, s.targets.size))
-        n_synapses, n_sources, n_targets = n_synapses + s.targets.size, n_sources + n_source, n_targets + n_target
-        n_incoming += n_target + 1
+        n_synapses, n_sources = n_synapses + s.targets.size, n_sources + n_source * int(row[t.SOURCE_STRIDE])
+        n_targets, n_incoming = n_targets + n_target, n_incoming + n_target + 1
         if pops[p.target, t.HISTORY] < 0:
             pops[p.target, t.HISTORY] = n_history
             n_history += n_target
@@ -68,13 +75,48 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         "reached": np.zeros(n_synapses, dtype=np.int64),
         "k_plus": np.zeros((threads, n_sources)),
         "k_time": np.zeros((threads, n_sources), dtype=np.int64),
+        "spiked": np.zeros((threads, n_sources), dtype=np.int64),
         "n": np.zeros(n_targets),
         "n_time": np.zeros(n_targets, dtype=np.int64),
         "incoming": np.concatenate(incoming[1:] or incoming),
         "in_synapse": np.concatenate([np.zeros(0, dtype=np.int64), *in_synapse]),
         "in_source": np.concatenate([np.zeros(0, dtype=np.int32), *in_source]),
         "past": layout.aligned(max(1, n_history), _history_width(program, learning)),
+        "kinds": kinds,
+        "columns": _columns(a, learning, table),
     }
+    a.plastic["others"] = np.zeros(_others_shape(a))
+
+
+def _own(program: Program, q: int) -> bool:
+    return type(program.projections[q].synapse) not in RULES
+
+
+def _most_traces(program: Program, learning: list[int]) -> int:
+    """Traces of one side that any rule of a stranger reads at most."""
+    rules = [program.projections[q].synapse for q in learning if _own(program, q)]
+    return max([0, *(max(len(rule.pre), len(rule.post)) for rule in rules)])
+
+
+def _columns(a: Arrays, learning: list[int], table: Ints) -> Ints:
+    """The post traces that rules of strangers read, by population; each rule's begin at its COLUMN."""
+    found: list[list[tuple[int, int]]] = [[] for _ in a.program.populations]
+    for k, q in enumerate(learning):
+        if _own(a.program, q):
+            part = a.program.projections[q]
+            table[k, t.COLUMN] = len(found[part.target])
+            found[part.target] += [(k, j) for j in range(len(part.synapse.post))]
+    columns = np.full((len(found), max(map(len, found), default=0), 2), -1, dtype=np.int64)
+    for population, each in enumerate(found):
+        for column, pair in enumerate(each):
+            columns[population, column] = pair
+    return columns
+
+
+def _others_shape(a: Arrays) -> tuple[int, int, int]:
+    histories, width = a.plastic["past"].shape
+    columns = a.plastic["columns"].shape[1]
+    return (histories, (width - NEWEST) // ENTRY, columns) if columns else (1, 1, 0)
 
 
 def widen_histories(a: Arrays, population: int, t_ref: float) -> None:
@@ -86,6 +128,9 @@ def widen_histories(a: Arrays, population: int, t_ref: float) -> None:
         wider = layout.aligned(past.shape[0], width)
         wider[:, : past.shape[1]] = past
         a.plastic["past"] = wider
+        others = a.plastic["others"]
+        a.plastic["others"] = np.zeros(_others_shape(a))
+        a.plastic["others"][:, : others.shape[1]] = others
 
 
 def _history_width(program: Program, learning: list[int]) -> int:
@@ -112,13 +157,16 @@ def _width(entries: int) -> int:
 
 
 def set_rule_constants(
-    rule: Floats, tau: Floats, row: Ints, decay: Floats, vector: Floats, synapse: Any, program: Program
+    rule: Floats, tau: Floats, row: Ints, decay: Floats, kinds: Floats, vector: Floats, synapse: Any, program: Program
 ) -> None:
     """Fill the constants of one plastic projection from the rule's parameters."""
     words = dict(zip(synapse.numbers(), vector, strict=True))
     synapse.arithmetic.constants(vector, program.resolution, rule)
-    tau[0] = words["tau_plus"]
+    tau[0] = words.get("tau_plus", 1.0)
     tau[1] = words.get("tau_n", 1.0)
     for k in range(2):
         decay[k] = np.exp(-np.arange(DECAYS) * program.resolution / tau[k])
+    for first, traces in ((0, synapse.pre), (len(kinds) // 2, synapse.post)):
+        for j, each in enumerate(traces[: len(kinds) // 2]):
+            kinds[first + j] = words.get(each.tau, OF_NEURON) if each.tau else TIME, each.nearest, each.adds
     row[t.GRID_STEPS] = int(words.get("deliver_interval", 1)) * program.min_delay

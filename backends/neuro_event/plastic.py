@@ -11,6 +11,7 @@ import numpy as np
 
 from neuro.kernels.jit import inner, merged
 from neuro_event.dispatch import advance, on_post, on_pre
+from neuro_event.own_rules import BRING, BRING_WHOLE, PRE_SPIKE, TAU, TIME, after_entry
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
@@ -40,12 +41,13 @@ from neuro_event.tables import (
     RING_SIZE,
     ROW,
     RULE,
+    RULE_ENTRY,
     SOURCE,
     SYNAPSE,
     TARGET,
     WAKE_ALL,
 )
-from neuro_event.views import PAST, net_of, plastic_of, prefetch
+from neuro_event.views import PAST, call_rule, net_of, plastic_of, prefetch
 
 DECAYS = 2048
 """Steps for which decays are kept in tables."""
@@ -101,7 +103,7 @@ def potentiate(rule, c, y, z, decay, tau, k_plus, then, past, since, upto, delay
             break
         k = k_plus * decayed(decay, arrival - then, h, tau, 0)
         for _ in range(past[NEWEST + ENTRY * i + 2]):
-            on_post(rule, y, z, c, k)
+            on_post(rule, y, z, c, (k,), (0.0,))
 
 
 @inner
@@ -123,7 +125,7 @@ def flow(view, q, z, own, thread, target, past, upto, whole, delay, h):
         if k_plus != 0.0:
             k = k_plus * decayed(p.decay[q, PLUS], arrival - then, h, p.tau[q], 0)
             for _ in range(past[NEWEST + ENTRY * i + 2]):
-                on_post(p.table[q, RULE], p.y, z, c, k)
+                on_post(p.table[q, RULE], p.y, z, c, (k,), (0.0,))
     if whole and since < upto:
         advance(modulated, p.y, z, c, since, upto, dopamine_at(view, q, target, since, h), grid)
         since = upto
@@ -177,7 +179,7 @@ def pre_spike(view, q, source, step, thread, h):
             net.tau_minus,
             target_row[BEGIN] + target,
         )
-        on_pre(number, y, z, rule, k_minus)
+        on_pre(number, y, z, rule, (0.0,), (k_minus,))
         weight = y[0, z]
         second = 1 if receptors == 2 and weight < 0.0 else 0
         at = step + delay
@@ -194,6 +196,7 @@ def pre_spike(view, q, source, step, thread, h):
         trace += k_plus * math.exp(-(step - last) * h / p.tau[q, 0])
     p.k_plus[thread, own] = trace
     p.k_time[thread, own] = step
+    p.spiked[thread, own] = step
 
 
 @inner
@@ -205,6 +208,9 @@ def bring_target(view, q, thread, target, step, whole, h):
     """
     net, p = net_of(view), plastic_of(view)
     table = p.table[q]
+    if table[RULE_ENTRY] != 0:
+        call_rule(view, table, BRING_WHOLE if whole else BRING, target, step, thread, h)
+        return
     row = net.projections[table[PROJECTION]]
     past = p.past[net.pops[row[TARGET], HISTORY] + target]
     applied = past[APPLIED]
@@ -218,7 +224,7 @@ def bring_target(view, q, thread, target, step, whole, h):
                 flow(view, q, z, own, thread, target, past, step, whole, delay, h)
             continue
         last = p.k_time[thread, own]
-        if applied <= last:
+        if applied <= p.spiked[thread, own]:
             p.sent[z] = p.y[0, z]
         potentiate(
             table[RULE],
@@ -292,6 +298,24 @@ def bring_history(view, pop, thread, target, step, whole, h):
 
 
 @inner
+def keep_others(net, p, pop, local, n, step, h):
+    """Keep the traces that rules of strangers read of a neuron, as they are just before its spike."""
+    history, neuron = net.pops[pop, HISTORY] + local, net.pops[pop, BEGIN] + local
+    others = p.others[history]
+    for column in range(p.columns.shape[1]):
+        q, j = p.columns[pop, column, 0], p.columns[pop, column, 1]
+        if q < 0:
+            break
+        if n > 0:
+            value = after_entry(net, p, q, j, column - j, history, 0, neuron, step, h)
+        else:
+            value = math.inf if p.kinds[q, p.kinds.shape[1] // 2 + j, TAU] == TIME else 0.0
+        for i in range(n, 0, -1):
+            others[i, column] = others[i - 1, column]
+        others[0, column] = value
+
+
+@inner
 def post_spike(view, pop, thread, local, m, step, done, h):
     """Enter a spike of multiplicity m into a neuron's history; first drop what nobody needs if that is full."""
     net, p = net_of(view), plastic_of(view)
@@ -309,6 +333,8 @@ def post_spike(view, pop, thread, local, m, step, done, h):
     if n > 0:
         age = (step - past[NEWEST]) * h
         trace += traces[NEWEST + 1] * math.exp(-age / net.tau_minus[net.pops[pop, BEGIN] + local])
+    if p.others.shape[2] > 0:
+        keep_others(net, p, pop, local, n, step, h)
     for i in range(ENTRY * n - 1, -1, -1):
         past[NEWEST + ENTRY + i] = past[NEWEST + i]
     past[NEWEST] = step
@@ -333,4 +359,7 @@ def learn_step(view, step, done_dopamine, thread, h, dopamine_only):
             for place in range(net.log_ends[t, slot, source], net.log_ends[t, slot, source + 1]):
                 local = np.int64(net.log_ids[t, place & mask]) - net.pops[source, BEGIN]
                 for _ in range(net.log_counts[t, place & mask]):
-                    pre_spike(view, q, local, step, thread, h)
+                    if p.table[q, RULE_ENTRY] != 0:
+                        call_rule(view, p.table[q], PRE_SPIKE, local, step, thread, h)
+                    else:
+                        pre_spike(view, q, local, step, thread, h)

@@ -45,6 +45,8 @@ class Copy:
             return told(concentration(a, self._view, k, step)[arranged.targets], arranged.order)
         if name == "K_plus":
             return told(np.repeat(trace(a, k, step), np.diff(arranged.row_ends)), arranged.order)
+        if a.plastic["table"][k, t.RULE_ENTRY] and not p.synapse.modulated and name == "weight":
+            return told(a.plastic["sent"][here], arranged.order)
         if not p.synapse.modulated and name == "weight":
             return told(self._sent(k, here, arranged.targets, arranged.row_ends), arranged.order)
         self._y[:, here] = a.plastic["y"][:, here]
@@ -58,7 +60,7 @@ class Copy:
         a = self._a
         p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
         first_source, first_history = a.plastic["table"][k, t.FIRST_SOURCE], a.net["pops"][p.target, t.HISTORY]
-        last = a.plastic["k_time"][0, first_source : first_source + row_ends.size - 1]
+        last = a.plastic["spiked"][0, first_source : first_source + row_ends.size - 1]
         applied = a.plastic["past"][first_history + targets, APPLIED]
         moved = applied > np.repeat(last, np.diff(row_ends))
         return np.where(moved, a.plastic["sent"][here], a.plastic["y"][0, here])
@@ -76,7 +78,8 @@ def trace(a: Arrays, k: int, step: int) -> Floats:
     """K+ of every source of the plastic projection number k."""
     projection = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
     first = a.plastic["table"][k, t.FIRST_SOURCE]
-    here = slice(first, first + a.program.populations[projection.source].size)
+    stride = a.plastic["table"][k, t.SOURCE_STRIDE]
+    here = slice(first, first + a.program.populations[projection.source].size * stride, stride)
     age = (step - a.plastic["k_time"][0, here]) * a.program.resolution
     traces: Floats = a.plastic["k_plus"][0, here] * np.exp(-age / a.plastic["tau"][k, 0])
     return traces
@@ -105,4 +108,6 @@ def bring_all(a: Arrays, view: Ints, k: int, step: int) -> None:
     p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
     n_sources, n_targets = a.program.populations[p.source].size, a.program.populations[p.target].size
     lazy.bring_histories(view, p.target, n_targets, step, a.program.resolution)
-    lazy.bring_traces(view, k, n_sources, n_targets, step, a.program.resolution)
+    own = a.plastic["table"][k, t.RULE_ENTRY] != 0
+    bring_traces = lazy.bring_own_traces if own else lazy.bring_traces
+    bring_traces(view, k, n_sources, n_targets, step, a.program.resolution)

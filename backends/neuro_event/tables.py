@@ -88,8 +88,12 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     DOPAMINE_DELAY,
     GRID_STEPS,
     LONGEST,
+    RULE_NUMBER,
+    RULE_ENTRY,
+    SOURCE_STRIDE,
+    COLUMN,
     PLASTIC_COLUMNS,
-) = range(13)
+) = range(17)
 
 # threads
 DONE, DONE_DOPAMINE, HORIZON, OVERRUN = range(4)

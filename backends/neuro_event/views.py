@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from neuro.kernels.address import caller
 from neuro.kernels.jit import inner
-from neuro_event.tables import ENTRY, NUMBER
+from neuro_event.tables import ENTRY, NUMBER, RULE_ENTRY, RULE_NUMBER
 
 NET = """
 pops i8 2          columns of `tables`, a row per population
@@ -97,8 +97,9 @@ decay f8 3         (projections, 3, steps) decays with tau_plus, tau_n and the t
 y f8 2             (states, synapses)
 sent f8 1          weight at the last pre spike
 reached i8 1       step up to which a synapse has learnt
-k_plus f8 2        (threads, sources) trace of each source at its last spike; each thread has its own copy
-k_time i8 2        the step of that spike
+k_plus f8 2        (threads, sources) trace of each source at a step; each thread has its own copy
+k_time i8 2        the step of that value
+spiked i8 2        the step of each source's last spike
 n f8 1             dopamine of each target at a step
 n_time i8 1        that step
 incoming i8 1      synapses by target: ends
@@ -106,6 +107,9 @@ in_synapse i8 1    the synapses
 in_source i4 1     their sources
 past i8 2          history of each neuron's spikes, see `plastic`
 traces f8 2        the same memory as floats
+kinds f8 3         (projections, traces, 3) of strangers' rules: time constant, nearest, what a spike adds
+columns i8 3       (populations, columns, 2) whose post trace a column of `others` is: projection and trace
+others f8 3        (histories, entries, columns) these traces just before each entry
 """
 
 _TYPES = {"i8": "int64", "f8": "float64", "i4": "int32", "u1": "uint8", "u2": "uint16", "u8": "uint64"}
@@ -219,6 +223,12 @@ def address(typingctx, table):
 
 
 _call = caller(types.int64, *(types.int64,) * 6, types.float64)
+
+
+@inner
+def call_rule(view, row, operation, index, step, thread, h):
+    """Let the entry of a rule do an operation, see `own_rules`; `row` is its projection's in `plastic.table`."""
+    return _call(row[RULE_ENTRY], (address(view), row[RULE_NUMBER], operation, index, step, thread, h))
 
 
 @inner

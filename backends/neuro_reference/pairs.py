@@ -1,17 +1,20 @@
 """Pairwise learning of one projection, eagerly: every synapse follows every event that concerns it.
 
 A synapse hears the spikes of its target after its delay, so it keeps a K- of its own: the trace of the
-post spikes that have reached it.
+post spikes that have reached it, see `traces`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
 
+from neuro.model.synapses import Trace
 from neuro.program.program import Floats, Ints, Program
+from neuro_reference.traces import Traces
 from neuro_reference.wires import Wires
 
 
@@ -23,16 +26,12 @@ class Pairs:
         y: weight and states of every synapse.
         sent: weight at the last pre spike, which `stdp` shows.
         reached: step up to which a modulated synapse is integrated.
-        k_plus, k_plus_step: trace of each source just after its last spike, and that spike's step.
-        k_minus, k_minus_before, heard: trace of each synapse after and before the post spike that came last, its step.
+        pre: traces of each source; post: of each synapse, of the post spikes that have reached it.
         n, n_step: dopamine of each target at a step.
         posts: post spikes on their way, (steps, synapse); doses: dopamine spikes on their way, (steps, target).
     """
 
-    kept: ClassVar[tuple[str, ...]] = (
-        *("rule", "y", "sent", "reached", "k_plus", "k_plus_step", "k_minus", "k_minus_before", "heard"),
-        *("n", "n_step", "posts", "doses"),
-    )
+    kept: ClassVar[tuple[str, ...]] = (*("rule", "y", "sent", "reached", "n", "n_step", "posts", "doses"),)
 
     def __init__(self, program: Program, wires: Wires, tau_minus: Floats) -> None:
         part = wires.part
@@ -41,21 +40,17 @@ class Pairs:
         self.n_source = program.populations[part.source].size
         self.tau_minus: Floats = np.broadcast_to(tau_minus, wires.n_target)[wires.target]
         names = part.synapse.numbers()
-        self._tau_plus = names.index("tau_plus")
         self._tau_n = names.index("tau_n") if self.modulated else -1
         self.grid = program.min_delay * int(part.synapse.parameters().get("deliver_interval", 1))
         self.y: Floats = np.zeros((1 + len(part.synapse.states), len(wires.target)))
         self.sent = wires.weights.copy()
         self.y[0] = self.sent
         self.rule = part.synapse.vector()
-        self.refresh()
         n, n_target = len(wires.target), wires.n_target
+        self.pre = Traces(part.synapse.pre, self._taus(part.synapse.pre), self.n_source, self.h)
+        self.post = Traces(part.synapse.post, self._taus(part.synapse.post), n, self.h)
+        self.refresh()
         self.reached: Ints = np.zeros(n, dtype=np.int64)
-        self.k_plus: Floats = np.zeros(self.n_source)
-        self.k_plus_step: Ints = np.zeros(self.n_source, dtype=np.int64)
-        self.k_minus: Floats = np.zeros(n)
-        self.k_minus_before: Floats = np.zeros(n)
-        self.heard: Ints = np.zeros(n, dtype=np.int64)
         self.n: Floats = np.zeros(n_target)
         self.n_step: Ints = np.zeros(n_target, dtype=np.int64)
         self.posts: Ints = np.zeros((self.wires.slots, n), dtype=np.int64)
@@ -88,20 +83,19 @@ class Pairs:
         for e in np.flatnonzero(self.posts[step % len(self.posts)]).tolist():
             self._integrate(e, step)
             multiplicity = int(self.posts[step % len(self.posts), e])
+            pre, post = self.pre.at(self.wires.source[e], step), self.post.at(e, step)
             for _ in range(multiplicity):
-                self.arithmetic.on_post(self.y, e, self.c, self._k_plus(self.wires.source[e], step))
-            self.k_minus_before[e] = self._k_minus(e, step)
-            self.k_minus[e], self.heard[e] = multiplicity + self.k_minus_before[e], step
+                self.arithmetic.on_post(self.y, e, self.c, pre, post)
+            self.post.spike(e, multiplicity, step)
         self.posts[step % len(self.posts)] = 0
 
     def spike(self, source: int, step: int) -> Floats:
-        """A pre spike emitted in `step`: the rule acts, then K+ grows; return the weights that are sent."""
-        row = self.wires.row(source)
+        """A pre spike emitted in `step`: the rule acts, then its traces grow; return the weights that are sent."""
+        row, pre = self.wires.row(source), self.pre.at(source, step)
         for e in range(row.start, row.stop):
             self._integrate(e, step)
-            k_minus = self.k_minus_before[e] if self.heard[e] == step else self._k_minus(e, step)
-            self.arithmetic.on_pre(self.y, e, self.c, k_minus)
-        self.k_plus[source], self.k_plus_step[source] = 1.0 + self._k_plus(source, step), step
+            self.arithmetic.on_pre(self.y, e, self.c, pre, self.post.earlier(e, step))
+        self.pre.spike(source, 1, step)
         self.sent[row] = self.y[0, row]
         return self.sent[row]
 
@@ -113,8 +107,8 @@ class Pairs:
     def set_rule(self, rule: Floats, step: int) -> None:
         """Change the rule's numbers at the end of a step; what came before keeps the old ones."""
         self._bring(step)
-        self.k_plus = np.array([self._k_plus(i, step) for i in range(self.n_source)])
-        self.k_plus_step[:] = step
+        self.pre.bring(step)
+        self.post.bring(step)
         self.n = np.array([self._dopamine(j, step) for j in range(self.wires.n_target)])
         self.n_step[:] = step
         self.rule = rule.copy()
@@ -129,7 +123,7 @@ class Pairs:
     def read(self, name: str, step: int) -> Floats:
         """A state of every synapse at the end of a step; nothing is changed by it."""
         if name == "K_plus":
-            return np.array([self._k_plus(i, step) for i in self.wires.source])
+            return np.array([self.pre.at(i, step)[0] for i in self.wires.source])
         if name == "n":
             return np.array([self._dopamine(j, step) for j in self.wires.target])
         if not self.modulated and name == "weight":
@@ -145,6 +139,14 @@ class Pairs:
         """Work out the constants after a change of the rule."""
         self.c: Floats = np.zeros(self.part.synapse.width)
         self.arithmetic.constants(self.rule, self.h, self.c)
+        self.pre.taus = [np.broadcast_to(tau, self.n_source) for tau in self._taus(self.part.synapse.pre)]
+        self.post.taus = [np.broadcast_to(tau, len(self.wires.target)) for tau in self._taus(self.part.synapse.post)]
+
+    def _taus(self, traces: Sequence[Trace]) -> list[Floats]:
+        """The time constants of some traces, ms."""
+        names = self.part.synapse.numbers()
+        own = {name: np.full(1, value) for name, value in zip(names, self.rule, strict=True)}
+        return [own.get(trace.tau, self.tau_minus) for trace in traces]
 
     def _bring(self, step: int) -> None:
         for e in range(len(self.wires.target)):
@@ -158,13 +160,6 @@ class Pairs:
         n = self._dopamine(self.wires.target[e], begin)
         self.arithmetic.advance(self.y, e, self.c, begin, step, n, self.grid)
         self.reached[e] = step
-
-    def _k_plus(self, source: int, step: int) -> float:
-        passed = (step - self.k_plus_step[source]) * self.h
-        return float(self.k_plus[source] * math.exp(-passed / self.rule[self._tau_plus]))
-
-    def _k_minus(self, e: int, step: int) -> float:
-        return float(self.k_minus[e] * math.exp(-(step - self.heard[e]) * self.h / self.tau_minus[e]))
 
     def _dopamine(self, target: int, step: int) -> float:
         if not self.modulated:

@@ -31,6 +31,7 @@ def take(net: Net) -> dict[str, NDArray[Any]]:
 
 def put(net: Net, arrays: Arrays) -> None:
     """Set a net of the same program to what `take` gave."""
+    arrays = {**arrays, **_first_version(net, arrays)}
     for path, part in _parts(net):
         for name in part.kept:
             value = arrays[f"{path}/{name}"]
@@ -46,6 +47,22 @@ def put(net: Net, arrays: Arrays) -> None:
         pairs.refresh()
 
 
+def _first_version(net: Net, arrays: Arrays) -> dict[str, NDArray[Any]]:
+    """The traces of a state of version 0.1.0, which had one of each side, by their present names."""
+    found = {}
+    for number in net.pairs:
+        path = f"pairs/{number}"
+        if f"{path}/k_plus" in arrays:
+            for side, after, before, step in (
+                ("pre", "k_plus", "k_plus", "k_plus_step"),
+                ("post", "k_minus", "k_minus_before", "heard"),
+            ):
+                found[f"{path}/{side}/after"] = arrays[f"{path}/{after}"][None]
+                found[f"{path}/{side}/before"] = arrays[f"{path}/{before}"][None]
+                found[f"{path}/{side}/since"] = found[f"{path}/{side}/last"] = arrays[f"{path}/{step}"]
+    return found
+
+
 def _parts(net: Net) -> Iterator[tuple[str, Any]]:
     yield "net", net
     for label, parts in (("cells", net.cells), ("wires", net.wires), ("records", net.records)):
@@ -53,3 +70,5 @@ def _parts(net: Net) -> Iterator[tuple[str, Any]]:
             yield f"{label}/{index}", part
     for number, pairs in net.pairs.items():
         yield f"pairs/{number}", pairs
+        yield f"pairs/{number}/pre", pairs.pre
+        yield f"pairs/{number}/post", pairs.post

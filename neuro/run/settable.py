@@ -18,7 +18,7 @@ from neuro.core.quantities import Quantity, word_of
 from neuro.core.values import FromFile, shown
 from neuro.model.distributions import Distribution
 from neuro.model.neurons import Model
-from neuro.model.synapses import Synapse
+from neuro.model.synapses import K_PLUS, Synapse
 from neuro.program.backend import Engine
 from neuro.program.program import Floats, Ints, Population, Program, Projection
 
@@ -45,7 +45,7 @@ def states(part: Population) -> list[str]:
 def synapse_states(part: Projection) -> list[str]:
     """What can be read of a projection's synapses."""
     names = ["weight", *(state.name for state in part.synapse.states)]
-    if part.synapse.learns == "pairs":
+    if part.synapse.learns == "pairs" and part.synapse.pre[:1] == (K_PLUS,):
         names.append("K_plus")
     if part.synapse.modulated:
         names.append("n")

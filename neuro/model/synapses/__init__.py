@@ -4,7 +4,7 @@ import numpy as np
 
 from neuro.core.registry import Registry
 from neuro.model.arithmetic import check_functions, fill
-from neuro.model.synapses.base import FUNCTIONS, Synapse
+from neuro.model.synapses.base import FUNCTIONS, K_MINUS, K_PLUS, Synapse, Trace
 from neuro.model.synapses.loihi_learning import loihi_learning
 from neuro.model.synapses.loihi_static import loihi_static
 from neuro.model.synapses.r_stdp import r_stdp
@@ -27,17 +27,24 @@ def complete(model: type[Synapse]) -> type[Synapse]:
     if model.modulated and not issubclass(model, stdp_dopa):
         raise TypeError(f"{told}: expected a subclass of stdp_dopa, whose words say where dopamine comes from")
     if model.learns == "pairs":
-        if "tau_plus" not in model.quantities():
-            raise TypeError(f"{told} has no 'tau_plus': expected one, the time constant of K+")
+        _check_traces(told, model)
         check_functions(told, model, {**FUNCTIONS, **({"advance": 7} if model.modulated else {})})
         defaults = model.defaults()
         if all(word in defaults for word in model.numbers()):
-            c, y = np.zeros(model.width), np.ones((1 + len(model.states), 1))
+            c = np.zeros(model.width)
             fill(told, model, np.array([float(defaults[word]) for word in model.numbers()]), c)
-            model.arithmetic.on_post(y, 0, c, 0.0)
-            if np.any(y != 1.0):
-                raise TypeError(f"{told}: 'on_post' changes a synapse where K+ is 0: expected it to leave every bit")
     return model
+
+
+def _check_traces(told: str, model: type[Synapse]) -> None:
+    """Each trace has a time constant among the parameters."""
+    known = model.numbers()
+    for side, traces in (("pre", model.pre), ("post", model.post)):
+        for trace in traces:
+            if not isinstance(trace, Trace):
+                raise TypeError(f"{told}: {side} has {trace!r}: expected a Trace")
+            if trace.tau and trace.tau not in known and (side, trace.tau) != ("post", "tau_minus"):
+                raise TypeError(f"{told} has no '{trace.tau}': expected one, the time constant of a {side} trace")
 
 
 SYNAPSES: Registry[type[Synapse]] = Registry(
@@ -49,4 +56,16 @@ SYNAPSES: Registry[type[Synapse]] = Registry(
 )
 """All synapse models by name."""
 
-__all__ = ["SYNAPSES", "Synapse", "loihi_learning", "loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"]
+__all__ = [
+    "K_MINUS",
+    "K_PLUS",
+    "SYNAPSES",
+    "Synapse",
+    "Trace",
+    "loihi_learning",
+    "loihi_static",
+    "r_stdp",
+    "static",
+    "stdp",
+    "stdp_dopa",
+]

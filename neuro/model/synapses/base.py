@@ -1,13 +1,12 @@
 """What a synapse model is: parameters and, where it learns, a few plain functions.
 
-A pairwise rule reads two traces that the backend keeps: K+ of the source (decays with `tau_plus`, grows by
-1 at each pre spike) and K- of the target (decays with the target's `tau_minus`, grows by 1 at each post
-spike). A post spike reaches the synapse after the synapse's delay. At one instant dopamine comes first, then
-post, then pre. Synapse `e` has the states `y[:, e]`; the first is the weight; `c` holds the rule's constants.
+A pairwise rule reads traces that the backend keeps, as the rule lists them: of the spikes of its source (`pre`) and of
+its target (`post`). A post spike reaches the synapse after the synapse's delay. At one instant dopamine comes first,
+then post, then pre. Synapse `e` has the states `y[:, e]`; the first is the weight; `c` holds the rule's constants.
 
     constants(p, h, c)                        fill `c` from the parameters `p` (numbers only, in order of definition)
-    on_post(y, e, c, k_plus)                  a post spike arrives; K+ there, from strictly earlier pre spikes
-    on_pre(y, e, c, k_minus)                  a pre spike; K- there, from strictly earlier post arrivals
+    on_post(y, e, c, pre, post)               a post spike arrives; the traces there, of strictly earlier spikes
+    on_pre(y, e, c, pre, post)                a pre spike; likewise
     advance(y, e, c, begin, end, n, grid)     what happens between events (steps), for rules with `modulated`:
                                               n is the dopamine concentration at `begin`, `grid` the delivery grid
 
@@ -29,8 +28,28 @@ from neuro.core.choice import Choice
 from neuro.model.arithmetic import OfModule
 from neuro.model.neurons.base import State
 
-FUNCTIONS = {"constants": 3, "on_post": 4, "on_pre": 4}
+FUNCTIONS = {"constants": 3, "on_post": 5, "on_pre": 5}
 """The functions of a pairwise rule and how many arguments each takes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """What a rule knows of the spikes of one side: `pre[k]` or `post[k]` for the k-th that it lists.
+
+    Attributes:
+        tau: the parameter that is its time constant; "tau_minus" may be the target's. "" for a time: the ms since the
+            last spike, infinite before the first.
+        nearest: whether a spike puts it to `adds`, so that only the last one counts; else each spike adds `adds`.
+        adds: what a spike adds.
+    """
+
+    tau: str
+    nearest: bool = False
+    adds: float = 1.0
+
+
+K_PLUS, K_MINUS = Trace("tau_plus"), Trace("tau_minus")
+"""The traces of spike pairs, all to all, of NEST's models."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,6 +59,7 @@ class Synapse(Choice):
     Class attributes:
         learns: "" (static), "pairs" (spike pairs), "trials" (at the end of a trial) or "chip" (by a chip's own engine).
         chip: the chip whose registers the parameters are, "" for a model of all backends.
+        pre, post: the traces that a pairwise rule reads.
         modulated: whether a dopamine concentration acts on it.
         states: the states of a synapse beside its weight.
         width: how many constants `constants` fills; tables of decays may be among them.
@@ -51,6 +71,8 @@ class Synapse(Choice):
     source: ClassVar[str] = ""
     learns: ClassVar[str] = ""
     chip: ClassVar[str] = ""
+    pre: ClassVar[tuple[Trace, ...]] = (K_PLUS,)
+    post: ClassVar[tuple[Trace, ...]] = (K_MINUS,)
     modulated: ClassVar[bool] = False
     states: ClassVar[tuple[State, ...]] = ()
     width: ClassVar[int] = 20

@@ -40,19 +40,19 @@ def constants(p, h, c):
     c[:6] = p[:6]
 
 
-def on_post(y, e, c, k_plus):
+def on_post(y, e, c, pre, post):
     """Potentiate, up to Wmax."""
     w_max = c[W_MAX]
     share = 1.0 - y[0, e] / w_max
     mu = c[MU_PLUS]
     factor = 1.0 if mu == 0.0 else (share if mu == 1.0 else share**mu)
-    y[0, e] = min(w_max, y[0, e] + w_max * c[LAMBDA] * factor * k_plus)
+    y[0, e] = min(w_max, y[0, e] + w_max * c[LAMBDA] * factor * pre[0])
 
 
-def on_pre(y, e, c, k_minus):
+def on_pre(y, e, c, pre, post):
     """Depress, down to 0."""
     w_max = c[W_MAX]
     share = y[0, e] / w_max
     mu = c[MU_MINUS]
     factor = 1.0 if mu == 0.0 else (share if mu == 1.0 else share**mu)
-    y[0, e] = max(0.0, y[0, e] - w_max * c[ALPHA] * c[LAMBDA] * factor * k_minus)
+    y[0, e] = max(0.0, y[0, e] - w_max * c[ALPHA] * c[LAMBDA] * factor * post[0])

@@ -85,14 +85,14 @@ def decays(c, steps):
     return math.exp(at / c[TAU_C]), math.exp(at / c[TAU_N]), -math.expm1(at / c[TAU_C]), -math.expm1(at / c[TAU])
 
 
-def on_post(y, e, c, k_plus):
+def on_post(y, e, c, pre, post):
     """A pre-post pair raises the eligibility."""
-    y[1, e] += c[A_PLUS] * k_plus
+    y[1, e] += c[A_PLUS] * pre[0]
 
 
-def on_pre(y, e, c, k_minus):
+def on_pre(y, e, c, pre, post):
     """A post-pre pair lowers it."""
-    y[1, e] -= c[A_MINUS] * k_minus
+    y[1, e] -= c[A_MINUS] * post[0]
 
 
 def advance(y, e, c, begin, end, n, grid):

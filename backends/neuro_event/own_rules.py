@@ -1,0 +1,222 @@
+"""Pairwise rules of strangers: one pass over synapses, compiled for each rule by itself and called by its address.
+
+What `plastic` does for the rules of this package, for any list of traces. Each synapse knows up to which step post
+spikes have acted on it (`reached`), so it needs nothing but the history of its target, in which `post_spike` keeps the
+values of the traces just before each spike.
+"""
+
+# mypy: ignore-errors
+import math
+from functools import cache
+
+import numpy as np
+from numba import types
+
+from neuro.kernels.address import address_of
+from neuro.kernels.jit import compiled, inner, kernel
+from neuro_event.tables import (
+    BEGIN,
+    BLOCK,
+    COLUMN,
+    DELAY,
+    DELAY_STRIDE,
+    FIRST_BLOCK,
+    FIRST_SOURCE,
+    FIRST_SYNAPSE,
+    FIRST_TARGET,
+    GRID_STEPS,
+    HISTORY,
+    INCOMING,
+    PROJECTION,
+    RECEPTORS,
+    RELAY,
+    RING,
+    RING_MASK,
+    RING_SIZE,
+    ROW,
+    SOURCE_STRIDE,
+    SYNAPSE,
+    TARGET,
+)
+from neuro_event.views import net_of, plastic_of
+
+ENTRIES, NEWEST, ENTRY = 0, 2, 3
+"""Of a history, see `plastic`."""
+
+PRE_SPIKE, BRING, BRING_WHOLE = range(3)
+"""Operations of an entry."""
+
+TAU, NEAREST, ADDS = range(3)
+"""Columns of `kinds`."""
+TIME, OF_NEURON = -1.0, 0.0
+"""In place of a time constant: the trace is a time; it decays with the neuron's tau_minus."""
+
+
+@inner
+def grown(kind, value, m):
+    """A trace just after m spikes (0: none), from its value just before them."""
+    if m == 0:
+        return value
+    return kind[ADDS] if kind[NEAREST] == 1.0 else value + kind[ADDS] * m
+
+
+@inner
+def pre_value(p, q, j, thread, own, step, h):
+    """A pre trace at a step. A time trace holds the step of the last spike and 1, or 0 where there was none."""
+    value, tau = p.k_plus[thread, own + j], p.kinds[q, j, TAU]
+    if tau == TIME:
+        return math.inf if value == 0.0 else (step - (value - 1.0)) * h
+    return value * math.exp(-(step - p.k_time[thread, own]) * h / tau) if value != 0.0 else 0.0
+
+
+@inner
+def after_entry(net, p, q, j, column, history, i, neuron, step, h):
+    """A post trace at a step after the i-th entry of a history."""
+    kind = p.kinds[q, p.kinds.shape[1] // 2 + j]
+    past, value = p.past[history], p.others[history, i, column + j]
+    passed = (step - past[NEWEST + ENTRY * i]) * h
+    m = past[NEWEST + ENTRY * i + 2]
+    if kind[TAU] == TIME:
+        return passed if m > 0 else value + passed
+    tau = net.tau_minus[neuron] if kind[TAU] == OF_NEURON else kind[TAU]
+    return grown(kind, value, m) * math.exp(-passed / tau)
+
+
+@inner
+def post_value(net, p, q, j, column, history, neuron, before, h):
+    """A post trace at a step, from the spikes strictly before it."""
+    past = p.past[history]
+    for i in range(past[ENTRIES]):
+        if past[NEWEST + ENTRY * i] < before:
+            return after_entry(net, p, q, j, column, history, i, neuron, before, h)
+    return math.inf if p.kinds[q, p.kinds.shape[1] // 2 + j, TAU] == TIME else 0.0
+
+
+@inner
+def kept_value(p, j, column, history, k):
+    """A post trace just before the k-th entry of a history."""
+    return p.others[history, k, column + j]
+
+
+def _tuple_of(name, count, arguments, inner_name, scope):
+    """A compiled function that gives a tuple of so many values."""
+    calls = "".join(f"{inner_name}({arguments.format(j=j)}), " for j in range(count))
+    words = arguments.replace("{j}, ", "")
+    space = dict(scope)
+    exec(f"def {name}({words}):\n    return ({calls})", space)
+    return inner(space[name])
+
+
+@cache
+def rule_entry(model):
+    """The address of the passes of one rule."""
+    arithmetic, modulated = model.arithmetic, model.modulated
+    on_pre, on_post = compiled(arithmetic.on_pre), compiled(arithmetic.on_post)
+    advance = compiled(arithmetic.advance) if modulated else None
+    scope = {"pre_value": pre_value, "post_value": post_value, "kept_value": kept_value}
+    n_pre = len(model.pre)
+    pre_values = _tuple_of("pre_values", n_pre, "p, q, {j}, thread, own, step, h", "pre_value", scope)
+    n_post = len(model.post)
+    post_values = _tuple_of(
+        "post_values", n_post, "net, p, q, {j}, column, history, neuron, before, h", "post_value", scope
+    )
+    kept_values = _tuple_of("kept_values", n_post, "p, {j}, column, history, k", "kept_value", scope)
+
+    if modulated:
+
+        @inner
+        def pass_time(view, q, z, target, since, upto, h):
+            p = plastic_of(view)
+            place = p.table[q, FIRST_TARGET] + target
+            n = p.n[place] * math.exp(-(since - p.n_time[place]) * h / p.tau[q, 1]) if p.n[place] != 0.0 else 0.0
+            advance(p.y, z, p.rule[q], since, upto, n, p.table[q, GRID_STEPS])
+
+    else:
+
+        @inner
+        def pass_time(view, q, z, target, since, upto, h):
+            pass
+
+    @inner
+    def flow(view, q, z, own, thread, target, upto, whole, delay, h):
+        """Let the post spikes up to step `upto` act on a synapse; with `whole` also what flows after the last."""
+        net, p = net_of(view), plastic_of(view)
+        row = net.pops[net.projections[p.table[q, PROJECTION], TARGET]]
+        history = row[HISTORY] + target
+        past, since, column = p.past[history], p.reached[z], p.table[q, COLUMN]
+        i = 0
+        while i < past[ENTRIES] and past[NEWEST + ENTRY * i] + delay > since:
+            i += 1
+        for k in range(i - 1, -1, -1):
+            time = past[NEWEST + ENTRY * k]
+            if time + delay > upto:
+                break
+            pass_time(view, q, z, target, since, time + delay, h)
+            since = time + delay
+            pre = pre_values(p, q, thread, own, since, h)
+            post = kept_values(p, column, history, k)
+            for _ in range(past[NEWEST + ENTRY * k + 2]):
+                on_post(p.y, z, p.rule[q], pre, post)
+        if whole and since < upto:
+            pass_time(view, q, z, target, since, upto, h)
+            since = upto
+        p.reached[z] = since
+
+    @inner
+    def pre_spike(view, q, source, step, thread, h):
+        net, p = net_of(view), plastic_of(view)
+        table, c = p.table[q], p.rule[q]
+        row = net.projections[table[PROJECTION]]
+        target_row = net.pops[row[TARGET]]
+        receptors, relay = target_row[RECEPTORS], target_row[RELAY]
+        blocks = net.awake.shape[0]
+        slots = net.due.shape[0] // blocks - 1
+        own = table[FIRST_SOURCE] + source * table[SOURCE_STRIDE]
+        pre = pre_values(p, q, thread, own, step, h)
+        place = row[ROW] + source * (net.edges.shape[0] - 1) + thread
+        for e in range(net.rows[place], net.rows[place + 1]):
+            s = e - row[SYNAPSE]
+            z = table[FIRST_SYNAPSE] + s
+            target = np.int64(net.targets[e])
+            delay = np.int64(net.delays[row[DELAY] + s * row[DELAY_STRIDE]])
+            flow(view, q, z, own, thread, target, step, True, delay, h)
+            history = target_row[HISTORY] + target
+            neuron = target_row[BEGIN] + target
+            post = post_values(net, p, q, table[COLUMN], history, neuron, step - delay, h)
+            on_pre(p.y, z, c, pre, post)
+            weight = p.y[0, z]
+            p.sent[z] = weight
+            second = 1 if receptors == 2 and weight < 0.0 else 0
+            at = step + delay
+            ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]
+            net.buf[ring + target] += 1.0 if relay == 1 else weight
+            net.due[(at & slots) * blocks + target_row[FIRST_BLOCK] + target // BLOCK] = 1
+        for j in range(n_pre):
+            if p.kinds[q, j, TAU] == TIME:
+                p.k_plus[thread, own + j] = step + 1.0
+            else:
+                p.k_plus[thread, own + j] = grown(p.kinds[q, j], pre_value(p, q, j, thread, own, step, h), 1)
+        p.k_time[thread, own] = step
+
+    @inner
+    def bring(view, q, target, step, thread, whole, h):
+        net, p = net_of(view), plastic_of(view)
+        table = p.table[q]
+        row = net.projections[table[PROJECTION]]
+        begin = table[INCOMING] + target
+        for i in range(p.incoming[begin], p.incoming[begin + 1]):
+            z = p.in_synapse[i]
+            own = table[FIRST_SOURCE] + np.int64(p.in_source[i]) * table[SOURCE_STRIDE]
+            delay = np.int64(net.delays[row[DELAY] + (z - table[FIRST_SYNAPSE]) * row[DELAY_STRIDE]])
+            if p.reached[z] < step:
+                flow(view, q, z, own, thread, target, step, whole, delay, h)
+
+    @kernel
+    def run(view, q, operation, index, step, thread, h):
+        if operation == PRE_SPIKE:
+            pre_spike(view, q, index, step, thread, h)
+        else:
+            bring(view, q, index, step, thread, operation == BRING_WHOLE, h)
+        return 0
+
+    return address_of(run, types.int64(*(types.int64,) * 6, types.float64))
