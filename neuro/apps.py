@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from neuro.chips.pricing.energy import number, quantity, sourced
     from neuro.cli.energy import TARGETS, Target
     from neuro.cli.options import Backend, Seed, Set, assignments, whole
-    from neuro.core import hdf5
     from neuro.core.errors import Where, unknown
     from neuro.core.extras import install
+    from neuro.core.hdf5 import kind, reading, writing
     from neuro.core.outputs import Kind, Unwritable, check, make_folder, output, sealed, write_picture, write_text
     from neuro.core.tables import console, table
     from neuro.kernels.jit import allocating, inner, kernel
@@ -39,7 +39,7 @@ _HOMES = {
         "Where",
         "unknown",
     ),
-    "neuro.core.hdf5": (),
+    "neuro.core.hdf5": ("kind", "reading", "writing"),
     "neuro.core.extras": ("install",),
     "neuro.core.outputs": (
         "Kind",
@@ -90,10 +90,10 @@ __all__ = [
     "assignments",
     "check",
     "console",
-    "hdf5",
     "inner",
     "install",
     "kernel",
+    "kind",
     "make_folder",
     "mistake",
     "number",
@@ -101,6 +101,7 @@ __all__ = [
     "plain",
     "quantity",
     "read",
+    "reading",
     "sealed",
     "sourced",
     "table",
@@ -109,6 +110,7 @@ __all__ = [
     "words",
     "write_picture",
     "write_text",
+    "writing",
 ]
 
 if not TYPE_CHECKING:

@@ -2,27 +2,25 @@
 
 The ```python blocks of a page run one after the other in one namespace, in a folder of their own that holds a
 `net.yaml` and its results `out.h5`. A ```yaml block with a line `neuro: 1` is loaded and compiled; if its first line is
-a comment with a file's name, it is written there for the blocks that follow. Pages that change the package are
-followed in a copy of it: a block that begins with a path is that file, a ```diff block changes lines.
+a comment with a file's name, it is written there for the blocks that follow. Pages that add a part are followed by
+`test_add_pages`.
 """
 
-import os
 import re
 import runpy
-import shutil
-import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from test_add_pages import PAGES as PARTS
 
 import neuro
 from neuro.cli import main
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-NEW_CODE = ("add-a-neuron-model.md", "add-a-synapse-rule.md")
+NEW_CODE = tuple(f"{name}.md" for name in PARTS)
 NEEDS_DATA = ("remus.md",)
 NEEDS_PACKAGE = {"drone_ppo": "stable_baselines3"}
 PAGE_NEEDS = {"run-on-nest.md": "nest"}
@@ -100,51 +98,3 @@ def test_page(page, folder, monkeypatch):
             net = neuro.load(named[1] if named else "block.yaml")
             if net.populations:
                 neuro.compile(net, backend="reference")
-
-
-def follow(page: Path, tree: Path) -> list[str]:
-    """Do in a copy of the package what a page says; return the blocks that are to be run there."""
-    scripts = []
-    for kind, text in blocks(page):
-        named = _FILE.match(text)
-        if kind == "python" and named:
-            (tree / named[1]).write_text(text.partition("\n")[2])
-        elif kind == "python":
-            scripts.append(text)
-        elif kind == "diff":
-            change(tree, text.splitlines())
-    return scripts
-
-
-def change(tree: Path, lines: list[str]) -> None:
-    """Put each `+` line after the last line named, and remove each `-` line."""
-    path = tree / lines[0].removeprefix("--- ")
-    text, place = path.read_text().splitlines(), -1
-    for line in lines[1:]:
-        if line[0] == "+":
-            place += 1
-            text.insert(place, line[1:])
-        else:
-            place = text.index(line[1:])
-            if line[0] == "-":
-                del text[place]
-                place -= 1
-    path.write_text("\n".join(text) + "\n")
-
-
-def test_pages_that_add_to_the_package(tmp_path):
-    """One copy for both pages, so that its kernels are compiled once."""
-    for name in ("neuro", "backends"):
-        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
-    scripts = [text for name in NEW_CODE for text in follow(ROOT / "docs" / "how-to" / name, tmp_path)]
-    (tmp_path / "stranger.py").write_text("\n".join([*scripts, "print(neuro.__file__)"]))
-    found = subprocess.run(
-        [sys.executable, "-W", "error", "stranger.py"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, (tmp_path, tmp_path / "backends")))},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert found.returncode == 0, found.stderr
-    assert found.stdout.strip() == str(tmp_path / "neuro" / "__init__.py")

@@ -489,7 +489,7 @@ def test_sweeping_that_is_refused_is_no_error(call, tmp_path, monkeypatch):
 
 def test_no_file_is_opened_for_writing_elsewhere():
     """All files are written by way of `neuro.core.outputs`; formats of events and batches get their path from there."""
-    root = Path(outputs.__file__).parents[1]
+    root = Path(outputs.__file__).parents[2]
     calls = (
         ".savefig(",
         ".write_text(",

@@ -17,7 +17,7 @@ from typing import Any
 import numpy.typing as npt
 
 import neuro
-from neuro.core.hdf5 import reading, writing
+from neuro.apps import reading, writing
 from neuro_drone.controllers import Learner
 from neuro_drone.model import put, take
 

@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.core.hdf5 import reading, writing
+from neuro.apps import reading, writing
 from neuro_drone.controllers import Controller, Learner, kind_of, make
 from neuro_drone.scenario import Scenario
 

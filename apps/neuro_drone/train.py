@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.apps import check
-from neuro.core.hdf5 import kind
+from neuro.apps import check, kind
 from neuro_drone import checkpoint, cores
 from neuro_drone.controllers import Learner, kind_of, make, settings_of
 from neuro_drone.env import DroneEnv

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import neuro
-from neuro.core.hdf5 import reading, writing
+from neuro.apps import reading, writing
 
 FORMAT = "neuro remus training 1"
 

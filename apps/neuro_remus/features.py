@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from neuro.apps import Unwritable
-from neuro.core.hdf5 import writing
+from neuro.apps import Unwritable, writing
 from neuro.events import EventFileError, Recordings
 from neuro_remus.bars import shown
 from neuro_remus.frontend import FrontEnd

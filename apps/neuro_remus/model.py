@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.core.hdf5 import reading, writing
+from neuro.apps import reading, writing
 from neuro_models import path as network_path
 from neuro_remus.settings import Settings
 

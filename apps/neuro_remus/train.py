@@ -12,8 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.apps import check
-from neuro.core.hdf5 import kind
+from neuro.apps import check, kind
 from neuro_remus import checkpoint
 from neuro_remus.features import Spikes
 from neuro_remus.model import FORMAT, LEARNT, Model, network_of, to_text

@@ -15,11 +15,12 @@ from neuro.compiler.values import delay_steps, one_delay, per_neuron, per_synaps
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
+from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.network import Network
-from neuro.model.neurons import Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.model.neurons import MODELS, Neuron, dc_generator, poisson_generator, spike_generator
 from neuro.model.parts import Population, Projection
-from neuro.model.rules import grid
-from neuro.model.synapses import stdp_dopa
+from neuro.model.rules import RULES, grid
+from neuro.model.synapses import SYNAPSES, stdp_dopa
 from neuro.program import program as resolved
 from neuro.program.program import Floats, Ints
 
@@ -34,6 +35,8 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
     Raises:
         ModelError: the network cannot be run by any backend.
     """
+    for registry in (MODELS, SYNAPSES, RULES, DISTRIBUTIONS):
+        registry.close("a network was compiled")
     clock = Clock(net.resolution)
     shapes = resolve_shapes(net)
     check_network(net, shapes)

@@ -92,7 +92,7 @@ def test_unknown_option(neuro, network):
 
 
 def test_bugs_are_not_hidden(neuro, network, monkeypatch):
-    monkeypatch.setattr("neuro.load", lambda *a, **k: 1 / 0)
+    monkeypatch.setattr("neuro.model.language.load", lambda *a, **k: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         neuro("run", network)
 

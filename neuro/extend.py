@@ -1,0 +1,132 @@
+"""What parts of one's own are made of: neurons, generators, synapses, rules, distributions, formats, filters, chips.
+
+from neuro.extend import Neuron, State, quantity, register
+
+Names here stay, wherever they are defined.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from neuro.core.lazy import lazily
+
+if TYPE_CHECKING:
+    from neuro.chips.description import Chip, Figure, Mesh
+    from neuro.core.errors import ModelError
+    from neuro.core.quantities import Value, quantity
+    from neuro.core.registry import register
+    from neuro.events._events import Events
+    from neuro.events.filters import Filter
+    from neuro.events.formats import Damage, Format, Piece, Reader, Seeker, Unsavable
+    from neuro.kernels.jit import allocating, inner, kernel
+    from neuro.model.distributions import Distribution
+    from neuro.model.neurons.base import Generator, Neuron, State
+    from neuro.model.neurons.propagators import from_alpha, from_constant, from_exponential, leak
+    from neuro.model.rules import Rule
+    from neuro.model.synapses.base import K_MINUS, K_PLUS, Synapse, Trace
+    from neuro.program.backend import Backend, Engine, EngineCounts, Outcome, Problem, Spikes, Trial
+    from neuro.program.program import Program
+
+_HOMES = {
+    "neuro.chips.description": (
+        "Chip",
+        "Figure",
+        "Mesh",
+    ),
+    "neuro.core.errors": ("ModelError",),
+    "neuro.core.quantities": (
+        "Value",
+        "quantity",
+    ),
+    "neuro.core.registry": ("register",),
+    "neuro.events._events": ("Events",),
+    "neuro.events.filters": ("Filter",),
+    "neuro.events.formats": (
+        "Damage",
+        "Format",
+        "Piece",
+        "Reader",
+        "Seeker",
+        "Unsavable",
+    ),
+    "neuro.kernels.jit": (
+        "allocating",
+        "inner",
+        "kernel",
+    ),
+    "neuro.model.distributions": ("Distribution",),
+    "neuro.model.neurons.base": (
+        "Generator",
+        "Neuron",
+        "State",
+    ),
+    "neuro.model.neurons.propagators": (
+        "from_alpha",
+        "from_constant",
+        "from_exponential",
+        "leak",
+    ),
+    "neuro.model.rules": ("Rule",),
+    "neuro.model.synapses.base": (
+        "K_MINUS",
+        "K_PLUS",
+        "Synapse",
+        "Trace",
+    ),
+    "neuro.program.backend": (
+        "Backend",
+        "Engine",
+        "EngineCounts",
+        "Outcome",
+        "Problem",
+        "Spikes",
+        "Trial",
+    ),
+    "neuro.program.program": ("Program",),
+}
+
+__all__ = [
+    "K_MINUS",
+    "K_PLUS",
+    "Backend",
+    "Chip",
+    "Damage",
+    "Distribution",
+    "Engine",
+    "EngineCounts",
+    "Events",
+    "Figure",
+    "Filter",
+    "Format",
+    "Generator",
+    "Mesh",
+    "ModelError",
+    "Neuron",
+    "Outcome",
+    "Piece",
+    "Problem",
+    "Program",
+    "Reader",
+    "Rule",
+    "Seeker",
+    "Spikes",
+    "State",
+    "Synapse",
+    "Trace",
+    "Trial",
+    "Unsavable",
+    "Value",
+    "allocating",
+    "from_alpha",
+    "from_constant",
+    "from_exponential",
+    "inner",
+    "kernel",
+    "leak",
+    "quantity",
+    "register",
+]
+
+if not TYPE_CHECKING:
+    __getattr__, __dir__ = lazily(__name__, _HOMES)

@@ -1,0 +1,175 @@
+"""Models of strangers, registered or not: compiled by themselves, anew after an edit, and equal to the reference."""
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro.extend import Neuron, Synapse, Trace, quantity
+from neuro.testing import observe
+from neuro.testing.case import differences
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class my_cell(neuro.iaf_psc_exp):
+    """A neuron with the arithmetic of its base."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class my_rule(neuro.stdp):
+    """A rule with the arithmetic of its base."""
+
+
+def network(cell, rule):
+    net = neuro.Network("own")
+    net.population("g", 30, neuro.poisson_generator(rate=400.0))
+    net.population("c", 70, cell(tau_m=neuro.uniform(low=5.0, high=15.0)))
+    net.connect("g", "c", neuro.fixed_indegree(n=10), weight=100.0, delay=1.0)
+    delay = neuro.uniform(low=0.1, high=4.0)
+    net.connect("c", "c", neuro.fixed_indegree(n=5), rule(Wmax=90.0, lambda_=0.1), weight=50.0, delay=delay, name="w")
+    return net
+
+
+def found(net, backend, threads=1):
+    sim = neuro.compile(net, backend, threads=threads)
+    sim.run(60.0)
+    sim.set("w", tau_plus=10.0, alpha=0.8)
+    sim.set("c", V_th=-56.0)
+    sim.run(3.3)
+    between = sim.get("w", "weight")
+    sim.run(60.0)
+    return {"between": between, **observe(sim)}
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_by_address_as_compiled_in(threads):
+    ours = found(network(neuro.iaf_psc_exp, neuro.stdp), "event")
+    theirs = found(network(my_cell, my_rule), "event", threads)
+    assert np.ptp(ours["between"]) > 10.0
+    assert differences(ours, theirs, exact=False) == []
+
+
+@pytest.mark.parametrize(("cell", "rule"), [(my_cell, my_rule), (neuro.iaf_psc_exp, neuro.stdp)])
+def test_a_read_between_pre_spikes_shows_what_was_sent(cell, rule):
+    net = network(cell, rule)
+    assert differences(found(net, "reference"), found(net, "event"), exact=False) == []
+
+
+def test_a_state_goes_on_in_another_process(tmp_path):
+    net = network(my_cell, my_rule)
+    sim = neuro.compile(net)
+    sim.run(30.0)
+    sim.save(tmp_path / "state.h5")
+    sim.run(30.0)
+    again = neuro.compile(net)
+    again.restore(tmp_path / "state.h5")
+    again.run(30.0)
+    assert differences(observe(sim), observe(again), exact=True) == []
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class without_functions(Neuron):
+    """A neuron that says nothing of what it does."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class without_tau(Synapse):
+    """A rule whose trace has no time constant."""
+
+    learns: ClassVar[str] = "pairs"
+    pre: ClassVar[tuple[Trace, ...]] = (Trace("tau_x"),)
+    Wmax: float = quantity(1.0, "", "largest weight")
+
+
+def test_what_is_incomplete_is_refused_where_it_stands():
+    net = neuro.Network("own")
+    net.population("c", 3, without_functions())
+    with pytest.raises(neuro.ModelError) as error:
+        neuro.compile(net)
+    assert "population 'c': neuron model 'without_functions': " in str(error.value)
+    assert "has no function 'constants'" in str(error.value)
+    net = neuro.Network("own")
+    net.population("c", 3, neuro.iaf_psc_exp())
+    net.connect("c", "c", neuro.all_to_all(), without_tau(), name="w")
+    with pytest.raises(neuro.ModelError, match="projection 'w': synapse model 'without_tau' has no 'tau_x'"):
+        neuro.compile(net)
+
+
+MINE = """
+from dataclasses import dataclass
+import neuro
+from neuro.model.neurons.iaf_psc_delta import constants, quiet, step
+
+@neuro.register
+@dataclass(frozen=True, kw_only=True, eq=False)
+class my_cell(neuro.iaf_psc_delta):
+    "Resets to its own number."
+
+def fire(s, c, i):
+    s[0, i] = NUMBER
+"""
+RUN = """
+import sys, time
+import neuro
+WITH
+net = neuro.Network("own")
+net.population("c", 1, neuro.my_cell(I_e=1000.0, t_ref=0.0) if NUMBER else neuro.iaf_psc_delta(I_e=1000.0, t_ref=0.0))
+began = time.perf_counter()
+sim = neuro.compile(net)
+sim.run(1.0)
+took = time.perf_counter() - began
+sim.run(100.0)
+print(len(sim.spikes("c")[0]), took)
+"""
+
+
+def test_an_edited_model_is_compiled_anew_and_nothing_else(tmp_path):
+    def run(number):
+        (tmp_path / "mine.py").write_text(MINE.replace("NUMBER", str(number)))
+        text = RUN.replace("WITH", "import mine" if number else "").replace("NUMBER", str(number))
+        environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}
+        done = subprocess.run(
+            [sys.executable, "-c", text], cwd=tmp_path, env=environment, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        spikes, took = done.stdout.split()
+        kept = {path.name for path in (tmp_path / "cache").rglob("*-*") if path.is_file()}
+        return int(spikes), float(took), kept
+
+    _, first, engine = run(0)
+    one, took, with_one = run(-60.0)
+    two, again, with_two = run(-90.0)
+    assert one > two > 0
+    assert len(with_one - engine) == len(with_two - with_one) == 1
+    assert max(took, again) < first / 2
+
+
+def test_registered_twice_or_too_late(tmp_path):
+    script = tmp_path / "own.py"
+    code = """
+import neuro
+from dataclasses import dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class mine(neuro.stdp):
+    "A rule."
+neuro.register(mine)
+for late in (False, True):
+    if late:
+        net = neuro.Network("n"); net.population("c", 1, neuro.iaf_psc_exp()); neuro.compile(net, "reference")
+    try:
+        neuro.register(mine if not late else type("other", (mine,), {}))
+    except neuro.ModelError as error:
+        print(error)
+"""
+    script.write_text(code)
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
+    assert done.stdout == (
+        "own.py:11: synapse 'mine' is registered twice\n  hint: give it another name\n"
+        "own.py:11: synapse 'other' is registered too late: a network was compiled\n"
+        "  hint: register it first; an instance of it works in Python without being registered\n"
+    )

@@ -1,0 +1,47 @@
+"""Pages in which a stranger adds a part: followed in an empty folder, from the command line and from Python."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = ("add-a-neuron-model", "add-a-synapse-rule", "add-a-generator", "add-a-connection-rule")
+_BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)
+_FILE = re.compile(r"# ([\w.-]+\.(?:py|yaml))\n")
+_COMMAND = "import sys; from neuro.cli import main; sys.exit(main())"
+
+
+def run(folder, *command):
+    done = subprocess.run(
+        [sys.executable, "-W", "error", *command], cwd=folder, env=os.environ, capture_output=True, text=True
+    )
+    assert done.returncode == 0, f"{command}: {done.stderr}"
+    return done.stdout
+
+
+def follow(page, folder):
+    """Write the files that a page shows; return its scripts and its command lines."""
+    scripts, commands = [], []
+    for kind, text in _BLOCK.findall((ROOT / "docs" / "how-to" / f"{page}.md").read_text("utf-8")):
+        if named := _FILE.match(text):
+            (folder / named[1]).write_text(text)
+        elif kind == "python":
+            scripts.append(text)
+        elif kind == "console":
+            commands += [line.removeprefix("$ neuro ").split() for line in text.splitlines() if line.startswith("$ ")]
+    return scripts, commands
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_stranger_follows_the_page(page, tmp_path):
+    scripts, commands = follow(page, tmp_path)
+    assert scripts
+    assert commands
+    (tmp_path / "check.py").write_text("\n".join(scripts))
+    run(tmp_path, "check.py")
+    for command in commands:
+        assert run(tmp_path, "-c", _COMMAND, *command)
