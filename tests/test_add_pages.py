@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("add-a-neuron-model", "add-a-synapse-rule", "add-a-generator", "add-a-connection-rule")
+PAGES = sorted(p for p in (ROOT / "docs" / "how-to").glob("add-*.md") if "--with" in p.read_text("utf-8"))
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)
 _FILE = re.compile(r"# ([\w.-]+\.(?:py|yaml))\n")
 _COMMAND = "import sys; from neuro.cli import main; sys.exit(main())"
@@ -26,7 +26,7 @@ def run(folder, *command):
 def follow(page, folder):
     """Write the files that a page shows; return its scripts and its command lines."""
     scripts, commands = [], []
-    for kind, text in _BLOCK.findall((ROOT / "docs" / "how-to" / f"{page}.md").read_text("utf-8")):
+    for kind, text in _BLOCK.findall(page.read_text("utf-8")):
         if named := _FILE.match(text):
             (folder / named[1]).write_text(text)
         elif kind == "python":
@@ -36,7 +36,7 @@ def follow(page, folder):
     return scripts, commands
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_a_stranger_follows_the_page(page, tmp_path):
     scripts, commands = follow(page, tmp_path)
     assert scripts
