@@ -5,6 +5,7 @@ import numpy as np
 
 from neuro.kernels.jit import inner
 from neuro_chip.tables import (
+    ARRIVED,
     BEGIN,
     CHANNEL_HEIGHT,
     CHANNEL_WIDTH,
@@ -13,19 +14,17 @@ from neuro_chip.tables import (
     CSR,
     DENSE,
     END,
-    HEARD,
     KERNEL_HEIGHT,
     KERNEL_WIDTH,
-    KIND,
     LAG,
     LAG_STRIDE,
     LAYOUT,
-    LOIHI,
     MAPS,
     NEGATIVE,
     ONE_TO_ONE,
     PADDING,
     POSITIVE,
+    RECEPTORS,
     RING,
     ROW,
     ROWS,
@@ -61,11 +60,11 @@ def send(net, q, i, times, step):
     n = target[END] - target[BEGIN]
     mask = target[SLOTS] - 1
     below = target[SLOTS] * n
-    capped = target[KIND] > LOIHI
+    capped = target[RECEPTORS] == 2
     if row[LAYOUT] == DENSE:
         slot = (step + net.lags[row[LAG]]) & mask
         begin = target[RING] + slot * n
-        net.heard_all[target[HEARD] + slot] = 1
+        net.arrived_all[target[ARRIVED] + slot] = 1
         into = net.ring[begin : begin + n]
         if row[WORD_STRIDE] == 0:
             word = net.words[row[WORD]]
@@ -88,7 +87,7 @@ def send(net, q, i, times, step):
             begin = target[RING] + slot * n
             send_sparse(
                 net.ring[begin : begin + n],
-                net.heard[begin : begin + n],
+                net.arrived[begin : begin + n],
                 net.targets[base + first : base + last],
                 net.words[row[WORD] + first : row[WORD] + last],
             )
@@ -97,12 +96,12 @@ def send(net, q, i, times, step):
             slot = (step + net.lags[row[LAG] + e * row[LAG_STRIDE]]) & mask
             place = target[RING] + slot * n + net.targets[base + e]
             add(net.ring, place, below, net.words[row[WORD] + e * row[WORD_STRIDE]], times, capped)
-            net.heard[place] = 1
+            net.arrived[place] = 1
     elif row[LAYOUT] == ONE_TO_ONE:
         slot = (step + net.lags[row[LAG] + i * row[LAG_STRIDE]]) & mask
         place = target[RING] + slot * n + i
         add(net.ring, place, below, net.words[row[WORD] + i * row[WORD_STRIDE]], times, capped)
-        net.heard[place] = 1
+        net.arrived[place] = 1
     else:
         send_grid(net, row, target, i, times, step, below, capped)
 
@@ -128,12 +127,12 @@ def send_capped(into, words, times):
 
 
 @inner
-def send_sparse(into, heard, targets, words):
+def send_sparse(into, arrived, targets, words):
     """Add words to scattered slots."""
     for e in range(targets.size):
         place = np.uint32(targets[e])
         into[place] = np.int32(into[place] + np.int32(words[e]))
-        heard[place] = 1
+        arrived[place] = 1
 
 
 @inner
@@ -155,4 +154,4 @@ def send_grid(net, row, target, i, times, step, below, capped):
             for c in range(c_first, c_last + 1):
                 word = net.words[line + (x - c * stride) * row[WORD_STRIDE]]
                 add(net.ring, base + c, below, word, times, capped)
-                net.heard[base + c] = 1
+                net.arrived[base + c] = 1

@@ -8,49 +8,40 @@ import numpy as np
 from neuro.kernels.draws import poisson_by_sum, step_word, uniform
 from neuro.kernels.jit import inner, kernel
 from neuro_chip.deliver import send
-from neuro_chip.neurons import step_delta, step_loihi, step_spinnaker
+from neuro_chip.families.dispatch import update
 from neuro_chip.tables import (
+    ARRIVED,
     BEGIN,
     BINARY,
-    CLIPS,
     CLOSED,
     CURRENT,
     DECIDED,
-    DRIVE_WRAPS,
     EMITTED,
     END,
-    EXC_SHIFT,
     FIRST_TO_FIRE,
     GROUP,
-    HEARD,
-    INH_SHIFT,
-    INPUT_WRAPS,
     KIND,
     LATE,
     LISTED,
-    LOIHI,
     MERGED,
     POISSON,
     RECORD,
     RECORDED,
     RELAY,
     RING,
-    SATURATIONS,
     SLOTS,
-    SPINNAKER,
     START,
     STEP,
     STOP,
     STOP_GROUP,
     WINNER,
-    WRAPS,
 )
 
 Net = namedtuple(
     "Net",
     "pops projections out_ends out groups clock "  # tables; `out`: projections by source
     "words lags rows targets "  # synapses
-    "ring heard heard_all "  # input to come
+    "ring arrived arrived_all "  # input to come
     "v u g_inh hold "  # states
     "keep_u keep_v threshold bias v_reset refractory v_rest r_m exc_decay exc_init inh_decay inh_init "  # registers
     "fired muted first events spikes active native potential "
@@ -98,60 +89,22 @@ def send_all(net, step):
 
 
 @inner
-def update(net, pop, row, step):
-    """Step the neurons of a population; who reaches threshold is in `fired`."""
-    lo, hi = row[BEGIN], row[END]
-    n = hi - lo
-    slot = step & (row[SLOTS] - 1)
-    begin = row[RING] + slot * n
-    below = begin + row[SLOTS] * n
-    exc, inh = net.ring[begin : begin + n], net.ring[below : below + n]
-    v, hold, fired = net.v[lo:hi], net.hold[lo:hi], net.fired[lo:hi]
-    if row[KIND] == LOIHI:
-        inputs, currents, drives, clips = step_loihi(
-            net.ring[begin : begin + n],
-            v,
-            net.u[lo:hi],
-            hold,
-            net.keep_u[lo:hi],
-            net.keep_v[lo:hi],
-            net.threshold[lo:hi],
-            net.bias[lo:hi],
-            fired,
-        )
-        net.native[pop, INPUT_WRAPS] += inputs
-        net.native[pop, WRAPS] += currents
-        net.native[pop, DRIVE_WRAPS] += drives
-        net.native[pop, CLIPS] += clips
-    elif row[KIND] == SPINNAKER:
-        saturated, wraps = step_spinnaker(
-            exc, inh, v, net.u[lo:hi], net.g_inh[lo:hi], hold, net, lo, row[EXC_SHIFT], row[INH_SHIFT], fired
-        )
-        net.native[pop, SATURATIONS] += saturated
-        net.native[pop, WRAPS] += wraps
-    else:
-        saturated, wraps = step_delta(exc, inh, v, hold, net, lo, row[EXC_SHIFT], row[INH_SHIFT], fired)
-        net.native[pop, SATURATIONS] += saturated
-        net.native[pop, WRAPS] += wraps
-
-
-@inner
 def count_active(net, pop, row, step):
-    """Neurons that heard a spike or fired; what arrives now may be seen by the next update only."""
+    """Neurons that a spike reached or fired; what arrives now may be seen by the next update only."""
     lo, hi = row[BEGIN], row[END]
     n = hi - lo
     slot = (step + row[LATE]) & (row[SLOTS] - 1)
     begin = row[RING] + slot * n
-    heard, fired = net.heard[begin : begin + n], net.fired[lo:hi]
-    if net.heard_all[row[HEARD] + slot]:
-        net.heard_all[row[HEARD] + slot] = 0
-        heard[:] = 0
+    arrived, fired = net.arrived[begin : begin + n], net.fired[lo:hi]
+    if net.arrived_all[row[ARRIVED] + slot]:
+        net.arrived_all[row[ARRIVED] + slot] = 0
+        arrived[:] = 0
         net.active[pop] += n
         return
     count = np.uint32(0)
     for k in range(n):
-        count += np.uint32(heard[k] | fired[k])
-        heard[k] = 0
+        count += np.uint32(arrived[k] | fired[k])
+        arrived[k] = 0
     net.active[pop] += count
 
 

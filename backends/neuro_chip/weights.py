@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.loihi.neurons import word
 from neuro.chips.quantising.fixed import FixedProjection, Words
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints
 from neuro_chip import tables as t
+from neuro_chip.families.every import family_of
 
 
 class Weights:
@@ -31,7 +31,7 @@ class Weights:
     """
 
     def __init__(self, fixed: FixedProgram, arrays: dict[str, NDArray[Any]]) -> None:
-        self._program, self._a, self._chip = fixed.program, arrays, fixed.chip.arithmetic
+        self._program, self._a, self._family = fixed.program, arrays, family_of(fixed.chip)
         self.wires = list(fixed.projections)
         self._described = fixed.projections
         self._told: dict[int, Floats] = {}
@@ -47,7 +47,8 @@ class Weights:
                 self.rules[index] = part.synapse.vector()
             self.mantissas.append(own.copy())
 
-    def _wires(self, index: int) -> FixedProjection:
+    def wires_of(self, index: int) -> FixedProjection:
+        """A projection that carries spikes, with the scale that it has now."""
         wires = self.wires[index]
         assert wires is not None
         return wires
@@ -58,13 +59,7 @@ class Weights:
         if wires is None:
             return np.broadcast_to(part.weight, part.size).copy()
         mantissas = self.mantissas[index] if learnt is None else learnt
-        return np.broadcast_to(wires.acting(self._words(wires, mantissas)), part.size).copy()
-
-    def _words(self, wires: FixedProjection, mantissas: Words) -> Words:
-        """What the loop adds for some mantissas."""
-        if self._chip != "loihi":
-            return mantissas
-        return word(mantissas, wires.exponent, wires.bits, wires.sign_mode == "mixed")
+        return np.broadcast_to(wires.acting(self._family.words(wires, mantissas)), part.size).copy()
 
     def raw(self, index: int) -> Ints:
         """The mantissa of every synapse."""
@@ -81,7 +76,7 @@ class Weights:
     def _wanted(self, index: int) -> Floats:
         part = self._program.projections[index]
         if part.synapse.learns:
-            return self._wires(index).weights(self.mantissas[index])
+            return self.wires_of(index).weights(self.mantissas[index])
         return self._told.get(index, part.weight)
 
     def set(self, index: int, weights: Floats) -> None:
@@ -94,7 +89,7 @@ class Weights:
         if wires is None:
             raise ModelError(f"weights of '{part.name}', which carries a current, are fixed on a chip")
         mantissas = _nearest(wires, weights)
-        own = wires.acting(self._words(wires, mantissas)) == weights  # what was read can be written
+        own = wires.acting(self._family.words(wires, mantissas)) == weights  # what was read can be written
         exact = wires.exact(weights)
         if wires.native:
             self._check_native(part.name, wires, weights, own)
@@ -127,8 +122,8 @@ class Weights:
 
     def write(self, index: int) -> None:
         """Let the loop send what the mantissas are now."""
-        wires, mantissas = self._wires(index), self.mantissas[index]
-        words = self._words(wires, mantissas)
+        wires, mantissas = self.wires_of(index), self.mantissas[index]
+        words = self._family.words(wires, mantissas)
         row = self._a["projections"][index]
         if row[t.WORD_STRIDE]:
             words = np.broadcast_to(words, self._program.projections[index].size)
@@ -141,7 +136,7 @@ class Weights:
     def take(self, wires: Mapping[int, FixedProjection]) -> None:
         """Other scales and mantissas of some projections."""
         for index, found in wires.items():
-            same = np.array_equal(found.step, self._wires(index).step)
+            same = np.array_equal(found.step, self.wires_of(index).step)
             self.wires[index] = found
             if not same:
                 size = self.mantissas[index].size
@@ -149,7 +144,7 @@ class Weights:
 
     def _anew(self, index: int) -> Words:
         """The mantissas of the described weights at the present scale."""
-        wires, described = self._wires(index), self._described[index]
+        wires, described = self.wires_of(index), self._described[index]
         assert described is not None
         if np.array_equal(wires.step, described.step):
             return described.mantissas

@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from neuro.chips.arithmetics import ARITHMETICS, arithmetic_of
 from neuro.chips.description import Chip
 from neuro.chips.placing.capacity import too_late
 from neuro.chips.placing.fan_out import dense_size, spiking
 from neuro.chips.pricing.duration import chip_time, told_times
 from neuro.chips.pricing.energy import STATIC, Energy, Item, number
-from neuro.chips.quantising.quantise import ARITHMETIC, quantise
+from neuro.chips.quantising.quantise import quantise
 from neuro.core.errors import ModelError
 from neuro.model.neurons import Generator, Neuron
 from neuro.program.backend import EngineCounts
@@ -73,7 +74,7 @@ def check_fits(program: Program, placement: Placement, chip: Chip) -> None:
 def unrunnable(program: Program, chip: Chip, placed: bool) -> Iterator[str]:
     """Notes that what is priced cannot run on the chip, as far as that is known of it."""
     as_if = "priced as if it could"
-    if chip.arithmetic in ARITHMETIC:
+    if chip.arithmetic in ARITHMETICS:
         refused = sum(problem.refused for problem in quantise(program, chip).problems)
         if refused:
             told = f"{refused} refusal" + "s" * (refused > 1)
@@ -169,7 +170,7 @@ class _Bill:
         if bare:
             self.notes.append(f"not priced, as no figure is published: {', '.join(bare)}")
         events, spikes = (sum(int(part.sum()) for part in parts) for parts in (raw.events, raw.spikes))
-        if self.chip.arithmetic == "loihi" and events != spikes:
+        if self.chip.arithmetic in ARITHMETICS and arithmetic_of(self.chip).one_bit and events != spikes:
             self.notes.append(
                 f"{number(spikes)} spikes in {number(events)} events: several of a neuron in one step are priced "
                 "as several, of which the chip would send one"

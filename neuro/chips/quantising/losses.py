@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuro.chips.description import Chip
+from neuro.chips.arithmetic import Arithmetic
 from neuro.chips.loihi.words import grain_of
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
 from neuro.chips.quantising.inputs import approximated, refused
@@ -91,9 +91,9 @@ def _in_registers(fixed: FixedProjection) -> str:
     return ", or ".join(ways)
 
 
-def merged(program: Program, chip: Chip) -> Iterator[Problem]:
-    """Poisson generators whose multiple spikes in a step become one on Loihi."""
-    if chip.arithmetic != "loihi":
+def merged(program: Program, arithmetic: Arithmetic) -> Iterator[Problem]:
+    """Poisson generators whose multiple spikes in a step become one where a spike is one bit."""
+    if not arithmetic.one_bit:
         return
     limit = LIMITS["merged"]
     for part in program.populations:
@@ -102,5 +102,6 @@ def merged(program: Program, chip: Chip) -> Iterator[Problem]:
         mean = float(part.parameters["rate"].max()) * program.resolution / 1000.0
         share = 1.0 - -np.expm1(-mean) / mean if mean > 0.0 else 0.0
         if share > limit.share:
-            why = f"{share:.1%} {limit.told}, since a spike on Loihi is one bit; counts().native tells how many"
+            why = f"{share:.1%} {limit.told}, since a spike on {arithmetic.title} is one bit"
+            why += "; counts().native tells how many"
             yield approximated(part.origin, f"population '{part.name}': {part.model.name}", why, limit.way_out)
