@@ -58,7 +58,7 @@ def send(net, q, i, times, step):
     row = net.projections[q]
     target = net.pops[row[TARGET]]
     n = target[END] - target[BEGIN]
-    mask = target[SLOTS] - 1
+    mask = target[SLOTS] - 1  # slots are a power of two above the longest lag: none is written before it is read
     below = target[SLOTS] * n
     capped = target[RECEPTORS] == 2
     if row[LAYOUT] == DENSE:
@@ -66,7 +66,7 @@ def send(net, q, i, times, step):
         begin = target[RING] + slot * n
         net.arrived_all[target[ARRIVED] + slot] = 1
         into = net.ring[begin : begin + n]
-        if row[WORD_STRIDE] == 0:
+        if row[WORD_STRIDE] == 0:  # one word for all
             word = net.words[row[WORD]]
             for k in range(n):
                 add(net.ring, begin + k, below, word, times, capped)
@@ -75,6 +75,7 @@ def send(net, q, i, times, step):
             send_row(into, words, times)
         else:
             words = net.words[row[WORD] + i * n : row[WORD] + (i + 1) * n]
+            # one pass for each sign that there is: a loop without branches runs many words at a time
             if row[POSITIVE]:
                 send_capped(into, words, np.int32(times))
             if row[NEGATIVE]:
@@ -82,6 +83,7 @@ def send(net, q, i, times, step):
     elif row[LAYOUT] == CSR:
         first, last = net.rows[row[ROW] + i], net.rows[row[ROW] + i + 1]
         base = row[SYNAPSE]
+        # the common case by itself: its loop takes slices and has nothing to decide for a synapse
         if row[LAG_STRIDE] == 0 and not capped and times == 1 and row[WORD_STRIDE] == 1:
             slot = (step + net.lags[row[LAG]]) & mask
             begin = target[RING] + slot * n
@@ -130,7 +132,7 @@ def send_capped(into, words, times):
 def send_sparse(into, arrived, targets, words):
     """Add words to scattered slots."""
     for e in range(targets.size):
-        place = np.uint32(targets[e])
+        place = np.uint32(targets[e])  # unsigned: numba then looks for no index from the end
         into[place] = np.int32(into[place] + np.int32(words[e]))
         arrived[place] = 1
 
@@ -142,6 +144,7 @@ def send_grid(net, row, target, i, times, step, below, capped):
     channel, rest = i // sheet, i % sheet
     y, x = rest // row[CHANNEL_WIDTH] + row[PADDING], rest % row[CHANNEL_WIDTH] + row[PADDING]
     height, width, stride = row[KERNEL_HEIGHT], row[KERNEL_WIDTH], row[STRIDE]
+    # the first and the last place whose kernel covers the line: ceil((y - height + 1) / stride) and y / stride
     r_first, r_last = max(0, -((height - 1 - y) // stride)), min(row[ROWS] - 1, y // stride)
     c_first, c_last = max(0, -((width - 1 - x) // stride)), min(row[COLUMNS] - 1, x // stride)
     n = target[END] - target[BEGIN]

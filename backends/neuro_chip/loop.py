@@ -55,7 +55,7 @@ Net = namedtuple(
 @inner
 def emit(net, pop, row, i, times, step):
     """Neuron i, counted through all populations, emits."""
-    if row[BINARY] and times > 1:
+    if row[BINARY] and times > 1:  # before it is counted, recorded or sent
         net.native[pop, MERGED] += times - 1
         times = 1
     at = net.clock[EMITTED]
@@ -76,7 +76,11 @@ def emit(net, pop, row, i, times, step):
 
 @inner
 def send_all(net, step):
-    """The spikes of the last step set out; they are sorted by population."""
+    """The spikes of the last step set out; they are sorted by population.
+
+    They set out when the next step begins, not when they are emitted: the host may write weights in between, and what
+    learning changes in a step is sent from the next on.
+    """
     total = net.clock[EMITTED]
     pop = 0
     for k in range(total):
@@ -96,7 +100,7 @@ def count_active(net, pop, row, step):
     slot = (step + row[LATE]) & (row[SLOTS] - 1)
     begin = row[RING] + slot * n
     arrived, fired = net.arrived[begin : begin + n], net.fired[lo:hi]
-    if net.arrived_all[row[ARRIVED] + slot]:
+    if net.arrived_all[row[ARRIVED] + slot]:  # a dense row marks all its targets by one flag instead of n
         net.arrived_all[row[ARRIVED] + slot] = 0
         arrived[:] = 0
         net.active[pop] += n
@@ -127,7 +131,7 @@ def settle(net, pop, row, step):
         if not net.fired[i] or net.muted[i] or net.groups[group, CLOSED]:
             net.fired[i] = 0
             continue
-        margin = np.int64(net.v[i]) - np.int64(net.threshold[i])
+        margin = np.int64(net.v[i]) - np.int64(net.threshold[i])  # of two numbers of 32 bits: it may take 33
         draw = uniform(base, i - lo)
         if best < 0 or margin > best_margin or (margin == best_margin and draw > best_draw):
             best, best_margin, best_draw = i, margin, draw
@@ -206,8 +210,12 @@ def list_spikes(net, pop, row, step):
 
 @kernel
 def advance(net, end):
-    """Run to a step; stop earlier where the record is full or the group that is waited for has decided."""
-    total = net.v.size
+    """Run to a step; stop earlier where the record is full or the group that is waited for has decided.
+
+    Who emits in a step reaches nobody in it, so the order of the populations matters only to the record, which is
+    sorted by them, and to `send_all`, which relies on that.
+    """
+    total = net.v.size  # a step records at most one event a neuron: there is room for it, or the caller empties first
     while net.clock[STEP] < end and net.clock[RECORDED] + total <= net.rec_steps.size:
         step = net.clock[STEP] + 1
         send_all(net, step - 1)

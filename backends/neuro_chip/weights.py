@@ -15,6 +15,9 @@ from neuro.program.program import Floats, Ints
 from neuro_chip import tables as t
 from neuro_chip.families.every import family_of
 
+_GIVEN = "told"
+"""What saved states call weights as they were set."""
+
 
 class Weights:
     """Mantissas of all projections.
@@ -34,7 +37,7 @@ class Weights:
         self._program, self._a, self._family = fixed.program, arrays, family_of(fixed.chip)
         self.wires = list(fixed.projections)
         self._described = fixed.projections
-        self._told: dict[int, Floats] = {}
+        self._given: dict[int, Floats] = {}
         self.mantissas: list[Words] = []
         self.rules: dict[int, Floats] = {}
         self.updates: Ints = np.zeros(len(self.wires), dtype=np.int64)
@@ -67,7 +70,7 @@ class Weights:
         return np.broadcast_to(self.mantissas[index], part.size).astype(np.int64)
 
     def wanted(self) -> dict[int, Floats]:
-        """The weights of all projections that carry spikes: as they were told, or as they were learnt.
+        """The weights of all projections that carry spikes: as they were described or set, or as they were learnt.
 
         Another scale rounds these anew, so that nothing is rounded twice.
         """
@@ -77,7 +80,7 @@ class Weights:
         part = self._program.projections[index]
         if part.synapse.learns:
             return self.wires_of(index).weights(self.mantissas[index])
-        return self._told.get(index, part.weight)
+        return self._given.get(index, part.weight)
 
     def set(self, index: int, weights: Floats) -> None:
         """Replace all weights by the nearest mantissas.
@@ -101,7 +104,7 @@ class Weights:
                 "what its registers hold at the scale chosen from the described weights",
                 hint="describe the network with its largest weights",
             )
-        self._told[index] = weights.copy()
+        self._given[index] = weights.copy()
         self.put(index, mantissas)
         self.writes += part.size
 
@@ -164,7 +167,7 @@ class Weights:
         self.writes = 0
         if not weights:
             return
-        self._told.clear()
+        self._given.clear()
         for index, wires in enumerate(self.wires):
             if wires is not None:
                 self.put(index, np.broadcast_to(self._anew(index), self.mantissas[index].shape))
@@ -173,7 +176,7 @@ class Weights:
         """Everything that changes."""
         arrays: dict[str, NDArray[Any]] = {f"mantissas.{k}": m.copy() for k, m in enumerate(self.mantissas)}
         arrays |= {f"rule.{k}": rule.copy() for k, rule in self.rules.items()}
-        arrays |= {f"told.{k}": weights.copy() for k, weights in self._told.items()}
+        arrays |= {f"{_GIVEN}.{k}": weights.copy() for k, weights in self._given.items()}
         return arrays | {"weights.updates": self.updates.copy(), "weights.writes": np.array(self.writes)}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -182,7 +185,7 @@ class Weights:
             if wires is not None:
                 self.put(k, arrays[f"mantissas.{k}"].astype(np.int32))
         self.rules = {k: arrays[f"rule.{k}"].copy() for k in self.rules}
-        self._told = {k: arrays[f"told.{k}"].copy() for k in range(len(self.wires)) if f"told.{k}" in arrays}
+        self._given = {k: arrays[f"{_GIVEN}.{k}"].copy() for k in range(len(self.wires)) if f"{_GIVEN}.{k}" in arrays}
         self.updates[:] = arrays["weights.updates"]
         self.writes = int(arrays["weights.writes"])
 

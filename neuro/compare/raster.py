@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuro.compare import html, words
+from neuro.compare import cells, html
 from neuro.compare.html import Html, tag
 from neuro.compare.result import Comparison, Run
 from neuro.compare.spikes import Train, evenly
@@ -121,7 +121,7 @@ def _strip(comparison: Comparison, run: Run, name: str, window: _Window, y: floa
     ]
     if part.first is not None and not first and part.first.ms < window.end_ms:
         x = _x(part.first.ms, window.end_ms)
-        mark = tag("title", f"first difference: {words.where(part.first)}")
+        mark = tag("title", f"first difference: {cells.where(part.first)}")
         parts.append(tag("line", mark, x1=x, y1=y - 3, x2=x, y2=y + height + 3, class_="first"))
     return parts
 

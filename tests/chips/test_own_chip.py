@@ -9,15 +9,20 @@ import pytest
 
 import neuro
 from neuro.chips import chip, chips, place, quantise
+from neuro.chips.arithmetics import ARITHMETICS
 from neuro.chips.description import COSTS, LIMITS, Chip, Figure
 from neuro.chips.known import CHIPS
 from neuro.chips.lag import lag
+from neuro.chips.loihi.arithmetic import LOIHI
+from neuro.chips.placing.capacity import too_late
 from neuro.chips.placing.packing import synapse_bits
 from neuro.compare import compare
 from neuro.core import registry
 from neuro.core.errors import ModelError
 from neuro.program.backend import find
 from neuro.run.simulation import ApproximationWarning
+from neuro_chip.backend import ChipBackend
+from neuro_chip.families.every import FAMILIES
 
 LONG = "like: loihi\ntitle: Loihi with long delays\nlimits:\n  delay_max: {value: 200, source: my board}\n"
 SLOW = "like: spinnaker\nname: slow\n"
@@ -216,3 +221,29 @@ def test_energy_and_compare_take_a_table(late):
     cheap, long = (run.own for run in found.runs[1:])
     assert cheap.total_j < long.total_j
     assert {run.placement.target for run in found.runs[1:]} == {"cheap", "long"}
+
+
+def test_a_third_family_is_an_object_and_an_entry(folder, monkeypatch):
+    """All that is done for every family asks the object: its own name occurs nowhere else."""
+    toy = dataclasses.replace(LOIHI, name="toy", title="Toy", one_bit=False, multicast=True, register_of_one=1)
+    monkeypatch.setitem(ARITHMETICS, "toy", toy)
+    monkeypatch.setitem(FAMILIES, "toy", dataclasses.replace(FAMILIES["loihi"], arithmetic=toy))
+    Path("toy.yaml").write_text("like: loihi\narithmetic: toy\nlimits: {delay_max: {value: 149, source: me}}\n")
+    found = chip("toy.yaml")
+    Path("net.yaml").write_text(
+        NET.replace("{spike_generator: {spike_times: [[1.0]]}}", "{poisson_generator: {rate: 400.0}}").replace(
+            "20.0", "1"
+        )
+    )
+    late = neuro.load("net.yaml")
+    sim = neuro.compile(late, backend=ChipBackend(toy, "a toy", {}, found), seed=1)
+    reference = neuro.compile(late, backend="reference", seed=1)
+    for each in (sim, reference):
+        each.run(300.0)
+    assert sim.counts().spikes == reference.counts().spikes
+    assert "merged spikes of in" not in sim.counts().native
+    assert place(sim.program, found).multicast
+    assert not place(sim.program, chip("loihi")).multicast
+    assert [problem.why for problem in too_late(sim.program, found)] == [
+        "150 steps in the delay register, which holds at most 149 on toy"
+    ]

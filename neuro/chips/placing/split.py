@@ -132,13 +132,13 @@ class _Room:
     def open(self) -> None:
         """Begin a new core."""
         self.core += 1
-        self.told = np.zeros(5, dtype=np.int64)
+        self.load = np.zeros(5, dtype=np.int64)
 
     def fill(self, population: int, first: int, last: int) -> int:
         """Add neurons first <= i < last of a population's queue; returns the first that does not fit, or last."""
         base = int(self.start[population])
-        told = (self.core, self.rows, self.graph, self.sends, self.limits, self.told, self.marks)
-        return int(fill.fill(self.queue, base + first, base + last, *told)) - base
+        rest = (self.core, self.rows, self.graph, self.sends, self.limits, self.load, self.marks)
+        return int(fill.fill(self.queue, base + first, base + last, *rest)) - base
 
 
 def _fill(program: Program, chip: Chip, room: _Room, order: Sequence[int]) -> list[list[Part]]:

@@ -100,8 +100,7 @@ def _populations(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
 
 
 def _rounded(r: Rounding) -> tuple[str, ...]:
-    told = _share(r.error, signed=True)
-    return r.quantity, f"{r.wanted:.6g} {r.unit}", f"{r.got:.6g} {r.unit}", told
+    return r.quantity, f"{r.wanted:.6g} {r.unit}", f"{r.got:.6g} {r.unit}", _share(r.error, signed=True)
 
 
 def _projections(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:

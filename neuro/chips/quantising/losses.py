@@ -22,12 +22,12 @@ class Limit:
 
     Attributes:
         share: the largest error without a warning.
-        told: what the error is of.
+        text: what the error is of.
         way_out: what makes it smaller.
     """
 
     share: float
-    told: str
+    text: str
     way_out: str
 
 
@@ -71,7 +71,7 @@ def losses(
                 yield refused(part.origin, what, why, "lower what is far above V_th - E_L, or set another scale")
             elif limit is not None and abs(r.error) > limit.share:
                 what = f"population '{part.name}': {r.quantity} = {r.wanted:g} becomes {r.got:.6g} {r.unit}"
-                yield approximated(part.origin, what, f"{abs(r.error):.1%} {limit.told}", limit.way_out)
+                yield approximated(part.origin, what, f"{abs(r.error):.1%} {limit.text}", limit.way_out)
     for projection, fixed in zip(program.projections, wires, strict=True):
         if fixed is None:
             continue
@@ -80,7 +80,7 @@ def losses(
             if value > limit.share:
                 what = f"projection '{projection.name}'"
                 way_out = _in_registers(fixed) if fixed.native else limit.way_out
-                yield approximated(projection.origin, what, f"{value:.1%} {limit.told}", way_out)
+                yield approximated(projection.origin, what, f"{value:.1%} {limit.text}", way_out)
 
 
 def _in_registers(fixed: FixedProjection) -> str:
@@ -102,6 +102,6 @@ def merged(program: Program, arithmetic: Arithmetic) -> Iterator[Problem]:
         mean = float(part.parameters["rate"].max()) * program.resolution / 1000.0
         share = 1.0 - -np.expm1(-mean) / mean if mean > 0.0 else 0.0
         if share > limit.share:
-            why = f"{share:.1%} {limit.told}, since a spike on {arithmetic.title} is one bit"
+            why = f"{share:.1%} {limit.text}, since a spike on {arithmetic.title} is one bit"
             why += "; counts().native tells how many"
             yield approximated(part.origin, f"population '{part.name}': {part.model.name}", why, limit.way_out)
