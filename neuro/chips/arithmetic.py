@@ -61,6 +61,7 @@ class Arithmetic:
         kept_options: the options with which a population gets the scale that it has; of the population and the
             projections onto it.
         told_scale: how the weights of a projection are scaled, for the report; of its target and itself.
+        lossless: the way out where weights that are described in registers lose bits, "" where they cannot.
         notes: what is to be known of a program on the machine.
     """
 
@@ -80,6 +81,7 @@ class Arithmetic:
     give_rules: Callable[[Program, Chip, Projections, Options], Iterator[Problem]]
     kept_options: Callable[[FixedPopulation, tuple[FixedProjection, ...]], Options]
     told_scale: Callable[[FixedPopulation, FixedProjection], str]
+    lossless: Callable[[FixedProjection], str]
     notes: Callable[[Program], Iterator[str]]
 
     def option(self, name: str) -> Option | None:

@@ -47,5 +47,6 @@ LOIHI = Arithmetic(
     give_rules=give_rules,
     kept_options=_kept_options,
     told_scale=_told_scale,
+    lossless=words.lossless,
     notes=lambda program: iter(()),
 )

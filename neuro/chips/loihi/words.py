@@ -135,3 +135,11 @@ def relay_projection(inputs: Inputs, index: int) -> FixedProjection:
     part = inputs.program.projections[index]
     ones: Words = np.ones(1, dtype=np.int32)
     return fixed_projection(part.name, ones, 0, "excitatory", 8, part.weight.copy(), inputs.lag(index), LOSSLESS)
+
+
+def lossless(fixed: FixedProjection) -> str:
+    """How mantissas that are set by hand lose nothing to the shift of the exponent and to the bits of the memory."""
+    grain = max(grain_of(fixed.bits, fixed.sign_mode == "mixed"), 2 ** max(0, -fixed.exponent))
+    ways = [f"use mantissas that are multiples of {grain}"] if grain <= fixed.high else []
+    ways += ["use a larger weight_exp"] if fixed.exponent < 0 else []
+    return ", or ".join(ways)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from neuro.chips.arithmetic import Arithmetic
-from neuro.chips.loihi.words import grain_of
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
 from neuro.chips.quantising.inputs import approximated, refused
 from neuro.model.neurons import poisson_generator
@@ -59,7 +58,10 @@ LIMITS = {
 
 
 def losses(
-    program: Program, populations: Sequence[FixedPopulation], wires: Sequence[FixedProjection | None]
+    program: Program,
+    arithmetic: Arithmetic,
+    populations: Sequence[FixedPopulation],
+    wires: Sequence[FixedProjection | None],
 ) -> Iterator[Problem]:
     """Roundings beyond the limits."""
     for part, cells in zip(program.populations, populations, strict=True):
@@ -79,16 +81,8 @@ def losses(
             value, limit = getattr(fixed.rounding, name), LIMITS[name]
             if value > limit.share:
                 what = f"projection '{projection.name}'"
-                way_out = _in_registers(fixed) if fixed.native else limit.way_out
+                way_out = arithmetic.lossless(fixed) if fixed.native else limit.way_out
                 yield approximated(projection.origin, what, f"{value:.1%} {limit.text}", way_out)
-
-
-def _in_registers(fixed: FixedProjection) -> str:
-    """How mantissas that are set by hand lose nothing to the shift of the exponent and to the bits of the memory."""
-    grain = max(grain_of(fixed.bits, fixed.sign_mode == "mixed"), 2 ** max(0, -fixed.exponent))
-    ways = [f"use mantissas that are multiples of {grain}"] if grain <= fixed.high else []
-    ways += ["use a larger weight_exp"] if fixed.exponent < 0 else []
-    return ", or ".join(ways)
 
 
 def merged(program: Program, arithmetic: Arithmetic) -> Iterator[Problem]:

@@ -75,7 +75,7 @@ def _quantise(program: Program, chip: Chip, arithmetic: Arithmetic, options: Opt
     if any(p.refused for p in problems):
         return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), ())
     problems += merged(program, arithmetic)
-    problems += losses(program, populations, wires)
+    problems += losses(program, arithmetic, populations, wires)
     notes = tuple(_notes(program, chip, arithmetic, wires))
     return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), notes)
 

@@ -70,5 +70,6 @@ SPINNAKER = Arithmetic(
     give_rules=refuse_rules,
     kept_options=_kept_options,
     told_scale=_told_scale,
+    lossless=lambda wires: "",
     notes=_notes,
 )
