@@ -62,7 +62,7 @@ class Trials:
     def _clear(self, trial: Trial) -> None:
         """Drop what is under way and start the output's states anew."""
         machine, a = self._machine, self._machine.arrays
-        a["ring"][:], a["heard"][:], a["heard_all"][:] = 0, 0, 0
+        a["ring"][:], a["arrived"][:], a["arrived_all"][:] = 0, 0, 0
         a["clock"][t.EMITTED] = 0
         machine.open_groups()
         a["first"][:] = NEVER

@@ -183,6 +183,6 @@ def test_the_commands_run_on_a_table(neuro, file, tmp_path):
     checked = neuro("check", file(text), "--backend", "my.yaml")
     assert checked.out.startswith("net.yaml: ok on my.yaml: 7 neurons")
     compared = neuro("compare", file(text), "--backends", "event,my.yaml", "--for", "100", "--json")
-    assert [run["backend"] for run in json.loads(compared.out)["runs"]] == ["event", "my.yaml"]
+    assert list(json.loads(compared.out)["backends"]) == ["event", "my.yaml"]
     priced = neuro("energy", file(text), "--backend", "my.yaml", "--target", "my.yaml", "--for", "100", "--json")
     assert json.loads(priced.out)["bills"][0]["target"] == "my"

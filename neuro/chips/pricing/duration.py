@@ -40,10 +40,10 @@ def _busiest(program: Program, counts: Counts, placement: Placement, chip: Chip)
     op, active, inactive, learning = (chip.costs[name].value if name in chip.costs else 0.0 for name in WORK)
     work = [0.0] * len(program.populations)
     for index, part in enumerate(program.populations):
-        made = counts.populations[part.name]
+        updates = counts.populations[part.name]
         if isinstance(part.model, Neuron):
-            work[index] += made.neuron_updates_active * active
-            work[index] += (made.neuron_updates - made.neuron_updates_active) * inactive
+            work[index] += updates.neuron_updates_active * active
+            work[index] += (updates.neuron_updates - updates.neuron_updates_active) * inactive
     for projection in program.projections:
         made = counts.projections[projection.name]
         work[projection.target] += made.synaptic_ops * op
