@@ -179,7 +179,7 @@ class Backend(Protocol):
     A backend that cannot run some cases of `neuro.testing` lists them, with reasons, in an attribute
     `unsupported: dict[str, str]`. One that does not show some states of neurons names them in an attribute
     `unreadable: frozenset[str]`; its engine has it, too. One whose processes run a network together under mpirun says
-    `distributed = True`.
+    `distributed = True`. One that runs many targets is a `Family`, too.
     """
 
     name: str
