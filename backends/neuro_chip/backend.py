@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from neuro.chips.arithmetic import Arithmetic
+from neuro.chips.arithmetics import arithmetic_of
 from neuro.chips.description import Chip
-from neuro.chips.known import chip
+from neuro.chips.known import CHIPS, chip, is_table
+from neuro.chips.loihi.arithmetic import LOIHI
 from neuro.chips.placing.place import place
 from neuro.chips.quantising.quantise import quantise
+from neuro.chips.spinnaker.arithmetic import SPINNAKER
 from neuro.core.checks import check
 from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
@@ -37,17 +41,45 @@ LEARNING_CASES = (
 
 
 class ChipBackend:
-    """An emulated chip: integers only, bit-true to the public emulators."""
+    """An emulated chip: integers only, bit-true to the public emulators.
+
+    Args:
+        family: the arithmetic.
+        description: for people.
+        unsupported: conformance cases that it cannot run, with reasons.
+        target: the chip; that of the family's name if not given.
+    """
 
     arithmetic = "integer"
 
-    def __init__(self, name: str, description: str, unsupported: Mapping[str, str]) -> None:
-        self.name, self.description, self.unsupported = name, description, dict(unsupported)
+    def __init__(
+        self, family: Arithmetic, description: str, unsupported: Mapping[str, str], target: Chip | None = None
+    ) -> None:
+        self.family, self.description, self.unsupported = family, description, dict(unsupported)
+        self.name = family.name if target is None else target.name
+        self._target = target
 
     @property
     def chip(self) -> Chip:
         """Limits and costs of the chip."""
-        return chip(self.name)
+        return CHIPS[self.name] if self._target is None else self._target
+
+    def of(self, target: str) -> ChipBackend | None:
+        """The same arithmetic on another chip, by name or table file; None if it has another, or nobody knows it.
+
+        Raises:
+            ModelError: the chip has no arithmetic, or its table cannot be read.
+        """
+        if not is_table(target) and target not in CHIPS:
+            return None
+        found = chip(target)
+        if arithmetic_of(found) is not self.family:
+            return None
+        return ChipBackend(self.family, f"{found.title}, in the arithmetic of {self.name}", self.unsupported, found)
+
+    def targets(self) -> Iterable[str]:
+        """Names of all chips with this arithmetic."""
+        return [name for name, found in CHIPS.items() if found.arithmetic == self.family.name]
 
     def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
         """What does not fit into the chip's integers or onto its cores, and what is approximated."""
@@ -82,9 +114,9 @@ def _of_quantise(options: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if name not in OWN}
 
 
-loihi = ChipBackend("loihi", "Intel Loihi 1, emulated bit for bit: integers, 8-bit weights, cores and their limits", {})
+loihi = ChipBackend(LOIHI, "Intel Loihi 1, emulated bit for bit: integers, 8-bit weights, cores and their limits", {})
 spinnaker = ChipBackend(
-    "spinnaker",
+    SPINNAKER,
     "SpiNNaker 1, emulated: s16.15 neurons, 16-bit saturating ring buffers",
     dict.fromkeys(LEARNING_CASES, "pairwise learning is not emulated on SpiNNaker"),
 )

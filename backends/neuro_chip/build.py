@@ -13,23 +13,16 @@ from neuro.core import keyed_random
 from neuro.core.clock import NEVER
 from neuro.program.program import Program, Projection
 from neuro_chip import tables as t
+from neuro_chip.families.every import NUMBERS, family_of
+from neuro_chip.families.family import Arrays
 
-KINDS = {
-    "current": t.CURRENT,
-    "relay": t.RELAY,
-    "loihi_lif": t.LOIHI,
-    "spinnaker_lif": t.SPINNAKER,
-    "spinnaker_delta": t.DELTA,
-}
+KINDS = {"current": t.CURRENT, "relay": t.RELAY, **NUMBERS}
 LAYOUTS = {"one_to_one": t.ONE_TO_ONE, "dense": t.DENSE, "csr": t.CSR, "grid": t.GRID}
 STATES = {"v": "v", "u": "u", "g_exc": "u", "g_inh": "g_inh"}
 """Arrays that hold the state registers, by the registers' names."""
 
-SLOW_DECAYS = ("exc_decay", "exc_init", "inh_decay", "inh_init")
 ROOM = 1 << 20
 """Spikes that the record takes before it is emptied, above one step's."""
-
-Arrays = dict[str, NDArray[Any]]
 
 
 def arrays_of(fixed: FixedProgram) -> Arrays:
@@ -44,7 +37,7 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
         a[name] = np.zeros(total, dtype=np.int32)
     for name in ("v_rest", "r_m"):
         a[name] = np.zeros(total, dtype=np.int32)
-    for name in SLOW_DECAYS:
+    for name in ("exc_decay", "exc_init", "inh_decay", "inh_init"):
         a[name] = np.zeros(total, dtype=np.int64)
     a["fired"], a["muted"] = np.zeros(total, dtype=np.uint8), np.zeros(total, dtype=np.uint8)
     a["first"] = np.full(total, NEVER, dtype=np.int64)
@@ -69,7 +62,7 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
         a["groups"][k, : t.DECIDED] = group.population, group.first_to_fire, 0, t.NONE
         a["pops"][group.population, t.GROUP] = k
     for k, part in enumerate(fixed.populations):
-        write_registers(a, k, part)
+        write_registers(a, fixed, k, part)
     return a
 
 
@@ -102,28 +95,30 @@ def _late(fixed: FixedProgram, target: int) -> int:
 def _populations(a: Arrays, fixed: FixedProgram) -> None:
     program = fixed.program
     pops = np.zeros((len(program.populations), t.POPULATION_COLUMNS), dtype=np.int64)
-    at = ring = heard = 0
+    family = family_of(fixed.chip)
+    at = ring = arrived = 0
     for k, (part, cells) in enumerate(zip(program.populations, fixed.populations, strict=True)):
         generator = t.POISSON if part.model.name == "poisson_generator" else t.LISTED
         kind = KINDS.get(cells.kind, generator)
         pops[k, [t.KIND, t.BEGIN, t.END]] = kind, at, at + part.size
         pops[k, [t.RECORD, t.GROUP, t.START, t.STOP]] = part.records, t.NONE, part.start, part.stop
-        pops[k, t.BINARY] = fixed.chip.arithmetic == "loihi"
+        pops[k, [t.BINARY, t.RECEPTORS]] = family.arithmetic.one_bit, family.receptors if kind >= t.STEPPED else 1
         at += part.size
-        if kind in (t.RELAY, t.LOIHI, t.SPINNAKER, t.DELTA):
+        if kind >= t.RELAY:
             slots = slots_of(fixed, k)
-            pops[k, [t.RING, t.SLOTS, t.HEARD, t.LATE]] = ring, slots, heard, _late(fixed, k)
-            ring += slots * part.size * (1 if kind == t.LOIHI else 2)
-            heard += slots
+            pops[k, [t.RING, t.SLOTS, t.ARRIVED, t.LATE]] = ring, slots, arrived, _late(fixed, k)
+            # a relay needs one slot, but has room for two, as in the states that were saved before
+            ring += slots * part.size * (2 if kind == t.RELAY else family.receptors)
+            arrived += slots
     a["pops"] = pops
-    a["ring"], a["heard"] = np.zeros(ring + at, dtype=np.int32), np.zeros(ring + at, dtype=np.uint8)
-    a["heard_all"] = np.zeros(heard, dtype=np.uint8)
+    a["ring"], a["arrived"] = np.zeros(ring + at, dtype=np.int32), np.zeros(ring + at, dtype=np.uint8)
+    a["arrived_all"] = np.zeros(arrived, dtype=np.uint8)
 
 
 def _projections(a: Arrays, fixed: FixedProgram) -> None:
     program = fixed.program
     table = np.zeros((len(program.projections), t.PROJECTION_COLUMNS), dtype=np.int64)
-    kind = np.int16 if fixed.chip.arithmetic == "loihi" else np.int32
+    kind = family_of(fixed.chip).word
     lists: dict[str, list[NDArray[Any]]] = {
         "words": [np.zeros(0, dtype=kind)],
         "lags": [_NO_ROWS],
@@ -182,26 +177,11 @@ def _grid(row: NDArray[np.int64], part: Projection) -> None:
     row[[t.KERNEL_HEIGHT, t.KERNEL_WIDTH, t.STRIDE, t.PADDING]] = g.kernel_height, g.kernel_width, g.stride, g.padding
 
 
-def write_registers(a: Arrays, k: int, part: FixedPopulation) -> None:
+def write_registers(a: Arrays, fixed: FixedProgram, k: int, part: FixedPopulation) -> None:
     """Put the registers of a population where the loop reads them."""
-    row, r = a["pops"][k], part.registers
-    here = slice(row[t.BEGIN], row[t.END])
-    if part.kind == "loihi_lif":
-        a["keep_u"][here] = 4095 - r["du"]
-        a["keep_v"][here] = 4096 - r["dv"]
-        a["threshold"][here] = r["vth"] * 64
-        a["bias"][here] = r["bias_mant"] << r["bias_exp"]
-        a["refractory"][here] = r["refractory"] - 1
-    elif part.kind in ("spinnaker_lif", "spinnaker_delta"):
-        a["keep_v"][here] = r["exp_tc"]
-        a["threshold"][here] = r["v_thresh"]
-        a["bias"][here] = r["i_offset"]
-        a["refractory"][here] = r["t_refract"]
-        a["v_reset"][here], a["v_rest"][here] = r["v_reset"], r["v_rest"]
-        row[t.EXC_SHIFT], row[t.INH_SHIFT] = r["exc_shift"][0], r["inh_shift"][0]
-        for name in ("r_m", *SLOW_DECAYS):
-            if name in r:
-                a[name][here] = r[name]
+    row = a["pops"][k]
+    if row[t.KIND] >= t.STEPPED:
+        family_of(fixed.chip).write(a, row, slice(row[t.BEGIN], row[t.END]), part.registers)
 
 
 def write_states(a: Arrays, k: int, part: FixedPopulation, names: tuple[str, ...] = tuple(STATES)) -> None:

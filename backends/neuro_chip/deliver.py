@@ -5,6 +5,7 @@ import numpy as np
 
 from neuro.kernels.jit import inner
 from neuro_chip.tables import (
+    ARRIVED,
     BEGIN,
     CHANNEL_HEIGHT,
     CHANNEL_WIDTH,
@@ -13,19 +14,17 @@ from neuro_chip.tables import (
     CSR,
     DENSE,
     END,
-    HEARD,
     KERNEL_HEIGHT,
     KERNEL_WIDTH,
-    KIND,
     LAG,
     LAG_STRIDE,
     LAYOUT,
-    LOIHI,
     MAPS,
     NEGATIVE,
     ONE_TO_ONE,
     PADDING,
     POSITIVE,
+    RECEPTORS,
     RING,
     ROW,
     ROWS,
@@ -59,15 +58,15 @@ def send(net, q, i, times, step):
     row = net.projections[q]
     target = net.pops[row[TARGET]]
     n = target[END] - target[BEGIN]
-    mask = target[SLOTS] - 1
+    mask = target[SLOTS] - 1  # slots are a power of two above the longest lag: none is written before it is read
     below = target[SLOTS] * n
-    capped = target[KIND] > LOIHI
+    capped = target[RECEPTORS] == 2
     if row[LAYOUT] == DENSE:
         slot = (step + net.lags[row[LAG]]) & mask
         begin = target[RING] + slot * n
-        net.heard_all[target[HEARD] + slot] = 1
+        net.arrived_all[target[ARRIVED] + slot] = 1
         into = net.ring[begin : begin + n]
-        if row[WORD_STRIDE] == 0:
+        if row[WORD_STRIDE] == 0:  # one word for all
             word = net.words[row[WORD]]
             for k in range(n):
                 add(net.ring, begin + k, below, word, times, capped)
@@ -76,6 +75,7 @@ def send(net, q, i, times, step):
             send_row(into, words, times)
         else:
             words = net.words[row[WORD] + i * n : row[WORD] + (i + 1) * n]
+            # one pass for each sign that there is: a loop without branches runs many words at a time
             if row[POSITIVE]:
                 send_capped(into, words, np.int32(times))
             if row[NEGATIVE]:
@@ -83,12 +83,13 @@ def send(net, q, i, times, step):
     elif row[LAYOUT] == CSR:
         first, last = net.rows[row[ROW] + i], net.rows[row[ROW] + i + 1]
         base = row[SYNAPSE]
+        # the common case by itself: its loop takes slices and has nothing to decide for a synapse
         if row[LAG_STRIDE] == 0 and not capped and times == 1 and row[WORD_STRIDE] == 1:
             slot = (step + net.lags[row[LAG]]) & mask
             begin = target[RING] + slot * n
             send_sparse(
                 net.ring[begin : begin + n],
-                net.heard[begin : begin + n],
+                net.arrived[begin : begin + n],
                 net.targets[base + first : base + last],
                 net.words[row[WORD] + first : row[WORD] + last],
             )
@@ -97,12 +98,12 @@ def send(net, q, i, times, step):
             slot = (step + net.lags[row[LAG] + e * row[LAG_STRIDE]]) & mask
             place = target[RING] + slot * n + net.targets[base + e]
             add(net.ring, place, below, net.words[row[WORD] + e * row[WORD_STRIDE]], times, capped)
-            net.heard[place] = 1
+            net.arrived[place] = 1
     elif row[LAYOUT] == ONE_TO_ONE:
         slot = (step + net.lags[row[LAG] + i * row[LAG_STRIDE]]) & mask
         place = target[RING] + slot * n + i
         add(net.ring, place, below, net.words[row[WORD] + i * row[WORD_STRIDE]], times, capped)
-        net.heard[place] = 1
+        net.arrived[place] = 1
     else:
         send_grid(net, row, target, i, times, step, below, capped)
 
@@ -128,12 +129,12 @@ def send_capped(into, words, times):
 
 
 @inner
-def send_sparse(into, heard, targets, words):
+def send_sparse(into, arrived, targets, words):
     """Add words to scattered slots."""
     for e in range(targets.size):
-        place = np.uint32(targets[e])
+        place = np.uint32(targets[e])  # unsigned: numba then looks for no index from the end
         into[place] = np.int32(into[place] + np.int32(words[e]))
-        heard[place] = 1
+        arrived[place] = 1
 
 
 @inner
@@ -143,6 +144,7 @@ def send_grid(net, row, target, i, times, step, below, capped):
     channel, rest = i // sheet, i % sheet
     y, x = rest // row[CHANNEL_WIDTH] + row[PADDING], rest % row[CHANNEL_WIDTH] + row[PADDING]
     height, width, stride = row[KERNEL_HEIGHT], row[KERNEL_WIDTH], row[STRIDE]
+    # the first and the last place whose kernel covers the line: ceil((y - height + 1) / stride) and y / stride
     r_first, r_last = max(0, -((height - 1 - y) // stride)), min(row[ROWS] - 1, y // stride)
     c_first, c_last = max(0, -((width - 1 - x) // stride)), min(row[COLUMNS] - 1, x // stride)
     n = target[END] - target[BEGIN]
@@ -155,4 +157,4 @@ def send_grid(net, row, target, i, times, step, below, capped):
             for c in range(c_first, c_last + 1):
                 word = net.words[line + (x - c * stride) * row[WORD_STRIDE]]
                 add(net.ring, base + c, below, word, times, capped)
-                net.heard[base + c] = 1
+                net.arrived[base + c] = 1

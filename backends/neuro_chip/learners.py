@@ -201,5 +201,5 @@ def _tag_of_one(rule: LearningRule, program: Program, index: int) -> float:
     """Units of the tag for an eligibility of 1, from the product that a post spike adds to it."""
     term: Term = next(term for term in rule.dt if term.gate == "y0")
     units = term.mantissa * 2.0**term.exponent * rule.traces["x1"].impulse
-    told = program.projections[index].synapse.parameters()
-    return float(units / (told["A_plus"] * np.exp(-program.resolution / told["tau_plus"])))
+    described = program.projections[index].synapse.parameters()
+    return float(units / (described["A_plus"] * np.exp(-program.resolution / described["tau_plus"])))

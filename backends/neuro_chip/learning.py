@@ -73,7 +73,7 @@ def decay(history, slot, keep, keys, step):
         for i in range(history.shape[2]):
             v = np.int64(history[before, k, i])
             if v != 0:
-                v *= numerator
+                v *= numerator  # whole numbers, so that the fraction drawn for below is exact
                 rest = v % denominator
                 v //= denominator
                 if rest != 0 and draw(base, i, denominator) < rest:
@@ -123,7 +123,7 @@ def change(terms, first, end, number, i, j, xs, ys, tx, ty, x0, y0, w, t, value,
     total = begin
     for n in range(first, end):
         gate = terms[n, GATE]
-        if (number & terms[n, MASK]) != 0:
+        if (number & terms[n, MASK]) != 0:  # u_k: not its epoch
             continue
         if gate == X0:
             if x0[i] == 0:
@@ -145,10 +145,11 @@ def change(terms, first, end, number, i, j, xs, ys, tx, ty, x0, y0, w, t, value,
         shift = terms[n, SHIFT]
         if shift >= 0:
             v <<= shift
-        elif v > 0:
+        elif v > 0:  # a shift alone cuts downwards: a negative product would lose more than a positive one
             v >>= -shift
         else:
             v = -((-v) >> -shift)
+        # the accumulator saturates at each sum, so the order of the products is part of the rule
         total += limited(v, counts)
         total = limited(total, counts)
     return total - begin
@@ -237,7 +238,7 @@ def learn(
         for i in range(x0.size):
             for e in range(row_ends[i], row_ends[i + 1]):
                 if idle and tags[e] == 0 and x0[i] == 0 and y0[targets[e]] == 0:
-                    counts[EVALUATED] += 1
+                    counts[EVALUATED] += 1  # the chip does visit it
                     continue
                 apply(terms, settings, number, i, targets[e], e, xs, ys, tx, ty, x0, y0, weights, tags,
                       base_w, base_t, counts)  # fmt: skip
@@ -252,6 +253,7 @@ def learn(
             for j in range(y0.size):
                 if y0[j] != 0:
                     for n in range(column_ends[j], column_ends[j + 1]):
+                        # those of sources that fired were visited along their rows: each once, from the same values
                         if x0[sources[n]] == 0 or not gated_x:
                             apply(terms, settings, number, sources[n], j, incoming[n], xs, ys, tx, ty, x0, y0,
                                   weights, tags, base_w, base_t, counts)  # fmt: skip

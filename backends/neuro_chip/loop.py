@@ -8,49 +8,40 @@ import numpy as np
 from neuro.kernels.draws import poisson_by_sum, step_word, uniform
 from neuro.kernels.jit import inner, kernel
 from neuro_chip.deliver import send
-from neuro_chip.neurons import step_delta, step_loihi, step_spinnaker
+from neuro_chip.families.dispatch import update
 from neuro_chip.tables import (
+    ARRIVED,
     BEGIN,
     BINARY,
-    CLIPS,
     CLOSED,
     CURRENT,
     DECIDED,
-    DRIVE_WRAPS,
     EMITTED,
     END,
-    EXC_SHIFT,
     FIRST_TO_FIRE,
     GROUP,
-    HEARD,
-    INH_SHIFT,
-    INPUT_WRAPS,
     KIND,
     LATE,
     LISTED,
-    LOIHI,
     MERGED,
     POISSON,
     RECORD,
     RECORDED,
     RELAY,
     RING,
-    SATURATIONS,
     SLOTS,
-    SPINNAKER,
     START,
     STEP,
     STOP,
     STOP_GROUP,
     WINNER,
-    WRAPS,
 )
 
 Net = namedtuple(
     "Net",
     "pops projections out_ends out groups clock "  # tables; `out`: projections by source
     "words lags rows targets "  # synapses
-    "ring heard heard_all "  # input to come
+    "ring arrived arrived_all "  # input to come
     "v u g_inh hold "  # states
     "keep_u keep_v threshold bias v_reset refractory v_rest r_m exc_decay exc_init inh_decay inh_init "  # registers
     "fired muted first events spikes active native potential "
@@ -64,7 +55,7 @@ Net = namedtuple(
 @inner
 def emit(net, pop, row, i, times, step):
     """Neuron i, counted through all populations, emits."""
-    if row[BINARY] and times > 1:
+    if row[BINARY] and times > 1:  # before it is counted, recorded or sent
         net.native[pop, MERGED] += times - 1
         times = 1
     at = net.clock[EMITTED]
@@ -85,7 +76,11 @@ def emit(net, pop, row, i, times, step):
 
 @inner
 def send_all(net, step):
-    """The spikes of the last step set out; they are sorted by population."""
+    """The spikes of the last step set out; they are sorted by population.
+
+    They set out when the next step begins, not when they are emitted: the host may write weights in between, and what
+    learning changes in a step is sent from the next on.
+    """
     total = net.clock[EMITTED]
     pop = 0
     for k in range(total):
@@ -98,60 +93,22 @@ def send_all(net, step):
 
 
 @inner
-def update(net, pop, row, step):
-    """Step the neurons of a population; who reaches threshold is in `fired`."""
-    lo, hi = row[BEGIN], row[END]
-    n = hi - lo
-    slot = step & (row[SLOTS] - 1)
-    begin = row[RING] + slot * n
-    below = begin + row[SLOTS] * n
-    exc, inh = net.ring[begin : begin + n], net.ring[below : below + n]
-    v, hold, fired = net.v[lo:hi], net.hold[lo:hi], net.fired[lo:hi]
-    if row[KIND] == LOIHI:
-        inputs, currents, drives, clips = step_loihi(
-            net.ring[begin : begin + n],
-            v,
-            net.u[lo:hi],
-            hold,
-            net.keep_u[lo:hi],
-            net.keep_v[lo:hi],
-            net.threshold[lo:hi],
-            net.bias[lo:hi],
-            fired,
-        )
-        net.native[pop, INPUT_WRAPS] += inputs
-        net.native[pop, WRAPS] += currents
-        net.native[pop, DRIVE_WRAPS] += drives
-        net.native[pop, CLIPS] += clips
-    elif row[KIND] == SPINNAKER:
-        saturated, wraps = step_spinnaker(
-            exc, inh, v, net.u[lo:hi], net.g_inh[lo:hi], hold, net, lo, row[EXC_SHIFT], row[INH_SHIFT], fired
-        )
-        net.native[pop, SATURATIONS] += saturated
-        net.native[pop, WRAPS] += wraps
-    else:
-        saturated, wraps = step_delta(exc, inh, v, hold, net, lo, row[EXC_SHIFT], row[INH_SHIFT], fired)
-        net.native[pop, SATURATIONS] += saturated
-        net.native[pop, WRAPS] += wraps
-
-
-@inner
 def count_active(net, pop, row, step):
-    """Neurons that heard a spike or fired; what arrives now may be seen by the next update only."""
+    """Neurons that a spike reached or fired; what arrives now may be seen by the next update only."""
     lo, hi = row[BEGIN], row[END]
     n = hi - lo
     slot = (step + row[LATE]) & (row[SLOTS] - 1)
     begin = row[RING] + slot * n
-    heard, fired = net.heard[begin : begin + n], net.fired[lo:hi]
-    if net.heard_all[row[HEARD] + slot]:
-        net.heard_all[row[HEARD] + slot] = 0
-        heard[:] = 0
+    arrived, fired = net.arrived[begin : begin + n], net.fired[lo:hi]
+    if net.arrived_all[row[ARRIVED] + slot]:  # a dense row marks all its targets by one flag instead of n
+        net.arrived_all[row[ARRIVED] + slot] = 0
+        arrived[:] = 0
         net.active[pop] += n
         return
     count = np.uint32(0)
     for k in range(n):
-        count += np.uint32(heard[k] | fired[k])
-        heard[k] = 0
+        count += np.uint32(arrived[k] | fired[k])
+        arrived[k] = 0
     net.active[pop] += count
 
 
@@ -174,7 +131,7 @@ def settle(net, pop, row, step):
         if not net.fired[i] or net.muted[i] or net.groups[group, CLOSED]:
             net.fired[i] = 0
             continue
-        margin = np.int64(net.v[i]) - np.int64(net.threshold[i])
+        margin = np.int64(net.v[i]) - np.int64(net.threshold[i])  # of two numbers of 32 bits: it may take 33
         draw = uniform(base, i - lo)
         if best < 0 or margin > best_margin or (margin == best_margin and draw > best_draw):
             best, best_margin, best_draw = i, margin, draw
@@ -253,8 +210,12 @@ def list_spikes(net, pop, row, step):
 
 @kernel
 def advance(net, end):
-    """Run to a step; stop earlier where the record is full or the group that is waited for has decided."""
-    total = net.v.size
+    """Run to a step; stop earlier where the record is full or the group that is waited for has decided.
+
+    Who emits in a step reaches nobody in it, so the order of the populations matters only to the record, which is
+    sorted by them, and to `send_all`, which relies on that.
+    """
+    total = net.v.size  # a step records at most one event a neuron: there is room for it, or the caller empties first
     while net.clock[STEP] < end and net.clock[RECORDED] + total <= net.rec_steps.size:
         step = net.clock[STEP] + 1
         send_all(net, step - 1)

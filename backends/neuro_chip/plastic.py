@@ -85,7 +85,7 @@ class Plastic:
         self.ys, self.y_keep, self.y_impulse, self.y_keys = _traces(name, seed, rule, (*POST, *MODULATORY), n_targets)
         self.r_impulse = self.y_impulse.copy()
         self.r_impulse[: len(POST)] = 0
-        self.y_impulse[len(POST) :] = 0
+        self.y_impulse[len(POST) :] = 0  # dopamine comes by `release`: post spikes must not add to its traces
         self.x0, self.tx = np.zeros((2, n_sources), dtype=np.uint8)
         self.y0, self.ty = np.zeros((2, n_targets), dtype=np.uint8)
         self.keys = np.array([key(seed, purpose, name) for purpose in ("w", "t")], dtype=np.uint64)
@@ -100,7 +100,7 @@ class Plastic:
             pre: ids of the sources that fired, each once.
             post: ids of the targets that fired, each once.
         """
-        slot = (step - 1) % self.epoch
+        slot = (step - 1) % self.epoch  # decay, then impulses, then the rule: it reads the impulses of its own step
         kernels.decay(self.xs, slot, self.x_keep, self.x_keys, step)
         kernels.decay(self.ys, slot, self.y_keep, self.y_keys, step)
         self.saturated += kernels.spike(self.xs, slot, self.x_impulse, pre, self.x0, self.tx)

@@ -16,18 +16,9 @@ from neuro.core.errors import ModelError, unknown
 from neuro.model.neurons import Neuron
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints
+from neuro_chip.families.every import family_of
 
-_LIMIT = 2**31 - 1
 _KEPT = "a running chip keeps its scale: describe the network with these values, or lower them"
-_STANDS_FOR = {
-    "loihi_lif": {"V_m": "v", "I_syn_ex": "u", "I_syn_in": "u", "tau_m": "dv", "tau_syn_ex": "du", "tau_syn_in": "du"}
-    | {"V_th": "vth", "I_e": "bias_mant", "t_ref": "refractory"},
-    "spinnaker_lif": {"V_m": "v", "I_syn_ex": "g_exc", "I_syn_in": "g_inh", "tau_m": "exp_tc", "V_th": "v_thresh"}
-    | {"tau_syn_ex": "exc_decay", "tau_syn_in": "inh_decay", "I_e": "i_offset", "t_ref": "t_refract"}
-    | {"E_L": "v_rest", "V_reset": "v_reset", "C_m": "r_m"},
-}
-_STANDS_FOR["spinnaker_delta"] = _STANDS_FOR["spinnaker_lif"]
-_STATES = {"loihi_lif": ("v", "u"), "spinnaker_lif": ("v", "g_exc", "g_inh"), "spinnaker_delta": ("v",)}
 
 
 class Registers:
@@ -39,7 +30,7 @@ class Registers:
     """
 
     def __init__(self, fixed: FixedProgram) -> None:
-        self._program = fixed
+        self._program, self._family = fixed, family_of(fixed.chip)
         self.fixed = list(fixed.populations)
         self.parameters = [dict(p.parameters) for p in fixed.program.populations]
         self._good = [dict(parameters) for parameters in self.parameters]
@@ -47,15 +38,12 @@ class Registers:
     def state(self, population: int, name: str, arrays: Mapping[str, NDArray[np.int32]]) -> Floats:
         """A state in the unit of its model, from the state registers."""
         part = self.fixed[population]
-        if part.kind in _STATES and name in _STATES[part.kind]:
+        if name in self._family.states.get(part.kind, ()):
             return arrays[name].astype(np.float64)
         if name == "V_m":
             values: Floats = arrays["v"] / part.volt + part.rest
             return values
-        if part.kind == "loihi_lif":
-            kept = np.maximum(arrays["u"], 0) if name == "I_syn_ex" else np.minimum(arrays["u"], 0)
-            return kept / part.ampere[0]
-        return arrays["g_exc"] / part.ampere[0] if name == "I_syn_ex" else -arrays["g_inh"] / part.ampere[1]
+        return self._family.current(part, name, arrays)
 
     def units(self, population: int, name: str, values: Floats) -> tuple[str, NDArray[np.int32]]:
         """The state register of a state, and values in its units.
@@ -69,10 +57,10 @@ class Registers:
         if name == "V_m":
             exact = (values - part.rest) * part.volt
         elif name in ("I_syn_ex", "I_syn_in"):
-            exact = values * part.ampere[name == "I_syn_in"] * (-1.0 if register == "g_inh" else 1.0)
+            exact = self._family.units(part, name, values)
         elif (broken := values[values != np.rint(values)]).size:
             raise ModelError(f"population '{part.name}': {name} = {broken[0]:g}: register '{name}' holds whole numbers")
-        limit = 2**23 - 1 if part.kind == "loihi_lif" else _LIMIT
+        limit = self._family.arithmetic.state_limit
         bad = np.flatnonzero(np.abs(exact) > limit)
         if bad.size:
             raise ModelError(
@@ -83,23 +71,7 @@ class Registers:
 
     def bias(self, population: int, current: Floats) -> NDArray[np.int32]:
         """What is added in each step, with a current in pA beside the constant one."""
-        part, r = self.fixed[population], self.fixed[population].registers
-        if part.kind == "loihi_lif":
-            mantissas = r["bias_mant"] + np.rint(current * part.drive / 2.0 ** r["bias_exp"]).astype(np.int64)
-            if mantissas.min() < -4096 or mantissas.max() > 4095:
-                raise ModelError(
-                    f"population '{part.name}': a current of {np.abs(current).max():g} pA overflows the bias register",
-                    hint="describe the dc_generator with its largest amplitude: the scale leaves room for it",
-                )
-            value: NDArray[np.int32] = (mantissas << r["bias_exp"]).astype(np.int32)
-            return value
-        offset = r["i_offset"] + np.rint(current * part.drive).astype(np.int64)
-        if np.abs(offset).max() > _LIMIT:
-            raise ModelError(
-                f"population '{part.name}': a current of {np.abs(current).max():g} pA overflows the offset register",
-                hint="lower the amplitude of the dc_generator",
-            )
-        return offset.astype(np.int32)
+        return self._family.bias(self.fixed[population], current)
 
     def register_of(self, population: int, name: str) -> str:
         """The register of that name, or the one that holds a state or parameter of that name.
@@ -108,8 +80,8 @@ class Registers:
             ModelError: the population has no such register.
         """
         part = self.fixed[population]
-        own = [*_STATES.get(part.kind, ()), *part.registers]
-        stands = _STANDS_FOR.get(part.kind, {})
+        own = [*self._family.states.get(part.kind, ()), *part.registers]
+        stands = self._family.stands_for
         if stands.get(name) in own:
             return stands[name]
         if name not in own:

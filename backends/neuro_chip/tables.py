@@ -2,7 +2,9 @@
 
 NONE = -1
 
-POISSON, LISTED, CURRENT, RELAY, LOIHI, SPINNAKER, DELTA = range(7)
+POISSON, LISTED, CURRENT, RELAY, STEPPED = range(5)
+"""Kinds of populations; those from `STEPPED` on are the steps of `neuro_chip.families`."""
+
 ONE_TO_ONE, DENSE, CSR, GRID = range(4)
 
 # populations
@@ -19,10 +21,11 @@ ONE_TO_ONE, DENSE, CSR, GRID = range(4)
     INH_SHIFT,
     START,
     STOP,
-    HEARD,
+    ARRIVED,
     LATE,
+    RECEPTORS,
     POPULATION_COLUMNS,
-) = range(15)
+) = range(16)
 
 # projections
 (

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from neuro.chips.quantising.fixed import FixedProjection
@@ -14,9 +12,7 @@ from neuro.program.program import Floats, Ints, Projection
 from neuro_chip import host
 from neuro_chip import tables as t
 from neuro_chip.build import STATES, write_states
-
-if TYPE_CHECKING:
-    from neuro_chip.engine import ChipEngine
+from neuro_chip.machine import Machine
 
 _RULE_WIDTH = 32
 _REGISTERS = {"V_m": ("v",), "I_syn_ex": ("u", "g_exc"), "I_syn_in": ("u", "g_inh")}
@@ -26,19 +22,19 @@ class Trials:
     """Presents trials and applies rules to their ends.
 
     Args:
-        engine: the chip.
+        machine: the chip.
     """
 
-    def __init__(self, engine: ChipEngine) -> None:
-        section = engine.program.trials
+    def __init__(self, machine: Machine) -> None:
+        section = machine.program.trials
         assert section is not None
-        self._engine, self._section = engine, section
-        self._output = engine.slice(section.output)
+        self._machine, self._section = machine, section
+        self._output = machine.slice(section.output)
         self._per_map = (self._output.stop - self._output.start) // section.maps
         self._began = 0
         self.changes = 0
         self._inputs: dict[tuple[int, int], tuple[Ints, Ints]] = {}
-        self._keys = [keyed_random.key(engine.program.seed, "rounding", p.name) for p in engine.program.projections]
+        self._keys = [keyed_random.key(machine.program.seed, "rounding", p.name) for p in machine.program.projections]
 
     def start_anew(self) -> None:
         """Nothing was taught: the draws of rounding begin again."""
@@ -46,32 +42,32 @@ class Trials:
 
     def present(self, trial: Trial) -> Outcome:
         """Run one trial."""
-        engine, section, a = self._engine, self._section, self._engine._a
+        machine, section, a = self._machine, self._section, self._machine.arrays
         self._clear(trial)
-        began = self._began = engine.step
+        began = self._began = machine.step
         group = section.group
-        engine._listed.replace(section.input, began + 1 + trial.ticks, trial.ids, began)
-        engine._bind()
-        engine.advance_to(began + section.duration, group if section.stop_at_decision else t.NONE)
+        machine.listed.replace(section.input, began + 1 + trial.ticks, trial.ids, began)
+        machine.bind()
+        machine.advance_to(began + section.duration, group if section.stop_at_decision else t.NONE)
         a["muted"][self._output] = 0
         winner, decided = int(a["groups"][group, t.WINNER]), int(a["groups"][group, t.DECIDED]) - began - 1
         source = a["potential"] if winner >= 0 else a["v"]
-        volt = engine._registers.state(section.output, "V_m", {"v": source[self._output]})
+        volt = machine.cells.state(section.output, "V_m", {"v": source[self._output]})
         by_map = volt.reshape(section.maps, self._per_map)
         best = by_map.argmax(axis=1) + np.arange(section.maps) * self._per_map
-        engine.check_overflows()
-        ticks = engine.step - began
+        machine.check_overflows()
+        ticks = machine.step - began
         return Outcome(winner, decided if winner >= 0 else -1, by_map.max(axis=1), best, ticks)
 
     def _clear(self, trial: Trial) -> None:
         """Drop what is under way and start the output's states anew."""
-        engine, a = self._engine, self._engine._a
-        a["ring"][:], a["heard"][:], a["heard_all"][:] = 0, 0, 0
+        machine, a = self._machine, self._machine.arrays
+        a["ring"][:], a["arrived"][:], a["arrived_all"][:] = 0, 0, 0
         a["clock"][t.EMITTED] = 0
-        engine.open_groups()
+        machine.open_groups()
         a["first"][:] = NEVER
         a["muted"][self._output] = np.repeat(trial.silenced, self._per_map)
-        cells = engine._registers.fixed[self._section.output]
+        cells = machine.cells.fixed[self._section.output]
         registers = {name: 0 for state in self._section.reset for name in _REGISTERS[state] if name in STATES}
         for name in registers:
             a[STATES[name]][self._output] = 0
@@ -83,9 +79,9 @@ class Trials:
         """Sources of a neuron's synapses, and which weight each has."""
         key = (projection, neuron)
         if key not in self._inputs:
-            part = self._engine.program.projections[projection]
+            part = self._machine.program.projections[projection]
             if part.grid is None:
-                pre, post = self._engine.program.connections(projection)
+                pre, post = self._machine.program.connections(projection)
                 slots = np.flatnonzero(post == neuron)
                 self._inputs[key] = pre[slots], slots
             else:
@@ -94,10 +90,10 @@ class Trials:
 
     def learn(self, projection: int, neuron: int, decided: int, won: bool) -> None:
         """Apply the rule to the inputs of one neuron, rounding stochastically."""
-        engine = self._engine
-        part, weights = engine.program.projections[projection], engine._weights
+        machine = self._machine
+        part, weights = machine.program.projections[projection], machine.weights
         sources, slots = self._inputs_of(projection, neuron)
-        first = engine._a["first"][engine.slice(part.source)][sources] - self._began - 1
+        first = machine.arrays["first"][machine.slice(part.source)][sources] - self._began - 1
         delay = np.broadcast_to(part.delay, part.size)[slots] if part.grid is None else part.delay[0]
         early = (first + delay <= decided).astype(np.uint8)
         wires, rule, key = self._prepared(projection)
@@ -110,8 +106,8 @@ class Trials:
 
     def encourage(self, projection: int, maps: Ints) -> None:
         """Let every weight of some maps grow, rounding stochastically."""
-        weights = self._engine._weights
-        part = self._engine.program.projections[projection]
+        weights = self._machine.weights
+        part = self._machine.program.projections[projection]
         wires, rule, key = self._prepared(projection)
         for begin, end in self._ranges(part, maps):
             host.encourage(
@@ -126,7 +122,7 @@ class Trials:
         if part.grid is not None:
             size = part.size // part.grid.maps
             return [(int(m) * size, (int(m) + 1) * size) for m in maps]
-        _, post = self._engine.program.connections(self._engine.program.projections.index(part))
+        _, post = self._machine.program.connections(self._machine.program.projections.index(part))
         slots = np.flatnonzero(np.isin(post // self._per_map, maps))
         ends = np.flatnonzero(np.diff(slots, append=-2) != 1)
         begins = np.concatenate(([0], ends[:-1] + 1))
@@ -134,12 +130,12 @@ class Trials:
 
     def _prepared(self, projection: int) -> tuple[FixedProjection, Floats, np.uint64]:
         """The scale of a projection, its rule's constants, and the key of its draws; counts a change."""
-        engine = self._engine
+        machine = self._machine
         rule = np.zeros(_RULE_WIDTH)
-        synapse = engine.program.projections[projection].synapse
-        synapse.arithmetic.constants(engine._weights.rules[projection], engine.program.resolution, rule)
+        synapse = machine.program.projections[projection].synapse
+        synapse.arithmetic.constants(machine.weights.rules[projection], machine.program.resolution, rule)
         self.changes += 1
-        return engine._weights._wires(projection), rule, np.uint64(self._keys[projection])
+        return machine.weights.wires_of(projection), rule, np.uint64(self._keys[projection])
 
 
 def _under_kernel(part: Projection, neuron: int) -> tuple[Ints, Ints]:

@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.chips.loihi.neurons import word
 from neuro.chips.quantising.fixed import FixedProjection, Words
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints
 from neuro_chip import tables as t
+from neuro_chip.families.every import family_of
+
+_GIVEN = "told"
+"""What saved states call weights as they were set."""
 
 
 class Weights:
@@ -31,10 +34,10 @@ class Weights:
     """
 
     def __init__(self, fixed: FixedProgram, arrays: dict[str, NDArray[Any]]) -> None:
-        self._program, self._a, self._chip = fixed.program, arrays, fixed.chip.arithmetic
+        self._program, self._a, self._family = fixed.program, arrays, family_of(fixed.chip)
         self.wires = list(fixed.projections)
         self._described = fixed.projections
-        self._told: dict[int, Floats] = {}
+        self._given: dict[int, Floats] = {}
         self.mantissas: list[Words] = []
         self.rules: dict[int, Floats] = {}
         self.updates: Ints = np.zeros(len(self.wires), dtype=np.int64)
@@ -47,7 +50,8 @@ class Weights:
                 self.rules[index] = part.synapse.vector()
             self.mantissas.append(own.copy())
 
-    def _wires(self, index: int) -> FixedProjection:
+    def wires_of(self, index: int) -> FixedProjection:
+        """A projection that carries spikes, with the scale that it has now."""
         wires = self.wires[index]
         assert wires is not None
         return wires
@@ -58,13 +62,7 @@ class Weights:
         if wires is None:
             return np.broadcast_to(part.weight, part.size).copy()
         mantissas = self.mantissas[index] if learnt is None else learnt
-        return np.broadcast_to(wires.acting(self._words(wires, mantissas)), part.size).copy()
-
-    def _words(self, wires: FixedProjection, mantissas: Words) -> Words:
-        """What the loop adds for some mantissas."""
-        if self._chip != "loihi":
-            return mantissas
-        return word(mantissas, wires.exponent, wires.bits, wires.sign_mode == "mixed")
+        return np.broadcast_to(wires.acting(self._family.words(wires, mantissas)), part.size).copy()
 
     def raw(self, index: int) -> Ints:
         """The mantissa of every synapse."""
@@ -72,7 +70,7 @@ class Weights:
         return np.broadcast_to(self.mantissas[index], part.size).astype(np.int64)
 
     def wanted(self) -> dict[int, Floats]:
-        """The weights of all projections that carry spikes: as they were told, or as they were learnt.
+        """The weights of all projections that carry spikes: as they were described or set, or as they were learnt.
 
         Another scale rounds these anew, so that nothing is rounded twice.
         """
@@ -81,8 +79,8 @@ class Weights:
     def _wanted(self, index: int) -> Floats:
         part = self._program.projections[index]
         if part.synapse.learns:
-            return self._wires(index).weights(self.mantissas[index])
-        return self._told.get(index, part.weight)
+            return self.wires_of(index).weights(self.mantissas[index])
+        return self._given.get(index, part.weight)
 
     def set(self, index: int, weights: Floats) -> None:
         """Replace all weights by the nearest mantissas.
@@ -94,7 +92,7 @@ class Weights:
         if wires is None:
             raise ModelError(f"weights of '{part.name}', which carries a current, are fixed on a chip")
         mantissas = _nearest(wires, weights)
-        own = wires.acting(self._words(wires, mantissas)) == weights  # what was read can be written
+        own = wires.acting(self._family.words(wires, mantissas)) == weights  # what was read can be written
         exact = wires.exact(weights)
         if wires.native:
             self._check_native(part.name, wires, weights, own)
@@ -106,7 +104,7 @@ class Weights:
                 "what its registers hold at the scale chosen from the described weights",
                 hint="describe the network with its largest weights",
             )
-        self._told[index] = weights.copy()
+        self._given[index] = weights.copy()
         self.put(index, mantissas)
         self.writes += part.size
 
@@ -127,8 +125,8 @@ class Weights:
 
     def write(self, index: int) -> None:
         """Let the loop send what the mantissas are now."""
-        wires, mantissas = self._wires(index), self.mantissas[index]
-        words = self._words(wires, mantissas)
+        wires, mantissas = self.wires_of(index), self.mantissas[index]
+        words = self._family.words(wires, mantissas)
         row = self._a["projections"][index]
         if row[t.WORD_STRIDE]:
             words = np.broadcast_to(words, self._program.projections[index].size)
@@ -141,7 +139,7 @@ class Weights:
     def take(self, wires: Mapping[int, FixedProjection]) -> None:
         """Other scales and mantissas of some projections."""
         for index, found in wires.items():
-            same = np.array_equal(found.step, self._wires(index).step)
+            same = np.array_equal(found.step, self.wires_of(index).step)
             self.wires[index] = found
             if not same:
                 size = self.mantissas[index].size
@@ -149,7 +147,7 @@ class Weights:
 
     def _anew(self, index: int) -> Words:
         """The mantissas of the described weights at the present scale."""
-        wires, described = self._wires(index), self._described[index]
+        wires, described = self.wires_of(index), self._described[index]
         assert described is not None
         if np.array_equal(wires.step, described.step):
             return described.mantissas
@@ -169,7 +167,7 @@ class Weights:
         self.writes = 0
         if not weights:
             return
-        self._told.clear()
+        self._given.clear()
         for index, wires in enumerate(self.wires):
             if wires is not None:
                 self.put(index, np.broadcast_to(self._anew(index), self.mantissas[index].shape))
@@ -178,7 +176,7 @@ class Weights:
         """Everything that changes."""
         arrays: dict[str, NDArray[Any]] = {f"mantissas.{k}": m.copy() for k, m in enumerate(self.mantissas)}
         arrays |= {f"rule.{k}": rule.copy() for k, rule in self.rules.items()}
-        arrays |= {f"told.{k}": weights.copy() for k, weights in self._told.items()}
+        arrays |= {f"{_GIVEN}.{k}": weights.copy() for k, weights in self._given.items()}
         return arrays | {"weights.updates": self.updates.copy(), "weights.writes": np.array(self.writes)}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -187,7 +185,7 @@ class Weights:
             if wires is not None:
                 self.put(k, arrays[f"mantissas.{k}"].astype(np.int32))
         self.rules = {k: arrays[f"rule.{k}"].copy() for k in self.rules}
-        self._told = {k: arrays[f"told.{k}"].copy() for k in range(len(self.wires)) if f"told.{k}" in arrays}
+        self._given = {k: arrays[f"{_GIVEN}.{k}"].copy() for k in range(len(self.wires)) if f"{_GIVEN}.{k}" in arrays}
         self.updates[:] = arrays["weights.updates"]
         self.writes = int(arrays["weights.writes"])
 

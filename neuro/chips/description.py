@@ -80,7 +80,8 @@ class Chip:
     Attributes:
         name: as in `neuro.compile(net, backend=name)` and `sim.energy(name)`.
         title: for people.
-        arithmetic: which integer arithmetic it has ("loihi" or "spinnaker"), "" where only costs or limits are known.
+        arithmetic: name of the integer arithmetic that it has (`neuro.chips.arithmetics`), "" where only costs or
+            limits are known.
         limits: by name, see `docs/reference/chips.md`; a limit that is not named does not exist.
         mesh: how cores lie, None where nothing is placed.
         step_s: shortest time of one step in s, None where steps take as long as their work.

@@ -1,41 +1,57 @@
-"""The chips by name: tables in this package, and tables of users."""
+"""The chips by name: tables in this package, those of installed packages and of programs, and tables by their file."""
 
 from __future__ import annotations
 
-from functools import cache
 from os import PathLike
 from pathlib import Path
 
 from neuro.chips.description import Chip
 from neuro.chips.table import like, load, parse
 from neuro.core.errors import unknown
+from neuro.core.registry import Registry
 
 TABLES = Path(__file__).parent / "tables"
 
 
+def _own() -> list[Chip]:
+    """The chips of this package; none of its tables starts from another."""
+    return [parse(load(path), path, None) for path in sorted(TABLES.glob("*.yaml"))]
+
+
+CHIPS: Registry[Chip] = Registry(
+    "chip", _own(), takes=lambda thing: isinstance(thing, Chip), group="neuro.chips", name=lambda chip: chip.name
+)
+"""All chips that have a name; `neuro.register(neuro.chips.chip("my.yaml"))` adds one."""
+
+
 def chips() -> tuple[str, ...]:
-    """Names of the chips and processors that there are tables of."""
-    return tuple(sorted(path.stem for path in TABLES.glob("*.yaml")))
+    """Names of the chips and processors that are known."""
+    return tuple(sorted(CHIPS))
 
 
 def chip(name: str | PathLike[str]) -> Chip:
-    """The chip of that name, or of a table file of the user.
+    """The chip of that name, or of a table file, which is read each time.
 
     Raises:
         ModelError: there is none, or the file is not such a table.
     """
     text = str(name)
-    if text.endswith((".yaml", ".yml")):
-        return read_chip(Path(name))
-    if text not in chips():
+    if is_table(text):
+        return read_chip(Path(text))
+    if text not in CHIPS:
         raise unknown("target", text, chips())
-    return _own(text)
+    return CHIPS[text]
+
+
+def is_table(name: str) -> bool:
+    """Whether a name is that of a table file."""
+    return name.endswith((".yaml", ".yml"))
 
 
 def read_chip(path: Path) -> Chip:
     """The chip that a table file describes.
 
-    A table with `like: loihi` starts from ours and changes what it names.
+    A table with `like: loihi` starts from that chip and changes what it names.
 
     Raises:
         ModelError: the file is not a table, a word is unknown, or a number has no source; it says where.
@@ -44,9 +60,4 @@ def read_chip(path: Path) -> Chip:
     base = like(root)
     if base is not None and base.value not in chips():
         raise unknown("target", base.value, chips(), base.where)
-    return parse(root, path, None if base is None else chip(base.value))
-
-
-@cache
-def _own(name: str) -> Chip:
-    return read_chip(TABLES / f"{name}.yaml")
+    return parse(root, path, None if base is None else CHIPS[base.value])

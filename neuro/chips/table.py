@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
+from neuro.chips.arithmetics import ARITHMETICS
 from neuro.chips.description import COSTS, LIMITS, Chip, Figure, Mesh
 from neuro.core.errors import ModelError
 from neuro.model.language.nodes import found, mistake, words
 from neuro.model.language.reader import Node, read
 
-ARITHMETICS = ("", "loihi", "spinnaker")
 WORDS = ("like", "name", "title", "arithmetic", "limits", "mesh", "step_s", "costs")
 PARTS = {"limits": "limit", "costs": "cost"}
 TILES = ("columns", "rows", "cores_per_tile")
@@ -110,8 +110,9 @@ def _text(node: Node, name: str) -> str:
 
 
 def _arithmetic(node: Node) -> str:
-    if node.value not in ARITHMETICS:
-        known = ", ".join(f"'{name}'" for name in ARITHMETICS)
+    names = ("", *ARITHMETICS)
+    if node.value not in names:
+        known = ", ".join(f"'{name}'" for name in names)
         raise mistake(node, f"arithmetic: {found(node)}: expected one of {known}", "'' has limits and costs only")
     return str(node.value)
 

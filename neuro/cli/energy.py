@@ -39,8 +39,7 @@ def energy(
     as_json: Json = False,
 ) -> None:
     """Run a network and print what that would take on chips: counts, joules and where the figures come from."""
-    from neuro.chips.known import chip
-    from neuro.chips.pricing.price import check_costs, price
+    from neuro.chips.pricing.price import price
     from neuro.cli.progress import Bar, advance
     from neuro.core.clock import Clock
     from neuro.model.language import load
@@ -48,9 +47,7 @@ def energy(
 
     if per[0] < 1:
         raise typer.BadParameter(f"'{per[0]}': expected a whole number >= 1", param_hint="'--per'")
-    chips = [chip(name) for name in target]
-    for each in chips:
-        check_costs(each)
+    chips = [priceable(name) for name in target]
     net = load(file, params=assignments(set))
     steps = Clock(net.resolution).step(duration, "--for")
     with Bar() as bar:
@@ -69,6 +66,19 @@ def energy(
         typer.echo(json.dumps(plain(sim, bills, placements[0], per), indent=2))
     else:
         tell([priced.per(*per) for priced in bills])
+
+
+def priceable(name: str) -> Chip:
+    """The chip or processor of that name or table file; refuse one of which nothing is priced."""
+    from neuro.chips.known import CHIPS, chip, is_table
+    from neuro.chips.pricing.price import check_costs
+    from neuro.core.errors import unknown
+
+    if name not in CHIPS and not is_table(name):
+        raise unknown("target", name, sorted(known for known, found in CHIPS.items() if found.costs))
+    found = chip(name)
+    check_costs(found)
+    return found
 
 
 def placed(program: Program, chip: Chip) -> Placement | None:

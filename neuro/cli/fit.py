@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from neuro.chips.description import Chip
     from neuro.program.backend import Problem
 
-ChipName = Annotated[str, typer.Option("--chip", metavar="NAME", help="loihi or spinnaker, or the table of another.")]
+ChipName = Annotated[str, typer.Option("--chip", metavar="NAME", help="A chip, or a table's file.")]
 Order = Annotated[str, typer.Option("--order", metavar="NAME", help="Lay cores out as connected, or as declared.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
@@ -33,35 +33,36 @@ def fit(
 
     The exit status is 1 if it does not.
     """
+    from neuro.chips.arithmetics import ARITHMETICS
     from neuro.chips.placing.place import place
     from neuro.chips.quantising.fixed_program import report
-    from neuro.chips.quantising.quantise import ARITHMETIC, quantise
+    from neuro.chips.quantising.quantise import quantise
     from neuro.compiler import compile_network
     from neuro.model.language import load
 
     target = _target(chip)
     program = compile_network(load(file, params=assignments(set)), seed)
     placement = place(program, target, order=order)
-    fixed = quantise(program, target) if target.arithmetic in ARITHMETIC else None
+    fixed = quantise(program, target) if target.arithmetic in ARITHMETICS else None
     problems = [*(fixed.problems if fixed else ()), *placement.problems]
     verdict = _verdict(program.name, target.name, problems)
     if as_json:
         parts = {"rounding": fixed.as_dict() if fixed else None, "placement": placement.as_dict()}
-        typer.echo(json.dumps(_finite({**parts, "problems": _told(problems)}), indent=2, allow_nan=False))
+        typer.echo(json.dumps(_finite({**parts, "problems": _paragraphs(problems)}), indent=2, allow_nan=False))
     else:
         rounding = report(fixed) if fixed else _no_rounding(target.title)
-        typer.echo("\n\n".join([rounding, str(replace(placement, problems=())), *_told(problems), verdict]))
+        typer.echo("\n\n".join([rounding, str(replace(placement, problems=())), *_paragraphs(problems), verdict]))
     if any(problem.refused for problem in problems):
         raise typer.Exit(1)
 
 
 def _target(name: str) -> Chip:
     """The chip; refuse one of which nothing is known that a network could exceed."""
-    from neuro.chips.known import chip, chips
+    from neuro.chips.known import CHIPS, chip, chips, is_table
     from neuro.core.errors import ModelError, unknown
 
-    limited = [known for known in chips() if chip(known).limits]
-    if name not in chips() and not name.endswith((".yaml", ".yml")):
+    limited = [known for known in chips() if CHIPS[known].limits]
+    if name not in CHIPS and not is_table(name):
         raise unknown("chip", name, limited)
     target = chip(name)
     if target.mesh is None and not target.limits:
@@ -76,7 +77,7 @@ def _no_rounding(title: str) -> str:
     return f"the arithmetic of {title} is not known here: no rounding is told"
 
 
-def _told(problems: Sequence[Problem]) -> list[str]:
+def _paragraphs(problems: Sequence[Problem]) -> list[str]:
     """Every problem as a paragraph, those that refuse the network first."""
     return [
         f"{'refused' if p.refused else 'approximated'}: {f'{p.origin}: ' if p.origin else ''}{p.what}: {p.why}"

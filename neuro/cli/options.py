@@ -67,6 +67,8 @@ def number(value: Any) -> Any:
 
 NetworkFile = Annotated[Path, typer.Argument(metavar="FILE", help="A network, as YAML.")]
 Set = Annotated[list[str], typer.Option("--set", metavar="NAME=VALUE", help="Override a parameter; may be repeated.")]
-Backend = Annotated[str, typer.Option("--backend", metavar="NAME", help="What to run on; see 'neuro backends'.")]
+Backend = Annotated[
+    str, typer.Option("--backend", metavar="NAME", help="What to run on: see 'neuro backends'; or a chip's table.")
+]
 Seed = Annotated[int, typer.Option("--seed", metavar="N", parser=seed, help="Seed of everything random.")]
 Threads = Annotated[int, typer.Option("--threads", metavar="N", parser=threads, help="Threads to compute with.")]

@@ -71,7 +71,7 @@ class Run:
     """What one backend did.
 
     Attributes:
-        backend: its name.
+        backend: its name, or the table file of its chip.
         refused: why it did not run; "" if it did.
         warnings: what it approximates, and overflows.
         inputs: than those of the first run: "same", "merged" (several spikes of a neuron in a step are one), "other".

@@ -7,9 +7,10 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from os import PathLike
 
 from neuro.chips.description import Chip
-from neuro.chips.known import chip, chips
+from neuro.chips.known import chip
 from neuro.chips.placing.place import place
 from neuro.chips.placing.placement import Placement
 from neuro.chips.pricing.price import unrunnable
@@ -36,7 +37,7 @@ Advance = Callable[[Simulation, int], None]
 
 def compare(
     net: Network,
-    backends: Sequence[str],
+    backends: Sequence[str | PathLike[str]],
     ms: float,
     seed: int = 0,
     *,
@@ -49,7 +50,7 @@ def compare(
 
     Args:
         net: the network; it stays as it is.
-        backends: names, two or more.
+        backends: names, or table files of chips, two or more.
         ms: how long, a multiple of the resolution.
         seed: of everything random; all backends see the same input.
         threads: cores to use, where a backend can.
@@ -58,19 +59,20 @@ def compare(
     Raises:
         ModelError: a name is unknown or said twice, fewer than two backends run the network, or `ms` is off the grid.
     """
-    _check(backends)
+    names = [str(name) for name in backends]
+    _check(names)
     steps = Clock(net.resolution).step(ms, "ms")
     watched, runs = _recording(net), list[Run]()
-    for name in backends:
+    for name in names:
         first = next((run for run in runs if not run.refused), None)
-        with _heard() as told:
+        with _warnings() as told:
             try:
                 sim = compile(watched, backend=name, seed=seed, threads=threads)
                 (advance or _run)(sim, steps)
             except ModelError as error:
                 run = Run(name, refused=str(error))
             else:
-                run = _against(_gather(sim, first is None), first, sim.time)
+                run = _against(_gather(sim, name, first is None), first, sim.time)
         runs.append(replace(run, warnings=tuple(told)))
     return _comparison(net, ms, seed, runs)
 
@@ -133,7 +135,7 @@ def _run(sim: Simulation, steps: int) -> None:
 
 
 @contextmanager
-def _heard() -> Iterator[list[str]]:
+def _warnings() -> Iterator[list[str]]:
     """Collect what backends warn of; other warnings go on."""
     texts: list[str] = []
     kinds = (ApproximationWarning, OverflowWarning)
@@ -147,7 +149,7 @@ def _heard() -> Iterator[list[str]]:
             warnings.warn_explicit(w.message, w.category, w.filename, w.lineno)
 
 
-def _gather(sim: Simulation, first: bool) -> Run:
+def _gather(sim: Simulation, backend: str, first: bool) -> Run:
     """Everything of a run that is compared or shown."""
     program, counts = sim.program, sim.counts()
     clock = Clock(program.resolution)
@@ -159,15 +161,15 @@ def _gather(sim: Simulation, first: bool) -> Run:
         trains[part.name] = Train(part.size, times, clock.steps(times, "spikes"), ids)
         rate = times.size / max(part.size, 1) / (sim.time / 1000.0)
         results[part.name] = PopulationResult(part.size, times.size, rate, isinstance(part.model, Generator))
-    fixed, placement = on_chip(program, sim.backend)
+    fixed, placement = on_chip(program, backend)
     return Run(
-        sim.backend,
+        backend,
         counts=counts,
         populations=results,
         rounding=rounding(fixed) if fixed else None,
         fixed=fixed,
         placement=placement,
-        bills=_bills(sim, first),
+        bills=_bills(sim, backend, first),
         trains=trains,
         program=program,
         final={part.name: sim.get(part.name, "weight") for part in program.projections if part.size},
@@ -176,8 +178,8 @@ def _gather(sim: Simulation, first: bool) -> Run:
 
 def chip_of(backend: str) -> Chip | None:
     """The chip that a backend emulates; None of a float backend."""
-    found = chip(backend) if backend in chips() else None
-    return found if found and found.arithmetic else None
+    found = getattr(find(backend), "chip", None)
+    return found if isinstance(found, Chip) else None
 
 
 def on_chip(program: Program, backend: str) -> tuple[FixedProgram | None, Placement | None]:
@@ -208,18 +210,18 @@ def _against(run: Run, first: Run | None, duration_ms: float) -> Run:
     )
 
 
-def _bills(sim: Simulation, first: bool) -> tuple[Bill, ...]:
+def _bills(sim: Simulation, backend: str, first: bool) -> tuple[Bill, ...]:
     """What a run takes on its own chip; the first run also on other targets."""
-    own = (sim.backend,) if chip_of(sim.backend) else ()
+    own = (backend,) if chip_of(backend) else ()
     others = tuple(name for name in TARGETS if first and name not in own)
-    return tuple(_bill(sim, name) for name in own + others)
+    return tuple(_bill(sim, backend, name) for name in own + others)
 
 
-def _bill(sim: Simulation, target: str) -> Bill:
+def _bill(sim: Simulation, backend: str, target: str) -> Bill:
     try:
-        return Bill(target, sim.backend, sim.energy(target))
+        return Bill(target, backend, sim.energy(target))
     except ModelError as error:
-        return Bill(target, sim.backend, None, str(error))
+        return Bill(target, backend, None, str(error))
 
 
 def _notes(runs: list[Run], ms: float) -> Iterable[str]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
+from os import PathLike
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -178,7 +179,7 @@ class Backend(Protocol):
     A backend that cannot run some cases of `neuro.testing` lists them, with reasons, in an attribute
     `unsupported: dict[str, str]`. One that does not show some states of neurons names them in an attribute
     `unreadable: frozenset[str]`; its engine has it, too. One whose processes run a network together under mpirun says
-    `distributed = True`.
+    `distributed = True`. One that runs many targets is a `Family`, too.
     """
 
     name: str
@@ -189,6 +190,21 @@ class Backend(Protocol):
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
         """Make an engine at step 0."""
+
+
+@runtime_checkable
+class Family(Protocol):
+    """A backend that runs many targets, such as the chips of one arithmetic, of which its own name is one."""
+
+    def of(self, target: str) -> Backend | None:
+        """The backend for a target by name or by the file that describes it; None if it is of no or another family.
+
+        Raises:
+            ModelError: no family runs that target, or its file cannot be read.
+        """
+
+    def targets(self) -> Iterable[str]:
+        """The names that `of` takes."""
 
 
 @runtime_checkable
@@ -247,14 +263,20 @@ def installed() -> dict[str, Backend]:
     return {entry.name: entry.load() for entry in sorted(entry_points(group="neuro.backends"), key=lambda e: e.name)}
 
 
-def find(name: str) -> Backend:
-    """The backend of that name.
+def find(name: str | PathLike[str]) -> Backend:
+    """The backend of that name, or that of a family (`Family`) for the target of that name or file.
 
     Raises:
-        ModelError: there is none.
+        ModelError: there is none, or the file does not describe such a target.
     """
+    text = str(name)
     entries = {entry.name: entry for entry in entry_points(group="neuro.backends")}
-    if name not in entries:
-        raise ModelError(f"unknown backend '{name}'", hint=nearest(name, entries))
-    backend: Backend = entries[name].load()
-    return backend
+    if text in entries:
+        backend: Backend = entries[text].load()
+        return backend
+    families = [each for each in installed().values() if isinstance(each, Family)]
+    for family in families:
+        if (found := family.of(text)) is not None:
+            return found
+    known = dict.fromkeys((*entries, *(target for family in families for target in family.targets())))
+    raise ModelError(f"unknown backend '{text}'", hint=nearest(text, known))

@@ -44,13 +44,13 @@ class ApproximationWarning(UserWarning):
 
 
 def compile(
-    net: Network, backend: str | Backend = "event", seed: int = 0, threads: int = 1, **options: Any
+    net: Network, backend: str | PathLike[str] | Backend = "event", seed: int = 0, threads: int = 1, **options: Any
 ) -> Simulation:
     """Make a network ready to run.
 
     Args:
         net: the network.
-        backend: the name of an installed backend, or the backend itself.
+        backend: the name of an installed backend, the table file of a chip, or the backend itself.
         seed: of everything random; the same seed gives the same run on every float backend.
         threads: cores to use; results do not depend on it.
         options: of the backend.
@@ -73,8 +73,8 @@ def compile(
         raise ModelError(f"network '{net.name}' needs more memory than there is: {error}") from None
 
 
-def _backend(given: str | Backend) -> Backend:
-    if isinstance(given, str):
+def _backend(given: str | PathLike[str] | Backend) -> Backend:
+    if isinstance(given, (str, PathLike)):
         return find(given)
     if isinstance(given, type) or not all(hasattr(given, word) for word in ("name", "problems", "build")):
         raise ModelError(f"backend = {shown(given)}: expected the name of a backend, or a backend itself")

@@ -126,3 +126,9 @@ def test_mistakes_are_told_before_the_run(run, network, what, monkeypatch):
     status, out, err = run(*RUN, *words)
     assert (status, out) == (2, "")
     assert err.startswith(f"error: {message}")
+
+
+def test_an_unknown_target_is_told_of_those_with_costs(neuro, network):
+    answer = neuro("energy", network, "--target", "loihi22")
+    assert (answer.status, answer.out) == (2, "")
+    assert answer.err == "error: unknown target 'loihi22'\n  hint: did you mean 'loihi'?\n"

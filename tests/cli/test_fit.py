@@ -150,3 +150,39 @@ def test_an_unknown_chip(neuro, file):
     assert answer.status != 0
     assert "unknown chip 'loihy'" in answer.err
     assert "did you mean 'loihi'" in answer.err
+
+
+LONG = "like: loihi\nlimits:\n  delay_max: {value: 200, source: my board}\n"
+
+
+def test_a_table_of_ones_own(neuro, file, tmp_path):
+    text = FITS.replace("delay: 1.0", "delay: 50.0")
+    (tmp_path / "my.yaml").write_text(LONG)
+    answer = neuro("fit", file(text), "--chip", "my.yaml")
+    assert (answer.status, answer.err) == (0, "")
+    assert answer.out.startswith("network 'fits' in the integers of Intel Loihi 1\n")
+    assert answer.out.endswith("\n\n'fits' fits on my\n")
+    (tmp_path / "my.yaml").write_text(LONG.replace("200", "99"))
+    answer = neuro("fit", file(text), "--chip", "my.yaml")
+    assert answer.status == 1
+    assert "100 steps in the delay register, which holds at most 99 on my\n" in answer.out
+
+
+def test_a_mistake_in_a_table_of_ones_own(neuro, file, tmp_path):
+    (tmp_path / "my.yaml").write_text(LONG.replace("200", "many"))
+    answer = neuro("fit", file(FITS), "--chip", "my.yaml")
+    assert (answer.status, answer.out) == (2, "")
+    assert answer.err == "error: my.yaml:3:22: delay_max: value: found 'many': expected a number >= 0\n"
+
+
+def test_the_commands_run_on_a_table(neuro, file, tmp_path):
+    text = FITS.replace("delay: 1.0", "delay: 50.0")
+    (tmp_path / "my.yaml").write_text(LONG)
+    ran = neuro("run", file(text), "--backend", "my.yaml", "--for", "100", "--out", "out.h5")
+    assert (ran.status, ran.err) == (0, "")
+    checked = neuro("check", file(text), "--backend", "my.yaml")
+    assert checked.out.startswith("net.yaml: ok on my.yaml: 7 neurons")
+    compared = neuro("compare", file(text), "--backends", "event,my.yaml", "--for", "100", "--json")
+    assert list(json.loads(compared.out)["backends"]) == ["event", "my.yaml"]
+    priced = neuro("energy", file(text), "--backend", "my.yaml", "--target", "my.yaml", "--for", "100", "--json")
+    assert json.loads(priced.out)["bills"][0]["target"] == "my"

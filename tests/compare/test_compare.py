@@ -52,7 +52,7 @@ def test_other_input_is_told(net):
     first, other = (neuro.compile(_recording(net), backend="reference", seed=seed) for seed in (1, 2))
     for sim in (first, other):
         sim.run(50.0)
-    found = _against(_gather(other, False), _gather(first, True), 50.0)
+    found = _against(_gather(other, "reference", False), _gather(first, "reference", True), 50.0)
     assert found.inputs == "other"
     assert not found.populations["noise"].same
     assert found.populations["list"].same

@@ -10,6 +10,7 @@ from neuro.chips.loihi.learning_fit import COARSE_UPDATE
 from neuro.chips.loihi.learning_map import Mapped, rule_of
 from neuro.chips.quantising.fixed import FixedProjection
 from neuro.chips.quantising.inputs import Options, approximated, refused
+from neuro.chips.quantising.learning import foreign
 from neuro.core.errors import ModelError
 from neuro.model.neurons import parrot_neuron
 from neuro.model.synapses import loihi_learning
@@ -31,8 +32,8 @@ def give_rules(program: Program, chip: Chip, wires: dict[int, FixedProjection], 
     """
     for index, part in enumerate(program.projections):
         synapse, told = part.synapse, f"projection '{part.name}': {part.synapse.name}"
-        if (lacking := _no_rule(program, chip, index)) is not None:
-            yield lacking
+        if (problem := foreign(program, chip, index) or _no_rule(program, index)) is not None:
+            yield problem
         elif isinstance(synapse, loihi_learning) and index in wires:
             wires[index] = replace(wires[index], rule=synapse.rule())
         elif synapse.learns == "pairs" and index in wires:
@@ -51,17 +52,12 @@ def give_rules(program: Program, chip: Chip, wires: dict[int, FixedProjection], 
                 yield approximated(part.origin, told, why, "learn faster, or lower Wmax, which sets the weight step")
 
 
-def _no_rule(program: Program, chip: Chip, index: int) -> Problem | None:
-    """Why a synapse model cannot be on the chip, or not onto these neurons; None if it can."""
+def _no_rule(program: Program, index: int) -> Problem | None:
+    """Why a synapse model cannot be onto these neurons; None if it can."""
     part = program.projections[index]
     synapse, target = part.synapse, program.populations[part.target].model
     told = f"projection '{part.name}': {synapse.name}"
-    if synapse.chip and synapse.chip != chip.arithmetic:
-        why, way = f"its parameters are registers of {synapse.chip}", f"backend '{synapse.chip}' runs it"
-    elif synapse.learns in ("pairs", "chip") and chip.arithmetic != "loihi":
-        why = f"pairwise learning is not emulated on {chip.name}"
-        way = "run it on loihi or event, or send static weights: sim.network() has what was learnt"
-    elif isinstance(target, parrot_neuron) and synapse.learns in ("pairs", "chip"):
+    if isinstance(target, parrot_neuron) and synapse.learns in ("pairs", "chip"):
         why, way = (
             "the host relays the spikes of parrots, so there is no weight to learn",
             "learn at the next projection",
@@ -97,5 +93,5 @@ def _mapped(program: Program, index: int, wires: FixedProjection, options: Optio
         float(wires.step[0]),
         wires.bits,
         delay=int(part.delay.max(initial=1)),
-        largest_n=float(options.signals.get(part.name, LARGEST_SIGNAL / told.get("tau_n", 1.0))),
+        largest_n=float(options.of("signals", part.name) or LARGEST_SIGNAL / told.get("tau_n", 1.0)),
     )

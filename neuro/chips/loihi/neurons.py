@@ -13,7 +13,7 @@ constant current (exact integration, `neuro.model.neurons.propagators`):
 | tau_m | (4096 - dv) / 4096 = exp(-h / tau_m) |
 | V_m >= V_th | v > 64 vth, the largest 64 vth below S (V_th - E_L) |
 | t_ref of R steps | refractory = R + 1 |
-| delay of D steps | `iaf_psc_exp`: D, `iaf_psc_delta`: D - 1, as NEST's currents act a step later than they arrive |
+| delay of D steps | `iaf_psc_exp`: D, `iaf_psc_delta`: D - 1, see `neuro.chips.lag` |
 
 Source: Davies et al., IEEE Micro 38(1):82, 2018; traces of lava 0.10, nengo-loihi 1.1 and Brian2Loihi 0.5.2. Where
 these differ: each weight is shifted, not the sum of a step, and mantissas lose their lowest bits towards 0 (as in
@@ -30,27 +30,18 @@ from neuro.chips.loihi.scale import Described, choose_scale, described, exponent
 from neuro.chips.loihi.words import (
     BIAS_EXPONENT,
     BIAS_MANTISSA,
+    KIND,
     REFRACTORY_LIMIT,
-    V_LIMIT,
     VTH_LIMIT,
     bounds,
     fixed_projection,
-    native,
-    native_projection,
-    relay_projection,
     word,
 )
 from neuro.chips.quantising import rounding
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding
 from neuro.chips.quantising.inputs import Inputs, Options, one_kernel, refused
-from neuro.model.neurons import Neuron, iaf_psc_delta, iaf_psc_exp
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints
-
-__all__ = ["STATE_LIMIT", "native", "native_projection", "population", "relay_projection", "runs", "word"]
-
-STATE_LIMIT = V_LIMIT
-"""The largest initial v and u in registers."""
 
 
 def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
@@ -62,15 +53,14 @@ def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[
     """
     part = inputs.part
     d, problems = described(inputs), lacking(inputs)
-    by_hand = options.scales.get(part.name)
-    volt = choose_scale(inputs, d) if by_hand is None else float(by_hand)
+    volt = float(options.of("scales", part.name) or choose_scale(inputs, d))
     problems += overflows(part, d, volt)
     registers, errors = _registers(inputs, d, volt)
     ampere = () if not d.tau else (volt * d.gain / d.fade,) * 2
     initial = {name: np.rint(volt * values).astype(np.int64) for name, values in (("v", d.start), ("u", d.current))}
     fixed = FixedPopulation(
         part.name,
-        "loihi_lif",
+        KIND,
         registers,
         initial,
         volt,
@@ -145,7 +135,7 @@ def projection(
     mode = inputs.sign_mode(index)
     low, high, grain = bounds(mode)
     problems = one_kernel(inputs, index, d.gain.size)
-    exponent = options.exponents.get(part.name)
+    exponent = options.of("exponents", part.name)
     if exponent is None:
         exponent = exponent_of(gained(inputs, index, d), volt, low, high, inputs.learns(index))
     step = 64.0 * 2.0**exponent / (volt * (d.gain if part.grid is None else d.gain[:1]))
@@ -167,10 +157,4 @@ def projection(
                 "use a larger exponent or a smaller scale, or leave them to be chosen",
             )
         )
-    delay = (part.delay - (not d.tau)).astype(np.int32)
-    return fixed_projection(part.name, mantissas, exponent, mode, 8, per_synapse, delay, found), problems
-
-
-def runs(model: object) -> bool:
-    """Whether a compartment can be this model."""
-    return isinstance(model, Neuron) and isinstance(model, (iaf_psc_delta, iaf_psc_exp))
+    return fixed_projection(part.name, mantissas, exponent, mode, 8, per_synapse, inputs.lag(index), found), problems

@@ -9,13 +9,22 @@ from dataclasses import replace
 
 import numpy as np
 
+from neuro.chips.lag import register
 from neuro.chips.quantising import rounding
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, WeightRounding, Words
 from neuro.chips.quantising.inputs import Inputs, refused
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Population
 
+KIND = "loihi_lif"
+"""The step that compartments take, see `FixedPopulation.kind`."""
+
+REGISTER_OF_ONE = 0
+"""What the delay register holds of a spike that acts in the step after its emission."""
+
 V_LIMIT = 2**23 - 1
+"""The largest v, and the largest initial u, in registers."""
+
 U_LIMIT = 2**23
 INPUT_LIMIT = 2**21
 """What arrives in one step wraps as a two's complement of 22 bits (nengo-loihi 1.1)."""
@@ -63,7 +72,7 @@ def native(part: Population) -> FixedPopulation:
     """A `loihi_lif`: its parameters are the registers."""
     registers = {name: values.astype(np.int64) for name, values in part.parameters.items() if name != "tau_minus"}
     initial = {name: values.astype(np.int64) for name, values in part.initial.items()}
-    return FixedPopulation(part.name, "loihi_lif", registers, initial)
+    return FixedPopulation(part.name, KIND, registers, initial)
 
 
 def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
@@ -87,8 +96,7 @@ def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list
     asked: Words = np.clip(np.rint(part.weight), first, last).astype(np.int32)
     sent: Floats = word(asked, exponent, bits, mode == "mixed") * 2.0**-exponent
     found = rounding.judged(asked.astype(np.float64), sent, 1.0, low, high)
-    delay = (part.delay - 1).astype(np.int32)
-    fixed = fixed_projection(part.name, asked, exponent, mode, bits, np.ones(1), delay, found)
+    fixed = fixed_projection(part.name, asked, exponent, mode, bits, np.ones(1), inputs.lag(index), found)
     return replace(fixed, low=first, high=last, grain=1, native=True), problems
 
 
@@ -99,10 +107,10 @@ def fixed_projection(
     mode: str,
     bits: int,
     step: Floats,
-    delay: Words,
+    lag: Words,
     rounding: WeightRounding,
 ) -> FixedProjection:
-    """A projection by its mantissas and its delay register."""
+    """A projection by its mantissas and the steps after which its spikes act."""
     low, high, grain = bounds(mode, bits)
     return FixedProjection(
         name=name,
@@ -116,8 +124,8 @@ def fixed_projection(
         bits=bits,
         step=step,
         step_below=step,
-        lag=delay + np.int32(1),
-        delay=delay,
+        lag=lag,
+        delay=register(lag, REGISTER_OF_ONE),
         rounding=rounding,
     )
 
@@ -126,5 +134,12 @@ def relay_projection(inputs: Inputs, index: int) -> FixedProjection:
     """A projection onto parrots: every spike counts, whatever its weight."""
     part = inputs.program.projections[index]
     ones: Words = np.ones(1, dtype=np.int32)
-    delay = (part.delay - 1).astype(np.int32)
-    return fixed_projection(part.name, ones, 0, "excitatory", 8, part.weight.copy(), delay, LOSSLESS)
+    return fixed_projection(part.name, ones, 0, "excitatory", 8, part.weight.copy(), inputs.lag(index), LOSSLESS)
+
+
+def lossless(fixed: FixedProjection) -> str:
+    """How mantissas that are set by hand lose nothing to the shift of the exponent and to the bits of the memory."""
+    grain = max(grain_of(fixed.bits, fixed.sign_mode == "mixed"), 2 ** max(0, -fixed.exponent))
+    ways = [f"use mantissas that are multiples of {grain}"] if grain <= fixed.high else []
+    ways += ["use a larger weight_exp"] if fixed.exponent < 0 else []
+    return ", or ".join(ways)

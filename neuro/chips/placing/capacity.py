@@ -1,7 +1,6 @@
 """What of a network fits on no core, on no machine, or into no delay register.
 
-A delay of D steps takes a register of D where the target has a synaptic current (`I_syn`), else of D - 1, since NEST's
-currents act a step later than they arrive; on SpiNNaker one more, see `neuro.chips.loihi` and `neuro.chips.spinnaker`.
+What the delay register of a spike holds follows from when it acts (`neuro.chips.lag`) and from how the family counts.
 Chips without an arithmetic here are taken to count as Loihi 1.
 """
 
@@ -11,17 +10,19 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from neuro.chips.arithmetics import placed_as
 from neuro.chips.description import Chip
+from neuro.chips.lag import lag, register
 from neuro.chips.placing.fan_out import spiking
 from neuro.chips.placing.incoming import Incoming
 from neuro.chips.placing.mesh import capacity
-from neuro.chips.placing.packing import in_rows, memory_limit
+from neuro.chips.placing.packing import memory_limit
 from neuro.chips.placing.split import Split
 from neuro.program.backend import Problem
 from neuro.program.program import Ints, Program
 
 
-def misfits(program: Program, chip: Chip, into: Incoming, split: Split, chips: int) -> tuple[Problem, ...]:
+def exceeded(program: Program, chip: Chip, into: Incoming, split: Split, chips: int) -> tuple[Problem, ...]:
     """All that does not fit, at once; delays only where the arithmetic is not emulated, as quantising tells them else.
 
     Args:
@@ -45,17 +46,17 @@ def too_late(program: Program, chip: Chip) -> Iterator[Problem]:
     most, h = chip.limit("delay_max"), program.resolution
     if most is None:
         return
-    for part in (program.projections[index] for index in spiking(program)):
+    of_one = placed_as(chip).register_of_one
+    for index in spiking(program):
+        part = program.projections[index]
         steps = int(part.delay.max(initial=0))
-        model = program.populations[part.target].model
-        late = any(state.name.startswith("I_syn") for state in model.states)
-        register = steps - (not late) + in_rows(chip)
-        if register > most:
+        need = int(register(lag(program, index), of_one).max(initial=0))
+        if need > most:
             yield Problem(
                 True,
                 f"projection '{part.name}': a delay of {steps * h:g} ms",
-                f"{register} steps in the delay register, which holds at most {most} on {chip.name}",
-                f"use at most {(most - register + steps) * h:g} ms, a coarser resolution, or a chain of parrots",
+                f"{need} steps in the delay register, which holds at most {most} on {chip.name}",
+                f"use at most {(most - need + steps) * h:g} ms, a coarser resolution, or a chain of parrots",
                 part.origin,
             )
 
@@ -75,11 +76,11 @@ def _too_much(
         part = program.populations[population]
         more = f" and {len(found) - 1:,} more" if len(found) > 1 else ""
         synapses = int(each[into.start[population] + neuron])
-        why, way_out = _told(kind, chip, count, limit, synapses)
+        why, way_out = _reason(kind, chip, count, limit, synapses)
         yield Problem(True, f"population '{part.name}': neuron {neuron}{more}", why, way_out, part.origin)
 
 
-def _told(kind: str, chip: Chip, need: int, limit: int, synapses: int) -> tuple[str, str]:
+def _reason(kind: str, chip: Chip, need: int, limit: int, synapses: int) -> tuple[str, str]:
     if kind == "memory":
         whose = "core" if chip.limit("synapse_bytes_per_core") is not None else "chip"
         why = f"its {synapses:,} synapses take {need:,} bytes, a {whose} of {chip.name} has {limit:,} for synapses"

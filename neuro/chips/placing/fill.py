@@ -26,7 +26,7 @@ def scatter(source, target, first, position, line):
 
 
 @kernel
-def fill(queue, begin, end, core, rows, graph, sends, limits, told, marks):
+def fill(queue, begin, end, core, rows, graph, sends, limits, load, marks):
     """Add the neurons queue[begin:end] to a core until one does not fit; returns its position, or end.
 
     Args:
@@ -38,62 +38,62 @@ def fill(queue, begin, end, core, rows, graph, sends, limits, told, marks):
         graph: ends, line, source, projection, bits and sources of `Incoming`.
         sends: axons out of each neuron, as far as known.
         limits: most of NEURONS, AXONS, MEMORY and EDGES.
-        told: the same of this core so far, and LINES.
+        load: the same of this core so far, and LINES.
         marks: count and core of each line, core of each source, longest row and its core of each projection, and
             the lines that reach this core.
     """
     for position in range(begin, end):
-        if told[NEURONS] == limits[NEURONS]:
+        if load[NEURONS] == limits[NEURONS]:
             return position
         t = queue[position]
-        width = _widen(rows, graph, told, marks)
+        width = _widen(rows, graph, load, marks)
         for e in range(graph[0][t], graph[0][t + 1]):
-            _add(graph[1][e], core, rows, width, graph, told, marks)
-        told[EDGES] += sends[t]
-        if told[AXONS] > limits[AXONS] or told[MEMORY] > limits[MEMORY] or told[EDGES] > limits[EDGES]:
+            _add(graph[1][e], core, rows, width, graph, load, marks)
+        load[EDGES] += sends[t]
+        if load[AXONS] > limits[AXONS] or load[MEMORY] > limits[MEMORY] or load[EDGES] > limits[EDGES]:
             return position
     return end
 
 
 @inner
-def _widen(rows, graph, told, marks):
+def _widen(rows, graph, load, marks):
     """One neuron more; where its index needs another bit, all synapses of the core do."""
-    before = index_bits(told[NEURONS])
-    told[NEURONS] += 1
-    width = index_bits(told[NEURONS])
+    before = index_bits(load[NEURONS])
+    load[NEURONS] += 1
+    width = index_bits(load[NEURONS])
     if width != before and not rows:
-        told[MEMORY] = 0
-        for k in range(told[LINES]):
+        load[MEMORY] = 0
+        for k in range(load[LINES]):
             line = marks[5][k]
-            told[MEMORY] += block_bits(marks[0][line], graph[4][graph[3][line]] + width)
+            load[MEMORY] += block_bits(marks[0][line], graph[4][graph[3][line]] + width)
     return width
 
 
 @inner
-def _add(line, core, rows, width, graph, told, marks):
+def _add(line, core, rows, width, graph, load, marks):
     """One synapse more."""
     count, line_core, source_core, longest, row_core, lines = marks
     source, projection = graph[2][line], graph[3][line]
     if line_core[line] != core:
         line_core[line] = core
         count[line] = 0
-        lines[told[LINES]] = line
-        told[LINES] += 1
+        lines[load[LINES]] = line
+        load[LINES] += 1
         if source_core[source] != core:
             source_core[source] = core
-            told[AXONS] += 1
+            load[AXONS] += 1
     count[line] += 1
     if not rows:
         bits = graph[4][projection] + width
-        told[MEMORY] += block_bits(count[line], bits) - block_bits(count[line] - 1, bits)
+        load[MEMORY] += block_bits(count[line], bits) - block_bits(count[line] - 1, bits)
         return
     if row_core[projection] != core:
         row_core[projection] = core
         longest[projection] = 0
-        told[MEMORY] += graph[5][projection] * _ROW_BITS
+        load[MEMORY] += graph[5][projection] * _ROW_BITS
     if count[line] > longest[projection]:
         longest[projection] = count[line]
-        told[MEMORY] += graph[5][projection] * _WORD_BITS
+        load[MEMORY] += graph[5][projection] * _WORD_BITS
 
 
 @kernel

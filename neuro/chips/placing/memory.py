@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.chips.arithmetics import placed_as
 from neuro.chips.description import Chip
 from neuro.chips.placing.incoming import Incoming
-from neuro.chips.placing.packing import ROW_WORDS, WORD_BITS, block_bits, in_rows, index_bits
+from neuro.chips.placing.packing import ROW_WORDS, WORD_BITS, block_bits, index_bits
 from neuro.program.program import Ints
 
 Words = NDArray[np.int32]
@@ -25,7 +26,7 @@ def core_bytes(chip: Chip, neurons: Ints, core: Words, line: Words, synapses: Wo
         into: what the lines are.
     """
     n = len(neurons)
-    if not in_rows(chip):
+    if not placed_as(chip).in_rows:
         index = np.array([index_bits(int(count)) for count in neurons], dtype=np.int64)
         bits = into.bits[into.projection[line]] + index[core]
         counts, widths = np.arange(synapses.max(initial=0) + 1), np.arange(bits.max(initial=0) + 1)

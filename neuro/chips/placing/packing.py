@@ -23,6 +23,8 @@ from __future__ import annotations
 from typing import Any
 
 from neuro.chips.description import Chip
+from neuro.chips.lag import lag, register
+from neuro.chips.loihi.words import REGISTER_OF_ONE
 from neuro.program.program import Program
 
 BLOCK = 64
@@ -33,14 +35,6 @@ TAG_BITS = 9
 SHORTEST_INDEX = 6
 ROW_WORDS = 3
 WORD_BITS = 32
-
-_AT_ONCE = ("iaf_psc_delta", "loihi_lif", "parrot_neuron")
-"""Models whose delay register is one less than the delay, see the conventions in `neuro.chips.loihi.neurons`."""
-
-
-def in_rows(chip: Chip) -> bool:
-    """Whether synapses lie in rows, as on SpiNNaker, and not in Loihi's blocks."""
-    return chip.arithmetic == "spinnaker"
 
 
 def memory_limit(chip: Chip) -> int | None:
@@ -76,6 +70,5 @@ def synapse_bits(program: Program, index: int) -> int:
     """Bits of one synapse of a projection in Loihi's blocks, without its index."""
     part = program.projections[index]
     weight = int(part.synapse.parameters().get("num_weight_bits", WEIGHT_BITS))
-    at_once = program.populations[part.target].model.name in _AT_ONCE
-    delay = max(int(part.delay.max(initial=0)) - at_once, 0).bit_length()
-    return weight + delay + (TAG_BITS if part.synapse.learns in ("pairs", "chip") else 0)
+    longest = int(register(lag(program, index), REGISTER_OF_ONE).max(initial=0))
+    return weight + longest.bit_length() + (TAG_BITS if part.synapse.learns in ("pairs", "chip") else 0)

@@ -10,7 +10,7 @@ What is taken to be so:
 - An input axon of a core is a source neuron whose spikes reach it, generators' too, however many projections it has;
   an output axon is a pair of a neuron and a core that it reaches, its own core included. A dopamine population's
   broadcast and currents of a dc_generator take none.
-- A spike to several cores is sent once for each, except on SpiNNaker, whose routers copy it.
+- A spike to several cores is sent once for each, except where routers copy it, as SpiNNaker's do.
 - Chips lie side by side on a square, and their tiles go on from one chip to the next.
 
 Order "connected" takes neurons that lie at one place of a grid together, since they share their sources, and takes
@@ -25,8 +25,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from neuro.chips.arithmetics import placed_as
 from neuro.chips.description import Chip
-from neuro.chips.placing.capacity import misfits
+from neuro.chips.placing.capacity import exceeded
 from neuro.chips.placing.incoming import Incoming, incoming
 from neuro.chips.placing.mesh import LARGEST, Places, chain, draw_close, lay_out
 from neuro.chips.placing.placement import Core, Placement
@@ -100,12 +101,7 @@ def _draft(program: Program, chip: Chip, into: Incoming, cut: Split, places: Pla
     """Number cores by their places and count hops."""
     order = np.lexsort((places.slot, places.column, places.row, places.chip))
     cut, places = cut.taken(order), places.taken(order)
-    return _Draft(cut, places, routes(program, into, cut, places, multicast(chip)))
-
-
-def multicast(chip: Chip) -> bool:
-    """Whether a chip's routers copy a spike that goes to several cores; Loihi 1 sends one for each."""
-    return chip.arithmetic == "spinnaker"
+    return _Draft(cut, places, routes(program, into, cut, places, placed_as(chip).multicast))
 
 
 def _tied(program: Program, into: Incoming, populations: list[int]) -> list[int]:
@@ -152,7 +148,7 @@ def _placement(program: Program, chip: Chip, into: Incoming, draft: _Draft, orde
         network=program.name,
         target=chip.name,
         order=order,
-        multicast=multicast(chip),
+        multicast=placed_as(chip).multicast,
         cores=tuple(_core(chip, cut, places, i) for i in range(len(cut.cores))),
         chips_used=draft.chips,
         tiles_used=len(np.unique(np.stack((places.column, places.row)), axis=1).T),
@@ -160,7 +156,7 @@ def _placement(program: Program, chip: Chip, into: Incoming, draft: _Draft, orde
         populations=tuple(part.name for part in program.populations),
         projections=tuple(part.name for part in program.projections),
         ways=draft.ways,
-        problems=misfits(program, chip, into, cut, draft.chips),
+        problems=exceeded(program, chip, into, cut, draft.chips),
     )
 
 

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.chips.arithmetics import placed_as
 from neuro.chips.description import Chip
 from neuro.chips.placing import fill
 from neuro.chips.placing.incoming import Incoming
 from neuro.chips.placing.memory import core_bytes
-from neuro.chips.placing.packing import in_rows, memory_limit
+from neuro.chips.placing.packing import memory_limit
 from neuro.model.neurons import Neuron
 from neuro.program.program import Ints, Program
 
@@ -119,7 +120,7 @@ class _Room:
             None if memory is None else 8 * memory,
             chip.limit("axons_out_per_core"),
         )
-        self.rows, self.sends, self.start, self.queue = in_rows(chip), sends, into.start, queue
+        self.rows, self.sends, self.start, self.queue = placed_as(chip).in_rows, sends, into.start, queue
         self.limits = np.array([_NO_LIMIT if n is None else n for n in limits], dtype=np.int64)
         self.graph = (into.ends, into.line, into.source, into.projection, into.bits, into.sources)
         lines, sources, projections = len(into.source), int(into.start[-1]), len(into.bits)
@@ -131,13 +132,13 @@ class _Room:
     def open(self) -> None:
         """Begin a new core."""
         self.core += 1
-        self.told = np.zeros(5, dtype=np.int64)
+        self.load = np.zeros(5, dtype=np.int64)
 
     def fill(self, population: int, first: int, last: int) -> int:
         """Add neurons first <= i < last of a population's queue; returns the first that does not fit, or last."""
         base = int(self.start[population])
-        told = (self.core, self.rows, self.graph, self.sends, self.limits, self.told, self.marks)
-        return int(fill.fill(self.queue, base + first, base + last, *told)) - base
+        rest = (self.core, self.rows, self.graph, self.sends, self.limits, self.load, self.marks)
+        return int(fill.fill(self.queue, base + first, base + last, *rest)) - base
 
 
 def _fill(program: Program, chip: Chip, room: _Room, order: Sequence[int]) -> list[list[Part]]:

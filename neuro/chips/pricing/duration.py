@@ -40,10 +40,10 @@ def _busiest(program: Program, counts: Counts, placement: Placement, chip: Chip)
     op, active, inactive, learning = (chip.costs[name].value if name in chip.costs else 0.0 for name in WORK)
     work = [0.0] * len(program.populations)
     for index, part in enumerate(program.populations):
-        told = counts.populations[part.name]
+        updates = counts.populations[part.name]
         if isinstance(part.model, Neuron):
-            work[index] += told.neuron_updates_active * active
-            work[index] += (told.neuron_updates - told.neuron_updates_active) * inactive
+            work[index] += updates.neuron_updates_active * active
+            work[index] += (updates.neuron_updates - updates.neuron_updates_active) * inactive
     for projection in program.projections:
         made = counts.projections[projection.name]
         work[projection.target] += made.synaptic_ops * op
@@ -64,7 +64,7 @@ def told_times(program: Program, chip: Chip) -> list[str]:
     for name in (*BARRIERS, *WORK):
         if name in chip.costs:
             figure = chip.costs[name]
-            told = by_source.setdefault(sourced(figure.source, figure.conditions), [])
-            told.append(f"{name.removesuffix('_time')} {quantity(figure.value, 's')}")
+            figures = by_source.setdefault(sourced(figure.source, figure.conditions), [])
+            figures.append(f"{name.removesuffix('_time')} {quantity(figure.value, 's')}")
     bound = "chip time is a lower bound: steps x barrier, linear in the tiles used, and the busiest core's work"
     return [bound, *(f"chip time: {', '.join(names)}: {source}" for source, names in by_source.items())]

@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from neuro.chips.arithmetics import ARITHMETICS, arithmetic_of
 from neuro.chips.description import Chip
 from neuro.chips.placing.capacity import too_late
 from neuro.chips.placing.fan_out import dense_size, spiking
 from neuro.chips.pricing.duration import chip_time, told_times
 from neuro.chips.pricing.energy import STATIC, Energy, Item, number
-from neuro.chips.quantising.quantise import ARITHMETIC, quantise
+from neuro.chips.quantising.quantise import quantise
 from neuro.core.errors import ModelError
 from neuro.model.neurons import Generator, Neuron
 from neuro.program.backend import EngineCounts
@@ -64,20 +65,20 @@ def check_fits(program: Program, placement: Placement, chip: Chip) -> None:
     problems = dict.fromkeys((*placement.problems, *too_late(program, chip)))
     refused = [problem for problem in problems if problem.refused]
     if refused:
-        told = [f"{p.origin}: " * bool(p.origin) + f"{p.what}: {p.why}" for p in refused]
+        texts = [f"{p.origin}: " * bool(p.origin) + f"{p.what}: {p.why}" for p in refused]
         hints = [f"\n  hint: {p.way_out}" * bool(p.way_out) for p in refused]
-        lines = [line + hint for line, hint in zip(told, hints, strict=True)]
+        lines = [line + hint for line, hint in zip(texts, hints, strict=True)]
         raise ModelError("\n".join([f"network '{program.name}' does not fit on target '{chip.name}'", *lines]))
 
 
 def unrunnable(program: Program, chip: Chip, placed: bool) -> Iterator[str]:
     """Notes that what is priced cannot run on the chip, as far as that is known of it."""
     as_if = "priced as if it could"
-    if chip.arithmetic in ARITHMETIC:
+    if chip.arithmetic in ARITHMETICS:
         refused = sum(problem.refused for problem in quantise(program, chip).problems)
         if refused:
-            told = f"{refused} refusal" + "s" * (refused > 1)
-            yield f"{chip.name} cannot run this network ({told}, see neuro fit): {as_if}"
+            count = f"{refused} refusal" + "s" * (refused > 1)
+            yield f"{chip.name} cannot run this network ({count}, see neuro fit): {as_if}"
     elif not placed:
         for problem in too_late(program, chip):
             yield f"{chip.name} cannot run this network: {problem.what}: {problem.why}: {as_if}"
@@ -115,12 +116,12 @@ class _Bill:
         """Neurons, synapses, ways, learning, then the chip."""
         self.neurons(raw)
         for index, part in enumerate(self.program.projections):
-            told = self.counts.projections[part.name]
-            self.add("synaptic_op", "projection", part.name, told.synaptic_ops)
+            made = self.counts.projections[part.name]
+            self.add("synaptic_op", "projection", part.name, made.synaptic_ops)
             if placement is not None:
                 self.ways(part.name, raw.spikes[part.source], placement.hops(index))
             by_host = part.synapse.learns == "trials"
-            self.add("weight_write" if by_host else "learning_update", "projection", part.name, told.learning_updates)
+            self.add("weight_write" if by_host else "learning_update", "projection", part.name, made.learning_updates)
         time = chip_time(self.program, self.counts, placement, self.chip)
         chips = 1 if placement is None else placement.chips_used
         if time is not None and STATIC in self.chip.costs:
@@ -132,11 +133,11 @@ class _Bill:
         """The updates of neurons and, where every spike is a packet, those sent."""
         senders = {part.source for part in self.program.projections}
         for index, part in enumerate(self.program.populations):
-            told = self.counts.populations[part.name]
+            made = self.counts.populations[part.name]
             if isinstance(part.model, Neuron):
-                active = told.neuron_updates_active
+                active = made.neuron_updates_active
                 self.add("neuron_update_active", "population", part.name, active)
-                self.add("neuron_update_inactive", "population", part.name, told.neuron_updates - active)
+                self.add("neuron_update_inactive", "population", part.name, made.neuron_updates - active)
             if index in senders and "packet" in self.chip.costs:
                 self.add("packet", "population", part.name, int(raw.spikes[index].sum()))
 
@@ -169,7 +170,7 @@ class _Bill:
         if bare:
             self.notes.append(f"not priced, as no figure is published: {', '.join(bare)}")
         events, spikes = (sum(int(part.sum()) for part in parts) for parts in (raw.events, raw.spikes))
-        if self.chip.arithmetic == "loihi" and events != spikes:
+        if self.chip.arithmetic in ARITHMETICS and arithmetic_of(self.chip).one_bit and events != spikes:
             self.notes.append(
                 f"{number(spikes)} spikes in {number(events)} events: several of a neuron in one step are priced "
                 "as several, of which the chip would send one"

@@ -40,8 +40,8 @@ class FixedPopulation:
 
     Attributes:
         name: of the population.
-        kind: "source" and "current" (generators, on the host), "relay", "loihi_lif", "spinnaker_lif" or
-            "spinnaker_delta": which integer step it takes.
+        kind: "source" and "current" (generators, on the host), "relay", or which of its family's integer steps it
+            takes, e.g. "loihi_lif".
         registers: by name, shape (1,) where all neurons share it, else (size,).
         initial: state registers at step 0, likewise.
         volt: units of the voltage register per mV.
@@ -95,7 +95,8 @@ class FixedProjection:
         bits: of a mantissa.
         step: weight in the unit of the language per mantissa, shape (1,) or one per mantissa; `step_below` that of
             negative ones, which on SpiNNaker go to another receptor.
-        lag: steps from the emission of a spike to the update that sees it, shape (1,) or one per synapse.
+        lag: steps from the emission of a spike to the update that sees it, shape (1,) or one per synapse; see
+            `neuro.chips.lag`.
         delay: the delay register, likewise.
         rule: of synapses that learn on the chip, else None.
         n_scale: dopamine in 1/ms of one unit of the modulatory traces.

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy.typing as npt
 
+from neuro.chips.arithmetics import arithmetic_of
 from neuro.chips.description import Chip
 from neuro.chips.placing.placement import aligned
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding
@@ -99,8 +100,7 @@ def _populations(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
 
 
 def _rounded(r: Rounding) -> tuple[str, ...]:
-    told = _share(r.error, signed=True)
-    return r.quantity, f"{r.wanted:.6g} {r.unit}", f"{r.got:.6g} {r.unit}", told
+    return r.quantity, f"{r.wanted:.6g} {r.unit}", f"{r.got:.6g} {r.unit}", _share(r.error, signed=True)
 
 
 def _projections(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
@@ -123,13 +123,8 @@ def _projections(fixed: FixedProgram) -> Iterator[tuple[str, ...]]:
 
 
 def _scale(fixed: FixedProgram, part: Projection, wires: FixedProjection) -> str:
-    """Loihi's exponent, or SpiNNaker's shifts."""
-    if wires.sign_mode:
-        return f"exponent {wires.exponent}"
-    registers = fixed.populations[part.target].registers
-    if "exc_shift" not in registers:
-        return "-"
-    return "shifts " + ", ".join(str(int(registers[f"{word}_shift"][0])) for word in ("exc", "inh"))
+    """How the weights of a projection are scaled, in the words of the chip."""
+    return arithmetic_of(fixed.chip).told_scale(fixed.populations[part.target], wires)
 
 
 def _delay(part: Projection, wires: FixedProjection) -> str:

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from neuro.chips.lag import lag
+from neuro.chips.quantising.fixed import Words
 from neuro.core.errors import Where
 from neuro.model.neurons import Neuron, dc_generator
 from neuro.model.neurons.base import LARGEST
@@ -17,19 +20,17 @@ from neuro.program.program import Floats, Ints, Population, Program
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What a user may set by hand.
+    """What a user has set by hand; a family's `neuro.chips.arithmetic.Option` says what there is.
 
     Attributes:
-        scales: units of the voltage register per mV, by population.
-        exponents: Loihi's weight exponents, by projection.
-        shifts: SpiNNaker's shifts of the (excitatory, inhibitory) slots, by population.
-        signals: largest dopamine concentration in 1/ms that a signal will set, by projection.
+        values: by option, then by part, e.g. {"scales": {"exc": 50000.0}}.
     """
 
-    scales: Mapping[str, float] = field(default_factory=dict)
-    exponents: Mapping[str, int] = field(default_factory=dict)
-    shifts: Mapping[str, tuple[int, int]] = field(default_factory=dict)
-    signals: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def of(self, option: str, part: str) -> Any:
+        """What is set of a part, None if nothing is."""
+        return self.values.get(option, {}).get(part)
 
 
 class Inputs:
@@ -54,6 +55,10 @@ class Inputs:
     def _carries_current(self, index: int) -> bool:
         source = self.program.populations[self.program.projections[index].source]
         return isinstance(source.model, dc_generator)
+
+    def lag(self, index: int) -> Words:
+        """Steps from the emission of a spike of a projection to the update that sees it, shape as its delays."""
+        return lag(self.program, index)
 
     def learns(self, index: int) -> bool:
         """Whether the weights of a projection change."""

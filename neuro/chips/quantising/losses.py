@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neuro.chips.description import Chip
-from neuro.chips.loihi.words import grain_of
+from neuro.chips.arithmetic import Arithmetic
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
 from neuro.chips.quantising.inputs import approximated, refused
 from neuro.model.neurons import poisson_generator
@@ -22,12 +21,12 @@ class Limit:
 
     Attributes:
         share: the largest error without a warning.
-        told: what the error is of.
+        text: what the error is of.
         way_out: what makes it smaller.
     """
 
     share: float
-    told: str
+    text: str
     way_out: str
 
 
@@ -59,7 +58,10 @@ LIMITS = {
 
 
 def losses(
-    program: Program, populations: Sequence[FixedPopulation], wires: Sequence[FixedProjection | None]
+    program: Program,
+    arithmetic: Arithmetic,
+    populations: Sequence[FixedPopulation],
+    wires: Sequence[FixedProjection | None],
 ) -> Iterator[Problem]:
     """Roundings beyond the limits."""
     for part, cells in zip(program.populations, populations, strict=True):
@@ -71,7 +73,7 @@ def losses(
                 yield refused(part.origin, what, why, "lower what is far above V_th - E_L, or set another scale")
             elif limit is not None and abs(r.error) > limit.share:
                 what = f"population '{part.name}': {r.quantity} = {r.wanted:g} becomes {r.got:.6g} {r.unit}"
-                yield approximated(part.origin, what, f"{abs(r.error):.1%} {limit.told}", limit.way_out)
+                yield approximated(part.origin, what, f"{abs(r.error):.1%} {limit.text}", limit.way_out)
     for projection, fixed in zip(program.projections, wires, strict=True):
         if fixed is None:
             continue
@@ -79,21 +81,13 @@ def losses(
             value, limit = getattr(fixed.rounding, name), LIMITS[name]
             if value > limit.share:
                 what = f"projection '{projection.name}'"
-                way_out = _in_registers(fixed) if fixed.native else limit.way_out
-                yield approximated(projection.origin, what, f"{value:.1%} {limit.told}", way_out)
+                way_out = arithmetic.lossless(fixed) if fixed.native else limit.way_out
+                yield approximated(projection.origin, what, f"{value:.1%} {limit.text}", way_out)
 
 
-def _in_registers(fixed: FixedProjection) -> str:
-    """How mantissas that are set by hand lose nothing to the shift of the exponent and to the bits of the memory."""
-    grain = max(grain_of(fixed.bits, fixed.sign_mode == "mixed"), 2 ** max(0, -fixed.exponent))
-    ways = [f"use mantissas that are multiples of {grain}"] if grain <= fixed.high else []
-    ways += ["use a larger weight_exp"] if fixed.exponent < 0 else []
-    return ", or ".join(ways)
-
-
-def merged(program: Program, chip: Chip) -> Iterator[Problem]:
-    """Poisson generators whose multiple spikes in a step become one on Loihi."""
-    if chip.arithmetic != "loihi":
+def merged(program: Program, arithmetic: Arithmetic) -> Iterator[Problem]:
+    """Poisson generators whose multiple spikes in a step become one where a spike is one bit."""
+    if not arithmetic.one_bit:
         return
     limit = LIMITS["merged"]
     for part in program.populations:
@@ -102,5 +96,6 @@ def merged(program: Program, chip: Chip) -> Iterator[Problem]:
         mean = float(part.parameters["rate"].max()) * program.resolution / 1000.0
         share = 1.0 - -np.expm1(-mean) / mean if mean > 0.0 else 0.0
         if share > limit.share:
-            why = f"{share:.1%} {limit.told}, since a spike on Loihi is one bit; counts().native tells how many"
+            why = f"{share:.1%} {limit.text}, since a spike on {arithmetic.title} is one bit"
+            why += "; counts().native tells how many"
             yield approximated(part.origin, f"population '{part.name}': {part.model.name}", why, limit.way_out)

@@ -8,33 +8,29 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from types import ModuleType
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from neuro.chips.arithmetic import Arithmetic
+from neuro.chips.arithmetics import arithmetic_of
 from neuro.chips.description import Chip
-from neuro.chips.loihi import neurons as loihi
-from neuro.chips.loihi.learning_rules import give_rules
 from neuro.chips.quantising import rounding
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding
 from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.chips.quantising.inputs import Inputs, Options, approximated, refused
+from neuro.chips.quantising.inputs import Inputs, Options, refused
 from neuro.chips.quantising.losses import LIMITS, losses, merged
 from neuro.chips.quantising.options import options_of
-from neuro.chips.spinnaker import neurons as spinnaker
-from neuro.core.errors import ModelError
-from neuro.model.neurons import Neuron, dc_generator, iaf_psc_delta, parrot_neuron, poisson_generator, spike_generator
+from neuro.model.neurons import Neuron, dc_generator, parrot_neuron, poisson_generator, spike_generator
 from neuro.program.backend import Problem
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Population, Program
 
-__all__ = ["ARITHMETIC", "LIMITS", "quantise", "requantise", "rules_run"]
+__all__ = ["LIMITS", "quantise", "requantise"]
 
-ARITHMETIC: dict[str, ModuleType] = {"loihi": loihi, "spinnaker": spinnaker}
-
-_KEPT: WeakKeyDictionary[Program, dict[tuple[Any, ...], FixedProgram]] = WeakKeyDictionary()
+_KEPT: WeakKeyDictionary[Program, dict[str, FixedProgram]] = WeakKeyDictionary()
+"""By all that the table of the chip says, not by its name: a table may be edited while a program lives."""
 
 
 def quantise(program: Program, chip: Chip, **options: Any) -> FixedProgram:
@@ -43,7 +39,7 @@ def quantise(program: Program, chip: Chip, **options: Any) -> FixedProgram:
     Args:
         program: what was compiled.
         chip: one with an arithmetic.
-        options: scales and such that are set by hand, see `neuro.chips.quantising.inputs.Options`.
+        options: scales and such that are set by hand, by part; `neuro.chips.arithmetic.Option` tells which there are.
 
     Returns:
         registers, words and delays; `problems` tells what is refused or approximated, all at once.
@@ -51,20 +47,16 @@ def quantise(program: Program, chip: Chip, **options: Any) -> FixedProgram:
     Raises:
         ModelError: the chip has no arithmetic here, or an option names nothing.
     """
-    if chip.arithmetic not in ARITHMETIC:
-        raise ModelError(
-            f"chip '{chip.name}' has no arithmetic here: expected one of {', '.join(ARITHMETIC)}",
-            hint="its limits and costs serve placing and energy only",
-        )
-    chosen = options_of(program, chip, options)
-    key = (chip.name, chip.path, repr(sorted(options.items())))
+    arithmetic = arithmetic_of(chip)
+    chosen = options_of(program, chip, arithmetic, options)
+    key = repr((chip, sorted(options.items())))
     kept = _KEPT.setdefault(program, {})
     if key not in kept:
-        kept[key] = _quantise(program, chip, chosen)
+        kept[key] = _quantise(program, chip, arithmetic, chosen)
     return kept[key]
 
 
-def _quantise(program: Program, chip: Chip, options: Options) -> FixedProgram:
+def _quantise(program: Program, chip: Chip, arithmetic: Arithmetic, options: Options) -> FixedProgram:
     populations: list[FixedPopulation] = []
     projections: dict[int, FixedProjection] = {}
     problems: list[Problem] = []
@@ -73,43 +65,42 @@ def _quantise(program: Program, chip: Chip, options: Options) -> FixedProgram:
             kind = "current" if isinstance(part.model, dc_generator) else "source"
             populations.append(FixedPopulation(part.name, kind))
             continue
-        fixed, found, told = _population(Inputs(program, index), chip, options)
+        fixed, found, more = _population(Inputs(program, index), chip, arithmetic, options)
         populations.append(fixed)
         projections |= found
-        problems += told
-    problems += give_rules(program, chip, projections, options)
+        problems += more
+    problems += arithmetic.give_rules(program, chip, projections, options)
     wires = tuple(projections.get(index) for index in range(len(program.projections)))
     problems += _delays(program, chip, wires)
     if any(p.refused for p in problems):
         return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), ())
-    problems += merged(program, chip)
-    problems += losses(program, populations, wires)
-    return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), tuple(_notes(program, chip, wires)))
+    problems += merged(program, arithmetic)
+    problems += losses(program, arithmetic, populations, wires)
+    notes = tuple(_notes(program, chip, arithmetic, wires))
+    return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), notes)
 
 
 def _population(
-    inputs: Inputs, chip: Chip, options: Options
+    inputs: Inputs, chip: Chip, arithmetic: Arithmetic, options: Options
 ) -> tuple[FixedPopulation, dict[int, FixedProjection], list[Problem]]:
     """One population of neurons and the projections onto it."""
-    rules, part = ARITHMETIC[chip.arithmetic], inputs.part
-    if part.model.chip == chip.arithmetic:
+    part = inputs.part
+    if part.model.chip == arithmetic.name:
         found, problems = {}, []
         for index in inputs.spikes:
-            found[index], told = rules.native_projection(inputs, index)
-            problems += told
-        return rules.native(part), found, [*problems, *_no_current(inputs), *_no_register(part, rules.STATE_LIMIT)]
+            found[index], more = arithmetic.native_projection(inputs, index)
+            problems += more
+        problems += [*_no_current(inputs), *_no_register(part, arithmetic.state_limit)]
+        return arithmetic.native(part), found, problems
     if isinstance(part.model, parrot_neuron):
-        relays = {index: rules.relay_projection(inputs, index) for index in inputs.spikes}
+        relays = {index: arithmetic.relay_projection(inputs, index) for index in inputs.spikes}
         return FixedPopulation(part.name, "relay"), relays, []
-    if not rules_run(part.model):
-        return FixedPopulation(part.name, "none"), {}, [_lacking(inputs, chip)]
+    if not isinstance(part.model, arithmetic.models):
+        return FixedPopulation(part.name, "none"), {}, [_lacking(inputs, chip, arithmetic)]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        fixed, found, problems = rules.population(inputs, options)
+        fixed, found, problems = arithmetic.population(inputs, options)
         if inputs.currents:
             fixed = replace(fixed, rounding=(*fixed.rounding, _rounded_currents(inputs, fixed)))
-    if chip.arithmetic == "spinnaker" and isinstance(part.model, iaf_psc_delta):
-        why = "no released SpiNNaker binary has it: it is emulated in the same arithmetic, slots added to v"
-        problems.append(approximated(part.origin, f"population '{part.name}': iaf_psc_delta", why))
     return fixed, found, problems
 
 
@@ -120,14 +111,10 @@ def _rounded_currents(inputs: Inputs, fixed: FixedPopulation) -> Rounding:
     return rounding.worst("dc", "pA", wanted, np.rint(wanted / unit) * unit, float(np.abs(wanted).max()))
 
 
-def rules_run(model: object) -> bool:
-    """Whether a model can be brought into integers."""
-    return loihi.runs(model)
-
-
-def _lacking(inputs: Inputs, chip: Chip) -> Problem:
+def _lacking(inputs: Inputs, chip: Chip, arithmetic: Arithmetic) -> Problem:
     model = inputs.part.model
-    why = f"{chip.name} has no such neuron: it has iaf_psc_exp, iaf_psc_delta and parrot_neuron"
+    known = ", ".join(model.__name__ for model in arithmetic.models)
+    why = f"{chip.name} has no such neuron: it has {known} and parrot_neuron"
     way = f"backend '{model.chip}' runs it" if model.chip else "use iaf_psc_exp, or run on event"
     return refused(inputs.part.origin, f"population '{inputs.part.name}': {model.name}", why, way)
 
@@ -163,7 +150,9 @@ def _delays(program: Program, chip: Chip, wires: tuple[FixedProjection | None, .
         )
 
 
-def _notes(program: Program, chip: Chip, wires: tuple[FixedProjection | None, ...]) -> Iterator[str]:
+def _notes(
+    program: Program, chip: Chip, arithmetic: Arithmetic, wires: tuple[FixedProjection | None, ...]
+) -> Iterator[str]:
     """What the host does for the chip."""
     if any(isinstance(p.model, (poisson_generator, spike_generator)) for p in program.populations):
         yield "the host sends the spikes of generators"
@@ -179,8 +168,7 @@ def _notes(program: Program, chip: Chip, wires: tuple[FixedProjection | None, ..
                 f"the host applies {part.synapse.name} to '{part.name}' between trials and writes the weights, rounded "
                 "stochastically: the chip cannot tie weights in learning"
             )
-    if chip.arithmetic == "spinnaker" and program.resolution != 1.0:
-        yield f"a step of {program.resolution:g} ms takes a tick of 1 ms on the machine"
+    yield from arithmetic.notes(program)
     native = chip.limit("delay_native")
     if native is not None and any(w.delay.max(initial=0) > native for w in wires if w is not None):
         yield f"delays above {native} ticks need delay extensions, whose cores are not placed"
@@ -205,9 +193,6 @@ def requantise(
     others = (*program.populations[:population], part, *program.populations[population + 1 :])
     changed = replace(program, populations=others, projections=projections)
     modes = {w.name: w.sign_mode for w in fixed.projections if w is not None and w.sign_mode}
-    exponents = {w.name: w.exponent for w in fixed.projections if w is not None and w.sign_mode}
-    shifts = {}
-    if "exc_shift" in cells.registers:
-        shifts = {cells.name: (int(cells.registers["exc_shift"][0]), int(cells.registers["inh_shift"][0]))}
-    options = Options(scales={cells.name: cells.volt}, exponents=exponents, shifts=shifts)
-    return _population(Inputs(changed, population, modes), fixed.chip, options)
+    arithmetic = arithmetic_of(fixed.chip)
+    options = arithmetic.kept_options(cells, tuple(w for w in fixed.projections if w is not None))
+    return _population(Inputs(changed, population, modes), fixed.chip, arithmetic, options)

@@ -7,7 +7,7 @@
 | `iaf_psc_delta`, weight w | a word of w 2^(15 - shift), added to v |
 | V_m >= V_th | v >= v_thresh |
 | t_ref of R steps | t_refract = R |
-| delay of D steps | `iaf_psc_exp`: D + 1, `iaf_psc_delta`: D, since NEST's currents act one step later than they arrive |
+| delay of D steps | `iaf_psc_exp`: D + 1, `iaf_psc_delta`: D, see `neuro.chips.lag` |
 
 `iaf_psc_delta` exists on no released SpiNNaker binary. It is emulated as its authors would write it: the same
 s16.15 products, slots added to v. Source: sPyNNaker's neuron core (Rhodes et al., Front. Neurosci. 12:816, 2018).
@@ -17,18 +17,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from neuro.chips.lag import register
 from neuro.chips.quantising import rounding
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding, WeightRounding, Words
-from neuro.chips.quantising.inputs import Inputs, Options, constants_of, converging, one_kernel, refused
+from neuro.chips.quantising.inputs import Inputs, Options, approximated, constants_of, converging, one_kernel, refused
 from neuro.chips.spinnaker.limits import FRACTION, LARGEST, LARGEST_SHIFT, ONE, SLOT, lacking, overflows
 from neuro.model.neurons import iaf_psc_delta
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints, Population
 
-__all__ = ["STATE_LIMIT", "native", "native_projection", "population", "relay_projection"]
+LIF, DELTA = "spinnaker_lif", "spinnaker_delta"
+"""The steps that neurons take, see `FixedPopulation.kind`."""
 
-STATE_LIMIT = LARGEST
-"""The largest initial v and g in registers."""
+REGISTER_OF_ONE = 1
+"""What the delay register holds of a spike that acts in the tick after its emission."""
 
 FINE = 256
 """Steps that the largest weight keeps although a slot might then saturate."""
@@ -38,7 +40,7 @@ def native(part: Population) -> FixedPopulation:
     """A `spinnaker_lif`: its parameters are the registers."""
     registers = {name: values.astype(np.int64) for name, values in part.parameters.items() if name != "tau_minus"}
     initial = {name: values.astype(np.int64) for name, values in part.initial.items()}
-    return FixedPopulation(part.name, "spinnaker_lif", registers, initial, float(ONE))
+    return FixedPopulation(part.name, LIF, registers, initial, float(ONE))
 
 
 def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
@@ -59,15 +61,14 @@ def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list
         words,
         np.ones(1),
         np.ones(1),
-        part.delay,
+        inputs.lag(index),
         rounding.judged(words.astype(float), words, 1.0, -SLOT, SLOT),
     ), problems
 
 
 def _projection(
-    name: str, words: Words, step: Floats, below: Floats, delay: Words, rounding: WeightRounding
+    name: str, words: Words, step: Floats, below: Floats, lag: Words, rounding: WeightRounding
 ) -> FixedProjection:
-    ticks = delay.astype(np.int32)
     return FixedProjection(
         name=name,
         mantissas=words,
@@ -80,8 +81,8 @@ def _projection(
         bits=16,
         step=step,
         step_below=below,
-        lag=ticks,
-        delay=ticks,
+        lag=lag,
+        delay=register(lag, REGISTER_OF_ONE),
         rounding=rounding,
     )
 
@@ -91,7 +92,7 @@ def relay_projection(inputs: Inputs, index: int) -> FixedProjection:
     part = inputs.program.projections[index]
     ones: Words = np.ones(1, dtype=np.int32)
     return _projection(
-        part.name, ones, part.weight.copy(), part.weight.copy(), part.delay, WeightRounding(0.0, 0.0, 0.0, 0.0)
+        part.name, ones, part.weight.copy(), part.weight.copy(), inputs.lag(index), WeightRounding(0.0, 0.0, 0.0, 0.0)
     )
 
 
@@ -99,7 +100,7 @@ def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[
     """A population of `iaf_psc_delta` or `iaf_psc_exp`, and the projections onto it."""
     delta = isinstance(inputs.part.model, iaf_psc_delta)
     registers, gain, drive, errors = _delta(inputs) if delta else _exponential(inputs)
-    shifts = options.shifts.get(inputs.part.name) or _shifts(inputs, gain)
+    shifts = options.of("shifts", inputs.part.name) or _shifts(inputs, gain)
     registers["exc_shift"], registers["inh_shift"] = (np.full(1, shift, dtype=np.int64) for shift in shifts)
     part, p = inputs.part, inputs.part.parameters
     ampere: tuple[Floats, ...] = ()
@@ -113,12 +114,15 @@ def population(inputs: Inputs, options: Options) -> tuple[FixedPopulation, dict[
         initial["g_exc"], initial["g_inh"] = part.initial["I_syn_ex"] * ampere[0], -part.initial["I_syn_in"] * ampere[1]
     problems = [*lacking(inputs), *overflows(inputs, initial, drive)]
     states = {name: np.clip(np.rint(values), -LARGEST, LARGEST).astype(np.int64) for name, values in initial.items()}
-    kind = "spinnaker_delta" if delta else "spinnaker_lif"
+    kind = DELTA if delta else LIF
     fixed = FixedPopulation(part.name, kind, registers, states, float(ONE), np.zeros(1), ampere, drive, tuple(errors))
     found = {}
     for index in inputs.spikes:
         found[index], more = _weights(inputs, index, gain, shifts)
         problems += more
+    if delta:
+        why = "no released SpiNNaker binary has it: it is emulated in the same arithmetic, slots added to v"
+        problems.append(approximated(part.origin, f"population '{part.name}': iaf_psc_delta", why))
     return fixed, found, problems
 
 
@@ -220,7 +224,6 @@ def _weights(
     """The weights of a projection as words."""
     part = inputs.program.projections[index]
     problems = one_kernel(inputs, index, gain[0].size)
-    delta = isinstance(inputs.part.model, iaf_psc_delta)
     steps = [2.0**shift / (ONE * own) for shift, own in zip(shifts, gain, strict=True)]
     if steps[0].size > 1 and part.grid is None:
         steps = [step[inputs.targets(index)] for step in steps]
@@ -240,5 +243,4 @@ def _weights(
                 "use a larger shift, or leave it to be chosen" if shift < LARGEST_SHIFT else "scale the weights down",
             )
         )
-    delay = (part.delay + (not delta)).astype(np.int32)
-    return _projection(part.name, words, steps[0], steps[1], delay, found), problems
+    return _projection(part.name, words, steps[0], steps[1], inputs.lag(index), found), problems

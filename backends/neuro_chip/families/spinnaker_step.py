@@ -1,61 +1,44 @@
-"""One step of each kind of neuron, in integers. The loops have no branches, so that they run many neurons at a time."""
+"""One step of SpiNNaker's neurons, in integers: s16.15 states and slots of 16 bits, one for each receptor."""
 
 # mypy: ignore-errors
 import numpy as np
 
 from neuro.kernels.jit import inner
+from neuro_chip.tables import BEGIN, END, EXC_SHIFT, INH_SHIFT, RING, SATURATIONS, SLOTS, WRAPS
 
 i32 = np.int32
-V_LIMIT = i32(2**23 - 1)
-ZERO, ONE, SIX, EIGHT, TWELVE, SIXTEEN = i32(0), i32(1), i32(6), i32(8), i32(12), i32(16)
-LOW, SIGN = i32(4095), i32(31)
 SLOT = i32(65535)
 FIFTEEN, THIRTY_TWO = np.int64(15), np.int64(32)
 
 
 @inner
-def kept(value, share):
-    """Value x share / 4096, truncated towards 0; numba widens each operation, so each is cut back to 32 bits.
-
-    |a| f / 4096 is (|a| >> 12) f + ((|a| & 4095) f >> 12): no product leaves 32 bits.
-    """
-    sign = i32(value >> SIGN)
-    a = i32(i32(value ^ sign) - sign)
-    high = i32(i32(a >> TWELVE) * share)
-    low = i32(i32(i32(a & LOW) * share) >> TWELVE)
-    return i32(i32(i32(high + low) ^ sign) - sign)
+def lif(net, pop, row, step):
+    """Step a population of exponential neurons; who reaches threshold is in `fired`."""
+    lo, hi = row[BEGIN], row[END]
+    n = hi - lo
+    begin = row[RING] + (step & (row[SLOTS] - 1)) * n
+    below = begin + row[SLOTS] * n
+    exc, inh = net.ring[begin : begin + n], net.ring[below : below + n]
+    v, hold, fired = net.v[lo:hi], net.hold[lo:hi], net.fired[lo:hi]
+    saturated, wraps = step_spinnaker(
+        exc, inh, v, net.u[lo:hi], net.g_inh[lo:hi], hold, net, lo, row[EXC_SHIFT], row[INH_SHIFT], fired
+    )
+    net.native[pop, SATURATIONS] += saturated
+    net.native[pop, WRAPS] += wraps
 
 
 @inner
-def step_loihi(x, v, u, hold, keep_u, keep_v, threshold, bias, fired):
-    """Loihi 1's compartments; return how many inputs, currents and drives wrapped and voltages were clipped.
-
-    The input of a step is kept in units of 64, so that its 22 bits are 16 of x; u and u + bias have 24.
-    """
-    inputs = ZERO
-    currents = ZERO
-    drives = ZERO
-    clips = ZERO
-    for i in range(v.size):
-        arrived = i32(i32(x[i] << SIXTEEN) >> SIXTEEN)
-        full = i32(kept(u[i], keep_u[i]) + i32(arrived << SIX))
-        now = i32(i32(full << EIGHT) >> EIGHT)
-        driven = i32(now + bias[i])
-        drive = i32(i32(driven << EIGHT) >> EIGHT)
-        w = i32(kept(v[i], keep_v[i]) + drive)
-        clipped = i32(min(max(w, i32(-V_LIMIT)), V_LIMIT))
-        free = i32(hold[i] == ZERO)
-        inputs = i32(inputs + i32(arrived != x[i]))
-        currents = i32(currents + i32(now != full))
-        drives = i32(drives + i32(drive != driven))
-        clips = i32(clips + i32(free & i32(clipped != w)))
-        clipped = i32(clipped * free)
-        x[i] = ZERO
-        u[i] = now
-        v[i] = clipped
-        hold[i] = i32(hold[i] - i32(ONE - free))
-        fired[i] = np.uint8(free & i32(clipped > threshold[i]))
-    return inputs, currents, drives, clips
+def delta(net, pop, row, step):
+    """Step a population with delta input; who reaches threshold is in `fired`."""
+    lo, hi = row[BEGIN], row[END]
+    n = hi - lo
+    begin = row[RING] + (step & (row[SLOTS] - 1)) * n
+    below = begin + row[SLOTS] * n
+    exc, inh = net.ring[begin : begin + n], net.ring[below : below + n]
+    v, hold, fired = net.v[lo:hi], net.hold[lo:hi], net.fired[lo:hi]
+    saturated, wraps = step_delta(exc, inh, v, hold, net, lo, row[EXC_SHIFT], row[INH_SHIFT], fired)
+    net.native[pop, SATURATIONS] += saturated
+    net.native[pop, WRAPS] += wraps
 
 
 @inner

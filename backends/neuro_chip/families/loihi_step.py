@@ -1,0 +1,79 @@
+"""One step of Loihi 1's compartments, in integers. The loop has no branches, so that it runs many at a time."""
+
+# mypy: ignore-errors
+import numpy as np
+
+from neuro.kernels.jit import inner
+from neuro_chip.tables import BEGIN, CLIPS, DRIVE_WRAPS, END, INPUT_WRAPS, RING, SLOTS, WRAPS
+
+i32 = np.int32
+V_LIMIT = i32(2**23 - 1)
+ZERO, ONE, SIX, EIGHT, TWELVE, SIXTEEN = i32(0), i32(1), i32(6), i32(8), i32(12), i32(16)
+LOW, SIGN = i32(4095), i32(31)
+
+
+@inner
+def lif(net, pop, row, step):
+    """Step a population; who is above threshold is in `fired`."""
+    lo, hi = row[BEGIN], row[END]
+    begin = row[RING] + (step & (row[SLOTS] - 1)) * (hi - lo)
+    inputs, currents, drives, clips = step_loihi(
+        net.ring[begin : begin + hi - lo],
+        net.v[lo:hi],
+        net.u[lo:hi],
+        net.hold[lo:hi],
+        net.keep_u[lo:hi],
+        net.keep_v[lo:hi],
+        net.threshold[lo:hi],
+        net.bias[lo:hi],
+        net.fired[lo:hi],
+    )
+    net.native[pop, INPUT_WRAPS] += inputs
+    net.native[pop, WRAPS] += currents
+    net.native[pop, DRIVE_WRAPS] += drives
+    net.native[pop, CLIPS] += clips
+
+
+@inner
+def kept(value, share):
+    """Value x share / 4096, truncated towards 0; numba widens each operation, so each is cut back to 32 bits.
+
+    |a| f / 4096 is (|a| >> 12) f + ((|a| & 4095) f >> 12): no product leaves 32 bits.
+    """
+    sign = i32(value >> SIGN)
+    a = i32(i32(value ^ sign) - sign)
+    high = i32(i32(a >> TWELVE) * share)
+    low = i32(i32(i32(a & LOW) * share) >> TWELVE)
+    return i32(i32(i32(high + low) ^ sign) - sign)
+
+
+@inner
+def step_loihi(x, v, u, hold, keep_u, keep_v, threshold, bias, fired):
+    """Loihi 1's compartments; return how many inputs, currents and drives wrapped and voltages were clipped.
+
+    The input of a step is kept in units of 64, so that its 22 bits are 16 of x; u and u + bias have 24.
+    """
+    inputs = ZERO
+    currents = ZERO
+    drives = ZERO
+    clips = ZERO
+    for i in range(v.size):
+        arrived = i32(i32(x[i] << SIXTEEN) >> SIXTEEN)
+        full = i32(kept(u[i], keep_u[i]) + i32(arrived << SIX))
+        now = i32(i32(full << EIGHT) >> EIGHT)
+        driven = i32(now + bias[i])
+        drive = i32(i32(driven << EIGHT) >> EIGHT)
+        w = i32(kept(v[i], keep_v[i]) + drive)
+        clipped = i32(min(max(w, i32(-V_LIMIT)), V_LIMIT))
+        free = i32(hold[i] == ZERO)
+        inputs = i32(inputs + i32(arrived != x[i]))
+        currents = i32(currents + i32(now != full))
+        drives = i32(drives + i32(drive != driven))
+        clips = i32(clips + i32(free & i32(clipped != w)))
+        clipped = i32(clipped * free)
+        x[i] = ZERO
+        u[i] = now
+        v[i] = clipped
+        hold[i] = i32(hold[i] - i32(ONE - free))
+        fired[i] = np.uint8(free & i32(clipped > threshold[i]))
+    return inputs, currents, drives, clips

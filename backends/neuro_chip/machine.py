@@ -1,0 +1,194 @@
+"""The running machine: a program's arrays, the compiled loop over them, and what the host writes between its steps."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.chips.quantising.fixed_program import FixedProgram
+from neuro.core.clock import NEVER
+from neuro.core.errors import ModelError
+from neuro.model.neurons import dc_generator, poisson_generator
+from neuro.program.backend import OverflowWarning
+from neuro.program.currents import Currents
+from neuro.program.program import Floats
+from neuro_chip import tables as t
+from neuro_chip.build import arrays_of, write_registers, write_states
+from neuro_chip.families.every import family_of
+from neuro_chip.learners import Learners
+from neuro_chip.listed import Listed
+from neuro_chip.loop import Net, advance
+from neuro_chip.record import Record
+from neuro_chip.registers import Registers
+from neuro_chip.weights import Weights
+
+_CLEARED = (
+    *("ring", "arrived", "arrived_all", "v", "u", "g_inh", "hold", "first"),
+    *("events", "spikes", "active", "native"),
+)
+_LIVE = (*_CLEARED, "emitted", "emitted_times", "groups", "clock", "potential", "mean", "nothing")
+_STORED = {"arrived": "heard", "arrived_all": "heard_all"}
+"""Words of saved states where they are not those of the arrays: states of earlier versions stay readable."""
+
+
+class Machine:
+    """A quantised program that advances.
+
+    Args:
+        fixed: registers and words.
+        strict: whether an overflow during a run is an error instead of a warning.
+
+    Attributes:
+        fixed, program: what it runs.
+        arrays: what the loop reads and writes, by the names of `Net`; who replaces one calls `bind`.
+        cells: present registers of the populations.
+        weights: the weight memory.
+        learners: the projections that learn on the chip.
+        currents: of the dc_generators.
+        listed: spikes that the host sends.
+        record: spikes that are kept.
+    """
+
+    def __init__(self, fixed: FixedProgram, strict: bool) -> None:
+        self.fixed, self.program, self._strict = fixed, fixed.program, strict
+        self.arrays = arrays_of(fixed)
+        self.cells = Registers(fixed)
+        self.weights = Weights(fixed, self.arrays)
+        self.learners = Learners(fixed, self.weights, self.arrays)
+        self.currents = Currents(self.program)
+        self.record = Record()
+        self._warned: set[str] = set()
+        for k, part in enumerate(self.program.populations):
+            write_states(self.arrays, k, fixed.populations[k])
+            if isinstance(part.model, poisson_generator):
+                self.set_rate(k, part.parameters["rate"])
+        self.listed = Listed(self.program, self.arrays)
+        self.bind()
+
+    def bind(self) -> None:
+        """Hand the arrays that there are now to the loop."""
+        self._net = Net(**{name: self.arrays[name] for name in Net._fields})
+
+    @property
+    def step(self) -> int:
+        """The last finished step."""
+        return int(self.arrays["clock"][t.STEP])
+
+    def slice(self, population: int) -> slice:
+        """Where a population lies among all neurons."""
+        row = self.arrays["pops"][population]
+        return slice(int(row[t.BEGIN]), int(row[t.END]))
+
+    def advance_to(self, end: int, group: int = t.NONE) -> None:
+        """Run to a step, or until a group has decided."""
+        clock = self.arrays["clock"]
+        clock[t.STOP_GROUP] = group
+        while clock[t.STEP] < end:
+            self._apply_currents()
+            before = int(clock[t.STEP])
+            stop = before + 1 if self.learners else min(end, self.currents.next_change(before))
+            advance(self._net, stop)
+            if self.learners and clock[t.STEP] > before:
+                self.learners.after(before + 1)
+            if clock[t.RECORDED]:
+                n = int(clock[t.RECORDED])
+                self.record.take(*(self.arrays[name][:n] for name in ("rec_steps", "rec_ids", "rec_times")))
+                clock[t.RECORDED] = 0
+            if group >= 0 and self.arrays["groups"][group, t.WINNER] >= 0:
+                break
+        clock[t.STOP_GROUP] = t.NONE
+
+    def _apply_currents(self) -> None:
+        """The host writes the bias that holds from the next step on."""
+        for target in self.currents.targets:
+            current = self.currents.into(target, self.step + 1)
+            self.arrays["bias"][self.slice(target)] = self.cells.bias(target, current)
+
+    def set_rate(self, population: int, rate: Floats) -> None:
+        """Change the rate of a poisson_generator."""
+        here = self.slice(population)
+        self.arrays["mean"][here] = rate * (self.program.resolution * 1e-3)
+        self.arrays["nothing"][here] = np.exp(-self.arrays["mean"][here])
+
+    def check_overflows(self) -> None:
+        """Tell of each kind of overflow once, or refuse to go on."""
+        columns = self.arrays["native"][:, : t.MERGED]
+        found = {
+            f"{t.NATIVE[column]} of {self.program.populations[k].name}": int(columns[k, column])
+            for k, column in zip(*np.nonzero(columns), strict=True)
+        } | self.learners.overflows()
+        for what in [what for what in found if what not in self._warned]:
+            self._warned.add(what)
+            text = f"backend '{self.fixed.chip.name}': {found[what]} {what} up to step {self.step}"
+            hint = self._way_out(what)
+            if self._strict:
+                raise ModelError(text, hint=f"{hint}, or run without strict=True")
+            message = f"{text}; counts().native has their number\n  hint: {hint}"
+            warnings.warn(message, OverflowWarning, stacklevel=4)
+
+    def _way_out(self, what: str) -> str:
+        """What would keep a register from overflowing."""
+        family = family_of(self.fixed.chip)
+        for part, cells in zip(self.program.populations, self.cells.fixed, strict=True):
+            if what.endswith(f" of {part.name}") and not part.model.chip and cells.kind in family.steps:
+                return family.way_out(cells)
+        return "lower its weights or its input"
+
+    def open_groups(self) -> None:
+        """No group has decided."""
+        self.arrays["groups"][:, t.CLOSED], self.arrays["groups"][:, t.WINNER] = 0, t.NONE
+
+    def start_anew(self, weights: bool) -> None:
+        """Back to step 0 and the initial states, and to the initial weights if asked."""
+        for name in _CLEARED:
+            self.arrays[name][:] = 0
+        self.arrays["first"][:] = NEVER
+        self.arrays["clock"][:] = 0
+        self.arrays["clock"][t.STOP_GROUP] = t.NONE
+        self.open_groups()
+        for k in range(len(self.program.populations)):
+            write_states(self.arrays, k, self.cells.fixed[k])
+        self.record = Record()
+        self.listed = Listed(self.program, self.arrays)
+        self._start_currents_anew()
+        self.weights.start_anew(weights)
+        self.learners.start_anew(weights)
+        self._warned.clear()
+        self.bind()
+
+    def _start_currents_anew(self) -> None:
+        """Amplitudes that were set hold from step 0."""
+        before, self.currents = self.currents, Currents(self.program)
+        for k, part in enumerate(self.program.populations):
+            if isinstance(part.model, dc_generator):
+                self.currents.set_amplitude(k, before.amplitude(k), 0)
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Everything that `restore` needs."""
+        return {
+            **{f"live.{_STORED.get(name, name)}": self.arrays[name].copy() for name in _LIVE},
+            **self.record.snapshot(),
+            **self.listed.snapshot(),
+            **self.currents.snapshot(),
+            **self.weights.snapshot(),
+            **self.learners.snapshot(),
+            **self.cells.snapshot(),
+        }
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Continue from a snapshot."""
+        self.weights.take(self.cells.restore(arrays))
+        for k in range(len(self.program.populations)):
+            write_registers(self.arrays, self.fixed, k, self.cells.fixed[k])
+        for name in _LIVE:
+            self.arrays[name][:] = arrays[f"live.{_STORED.get(name, name)}"]
+        self.record.restore(arrays)
+        self.listed.restore(arrays, self.step)
+        self.currents.restore(arrays)
+        self.weights.restore(arrays)
+        self.learners.restore(arrays)
+        self.bind()

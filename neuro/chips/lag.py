@@ -1,0 +1,39 @@
+"""When a spike acts: the one rule behind delay registers, their memory, and the delays that are refused.
+
+Input of most neurons acts in the step in which it arrives: a spike over a delay of D steps acts after D. NEST's
+synaptic currents (`I_syn_ex`, `I_syn_in`) move the potential a step after they arrive, so there it acts after D + 1. A
+chip's current acts at once, so its spike must be that much later. How the delay register counts is a family's own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.model.neurons import Model
+from neuro.program.program import Program
+
+
+def acts_late(model: Model) -> bool:
+    """Whether input moves the potential only in the step after its arrival."""
+    return any(state.name.startswith("I_syn") for state in model.states)
+
+
+def lag(program: Program, index: int) -> NDArray[np.int32]:
+    """Steps from the emission of a spike of a projection to the update of its target that sees it.
+
+    Args:
+        program: has the projection.
+        index: of the projection.
+
+    Returns:
+        shape (1,) where the projection has one delay, else one per synapse.
+    """
+    part = program.projections[index]
+    late = acts_late(program.populations[part.target].model)
+    return (part.delay + late).astype(np.int32)
+
+
+def register(lag: NDArray[np.int32], of_one: int) -> NDArray[np.int32]:
+    """What a delay register holds for some lags; `of_one` is what it holds for a lag of one step."""
+    return lag + np.int32(of_one - 1)

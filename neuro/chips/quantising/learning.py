@@ -1,0 +1,37 @@
+"""Rules of synapses that a chip cannot have, whatever its family."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from neuro.chips.description import Chip
+from neuro.chips.quantising.fixed import FixedProjection
+from neuro.chips.quantising.inputs import Options, refused
+from neuro.program.backend import Problem
+from neuro.program.program import Program
+
+
+def foreign(program: Program, chip: Chip, index: int) -> Problem | None:
+    """Why a synapse model in the registers of another family cannot be on a chip; None if it is not of another."""
+    part = program.projections[index]
+    other = part.synapse.chip
+    if not other or other == chip.arithmetic:
+        return None
+    told = f"projection '{part.name}': {part.synapse.name}"
+    return refused(part.origin, told, f"its parameters are registers of {other}", f"backend '{other}' runs it")
+
+
+def refuse_rules(
+    program: Program, chip: Chip, wires: dict[int, FixedProjection], options: Options
+) -> Iterator[Problem]:
+    """Rules for a family whose learning is not emulated: every projection that learns on the chip is refused."""
+    for index, part in enumerate(program.projections):
+        if (problem := foreign(program, chip, index)) is not None:
+            yield problem
+        elif part.synapse.learns in ("pairs", "chip"):
+            yield refused(
+                part.origin,
+                f"projection '{part.name}': {part.synapse.name}",
+                f"pairwise learning is not emulated on {chip.name}",
+                "run it on loihi or event, or send static weights: sim.network() has what was learnt",
+            )

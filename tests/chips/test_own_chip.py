@@ -1,0 +1,249 @@
+"""A chip of one's own: a table that `fit`, `run`, `compare` and Python know by its path, or by name if registered."""
+
+import dataclasses
+from importlib.metadata import EntryPoint, EntryPoints
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro.chips import chip, chips, place, quantise
+from neuro.chips.arithmetics import ARITHMETICS
+from neuro.chips.description import COSTS, LIMITS, Chip, Figure
+from neuro.chips.known import CHIPS
+from neuro.chips.lag import lag
+from neuro.chips.loihi.arithmetic import LOIHI
+from neuro.chips.placing.capacity import too_late
+from neuro.chips.placing.packing import synapse_bits
+from neuro.compare import compare
+from neuro.core import registry
+from neuro.core.errors import ModelError
+from neuro.program.backend import find
+from neuro.run.simulation import ApproximationWarning
+from neuro_chip.backend import ChipBackend
+from neuro_chip.families.every import FAMILIES
+
+LONG = "like: loihi\ntitle: Loihi with long delays\nlimits:\n  delay_max: {value: 200, source: my board}\n"
+SLOW = "like: spinnaker\nname: slow\n"
+NET = """\
+neuro: 1
+name: late
+resolution: 1.0
+populations:
+  in: {model: {spike_generator: {spike_times: [[1.0]]}}, shape: 1}
+  out: {model: {iaf_psc_delta: {tau_m: .inf}}, shape: 1}
+projections:
+  in_out: {from: in, to: out, rule: all_to_all, weight: 20.0, delay: 150.0}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty current folder with `long.yaml` and `net.yaml`."""
+    monkeypatch.chdir(tmp_path)
+    Path("long.yaml").write_text(LONG)
+    Path("net.yaml").write_text(NET)
+    return tmp_path
+
+
+@pytest.fixture
+def registered():
+    """Forget what a test registers."""
+    yield
+    CHIPS._registered.clear()
+    CHIPS._parts.pop("board", None)
+
+
+@pytest.fixture
+def late(folder):
+    return neuro.load("net.yaml")
+
+
+def refusal(call):
+    with pytest.raises(ModelError) as caught:
+        call()
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("given", ["long.yaml", Path("long.yaml"), "./long.yaml"])
+def test_a_table_is_a_backend_of_its_family(late, given):
+    sim = neuro.compile(late, backend=given)
+    sim.run(200.0)
+    assert sim.backend == "long"
+    assert sim.spikes("out")[0].tolist() == [151.0]
+    reference = neuro.compile(late, backend="reference")
+    reference.run(200.0)
+    assert reference.spikes("out")[0].tolist() == [151.0]
+
+
+def test_the_limits_of_ours_stay(late):
+    assert refusal(lambda: neuro.compile(late, backend="loihi")) == (
+        "backend 'loihi' cannot run this network (1 problem)\n"
+        "net.yaml:8:3: projection 'in_out': a delay of 150 ms: 149 steps in the delay register, which holds at most 62 "
+        "on loihi\n  hint: use at most 63 ms, a coarser resolution, or a chain of parrots"
+    )
+
+
+def test_a_table_of_the_other_family(late):
+    Path("slow.yaml").write_text(SLOW + "limits: {delay_max: {value: 160, source: me}}\n")
+    with pytest.warns(ApproximationWarning, match="no released SpiNNaker binary has it"):
+        sim = neuro.compile(late, backend="slow.yaml")
+    sim.run(200.0)
+    assert (sim.backend, sim.spikes("out")[0].tolist()) == ("slow", [151.0])
+    assert find("slow.yaml").unsupported == find("spinnaker").unsupported
+
+
+def test_an_edited_table_is_read_anew(late):
+    neuro.compile(late, backend="long.yaml")
+    Path("long.yaml").write_text(LONG.replace("200", "100"))
+    told = refusal(lambda: neuro.compile(late, backend="long.yaml"))
+    assert "149 steps in the delay register, which holds at most 100 on long\n  hint: use at most 101 ms" in told
+
+
+def test_a_program_is_quantised_anew_for_an_edited_table(late):
+    program = neuro.compile(late, backend="reference").program
+    assert not quantise(program, chip("long.yaml")).problems
+    Path("long.yaml").write_text(LONG.replace("200", "100"))
+    assert [problem.refused for problem in quantise(program, chip("long.yaml")).problems] == [True]
+
+
+MISTAKES = {
+    "a mistake in the table": (
+        "like: loihi\nlimits:\n  delay_maks: {value: 3, source: x}\n",
+        "my.yaml:3:3: unknown limit 'delay_maks'\n  hint: did you mean 'delay_max'?",
+    ),
+    "a table without arithmetic": (
+        "limits:\n  delay_max: {value: 3, source: x}\n",
+        "chip 'my' has no arithmetic here: expected one of loihi, spinnaker\n"
+        "  hint: its limits and costs serve placing and energy only",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", MISTAKES)
+def test_mistakes_in_a_table(late, what):
+    text, message = MISTAKES[what]
+    Path("my.yaml").write_text(text)
+    assert refusal(lambda: neuro.compile(late, backend="my.yaml")) == message
+
+
+def test_a_table_that_is_not_there(late):
+    told = "lang.yaml: no such file\n  hint: did you mean 'long.yaml'?"
+    assert refusal(lambda: neuro.compile(late, backend="lang.yaml")) == told
+
+
+def test_names_of_chips_without_arithmetic_are_no_backends(late):
+    assert refusal(lambda: find("loihi2")) == (
+        "chip 'loihi2' has no arithmetic here: expected one of loihi, spinnaker\n"
+        "  hint: its limits and costs serve placing and energy only"
+    )
+
+
+def test_a_registered_chip_is_known_by_name(late, registered):
+    registry.register(dataclasses.replace(chip("long.yaml"), name="board"))
+    assert "board" in chips()
+    assert chip("board").limit("delay_max") == 200
+    sim = neuro.compile(late, backend="board")
+    sim.run(200.0)
+    assert (sim.backend, sim.spikes("out")[0].tolist()) == ("board", [151.0])
+    assert refusal(lambda: find("boart")) == "unknown backend 'boart'\n  hint: did you mean 'board'?"
+    assert refusal(lambda: chip("boart")) == "unknown target 'boart'\n  hint: did you mean 'board'?"
+    Path("mine.yaml").write_text("like: board\n")
+    assert chip("mine.yaml").limit("delay_max") == 200
+
+
+def test_a_chip_is_registered_once(late, registered):
+    assert refusal(lambda: registry.register(chip("loihi"))).startswith("test_own_chip.py:")
+    assert "chip 'loihi' is registered twice" in refusal(lambda: registry.register(chip("loihi")))
+
+
+def test_a_chip_of_an_installed_package(late, registered, monkeypatch):
+    Path("board_package.py").write_text("import neuro\n\nboard = neuro.chips.chip('board.yaml')\n")
+    Path("board.yaml").write_text(LONG)
+    monkeypatch.syspath_prepend(Path.cwd())
+    entries = EntryPoints([EntryPoint("board", "board_package:board", "neuro.chips")])
+    monkeypatch.setattr(registry, "installed", lambda group: entries.select(group=group))
+    assert "board" in chips()
+    assert chip("board").limit("delay_max") == 200
+    assert find("board").name == "board"
+
+
+def test_a_table_with_every_field_loads(folder):
+    limits = {name: 2 + number for number, name in enumerate(LIMITS)} | {"cores_per_chip": 24}
+    costs = {name: (1 + number) * 1e-12 for number, name in enumerate(COSTS)}
+    told = 'source: "a page", conditions: "measured"'
+    lines = [
+        *("name: every", "title: Every field", "arithmetic: spinnaker", "limits:"),
+        *(f"  {name}: {{value: {value}, {told}}}" for name, value in limits.items()),
+        f"mesh: {{columns: 4, rows: 3, cores_per_tile: 2, {told}}}",
+        f"step_s: {{value: 0.001, {told}}}",
+        *("costs:", *(f"  {name}: {{value: {value!r}, {told}}}" for name, value in costs.items())),
+    ]
+    Path("every.yaml").write_text("\n".join(lines))
+    found = chip("every.yaml")
+    assert (found.name, found.title, found.arithmetic) == ("every", "Every field", "spinnaker")
+    assert {name: figure.value for name, figure in found.limits.items()} == limits
+    assert {name: figure.value for name, figure in found.costs.items()} == costs
+    assert {(f.source, f.conditions) for f in (*found.limits.values(), *found.costs.values(), found.step_s)} == {
+        ("a page", "measured")
+    }
+    assert (found.mesh.columns, found.mesh.rows, found.mesh.cores_per_tile, found.step_s.value) == (4, 3, 2, 0.001)
+
+
+@pytest.mark.parametrize("model", ["izhikevich", "iaf_psc_delta", "iaf_psc_exp", "iaf_psc_alpha", "parrot_neuron"])
+@pytest.mark.parametrize("steps", [4, 8, 9])
+def test_memory_and_limits_agree_on_the_delay_register(model, steps, folder):
+    """A delay that takes a register of R is stored in as many bits as R has, and refused where R is above the limit."""
+    net = neuro.Network("net", resolution=1.0)
+    net.population("in", 1, neuro.spike_generator())
+    net.population("out", 1, getattr(neuro, model)())
+    net.connect("in", "out", neuro.all_to_all(), weight=1.0, delay=float(steps), name="w")
+    program = neuro.compile(net, backend="reference").program
+    register = int(np.max(lag(program, 0))) - 1
+    assert synapse_bits(program, 0) == 8 + register.bit_length()
+    for most, problems in ((register, 0), (register - 1, 1)):
+        small = Chip("small", "Small", "", {"delay_max": Figure(float(most), "here")})
+        assert len(place(program, small).problems) == problems
+
+
+def test_energy_and_compare_take_a_table(late):
+    Path("cheap.yaml").write_text(LONG + "costs:\n  synaptic_op: {value: 1.0e-12, source: me}\n")
+    sim = neuro.compile(late, backend="cheap.yaml")
+    sim.run(200.0)
+    assert sim.energy("cheap.yaml").total_j < sim.energy("long.yaml").total_j
+    found = compare(late, ["reference", "cheap.yaml", "long.yaml"], 200.0)
+    assert [(run.backend, run.refused) for run in found.runs] == [
+        ("reference", ""),
+        ("cheap.yaml", ""),
+        ("long.yaml", ""),
+    ]
+    cheap, long = (run.own for run in found.runs[1:])
+    assert cheap.total_j < long.total_j
+    assert {run.placement.target for run in found.runs[1:]} == {"cheap", "long"}
+
+
+def test_a_third_family_is_an_object_and_an_entry(folder, monkeypatch):
+    """All that is done for every family asks the object: its own name occurs nowhere else."""
+    toy = dataclasses.replace(LOIHI, name="toy", title="Toy", one_bit=False, multicast=True, register_of_one=1)
+    monkeypatch.setitem(ARITHMETICS, "toy", toy)
+    monkeypatch.setitem(FAMILIES, "toy", dataclasses.replace(FAMILIES["loihi"], arithmetic=toy))
+    Path("toy.yaml").write_text("like: loihi\narithmetic: toy\nlimits: {delay_max: {value: 149, source: me}}\n")
+    found = chip("toy.yaml")
+    Path("net.yaml").write_text(
+        NET.replace("{spike_generator: {spike_times: [[1.0]]}}", "{poisson_generator: {rate: 400.0}}").replace(
+            "20.0", "1"
+        )
+    )
+    late = neuro.load("net.yaml")
+    sim = neuro.compile(late, backend=ChipBackend(toy, "a toy", {}, found), seed=1)
+    reference = neuro.compile(late, backend="reference", seed=1)
+    for each in (sim, reference):
+        each.run(300.0)
+    assert sim.counts().spikes == reference.counts().spikes
+    assert "merged spikes of in" not in sim.counts().native
+    assert place(sim.program, found).multicast
+    assert not place(sim.program, chip("loihi")).multicast
+    assert [problem.why for problem in too_late(sim.program, found)] == [
+        "150 steps in the delay register, which holds at most 149 on toy"
+    ]
