@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core.errors import ModelError, unknown
-from neuro.model.neurons import dc_generator, poisson_generator, spike_generator
 from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.program import Floats, Ints
 from neuro_chip import tables as t
@@ -80,7 +79,7 @@ class ChipEngine:
         if name in [state.name for state in part.model.states]:
             arrays = {register: self._machine.arrays[array][here] for register, array in STATES.items()}
             return self._machine.cells.state(population, name, arrays)
-        if isinstance(part.model, dc_generator) and name == "amplitude":
+        if part.kind == "current" and name == "amplitude":
             return self._machine.currents.amplitude(population).copy()
         return np.broadcast_to(self._machine.cells.parameters[population][name], part.size).copy()
 
@@ -92,17 +91,17 @@ class ChipEngine:
         parameters = {name: each.copy() for name, each in values.items() if name not in names}
         if "E_L" in parameters and "V_m" not in states:
             states["V_m"] = self.get(population, "V_m")  # the register counts from E_L
-        if isinstance(part.model, dc_generator):
+        if part.kind == "current":
             machine, amplitude = self._machine, {population: parameters["amplitude"]}
             for target in machine.currents.targets:  # refused here, not when it is on its way
                 machine.cells.bias(target, machine.currents.full(target, amplitude))
         before = dict(self._machine.cells.parameters[population])
         self._machine.cells.parameters[population].update(parameters)
-        if isinstance(part.model, poisson_generator):
+        if part.kind == "poisson":
             self._machine.set_rate(population, parameters["rate"])
-        elif isinstance(part.model, dc_generator):
+        elif part.kind == "current":
             self._machine.currents.set_amplitude(population, parameters["amplitude"], self.step)
-        elif parameters and not isinstance(part.model, spike_generator):
+        elif parameters and part.kind != "listed":
             self._requantise(population)
         try:
             written = [self._machine.cells.units(population, name, each) for name, each in states.items()]

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.model.neurons import spike_generator
 from neuro.program.program import Ints, Program
 from neuro_chip import tables as t
 
@@ -21,9 +20,7 @@ class Listed:
     def __init__(self, program: Program, arrays: dict[str, NDArray[Any]]) -> None:
         self._a = arrays
         self._spikes = {
-            k: (p.spike_steps, p.spike_ids)
-            for k, p in enumerate(program.populations)
-            if isinstance(p.model, spike_generator)
+            k: (p.spike_steps, p.spike_ids) for k, p in enumerate(program.populations) if p.kind == "listed"
         }
         self._write(0)
 

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
-from neuro.model.neurons import dc_generator, poisson_generator
 from neuro.program.backend import OverflowWarning
 from neuro.program.currents import Currents
 from neuro.program.program import Floats
@@ -64,7 +63,7 @@ class Machine:
         self._warned: set[str] = set()
         for k, part in enumerate(self.program.populations):
             write_states(self.arrays, k, fixed.populations[k])
-            if isinstance(part.model, poisson_generator):
+            if part.kind == "poisson":
                 self.set_rate(k, part.parameters["rate"])
         self.listed = Listed(self.program, self.arrays)
         self.bind()
@@ -164,7 +163,7 @@ class Machine:
         """Amplitudes that were set hold from step 0."""
         before, self.currents = self.currents, Currents(self.program)
         for k, part in enumerate(self.program.populations):
-            if isinstance(part.model, dc_generator):
+            if part.kind == "current":
                 self.currents.set_amplitude(k, before.amplitude(k), 0)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:

@@ -13,7 +13,6 @@ from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.quantise import requantise
 from neuro.core.errors import ModelError, unknown
-from neuro.model.neurons import Neuron
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints
 from neuro_chip.families.every import family_of
@@ -105,7 +104,7 @@ class Registers:
             ModelError: a register would overflow, or a rule would not hold any more; nothing is changed.
         """
         part = self._program.program.populations[population]
-        if not isinstance(part.model, Neuron):
+        if part.kind != "neuron":
             return self.fixed[population], {}
         found, wires, problems = requantise(self._program, population, self.parameters[population], weights)
         refused = [replace(problem, way_out=_KEPT) for problem in problems if problem.refused]
@@ -141,7 +140,7 @@ class Registers:
             for name in parameters:
                 parameters[name] = arrays[f"parameter.{k}.{name}"].copy()
             part = self._program.program.populations[k]
-            if isinstance(part.model, Neuron):
+            if part.kind == "neuron":
                 self.fixed[k], wires, _ = requantise(self._program, k, parameters, {})
                 found |= wires
             self._good[k] = dict(parameters)

@@ -114,6 +114,10 @@ def _digest(arrays: Arrays) -> str:
     return _hashed({name: np.asarray(values) for name, values in arrays.items()})
 
 
+_SAID_ELSEWHERE = {"origin", "kind", "carries"}
+"""Fields of a program that decide nothing, or follow from others; states of version 0.1.0 do not count them."""
+
+
 def fingerprint(program: Program) -> str:
     """A hash of everything that decides what a program does; places in files do not count."""
     return _hashed(program)
@@ -134,7 +138,7 @@ def _feed(digest: hashlib.blake2b, value: Any) -> None:
         _feed(digest, {k: v for k, v in value.parameters().items() if isinstance(v, (str, float, int))})
     elif is_dataclass(value):
         for field in fields(value):
-            if field.name != "origin":
+            if field.name not in _SAID_ELSEWHERE:
                 digest.update(field.name.encode())
                 _feed(digest, getattr(value, field.name))
     elif isinstance(value, Mapping):

@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.model.neurons import Generator
 from neuro.program.program import Floats, Grid, Ints, Program, Projection
 
 
 def spiking(program: Program) -> list[int]:
     """Indices of the projections that carry spikes; those of a dc_generator carry a current."""
-    sources = (program.populations[part.source].model for part in program.projections)
-    return [i for i, model in enumerate(sources) if not isinstance(model, Generator) or model.role != "current"]
+    return [index for index, part in enumerate(program.projections) if part.carries == "spikes"]
 
 
 def dense_size(program: Program, index: int) -> int:

@@ -14,7 +14,6 @@ from neuro.chips.placing import fill
 from neuro.chips.placing.incoming import Incoming
 from neuro.chips.placing.memory import core_bytes
 from neuro.chips.placing.packing import memory_limit
-from neuro.model.neurons import Neuron
 from neuro.program.program import Ints, Program
 
 Part = tuple[int, int, int]
@@ -205,4 +204,4 @@ def _reached(cores: list[list[Part]], chip: Chip, into: Incoming, queue: Ints) -
 
 def neurons_of(program: Program) -> list[int]:
     """Indices of the populations that take cores; generators are the host's."""
-    return [index for index, part in enumerate(program.populations) if isinstance(part.model, Neuron) and part.size]
+    return [index for index, part in enumerate(program.populations) if part.kind == "neuron" and part.size]

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 from neuro.chips.description import Chip
 from neuro.chips.pricing.energy import quantity, sourced
-from neuro.model.neurons import Neuron
 from neuro.program.counts import Counts
 from neuro.program.program import Program
 
@@ -41,7 +40,7 @@ def _busiest(program: Program, counts: Counts, placement: Placement, chip: Chip)
     work = [0.0] * len(program.populations)
     for index, part in enumerate(program.populations):
         updates = counts.populations[part.name]
-        if isinstance(part.model, Neuron):
+        if part.kind == "neuron":
             work[index] += updates.neuron_updates_active * active
             work[index] += (updates.neuron_updates - updates.neuron_updates_active) * inactive
     for projection in program.projections:

@@ -17,7 +17,6 @@ import numpy as np
 from neuro.chips.placing.fan_out import dense_size, fan_out, spiking
 from neuro.chips.pricing.energy import STATIC, Energy, sourced
 from neuro.core.errors import ModelError
-from neuro.model.neurons import Generator, Neuron
 from neuro.program.backend import EngineCounts
 from neuro.program.counts import Tally
 from neuro.program.program import Floats, Program
@@ -121,7 +120,7 @@ class _Report:
         self.samples, self.steps = samples, steps
         self.tally = Tally(program).between(None, counts)
         self.layers = spiking(program)
-        self.neurons = [i for i, part in enumerate(program.populations) if isinstance(part.model, Neuron)]
+        self.neurons = [i for i, part in enumerate(program.populations) if part.kind == "neuron"]
         self.dense_updates = samples * steps * sum(program.populations[i].size for i in self.neurons)
 
     def footprint(self) -> int:
@@ -193,7 +192,7 @@ class _Report:
         sums = {"in": 0.0, "hidden": 0.0, "out": 0.0}
         for index, part in enumerate(self.program.populations):
             inner = "hidden" if index in senders else "out"
-            sums["in" if isinstance(part.model, Generator) else inner] += each[part.name]
+            sums["in" if part.kind != "neuron" else inner] += each[part.name]
         return {**sums, "total": sum(sums.values()), "per_population": each}
 
     def packets(self) -> float:

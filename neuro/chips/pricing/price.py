@@ -18,7 +18,6 @@ from neuro.chips.pricing.duration import chip_time, told_times
 from neuro.chips.pricing.energy import STATIC, Energy, Item, number
 from neuro.chips.quantising.quantise import quantise
 from neuro.core.errors import ModelError
-from neuro.model.neurons import Generator, Neuron
 from neuro.program.backend import EngineCounts
 from neuro.program.counts import Counts, Tally
 from neuro.program.program import Ints, Program
@@ -134,7 +133,7 @@ class _Bill:
         senders = {part.source for part in self.program.projections}
         for index, part in enumerate(self.program.populations):
             made = self.counts.populations[part.name]
-            if isinstance(part.model, Neuron):
+            if part.kind == "neuron":
                 active = made.neuron_updates_active
                 self.add("neuron_update_active", "population", part.name, active)
                 self.add("neuron_update_inactive", "population", part.name, made.neuron_updates - active)
@@ -162,7 +161,7 @@ class _Bill:
             self.notes.append("static power is not in the sums: no figure is published")
         elif placement is None and self.chip.costs[STATIC].value:
             self.notes.append("nothing is placed: one chip is taken")
-        if any(isinstance(part.model, Generator) for part in self.program.populations):
+        if any(part.kind != "neuron" for part in self.program.populations):
             self.notes.append("generators are the host's: their spikes are priced, their updates are not")
         if any(item.what == "weight_write" for item in self.items):
             self.notes.append("the rule for trials is applied by the host, which writes each weight that changes")

@@ -12,7 +12,7 @@ import numpy as np
 from neuro.chips.lag import lag
 from neuro.chips.quantising.fixed import Words
 from neuro.core.errors import Where
-from neuro.model.neurons import Neuron, dc_generator
+from neuro.model.neurons import Neuron
 from neuro.model.neurons.base import LARGEST
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints, Population, Program
@@ -49,12 +49,8 @@ class Inputs:
         self.program, self.index, self.part = program, index, program.populations[index]
         self._modes = modes or {}
         incoming = [i for i, p in enumerate(program.projections) if p.target == index]
-        self.currents = [i for i in incoming if self._carries_current(i)]
+        self.currents = [i for i in incoming if program.projections[i].carries == "current"]
         self.spikes = [i for i in incoming if i not in self.currents]
-
-    def _carries_current(self, index: int) -> bool:
-        source = self.program.populations[self.program.projections[index].source]
-        return isinstance(source.model, dc_generator)
 
     def lag(self, index: int) -> Words:
         """Steps from the emission of a spike of a projection to the update that sees it, shape as its delays."""

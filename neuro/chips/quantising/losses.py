@@ -10,7 +10,6 @@ import numpy as np
 from neuro.chips.arithmetic import Arithmetic
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
 from neuro.chips.quantising.inputs import approximated, refused
-from neuro.model.neurons import poisson_generator
 from neuro.program.backend import Problem
 from neuro.program.program import Program
 
@@ -91,7 +90,7 @@ def merged(program: Program, arithmetic: Arithmetic) -> Iterator[Problem]:
         return
     limit = LIMITS["merged"]
     for part in program.populations:
-        if not isinstance(part.model, poisson_generator):
+        if part.kind != "poisson":
             continue
         mean = float(part.parameters["rate"].max()) * program.resolution / 1000.0
         share = 1.0 - -np.expm1(-mean) / mean if mean > 0.0 else 0.0

@@ -22,8 +22,8 @@ from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.inputs import Inputs, Options, refused
 from neuro.chips.quantising.losses import LIMITS, losses, merged
 from neuro.chips.quantising.options import options_of
-from neuro.model.neurons import Neuron, dc_generator, parrot_neuron, poisson_generator, spike_generator
-from neuro.program.backend import Problem
+from neuro.model.neurons import parrot_neuron
+from neuro.program.backend import Problem, own_generators
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Population, Program
 
@@ -61,14 +61,15 @@ def _quantise(program: Program, chip: Chip, arithmetic: Arithmetic, options: Opt
     projections: dict[int, FixedProjection] = {}
     problems: list[Problem] = []
     for index, part in enumerate(program.populations):
-        if not isinstance(part.model, Neuron):
-            kind = "current" if isinstance(part.model, dc_generator) else "source"
+        if part.kind != "neuron":
+            kind = "current" if part.kind == "current" else "source"
             populations.append(FixedPopulation(part.name, kind))
             continue
         fixed, found, more = _population(Inputs(program, index), chip, arithmetic, options)
         populations.append(fixed)
         projections |= found
         problems += more
+    problems += own_generators(program)
     problems += arithmetic.give_rules(program, chip, projections, options)
     wires = tuple(projections.get(index) for index in range(len(program.projections)))
     problems += _delays(program, chip, wires)
@@ -154,9 +155,9 @@ def _notes(
     program: Program, chip: Chip, arithmetic: Arithmetic, wires: tuple[FixedProjection | None, ...]
 ) -> Iterator[str]:
     """What the host does for the chip."""
-    if any(isinstance(p.model, (poisson_generator, spike_generator)) for p in program.populations):
+    if any(p.kind in ("poisson", "listed") for p in program.populations):
         yield "the host sends the spikes of generators"
-    if any(isinstance(p.model, dc_generator) for p in program.populations):
+    if any(p.kind == "current" for p in program.populations):
         yield "the host writes currents of dc_generators into the bias registers when they change"
     for group in program.groups:
         yield f"the host decides group '{group.name}' from the voltages of the step; the chip has no winner-take-all"
