@@ -45,7 +45,7 @@ class Registry(Mapping[str, T], Generic[T]):
         self.kind, self.takes, self._group, self._name, self._complete = kind, takes, group, name, complete
         self._parts: dict[str, T] = {name(part): part for part in own}
         self._registered: dict[str, T] = {}
-        self._whole: set[T] = set(self._parts.values())
+        self._whole: dict[int, T] = {id(part): part for part in self._parts.values()}
         self._closed_by = ""
         _REGISTRIES.append(self)
 
@@ -72,7 +72,7 @@ class Registry(Mapping[str, T], Generic[T]):
         Raises:
             ModelError: it says what.
         """
-        if part not in self._whole:
+        if id(part) not in self._whole:
             self._completed(part)
 
     def close(self, reason: str) -> None:
@@ -119,7 +119,7 @@ class Registry(Mapping[str, T], Generic[T]):
             complete: T = self._complete(part)
         except TypeError as error:
             raise ModelError(str(error)) from None
-        self._whole.add(part)
+        self._whole[id(part)] = part
         return complete
 
 
