@@ -61,10 +61,10 @@ def receptor(weight, receptors):
 @inner
 def csr_alike(targets, first, last, value, buf, out, due, mark):
     """Add one value to the targets first:last and mark their blocks."""
-    begin = np.uint64(out)
+    begin = np.uint64(out)  # an unsigned place is never one from the end, so the innermost loop tests none
     for e in range(np.uint64(first), np.uint64(last)):
         buf[begin + np.uint64(targets[e])] += value
-    if mark >= 0:
+    if mark >= 0:  # a second loop: the first is nothing but adds, and these few bytes stay in the cache
         for e in range(first, last):
             due[mark + (np.int64(targets[e]) >> _BLOCK)] = 1
 
@@ -214,6 +214,7 @@ def log_delivery(view, q, j, k, thread, ring):
     wide = row[WAKE_ALL] == 1 and not own_delays
     mark = -1 if wide else slot + target[FIRST_BLOCK]
     mask = net.log_ids.shape[1] - 1
+    # Threads own ascending ids, so going through them in order adds as one thread would.
     for t in range(threads):
         for place in range(net.log_ends[t, step_slot, row[SOURCE]], net.log_ends[t, step_slot, row[SOURCE] + 1]):
             source_id = np.int64(net.log_ids[t, place & mask]) - source[BEGIN]

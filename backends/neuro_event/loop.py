@@ -60,6 +60,7 @@ def advance(view, thread, first, last, h):
     n_all = net.x.shape[1]
     blocks = net.awake.shape[0]
     slots = net.due.shape[0] // blocks - 1
+    # Only now have all threads logged the spikes of the slice before; what they send arrives in `first` or later.
     act_at_emission(view, thread, first - 1, first - 1, h)
     done = first - 1
     for step in range(first, last):
@@ -125,6 +126,7 @@ def run(view, first, last, longest, reach, h):
         for thread in range(threads):
             advance(view, thread, step, step + steps, h)
         step += steps
+    # A read at the last step shows dopamine and post spikes up to it, but not the pre spikes emitted in it.
     for thread in range(threads):
         act_at_emission(view, thread, last - 2, last - 1, h)
     return last

@@ -160,6 +160,7 @@ def pre_spike(view, q, source, step, thread, h):
     end = net.rows[place + 1]
     histories, width = view[PAST, 0] + 8 * p.past.shape[1] * target_row[HISTORY], 8 * p.past.shape[1]
     for e in range(net.rows[place], end):
+        # Targets are drawn at random: without this every history would be waited for.
         prefetch(histories + width * np.int64(net.targets[min(e + AHEAD, end - 1)]))
         s = e - row[SYNAPSE]
         z = table[FIRST_SYNAPSE] + s
@@ -170,6 +171,7 @@ def pre_spike(view, q, source, step, thread, h):
             flow(view, q, z, own, thread, target, past, step, True, delay, h)
         else:
             potentiate(number, rule, y, z, plus, tau, k_plus, last, past, max(last, past[APPLIED]), step, delay, h)
+        # Post spikes that arrive in this very step have potentiated above, and are not in K-: post comes before pre.
         k_minus = post_trace(
             minus,
             past,
@@ -180,7 +182,7 @@ def pre_spike(view, q, source, step, thread, h):
             target_row[BEGIN] + target,
         )
         on_pre(number, y, z, rule, (0.0,), (k_minus,))
-        weight = y[0, z]
+        weight = y[0, z]  # sent after its own update, as NEST does
         second = 1 if receptors == 2 and weight < 0.0 else 0
         at = step + delay
         ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]
