@@ -385,7 +385,7 @@ class TestFull:
     @pytest.mark.parametrize(
         ("kind", "name"),
         [("text", "a"), ("hdf5", "a.h5"), ("network", "a.yaml")]
-        + [("recording", f"a{f.suffixes[0]}") for f in events.formats.FORMATS if f.write],
+        + [("recording", f"a{f.suffixes[0]}") for f in events.formats.FORMATS.values() if f.write],
     )
     def test_nothing_is_left(self, kind, name, tmp_path):
         before = h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_FILE)

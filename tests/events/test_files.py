@@ -69,8 +69,8 @@ def test_messages(message):
 
 
 def test_unknown_formats():
-    titles = ", ".join(f"{f.title} ({' '.join(f.suffixes)})" for f in FORMATS)
-    names = ", ".join(f.name for f in FORMATS)
+    titles = ", ".join(f"{f.title} ({' '.join(f.suffixes)})" for f in FORMATS.values())
+    names = ", ".join(f.name for f in FORMATS.values())
     for name, format, what in (
         ("a.nothing", None, f"unknown kind of event file, expected one of: {titles}"),
         ("a.bin", "nothing", f"unknown format 'nothing', expected one of {names}"),
@@ -111,7 +111,7 @@ def test_missing_files(tmp_path):
 
 def test_cannot_save_as(tmp_path):
     events = load(b"", format="nmnist")
-    written = [f for f in FORMATS if f.write]
+    written = [f for f in FORMATS.values() if f.write]
     endings = ", ".join(dict.fromkeys(suffix for f in written for suffix in f.suffixes))
     for path, format, what in (
         (tmp_path / "a.nothing", None, f"cannot save as '.nothing', expected {endings}"),
