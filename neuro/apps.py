@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from neuro.cli.options import Backend, Seed, Set, assignments, whole
     from neuro.core import hdf5
     from neuro.core.errors import Where, unknown
+    from neuro.core.extension import extensions, run_extensions
     from neuro.core.extras import install
     from neuro.core.outputs import Kind, Unwritable, check, make_folder, output, sealed, write_picture, write_text
     from neuro.core.tables import console, table
@@ -40,6 +41,7 @@ _HOMES = {
         "unknown",
     ),
     "neuro.core.hdf5": (),
+    "neuro.core.extension": ("extensions", "run_extensions"),
     "neuro.core.extras": ("install",),
     "neuro.core.outputs": (
         "Kind",
@@ -90,6 +92,7 @@ __all__ = [
     "assignments",
     "check",
     "console",
+    "extensions",
     "hdf5",
     "inner",
     "install",
@@ -101,6 +104,7 @@ __all__ = [
     "plain",
     "quantity",
     "read",
+    "run_extensions",
     "sealed",
     "sourced",
     "table",

@@ -91,7 +91,7 @@ def test_controllers_that_do_not_learn_are_tested_by_name(neuro):
 
 def test_compare_is_kept_and_told(neuro, tmp_path):
     words = ("compare", "--scenario", "short.yaml", "--steps", 200, "--seeds", 2, "--starts", 1, "--row", "oracle")
-    words = (*words, "--row", "lms", "--with", "lms gain=4 steps=300", "--out", "kept")
+    words = (*words, "--row", "lms", "--also", "lms gain=4 steps=300", "--out", "kept")
     code, out, err = neuro(*words, "--json")
     assert code == 0
     oracle, lms, other = json.loads(out)["rows"]
@@ -169,7 +169,7 @@ def test_mistakes(neuro, tmp_path, words):
 
 def test_a_missing_extra_is_told_before_any_work(neuro, monkeypatch):
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
-    code, out, err = neuro("compare", "--scenario", "short.yaml", "--with", "dqn")
+    code, out, err = neuro("compare", "--scenario", "short.yaml", "--also", "dqn")
     assert (code, out) == (2, "")
     assert err == f"error: controller 'dqn': stable-baselines3 is not installed\n  hint: {install('rl')}\n"
 

@@ -21,13 +21,7 @@ from neuro.events.segmentation import SEGMENTERS
 MARK = b"MINE\n"
 
 
-@pytest.fixture(autouse=True)
-def as_before(monkeypatch):
-    """What a test registers is forgotten."""
-    for one in registry._REGISTRIES:
-        monkeypatch.setattr(one, "_parts", dict(one._parts))
-        monkeypatch.setattr(one, "_registered", dict(one._registered))
-        monkeypatch.setattr(one, "_closed_by", "")
+pytestmark = pytest.mark.usefixtures("registries")
 
 
 def opened(source):
