@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from neuro.core.extras import install
     from neuro.core.outputs import Kind, Unwritable, check, make_folder, output, sealed, write_picture, write_text
     from neuro.core.tables import console, table
+    from neuro.files.checkpoint import Checkpoint
     from neuro.kernels.jit import allocating, inner, kernel
     from neuro.model.language import Node, about, mistake, plain, read, words
 
@@ -62,6 +63,7 @@ _HOMES = {
         "quantity",
         "sourced",
     ),
+    "neuro.files.checkpoint": ("Checkpoint",),
     "neuro.kernels.jit": (
         "allocating",
         "inner",
@@ -80,6 +82,7 @@ _HOMES = {
 __all__ = [
     "TARGETS",
     "Backend",
+    "Checkpoint",
     "Kind",
     "Node",
     "Seed",

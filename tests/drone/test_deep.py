@@ -3,6 +3,7 @@
 import sys
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -13,7 +14,6 @@ from hypothesis import strategies as st
 import neuro
 from neuro.core.extras import install
 from neuro_drone import train as training
-from neuro_drone.checkpoint import beside
 from neuro_drone.controllers import CONTROLLERS, make
 from neuro_drone.controllers.agents import DDPG, DQN
 from neuro_drone.controllers.dense import Dense, observed
@@ -22,6 +22,12 @@ from neuro_drone.evaluate import grid, try_out
 from neuro_drone.model import Model
 from neuro_drone.scenario import load
 from neuro_drone.train import train
+
+
+def beside(model: Path) -> Path:
+    """Where the checkpoint of a model lies."""
+    return model.with_name(f"{model.name}.training")
+
 
 AGENTS = {"dqn": DQN, "ddpg": DDPG}
 SMALL = {"warm": 50, "batch": 8, "hidden": 16, "buffer": 1000}
