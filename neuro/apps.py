@@ -16,10 +16,21 @@ if TYPE_CHECKING:
     from neuro.cli.energy import TARGETS, Target
     from neuro.cli.options import Backend, Seed, Set, assignments, whole
     from neuro.core import hdf5
+    from neuro.core.checks import check, check_fields
     from neuro.core.errors import Where, unknown
     from neuro.core.extension import extensions, run_extensions
     from neuro.core.extras import install
-    from neuro.core.outputs import Kind, Unwritable, check, make_folder, output, sealed, write_picture, write_text
+    from neuro.core.outputs import (
+        Kind,
+        Unwritable,
+        check_output,
+        make_folder,
+        output,
+        sealed,
+        write_picture,
+        write_text,
+    )
+    from neuro.core.quantities import Quantity
     from neuro.core.tables import console, table
     from neuro.files.checkpoint import Checkpoint
     from neuro.kernels.jit import allocating, inner, kernel
@@ -37,6 +48,8 @@ _HOMES = {
         "assignments",
         "whole",
     ),
+    "neuro.core.checks": ("check", "check_fields"),
+    "neuro.core.quantities": ("Quantity",),
     "neuro.core.errors": (
         "Where",
         "unknown",
@@ -47,7 +60,7 @@ _HOMES = {
     "neuro.core.outputs": (
         "Kind",
         "Unwritable",
-        "check",
+        "check_output",
         "make_folder",
         "output",
         "sealed",
@@ -85,6 +98,7 @@ __all__ = [
     "Checkpoint",
     "Kind",
     "Node",
+    "Quantity",
     "Seed",
     "Set",
     "Target",
@@ -94,6 +108,8 @@ __all__ = [
     "allocating",
     "assignments",
     "check",
+    "check_fields",
+    "check_output",
     "console",
     "extensions",
     "hdf5",

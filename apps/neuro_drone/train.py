@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.apps import Checkpoint, check, hdf5
+from neuro.apps import Checkpoint, check_output, hdf5
 from neuro_drone import cores
 from neuro_drone.controllers import Learner, kind_of, make, settings_of
 from neuro_drone.env import DroneEnv
@@ -124,7 +124,7 @@ def _made(out: Path, model: Model, steps: int) -> Model | None:
         if made.told() | {"steps": made.steps} == model.told() | {"steps": steps}:
             _checkpoint(out, model, steps).remove()
             return made
-    check(out, hdf5.kind(FORMAT))
+    check_output(out, hdf5.kind(FORMAT))
     return None
 
 

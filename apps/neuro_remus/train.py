@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.apps import Checkpoint, check, hdf5
+from neuro.apps import Checkpoint, check_output, hdf5
 from neuro_remus.features import Spikes
 from neuro_remus.model import FORMAT, LEARNT, Model, network_of, to_text
 from neuro_remus.settings import Settings
@@ -79,7 +79,7 @@ def train(
         if (made := _made(out, settings, training)) is not None:
             checkpoint.remove()
             return made
-        check(out, hdf5.kind(FORMAT))
+        check_output(out, hdf5.kind(FORMAT))
     sim = neuro.compile(net, backend=backend, seed=seed)
     history: list[float] = []
     if checkpoint and (found := checkpoint.resume()):

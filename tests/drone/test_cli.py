@@ -154,7 +154,7 @@ MISTAKES = {
     "watch oracle.h5 --out no/lap.html": "no/lap.html: cannot be written: No such file or directory",
     "watch oracle.h5 --out lap.gif": "lap.gif: a lap is written as a page for a browser: expected a name that ends in "
     ".html",
-    "watch oracle.h5 --start 900 0": "option start = 900.0: expected a number >= -180 and <= 180",
+    "watch oracle.h5 --start 900 0": "option start = 900: expected a number >= -180 and <= 180",
 }
 
 

@@ -212,9 +212,13 @@ def test_without_the_extra(name, monkeypatch):
     ("settings", "text"),
     [
         ({"hidden": 1.5}, "controller 'dqn': hidden = 1.5: expected a whole number >= 1"),
-        ({"gamma": 1.1}, "controller 'dqn': gamma = 1.1: expected a number from 0 to 1"),
-        ({"rate": 0.0}, "controller 'dqn': rate = 0.0: expected a number > 0"),
-        ({"observation": "frame"}, "controller 'dqn': observation = 'frame': expected binary or counts"),
+        ({"gamma": 1.1}, "controller 'dqn': gamma = 1.1: expected a number >= 0 and <= 1"),
+        ({"rate": 0.0}, "controller 'dqn': rate = 0: expected a number > 0"),
+        (
+            {"observation": "frame"},
+            "controller 'dqn': observation = 'frame': expected one of binary, counts\n  hint: "
+         "known: binary, counts",
+        ),
         ({"noise": 0.1}, "unknown setting of controller 'dqn' 'noise'\n  hint: known: "
          "batch, buffer, copy, every, explore, gamma, hidden, observation, random, rate, warm"),
         ({"gama": 0.9}, "unknown setting of controller 'dqn' 'gama'\n  hint: did you mean 'gamma'?"),
