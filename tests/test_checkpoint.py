@@ -47,7 +47,7 @@ def test_another_file_is_neither_read_nor_replaced(kept):
     kept.path.unlink()
     with h5py.File(kept.path, "w") as file:
         file.attrs["format"] = "another 1"
-    with pytest.raises(neuro.ModelError, match="not a my training 1$"):
+    with pytest.raises(neuro.ModelError, match=r"not a my training 1$"):
         kept.resume()
-    with pytest.raises(neuro.ModelError, match="expected another name"):
+    with pytest.raises(neuro.ModelError, match="expected a new name"):
         kept.keep(history=np.zeros(1))
