@@ -15,11 +15,24 @@ if TYPE_CHECKING:
     from neuro.chips.pricing.energy import number, quantity, sourced
     from neuro.cli.energy import TARGETS, Target
     from neuro.cli.options import Backend, Seed, Set, assignments, whole
+    from neuro.core import hdf5
+    from neuro.core.checks import check, check_fields
     from neuro.core.errors import Where, unknown
+    from neuro.core.extension import extensions, run_extensions
     from neuro.core.extras import install
-    from neuro.core.hdf5 import kind, reading, writing
-    from neuro.core.outputs import Kind, Unwritable, check, make_folder, output, sealed, write_picture, write_text
+    from neuro.core.outputs import (
+        Kind,
+        Unwritable,
+        check_output,
+        make_folder,
+        output,
+        sealed,
+        write_picture,
+        write_text,
+    )
+    from neuro.core.quantities import Quantity
     from neuro.core.tables import console, table
+    from neuro.files.checkpoint import Checkpoint
     from neuro.kernels.jit import allocating, inner, kernel
     from neuro.model.language import Node, about, mistake, plain, read, words
 
@@ -35,16 +48,19 @@ _HOMES = {
         "assignments",
         "whole",
     ),
+    "neuro.core.checks": ("check", "check_fields"),
+    "neuro.core.quantities": ("Quantity",),
     "neuro.core.errors": (
         "Where",
         "unknown",
     ),
-    "neuro.core.hdf5": ("kind", "reading", "writing"),
+    "neuro.core.hdf5": (),
+    "neuro.core.extension": ("extensions", "run_extensions"),
     "neuro.core.extras": ("install",),
     "neuro.core.outputs": (
         "Kind",
         "Unwritable",
-        "check",
+        "check_output",
         "make_folder",
         "output",
         "sealed",
@@ -60,6 +76,7 @@ _HOMES = {
         "quantity",
         "sourced",
     ),
+    "neuro.files.checkpoint": ("Checkpoint",),
     "neuro.kernels.jit": (
         "allocating",
         "inner",
@@ -78,8 +95,10 @@ _HOMES = {
 __all__ = [
     "TARGETS",
     "Backend",
+    "Checkpoint",
     "Kind",
     "Node",
+    "Quantity",
     "Seed",
     "Set",
     "Target",
@@ -89,11 +108,14 @@ __all__ = [
     "allocating",
     "assignments",
     "check",
+    "check_fields",
+    "check_output",
     "console",
+    "extensions",
+    "hdf5",
     "inner",
     "install",
     "kernel",
-    "kind",
     "make_folder",
     "mistake",
     "number",
@@ -101,7 +123,7 @@ __all__ = [
     "plain",
     "quantity",
     "read",
-    "reading",
+    "run_extensions",
     "sealed",
     "sourced",
     "table",
@@ -110,7 +132,6 @@ __all__ = [
     "words",
     "write_picture",
     "write_text",
-    "writing",
 ]
 
 if not TYPE_CHECKING:

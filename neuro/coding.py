@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import numpy.typing as npt
 
 from neuro.core.checks import is_number, numbers
 from neuro.core.errors import ModelError
+from neuro.core.registry import Registry
 
 Floats = npt.NDArray[np.float64]
 
@@ -76,3 +79,9 @@ def _checked(r: npt.ArrayLike, r_min: float, r_max: float, window: float) -> Flo
     if outside.any():
         raise ModelError(f"value {values[outside][0]} is outside of [{r_min}, {r_max}]")
     return values
+
+
+CODES: Registry[Callable[..., Floats]] = Registry(
+    "code", (intensity_to_latency, log_intensity_to_latency), group="neuro.codes"
+)
+"""All codes by name: functions of values and named parameters that give spike times."""

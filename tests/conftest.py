@@ -1,6 +1,9 @@
 """Fixtures for all tests."""
 
 import signal
+import sys
+from collections.abc import Iterator
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -51,3 +54,20 @@ def shared() -> Path:
     if not SHARED.is_dir():
         pytest.skip("../shared is not here")
     return SHARED
+
+
+@pytest.fixture
+def registries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """What a test registers, also by files that it runs and that begin with my_, is forgotten."""
+    from neuro.core import extension, registry
+
+    for room in registry._ROOMS:
+        import_module(room)
+    for one in registry._REGISTRIES:
+        for name in ("_parts", "_registered"):
+            monkeypatch.setattr(one, name, dict(getattr(one, name)))
+        monkeypatch.setattr(one, "_closed_by", "")
+    monkeypatch.setattr(extension, "_run", {})
+    yield
+    for name in [name for name in sys.modules if name.startswith("my_")]:
+        del sys.modules[name]

@@ -2,12 +2,15 @@
 
 The ```python blocks of a page run one after the other in one namespace, in a folder of their own that holds a
 `net.yaml` and its results `out.h5`. A ```yaml block with a line `neuro: 1` is loaded and compiled; if its first line is
-a comment with a file's name, it is written there for the blocks that follow. Pages that add a part are followed by
-`test_add_pages`.
+a comment with a file's name, it is written there for the blocks that follow.
+Pages of which a stranger's file is used on the command line are followed in a folder, with their ```console blocks;
+those that add to networks by `test_add_pages`.
 """
 
 import re
 import runpy
+import shlex
+import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,7 +22,8 @@ from neuro.cli import main
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-NEW_CODE = tuple(page.name for page in PAGES if "--with" in page.read_text("utf-8") and page.name.startswith("add-"))
+NEW_CODE = ("add-a-neuron-model.md", "add-a-synapse-rule.md", "add-a-generator.md", "add-a-connection-rule.md")
+WITH_COMMANDS = ("add-an-event-format.md", "add-a-filter.md")
 NEEDS_DATA = ("remus.md",)
 NEEDS_PACKAGE = {"drone_ppo": "stable_baselines3"}
 PAGE_NEEDS = {"run-on-nest.md": "nest"}
@@ -76,7 +80,7 @@ def test_example_network(path, folder):
 
 @pytest.mark.parametrize(
     "page",
-    [p for p in PAGES if p.name not in (*NEW_CODE, *NEEDS_DATA) and runnable(p)],
+    [p for p in PAGES if p.name not in (*NEW_CODE, *WITH_COMMANDS, *NEEDS_DATA) and runnable(p)],
     ids=lambda p: str(p.relative_to(ROOT)),
 )
 def test_page(page, folder, monkeypatch):
@@ -97,3 +101,46 @@ def test_page(page, folder, monkeypatch):
             net = neuro.load(named[1] if named else "block.yaml")
             if net.populations:
                 neuro.compile(net, backend="reference")
+
+
+@pytest.mark.parametrize("page", WITH_COMMANDS)
+def test_page_with_commands(page, tmp_path, monkeypatch):
+    """In an empty folder the commands print what stands below them."""
+    monkeypatch.chdir(tmp_path)
+    space = {"__name__": "page"}
+    for number, (kind, text) in enumerate(blocks(ROOT / "docs" / "how-to" / page)):
+        named = _FILE.match(text)
+        if kind == "console":
+            for command in text.removeprefix("$ ").split("\n$ "):
+                line, _, expected = command.partition("\n")
+                assert printed(line).rstrip("\n") == expected.rstrip("\n"), line
+        elif kind == "diff":
+            change(tmp_path, text.splitlines())
+        elif kind == "python" and named:
+            Path(named[1]).write_text(text.partition("\n")[2])
+        elif kind == "python":
+            exec(compile(text, f"{page}, block {number}", "exec"), space)
+
+
+def printed(line: str) -> str:
+    """What a command line of a page prints, errors first."""
+    program, *words = shlex.split(line)
+    start = {"neuro": ["-c", "from neuro.cli import main; main()"], "python": ["-W", "error"]}[program]
+    done = subprocess.run([sys.executable, *start, *words], capture_output=True, text=True, check=False)
+    return done.stderr + done.stdout
+
+
+def change(tree: Path, lines: list[str]) -> None:
+    """Put each `+` line after the last line named, and remove each `-` line."""
+    path = tree / lines[0].removeprefix("--- ")
+    text, place = path.read_text().splitlines(), -1
+    for line in lines[1:]:
+        if line[0] == "+":
+            place += 1
+            text.insert(place, line[1:])
+        else:
+            place = text.index(line[1:])
+            if line[0] == "-":
+                del text[place]
+                place -= 1
+    path.write_text("\n".join(text) + "\n")

@@ -21,7 +21,7 @@ import neuro
 from neuro import ModelError, events
 from neuro.core import outputs
 from neuro.core.hdf5 import new_file, writing
-from neuro.core.outputs import Unwritable, check, make_folder, marked, output, sealed, write_picture, write_text
+from neuro.core.outputs import Unwritable, check_output, make_folder, marked, output, sealed, write_picture, write_text
 from neuro.events.pictures import gif
 from neuro.events.view import view
 
@@ -262,16 +262,16 @@ def test_descriptors_that_cannot_be_written_to(tmp_path):
     (tmp_path / "a").touch()
     what = "is open for reading, expected a descriptor that can be written to"
     with (tmp_path / "a").open("rb") as reading, pytest.raises(Unwritable, match=rf"{what}$"):
-        check(Path(f"/dev/fd/{reading.fileno()}"), OURS)
+        check_output(Path(f"/dev/fd/{reading.fileno()}"), OURS)
     with pytest.raises(Unwritable, match=r"/dev/fd/999: cannot be written: Bad file descriptor$"):
-        check(Path("/dev/fd/999"), OURS)
+        check_output(Path("/dev/fd/999"), OURS)
 
 
 def test_a_link_into_a_missing_folder_names_it(tmp_path):
     link = tmp_path / "a"
     link.symlink_to(tmp_path / "no" / "b")
     with pytest.raises(Unwritable) as error:
-        check(link, OURS)
+        check_output(link, OURS)
     assert str(error.value) == (f"{link}: leads to {tmp_path}/no/b: expected a link into a folder that is there")
 
 
@@ -294,7 +294,7 @@ def test_what_no_file_can_be_written_to(tmp_path):
             tmp_path / ("a" * 300): "cannot be written: File name too long",
         }.items():
             with pytest.raises(Unwritable) as error:
-                check(path, OURS)
+                check_output(path, OURS)
             assert str(error.value) == f"{path}: {what}"
         assert stat.S_ISSOCK((tmp_path / "s").stat().st_mode)
 
@@ -385,7 +385,7 @@ class TestFull:
     @pytest.mark.parametrize(
         ("kind", "name"),
         [("text", "a"), ("hdf5", "a.h5"), ("network", "a.yaml")]
-        + [("recording", f"a{f.suffixes[0]}") for f in events.formats.FORMATS if f.write],
+        + [("recording", f"a{f.suffixes[0]}") for f in events.formats.FORMATS.values() if f.write],
     )
     def test_nothing_is_left(self, kind, name, tmp_path):
         before = h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_FILE)
@@ -436,7 +436,7 @@ def test_what_a_killed_process_left_is_removed(tmp_path, monkeypatch):
     with subprocess.Popen([sys.executable, "-c", KILLED, path], stdout=subprocess.PIPE, text=True) as running:
         part = running.stdout.readline().strip()
         monkeypatch.setattr(outputs, "_swept", set())
-        check(path, OURS)
+        check_output(path, OURS)
         assert (tmp_path / part).exists()  # it is still written
         running.send_signal(signal.SIGKILL)
     assert path.read_text() == "# ours: old"

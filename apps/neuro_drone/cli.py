@@ -122,7 +122,7 @@ def compare(
         list[str],
         typer.Option("--row", metavar="ROW", help="Only these, e.g. 'snn' or 'dqn steps=150000 drone.v_max=0.5'."),
     ] = [],  # noqa: B006
-    more: Annotated[list[str], typer.Option("--with", metavar="ROW", help="These as well, e.g. dqn.")] = [],  # noqa: B006
+    more: Annotated[list[str], typer.Option("--also", metavar="ROW", help="These as well, e.g. dqn.")] = [],  # noqa: B006
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FOLDER", help="Where models and results are kept.")
     ] = None,

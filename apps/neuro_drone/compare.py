@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from neuro.apps import check, make_folder, sealed, whole, write_text
+from neuro.apps import check_output, make_folder, sealed, whole, write_text
 from neuro_drone.controllers import kind_of
 from neuro_drone.cores import side_by_side
 from neuro_drone.evaluate import Lap, grid, try_out
@@ -152,7 +152,7 @@ class Job:
         known = json.loads(json.dumps(model.told() | {"steps": model.steps, "grid": self.starts}))
         kept = _read(result)
         if kept.get("of") != known:
-            check(result, RESULT)
+            check_output(result, RESULT)
             kept = {"format": FORMAT, "of": known, **self._tried(model, say)}
             write_text(result, json.dumps(kept, indent=1), RESULT)
         say(1.0, f"{kept['error_px']:.2f} px, {kept['laps']} of {kept['starts']} laps")

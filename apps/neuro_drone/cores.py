@@ -12,6 +12,7 @@ from threading import Thread
 from typing import Any, TypeVar
 
 from neuro import ModelError
+from neuro.apps import extensions, run_extensions
 
 __all__ = ["side_by_side"]
 
@@ -48,7 +49,7 @@ def side_by_side(
     context = get_context("spawn")
     told = context.SimpleQueue()
     others = active_children()
-    with ProcessPoolExecutor(count, context, _begin, (told,)) as pool:
+    with ProcessPoolExecutor(count, context, _begin, (told, extensions())) as pool:
         try:
             found = [pool.submit(run, job, _tell) for job in jobs]
             while not (told.empty() and all(one.done() for one in found)):
@@ -77,11 +78,12 @@ def _ignore(told: Any) -> None:
 _TOLD: list[Any] = []
 
 
-def _begin(told: Any) -> None:
+def _begin(told: Any, files: tuple[str, ...]) -> None:
     """Begin a process: keep the way back, leave Ctrl-C to the parent, and end when the parent does."""
     _TOLD[:] = [told]
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_end_with_parent, daemon=True).start()
+    run_extensions(files)
 
 
 def _end_with_parent() -> None:

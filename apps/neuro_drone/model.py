@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.apps import reading, writing
+from neuro.apps import hdf5
 from neuro_drone.controllers import Controller, Learner, kind_of, make
 from neuro_drone.scenario import Scenario
 
@@ -113,7 +113,7 @@ class Model:
         Raises:
             ModelError: it cannot be written, or something else has that name.
         """
-        with writing(path, FORMAT) as file:
+        with hdf5.writing(path, FORMAT) as file:
             for name in ("controller", "seed", "steps", "episode"):
                 file.attrs[name] = getattr(self, name)
             file.attrs["settings"] = json.dumps(dict(self.settings))
@@ -121,7 +121,7 @@ class Model:
             file.attrs.update({"python": platform.python_version(), "neuro": neuro.__version__})
             file.attrs.update({name: version(name) for name in ("numpy", "numba")})
             for group in ("learnt", "history", "network"):
-                put(file, group, getattr(self, group))
+                hdf5.put(file, group, getattr(self, group))
 
     @classmethod
     def load(cls, path: Path) -> Model:
@@ -130,7 +130,7 @@ class Model:
         Raises:
             ModelError: there is no such file, it is something else, or damaged.
         """
-        with reading(path, FORMAT) as file:
+        with hdf5.reading(path, FORMAT) as file:
             return cls(
                 str(file.attrs["controller"]),
                 Scenario.from_words(json.loads(file.attrs["scenario"])),
@@ -138,20 +138,8 @@ class Model:
                 int(file.attrs["steps"]),
                 int(file.attrs["episode"]),
                 json.loads(file.attrs["settings"]),
-                *(take(file, group) for group in ("learnt", "history", "network")),
+                *(hdf5.take(file, group) for group in ("learnt", "history", "network")),
             )
-
-
-def put(file: Any, group: str, arrays: Arrays) -> None:
-    """Write arrays into a group of an open file."""
-    inside = file.create_group(group)
-    for name, array in arrays.items():
-        inside[name] = array
-
-
-def take(file: Any, group: str) -> dict[str, npt.NDArray[Any]]:
-    """The arrays of a group of an open file."""
-    return {name: data[()] for name, data in file[group].items()}
 
 
 def packed(net: neuro.Network) -> dict[str, npt.NDArray[np.uint8]]:

@@ -2,59 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
-from math import inf, isfinite
+from dataclasses import dataclass, field
 from typing import Any
 
-from neuro import ModelError
+from neuro.apps import Quantity, check_fields
 
-__all__ = ["Ball", "Camera", "Drone", "Ground", "Line", "Part", "check", "one_of", "range_of"]
+__all__ = ["Ball", "Camera", "Drone", "Ground", "Line", "Part", "one_of", "range_of"]
 
 
-def range_of(default: float, least: float = -inf, most: float = inf, above: float = -inf, unit: str = "") -> Any:
-    """A field that is a number within bounds; a whole one where the default is."""
-    limits = {"least": least, "most": most, "above": above, "unit": unit}
-    return field(default=default, metadata={"limits": limits})
+def range_of(default: float, unit: str = "", **bounds: Any) -> Any:
+    """A field that is a number within bounds, those of `Quantity`; a whole one where the default is."""
+    kind = "integer" if isinstance(default, int) else "number"
+    return field(default=default, metadata={"quantity": Quantity(unit=unit, kind=kind, **bounds)})
 
 
 def one_of(default: str, *words: str) -> Any:
     """A field that is one of some words."""
-    return field(default=default, metadata={"words": words})
-
-
-def check(what: str, value: Any, default: Any, meta: Any) -> Any:
-    """A value as the field of a part takes it.
-
-    Args:
-        what: its full name, for messages.
-        value: as given.
-        default: of the field, which tells the type.
-        meta: of the field, as `range_of` or `one_of` made it.
-
-    Raises:
-        ModelError: it is of another type or out of its range.
-    """
-    value = value.item() if hasattr(value, "item") and getattr(value, "ndim", 1) == 0 else value
-    if "words" in meta:
-        expected, fits = " or ".join(meta["words"]), isinstance(value, str) and value in meta["words"]
-    elif isinstance(default, bool):
-        expected, fits = "true or false", isinstance(value, bool)
-    else:
-        whole, limits = isinstance(default, int), meta["limits"]
-        expected = ("a whole number" if whole else "a number") + _bounds(limits)
-        fits = isinstance(value, (int, float)) and not isinstance(value, bool) and -inf < value < inf
-        fits = fits and (not whole or value == int(value))
-        fits = fits and limits["least"] <= value <= limits["most"] and value > limits["above"]
-        value = type(default)(value) if fits else value
-    if not fits:
-        raise ModelError(f"{what} = {value!r}: expected {expected}", path=tuple(what.split(".")))
-    return value
-
-
-def _bounds(limits: dict[str, Any]) -> str:
-    signs = ((">", "above"), (">=", "least"), ("<=", "most"))
-    said = [f"{sign} {limits[name]:g}" for sign, name in signs if isfinite(limits[name])]
-    return "".join([" " + " and ".join(said) if said else "", " " + limits["unit"] if limits["unit"] else ""])
+    return field(default=default, metadata={"quantity": Quantity(kind="word", words=words)})
 
 
 class Part:
@@ -64,9 +28,7 @@ class Part:
     _place = ""
 
     def __post_init__(self) -> None:
-        for one in fields(self):  # type: ignore[arg-type]
-            value = check(f"{self._place}.{one.name}", getattr(self, one.name), one.default, one.metadata)
-            object.__setattr__(self, one.name, value)
+        check_fields(self, self._place)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,10 +46,10 @@ class Ball(Part):
 
     _place = "task.ball"
 
-    lap: float = range_of(7.5, above=0.0, most=1000.0, unit="m")
-    speed: float = range_of(0.075, above=0.0, most=20.0, unit="m/s")
-    radius: float = range_of(0.17, above=0.0, most=10.0, unit="m")
-    brightness: float = range_of(0.2, least=0.0, most=1.0)
+    lap: float = range_of(7.5, above=0.0, at_most=1000.0, unit="m")
+    speed: float = range_of(0.075, above=0.0, at_most=20.0, unit="m/s")
+    radius: float = range_of(0.17, above=0.0, at_most=10.0, unit="m")
+    brightness: float = range_of(0.2, at_least=0.0, at_most=1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,11 +68,11 @@ class Line(Part):
 
     _place = "task.line"
 
-    side: float = range_of(3.0, above=0.0, most=1000.0, unit="m")
-    width: float = range_of(0.12, above=0.0, most=10.0, unit="m")
-    speed: float = range_of(0.075, above=0.0, most=20.0, unit="m/s")
-    brightness: float = range_of(0.2, least=0.0, most=1.0)
-    direction: int = range_of(0, least=-1, most=1)
+    side: float = range_of(3.0, above=0.0, at_most=1000.0, unit="m")
+    width: float = range_of(0.12, above=0.0, at_most=10.0, unit="m")
+    speed: float = range_of(0.075, above=0.0, at_most=20.0, unit="m/s")
+    brightness: float = range_of(0.2, at_least=0.0, at_most=1.0)
+    direction: int = range_of(0, at_least=-1, at_most=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,10 +88,10 @@ class Ground(Part):
 
     _place = "ground"
 
-    brightness: float = range_of(0.6, least=0.0, most=1.0)
-    texture: float = range_of(0.0, least=0.0, most=1.0)
-    grain: float = range_of(0.2, least=0.01, most=100.0, unit="m")
-    redraw: bool = False
+    brightness: float = range_of(0.6, at_least=0.0, at_most=1.0)
+    texture: float = range_of(0.0, at_least=0.0, at_most=1.0)
+    grain: float = range_of(0.2, at_least=0.01, at_most=100.0, unit="m")
+    redraw: bool = field(default=False, metadata={"quantity": Quantity(kind="boolean")})
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,16 +111,16 @@ class Camera(Part):
 
     _place = "camera"
 
-    tilt: float = range_of(60.0, least=1.0, most=90.0, unit="degrees")
-    fov: float = range_of(65.0, least=10.0, most=150.0, unit="degrees")
+    tilt: float = range_of(60.0, at_least=1.0, at_most=90.0, unit="degrees")
+    fov: float = range_of(65.0, at_least=10.0, at_most=150.0, unit="degrees")
     mount: str = one_of("gimbal", "gimbal", "body")
-    shake: float = range_of(0.0, least=0.0, most=5.0, unit="degrees")
-    pos_thres: float = range_of(0.15, least=0.01, most=10.0)
-    neg_thres: float = range_of(0.15, least=0.01, most=10.0)
-    sigma_thres: float = range_of(0.0, least=0.0, most=1.0)
-    leak_rate_hz: float = range_of(0.0, least=0.0, most=1000.0, unit="Hz")
-    shot_noise_rate_hz: float = range_of(0.0, least=0.0, most=1000.0, unit="Hz")
-    refractory_period_s: float = range_of(0.0, least=0.0, most=1.0, unit="s")
+    shake: float = range_of(0.0, at_least=0.0, at_most=5.0, unit="degrees")
+    pos_thres: float = range_of(0.15, at_least=0.01, at_most=10.0)
+    neg_thres: float = range_of(0.15, at_least=0.01, at_most=10.0)
+    sigma_thres: float = range_of(0.0, at_least=0.0, at_most=1.0)
+    leak_rate_hz: float = range_of(0.0, at_least=0.0, at_most=1000.0, unit="Hz")
+    shot_noise_rate_hz: float = range_of(0.0, at_least=0.0, at_most=1000.0, unit="Hz")
+    refractory_period_s: float = range_of(0.0, at_least=0.0, at_most=1.0, unit="s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,8 +141,8 @@ class Drone(Part):
     _place = "drone"
 
     physics: str = one_of("kinematic", "kinematic", "bullet")
-    height: float = range_of(2.4, above=0.0, most=1000.0, unit="m")
-    v_max: float = range_of(2.0, above=0.0, most=20.0, unit="m/s")
-    yaw_max: float = range_of(0.8, above=0.0, most=10.0, unit="rad/s")
-    lag: float = range_of(0.2, least=0.01, most=10.0, unit="s")
-    a_max: float = range_of(3.0, above=0.0, most=30.0, unit="m/s^2")
+    height: float = range_of(2.4, above=0.0, at_most=1000.0, unit="m")
+    v_max: float = range_of(2.0, above=0.0, at_most=20.0, unit="m/s")
+    yaw_max: float = range_of(0.8, above=0.0, at_most=10.0, unit="rad/s")
+    lag: float = range_of(0.2, at_least=0.01, at_most=10.0, unit="s")
+    a_max: float = range_of(3.0, above=0.0, at_most=30.0, unit="m/s^2")

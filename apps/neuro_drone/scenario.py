@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from neuro import ModelError
-from neuro.apps import Node, Where, about, mistake, plain, read, unknown, words
-from neuro_drone.parts import Ball, Camera, Drone, Ground, Line, Part, check, range_of
+from neuro.apps import Node, Quantity, Where, about, check, check_fields, mistake, plain, read, unknown, words
+from neuro_drone.parts import Ball, Camera, Drone, Ground, Line, Part, range_of
 
 __all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Scenario", "load", "pair"]
 
@@ -22,6 +22,9 @@ TASKS: dict[str, type[Ball | Line]] = {"ball": Ball, "line": Line}
 NOWHERE = Where("")
 BULLET_A_MAX = 8.0
 """m/s^2; a rigid body that is asked for more sinks and turns away, since its rotors are at their limits."""
+SEED = Quantity(whole=True, at_least=0)
+ERROR = Quantity(at_least=-180, at_most=180)
+"""Of an axis at the beginning, px or degrees."""
 PARTS: dict[str, type[Part]] = {"camera": Camera, "ground": Ground, "drone": Drone}
 
 
@@ -43,28 +46,26 @@ class Scenario:
     """
 
     name: str = "B60"
-    step: float = range_of(50.0, least=0.1, most=1000.0, unit="ms")
+    step: float = range_of(50.0, at_least=0.1, at_most=1000.0, unit="ms")
     task: Ball | Line = field(default_factory=Ball)
     camera: Camera = field(default_factory=Camera)
     ground: Ground = field(default_factory=Ground)
     drone: Drone = field(default_factory=Drone)
-    light: float = range_of(1.0, least=0.001, most=1000.0)
+    light: float = range_of(1.0, at_least=0.001, at_most=1000.0)
     start: tuple[float, float] | None = None
     seed: int | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise ModelError(f"name = {self.name!r}: expected a word", path=("name",))
-        for one in fields(self):
-            if "limits" in one.metadata:
-                value = check(one.name, getattr(self, one.name), one.default, one.metadata)
-                object.__setattr__(self, one.name, value)
+        check_fields(self)
         if not isclose(self.step * 1000.0, round(self.step * 1000.0), rel_tol=1e-12):
             raise ModelError(f"step = {self.step!r}: expected whole microseconds", path=("step",))
         if self.start is not None:
             object.__setattr__(self, "start", pair("start", self.start))
         if self.seed is not None:
-            object.__setattr__(self, "seed", check("seed", self.seed, 0, range_of(0, least=0).metadata))
+            check(SEED, self.seed, "seed")
+            object.__setattr__(self, "seed", int(self.seed))
         self._together()
 
     def _together(self) -> None:
@@ -209,7 +210,7 @@ def pair(what: str, value: Any) -> tuple[float, float]:
     value = value.tolist() if hasattr(value, "tolist") else value
     if not isinstance(value, (list, tuple)) or len(value) != 2:
         raise ModelError(f"{what} = {value!r}: expected two numbers, the error on both axes", path=("start",))
-    first, second = (check(what, one, 0.0, range_of(0.0, least=-180.0, most=180.0).metadata) for one in value)
+    first, second = (check(ERROR, one, what) for one in value)
     return first, second
 
 

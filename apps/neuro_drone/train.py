@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.apps import check, kind
-from neuro_drone import checkpoint, cores
+from neuro.apps import Checkpoint, check_output, hdf5
+from neuro_drone import cores
 from neuro_drone.controllers import Learner, kind_of, make, settings_of
 from neuro_drone.env import DroneEnv
 from neuro_drone.model import FORMAT, Model, packed
@@ -109,8 +109,12 @@ def train(
         model = model.trained(0, learner.learnt(), {})
     if out is not None:
         model.save(out)
-        checkpoint.beside(out).unlink(missing_ok=True)
+        _checkpoint(out, model, steps).remove()
     return model
+
+
+def _checkpoint(out: Path, model: Model, steps: int) -> Checkpoint:
+    return Checkpoint(out, "neuro drone training 1", model.told() | {"steps": steps})
 
 
 def _made(out: Path, model: Model, steps: int) -> Model | None:
@@ -118,9 +122,9 @@ def _made(out: Path, model: Model, steps: int) -> Model | None:
     if out.is_file():
         made = Model.load(out)
         if made.told() | {"steps": made.steps} == model.told() | {"steps": steps}:
-            checkpoint.beside(out).unlink(missing_ok=True)
+            _checkpoint(out, model, steps).remove()
             return made
-    check(out, kind(FORMAT))
+    check_output(out, hdf5.kind(FORMAT))
     return None
 
 
@@ -128,9 +132,11 @@ def _learn(
     learner: Learner, model: Model, steps: int, out: Path | None, report: Report | None
 ) -> dict[str, npt.NDArray[Any]]:
     """Fly episodes until all steps are done; gives their history."""
-    told = model.told() | {"steps": steps}
-    found = {} if out is None else checkpoint.resume(checkpoint.beside(out), learner, told)
-    history: dict[str, list[Any]] = {name: found[name].tolist() if found else [] for name in _KINDS}
+    checkpoint = None if out is None else _checkpoint(out, model, steps)
+    found = checkpoint.resume() if checkpoint else {}
+    if found:
+        learner.restore(found["state"])
+    history: dict[str, list[Any]] = {name: found["history"][name].tolist() if found else [] for name in _KINDS}
     env = DroneEnv(model.scenario)
     done = kept = sum(history["steps"])
     while done < steps:
@@ -141,8 +147,8 @@ def _learn(
         done += flown[0]
         if report is not None:
             report(Progress(model.seed, index, done, steps, flown[1], flown[2]))
-        if out is not None and done - kept >= KEEP and done < steps:
-            checkpoint.keep(checkpoint.beside(out), learner, _arrays(history), told)
+        if checkpoint and done - kept >= KEEP and done < steps:
+            checkpoint.keep(state=learner.state(), history=_arrays(history))
             kept = done
     env.close()
     return _arrays(history)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from neuro.apps import Unwritable, writing
+from neuro.apps import Unwritable, hdf5
 from neuro.events import EventFileError, Recordings
 from neuro_remus.bars import shown
 from neuro_remus.frontend import FrontEnd
@@ -166,7 +166,7 @@ def _cache_file(data: Recordings, front: FrontEnd, cache: str | os.PathLike[str]
 def _write(file: Path, spikes: Spikes, front: FrontEnd) -> None:
     """Keep spikes, in the place of a file that could not be read."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    with writing(file, FORMAT, replace=True) as f:
+    with hdf5.writing(file, FORMAT, replace=True) as f:
         f["ticks"] = np.rint(spikes.times / front.resolution).astype(np.uint16)
         f["ids"] = spikes.ids.astype(np.uint16)
         f["offsets"], f["sample"], f["labels"] = spikes.offsets, spikes.sample, spikes.labels

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from neuro import ModelError
 from neuro.coding import log_intensity_to_latency
 from neuro.events import Events, msd_segments
 from neuro_remus.gabor import gabor_bank
@@ -74,13 +75,13 @@ class FrontEnd:
             The events inside the field, and (frames + 1,) bounds: frame i is ``[bounds[i], bounds[i + 1])``.
 
         Raises:
-            ValueError: more than 5 % of the events lie outside of the field.
+            ModelError: more than 5 % of the events lie outside of the field.
         """
         width, height = self.size
         inside = (events.x < width) & (events.y < height)
         outside = len(events) - int(np.count_nonzero(inside))
         if outside > MAX_OUTSIDE * len(events):
-            raise ValueError(
+            raise ModelError(
                 f"{outside} of {len(events)} events lie outside of the {width}x{height} field that is "
                 f"looked at, expected at most {MAX_OUTSIDE:.0%}; crop the recording round the object first"
             )

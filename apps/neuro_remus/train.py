@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.apps import check, kind
-from neuro_remus import checkpoint
+from neuro.apps import Checkpoint, check_output, hdf5
 from neuro_remus.features import Spikes
 from neuro_remus.model import FORMAT, LEARNT, Model, network_of, to_text
 from neuro_remus.settings import Settings
@@ -74,22 +74,39 @@ def train(
     net = network_of(settings, len(spikes.classes))
     told = {"settings": settings.as_words() | {"epochs": 0}, "seed": seed, "backend": backend, "data": digest(spikes)}
     training = {name: told[name] for name in ("seed", "backend", "data")} | {"recordings": len(spikes)}
-    if out is not None and (made := _made(out, settings, training)) is not None:
-        checkpoint.beside(out).unlink(missing_ok=True)
-        return made
-    if out is not None:
-        check(out, kind(FORMAT))
+    checkpoint = None if out is None else Checkpoint(out, "neuro remus training 1", told)
+    if out is not None and checkpoint is not None:
+        if (made := _made(out, settings, training)) is not None:
+            checkpoint.remove()
+            return made
+        check_output(out, hdf5.kind(FORMAT))
     sim = neuro.compile(net, backend=backend, seed=seed)
-    history = checkpoint.resume(checkpoint.beside(out), sim, told) if out is not None else []
+    history: list[float] = []
+    if checkpoint and (found := checkpoint.resume()):
+        history = found["history"].tolist()
+        _restore(sim, found["state"])
     for epoch in range(len(history), settings.epochs):
         history.append(_epoch(sim, net, spikes, settings, seed, epoch, report))
-        if out is not None:
-            checkpoint.keep(checkpoint.beside(out), sim, history, told)
+        if checkpoint:
+            checkpoint.keep(history=np.array(history), state=_state(sim))
     model = Model(settings, spikes.classes, to_text(net), sim.weights(LEARNT), np.array(history), training)
-    if out is not None:
+    if out is not None and checkpoint is not None:
         model.save(out)
-        checkpoint.beside(out).unlink(missing_ok=True)
+        checkpoint.remove()
     return model
+
+
+def _state(sim: neuro.Simulation) -> npt.NDArray[np.uint8]:
+    """The file that `Simulation.save` writes, as bytes."""
+    with tempfile.TemporaryDirectory() as folder:
+        sim.save(Path(folder) / "state.h5")
+        return np.fromfile(Path(folder) / "state.h5", np.uint8)
+
+
+def _restore(sim: neuro.Simulation, state: npt.NDArray[np.uint8]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        state.tofile(Path(folder) / "state.h5")
+        sim.restore(Path(folder) / "state.h5")
 
 
 def digest(spikes: Spikes) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from neuro.cli.extensions import with_extensions
 from neuro.core.errors import ModelError, unknown
 
 GROUP = "neuro.commands"
@@ -27,7 +28,8 @@ class Commands(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """A command as help shows it; None if there is none of that name."""
         entry = apps().get(cmd_name)
-        return super().get_command(ctx, cmd_name) or (placeholder(entry) if entry else None)
+        ours = super().get_command(ctx, cmd_name)
+        return with_extensions(ours) if ours else placeholder(entry) if entry else None
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
         """The command to run, which is imported now.
@@ -39,7 +41,7 @@ class Commands(TyperGroup):
         if name not in known:
             raise unknown("command", name, known)
         command = super().get_command(ctx, name) or load(apps()[name])
-        return name, command, args[1:]
+        return name, with_extensions(command), args[1:]
 
     def invoke(self, ctx: Any) -> None:
         """Run; what a command returns is not an exit status."""

@@ -36,7 +36,7 @@ def run(
     from neuro.cli.progress import Bar, advance
     from neuro.core.clock import Clock
     from neuro.core.launch import shared, speaks
-    from neuro.core.outputs import check, output
+    from neuro.core.outputs import check_output, output
     from neuro.files.results import KIND, write
     from neuro.model.language import load
     from neuro.run.collect import collect
@@ -48,7 +48,7 @@ def run(
     keep_spikes(net, record)
     with Bar() as bar, ExitStack() as files:
         # One of several processes may be killed where it cannot tidy up: they begin the file when all else is done.
-        check(out, KIND)
+        check_output(out, KIND)
         part = files.enter_context(output(out, KIND)) if not shared() else None
         try:
             bar.say("preparing")

@@ -6,6 +6,7 @@ import math
 import re
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,22 @@ def check(q: Quantity, value: Any, what: str, path: tuple[str, ...] = ()) -> Any
     except ModelError as error:
         error.path = (*(path or (re.split(r"[^\w]", what)[-1],)), *error.path)
         raise
+
+
+def check_fields(part: Any, place: str = "") -> None:
+    """Bring the fields of a frozen dataclass that carry a `Quantity` to their canonical form.
+
+    Args:
+        part: the dataclass, from its `__post_init__`.
+        place: what stands before the names of its fields in messages, e.g. "task.ball".
+
+    Raises:
+        ModelError: as `check`; its path are the words of `place` and the field's name.
+    """
+    for one in fields(part):
+        if q := one.metadata.get("quantity"):
+            words = (*filter(None, place.split(".")), one.name)
+            object.__setattr__(part, one.name, check(q, getattr(part, one.name), ".".join(words), words))
 
 
 def wrong(q: Quantity, value: Any, what: str, *index: int) -> ModelError:

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from json import JSONDecodeError
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from neuro.core.errors import ModelError
 from neuro.core.outputs import Kind, output
 from neuro.core.paths import existing
 
-__all__ = ["has_format", "kind", "new_file", "reading", "writing"]
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+__all__ = ["has_format", "kind", "new_file", "put", "reading", "take", "writing"]
 
 
 def kind(format: str, what: str = "") -> Kind:
@@ -130,3 +133,23 @@ def reading(path: Path, what: str) -> Iterator[Any]:
         raise ModelError(f"{path}: not a {what}") from None
     except (KeyError, TypeError, AttributeError, JSONDecodeError) as error:
         raise ModelError(f"{path}: damaged {what}: {error}") from None
+
+
+def put(file: Any, name: str, part: npt.NDArray[Any] | Mapping[str, npt.NDArray[Any]]) -> None:
+    """Write an array, or a group of arrays, into an open file; plain bytes are packed."""
+    import numpy as np
+
+    if isinstance(part, Mapping):
+        group = file.create_group(name)
+        for inner, array in part.items():
+            group[inner] = array
+    elif part.dtype == np.uint8:
+        file.create_dataset(name, data=part, compression="gzip", compression_opts=1)
+    else:
+        file[name] = part
+
+
+def take(file: Any, name: str) -> Any:
+    """The array, or the arrays by name, that `put` wrote."""
+    part = file[name]
+    return {inner: data[()] for inner, data in part.items()} if hasattr(part, "items") else part[()]

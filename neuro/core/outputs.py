@@ -40,7 +40,7 @@ __all__ = [
     "PNG",
     "Kind",
     "Unwritable",
-    "check",
+    "check_output",
     "make_folder",
     "marked",
     "output",
@@ -152,10 +152,10 @@ def output(path: str | os.PathLike[str], kind: Kind, replace: bool = False) -> I
         replace: whether the user asks for the place of any other file.
 
     Raises:
-        Unwritable: see `check`; or the disk is full.
+        Unwritable: see `check_output`; or the disk is full.
     """
     path = file_path(path, "path")
-    check(path, kind, replace)
+    check_output(path, kind, replace)
     part = _part(path)
     try:
         with _telling(path, part):
@@ -166,7 +166,7 @@ def output(path: str | os.PathLike[str], kind: Kind, replace: bool = False) -> I
         part.unlink(missing_ok=True)
 
 
-def check(path: Path, kind: Kind, replace: bool = False) -> None:
+def check_output(path: Path, kind: Kind, replace: bool = False) -> None:
     """See whether a file may be written, before long work; nothing is left behind.
 
     Args:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
+from importlib import import_module
 from importlib.metadata import EntryPoints, entry_points
 from typing import Any, Generic, TypeVar, overload
 
@@ -17,6 +18,16 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 _REGISTRIES: list[Registry[Any]] = []
+_ROOMS = (
+    "neuro.model.neurons",
+    "neuro.model.synapses",
+    "neuro.model.rules",
+    "neuro.model.distributions",
+    "neuro.events",
+    "neuro.events.formats",
+    "neuro.coding",
+)
+"""Where registries are made. A class or an instance has brought its own along; a plain function has not."""
 
 
 class Registry(Mapping[str, T], Generic[T]):
@@ -39,7 +50,7 @@ class Registry(Mapping[str, T], Generic[T]):
         *,
         takes: Callable[[object], bool] | None = None,
         group: str = "",
-        name: Callable[[Any], str] = lambda part: part.called() if hasattr(part, "called") else part.__name__,
+        name: Callable[[Any], str] = lambda part: _called(part),
         complete: Callable[[Any], Any] = lambda part: part,
     ) -> None:
         self.kind, self.takes, self._group, self._name, self._complete = kind, takes, group, name, complete
@@ -88,7 +99,10 @@ class Registry(Mapping[str, T], Generic[T]):
         return self._parts[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(dict.fromkeys((*self._parts, *self._registered, *self._entries())))
+        """Names, those of installed packages last: who finds a part before them does not look them up."""
+        here = dict.fromkeys((*self._parts, *self._registered))
+        yield from here
+        yield from (name for name in sorted(self._entries()) if name not in here)
 
     def __len__(self) -> int:
         return len(list(iter(self)))
@@ -121,6 +135,10 @@ class Registry(Mapping[str, T], Generic[T]):
             raise ModelError(str(error)) from None
         self._whole[id(part)] = part
         return complete
+
+
+def _called(part: Any) -> str:
+    return str(part.called() if hasattr(part, "called") else getattr(part, "__name__", ""))
 
 
 @cache
@@ -161,10 +179,27 @@ def register(thing: Any = None, *, kind: str = "") -> Any:
 
 
 def _registry_of(thing: object, kind: str) -> Registry[Any]:
-    for registry in _REGISTRIES:
-        if registry.kind == kind if kind else registry.takes is not None and registry.takes(thing):
-            return registry
+    found = next((registry for registry in _REGISTRIES if _is_of(registry, thing, kind)), None)
+    if found is None:
+        for room in _ROOMS:
+            import_module(room)
+        found = next((registry for registry in _REGISTRIES if _is_of(registry, thing, kind)), None)
+    if found is not None:
+        return found
     kinds = ", ".join(sorted(registry.kind for registry in _REGISTRIES))
     hint = "write neuro.register(kind=...) above a function" if callable(thing) and not kind else ""
+    if any(registry.kind == kind for registry in _REGISTRIES):
+        raise ModelError(f"neuro.register: found {thing!r:.60}: expected a {kind}", where=here())
     what = f"kind = {kind!r}" if kind else f"found {thing!r:.60}"
     raise ModelError(f"neuro.register: {what}: expected one of these: {kinds}", where=here(), hint=hint)
+
+
+def _is_of(registry: Registry[Any], thing: object, kind: str) -> bool:
+    if kind:
+        return registry.kind == kind and (registry.takes or callable)(thing)
+    return registry.takes is not None and registry.takes(thing)
+
+
+def registered() -> int:
+    """How many parts have been registered so far."""
+    return sum(len(registry._registered) for registry in _REGISTRIES)

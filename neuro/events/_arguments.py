@@ -7,7 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from neuro.core.checks import check
 from neuro.core.errors import ModelError
+from neuro.core.quantities import Quantity
 
 
 def positive(name: str, value: float, unit: str = "") -> float:
@@ -16,9 +18,7 @@ def positive(name: str, value: float, unit: str = "") -> float:
     Raises:
         ModelError: it is none.
     """
-    if not value > 0:
-        raise ModelError(f"{name} is {value}{unit and ' '}{unit}, expected more than 0")
-    return float(value)
+    return float(check(Quantity(unit=unit, above=0, infinite=True), value, name))
 
 
 def whole(name: str, value: int, least: int = 1) -> int:
@@ -27,8 +27,7 @@ def whole(name: str, value: int, least: int = 1) -> int:
     Raises:
         ModelError: it is none, or too small.
     """
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise ModelError(f"{name} is {value!r}, expected a whole number of at least {least}")
+    check(Quantity(whole=True, at_least=least), value, name)
     return int(value)
 
 
@@ -97,6 +96,4 @@ def choice(name: str, value: str, known: Sequence[str]) -> str:
     Raises:
         ModelError: it is another.
     """
-    if value not in known:
-        raise ModelError(f"{name} is {value!r}, expected one of {', '.join(repr(word) for word in known)}")
-    return value
+    return str(check(Quantity(kind="word", words=tuple(known)), value, name))

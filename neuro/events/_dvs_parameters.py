@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from math import log
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from neuro.core.checks import check_fields
 from neuro.core.errors import ModelError
+from neuro.core.quantities import quantity
 
 Image = npt.NDArray[Any]
 
@@ -52,26 +54,20 @@ class DVSParameters:
         0.0
     """
 
-    pos_thres: float = 0.2
-    neg_thres: float = 0.2
-    sigma_thres: float = 0.03
-    refractory_period_s: float = 1e-4
-    leak_rate_hz: float = 0.1
-    noise_rate_cov_decades: float = 0.1
-    shot_noise_rate_hz: float = 0.1
-    shot_noise_bright: float = 0.25
-    cutoff_hz: float = 0.0
-    linear_below: float = 20.0 / GREYS
-    floor: float = 0.0
+    pos_thres: float = quantity(0.2, at_least=LOWEST_THRESHOLD)
+    neg_thres: float = quantity(0.2, at_least=LOWEST_THRESHOLD)
+    sigma_thres: float = quantity(0.03, at_least=0)
+    refractory_period_s: float = quantity(1e-4, "s", at_least=0)
+    leak_rate_hz: float = quantity(0.1, "Hz", at_least=0)
+    noise_rate_cov_decades: float = quantity(0.1, at_least=0)
+    shot_noise_rate_hz: float = quantity(0.1, "Hz", at_least=0)
+    shot_noise_bright: float = quantity(0.25, at_least=0, at_most=1)
+    cutoff_hz: float = quantity(0.0, "Hz", at_least=0)
+    linear_below: float = quantity(20.0 / GREYS, at_least=0, at_most=1)
+    floor: float = quantity(0.0, at_least=0)
 
     def __post_init__(self) -> None:
-        lowest = {"pos_thres": LOWEST_THRESHOLD, "neg_thres": LOWEST_THRESHOLD}
-        highest = {"shot_noise_bright": 1.0, "linear_below": 1.0}
-        for name in (field.name for field in fields(self)):
-            value, low, high = getattr(self, name), lowest.get(name, 0.0), highest.get(name)
-            if not low <= value < np.inf or (high is not None and value > high):
-                wanted = f"a number of at least {low}" if high is None else f"{low} to {high}"
-                raise ModelError(f"{name} is {value}, expected {wanted}")
+        check_fields(self)
         if 0.0 < self.linear_below <= 2.0 / GREYS:
             raise ModelError(f"linear_below is {self.linear_below}, expected 0 or more than 2/255")
         if self.linear_below == 0.0 and self.floor < 1e-9:

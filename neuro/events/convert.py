@@ -14,7 +14,7 @@ from typing import Any, cast
 from neuro.events._events import Events
 from neuro.events.errors import EventFileError
 from neuro.events.files import load, save, stream
-from neuro.events.formats import FORMATS, Unsavable, called
+from neuro.events.formats import Unsavable, called, written
 from neuro.events.source import Given
 
 STANDARD = "-"
@@ -131,11 +131,10 @@ def write(
 
 
 def _write_out(parts: Iterator[Events], format: str | None) -> None:
-    written = [f for f in FORMATS if f.write]
-    chosen = None if format is None else called(format, written)
+    chosen = None if format is None else called(format, written())
     if chosen is None or chosen.write is None:
         told = "to no format" if format is None else f"as format {format!r}"
-        raise EventFileError(OUTPUT, f"cannot write {told}, expected one of {', '.join(f.name for f in written)}")
+        raise EventFileError(OUTPUT, f"cannot write {told}, expected one of {', '.join(f.name for f in written())}")
     sys.stdout.flush()
     try:
         if chosen.name in STREAMED:

@@ -14,7 +14,7 @@ from neuro.events import _arguments
 from neuro.events._events import Events
 from neuro.events.check import Arrays, Checked, joined
 from neuro.events.errors import EventFileError
-from neuro.events.formats import FORMATS, Format, Unsavable, called
+from neuro.events.formats import Format, Unsavable, called, written
 from neuro.events.formats._write import in_order
 from neuro.events.opening import Opened, opened, smallest
 from neuro.events.parts import batches, between, windows
@@ -212,16 +212,15 @@ def _parts_of(events: object) -> Iterator[Events]:
 
 
 def _writer(path: Path, format: str | None):  # type: ignore[no-untyped-def]
-    written = [f for f in FORMATS if f.write]
     if format is not None:
-        if not isinstance(format, str) or (chosen := called(format, written)) is None:
-            known = ", ".join(f.name for f in written)
+        if not isinstance(format, str) or (chosen := called(format, written())) is None:
+            known = ", ".join(f.name for f in written())
             raise EventFileError(str(path), f"cannot save as format {format!r}, expected one of {known}")
         return chosen.write
-    for f in written:
+    for f in written():
         if path.name.lower().endswith(f.suffixes):
             return f.write
-    endings = ", ".join(dict.fromkeys(suffix for f in written for suffix in f.suffixes))
+    endings = ", ".join(dict.fromkeys(suffix for f in written() for suffix in f.suffixes))
     raise EventFileError(str(path), f"cannot save as {path.suffix!r}, expected {endings}")
 
 

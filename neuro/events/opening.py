@@ -135,19 +135,20 @@ def find(source: Source, format: str | None = None) -> Format:
     """
     if format is not None:
         kind, colon, place = format.partition(":") if isinstance(format, str) else ("", "", "")
-        if (found := called(kind, FORMATS)) is None or (colon and found.inside is None):
-            known = ", ".join(f.name for f in FORMATS)
+        if (found := called(kind, FORMATS.values())) is None or (colon and found.inside is None):
+            known = ", ".join(FORMATS)
             raise EventFileError(source.name, f"unknown format {format!r}, expected one of {known}")
         inside = found.inside
         return replace(found, open=lambda data: inside(data, place)) if inside and place else found
     head = source.head(HEAD)
-    for f in FORMATS:
-        if f.knows(head):
-            return f
-    for f in FORMATS:
+    for guesses in (False, True):
+        for f in FORMATS.values():
+            if f.guesses == guesses and f.knows(head):
+                return f
+    for f in FORMATS.values():
         if source.name.lower().endswith(f.suffixes):
             return f
-    titles = ", ".join(f"{f.title} ({' '.join(f.suffixes)})" for f in FORMATS)
+    titles = ", ".join(f"{f.title} ({' '.join(f.suffixes)})" for f in FORMATS.values())
     raise EventFileError(source.name, f"unknown kind of event file, expected one of: {titles}")
 
 

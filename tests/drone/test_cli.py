@@ -91,7 +91,7 @@ def test_controllers_that_do_not_learn_are_tested_by_name(neuro):
 
 def test_compare_is_kept_and_told(neuro, tmp_path):
     words = ("compare", "--scenario", "short.yaml", "--steps", 200, "--seeds", 2, "--starts", 1, "--row", "oracle")
-    words = (*words, "--row", "lms", "--with", "lms gain=4 steps=300", "--out", "kept")
+    words = (*words, "--row", "lms", "--also", "lms gain=4 steps=300", "--out", "kept")
     code, out, err = neuro(*words, "--json")
     assert code == 0
     oracle, lms, other = json.loads(out)["rows"]
@@ -154,7 +154,7 @@ MISTAKES = {
     "watch oracle.h5 --out no/lap.html": "no/lap.html: cannot be written: No such file or directory",
     "watch oracle.h5 --out lap.gif": "lap.gif: a lap is written as a page for a browser: expected a name that ends in "
     ".html",
-    "watch oracle.h5 --start 900 0": "option start = 900.0: expected a number >= -180 and <= 180",
+    "watch oracle.h5 --start 900 0": "option start = 900: expected a number >= -180 and <= 180",
 }
 
 
@@ -169,7 +169,7 @@ def test_mistakes(neuro, tmp_path, words):
 
 def test_a_missing_extra_is_told_before_any_work(neuro, monkeypatch):
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
-    code, out, err = neuro("compare", "--scenario", "short.yaml", "--with", "dqn")
+    code, out, err = neuro("compare", "--scenario", "short.yaml", "--also", "dqn")
     assert (code, out) == (2, "")
     assert err == f"error: controller 'dqn': stable-baselines3 is not installed\n  hint: {install('rl')}\n"
 

@@ -3,6 +3,7 @@
 import sys
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -13,7 +14,6 @@ from hypothesis import strategies as st
 import neuro
 from neuro.core.extras import install
 from neuro_drone import train as training
-from neuro_drone.checkpoint import beside
 from neuro_drone.controllers import CONTROLLERS, make
 from neuro_drone.controllers.agents import DDPG, DQN
 from neuro_drone.controllers.dense import Dense, observed
@@ -22,6 +22,12 @@ from neuro_drone.evaluate import grid, try_out
 from neuro_drone.model import Model
 from neuro_drone.scenario import load
 from neuro_drone.train import train
+
+
+def beside(model: Path) -> Path:
+    """Where the checkpoint of a model lies."""
+    return model.with_name(f"{model.name}.training")
+
 
 AGENTS = {"dqn": DQN, "ddpg": DDPG}
 SMALL = {"warm": 50, "batch": 8, "hidden": 16, "buffer": 1000}
@@ -206,9 +212,13 @@ def test_without_the_extra(name, monkeypatch):
     ("settings", "text"),
     [
         ({"hidden": 1.5}, "controller 'dqn': hidden = 1.5: expected a whole number >= 1"),
-        ({"gamma": 1.1}, "controller 'dqn': gamma = 1.1: expected a number from 0 to 1"),
-        ({"rate": 0.0}, "controller 'dqn': rate = 0.0: expected a number > 0"),
-        ({"observation": "frame"}, "controller 'dqn': observation = 'frame': expected binary or counts"),
+        ({"gamma": 1.1}, "controller 'dqn': gamma = 1.1: expected a number >= 0 and <= 1"),
+        ({"rate": 0.0}, "controller 'dqn': rate = 0: expected a number > 0"),
+        (
+            {"observation": "frame"},
+            "controller 'dqn': observation = 'frame': expected one of binary, counts\n  hint: "
+         "known: binary, counts",
+        ),
         ({"noise": 0.1}, "unknown setting of controller 'dqn' 'noise'\n  hint: known: "
          "batch, buffer, copy, every, explore, gamma, hidden, observation, random, rate, warm"),
         ({"gama": 0.9}, "unknown setting of controller 'dqn' 'gama'\n  hint: did you mean 'gamma'?"),

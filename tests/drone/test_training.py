@@ -4,17 +4,23 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import neuro
-from neuro_drone import checkpoint
 from neuro_drone import train as training
 from neuro_drone.evaluate import Start, grid, try_out
 from neuro_drone.model import Model
 from neuro_drone.scenario import load
 from neuro_drone.train import Job, side_by_side, train
+
+
+def beside(model: Path) -> Path:
+    """Where the checkpoint of a model lies."""
+    return model.with_name(f"{model.name}.training")
+
 
 SHORT = load("A60", **{"task": {"ball": {"lap": 1.5, "speed": 0.15}}})  # a lap of 500 steps
 KILLED = """
@@ -38,14 +44,14 @@ def test_killed_and_continued_equals_uninterrupted(tmp_path, model):
     out = tmp_path / "model.h5"
     died = subprocess.run([sys.executable, "-c", KILLED, str(out)], check=False)
     assert died.returncode == -9
-    assert checkpoint.beside(out).exists()
+    assert beside(out).exists()
     assert not out.exists()
     reports = []
     continued = train("B60", steps=1000, seed=4, out=out, report=reports.append)
     assert reports[0].step > 400  # not from the beginning
     assert (continued.learnt["cells_motors"] == model.learnt["cells_motors"]).all()
     assert all((continued.history[name] == model.history[name]).all() for name in model.history)
-    assert not checkpoint.beside(out).exists()
+    assert not beside(out).exists()
     assert train("B60", steps=1000, seed=4, out=out, report=reports.append).steps == 1000  # done: not again
     assert reports[-1].step == 1000
 
@@ -63,7 +69,7 @@ def test_checkpoint_of_another_training(tmp_path, monkeypatch):
     with pytest.raises(neuro.ModelError) as error:
         train("B60", "lms", steps=400, seed=1, out=out)
     assert str(error.value) == (
-        f"{checkpoint.beside(out)}: an unfinished training with another seed: 0: found 1 now\n"
+        f"{beside(out)}: an unfinished training with seed = 0: found 1 now\n"
         "  hint: give the same options to continue it, or delete the file"
     )
 

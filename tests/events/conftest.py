@@ -14,7 +14,7 @@ from neuro.events.opening import find
 from neuro.events.source import Source
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data" / "formats"
-KNOWN = {f.name: f for f in FORMATS}
+KNOWN = {f.name: f for f in FORMATS.values()}
 
 
 def _aedat3():

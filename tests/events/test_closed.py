@@ -18,7 +18,7 @@ from neuro.events.info import info
 GOOD = Events([5, 6, 7], [0, 1, 2], [2, 1, 0], [0, 1, 0], (34, 34))
 
 
-KNOWN = {f.name: f for f in FORMATS}
+KNOWN = {f.name: f for f in FORMATS.values()}
 NAMES = list(KNOWN)
 OPEN = h5py.h5f.OBJ_FILE | h5py.h5f.OBJ_GROUP | h5py.h5f.OBJ_DATASET | h5py.h5f.OBJ_ATTR
 

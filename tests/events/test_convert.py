@@ -22,7 +22,7 @@ def events():
     return Events(t, rng.integers(0, 34, n), rng.integers(0, 34, n), rng.integers(0, 2, n), (34, 34))
 
 
-WRITTEN = [f.name for f in FORMATS if f.write]
+WRITTEN = [f.name for f in FORMATS.values() if f.write]
 
 
 @pytest.mark.parametrize("name", WRITTEN)

@@ -18,8 +18,8 @@ from neuro.events.formats import FORMATS, HEAD, Damage
 from neuro.events.opening import find
 from neuro.events.source import Source
 
-NAMES = [f.name for f in FORMATS]
-KNOWN = {f.name: f for f in FORMATS}
+NAMES = [f.name for f in FORMATS.values()]
+KNOWN = {f.name: f for f in FORMATS.values()}
 SECONDS = 5
 """Any file of the tests is read in much less."""
 

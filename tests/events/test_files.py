@@ -69,8 +69,8 @@ def test_messages(message):
 
 
 def test_unknown_formats():
-    titles = ", ".join(f"{f.title} ({' '.join(f.suffixes)})" for f in FORMATS)
-    names = ", ".join(f.name for f in FORMATS)
+    titles = ", ".join(f"{f.title} ({' '.join(f.suffixes)})" for f in FORMATS.values())
+    names = ", ".join(f.name for f in FORMATS.values())
     for name, format, what in (
         ("a.nothing", None, f"unknown kind of event file, expected one of: {titles}"),
         ("a.bin", "nothing", f"unknown format 'nothing', expected one of {names}"),
@@ -111,7 +111,7 @@ def test_missing_files(tmp_path):
 
 def test_cannot_save_as(tmp_path):
     events = load(b"", format="nmnist")
-    written = [f for f in FORMATS if f.write]
+    written = [f for f in FORMATS.values() if f.write]
     endings = ", ".join(dict.fromkeys(suffix for f in written for suffix in f.suffixes))
     for path, format, what in (
         (tmp_path / "a.nothing", None, f"cannot save as '.nothing', expected {endings}"),
@@ -161,8 +161,8 @@ def test_parts_that_run_back_are_not_written(tmp_path, ending):
         ({"window_us": "a"}, "window_us is 'a', expected a whole number of us from 1 to 2^63 - 1"),
         ({"window_us": 0}, "window_us is 0, expected a whole number of us from 1 to 2^63 - 1"),
         ({"window_us": True}, "window_us is True, expected a whole number of us from 1 to 2^63 - 1"),
-        ({"count": 2.5}, "count is 2.5, expected a whole number of at least 1"),
-        ({"count": 0}, "count is 0, expected a whole number of at least 1"),
+        ({"count": 2.5}, "count = 2.5: expected a whole number >= 1"),
+        ({"count": 0}, "count = 0: expected a whole number >= 1"),
         ({"count": 1, "window_us": 1}, "window_us and count are both given, expected one of them"),
         ({"sensor_size": (3,)}, "sensor_size = (3,): expected width and height, two whole numbers"),
     ],

@@ -3,6 +3,7 @@
 import os
 import pickle
 
+import numpy as np
 import pytest
 
 import neuro
@@ -92,3 +93,15 @@ def test_errors_of_files_and_filters_are_errors_of_models():
     assert (type(again), again.path, again.what, again.offset) == (EventFileError, "a.dat", "is damaged", 7)
     refused = pickle.loads(pickle.dumps(filters.FilterError("TAR: none")))
     assert (type(refused), str(refused)) == (filters.FilterError, "TAR: none")
+
+
+def test_what_is_no_number():
+    """These were Python's own errors about '>' and '<='."""
+    times = np.arange(9)
+    assert told(events.msd_segments, times, tau="0.1") == (
+        "tau = '0.1': expected a number > 0 s\n  hint: write 0.1 without quotes"
+    )
+    assert told(events.DVSParameters, leak_rate_hz="1 kHz") == (
+        "leak_rate_hz = '1 kHz': expected a number >= 0 Hz\n  hint: write 1000.0: numbers here are in Hz"
+    )
+    assert told(events.DVSParameters, pos_thres=[0.1]) == "pos_thres = [0.1]: expected a number >= 0.01"

@@ -257,11 +257,11 @@ SEGMENTS_HINT = "\n  hint: bounds = msd_segments(events.t), or another function 
     [
         (
             lambda e: event_frame(e, polarity="both"),
-            "polarity is 'both', expected one of 'separate', 'signed', 'ignored'",
+            "polarity = 'both': expected one of separate, signed, ignored\n  hint: known: ignored, separate, signed",
         ),
         (
             lambda e: binary_frame(e, polarity="signed"),
-            "polarity is 'signed', expected one of 'separate', 'ignored'",
+            "polarity = 'signed': expected one of separate, ignored\n  hint: did you mean 'ignored'?",
         ),
         (
             lambda e: event_frame(e, segments=[0.0, 1.0]),
@@ -283,21 +283,24 @@ SEGMENTS_HINT = "\n  hint: bounds = msd_segments(events.t), or another function 
             lambda e: event_frame(e, segments=[-1, 2]),
             "segment 0 is events -1 to before 2, expected 0 <= first <= last <= 4",
         ),
-        (lambda e: voxel_grid(e, 0), "bins is 0, expected a whole number of at least 1"),
-        (lambda e: voxel_grid(e, 2.0), "bins is 2.0, expected a whole number of at least 1"),
+        (lambda e: voxel_grid(e, 0), "bins = 0: expected a whole number >= 1"),
+        (lambda e: voxel_grid(e, 2.5), "bins = 2.5: expected a whole number >= 1"),
         (lambda e: voxel_grid(e, 2, start_us=7, stop_us=5), "stop_us is 5 us, expected at least 7, the start"),
         (lambda e: voxel_grid(e, 2, start_us=0.5), "start_us is 0.5, expected a whole number of us"),
         (lambda e: voxel_grid(e, 2, dtype=int), "dtype is int64, expected float32 or float64"),
         (
             lambda e: event_spike_tensor(e, measurement="sum"),
-            "measurement is 'sum', expected one of 'time', 'polarity', 'count'",
+            "measurement = 'sum': expected one of time, polarity, count\n  hint: known: count, polarity, time",
         ),
-        (lambda e: event_spike_tensor(e, -1), "bins is -1, expected a whole number of at least 1"),
-        (lambda e: hats(e, cell=0), "cell is 0, expected a whole number of at least 1"),
-        (lambda e: hats(e, radius=-1), "radius is -1, expected a whole number of at least 0"),
-        (lambda e: hats(e, window_us=1.5), "window_us is 1.5, expected a whole number of at least 1"),
-        (lambda e: hats(e, tau_us=0), "tau_us is 0 us, expected more than 0"),
-        (lambda e: hats(e, normalise="L2"), "normalise is 'L2', expected one of 'cell', 'polarity', 'none'"),
+        (lambda e: event_spike_tensor(e, -1), "bins = -1: expected a whole number >= 1"),
+        (lambda e: hats(e, cell=0), "cell = 0: expected a whole number >= 1"),
+        (lambda e: hats(e, radius=-1), "radius = -1: expected a whole number >= 0"),
+        (lambda e: hats(e, window_us=1.5), "window_us = 1.5: expected a whole number >= 1"),
+        (lambda e: hats(e, tau_us=0), "tau_us = 0: expected a number > 0 us"),
+        (
+            lambda e: hats(e, normalise="L2"),
+            "normalise = 'L2': expected one of cell, polarity, none\n  hint: known: cell, none, polarity",
+        ),
     ],
 )
 def test_messages(call, message):

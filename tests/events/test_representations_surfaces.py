@@ -124,25 +124,25 @@ def added(kind):
     return surface
 
 
-DECAY = "decay is 'exp', expected one of 'exponential', 'linear'"
+DECAY = "decay = 'exp': expected one of exponential, linear\n  hint: did you mean 'exponential'?"
 
 
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda e: time_surface(e, tau_us=0), "tau_us is 0 us, expected more than 0"),
-        (lambda e: leaky_surface(e, tau_us=float("nan")), "tau_us is nan us, expected more than 0"),
+        (lambda e: time_surface(e, tau_us=0), "tau_us = 0: expected a number > 0 us"),
+        (lambda e: leaky_surface(e, tau_us=float("nan")), "tau_us = .nan: expected a finite number > 0 us"),
         (lambda e: time_surface(e, tau_us=1, decay="exp"), DECAY),
         (lambda e: leaky_surface(e, tau_us=1, decay="exp"), DECAY),
         (
             lambda e: leaky_surface(e, tau_us=1, polarity="signed"),
-            "polarity is 'signed', expected one of 'separate', 'ignored'",
+            "polarity = 'signed': expected one of separate, ignored\n  hint: did you mean 'ignored'?",
         ),
         (
             lambda e: leaky_surface(e, tau_us=1, order="first"),
-            "order is 'first', expected one of 'decay_first', 'increment_first'",
+            "order = 'first': expected one of decay_first, increment_first\n  hint: did you mean 'decay_first'?",
         ),
-        (lambda e: leaky_surface(e, tau_us=1, increment=0), "increment is 0, expected more than 0"),
+        (lambda e: leaky_surface(e, tau_us=1, increment=0), "increment = 0: expected a number > 0"),
         (
             lambda e: time_surface(e, tau_us=1, at_us=[5, 4]),
             "at_us runs back from 5 to 4 us, expected an order of time",

@@ -162,14 +162,14 @@ def test_a_real_recording(shared):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda t: msd_segments(t, tau=0.0), "tau is 0.0 s, expected more than 0"),
-        (lambda t: msd_segments(t, threshold=-1.0), "threshold is -1.0 events, expected more than 0"),
+        (lambda t: msd_segments(t, tau=0.0), "tau = 0: expected a number > 0 s"),
+        (lambda t: msd_segments(t, threshold=-1.0), "threshold = -1: expected a number > 0 events"),
         (lambda t: msd_segments(t / 2), "t is float64 of shape (3,), expected whole numbers (n,) of us"),
         (lambda t: msd_segments(t[::-1]), "event 1: time runs back from 2 to 1 us"),
-        (lambda t: time_segments(t, 0), "window_us is 0, expected a whole number of at least 1"),
-        (lambda t: time_segments(t, 2.5), "window_us is 2.5, expected a whole number of at least 1"),
+        (lambda t: time_segments(t, 0), "window_us = 0: expected a whole number >= 1"),
+        (lambda t: time_segments(t, 2.5), "window_us = 2.5: expected a whole number >= 1"),
         (lambda t: time_segments(t, 5, start_us=0.5), "start_us is 0.5, expected a whole number of us"),
-        (lambda t: count_segments(t, True), "count is True, expected a whole number of at least 1"),
+        (lambda t: count_segments(t, True), "count = true: expected a whole number >= 1"),
         (
             lambda t: time_segments(t, 1, start_us=2),
             "event 0 is at 0 us, before start_us = 2\n"
@@ -180,8 +180,8 @@ def test_a_real_recording(shared):
             "window_us is 10: 200000000000 windows from 0 to 2000000000000 us, expected at most 100000000\n"
             "  hint: is the window in us, and are the times those of one recording?",
         ),
-        (lambda t: peak_segments(t, 0), "search_us is 0 us, expected more than 0"),
-        (lambda t: peak_segments(t, 5, tau_us=-1), "tau_us is -1 us, expected more than 0"),
+        (lambda t: peak_segments(t, 0), "search_us = 0: expected a number > 0 us"),
+        (lambda t: peak_segments(t, 5, tau_us=-1), "tau_us = -1: expected a number > 0 us"),
         (lambda t: peak_segments(t, 5, tau_us=9, rise_us=9), "rise_us is 9 us, expected 0 to below tau_us = 9"),
         (lambda t: peak_segments(t, 5, threshold=-1), "threshold is -1, expected 0 or more"),
     ],

@@ -208,3 +208,28 @@ def test_files_that_are_not_there(folder):
     assert error_of("pipe.yaml") == "pipe.yaml: found neither file nor folder: expected a YAML file"
     assert error_of("a\0b") == "path = 'a\\x00b': expected the name of a file, without a zero byte"
     assert "cannot be read" in error_of("x" * 5000)
+
+
+@pytest.mark.parametrize(
+    "word", ["with", "import", "register", "python", "extension", "extensions", "plugins", "module"]
+)
+def test_no_word_of_a_description_runs_a_file(message, folder, word):
+    """Code is run by --with and by entry points of what is installed, never by a file that names it."""
+    (folder / "my_model.py").write_text("open('ran', 'w')\n")
+    for value in ("my_model.py", "[my_model.py]", "{file: my_model.py}"):
+        assert f"unknown word of a network '{word}'" in message(f"{HEAD}{word}: {value}\n")
+    assert not (folder / "ran").exists()
+
+
+@pytest.mark.parametrize("name", ["my_model", "my_model.my_model", "my_model:my_model", "my_model.py"])
+def test_no_name_of_a_part_runs_a_file(message, folder, name, monkeypatch):
+    monkeypatch.syspath_prepend(folder)
+    (folder / "my_model.py").write_text("open('ran', 'w')\nmy_model = 3\n")
+    model = f"neuro: 1\npopulations: {{a: {{model: '{name}', shape: 3}}}}\n"
+    assert "unknown model" in message(model)
+    for part in ("rule", "synapse"):
+        text = f"{HEAD}projections:\n  p: {{from: a, to: a, rule: one_to_one, weight: 1.0, delay: 1.0, {part}: '{name}'}}\n"
+        text = text.replace("rule: one_to_one, ", "") if part == "rule" else text
+        assert f"unknown {part}" in message(text)
+    assert "my_model.py" in message("neuro: 1\ninclude: [my_model.py]\n")
+    assert not (folder / "ran").exists()

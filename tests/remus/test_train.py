@@ -3,6 +3,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -10,12 +11,16 @@ import pytest
 
 import neuro
 from neuro.core.outputs import _HOST
-from neuro_remus import checkpoint
 from neuro_remus.decide import decide
 from neuro_remus.evaluate import evaluate
 from neuro_remus.model import Model
 from neuro_remus.settings import SETTINGS, Settings
 from neuro_remus.train import train
+
+
+def beside(model: Path) -> Path:
+    """Where the checkpoint of a model lies."""
+    return model.with_name(f"{model.name}.training")
 
 
 def accuracy(model, spikes):
@@ -137,7 +142,7 @@ def test_killed_at_any_time(letters, small, tmp_path):
                     time.sleep(0.1)
                     work.send_signal(signal.SIGKILL)
         assert work.returncode == -signal.SIGKILL
-        assert checkpoint.beside(out).is_file()
+        assert beside(out).is_file()
     (tmp_path / f".model.h5.training.{_HOST}.{work.pid}.0.part").write_bytes(b"half")
     assert same(train(letters, small, seed=4, out=out), train(letters, small, seed=4))
     assert sorted(file.name for file in tmp_path.iterdir()) == ["model.h5", "told"]

@@ -28,7 +28,7 @@ class DQNSettings(DeepSettings):
         random: share of random actions from then on.
     """
 
-    rate: float = number(3e-4, 0.0, above=True)
+    rate: float = number(3e-4, above=0)
     every: int = whole(4)
     copy: int = whole(1000)
     explore: int = whole(5000)
@@ -84,7 +84,7 @@ class DDPGSettings(DeepSettings):
         tau: share of the networks that their targets take over in an update.
     """
 
-    noise: float = number(0.2, 0.0)
+    noise: float = number(0.2, at_least=0)
     tau: float = share(0.005)
 
 

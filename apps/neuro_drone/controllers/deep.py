@@ -49,7 +49,7 @@ class DeepSettings:
 
     observation: str = choice("binary", "binary", "counts")
     hidden: int = whole(64)
-    rate: float = number(1e-3, 0.0, above=True)
+    rate: float = number(1e-3, above=0)
     gamma: float = share(0.9)
     batch: int = whole(64)
     buffer: int = whole(50_000)

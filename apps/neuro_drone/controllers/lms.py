@@ -29,8 +29,8 @@ class LMSSettings:
         coding: shares, rows or peaks, see `fields.shares`.
     """
 
-    gain: float | tuple[float, float] = numbers(8.0, 0.0, above=True)
-    mu: float = number(0.02, 0.0)
+    gain: float | tuple[float, float] = numbers(8.0, above=0)
+    mu: float = number(0.02, at_least=0)
     coding: str = choice("shares", "shares", "rows", "peaks")
 
 

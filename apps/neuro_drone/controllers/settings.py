@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
-from math import inf
+from dataclasses import Field, field, fields, replace
 from typing import Any
 
 from neuro import ModelError, Network
-from neuro.apps import unknown
+from neuro.apps import Quantity, check, unknown
 
 __all__ = ["changed", "choice", "number", "numbers", "plain", "share", "unknown", "whole"]
 
@@ -16,80 +15,29 @@ REST = "parameters"
 """The field that takes up names that are no fields, where a dataclass has it."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Number:
-    least: float
-    above: bool
-    per_axis: bool
-
-    def check(self, value: Any) -> Any:
-        if self.per_axis and isinstance(value, (list, tuple)):
-            if len(value) != 2:
-                raise ModelError(f"expected {self}")
-            return tuple(self.one(part) for part in value)
-        return self.one(value)
-
-    def one(self, value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not -inf < value < inf:
-            raise ModelError(f"expected {self}")
-        if value < self.least or (self.above and value == self.least):
-            raise ModelError(f"expected {self}")
-        return float(value)
-
-    def __str__(self) -> str:
-        bound = "" if self.least == -inf else f" {'>' if self.above else '>='} {self.least:g}"
-        return f"a number{bound}" + (" or a list of two, one an axis" if self.per_axis else "")
+def number(default: float, **bounds: Any) -> Any:
+    """A field for a number within bounds, those of `Quantity`."""
+    return field(default=default, metadata={"quantity": Quantity(**bounds)})
 
 
-@dataclass(frozen=True, slots=True)
-class _Share:
-    def check(self, value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value <= 1.0:
-            raise ModelError("expected a number from 0 to 1")
-        return float(value)
-
-
-@dataclass(frozen=True, slots=True)
-class _Whole:
-    def check(self, value: Any) -> int:
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise ModelError("expected a whole number >= 1")
-        return value
-
-
-@dataclass(frozen=True, slots=True)
-class _Choice:
-    known: tuple[str, ...]
-
-    def check(self, value: Any) -> Any:
-        if value not in self.known:
-            raise ModelError(f"expected {', '.join(self.known[:-1])} or {self.known[-1]}")
-        return value
-
-
-def number(default: float, least: float = -inf, above: bool = False) -> Any:
-    """A field for a number of at least `least`, or above it."""
-    return field(default=default, metadata={"check": _Number(least, above, False)})
-
-
-def numbers(default: float, least: float = -inf, above: bool = False) -> Any:
+def numbers(default: float, **bounds: Any) -> Any:
     """A field for a number for both axes, or a list of one for each."""
-    return field(default=default, metadata={"check": _Number(least, above, True)})
+    return field(default=default, metadata={"quantity": Quantity(**bounds), "axes": True})
 
 
 def share(default: float) -> Any:
     """A field for a number from 0 to 1."""
-    return field(default=default, metadata={"check": _Share()})
+    return number(default, at_least=0, at_most=1)
 
 
 def whole(default: int) -> Any:
     """A field for a whole number of at least 1."""
-    return field(default=default, metadata={"check": _Whole()})
+    return field(default=default, metadata={"quantity": Quantity(kind="integer", at_least=1)})
 
 
 def choice(default: str, *known: str) -> Any:
     """A field for one of some words."""
-    return field(default=default, metadata={"check": _Choice(known)})
+    return field(default=default, metadata={"quantity": Quantity(kind="word", words=known)})
 
 
 def changed(settings: Any, values: Mapping[str, Any], whose: str) -> Any:
@@ -107,7 +55,7 @@ def changed(settings: Any, values: Mapping[str, Any], whose: str) -> Any:
     rest = {name: value for name, value in values.items() if name not in own}
     if rest and not hasattr(settings, REST):
         raise unknown(f"setting of {whose}", min(rest), own)
-    new = {name: _checked(own[name].metadata.get("check"), name, values[name], whose) for name in values.keys() - rest}
+    new = {name: _checked(own[name], values[name], whose) for name in values.keys() - rest}
     if rest:
         new[REST] = {**getattr(settings, REST), **rest}
     return replace(settings, **new)
@@ -120,8 +68,15 @@ def plain(settings: Any) -> dict[str, Any]:
     return {name: list(v) if isinstance(v, tuple) else v for name, v in told.items() if not isinstance(v, Network)}
 
 
-def _checked(rule: _Number | _Share | _Whole | _Choice | None, name: str, value: Any, whose: str) -> Any:
+def _checked(setting: Field[Any], value: Any, whose: str) -> Any:
+    q, what = setting.metadata.get("quantity"), f"{whose}: {setting.name}"
+    if q is None:
+        return value
+    if "axes" not in setting.metadata:
+        return check(q, value, what)
+    if isinstance(value, (list, tuple)) and len(value) == 2:
+        return tuple(check(q, part, f"{what}[{k}]") for k, part in enumerate(value))
     try:
-        return value if rule is None else rule.check(value)
+        return check(q, value, what)
     except ModelError as error:
-        raise ModelError(f"{whose}: {name} = {value!r}: {error}") from None
+        raise ModelError(f"{error.message} or a list of two, one an axis", hint=error.hint) from None

@@ -55,7 +55,7 @@ class Gain:
         gain: action by error, where an error of 1 is half of the picture (64 px), of a line's lean 90 degrees.
     """
 
-    gain: float | tuple[float, float] = numbers(8.0, 0.0, above=True)
+    gain: float | tuple[float, float] = numbers(8.0, above=0)
 
 
 class Oracle(Fixed):

@@ -54,14 +54,14 @@ class SpikingSettings:
 
     network: str | neuro.Network = "drone"
     eta: float = number(0.1)
-    settle: float = number(500_000.0, 0.0, above=True)
-    gain: float | tuple[float, float] = numbers(2.0, 0.0, above=True)
+    settle: float = number(500_000.0, above=0)
+    gain: float | tuple[float, float] = numbers(2.0, above=0)
     coding: str = choice("shares", "shares", "rows", "peaks", "counts")
-    total: float = number(400.0, 0.0, above=True)
-    rate: float = number(20.0, 0.0, above=True)
-    rate_max: float = number(400.0, 0.0, above=True)
+    total: float = number(400.0, above=0)
+    rate: float = number(20.0, above=0)
+    rate_max: float = number(400.0, above=0)
     start: str = choice("equal", "equal", "sign", "linear")
-    strength: float = number(1500.0, 0.0, above=True)
+    strength: float = number(1500.0, above=0)
     backend: str = "event"
     options: Mapping[str, Any] = field(default_factory=dict)
     learns: bool = field(default=True, metadata={"fixed": True})

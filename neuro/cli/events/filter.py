@@ -28,7 +28,7 @@ def filter(
     lenient: Lenient = False,
     force: Force = False,
     list_all: Annotated[
-        bool, typer.Option("--list", is_eager=True, callback=lambda given: _list(given), help="List all filters.")
+        bool, typer.Option("--list", callback=lambda given: _list(given), help="List all filters.")
     ] = False,
 ) -> None:
     """Write a recording through filters, one after the other: 'tar: {tau: 0.08}' 'crop: {x: [0, 300]}'."""
@@ -76,9 +76,12 @@ def _parsed(text: str) -> tuple[str, dict[str, Any]]:
     if name == "hot" and not values.get("pixels"):
         example = "such as 'hot: {pixels: [[8, 1], [205, 59]]}'"
         raise ModelError("filter 'hot': expected pixels", hint=f"{example}; 'neuro events info' lists the hot ones")
+    known = _parameters(FILTERS[name])
     for key in values:
-        if key not in (known := _parameters(FILTERS[name])):
+        if key not in known:
             raise unknown(f"parameter of filter '{name}'", str(key), known)
+    if any(told == key and key not in values for key, told in known.items()):
+        raise ModelError(f"filter '{name}': expected all of {', '.join(known)}")
     return name, {key: number(value) for key, value in values.items()}
 
 
@@ -91,15 +94,11 @@ def _parameters(kind: Any) -> dict[str, str]:
 
 
 def _chain(size: tuple[int, int], chosen: Sequence[tuple[str, dict[str, Any]]]) -> Chain:
-    from neuro.core.errors import ModelError
-    from neuro.events.filters import FILTERS, chain
+    from neuro.events.filters import FILTERS, Filter, chain
 
-    made = []
+    made: list[Filter] = []
     for name, values in chosen:
-        try:
-            made.append(FILTERS[name](size, **values))
-        except TypeError:
-            raise ModelError(f"filter '{name}': expected all of {', '.join(_parameters(FILTERS[name]))}") from None
+        made.append(FILTERS[name](size, **values))
         size = made[-1].out_size
     return chain(*made)
 

@@ -10,6 +10,6 @@ def formats() -> None:
 
     rows = [
         (f.name, f.title, " ".join(f.suffixes), "yes" if f.write else "no", f.untested or "on real files")
-        for f in FORMATS
+        for f in FORMATS.values()
     ]
     console().print(table(("format", "title", "endings", "written", "tested"), rows))

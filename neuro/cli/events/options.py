@@ -56,7 +56,7 @@ def spare(source: str | Path, target: str | Path, kind: Kind, force: bool) -> No
     from dataclasses import replace
 
     from neuro.core.errors import ModelError
-    from neuro.core.outputs import check
+    from neuro.core.outputs import check_output
     from neuro.core.paths import file_path
 
     if str(target) == "-":
@@ -66,7 +66,7 @@ def spare(source: str | Path, target: str | Path, kind: Kind, force: bool) -> No
         raise ModelError(f"{target}: there is no folder {path.parent}")
     if str(source) != "-" and path.exists() and os.path.exists(source) and path.samefile(source):
         raise ModelError(f"{target}: this is the recording itself: expected a new name")
-    check(path, replace(kind, ask="--force"), force)
+    check_output(path, replace(kind, ask="--force"), force)
 
 
 def named(source: str) -> str:

@@ -66,9 +66,9 @@ def split(
 def _room(out: Path, stem: str, suffix: str, force: bool) -> None:
     """Refuse at once what would be refused after a part of the work."""
     from neuro.events.files import RECORDING
-    from neuro.events.formats import FORMATS
+    from neuro.events.formats import written as formats
 
-    written = list(dict.fromkeys(ending for f in FORMATS if f.write for ending in f.suffixes))
+    written = list(dict.fromkeys(ending for f in formats() for ending in f.suffixes))
     if suffix not in written:
         raise typer.BadParameter(f"'{suffix}': cannot be written, expected {', '.join(written)}", param_hint="'--as'")
     for there in sorted(out.iterdir()) if out.is_dir() else ():

@@ -82,7 +82,7 @@ class Layout:
 
 def recordings_in(files: Files) -> list[str]:
     """The names of event files; of tables only if there is no other."""
-    endings = tuple(suffix for f in FORMATS for suffix in f.suffixes)
+    endings = tuple(suffix for f in FORMATS.values() for suffix in f.suffixes)
     events = [name for name in files if name.lower().endswith(endings)]
     others = [name for name in events if not name.lower().endswith(TABLES)]
     return others or [name for name in events if PurePosixPath(name).parent.name]

@@ -13,6 +13,7 @@ from multiprocessing import connection, parent_process
 from pathlib import Path
 from typing import Any
 
+from neuro.core.extension import run_extensions
 from neuro.events.errors import EventFileError, EventFileWarning
 
 CHOICES = ("skip", "mend", "stop")
@@ -28,12 +29,14 @@ class Job:
         sensor_size: for `load`.
         damaged: one of `CHOICES`.
         folder: where the small files go.
+        extensions: files of the user's that register parts.
     """
 
     samples: tuple[Any, ...]
     sensor_size: tuple[int, int] | None
     damaged: str
     folder: str
+    extensions: tuple[str, ...] = ()
 
 
 _job: Job
@@ -52,6 +55,7 @@ def begin(job: Job, alone: bool = True) -> None:
     if alone:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         threading.Thread(target=_end_with_parent, daemon=True).start()
+        run_extensions(job.extensions)
 
 
 def _end_with_parent() -> None:

@@ -24,6 +24,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from neuro.core.errors import unknown
+from neuro.core.extension import extensions
 from neuro.core.outputs import Kind, output, write_text
 from neuro.events.dataset import _pack
 from neuro.events.dataset._files import is_hdf5
@@ -80,7 +81,7 @@ def store(
     done = _done(folder)
     missing = [k for k in range(len(samples)) if k not in done]
     tell("reading", len(done), len(samples))
-    job = _pack.Job(tuple(samples), sensor_size, damaged, str(folder))
+    job = _pack.Job(tuple(samples), sensor_size, damaged, str(folder), extensions())
     size = max(1, min(BATCH, len(missing) // (8 * (jobs or os.cpu_count() or 1))))
     batches = [missing[k : k + size] for k in range(0, len(missing), size)]
     count = len(done)

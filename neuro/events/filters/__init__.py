@@ -7,7 +7,8 @@ where it was: cut anywhere, the parts give what the whole gives. `chain` puts fi
 
 from __future__ import annotations
 
-from neuro.events.filters._filter import Filter, FilterError, Sieve
+from neuro.core.registry import Registry
+from neuro.events.filters._filter import Filter, FilterError, Sieve, complete
 from neuro.events.filters.background import BackgroundActivity
 from neuro.events.filters.chain import Chain, chain
 from neuro.events.filters.crop import Crop
@@ -26,24 +27,30 @@ from neuro.events.filters.surfaces import TARSurfaces
 from neuro.events.filters.tar import TAR
 from neuro.events.filters.transpose import Transpose
 
-FILTERS: dict[str, type[Filter]] = {
-    "background": BackgroundActivity,
-    "crop": Crop,
-    "downsample": Downsample,
-    "flip": Flip,
-    "hot": HotPixels,
-    "jitter": Jitter,
-    "noise": ShotNoise,
-    "polarity": Polarity,
-    "refractory": Refractory,
-    "reverse": Reverse,
-    "rotate": Rotate90,
-    "scale": Scale,
-    "shift": Shift,
-    "tar": TAR,
-    "tar_surfaces": TARSurfaces,
-    "transpose": Transpose,
-}
+FILTERS: Registry[type[Filter]] = Registry(
+    "filter",
+    (
+        BackgroundActivity,
+        Crop,
+        Downsample,
+        Flip,
+        HotPixels,
+        Jitter,
+        ShotNoise,
+        Polarity,
+        Refractory,
+        Reverse,
+        Rotate90,
+        Scale,
+        Shift,
+        TAR,
+        TARSurfaces,
+        Transpose,
+    ),
+    takes=lambda part: isinstance(part, type) and issubclass(part, Filter),
+    group="neuro.filters",
+    complete=complete,
+)
 """All filters by a short name, for command lines; their parameters are the fields of the class."""
 
 __all__ = [

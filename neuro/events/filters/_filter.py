@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from dataclasses import dataclass, field, fields, replace
+from inspect import get_annotations
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -41,8 +42,11 @@ class Filter(ABC):
             ...
 
     Attributes:
+        word: a short name for command lines; the name of the class where it is not given.
         sensor_size: width and height of the events that come in, px.
     """
+
+    word: ClassVar[str] = ""
 
     sensor_size: Size
     _clock: npt.NDArray[np.int64] = field(init=False, repr=False)
@@ -56,6 +60,11 @@ class Filter(ABC):
         object.__setattr__(self, "sensor_size", (int(size[0]), int(size[1])))
         self._check()
         self.reset()
+
+    @classmethod
+    def called(cls) -> str:
+        """The name on the command line: `word` of this very class, or the name of the class."""
+        return str(cls.__dict__.get("word") or cls.__name__)
 
     @property
     def out_size(self) -> Size:
@@ -171,6 +180,18 @@ class Filter(ABC):
     def _expect_positive(self, name: str, unit: str = "") -> None:
         value = getattr(self, name)
         self._expect(_is_number(value) and 0 < value < np.inf, name, value, f"a number > 0{unit}")
+
+
+def complete(kind: type[Filter]) -> type[Filter]:
+    """Return a kind of filter if it can be made with its parameters, and raise `TypeError` if not."""
+    if missing := sorted(kind.__abstractmethods__):
+        raise TypeError(f"filter '{kind.called()}' has no method '{missing[0]}'")
+    told = {one.name for one in fields(kind)}
+    own = (name for name, what in get_annotations(kind).items() if "ClassVar" not in str(what))
+    if lost := [name for name in own if name not in told]:
+        above = "expected @dataclass(frozen=True, eq=False) above the class"
+        raise TypeError(f"filter '{kind.called()}': '{lost[0]}' is no parameter: {above}")
+    return kind
 
 
 class Sieve(Filter):

@@ -23,6 +23,7 @@ class BackgroundActivity(Sieve):
     Source: Delbruck, Frame-free dynamic digital vision, Int. Symp. Secure-Life Electronics, 2008.
     """
 
+    word = "background"
     dt_us: int = 10_000
 
     def _check(self) -> None:

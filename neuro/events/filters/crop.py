@@ -22,6 +22,7 @@ class Crop(Sieve):
             where they are and so does the sensor's size.
     """
 
+    word = "crop"
     x: tuple[int, int] | None = None
     y: tuple[int, int] | None = None
     move: bool = True

@@ -26,6 +26,7 @@ class Downsample(Filter):
         in event-based visual classification, IEEE TNNLS, 2018, for downsampling without the sum.
     """
 
+    word = "downsample"
     factor: int | tuple[int, int] = 2
     integrate: int = 1
 

@@ -18,6 +18,7 @@ class Flip(Filter):
         axis: "x" exchanges left and right (``frame[:, ::-1]``), "y" top and bottom (``frame[::-1]``).
     """
 
+    word = "flip"
     axis: str = "x"
 
     def _check(self) -> None:

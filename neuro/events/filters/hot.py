@@ -20,6 +20,7 @@ class HotPixels(Sieve):
         pixels: (n, 2) their columns and rows, as `hot_pixels` finds them or as a list.
     """
 
+    word = "hot"
     pixels: npt.ArrayLike = ()
 
     def _check(self) -> None:

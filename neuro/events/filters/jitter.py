@@ -26,6 +26,7 @@ class Jitter(Filter):
         seed: of the changes, not negative.
     """
 
+    word = "jitter"
     amount_us: int = 100
     seed: int = 0
 

@@ -30,6 +30,7 @@ class ShotNoise(Filter):
         section 3.
     """
 
+    word = "noise"
     rate_hz: float = 0.1
     seed: int = 0
 

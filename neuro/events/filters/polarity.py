@@ -19,6 +19,7 @@ class Polarity(Sieve):
         keep: 1 = ON, 0 = OFF.
     """
 
+    word = "polarity"
     keep: int = 1
 
     def _check(self) -> None:

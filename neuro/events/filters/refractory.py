@@ -23,6 +23,7 @@ class Refractory(Sieve):
     Source: dead time of the pixel, Lichtsteiner et al., IEEE JSSC 43:566, 2008.
     """
 
+    word = "refractory"
     period_us: int = 1000
     extend: bool = False
 

@@ -21,6 +21,7 @@ class Reverse(Filter):
         invert: whether ON becomes OFF and OFF becomes ON, since a rise played backwards is a fall.
     """
 
+    word = "reverse"
     invert: bool = True
 
     def _check(self) -> None:

@@ -18,6 +18,7 @@ class Rotate90(Filter):
         turns: quarters of a turn, counter-clockwise as the picture is seen (``numpy.rot90(frame, turns)``).
     """
 
+    word = "rotate"
     turns: int = 1
 
     def _check(self) -> None:

@@ -24,6 +24,7 @@ class Scale(Filter):
         origin_us: the time that stays, us; None takes that of the recording's first event.
     """
 
+    word = "scale"
     factor: float = 1.0
     origin_us: int | None = None
 

@@ -19,6 +19,7 @@ class Shift(Filter):
         to_us: instead, the time that the first event of the recording gets, us.
     """
 
+    word = "shift"
     by_us: int = 0
     to_us: int | None = None
 

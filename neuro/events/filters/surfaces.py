@@ -31,6 +31,7 @@ class TARSurfaces(Sieve):
         as HATS on N-CARS.
     """
 
+    word = "tar_surfaces"
     tau: float = 0.08
     theta: float = 2.4
     radius: int = 1

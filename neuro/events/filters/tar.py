@@ -29,6 +29,7 @@ class TAR(Sieve):
         `theta`, the algorithm does not; the algorithm is followed. Defaults: those for N-MNIST, figure 85.
     """
 
+    word = "tar"
     tau: float = 0.08
     theta: float = 2.4
     radius: int = 1

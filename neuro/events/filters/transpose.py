@@ -12,6 +12,8 @@ from neuro.events.filters._filter import Filter, Size
 class Transpose(Filter):
     """Exchange columns and rows (``frame.T``)."""
 
+    word = "transpose"
+
     @property
     def out_size(self) -> Size:
         """Height and width of what comes in, px."""

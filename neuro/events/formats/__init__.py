@@ -1,11 +1,23 @@
-"""The event file formats: one module each, and the table that lists them.
-
-A new format is a module with a `Format` and its name in `FORMATS`; nothing else changes.
-"""
+"""The event file formats: one module each, and the registry of all."""
 
 from __future__ import annotations
 
-from neuro.events.formats._format import HEAD, Damage, Format, Piece, Reader, Seeker, Unsavable, called
+from collections.abc import Iterator
+
+from neuro.core.registry import Registry
+from neuro.events.formats._format import (
+    HEAD,
+    Damage,
+    Format,
+    Found,
+    Piece,
+    Reader,
+    Seeker,
+    Unsavable,
+    called,
+    complete,
+)
+from neuro.events.formats._write import in_order, refuse
 from neuro.events.formats.aedat2 import AEDAT2
 from neuro.events.formats.aedat3 import AEDAT3
 from neuro.events.formats.aedat4 import AEDAT4
@@ -22,7 +34,7 @@ from neuro.events.formats.raw import RAW
 from neuro.events.formats.rosbag import ROS1, ROS2
 from neuro.events.formats.table import TABLE, TXT
 
-FORMATS: tuple[Format, ...] = (
+OURS = (
     ROS1,
     ROS2,
     MAT,
@@ -41,6 +53,36 @@ FORMATS: tuple[Format, ...] = (
     TABLE,
     TXT,
 )
-"""All formats, those with a signature in the file first."""
+"""Those with a signature in the file first."""
 
-__all__ = ["FORMATS", "HEAD", "Damage", "Format", "Piece", "Reader", "Seeker", "Unsavable", "called"]
+FORMATS: Registry[Format] = Registry(
+    "event format",
+    OURS,
+    takes=lambda part: isinstance(part, Format),
+    group="neuro.formats",
+    name=lambda part: str(part.name),
+    complete=complete,
+)
+"""All formats by name."""
+
+
+def written() -> Iterator[Format]:
+    """The formats that can be written."""
+    return (f for f in FORMATS.values() if f.write)
+
+
+__all__ = [
+    "FORMATS",
+    "HEAD",
+    "Damage",
+    "Format",
+    "Found",
+    "Piece",
+    "Reader",
+    "Seeker",
+    "Unsavable",
+    "called",
+    "in_order",
+    "refuse",
+    "written",
+]

@@ -123,6 +123,7 @@ class Format:
         larger: sensors that are tried after `usual`, in this order.
         inside: as `open`, for one recording of a file with several, by its place: the rest of ``load(...,
             format="hdf5:/davis/left")``; None where files have no places.
+        guesses: whether `knows` goes by looks, as of plain text; it is then asked after all signatures.
         untested: why nothing but files made from the specification was read, "" where real ones were.
     """
 
@@ -136,13 +137,31 @@ class Format:
     usual: Size | None = None
     larger: tuple[Size, ...] = ()
     inside: Callable[[Source, str], Reader] | None = None
+    guesses: bool = False
+
+
+def complete(part: Format) -> Format:
+    """Return a format if its words can be used on the command line, and raise `TypeError` if not."""
+    what = f"event format {part.name!r:.40}"
+    if not isinstance(part.name, str) or not part.name or set(part.name) & set(": /"):
+        raise TypeError(f"{what}: expected a name without ':', '/' and spaces")
+    endings = part.suffixes
+    if not isinstance(endings, tuple) or not all(isinstance(e, str) and e[:1] == "." for e in endings):
+        raise TypeError(f"{what}: suffixes = {endings!r:.60}: expected endings with a dot, such as ('.mine',)")
+    if any(ending != ending.lower() for ending in endings):
+        raise TypeError(f"{what}: suffixes = {endings!r:.60}: expected lower case, which any case of a name fits")
+    if not callable(part.knows) or not callable(part.open):
+        raise TypeError(f"{what}: expected two functions, knows(head) and open(source)")
+    return part
 
 
 def called(name: str, formats: Iterable[Format]) -> Format | None:
     """The format of this name, else the only one whose files end so (as bin, or .bin); None where there is none."""
-    among = tuple(formats)
-    ending = "." + name.lower().removeprefix(".")
-    found = [f for f in among if f.name == name] or [f for f in among if ending in f.suffixes]
+    ending, found = "." + name.lower().removeprefix("."), []
+    for f in formats:
+        if f.name == name:
+            return f
+        found += [f] if ending in f.suffixes else []
     return found[0] if len(found) == 1 else None
 
 

@@ -81,4 +81,4 @@ def _knows(head: bytes) -> bool:
 
 
 RAW = Format("raw", "Prophesee RAW", (".raw",), _knows, opened, usual=GEN3, larger=(GEN4,))
-"""Read only. In `FORMATS` it stands before the codings, so that the ending ``.raw`` alone leads here."""
+"""Read only. Among our formats it stands before the codings, so that the ending ``.raw`` alone leads here."""

@@ -244,7 +244,7 @@ def _write(parts: Iterator[Events], path: Path, head: str, between: str) -> None
                 file.write(out[: form(part.t, part.x, part.y, part.p, ord(between), out)].data)
 
 
-TABLE = Format("csv", "CSV", (".csv",), _knows, Table, write)
+TABLE = Format("csv", "CSV", (".csv",), _knows, Table, write, guesses=True)
 """Read and written; TXT that is known by its lines is read as this."""
 TXT = Format("txt", "TXT", (".txt",), lambda head: False, Table, write_txt)
 """Read and written."""

@@ -18,6 +18,10 @@ Without events all is 0. Times count from the recording's own, so that shifting 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
+from neuro.core.registry import Registry
 from neuro.events.representations.frames import binary_frame, event_frame
 from neuro.events.representations.hats import hats
 from neuro.events.representations.leaky_surface import LeakySurface, leaky_surface
@@ -25,7 +29,15 @@ from neuro.events.representations.spike_tensor import event_spike_tensor
 from neuro.events.representations.time_surface import TimeSurface, time_surface
 from neuro.events.representations.voxel_grid import voxel_grid
 
+REPRESENTATIONS: Registry[Callable[..., Any]] = Registry(
+    "representation",
+    (event_frame, binary_frame, time_surface, leaky_surface, voxel_grid, event_spike_tensor, hats),
+    group="neuro.representations",
+)
+"""All representations by name: functions of `Events` and named parameters that give an array."""
+
 __all__ = [
+    "REPRESENTATIONS",
     "LeakySurface",
     "TimeSurface",
     "binary_frame",

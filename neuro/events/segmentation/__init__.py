@@ -15,13 +15,24 @@ Source: thesis sections 3.3 (lines 875-890) and 6.1.1 (lines 2165-2176).
 
 from __future__ import annotations
 
-from neuro.events.segmentation._cutter import Cutter, segmented
+from collections.abc import Callable
+
+from neuro.core.registry import Registry
+from neuro.events.segmentation._cutter import Cutter, Times, segmented
 from neuro.events.segmentation.hard import Counts, TimeWindows, count_segments, time_segments
 from neuro.events.segmentation.msd import MSD, msd_segments
 from neuro.events.segmentation.peaks import Peaks, peak_segments
 
+SEGMENTERS: Registry[Callable[..., Times]] = Registry(
+    "segmenter",
+    (time_segments, count_segments, msd_segments, peak_segments),
+    group="neuro.segmenters",
+)
+"""All segmenters by name: functions of times, us, and named parameters that give the bounds of segments."""
+
 __all__ = [
     "MSD",
+    "SEGMENTERS",
     "Counts",
     "Cutter",
     "Peaks",

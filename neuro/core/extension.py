@@ -1,0 +1,105 @@
+"""A Python file of the user's that registers parts, run before a command does its work."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from importlib.machinery import PathFinder
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from neuro.core.errors import ModelError, Where
+from neuro.core.paths import existing
+from neuro.core.registry import registered
+
+__all__ = ["extensions", "run_extension", "run_extensions"]
+
+_run: dict[Path, bytes] = {}
+"""The files that were run, and what they held."""
+
+
+def run_extension(file: Any) -> None:
+    """Run a Python file as a module of its own name, so that what it registers is known.
+
+    A file that was run in this process is not run again.
+
+    Args:
+        file: its path.
+
+    Raises:
+        ModelError: it cannot be read, is called like another module, was edited since it was run, or has a mistake,
+            which is told with its line.
+    """
+    path = existing(file, "a Python file")
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror}") from None
+    place = path.resolve()
+    if place in _run:
+        if _run[place] != text:
+            raise ModelError(f"{path}: was edited since it was run: expected a new start")
+        return
+    _check_name(path, place)
+    before = registered()
+    _execute(path, text)
+    _run[place] = text
+    if registered() == before:
+        warnings.warn(
+            f"{path}: registers nothing\n  hint: write @neuro.register above a class, or neuro.register(part)",
+            stacklevel=2,
+        )
+
+
+def extensions() -> tuple[str, ...]:
+    """The files that were run, for processes that are started: they know nothing of it."""
+    return tuple(map(str, _run))
+
+
+def run_extensions(files: tuple[str, ...]) -> None:
+    """Run the files that another process ran, which has told all that is to be told."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for file in files:
+            run_extension(file)
+
+
+def _check_name(path: Path, place: Path) -> None:
+    """Refuse a file that is no module, or whose module would hide another one."""
+    name = path.stem
+    if path.suffix != ".py" or not name.isidentifier():
+        raise ModelError(f"{path}: expected a Python file with a plain name, such as my_filter.py")
+    there = sys.modules.get(name) or PathFinder.find_spec(name)
+    other = getattr(there, "__file__", None) or getattr(there, "origin", None)
+    if name in sys.stdlib_module_names or (there is not None and Path(other or "").resolve() != place):
+        raise ModelError(f"{path}: '{name}' is the name of another module: expected a name of its own")
+
+
+def _execute(path: Path, text: bytes) -> None:
+    spec = spec_from_file_location(path.stem, path.resolve())
+    assert spec is not None
+    module = module_from_spec(spec)
+    sys.modules[path.stem] = module
+    try:
+        exec(compile(text, str(path.resolve()), "exec", dont_inherit=True), module.__dict__)
+    except (Exception, SystemExit) as error:
+        del sys.modules[path.stem]
+        raise _told(error, path, module) from None
+
+
+def _told(error: BaseException, path: Path, module: ModuleType) -> ModelError:
+    """A mistake in the file, with the line that led to it."""
+    if isinstance(error, SyntaxError) and error.filename == module.__file__:
+        return ModelError(error.msg, where=Where(str(path), error.lineno or 0, error.offset or 0))
+    if isinstance(error, ModelError) and error.where is not None and error.where.file != path.name:
+        return error
+    line, trace = 0, error.__traceback__
+    while trace is not None:
+        line = trace.tb_lineno if trace.tb_frame.f_code.co_filename == module.__file__ else line
+        trace = trace.tb_next
+    where = Where(str(path), line)
+    if isinstance(error, ModelError):
+        return ModelError(error.message, where=where, hint=error.hint, path=error.path)
+    return ModelError(f"{type(error).__name__}: {error}".removesuffix(": "), where=where)

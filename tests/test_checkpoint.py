@@ -1,0 +1,53 @@
+"""A training under way: kept, gone on with, and not mixed with another."""
+
+import h5py
+import numpy as np
+import pytest
+
+import neuro
+from neuro.apps import Checkpoint
+
+TOLD = {"seed": 3, "settings": {"epochs": 2, "order": "frames"}}
+
+
+@pytest.fixture
+def kept(tmp_path):
+    made = Checkpoint(tmp_path / "model.h5", "my training 1", TOLD)
+    made.keep(
+        state={"w": np.arange(3.0), "n": np.array(4)}, history=np.array([1.0, 2.0]), file=np.arange(9, dtype="u1")
+    )
+    return made
+
+
+def test_what_is_kept_comes_back(kept, tmp_path):
+    found = Checkpoint(tmp_path / "model.h5", "my training 1", TOLD).resume()
+    assert found["state"]["w"].tolist() == [0.0, 1.0, 2.0]
+    assert found["state"]["n"] == 4
+    assert found["history"].tolist() == [1.0, 2.0]
+    assert found["file"].tobytes() == bytes(range(9))
+    assert kept.path == tmp_path / "model.h5.training"
+    kept.remove()
+    assert kept.resume() == {}
+
+
+def test_another_training_is_refused(kept, tmp_path):
+    for told, expected in (
+        ({**TOLD, "seed": 4}, "seed = 3: found 4 now"),
+        ({"seed": 3, "settings": {"epochs": 2}}, "settings.order = frames: found its default now"),
+    ):
+        with pytest.raises(neuro.ModelError) as caught:
+            Checkpoint(tmp_path / "model.h5", "my training 1", told).resume()
+        assert str(caught.value) == (
+            f"{kept.path}: an unfinished training with {expected}\n"
+            "  hint: give the same options to continue it, or delete the file"
+        )
+
+
+def test_another_file_is_neither_read_nor_replaced(kept):
+    kept.path.unlink()
+    with h5py.File(kept.path, "w") as file:
+        file.attrs["format"] = "another 1"
+    with pytest.raises(neuro.ModelError, match=r"not a my training 1$"):
+        kept.resume()
+    with pytest.raises(neuro.ModelError, match="expected a new name"):
+        kept.keep(history=np.zeros(1))

@@ -1,0 +1,107 @@
+"""One root of errors: whatever this project raises for a mistake of its user is a `neuro.ModelError`."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+FILES = {
+    str(path.relative_to(ROOT)): ast.parse(path.read_text())
+    for folder in ("neuro", "apps")
+    for path in sorted((ROOT / folder).rglob("*.py"))
+}
+INSIDE = {
+    ("Damage", "neuro/events/"): "from a reader; neuro.events.opening tells it as EventFileError",
+    ("Unsavable", "neuro/events/"): "from a writer; save and convert tell it as EventFileError",
+    ("Malformed", "neuro/events/formats/"): "of a packet; its reader tells it as Damage",
+    ("ValueError", "neuro/events/formats/"): "of an array or a packet; its reader tells it as Damage",
+    ("EOFError", "neuro/events/formats/"): "of an array or a packet that ends early; its reader tells it as Damage",
+    ("ValueError", "neuro/files/results.py"): "of a damaged file, beside those of h5py; read tells it as ModelError",
+    ("OverflowError", "neuro/events/filters/_noise_kernel.py"): "a promise of a compiled kernel to its caller",
+    ("PermissionError", "neuro/core/outputs.py"): "as of the system; _telling tells it as Unwritable",
+    ("OSError", "neuro/core/outputs.py"): "as of the system; _telling tells it as Unwritable",
+    ("AttributeError", "neuro/core/lazy.py"): "asked for by Python of a module",
+    ("NotImplementedError", "neuro/"): "of a method that subclasses have",
+    ("TypeError", "neuro/model/"): "of a class that is no model; a registry tells it as ModelError",
+    ("TypeError", "neuro/events/f"): "of what is no format or filter; a registry tells it as ModelError",
+    ("TypeError", "neuro/kernels/key.py"): "to the author of a kernel",
+    ("AssertionError", "neuro/testing/"): "the judgement of the conformance suite",
+    ("BadParameter", "neuro/cli/"): "of an option; the command line tells it with the option's name",
+    ("BadParameter", "apps/"): "of an option; the command line tells it with the option's name",
+    ("Exit", "neuro/cli/"): "the status of a command",
+    ("Exit", "apps/"): "the status of a command",
+}
+"""What may be raised beside `ModelError`, where, and who hears it."""
+
+
+def last(node: ast.expr | None) -> str:
+    """The last word of `a.b.C`, of `C(...)` and of an annotation."""
+    if isinstance(node, ast.Call):
+        return last(node.func)
+    if isinstance(node, ast.Attribute):
+        return node.attr
+    return node.id if isinstance(node, ast.Name) else ""
+
+
+def roots() -> set[str]:
+    """`ModelError`, its subclasses, and the functions that return one of them."""
+    classes = [node for tree in FILES.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    known, before = {"ModelError"}, 0
+    while len(known) > before:
+        before = len(known)
+        known |= {one.name for one in classes if any(last(base) in known for base in one.bases)}
+    return known | {name for name, returns in HELPERS.items() if returns in known}
+
+
+HELPERS = {
+    node.name: last(node.returns)
+    for tree in FILES.values()
+    for node in ast.walk(tree)
+    if isinstance(node, ast.FunctionDef) and last(node.returns)[:1].isupper()
+}
+"""Functions, and the class of what they return."""
+OURS = roots()
+
+
+def raised(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Line and name of what is raised anew; an error that was caught, or kept, is raised by its variable."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Raise) and node.exc is not None:
+            name = last(node.exc)
+            if isinstance(node.exc, ast.Call) or name[:1].isupper():
+                yield node.lineno, name if name in OURS else HELPERS.get(name, name)
+
+
+def place(name: str, file: str) -> tuple[str, str] | None:
+    """The line of `INSIDE` that allows it."""
+    return next((entry for entry in INSIDE if entry[0] == name and file.startswith(entry[1])), None)
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_mistakes_of_users_are_model_errors(file):
+    wrong = [(line, name) for line, name in raised(FILES[file]) if name not in OURS and place(name, file) is None]
+    assert not wrong, f"{file}: expected ModelError, or a line in INSIDE that says who hears it"
+
+
+def test_every_exception_from_the_rule_is_needed():
+    used = {place(name, file) for file, tree in FILES.items() for _, name in raised(tree) if name not in OURS}
+    assert used == set(INSIDE)
+
+
+def test_the_rule_finds_what_it_should():
+    """The walk sees calls, classes and helpers, and does not take a variable for a class."""
+    lines = (
+        "raise ValueError('a')",
+        "raise KeyError",
+        "raise e",
+        "raise unknown('x')",
+        "raise a.Missing('b')",
+        "raise",
+    )
+    text = "\n ".join(("def f(e):", *lines))
+    found = list(raised(ast.parse(text)))
+    assert found == [(2, "ValueError"), (3, "KeyError"), (5, "unknown"), (6, "Missing")]
+    assert {"EventFileError", "FilterError", "Unwritable", "unknown", "mistake", "wrong"} <= OURS
+    assert not OURS & {"ValueError", "Damage", "Malformed"}
