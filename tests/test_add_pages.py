@@ -37,6 +37,14 @@ def follow(page, folder):
     return scripts, commands
 
 
+EDITS = {
+    "add-a-neuron-model": ("iaf_adaptive.py", "s[THETA, i] += c[JUMP]", "s[THETA, i] += 5.0 * c[JUMP]"),
+    "add-a-synapse-rule": ("triplets.py", "y[0, e] = max(0.0,", "y[0, e] = min(0.0,"),
+    "add-a-generator": ("sine_generator.py", "out[i] = 1.0", "out[i] = 2.0"),
+    "add-a-connection-rule": ("near.py", "self.p * np.exp", "0.5 * self.p * np.exp"),
+}
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_a_stranger_follows_the_page(page, tmp_path):
     scripts, commands = follow(page, tmp_path)
@@ -44,5 +52,12 @@ def test_a_stranger_follows_the_page(page, tmp_path):
     assert commands
     (tmp_path / "check.py").write_text("\n".join(scripts))
     run(tmp_path, "check.py")
-    for command in commands:
-        assert run(tmp_path, "-c", _COMMAND, *command)
+    printed = [run(tmp_path, "-c", _COMMAND, *command) for command in commands]
+    assert all(printed)
+
+    name, old, new = EDITS[page.stem]
+    before = (tmp_path / name).read_text()
+    assert old in before
+    (tmp_path / name).write_text(before.replace(old, new))
+    assert run(tmp_path, "-c", _COMMAND, *commands[0]) != printed[0]
+    run(tmp_path, "check.py")

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 from types import FunctionType
-from typing import Any
+from typing import Any, TypeVar
+from uuid import uuid4
 
 import numba
 
@@ -14,6 +15,8 @@ from neuro.kernels.kept import Kept
 from neuro.kernels.part import PartCompiler
 
 _njit: Any = numba.njit
+_PROCESS = uuid4().hex
+F = TypeVar("F", bound=Callable[..., Any])
 _PART = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": PartCompiler}
 
 
@@ -36,12 +39,22 @@ def kernel(function: Callable[..., Any]) -> Any:
 
     Kernels allocate nothing, so numba's reference counting, which costs more than a small network, is off.
     """
-    return _kept(_njit(error_model="numpy", nogil=True, _nrt=False)(function))
+    return _kept(_njit(error_model="numpy", nogil=True, _nrt=False)(_named(function)))
 
 
 def allocating(function: Callable[..., Any]) -> Any:
     """Compile an entry point that makes arrays of its own."""
-    return _kept(_njit(error_model="numpy", nogil=True)(function))
+    return _kept(_njit(error_model="numpy", nogil=True)(_named(function)))
+
+
+def _named(function: F) -> F:
+    """Give a function a name that no other process gives.
+
+    Numba numbers functions of one name within a process only. Two functions of one factory, kept by two processes,
+    could have the same symbol, and one would be called for the other.
+    """
+    function.__qualname__ = f"{function.__qualname__}.{_PROCESS}"
+    return function
 
 
 def _kept(dispatcher: Any) -> Any:
@@ -51,12 +64,12 @@ def _kept(dispatcher: Any) -> Any:
 
 def inner(function: Callable[..., Any]) -> Any:
     """Compile a function that only other kernels call."""
-    return _njit(error_model="numpy", _nrt=False, **_PART)(function)
+    return _njit(error_model="numpy", _nrt=False, **_PART)(_named(function))
 
 
 def merged(function: Callable[..., Any]) -> Any:
     """Compile a function that is always merged into its callers: for the few in the innermost loops."""
-    return _njit(error_model="numpy", _nrt=False, forceinline=True, **_PART)(function)
+    return _njit(error_model="numpy", _nrt=False, forceinline=True, **_PART)(_named(function))
 
 
 @cache

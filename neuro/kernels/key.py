@@ -155,7 +155,7 @@ def _value(function: FunctionType, name: str, value: Any, called: list[Any]) -> 
         case np.ufunc():
             return value.__name__
     raise TypeError(
-        f"kernel '{function.__module__}.{function.__qualname__}' reads '{name}', a {type(value).__name__}: "
+        f"kernel '{function.__module__}.{function.__name__}' reads '{name}', a {type(value).__name__}: "
         "expected numbers, words, tuples, arrays, modules or compiled functions"
     )
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.model.network import Network
+from neuro.run.settable import synapse_states
 from neuro.run.simulation import Simulation
 
 Found = dict[str, NDArray[Any]]
@@ -90,13 +91,8 @@ def observe(sim: Simulation) -> Found:
             found[f"{state} of {name}"] = sim.get(name, state)
     for projection in sim.program.projections:
         name = projection.name
-        found[f"weight of {name}"] = sim.get(name, "weight")
-        for state in projection.synapse.states:
-            found[f"{state.name} of {name}"] = sim.get(name, state.name)
-        if projection.synapse.learns == "pairs":
-            found[f"K_plus of {name}"] = sim.get(name, "K_plus")
-        if projection.synapse.modulated:
-            found[f"n of {name}"] = sim.get(name, "n")
+        for state in synapse_states(projection):
+            found[f"{state} of {name}"] = sim.get(name, state)
     for probe in sim.program.probes:
         if probe.record != "spikes":
             found[f"trace of {probe.name}: times"], found[f"trace of {probe.name}"] = sim.trace(probe.name)

@@ -149,6 +149,30 @@ def test_an_edited_model_is_compiled_anew_and_nothing_else(tmp_path):
     assert max(took, again) < first / 2
 
 
+def test_models_that_other_processes_compiled_do_not_mix(tmp_path):
+    """Numba numbers functions within a process: two entries of one factory could have one name."""
+
+    def run(*numbers):
+        for number in numbers:
+            (tmp_path / f"mine{number}.py").write_text(
+                MINE.replace("NUMBER", f"-{number}.0").replace("my_cell", f"cell{number}")
+            )
+        code = "import neuro\n" + "".join(f"from mine{n} import cell{n}\n" for n in numbers)
+        for n in numbers:
+            code += f"net = neuro.Network(); net.population('c', 1, cell{n}(I_e=1000.0, t_ref=0.0))\n"
+            code += "sim = neuro.compile(net); sim.run(100.0); print(len(sim.spikes('c')[0]))\n"
+        environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")}
+        done = subprocess.run(
+            [sys.executable, "-c", code], cwd=tmp_path, env=environment, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        return [int(line) for line in done.stdout.split()]
+
+    [near], [far] = run(60), run(90)
+    assert near > far
+    assert run(60, 90) == [near, far]
+
+
 def test_registered_twice_or_too_late(tmp_path):
     script = tmp_path / "own.py"
     code = """
