@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from neuro_drone.body import GRAVITY, Kinematic, body_of
+from neuro_drone.bodies import body_of
+from neuro_drone.body import GRAVITY, Kinematic
 from neuro_drone.scenario import Drone
 
 speeds = st.floats(-3.0, 3.0)

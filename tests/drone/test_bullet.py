@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from neuro import ModelError
 from neuro.core.extras import install
-from neuro_drone.body import Kinematic, body_of
+from neuro_drone.bodies import body_of
+from neuro_drone.body import Kinematic
 from neuro_drone.bullet import ARM, DRAG_TO_THRUST, MOST_THRUST, Bullet, _rotors
 from neuro_drone.env import DroneEnv
 from neuro_drone.scenario import Drone
