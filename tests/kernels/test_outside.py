@@ -60,6 +60,40 @@ def test_a_read_between_pre_spikes_shows_what_was_sent(cell, rule):
     assert differences(found(net, "reference"), found(net, "event"), exact=False) == []
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class my_dopa(neuro.stdp_dopa):
+    """A rule under dopamine with the arithmetic of its base."""
+
+
+def under_dopamine(rule, backend, threads=1):
+    net = neuro.Network("dopamine")
+    net.population("noise", 20, neuro.poisson_generator(rate=300.0))
+    net.population("cells", 15, neuro.iaf_psc_exp())
+    net.population("reward", 3, neuro.poisson_generator(rate=100.0))
+    net.signal("level", to="cells")
+    level = rule(signal="level", Wmax=400.0, A_plus=3.0, A_minus=1.0, tau_n=30.0, deliver_interval=3)
+    delay = neuro.uniform(low=0.5, high=3.0)
+    net.connect("noise", "cells", neuro.all_to_all(), level, weight=200.0, delay=delay, name="w")
+    spikes = rule(dopamine="reward", Wmax=80.0, b=0.01, tau_n=30.0)
+    net.connect("cells", "cells", neuro.all_to_all(), spikes, weight=20.0, delay=1.0)
+    sim = neuro.compile(net, backend, threads=threads)
+    for n, tau_c in ((0.03, 1000.0), (-0.02, 300.0)):
+        sim.run(30.0)
+        sim.signal("level", n)
+        sim.set("w", tau_c=tau_c, tau_plus=12.0)
+        sim.run(21.0)
+    return observe(sim)
+
+
+@pytest.mark.parametrize(
+    ("backend", "rule", "threads"), [("event", my_dopa, 1), ("event", my_dopa, 2), ("reference", my_dopa, 1)]
+)
+def test_under_dopamine_by_address_as_compiled_in(backend, rule, threads):
+    ours = under_dopamine(neuro.stdp_dopa, "event")
+    assert np.ptp(ours["weight of w"]) > 10.0
+    assert differences(ours, under_dopamine(rule, backend, threads), exact=False) == []
+
+
 def test_a_state_goes_on_in_another_process(tmp_path):
     net = network(my_cell, my_rule)
     sim = neuro.compile(net)
