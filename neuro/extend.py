@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from neuro.core.quantities import Value, quantity
     from neuro.core.registry import register
     from neuro.events._events import Events
-    from neuro.events.filters import Filter
-    from neuro.events.formats import Damage, Format, Piece, Reader, Seeker, Unsavable
+    from neuro.events.filters import Filter, Sieve
+    from neuro.events.formats import Damage, Format, Piece, Reader, Seeker, Unsavable, in_order, refuse
     from neuro.kernels.jit import allocating, inner, kernel
     from neuro.model.distributions import Distribution
     from neuro.model.neurons.base import Generator, Neuron, State
@@ -41,7 +41,7 @@ _HOMES = {
     ),
     "neuro.core.registry": ("register",),
     "neuro.events._events": ("Events",),
-    "neuro.events.filters": ("Filter",),
+    "neuro.events.filters": ("Filter", "Sieve"),
     "neuro.events.formats": (
         "Damage",
         "Format",
@@ -49,6 +49,8 @@ _HOMES = {
         "Reader",
         "Seeker",
         "Unsavable",
+        "in_order",
+        "refuse",
     ),
     "neuro.kernels.jit": (
         "allocating",
@@ -110,6 +112,7 @@ __all__ = [
     "Reader",
     "Rule",
     "Seeker",
+    "Sieve",
     "Spikes",
     "State",
     "Synapse",
@@ -121,10 +124,12 @@ __all__ = [
     "from_alpha",
     "from_constant",
     "from_exponential",
+    "in_order",
     "inner",
     "kernel",
     "leak",
     "quantity",
+    "refuse",
     "register",
 ]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import entry_points
 from os import PathLike
 from typing import Any, Protocol, runtime_checkable
 
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, Where, nearest
+from neuro.core.registry import Registry
 from neuro.model.neurons import Model
 from neuro.model.synapses import Synapse
 from neuro.program.program import Floats, Ints, Program
@@ -258,9 +258,19 @@ def own_generators(program: Program) -> list[Problem]:
     ]
 
 
+BACKENDS: Registry[Backend] = Registry(
+    "backend",
+    (),
+    takes=lambda part: all(hasattr(part, word) for word in ("name", "problems", "build")),
+    group="neuro.backends",
+    name=lambda backend: backend.name,
+)
+"""All backends by name."""
+
+
 def installed() -> dict[str, Backend]:
-    """All installed backends by name."""
-    return {entry.name: entry.load() for entry in sorted(entry_points(group="neuro.backends"), key=lambda e: e.name)}
+    """All backends by name, imported."""
+    return {name: BACKENDS[name] for name in sorted(BACKENDS)}
 
 
 def find(name: str | PathLike[str]) -> Backend:
@@ -270,13 +280,11 @@ def find(name: str | PathLike[str]) -> Backend:
         ModelError: there is none, or the file does not describe such a target.
     """
     text = str(name)
-    entries = {entry.name: entry for entry in entry_points(group="neuro.backends")}
-    if text in entries:
-        backend: Backend = entries[text].load()
-        return backend
+    if text in BACKENDS:
+        return BACKENDS[text]
     families = [each for each in installed().values() if isinstance(each, Family)]
     for family in families:
         if (found := family.of(text)) is not None:
             return found
-    known = dict.fromkeys((*entries, *(target for family in families for target in family.targets())))
+    known = dict.fromkeys((*BACKENDS, *(target for family in families for target in family.targets())))
     raise ModelError(f"unknown backend '{text}'", hint=nearest(text, known))
