@@ -185,7 +185,9 @@ def script(end: str, **environment: str) -> subprocess.CompletedProcess[str]:
 def test_a_crash_is_told():
     told = script("ctypes.string_at(0)")
     assert told.returncode == -signal.SIGSEGV
-    assert (told.stdout, told.stderr) == ("", TOLD + "\n")
+    assert told.stdout == ""
+    own = [line for line in told.stderr.splitlines() if not line.startswith("[")]  # Open MPI tells crashes, too
+    assert own == TOLD.splitlines()
 
 
 def test_nothing_is_said_of_its_own():
@@ -194,6 +196,10 @@ def test_nothing_is_said_of_its_own():
 
 
 def test_several_processes_need_a_nest_with_mpi():
+    import nest
+
+    if nest.build_info["have_mpi"]:
+        pytest.skip("this NEST was built with MPI")
     told = script("", OMPI_COMM_WORLD_SIZE="4")
     assert "ModelError: mpirun started 4 processes, but this NEST was built without MPI\n" in told.stderr
     assert "cmake.define.with-mpi=ON" in told.stderr
