@@ -144,11 +144,12 @@ def _called(part: Any) -> str:
 @cache
 def installed(group: str) -> EntryPoints:
     """The entry points of one group of all installed packages."""
-    return _installed().select(group=group)
+    found: EntryPoints = _installed().select(group=group)
+    return found
 
 
 @cache
-def _installed() -> EntryPoints:
+def _installed() -> Any:
     return entry_points()
 
 
