@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+import neuro
 from neuro.model.neurons import izhikevich
 from neuro.program.backend import EngineCounts, Problem
 from neuro.program.program import Floats, Program
-from neuro.testing import CASES, NEEDS_FLOATS, check_backend, check_case
+from neuro.testing import CASES, NEEDS_FLOATS, check_backend, check_case, check_part
 from neuro_reference import ReferenceBackend
 from neuro_reference.engine import ReferenceEngine
 
@@ -166,3 +167,26 @@ def test_every_case_says_what_it_shows():
     assert len(CASES) >= 118
     assert sum(not case.floats for case in CASES.values()) >= 48
     assert all(case.about.endswith(".") for case in CASES.values())
+
+
+def test_a_part_is_tried_on_both_sides():
+    check_part("izhikevich")
+    check_part(neuro.stdp(Wmax=300.0, lambda_=0.1))
+    check_part(neuro.fixed_outdegree(n=4))
+
+
+def test_a_part_that_is_wrong_is_found():
+    wrong = r"^stdp in 'noise_5.0_Hz', 1 threads\n  weight of noise_relay: 20 differ"
+    with pytest.raises(AssertionError, match=wrong):
+        check_part("stdp", Leaky())
+
+
+def test_a_part_that_cannot_be_tried_is_told():
+    with pytest.raises(neuro.ModelError) as told:
+        check_part("izhikevic")
+    assert str(told.value).splitlines() == [
+        "there is no model, synapse model or connection rule 'izhikevic'",
+        "  hint: did you mean 'izhikevich'?",
+    ]
+    with pytest.raises(neuro.ModelError, match="hint: give an instance of it"):
+        check_part("fixed_indegree")

@@ -14,7 +14,6 @@ from neuro_chip import tables as t
 from neuro_chip.build import STATES, write_states
 from neuro_chip.machine import Machine
 
-_RULE_WIDTH = 32
 _REGISTERS = {"V_m": ("v",), "I_syn_ex": ("u", "g_exc"), "I_syn_in": ("u", "g_inh")}
 
 
@@ -131,8 +130,8 @@ class Trials:
     def _prepared(self, projection: int) -> tuple[FixedProjection, Floats, np.uint64]:
         """The scale of a projection, its rule's constants, and the key of its draws; counts a change."""
         machine = self._machine
-        rule = np.zeros(_RULE_WIDTH)
         synapse = machine.program.projections[projection].synapse
+        rule = np.zeros(synapse.width)
         synapse.arithmetic.constants(machine.weights.rules[projection], machine.program.resolution, rule)
         self.changes += 1
         return machine.weights.wires_of(projection), rule, np.uint64(self._keys[projection])

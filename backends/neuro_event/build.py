@@ -16,7 +16,6 @@ from neuro_event.learning import add_learning
 from neuro_event.projections import add_projections
 from neuro_event.sources import add_generators
 
-PARAMETERS = 20
 LINE = 16
 """Numbers between what two threads write often, so that they share no cache line."""
 
@@ -108,6 +107,7 @@ def _populations(a: Arrays) -> None:
 def rebuild_constants(a: Arrays, changed: dict[int, Floats]) -> None:
     """Compute the constants of all populations; `changed` holds the parameter rows that differ from the program's."""
     parameters: list[Floats] = []
+    width = layout.width(a.program)
     at = 0
     for k, (p, place) in enumerate(zip(a.program.populations, a.places, strict=True)):
         a.net["pops"][k, t.CONSTANT], a.net["pops"][k, t.CONSTANT_STRIDE] = 0, 0
@@ -115,10 +115,10 @@ def rebuild_constants(a: Arrays, changed: dict[int, Floats]) -> None:
             continue
         rows = changed[k] if k in changed else layout.parameter_rows(p, place)
         a.net["pops"][k, t.CONSTANT], a.net["pops"][k, t.CONSTANT_STRIDE] = at, int(rows.shape[0] > 1)
-        parameters.append(np.pad(rows, ((0, 0), (0, PARAMETERS - rows.shape[1]))))
+        parameters.append(np.pad(rows, ((0, 0), (0, width - rows.shape[1]))))
         at += rows.shape[0]
-    a.net["parameters"] = np.concatenate(parameters) if parameters else np.zeros((1, PARAMETERS))
-    a.net["constants"] = np.zeros((a.net["parameters"].shape[0], t.CONSTANTS))
+    a.net["parameters"] = np.concatenate(parameters) if parameters else np.zeros((1, width))
+    a.net["constants"] = np.zeros_like(a.net["parameters"])
     for k, p in enumerate(a.program.populations):
         if isinstance(p.model, (Neuron, Generator)) and layout.computes(p):
             first = a.net["pops"][k, t.CONSTANT]
@@ -145,7 +145,7 @@ def _logs(a: Arrays) -> None:
         "found": np.zeros((threads, n), dtype=np.int64),
         "found_arrived": np.zeros((threads, n), dtype=np.uint8),
         "clock": np.zeros((threads, LINE), dtype=np.int64),
-        "scratch": np.zeros((threads, t.CONSTANTS)),
+        "scratch": np.zeros((threads, layout.width(a.program))),
         "words": np.zeros((threads, t.BLOCK), dtype=np.uint64),
     }
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.model.neurons import Neuron
+from neuro.model.neurons import Model, Neuron
 from neuro.program.program import Floats, Ints, Population, Program, Projection
 from neuro_event import tables as t
 from neuro_event.models import NEURONS
@@ -82,6 +82,11 @@ def kind(population: Population) -> int:
 def computes(population: Population) -> bool:
     """Whether a population has constants and states: neurons, and generators of strangers."""
     return population.kind in ("neuron", "generator")
+
+
+def width(program: Program) -> int:
+    """Room that each of the program's models has for its parameters and for its constants."""
+    return max([Model.width, *(p.model.width for p in program.populations if computes(p))])
 
 
 def numeric_words(model: type[Any]) -> list[str]:

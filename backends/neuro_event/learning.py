@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.model.synapses import Synapse
 from neuro.program.program import Floats, Ints, Program
 from neuro_event import layout
 from neuro_event import tables as t
@@ -21,7 +22,7 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
     threads = a.net["edges"].size - 1
     program, pops = a.program, a.net["pops"]
     table = np.full((len(learning), t.PLASTIC_COLUMNS), t.NONE, dtype=np.int64)
-    width = max([t.CONSTANTS, *(program.projections[q].synapse.width for q in learning)])
+    width = max([Synapse.width, *(program.projections[q].synapse.width for q in learning)])
     rules, tau = np.zeros((len(learning), width)), np.zeros((len(learning), 2))
     decay = np.zeros((len(learning), 3, DECAYS))
     kinds = np.zeros((len(learning), 2 * _most_traces(program, learning), 3))

@@ -5,7 +5,6 @@ A population begins at a multiple of `BLOCK * GROUPED` neurons, so that blocks a
 
 BLOCK = 64
 GROUPED = 8
-CONSTANTS = 20
 NONE = -1
 
 POISSON, LISTED, CURRENT, NEURON, GENERATOR = range(5)

@@ -11,8 +11,6 @@ from neuro.core import keyed_random
 from neuro.model.neurons import Generator, Neuron
 from neuro.program.program import Floats, Ints, Population, drawn_for
 
-_CONSTANTS = 32
-
 
 class Cells:
     """States and parameters of a population, and one step of them.
@@ -52,7 +50,7 @@ class Cells:
         if not isinstance(model, (Neuron, Generator)) or self.part.kind not in ("neuron", "generator"):
             return
         values = [np.broadcast_to(v, self.size) for v in self.parameters.values()]
-        self.constants: Floats = np.zeros((self.size, _CONSTANTS))
+        self.constants: Floats = np.zeros((self.size, model.width))
         for i in range(self.size):
             model.arithmetic.constants([float(v[i]) for v in values], self.resolution, self.constants[i])
         alike = bool((self.constants == self.constants[0]).all())

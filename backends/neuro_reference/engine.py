@@ -85,8 +85,8 @@ class ReferenceEngine:
         self.net.trial_updates[projection] += len(slots)
 
     def _rule(self, projection: int) -> Floats:
-        c: Floats = np.zeros(32)
         part = self.program.projections[projection]
+        c: Floats = np.zeros(part.synapse.width)
         part.synapse.arithmetic.constants(self.net.rules[projection], self.program.resolution, c)
         return c
 

@@ -11,6 +11,7 @@ from math import exp, expm1, inf, isnan, log
 
 import numpy as np
 
+from neuro.kernels.draws import mix
 from neuro.kernels.jit import inner, kernel
 
 BLOCK = 64
@@ -37,14 +38,6 @@ the last event. They lie apart from the rest, which a pixel that stays below its
 FIXED = np.dtype([("cutoff", "f8"), ("blind", "f8"), ("wait", "f8"), ("dimmed", "f8"), ("seed", "i8")])
 """Of all pixels: cutoff 1/us at full scale or 0, refractory us, mean us between noise events in the dark,
 share of them that full scale takes away, seed."""
-
-
-@inner
-def mix(z):
-    """SplitMix64's finaliser, uint64 to uint64. Source: Steele, Lea, Flood, OOPSLA 2014."""
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))
 
 
 @inner

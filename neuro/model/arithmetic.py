@@ -59,5 +59,5 @@ def fill(told: str, model: type[Any], p: Any, c: Any) -> None:
     except (IndexError, ValueError) as error:
         raise TypeError(
             f"{told}: 'constants' fails for its defaults ({error}): "
-            f"expected at most {len(c)} constants from {len(p)} parameters"
+            f"expected at most {len(c)} constants, its width, from {len(p)} parameters"
         ) from None

@@ -15,9 +15,22 @@ reason. It is held to that: a case declared unsupported that passes is a failure
 A backend that computes in integers says so in its attribute `arithmetic = "integer"`. Cases whose values only floats
 hold exactly are then not run; `check_case` returns `NEEDS_FLOATS` for them. Those that integers hold exactly, too,
 and the laws of cutting, saving, seeds and counts must pass on every backend.
+
+A model or a rule of a stranger is tried by `check_part`, in networks of its own, on a backend beside the reference.
 """
 
 from neuro.testing.case import CASES, Case, Found, observe
 from neuro.testing.conformance import NEEDS_FLOATS, check_backend, check_case, deviations
+from neuro.testing.parts import check_part
 
-__all__ = ["CASES", "NEEDS_FLOATS", "Case", "Found", "check_backend", "check_case", "deviations", "observe"]
+__all__ = [
+    "CASES",
+    "NEEDS_FLOATS",
+    "Case",
+    "Found",
+    "check_backend",
+    "check_case",
+    "check_part",
+    "deviations",
+    "observe",
+]

@@ -251,3 +251,28 @@ for late in (False, True):
         "own.py:12: synapse 'other' is registered too late: a network was compiled\n"
         "  hint: register it first; an instance of it works in Python without being registered\n"
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class wide(neuro.iaf_psc_delta):
+    """A neuron with room for more numbers than ours have."""
+
+    width: ClassVar[int] = 45
+
+
+def test_a_model_says_how_many_numbers_it_has():
+    net = neuro.Network("wide")
+    net.population("noise", 20, neuro.poisson_generator(rate=300.0))
+    net.population("ours", 70, neuro.iaf_psc_delta())
+    net.population("theirs", 70, wide(tau_m=neuro.uniform(low=5.0, high=15.0)))
+    for name in ("ours", "theirs"):
+        net.connect("noise", name, neuro.fixed_indegree(n=10), weight=2.0, delay=1.0)
+    outcomes = []
+    for backend in ("reference", "event"):
+        sim = neuro.compile(net, backend)
+        sim.run(40.0)
+        sim.set("theirs", V_th=np.linspace(-60.0, -55.0, 70))
+        sim.run(40.0)
+        outcomes.append(observe(sim))
+    assert outcomes[0]["spikes of theirs: steps"].size > 10
+    assert differences(*outcomes, exact=False) == []

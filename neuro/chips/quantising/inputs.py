@@ -13,7 +13,6 @@ from neuro.chips.lag import lag
 from neuro.chips.quantising.fixed import Words
 from neuro.core.errors import Where
 from neuro.model.neurons import Neuron
-from neuro.model.neurons.base import LARGEST
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints, Population, Program
 
@@ -122,7 +121,7 @@ def constants_of(part: Population, resolution: float) -> Floats:
     size = max(column.size for column in columns)
     rows = np.stack([np.broadcast_to(column, size) for column in columns], axis=1)
     different, back = np.unique(rows, axis=0, return_inverse=True)
-    constants = np.zeros((len(different), LARGEST))
+    constants = np.zeros((len(different), model.width))
     for row, c in zip(different, constants, strict=True):
         model.arithmetic.constants(row, resolution, c)
     found: Floats = constants[back.reshape(-1)]

@@ -30,9 +30,6 @@ from neuro.core.choice import Choice
 from neuro.core.quantities import Value, quantity
 from neuro.model.arithmetic import OfModule, check_functions, fill
 
-LARGEST = 20
-"""Most numeric parameters of a neuron model, `tau_minus` among them, and most constants."""
-
 FUNCTIONS = {"constants": 3, "step": 7, "fire": 3, "quiet": 5}
 """The functions of a neuron model's arithmetic and how many arguments each takes."""
 
@@ -60,6 +57,7 @@ class Model(Choice):
         chip: the chip whose registers the parameters are, "" for a model of all backends.
         role: what backends do with it: "neuron" (stepped), "poisson", "listed" and "current" (the generators of this
             package), "generator" (any other).
+        width: the most numbers among its parameters, `tau_minus` among them, and the most constants.
     """
 
     kind: ClassVar[str] = "model"
@@ -68,6 +66,7 @@ class Model(Choice):
     source: ClassVar[str] = ""
     chip: ClassVar[str] = ""
     states: ClassVar[tuple[State, ...]] = ()
+    width: ClassVar[int] = 20
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -149,11 +148,11 @@ def _complete_numbers(told: str, model: type[Model]) -> NDArray[np.float64] | No
     kinds = {word: q.kind for word, q in model.quantities().items()}
     if other := [word for word, kind in kinds.items() if kind not in ("number", "integer", "boolean")]:
         raise TypeError(f"{told}: parameter '{other[0]}' is a {kinds[other[0]]}: expected a number or a boolean")
-    if len(kinds) > LARGEST:
-        raise TypeError(f"{told} has {len(kinds)} parameters with tau_minus: expected at most {LARGEST}")
+    if len(kinds) > model.width:
+        raise TypeError(f"{told} has {len(kinds)} parameters with tau_minus: expected at most {model.width}, its width")
     defaults = model.defaults()
     if not all(np.isscalar(defaults.get(word)) for word in kinds):
         return None
-    c = np.zeros(LARGEST)
+    c = np.zeros(model.width)
     fill(told, model, np.array([float(defaults[word]) for word in kinds]), c)
     return c

@@ -1,0 +1,135 @@
+"""One neuron, generator, synapse model or connection rule, tried on a backend beside the reference."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from neuro.core.errors import ModelError
+from neuro.core.hints import nearest
+from neuro.model.distributions import uniform
+from neuro.model.network import Network
+from neuro.model.neurons import MODELS, Generator, Model, Neuron, iaf_psc_exp, parrot_neuron, poisson_generator
+from neuro.model.rules import RULES, Rule, all_to_all, one_to_one, pairwise_bernoulli
+from neuro.model.synapses import SYNAPSES, Synapse
+from neuro.program.backend import Backend
+from neuro.run.simulation import Simulation, compile
+from neuro.testing.case import Found, differences, observe
+
+Part = Model | Synapse | Rule
+
+_N = 70  # more than a block of neurons, and no multiple of one
+_SHEET = (7, 10)  # as many
+_MS = 40.0
+_WEIGHTS = (1.0, 20.0, 400.0)  # for neurons of unknown units: some hardly hear, some hardly rest
+_RATES = (5.0, 80.0)
+
+
+def check_part(part: str | Part, backend: str | Backend = "event") -> None:
+    """Run networks around a part on a backend and on the reference, and compare all that can be read.
+
+    They are nearly silent and busy, are cut and reset on the way, and run on one thread and on two.
+
+    Args:
+        part: the name of one that is registered, which is tried with its defaults, or an instance.
+        backend: its name, or the backend itself.
+
+    Raises:
+        AssertionError: they differ; it says in which network, and in what.
+        ModelError: there is no such part, or it cannot be tried so.
+    """
+    chosen = _made(part) if isinstance(part, str) else part
+    for net in _networks(chosen):
+        expected = _found(compile(net, "reference", seed=1))
+        for threads in (1, 2):
+            found = _found(compile(net, backend, seed=1, threads=threads))
+            told = differences(expected, found, exact=False)
+            assert not told, f"{chosen.name} in '{net.name}', {threads} threads\n  " + "\n  ".join(told)
+
+
+def _made(name: str) -> Part:
+    for registry in (MODELS, SYNAPSES, RULES):
+        if name in registry:
+            try:
+                made: Part = registry[name]()
+            except TypeError as error:
+                raise ModelError(f"'{name}' has no defaults: {error}", hint="give an instance of it") from None
+            return made
+    known = [*MODELS, *SYNAPSES, *RULES]
+    raise ModelError(f"there is no model, synapse model or connection rule '{name}'", hint=nearest(name, known))
+
+
+def _found(sim: Simulation) -> Found:
+    """What is read after a run, and after another in two pieces from the same beginning."""
+    sim.run(_MS)
+    first = observe(sim)
+    sim.reset(weights=True)
+    sim.run(0.3 * _MS)
+    middle = observe(sim)
+    sim.run(0.7 * _MS)
+    told = differences(first, observe(sim), exact=True)
+    assert not told, f"{sim.program.name}: a run that is cut differs\n  " + "\n  ".join(told)
+    return first | {f"{name}, at {0.3 * _MS} ms": value for name, value in middle.items()}
+
+
+def _networks(part: Part) -> Iterator[Network]:
+    if isinstance(part, Generator):
+        yield _of_generator(part)
+    elif isinstance(part, Neuron):
+        for weight in _WEIGHTS:
+            for rate in _RATES:
+                yield _of_neuron(part, weight, rate)
+    elif isinstance(part, Synapse):
+        yield from (_of_synapse(part, rate) for rate in _RATES)
+    elif isinstance(part, Rule):
+        yield from (_of_rule(part, rate) for rate in _RATES)
+
+
+def _of_neuron(model: Model, weight: float, rate: float) -> Network:
+    net = Network(f"noise_{rate}_Hz_weights_{weight}")
+    net.population("noise", 20, poisson_generator(rate=rate))
+    net.population("cells", _N, model)
+    net.connect("noise", "cells", pairwise_bernoulli(p=0.5), weight=uniform(low=-0.5 * weight, high=weight), delay=1.0)
+    if model.states:
+        net.connect("cells", "cells", pairwise_bernoulli(p=0.1), weight=-0.5 * weight, delay=1.5)
+    _probe(net, model)
+    return net
+
+
+def _of_generator(model: Model) -> Network:
+    net = Network("generator")
+    net.population("source", 20, model)
+    net.population("cells", _N, iaf_psc_exp())
+    net.connect("source", "cells", pairwise_bernoulli(p=0.5), weight=300.0, delay=1.0)
+    _probe(net, iaf_psc_exp())
+    return net
+
+
+def _of_synapse(synapse: Synapse, rate: float) -> Network:
+    net = Network(f"noise_{rate}_Hz")
+    net.population("noise", 20, poisson_generator(rate=rate))
+    net.population("relay", 20, parrot_neuron())
+    net.population("cells", _N, iaf_psc_exp(I_e=200.0))
+    net.connect("noise", "relay", one_to_one(), delay=0.1)
+    top = float(getattr(synapse, "Wmax", 400.0))
+    middle = uniform(low=min(0.2 * top, 0.8 * top), high=max(0.2 * top, 0.8 * top))
+    for source in ("relay", "cells"):
+        late = uniform(low=0.1, high=4.0)
+        net.connect(source, "cells", pairwise_bernoulli(p=0.3), synapse, weight=middle, delay=late)
+    _probe(net, iaf_psc_exp())
+    return net
+
+
+def _of_rule(rule: Rule, rate: float) -> Network:
+    net = Network(f"noise_{rate}_Hz")
+    net.population("noise", _SHEET, poisson_generator(rate=rate))
+    net.population("cells", _SHEET, iaf_psc_exp())
+    net.connect("noise", "cells", rule, weight=300.0, delay=1.0)
+    net.connect("cells", "cells", all_to_all(), weight=-5.0, delay=1.0)
+    _probe(net, iaf_psc_exp())
+    return net
+
+
+def _probe(net: Network, model: Model) -> None:
+    for state in model.states:
+        if not state.hidden:
+            net.probe(f"{state.name}_of_cells", "cells", state.name, every=1.0)
