@@ -39,7 +39,7 @@ def follow(page, folder):
 
 EDITS = {
     "add-a-neuron-model": ("lif_cond.py", "- x[1, i]", "- 3.0 * x[1, i]"),
-    "add-a-synapse-rule": ("triplets.py", "y[0, e] = max(0.0,", "y[0, e] = min(0.0,"),
+    "add-a-synapse-rule": ("triplets.py", "c[A2_PLUS] + c", "7.0 * c[A2_PLUS] + c"),
     "add-a-generator": ("sine_generator.py", "out[i] = 1.0", "out[i] = 2.0"),
     "add-a-connection-rule": ("near.py", "self.p * np.exp", "0.5 * self.p * np.exp"),
 }

@@ -75,11 +75,11 @@ def _neurons(a: Arrays, slots: int) -> None:
         a.net["order"][place.begin : place.end] = place.outside
         if population.kind == "neuron":
             tau = np.atleast_1d(population.parameters["tau_minus"])
-            a.net["tau_minus"][place.begin : place.end] = place.taken(tau) if tau.size > 1 else tau[0]
+            a.net["tau_minus"][place.begin : place.end] = place.by_place(tau) if tau.size > 1 else tau[0]
             a.net["awake"][place.begin // t.BLOCK : -(-place.end // t.BLOCK)] = 1
         for row, state in enumerate(type(population.model).states):
             start = np.atleast_1d(population.initial.get(state.name, np.zeros(1)))
-            a.net["state"][row, place.begin : place.end] = place.taken(start) if start.size > 1 else start[0]
+            a.net["state"][row, place.begin : place.end] = place.by_place(start) if start.size > 1 else start[0]
     a.net["initial"] = a.net["state"].copy()
 
 

@@ -14,7 +14,7 @@ def apply(currents: Currents, program: Program, arrays: Arrays, view: Ints, step
     """Set the currents that hold from step + 1 on; populations whose current changes are woken."""
     for target in currents.targets:
         place = arrays.places[target]
-        current = place.taken(currents.into(target, step + 1))
+        current = place.by_place(currents.into(target, step + 1))
         now = arrays.net["current"][place.begin : place.end]
         if not np.array_equal(current, now):
             loop.wake_population(view, target, step, program.resolution)

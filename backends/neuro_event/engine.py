@@ -12,20 +12,14 @@ from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program, Trials
-from neuro_event import build, layout, lazy, learning, loop, projections, reading, rewards, sources
+from neuro_event import build, layout, lazy, learning, loop, projections, reading, rewards, snapshot, sources
 from neuro_event import tables as t
+from neuro_event.changes import Changes
 from neuro_event.currents import apply
 from neuro_event.listed import Listed
 from neuro_event.record import Record
 from neuro_event.threads import Threads
 from neuro_event.views import table_of
-
-_GIVEN = {"edges", "rows", "targets", "delays", "order", "map_of", "initial", "resets", "keys", "group_keys"}
-_VIEWS = {"x", "bits", "awake_groups", "due_groups", "fired_words", "traces"}
-_EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired"}
-_REBUILT = {"incoming", "at_emission", "list_steps", "list_ids", "list_counts", "cursor"}
-_FIXED = _GIVEN | _VIEWS | _EMPTY | _REBUILT
-"""Arrays that a snapshot leaves out: they follow from the program, or hold nothing between two runs."""
 
 
 class EventEngine:
@@ -39,14 +33,11 @@ class EventEngine:
     def _start_over(self, weights: dict[int, Floats] | None) -> None:
         self._a = build.build(self._program, self._n_threads)
         self._step = 0
-        self._told: dict[tuple[int, str], Floats] = {}
-        self._changed: dict[int, Floats] = {}
-        self._rules = {q: p.synapse.vector() for q, p in enumerate(self._program.projections)}
+        self._changes = Changes(self._program)
         self._record = Record(self._program, self._a.places)
         self._currents = Currents(self._program)
         self._threads = Threads(self._n_threads)
         self._listed = Listed(self._a)
-        self._kept_weights: dict[int, Floats] = {}
         self._trial_start = 0
         self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
         self._pack()
@@ -205,7 +196,7 @@ class EventEngine:
         """The constants of a rule for trials."""
         synapse = self._program.projections[projection].synapse
         c = np.zeros(synapse.width)
-        synapse.arithmetic.constants(self._rules[projection], self._program.resolution, c)
+        synapse.arithmetic.constants(self._changes.rules[projection], self._program.resolution, c)
         return c
 
     # --- states, parameters, weights ----------------------------------------------------------------------
@@ -216,7 +207,7 @@ class EventEngine:
         if layout.computes(p):
             states = [s.name for s in type(p.model).states]
             if name in states:
-                return place.told(
+                return place.by_id(
                     reading.state(self._a, population, self._step)[states.index(name), place.begin : place.end].copy()
                 )
         return self._parameter(population, name)
@@ -227,9 +218,9 @@ class EventEngine:
             mean: Floats = self._a.net["mean"][place.begin : place.end]
             return mean / (self._program.resolution * 1e-3)
         if layout.computes(p):
-            rows = self._changed.get(population, layout.parameter_rows(p, place))
+            rows = self._changes.rows.get(population, layout.parameter_rows(p, place))
             column = rows[:, layout.numeric_words(type(p.model)).index(name)]
-            return np.broadcast_to(place.told(column) if column.size > 1 else column, p.size).copy()
+            return np.broadcast_to(place.by_id(column) if column.size > 1 else column, p.size).copy()
         value = self._currents.amplitude(population) if name == "amplitude" else p.parameters[name]
         return np.broadcast_to(value, p.size).astype(np.float64)
 
@@ -241,7 +232,7 @@ class EventEngine:
     def _set(self, population: int, name: str, values: Floats) -> None:
         p, place = self._program.populations[population], self._a.places[population]
         if name in p.parameters:
-            self._told[population, name] = values.copy()
+            self._changes.given[population, name] = values.copy()
         if p.kind == "poisson":
             sources.set_rate(self._a, population, values, self._step)
             return
@@ -250,23 +241,23 @@ class EventEngine:
             return
         if p.kind == "neuron":
             loop.wake_population(self._view, population, self._step, self._program.resolution)
-        inner = place.taken(values) if values.size > 1 else values
+        inner = place.by_place(values) if values.size > 1 else values
         states = [s.name for s in type(p.model).states]
         if name in states:
             self._a.net["state"][states.index(name), place.begin : place.end] = inner
             return
-        rows = self._changed.get(population, layout.parameter_rows(p, place))
+        rows = self._changes.rows.get(population, layout.parameter_rows(p, place))
         column = layout.numeric_words(type(p.model)).index(name)
         if inner.size > 1 and rows.shape[0] == 1:
             rows = np.repeat(rows, p.size, axis=0)
         rows = rows.copy()
         rows[:, column] = inner
-        self._changed[population] = rows
+        self._changes.rows[population] = rows
         if name == "tau_minus":
             self._a.net["tau_minus"][place.begin : place.end] = inner
         if name == "t_ref" and self._a.net["pops"][population, t.HISTORY] >= 0:
             learning.widen_histories(self._a, population, float(inner.min()))
-        build.rebuild_constants(self._a, self._changed)
+        build.rebuild_constants(self._a, self._changes.rows)
         self._pack()
 
     def signal(self, signal: int, values: Floats) -> None:
@@ -274,7 +265,7 @@ class EventEngine:
         for q, k in self._a.plastic_of.items():
             p = self._program.projections[q]
             if p.signal == signal:
-                inner = np.ascontiguousarray(self._a.places[p.target].taken(values), dtype=np.float64)
+                inner = np.ascontiguousarray(self._a.places[p.target].by_place(values), dtype=np.float64)
                 lazy.write_signal(self._view, k, inner, self._step, self._program.resolution)
 
     def get_synapses(self, projection: int, name: str) -> Floats:
@@ -283,7 +274,7 @@ class EventEngine:
             return self._copy.synapses(projection, name, self._step)
         p = self._program.projections[projection]
         if self._a.net["pops"][p.target, t.RELAY] == 1:
-            return np.broadcast_to(self._kept_weights.get(projection, p.weight), p.size).copy()
+            return np.broadcast_to(self._changes.kept.get(projection, p.weight), p.size).copy()
         return reading.weights(self._a, projection)
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
@@ -303,7 +294,7 @@ class EventEngine:
                 p.synapse,
                 self._program,
             )
-        self._rules[projection] = parameters.copy()
+        self._changes.rules[projection] = parameters.copy()
 
     def set_weights(self, projection: int, weights: Floats) -> None:
         """Replace all weights; spikes under way keep the old ones."""
@@ -354,7 +345,7 @@ class EventEngine:
             self._a.plastic["sent"][first : first + p.size] = inner
             return
         if self._a.net["pops"][p.target, t.RELAY] == 1:
-            self._kept_weights[projection] = weights.copy()
+            self._changes.kept[projection] = weights.copy()
             return
         first, stride = int(row[t.WEIGHT]), int(row[t.WEIGHT_STRIDE])
         if inner.size > 1 and stride == 0 and p.size > 1:
@@ -370,8 +361,8 @@ class EventEngine:
     def counts(self) -> EngineCounts:
         """Counts since the start or the last reset."""
         net = self._a.net
-        events = tuple(p.told(net["events"][p.begin : p.end].copy()) for p in self._a.places)
-        spikes = tuple(p.told(net["spikes"][p.begin : p.end].copy()) for p in self._a.places)
+        events = tuple(p.by_id(net["events"][p.begin : p.end].copy()) for p in self._a.places)
+        spikes = tuple(p.by_id(net["spikes"][p.begin : p.end].copy()) for p in self._a.places)
         return EngineCounts(
             self._step, events, spikes, net["active"].sum(axis=0)[: len(events)], self._trial_updates.copy()
         )
@@ -382,8 +373,8 @@ class EventEngine:
         static = ("rows", "targets", "weights", "delays")
         learning = ("y", "sent", "reached", "in_synapse", "in_source", "incoming")
         logs = ("log_ids", "log_counts", "log_ends", "rec_steps", "rec_ids", "rec_counts")
-        rest = [k for k in net if k not in {*static, *logs, *_VIEWS}]
-        traces = [k for k in plastic if k not in {*learning, *_VIEWS}]
+        rest = [k for k in net if k not in {*static, *logs, *snapshot.VIEWS}]
+        traces = [k for k in plastic if k not in {*learning, *snapshot.VIEWS}]
         return {
             "synapses": sum(net[k].nbytes for k in static) + sum(plastic[k].nbytes for k in learning),
             "neurons": sum(net[k].nbytes for k in rest) + sum(plastic[k].nbytes for k in traces),
@@ -395,35 +386,23 @@ class EventEngine:
         kept = None
         if not weights:
             kept = {q: self.get_synapses(q, "weight") for q in range(len(self._program.projections))}
-        told, rules = self._told, self._rules
+        before = self._changes
         self._start_over(kept)
-        for (k, word), values in told.items():
+        for (k, word), values in before.given.items():
             self._set(k, word, values)
-        for q, rule in rules.items():
-            if np.any(rule != self._rules[q]):
+        for q, rule in before.rules.items():
+            if np.any(rule != self._changes.rules[q]):
                 self.set_rule(q, rule)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs to continue bit for bit."""
         self._record.drain(self._a.net)
-        net = {f"net.{k}": v.copy() for k, v in self._a.net.items() if k not in _FIXED}
-        net["net.pops"] = self._a.net["pops"][:, : t.NUMBER].copy()  # what follows are addresses of this process
-        plastic = {f"plastic.{k}": v.copy() for k, v in self._a.plastic.items() if k not in _VIEWS}
-        plastic["plastic.table"] = self._a.plastic["table"][:, : t.RULE_NUMBER].copy()
-        own = {"engine.step": np.array(self._step), "engine.trial_updates": self._trial_updates.copy()}
-        own["engine.edges"] = self._a.net["edges"].copy()
-        for q, rule in self._rules.items():
-            own[f"rule.{q}"] = rule.copy()
-        for k, rows in self._changed.items():
-            own[f"changed.{k}"] = rows.copy()
-        for q, kept in self._kept_weights.items():
-            own[f"kept.{q}"] = kept.copy()
-        for (k, word), values in self._told.items():
-            own[f"told.{k}.{word}"] = values.copy()
         return {
-            **net,
-            **plastic,
-            **own,
+            **snapshot.snapshot(self._a),
+            "engine.step": np.array(self._step),
+            "engine.trial_updates": self._trial_updates.copy(),
+            "engine.edges": self._a.net["edges"].copy(),
+            **self._changes.snapshot(),
             **self._record.snapshot(),
             **self._currents.snapshot(),
             **self._listed.snapshot(),
@@ -439,36 +418,13 @@ class EventEngine:
             n = arrays["engine.edges"].size - 1
             raise ModelError(f"the state was saved with threads={n}: expected the same to continue")
         self._start_over(None)
-        for name, value in arrays.items():
-            part, _, rest = name.partition(".")
-            if name == "net.pops":
-                self._a.net["pops"][:, : t.NUMBER] = value
-            elif part == "net":
-                self._a.net[rest] = value.copy()
-            elif name == "plastic.table":
-                self._a.plastic["table"][:, : t.RULE_NUMBER] = value
-            elif part == "plastic":
-                self._a.plastic[rest] = value.copy()
-            elif part == "rule":
-                self._rules[int(rest)] = value.copy()
-            elif part == "changed":
-                self._changed[int(rest)] = value.copy()
-            elif part == "kept":
-                self._kept_weights[int(rest)] = value.copy()
-            elif part == "told":
-                k, _, word = rest.partition(".")
-                self._told[int(k), word] = value.copy()
-        if "plastic.spiked" not in arrays:  # version 0.1.0
-            self._a.plastic["spiked"] = self._a.plastic["k_time"].copy()
+        snapshot.restore(self._a, arrays)
         self._step = int(arrays["engine.step"])
         self._trial_updates = arrays["engine.trial_updates"].copy()
+        self._changes.restore(arrays)
         self._record.restore(arrays)
         self._currents.restore(arrays)
         self._listed.restore(arrays, self._step)
-        rings = [q for q in range(len(self._program.projections)) if self._a.net["projections"][q, t.LAG] == 0]
-        self._a.net["at_emission"] = np.array([q for q in rings if q not in self._a.plastic_of], dtype=np.int64)
-        projections.set_buffer(self._a, self._a.net["buf"])
-        projections.list_incoming(self._a)
         self._pack()
 
 

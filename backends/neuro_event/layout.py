@@ -42,11 +42,11 @@ class Place:
     inside: Ints | None
     outside: Ints
 
-    def taken(self, values: NDArray[Any]) -> NDArray[Any]:
+    def by_place(self, values: NDArray[Any]) -> NDArray[Any]:
         """One value per neuron, from ids to internal places."""
         return values if self.inside is None else values[self.outside]
 
-    def told(self, values: NDArray[Any]) -> NDArray[Any]:
+    def by_id(self, values: NDArray[Any]) -> NDArray[Any]:
         """One value per neuron, from internal places to ids."""
         return values if self.inside is None else values[self.inside]
 
@@ -98,7 +98,7 @@ def parameter_rows(population: Population, place: Place) -> Floats:
     """Parameters of a population of neurons: one row, or one per neuron where they differ."""
     columns = [np.atleast_1d(population.parameters[w]) for w in numeric_words(type(population.model))]
     n = max(c.size for c in columns)
-    return np.stack([np.broadcast_to(place.taken(c) if c.size > 1 else c, n) for c in columns], axis=1).astype(
+    return np.stack([np.broadcast_to(place.by_place(c) if c.size > 1 else c, n) for c in columns], axis=1).astype(
         np.float64
     )
 

@@ -42,18 +42,18 @@ class Copy:
         first = a.plastic["table"][k, t.FIRST_SYNAPSE]
         here = slice(first, first + p.size)
         if name == "n":
-            return told(concentration(a, self._view, k, step)[arranged.targets], arranged.order)
+            return by_id(concentration(a, self._view, k, step)[arranged.targets], arranged.order)
         if name == "K_plus":
-            return told(np.repeat(trace(a, k, step), np.diff(arranged.row_ends)), arranged.order)
+            return by_id(np.repeat(trace(a, k, step), np.diff(arranged.row_ends)), arranged.order)
         if a.plastic["table"][k, t.RULE_ENTRY] and not p.synapse.modulated and name == "weight":
-            return told(a.plastic["sent"][here], arranged.order)
+            return by_id(a.plastic["sent"][here], arranged.order)
         if not p.synapse.modulated and name == "weight":
-            return told(self._sent(k, here, arranged.targets, arranged.row_ends), arranged.order)
+            return by_id(self._sent(k, here, arranged.targets, arranged.row_ends), arranged.order)
         self._y[:, here] = a.plastic["y"][:, here]
         self._reached[here] = a.plastic["reached"][here]
         lazy.bring(self._other_view, k, a.program.populations[p.target].size, step, a.program.resolution)
         row = ["weight", *(s.name for s in type(p.synapse).states)].index(name)
-        return told(self._y[row, here], arranged.order)
+        return by_id(self._y[row, here], arranged.order)
 
     def _sent(self, k: int, here: slice, targets: NDArray[np.int32], row_ends: Ints) -> Floats:
         """The weights sent last: kept aside where post spikes have been applied since the last pre spike."""
@@ -85,7 +85,7 @@ def trace(a: Arrays, k: int, step: int) -> Floats:
     return traces
 
 
-def told(values: Floats, order: Ints | None) -> Floats:
+def by_id(values: Floats, order: Ints | None) -> Floats:
     """Values of synapses, from internal order to that of the program's weights."""
     if order is None:
         return values.copy()
@@ -100,7 +100,7 @@ def weights(a: Arrays, projection: int) -> Floats:
     first = row[t.WEIGHT]
     if p.size == 0 or row[t.WEIGHT_STRIDE] == 0:
         return np.full(p.size, a.net["weights"][first])
-    return told(a.net["weights"][first : first + p.size], a.synapses[projection].order)
+    return by_id(a.net["weights"][first : first + p.size], a.synapses[projection].order)
 
 
 def bring_all(a: Arrays, view: Ints, k: int, step: int) -> None:

@@ -23,6 +23,8 @@ _ROOMS = (
     "neuro.model.synapses",
     "neuro.model.rules",
     "neuro.model.distributions",
+    "neuro.program.backend",
+    "neuro.chips.known",
     "neuro.events",
     "neuro.events.formats",
     "neuro.coding",

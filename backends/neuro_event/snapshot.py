@@ -1,0 +1,50 @@
+"""The arrays of the kernels as a state that is saved, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro_event import projections
+from neuro_event import tables as t
+from neuro_event.arrays import Arrays
+
+_GIVEN = {"edges", "rows", "targets", "delays", "order", "map_of", "initial", "resets", "keys", "group_keys"}
+VIEWS = {"x", "bits", "awake_groups", "due_groups", "fired_words", "traces"}
+"""Arrays that show others in another way."""
+_EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired"}
+_REBUILT = {"incoming", "at_emission", "list_steps", "list_ids", "list_counts", "cursor"}
+_FIXED = _GIVEN | VIEWS | _EMPTY | _REBUILT
+"""Arrays that a snapshot leaves out: they follow from the program, or hold nothing between two runs."""
+
+
+def snapshot(a: Arrays) -> dict[str, NDArray[Any]]:
+    """Copies of all arrays that hold something between two runs."""
+    net = {f"net.{k}": v.copy() for k, v in a.net.items() if k not in _FIXED}
+    net["net.pops"] = a.net["pops"][:, : t.NUMBER].copy()  # what follows are addresses of this process
+    plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS}
+    plastic["plastic.table"] = a.plastic["table"][:, : t.RULE_NUMBER].copy()
+    return {**net, **plastic}
+
+
+def restore(a: Arrays, arrays: Mapping[str, NDArray[Any]]) -> None:
+    """Put the arrays of a snapshot in place of those of step 0."""
+    for name, value in arrays.items():
+        part, _, rest = name.partition(".")
+        if name == "net.pops":
+            a.net["pops"][:, : t.NUMBER] = value
+        elif part == "net":
+            a.net[rest] = value.copy()
+        elif name == "plastic.table":
+            a.plastic["table"][:, : t.RULE_NUMBER] = value
+        elif part == "plastic":
+            a.plastic[rest] = value.copy()
+    if "plastic.spiked" not in arrays:  # version 0.1.0
+        a.plastic["spiked"] = a.plastic["k_time"].copy()
+    rings = [q for q in range(len(a.program.projections)) if a.net["projections"][q, t.LAG] == 0]
+    a.net["at_emission"] = np.array([q for q in rings if q not in a.plastic_of], dtype=np.int64)
+    projections.set_buffer(a, a.net["buf"])
+    projections.list_incoming(a)
