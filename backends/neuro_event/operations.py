@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 from numba import types
 
-from neuro.kernels.address import address_of
+from neuro.kernels.address import entry_of
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.jit import compiled, inner, kernel
 from neuro_event.dispatch import chosen
@@ -108,7 +108,7 @@ def entry(model):
             return 1
         return 0
 
-    return address_of(run, types.int64(*(types.int64,) * 6, types.float64))
+    return entry_of(model, run, types.int64(*(types.int64,) * 6, types.float64))
 
 
 @cache
@@ -134,4 +134,4 @@ def generator_entry(model):
             net.fired[i] = out[i] >= 1.0
         return 0
 
-    return address_of(run, types.int64(*(types.int64,) * 6, types.float64))
+    return entry_of(model, run, types.int64(*(types.int64,) * 6, types.float64))

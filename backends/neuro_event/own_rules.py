@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 from numba import types
 
-from neuro.kernels.address import address_of
+from neuro.kernels.address import entry_of
 from neuro.kernels.jit import compiled, inner, kernel
 from neuro_event.tables import (
     BEGIN,
@@ -219,4 +219,4 @@ def rule_entry(model):
             bring(view, q, index, step, thread, operation == BRING_WHOLE, h)
         return 0
 
-    return address_of(run, types.int64(*(types.int64,) * 6, types.float64))
+    return entry_of(model, run, types.int64(*(types.int64,) * 6, types.float64))

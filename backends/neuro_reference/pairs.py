@@ -146,7 +146,7 @@ class Pairs:
         """The time constants of some traces, ms."""
         names = self.part.synapse.numbers()
         own = {name: np.full(1, value) for name, value in zip(names, self.rule, strict=True)}
-        return [own.get(trace.tau, self.tau_minus) for trace in traces]
+        return [own.get(trace.tau, self.tau_minus) if trace.tau else np.zeros(1) for trace in traces]
 
     def _bring(self, step: int) -> None:
         for e in range(len(self.wires.target)):

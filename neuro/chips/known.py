@@ -7,10 +7,13 @@ from pathlib import Path
 
 from neuro.chips.description import Chip
 from neuro.chips.table import like, load, parse
-from neuro.core.errors import unknown
+from neuro.core.errors import ModelError, unknown
 from neuro.core.registry import Registry
+from neuro.model.language.reader import Node
 
 TABLES = Path(__file__).parent / "tables"
+_reading: list[Path] = []
+"""The tables that are being read, each like the next."""
 
 
 def _own() -> list[Chip]:
@@ -58,6 +61,24 @@ def read_chip(path: Path) -> Chip:
     """
     root = load(path)
     base = like(root)
-    if base is not None and base.value not in chips():
+    if base is None:
+        return parse(root, path, None)
+    if is_table(base.value):
+        return parse(root, path, _of_file(path, base))
+    if base.value not in CHIPS:
         raise unknown("target", base.value, chips(), base.where)
-    return parse(root, path, None if base is None else CHIPS[base.value])
+    return parse(root, path, CHIPS[base.value])
+
+
+def _of_file(path: Path, base: Node) -> Chip:
+    """The chip of another table, which lies beside the one that is like it."""
+    other = path.parent / str(base.value)
+    if not other.is_file():
+        raise ModelError(f"like: there is no file '{other}'", where=base.where)
+    if path.resolve() in _reading:
+        raise ModelError(f"like: '{base.value}' is like this table", where=base.where)
+    _reading.append(path.resolve())
+    try:
+        return read_chip(other)
+    finally:
+        _reading.pop()

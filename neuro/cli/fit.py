@@ -58,10 +58,10 @@ def fit(
 
 def _target(name: str) -> Chip:
     """The chip; refuse one of which nothing is known that a network could exceed."""
-    from neuro.chips.known import CHIPS, chip, chips, is_table
+    from neuro.chips.known import CHIPS, chip, is_table
     from neuro.core.errors import ModelError, unknown
 
-    limited = [known for known in chips() if CHIPS[known].limits]
+    limited = [known for known, found in sorted(CHIPS.items()) if found.limits]
     if name not in CHIPS and not is_table(name):
         raise unknown("chip", name, limited)
     target = chip(name)

@@ -76,4 +76,6 @@ def usage(error: Exception) -> str:
     """The message of a misused option, and where to read more."""
     text = getattr(error, "format_message")().rstrip(".")  # noqa: B009
     context = getattr(error, "ctx", None)
+    if getattr(error, "option_name", "") == "--with":
+        return f"{text}\n  hint: write it after the command, as in neuro run net.yaml --with my_neuron.py"
     return f"{text}\n  hint: see '{context.command_path} --help'" if context else text

@@ -36,7 +36,7 @@ def per_neuron(value: Any, shape: tuple[int, ...], what: str, key: tuple[int, st
     size = int(np.prod(shape))
     value = plain(value)
     if isinstance(value, Distribution):
-        return value.sample(generator(*key), size)
+        return value.drawn(generator(*key), size)
     array = np.asarray(value, dtype=np.float64)
     if array.ndim == 0:
         return array.reshape(1) + 0.0
@@ -59,7 +59,7 @@ def per_synapse(value: Any, found: Connections, what: str, rng: np.random.Genera
     """
     value = plain(value)
     if isinstance(value, Distribution):
-        return value.sample(rng, found.size) + 0.0
+        return value.drawn(rng, found.size) + 0.0
     array = np.asarray(value, dtype=np.float64)
     if array.ndim == 0:
         return array.reshape(1) + 0.0
@@ -79,7 +79,7 @@ def delay_steps(value: Any, found: Connections, clock: Clock, what: str, rng: np
     """Delays in steps. Drawn delays are rounded to the grid and are at least one step; given ones must lie on it."""
     value = plain(value)
     if isinstance(value, Distribution):
-        drawn = np.rint(value.sample(rng, found.size) / clock.resolution)
+        drawn = np.rint(value.drawn(rng, found.size) / clock.resolution)
         if drawn.size and drawn.max() > LONGEST_DELAY:
             raise too_late(f"the longest drawn {what}", int(drawn.max()), clock)
         return np.maximum(drawn, 1.0).astype(np.int32)

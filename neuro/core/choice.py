@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, Field, dataclass, fields
 from typing import Any, ClassVar, Self
 
 from neuro.core.checks import check
@@ -28,6 +28,7 @@ class Choice:
 
     def __new__(cls, *args: Any, **words: Any) -> Self:
         """Refuse an unknown parameter by its nearest right name."""
+        _check_class(cls)
         known = {entry.name for entry in fields(cls)}
         if len(args) > sum(not entry.kw_only for entry in fields(cls)):
             raise ModelError(
@@ -60,7 +61,12 @@ class Choice:
 
     @classmethod
     def quantities(cls) -> dict[str, Quantity]:
-        """The parameters by their words, in the order of definition."""
+        """The parameters by their words, in the order of definition.
+
+        Raises:
+            ModelError: a field was not made by `quantity`, or the class is no dataclass.
+        """
+        _check_class(cls)
         return {word_of(entry.name): entry.metadata["quantity"] for entry in fields(cls)}
 
     @classmethod
@@ -101,3 +107,28 @@ class Choice:
         mine = {f.name: getattr(self, f.name) for f in fields(self)}
         changed = {f.name for f in fields(self) if f.default is MISSING or not same(mine[f.name], f.default)}
         return f"{self.name}({', '.join(f'{k}={shown(v)}' for k, v in mine.items() if k in changed)})"
+
+
+_CHECKED: dict[int, type[Choice]] = {}
+"""Classes whose fields have been looked at, by `id`."""
+
+
+def _check_class(cls: type[Choice]) -> None:
+    """Refuse a class whose fields are not what `Choice` says."""
+    if id(cls) in _CHECKED:
+        return
+    if any(isinstance(value, Field) for value in vars(cls).values()):
+        raise ModelError(
+            f"{cls.kind} '{cls.__name__}' is no dataclass",
+            hint="write @dataclass(frozen=True, kw_only=True, eq=False) above its class",
+        )
+    for entry in fields(cls):
+        if "quantity" not in entry.metadata:
+            default = "..." if entry.default is MISSING else repr(entry.default)
+            raise ModelError(
+                f"{cls.kind} '{cls.__name__}': '{entry.name}' is no quantity",
+                hint=f'write {entry.name}: float = quantity({default}, "unit", "meaning")',
+            )
+        if entry.default is not MISSING:
+            check(entry.metadata["quantity"], entry.default, f"{cls.__name__}.{entry.name}, its default")
+    _CHECKED[id(cls)] = cls

@@ -82,6 +82,8 @@ def _execute(path: Path, text: bytes) -> None:
     assert spec is not None
     module = module_from_spec(spec)
     sys.modules[path.stem] = module
+    if str(path.resolve().parent) not in sys.path:
+        sys.path.append(str(path.resolve().parent))  # what lies beside it is found, and hides nothing
     try:
         exec(compile(text, str(path.resolve()), "exec", dont_inherit=True), module.__dict__)
     except (Exception, SystemExit) as error:

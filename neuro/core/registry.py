@@ -6,7 +6,8 @@ line or in a report, looks here, so a part of a stranger is like one of ours.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import warnings
+from collections.abc import Callable, ItemsView, Iterable, Iterator, Mapping, ValuesView
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoints, entry_points
@@ -60,6 +61,7 @@ class Registry(Mapping[str, T], Generic[T]):
         self._registered: dict[str, T] = {}
         self._whole: dict[int, T] = {id(part): part for part in self._parts.values()}
         self._closed_by = ""
+        self._own, self._told = frozenset(self._parts), set[str]()
         _REGISTRIES.append(self)
 
     def add(self, part: T) -> None:
@@ -112,6 +114,34 @@ class Registry(Mapping[str, T], Generic[T]):
     def __contains__(self, name: object) -> bool:
         return name in self._parts or name in self._registered or name in self._entries()
 
+    def values(self) -> ValuesView[T]:
+        """All parts; of installed packages those that can be loaded."""
+        return _Values(self)
+
+    def items(self) -> ItemsView[str, T]:
+        """All parts with their names; of installed packages those that can be loaded."""
+        return _Items(self)
+
+    def _whole_ones(self) -> Iterator[tuple[str, T]]:
+        for name in self:
+            try:
+                part = self[name]
+            except ModelError as error:
+                if name in self._registered:
+                    raise
+                self._tell(name, str(error))
+            else:
+                yield name, part
+        for name in self._entries() & {*self._own, *self._registered}:
+            where = installed(self._group)[name].value
+            self._tell(name, f"{self.kind} '{name}' of {where} is not used: there is one of that name")
+
+    def _tell(self, name: str, what: str) -> None:
+        """Warn once of a part that an installed package brings in vain: nobody has asked for it."""
+        if name not in self._told:
+            self._told.add(name)
+            warnings.warn(what, stacklevel=2)
+
     def _entries(self) -> set[str]:
         return installed(self._group).names if self._group else set()
 
@@ -137,6 +167,24 @@ class Registry(Mapping[str, T], Generic[T]):
             raise ModelError(str(error)) from None
         self._whole[id(part)] = part
         return complete
+
+
+class _Values(ValuesView[T]):
+    """The parts, none looked at before it is asked for."""
+
+    _mapping: Registry[T]
+
+    def __iter__(self) -> Iterator[T]:
+        return (part for _, part in self._mapping._whole_ones())
+
+
+class _Items(ItemsView[str, T]):
+    """Likewise with their names."""
+
+    _mapping: Registry[T]
+
+    def __iter__(self) -> Iterator[tuple[str, T]]:
+        return self._mapping._whole_ones()
 
 
 def _called(part: Any) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +12,8 @@ from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.formats._format import Piece
 
 Arrays = tuple[npt.NDArray[np.int64], npt.NDArray[np.uint16], npt.NDArray[np.uint16], npt.NDArray[np.uint8]]
+
+_TYPES = np.int64, np.uint16, np.uint16, np.uint8
 
 
 class Checked:
@@ -44,6 +47,12 @@ class Checked:
             EventFileError: one cannot, and `strict` is set; the first is named with its byte.
         """
         arrays = piece.t, piece.x, piece.y, piece.p
+        given: tuple[npt.NDArray[Any], ...] = arrays
+        for name, array, kind in zip("txyp", given, _TYPES, strict=True):
+            if array.shape != (len(piece.t),) or array.dtype != kind:
+                found = f"{name} of shape {list(array.shape)} and type {array.dtype}"
+                what = f"its format gives {found}: expected {len(piece.t)} of type {np.dtype(kind)}"
+                raise EventFileError(self.path, what)
         if not piece.t.size:
             return arrays
         ordered, highest = piece.ordered, piece.highest

@@ -72,6 +72,11 @@ class Opened:
             if strict:
                 raise error from None
             warnings.warn(f"{error}; what is before it was read", EventFileWarning, stacklevel=4)
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+            if type(self.reader).__module__.startswith("neuro."):
+                raise  # a fault of ours
+            what = f"its format '{self.format.name}' fails: {type(error).__name__}: {error}"
+            raise EventFileError(self.name, what) from error
 
     def can_seek(self) -> bool:
         """Whether the events from some time on can be had without those before."""

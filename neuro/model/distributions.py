@@ -25,6 +25,21 @@ class Distribution(Choice):
         """Draw n values."""
         raise NotImplementedError
 
+    def drawn(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+        """N values of `sample`, looked at.
+
+        Raises:
+            ModelError: they are not so many finite numbers.
+        """
+        DISTRIBUTIONS.check(type(self))
+        values = np.asarray(self.sample(rng, n))
+        if values.shape != (n,) or values.dtype.kind not in "fiu":
+            found = f"shape {list(values.shape)} and type {values.dtype}"
+            raise ModelError(f"{self!r} drew values of {found}: expected {n} numbers")
+        if not np.isfinite(values).all():
+            raise ModelError(f"{self!r} drew {values[~np.isfinite(values)][0]}: expected finite numbers")
+        return values.astype(np.float64)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class uniform(Distribution):
@@ -95,10 +110,26 @@ class lognormal(_Clipped):
         return rng.lognormal(self.mean, self.std, n)
 
 
+def complete(distribution: type[Distribution]) -> type[Distribution]:
+    """Return a distribution of a stranger if it can be drawn from.
+
+    Raises:
+        TypeError: it has no `sample`, or one with other arguments.
+    """
+    told = f"distribution '{distribution.__name__}'"
+    if distribution.sample is Distribution.sample:
+        raise TypeError(f"{told} has no method 'sample', which draws values")
+    taken = distribution.sample.__code__.co_argcount
+    if taken != 3:
+        raise TypeError(f"{told}: 'sample' takes {taken} arguments: expected 3, (self, rng, n)")
+    return distribution
+
+
 DISTRIBUTIONS: Registry[type[Distribution]] = Registry(
     "distribution",
     (uniform, normal, lognormal),
     takes=lambda part: isinstance(part, type) and issubclass(part, Distribution),
     group="neuro.distributions",
+    complete=complete,
 )
 """All distributions by name."""

@@ -123,6 +123,9 @@ def complete(rule: type[Rule]) -> type[Rule]:
     """
     if rule.connect is Rule.connect:
         raise TypeError(f"rule '{rule.__name__}' has no method 'connect', which says its pairs")
+    taken, expected = rule.connect.__code__.co_argcount, Rule.connect.__code__.co_argcount
+    if taken != expected:
+        raise TypeError(f"rule '{rule.__name__}': 'connect' takes {taken} arguments with self: expected {expected}")
     return rule
 
 

@@ -270,7 +270,7 @@ BACKENDS: Registry[Backend] = Registry(
 
 def installed() -> dict[str, Backend]:
     """All backends by name, imported."""
-    return {name: BACKENDS[name] for name in sorted(BACKENDS)}
+    return dict(sorted(BACKENDS.items()))
 
 
 def find(name: str | PathLike[str]) -> Backend:

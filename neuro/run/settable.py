@@ -128,7 +128,13 @@ def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any]) -> Syna
     """A synapse model with some numbers changed."""
     names = {word_of(entry.name): entry.name for entry in fields(rule)}
     settable = [word for word in rule.numbers() if word not in _FIXED]
+    of_post = {trace.tau for trace in rule.post} if rule.learns == "pairs" else set()
     for word in values:
+        if word in of_post:
+            raise ModelError(
+                f"{rule.name}.{word} of '{part.name}': a trace of post spikes decays with it, so it is fixed",
+                hint="change the network and compile again",
+            )
         if word in names and word not in settable:
             raise ModelError(f"{rule.name}.{word} of '{part.name}' is fixed: change the network and compile again")
         if word not in settable:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, fields, replace
 from inspect import get_annotations
 from typing import Any, ClassVar, Self
@@ -58,6 +58,7 @@ class Filter(ABC):
         fits = len(size) == 2 and all(_is_whole(side) and 1 <= side <= 65536 for side in size)
         self._expect(fits, "sensor_size", self.sensor_size, "width and height of 1 to 65536 px")
         object.__setattr__(self, "sensor_size", (int(size[0]), int(size[1])))
+        self._check_kinds()
         self._check()
         self.reset()
 
@@ -143,6 +144,13 @@ class Filter(ABC):
     def _part(self, events: Events) -> Events:
         """What comes out of a part that is not empty."""
 
+    def _check_kinds(self) -> None:
+        """Refuse a parameter that is no number where the class says one."""
+        for entry in fields(self):
+            if entry.init and (kind := _KINDS.get(str(getattr(entry.type, "__name__", entry.type)))) is not None:
+                right, expected = kind
+                self._expect(right(getattr(self, entry.name)), entry.name, getattr(self, entry.name), expected)
+
     def _check(self) -> None:  # noqa: B027 (not every filter has parameters)
         """Refuse impossible parameters."""
 
@@ -207,7 +215,7 @@ class Sieve(Filter):
         """
 
     def _part(self, events: Events) -> Events:
-        keep = np.empty(len(events), np.bool_)
+        keep = np.zeros(len(events), np.bool_)
         self._keep(events, keep)
         return self._of(events, kept(events, keep))
 
@@ -237,3 +245,11 @@ def _is_whole(value: object) -> bool:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
+_KINDS: dict[str, tuple[Callable[[object], bool], str]] = {
+    "int": (_is_whole, "a whole number"),
+    "float": (_is_number, "a number"),
+    "bool": (lambda value: isinstance(value, bool | np.bool_), "true or false"),
+}
+"""Of a parameter's annotation: what fits it, and how messages say that."""

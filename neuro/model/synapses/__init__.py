@@ -26,6 +26,8 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         raise TypeError(f"{told}: expected a rule with r_stdp's arithmetic: backends know no other rule for trials yet")
     if model.modulated and not issubclass(model, stdp_dopa):
         raise TypeError(f"{told}: expected a subclass of stdp_dopa, whose words say where dopamine comes from")
+    if not model.learns and any(hasattr(model.arithmetic, name) for name in ("on_pre", "on_post")):
+        raise TypeError(f"{told} has rules for spikes and learns = '': expected learns = 'pairs'")
     if model.learns == "pairs":
         _check_traces(told, model)
         check_functions(told, model, {**FUNCTIONS, **({"advance": 7} if model.modulated else {})})
@@ -40,7 +42,9 @@ def _check_traces(told: str, model: type[Synapse]) -> None:
     """Each trace has a time constant among the parameters."""
     known = model.numbers()
     for side, traces in (("pre", model.pre), ("post", model.post)):
-        for trace in traces:
+        for trace in traces if isinstance(traces, tuple) else (traces,):
+            if not isinstance(traces, tuple):
+                raise TypeError(f"{told}: {side} = {traces!r}: expected a tuple, as {side} = (Trace(...),)")
             if not isinstance(trace, Trace):
                 raise TypeError(f"{told}: {side} has {trace!r}: expected a Trace")
             if trace.tau and trace.tau not in known and (side, trace.tau) != ("post", "tau_minus"):

@@ -1,0 +1,293 @@
+"""Parts of strangers that are not what they should be: each is told in words, none runs on with other numbers."""
+
+import math
+import subprocess
+import sys
+import textwrap
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro.extend import Distribution, Neuron, Rule, State, Synapse, Trace, quantity
+from neuro.testing.case import differences, observe
+
+
+def network(**words):
+    net = neuro.Network("own")
+    net.population("in", 3, neuro.poisson_generator(rate=200.0))
+    net.population("out", 2, words.pop("model", neuro.iaf_psc_exp()))
+    net.connect(
+        "in", "out", words.pop("rule", neuro.all_to_all()), **{"weight": 10.0, "delay": 1.0, "name": "w", **words}
+    )
+    return net
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class since_pre(Synapse):
+    """Potentiates less the longer ago the pre spike was; depresses by post spikes of long ago."""
+
+    learns: ClassVar[str] = "pairs"
+    pre: ClassVar[tuple[Trace, ...]] = (Trace(""),)
+    post: ClassVar[tuple[Trace, ...]] = (Trace("tau_y"), Trace("tau_minus"))
+
+    tau_y: float = quantity(30.0, "ms", "of a post trace", above=0)
+    window: float = quantity(10.0, "ms", "of the pre spike", above=0)
+
+
+def constants(p, h, c):
+    """The constants are the parameters."""
+    c[:2] = p[:2]
+
+
+def on_post(y, e, c, pre, post):
+    """Potentiate."""
+    y[0, e] += math.exp(-pre[0] / c[1])
+
+
+def on_pre(y, e, c, pre, post):
+    """Depress."""
+    y[0, e] -= 0.1 * post[0] * post[1]
+
+
+def test_times_of_pre_spikes_are_alike():
+    found = []
+    for backend in ("reference", "event"):
+        net = network(synapse=since_pre(), model=neuro.iaf_psc_exp(I_e=500.0))
+        sim = neuro.compile(net, backend)
+        sim.run(60.0)
+        sim.set("w", window=4.0)
+        sim.run(60.0)
+        found.append(observe(sim))
+    assert np.ptp(found[0]["weight of w"]) > 0.1
+    assert differences(*found, exact=False) == []
+
+
+@pytest.mark.parametrize("backend", ["reference", "event"])
+def test_a_trace_of_post_spikes_keeps_its_time_constant(backend):
+    sim = neuro.compile(network(synapse=since_pre()), backend)
+    with pytest.raises(neuro.ModelError) as told:
+        sim.set("w", tau_y=5.0)
+    assert told.value.message == "since_pre.tau_y of 'w': a trace of post spikes decays with it, so it is fixed"
+    assert told.value.hint == "change the network and compile again"
+
+
+class bare(Neuron):
+    """No dataclass."""
+
+    a: float = quantity(1.0, "", "of no use")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class plain(Neuron):
+    """A field that says nothing of itself."""
+
+    a: float = 4.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class wordy(Synapse):
+    """A default that is no number."""
+
+    top: float = quantity("big", "", "largest weight")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class forgetful(Synapse):
+    """Has functions for spikes, and does not say that it learns."""
+
+    a: float = quantity(1.0, "", "of no use")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class lone(Synapse):
+    """A trace that is not in a tuple."""
+
+    learns: ClassVar[str] = "pairs"
+    pre = Trace("tau_plus")
+    tau_plus: float = quantity(20.0, "ms", "time constant", above=0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class short(Rule):
+    """Takes too little."""
+
+    def connect(self, source, target):
+        """Say the pairs."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class longer(Distribution):
+    """Draws one too many."""
+
+    def sample(self, rng, n):
+        """Draw."""
+        return rng.uniform(size=n + 1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class nothing(Distribution):
+    """Draws what is no number."""
+
+    def sample(self, rng, n):
+        """Draw."""
+        return np.full(n, np.nan)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class absent(Distribution):
+    """Does not say how it is drawn."""
+
+
+@pytest.mark.parametrize(
+    ("words", "message", "hint"),
+    [
+        (
+            {"model": bare},
+            "model 'bare' is no dataclass",
+            "write @dataclass(frozen=True, kw_only=True, eq=False) above its class",
+        ),
+        ({"model": plain}, "model 'plain': 'a' is no quantity", 'write a: float = quantity(4.0, "unit", "meaning")'),
+        ({"synapse": wordy}, "wordy.top, its default = 'big': expected a number", ""),
+        (
+            {"synapse": forgetful},
+            "projection 'w': synapse model 'forgetful' has rules for spikes and learns = '': expected learns = 'pairs'",
+            "",
+        ),
+        (
+            {"synapse": lone},
+            "projection 'w': synapse model 'lone': pre = Trace(tau='tau_plus', nearest=False, adds=1.0): expected a tuple, "
+            "as pre = (Trace(...),)",
+            "",
+        ),
+        ({"rule": short}, "projection 'w': rule 'short': 'connect' takes 3 arguments with self: expected 5", ""),
+        (
+            {"weight": longer},
+            "projection 'w': longer() drew values of shape [7] and type float64: expected 6 numbers",
+            "",
+        ),
+        ({"weight": nothing}, "projection 'w': nothing() drew nan: expected finite numbers", ""),
+        ({"weight": absent}, "projection 'w': distribution 'absent' has no method 'sample', which draws values", ""),
+    ],
+    ids=lambda each: next(iter(each.values())).__name__ if isinstance(each, dict) else "",
+)
+def test_what_is_not_as_it_should_be_is_told(words, message, hint):
+    with pytest.raises(neuro.ModelError) as told:
+        neuro.compile(network(**{word: kind() for word, kind in words.items()}))
+    assert (told.value.message, told.value.hint) == (message, hint)
+
+
+def test_a_state_of_other_states_is_refused(tmp_path):
+    """An edit may swap two states, which all arrays fit."""
+
+    def made(names):
+        base = neuro.iaf_psc_exp
+        states = tuple(State(name, "pA", "") if name.startswith("I_") else State(name, "mV", "") for name in names)
+        hidden = (State("refractory", "steps", "", hidden=True),)
+        body = {"states": states + hidden, "__doc__": "Edited.", "__module__": __name__}
+        mine = dataclass(frozen=True, kw_only=True, eq=False)(type("edited", (base,), body))
+        return neuro.compile(network(model=mine()), "reference")
+
+    made(("V_m", "I_syn_ex", "I_syn_in")).save(tmp_path / "state.h5")
+    with pytest.raises(neuro.ModelError, match="a state of another network 'own'"):
+        made(("V_m", "I_syn_in", "I_syn_ex")).restore(tmp_path / "state.h5")
+
+
+UNCOMPILABLE = """
+import neuro
+from dataclasses import dataclass
+from neuro.extend import Neuron
+
+@neuro.register
+@dataclass(frozen=True, kw_only=True, eq=False)
+class odd(neuro.iaf_psc_delta):
+    "Its step cannot be compiled."
+
+def constants(p, h, c):
+    c[0] = p[6]
+
+def step(s, c, x, i_0, lo, hi, fired):
+    for i in range(lo, hi):
+        fired[i] = nobody_knows
+
+def fire(s, c, i):
+    s[0, i] = c[0]
+
+def quiet(s, c, i_0, lo, hi):
+    return False
+"""
+
+
+def test_what_numba_cannot_compile_is_told_in_one_error(tmp_path):
+    (tmp_path / "odd.py").write_text(UNCOMPILABLE)
+    (tmp_path / "net.yaml").write_text("neuro: 1\nname: one\npopulations:\n  cells: {model: odd, shape: 2}\n")
+    command = "import sys; from neuro.cli import main; sys.exit(main())"
+    done = subprocess.run(
+        [sys.executable, "-c", command, "run", "net.yaml", "--with", "odd.py", "--for", "1"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-2:] == [
+        f"error: {tmp_path / 'odd.py'}: model 'odd' cannot be compiled: step: "
+        "NameError: name 'nobody_knows' is not defined",
+        "  hint: its functions have arithmetic on floats and math, and call plain functions of their module's names",
+    ]
+
+
+def test_what_lies_beside_a_file_is_found(tmp_path):
+    (tmp_path / "beside_it.py").write_text("RATE = 5.0\n")
+    (tmp_path / "mine_with_help.py").write_text(
+        textwrap.dedent("""
+            from dataclasses import dataclass
+            import neuro
+            from beside_it import RATE
+
+            @neuro.register
+            @dataclass(frozen=True, kw_only=True, eq=False)
+            class helped(neuro.poisson_generator):
+                "Like its base."
+        """)
+    )
+    code = (
+        "import neuro; from neuro.core.extension import run_extension; run_extension('mine_with_help.py');"
+        "import sys; print(sys.path[-1])"
+    )
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    done = subprocess.run(
+        [sys.executable, "-c", code.replace("'mine", f"'{tmp_path}/mine")], cwd=folder, capture_output=True, text=True
+    )
+    assert (done.stdout.strip(), done.stderr) == (str(tmp_path), "")
+
+
+def test_an_installed_package_that_is_broken_troubles_only_who_names_it(tmp_path):
+    info = tmp_path / "broken-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1\n")
+    (info / "entry_points.txt").write_text("[neuro.models]\nlost = nowhere:lost\nizhikevich = nowhere:other\n")
+    code = textwrap.dedent("""
+        import sys, warnings
+        sys.path.append(sys.argv[1])
+        import neuro
+        from neuro.model.neurons import MODELS
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            print(len(list(MODELS.values())) == len(list(MODELS)) - 1)
+            list(MODELS.values())
+        print(*(each.message for each in told), sep="\\n")
+        try:
+            MODELS["lost"]
+        except neuro.ModelError as error:
+            print(error.message)
+    """)
+    done = subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=True)
+    missing = "model 'lost' cannot be loaded from nowhere:lost: ModuleNotFoundError: No module named 'nowhere'"
+    assert done.stdout.splitlines() == [
+        "True",
+        missing,
+        "  hint: install again the package that brings it",
+        "model 'izhikevich' of nowhere:other is not used: there is one of that name",
+        missing,
+    ]
