@@ -158,8 +158,8 @@ class absent(Distribution):
         ),
         (
             {"synapse": lone},
-            "projection 'w': synapse model 'lone': pre = Trace(tau='tau_plus', nearest=False, adds=1.0): expected a tuple, "
-            "as pre = (Trace(...),)",
+            "projection 'w': synapse model 'lone': pre = Trace(tau='tau_plus', nearest=False, adds=1.0): "
+            "expected a tuple, as pre = (Trace(...),)",
             "",
         ),
         ({"rule": short}, "projection 'w': rule 'short': 'connect' takes 3 arguments with self: expected 5", ""),

@@ -73,7 +73,7 @@ class Opened:
                 raise error from None
             warnings.warn(f"{error}; what is before it was read", EventFileWarning, stacklevel=4)
         except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-            if type(self.reader).__module__.startswith("neuro."):
+            if self.format.open.__module__.startswith("neuro."):
                 raise  # a fault of ours
             what = f"its format '{self.format.name}' fails: {type(error).__name__}: {error}"
             raise EventFileError(self.name, what) from error

@@ -247,3 +247,16 @@ def test_a_third_family_is_an_object_and_an_entry(folder, monkeypatch):
     assert [problem.why for problem in too_late(sim.program, found)] == [
         "150 steps in the delay register, which holds at most 149 on toy"
     ]
+
+
+def test_a_table_is_like_another_that_lies_beside_it(folder):
+    Path("long.yaml").write_text(LONG)
+    Path("longer.yaml").write_text("like: long.yaml\nlimits: {delay_max: {value: 700, source: me}}\n")
+    assert chip("longer.yaml").limits["delay_max"].value == 700
+    assert chip("longer.yaml").arithmetic == chip("long.yaml").arithmetic == "loihi"
+    Path("long.yaml").write_text(LONG.replace("like: loihi", "like: longer.yaml"))
+    with pytest.raises(neuro.ModelError, match=r"like: 'longer\.yaml' is like this table"):
+        chip("long.yaml")
+    Path("lost.yaml").write_text("like: nowhere.yaml\n")
+    with pytest.raises(neuro.ModelError, match=r"lost\.yaml:1:7: like: there is no file 'nowhere\.yaml'"):
+        chip("lost.yaml")

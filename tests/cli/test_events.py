@@ -17,6 +17,8 @@ from neuro.cli.events import app, shell
 from neuro.cli.mistakes import telling
 from neuro.core.extras import install
 from neuro.events import Events, load, save
+from neuro.events.representations import binary_frame
+from neuro.events.segmentation import count_segments
 
 
 def root():
@@ -474,3 +476,28 @@ def test_files_are_completed_where_a_command_takes_them(recording, tmp_path, mon
     assert found("inf") == ["info"]
     assert found("gif in.bin --fp") == ["--fps"]
     assert found("gi") == ["gif"]
+
+
+def test_frames(run, recording, tmp_path):
+    given = "count_segments: {count: 10}"
+    status, out, err = run("frames", "in.bin", "a.npz", "--cut", given, "--as", "binary_frame")
+    assert (status, err) == (0, "")
+    with np.load(tmp_path / "a.npz") as found:
+        assert np.array_equal(found["bounds"], count_segments(recording.t, 10))
+        assert np.array_equal(found["frames"], binary_frame(recording, segments=found["bounds"]))
+        assert out == f"a.npz: {len(found['frames'])} of binary_frame, {list(found['frames'].shape[1:])} bool\n"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--as", "hat"), "unknown representation 'hat'\n  hint: did you mean 'hats'?"),
+        (("--cut", "msd_segments: {tua: 1}"), "unknown parameter of segmenter 'msd_segments' 'tua'"),
+        (("--cut", "count_segments"), "Invalid value for '--cut': 'count_segments': expected all of count, rest=False"),
+        (("--cut", "count_segments: {count: 1000000}"), "finds no segment in"),
+    ],
+)
+def test_frames_that_cannot_be_made_are_told(run, recording, options, message):
+    status, _, err = run("frames", "in.bin", "a.npz", *options)
+    assert status == 2
+    assert message in err

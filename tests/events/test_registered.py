@@ -1,5 +1,6 @@
 """Parts of strangers: one `neuro.register`, or an entry point, and they are known like ours."""
 
+import dataclasses
 import sys
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, EntryPoints
@@ -246,3 +247,47 @@ def test_what_is_of_no_kind_is_refused():
         neuro.register(3, kind="segmenter")
     with pytest.raises(neuro.ModelError, match=f"neuro.register: kind = 'segmentr': expected one of these: {KINDS}"):
         neuro.register(mine, kind="segmentr")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"p": np.zeros(2, np.uint8)}, "its format gives p of shape [2] and type uint8: expected 3 of type uint8"),
+        ({"x": np.zeros(3)}, "its format gives x of shape [3] and type float64: expected 3 of type uint16"),
+    ],
+)
+def test_a_format_whose_arrays_do_not_fit_is_refused(tmp_path, events, change, message):
+    def crooked(source):
+        piece = opened(source).parts[0]
+        return Found((34, 34), {}, (dataclasses.replace(piece, **change),))
+
+    neuro.register(mine(open=crooked))
+    save(events, tmp_path / "a.mine")
+    with pytest.raises(EventFileError) as told:
+        load(tmp_path / "a.mine")
+    assert message in str(told.value)
+
+
+def test_a_format_that_fails_is_told_with_the_file(tmp_path, events):
+    class Failing:
+        sensor_size, metadata = (34, 34), {}
+
+        def pieces(self, block):
+            raise ValueError("buffer is too small")
+
+    neuro.register(mine(open=lambda source: Failing()))
+    save(events, tmp_path / "a.mine")
+    with pytest.raises(EventFileError, match=r"a\.mine: its format 'mine' fails: ValueError: buffer is too small"):
+        load(tmp_path / "a.mine")
+
+
+def test_a_parameter_of_a_filter_is_of_its_kind():
+    @dataclass(frozen=True, eq=False)
+    class Only(Sieve):
+        n: int
+
+        def _keep(self, events, keep):
+            keep[:] = events.p == self.n
+
+    with pytest.raises(neuro.ModelError, match="Only: n is 'hello', expected a whole number"):
+        Only((34, 34), "hello")

@@ -7,6 +7,7 @@ import typer
 from neuro.cli.events.convert import convert
 from neuro.cli.events.filter import filter
 from neuro.cli.events.formats import formats
+from neuro.cli.events.frames import frames
 from neuro.cli.events.gif import gif
 from neuro.cli.events.info import info
 from neuro.cli.events.shell import shell
@@ -14,7 +15,7 @@ from neuro.cli.events.split import split
 from neuro.cli.events.tohdf5 import tohdf5
 from neuro.cli.events.view import view
 
-COMMANDS = (info, formats, convert, filter, split, gif, view, tohdf5, shell)
+COMMANDS = (info, formats, convert, filter, split, frames, gif, view, tohdf5, shell)
 
 app = typer.Typer(name="events", add_completion=False, pretty_exceptions_enable=False)
 for command in COMMANDS:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.events.options import Force, From, In, Lenient, Out, Sensor, To, events_so_far, going, spare
+from neuro.cli.events.options import Force, From, In, Lenient, Out, Sensor, To, events_so_far, going, named_part, spare
 
 if TYPE_CHECKING:
     from neuro.events import Events
@@ -56,23 +56,10 @@ def filter(
 
 def _parsed(text: str) -> tuple[str, dict[str, Any]]:
     """Name and parameters of a filter, written as any choice in a network is."""
-    import yaml
-
-    from neuro.cli.options import number
     from neuro.core.errors import ModelError, unknown
     from neuro.events.filters import FILTERS
 
-    try:
-        given = yaml.safe_load(text)
-    except yaml.YAMLError:
-        raise typer.BadParameter(f"'{text}': is not YAML", param_hint="FILTER") from None
-    given = {given: {}} if isinstance(given, str) else given
-    if not isinstance(given, dict) or len(given) != 1 or not isinstance(next(iter(given.values())), dict):
-        expected = "expected a name, or 'name: {parameter: value}'"
-        raise typer.BadParameter(f"'{text}': {expected}", param_hint="FILTER")
-    name, values = next(iter(given.items()))
-    if name not in FILTERS:
-        raise unknown("filter", str(name), FILTERS)
+    name, values = named_part(text, FILTERS, "filter", "FILTER")
     if name == "hot" and not values.get("pixels"):
         example = "such as 'hot: {pixels: [[8, 1], [205, 59]]}'"
         raise ModelError("filter 'hot': expected pixels", hint=f"{example}; 'neuro events info' lists the hot ones")
@@ -82,7 +69,7 @@ def _parsed(text: str) -> tuple[str, dict[str, Any]]:
             raise unknown(f"parameter of filter '{name}'", str(key), known)
     if any(told == key and key not in values for key, told in known.items()):
         raise ModelError(f"filter '{name}': expected all of {', '.join(known)}")
-    return name, {key: number(value) for key, value in values.items()}
+    return name, values
 
 
 def _parameters(kind: Any) -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -67,6 +67,34 @@ def spare(source: str | Path, target: str | Path, kind: Kind, force: bool) -> No
     if str(source) != "-" and path.exists() and os.path.exists(source) and path.samefile(source):
         raise ModelError(f"{target}: this is the recording itself: expected a new name")
     check_output(path, replace(kind, ask="--force"), force)
+
+
+def named_part(text: str, registry: Mapping[str, Any], what: str, hint: str) -> tuple[str, dict[str, Any]]:
+    """Name and parameters of a part, written as any choice in a network is.
+
+    Args:
+        text: what was given.
+        registry: where names are looked up.
+        what: a part is called, for messages.
+        hint: the argument or option.
+    """
+    import yaml
+
+    from neuro.cli.options import number
+    from neuro.core.errors import unknown
+
+    hint = f"'{hint}'" if hint.startswith("-") else hint
+    try:
+        given = yaml.safe_load(text)
+    except yaml.YAMLError:
+        raise typer.BadParameter(f"'{text}': is not YAML", param_hint=hint) from None
+    given = {given: {}} if isinstance(given, str) else given
+    if not isinstance(given, dict) or len(given) != 1 or not isinstance(next(iter(given.values())), dict):
+        raise typer.BadParameter(f"'{text}': expected a name, or 'name: {{parameter: value}}'", param_hint=hint)
+    name, values = next(iter(given.items()))
+    if name not in registry:
+        raise unknown(what, str(name), registry)
+    return name, {key: number(value) for key, value in values.items()}
 
 
 def named(source: str) -> str:
