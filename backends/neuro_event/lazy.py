@@ -9,7 +9,7 @@ from neuro.kernels.jit import kernel
 from neuro_event import tables as t
 from neuro_event.deliver import log_delivery, receptor
 from neuro_event.own_rules import OF_NEURON, TAU, TIME, pre_value
-from neuro_event.plastic import bring_history, bring_target, dopamine_at, post_spike
+from neuro_event.plastic import bring_history, bring_target, dopamine_at
 from neuro_event.views import net_of, plastic_of
 
 
@@ -44,14 +44,12 @@ def bring_traces(view, q, n_sources, n_targets, step, h):
 
 @kernel
 def bring_own_traces(view, q, n_sources, n_targets, step, h):
-    """Likewise of a stranger's rule. A history gets an entry of no spike, from which its traces decay on."""
-    net, p = net_of(view), plastic_of(view)
-    pop = net.projections[p.table[q, t.PROJECTION], t.TARGET]
+    """Likewise of a stranger's rule; the time constants of post traces cannot be set."""
+    p = plastic_of(view)
     for target in range(n_targets):
         place = p.table[q, t.FIRST_TARGET] + target
         p.n[place] = dopamine_at(view, q, target, step, h)
         p.n_time[place] = step
-        post_spike(view, pop, 0, target, 0, step, step - 1, h)
     for thread in range(p.k_plus.shape[0]):
         for source in range(n_sources):
             own = p.table[q, t.FIRST_SOURCE] + source * p.table[q, t.SOURCE_STRIDE]

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
+
+import numpy as np
 
 from neuro.core.errors import ModelError
 from neuro.core.hints import nearest
@@ -27,7 +30,8 @@ _RATES = (5.0, 80.0)
 def check_part(part: str | Part, backend: str | Backend = "event") -> None:
     """Run networks around a part on a backend and on the reference, and compare all that can be read.
 
-    They are nearly silent and busy, are cut and reset on the way, and run on one thread and on two.
+    They are nearly silent and busy, are cut and reset on the way, have all that can be set set to another value, and
+    run on one thread and on two.
 
     Args:
         part: the name of one that is registered, which is tried with its defaults, or an instance.
@@ -39,9 +43,9 @@ def check_part(part: str | Part, backend: str | Backend = "event") -> None:
     """
     chosen = _made(part) if isinstance(part, str) else part
     for net in _networks(chosen):
-        expected = _found(compile(net, "reference", seed=1))
+        expected = _found(compile(net, "reference", seed=1), chosen)
         for threads in (1, 2):
-            found = _found(compile(net, backend, seed=1, threads=threads))
+            found = _found(compile(net, backend, seed=1, threads=threads), chosen)
             told = differences(expected, found, exact=False)
             assert not told, f"{chosen.name} in '{net.name}', {threads} threads\n  " + "\n  ".join(told)
 
@@ -58,8 +62,8 @@ def _made(name: str) -> Part:
     raise ModelError(f"there is no model, synapse model or connection rule '{name}'", hint=nearest(name, known))
 
 
-def _found(sim: Simulation) -> Found:
-    """What is read after a run, and after another in two pieces from the same beginning."""
+def _found(sim: Simulation, part: Part) -> Found:
+    """What is read after a run, after another in two pieces from the same beginning, and after a change of all."""
     sim.run(_MS)
     first = observe(sim)
     sim.reset(weights=True)
@@ -68,7 +72,22 @@ def _found(sim: Simulation) -> Found:
     sim.run(0.7 * _MS)
     told = differences(first, observe(sim), exact=True)
     assert not told, f"{sim.program.name}: a run that is cut differs\n  " + "\n  ".join(told)
-    return first | {f"{name}, at {0.3 * _MS} ms": value for name, value in middle.items()}
+    _change(sim, part)
+    sim.run(_MS)
+    told_at = {f"at {0.3 * _MS} ms": middle, "after sim.set": observe(sim)}
+    return first | {f"{name}, {when}": value for when, found in told_at.items() for name, value in found.items()}
+
+
+def _change(sim: Simulation, part: Part) -> None:
+    """Give each number of the part another value, where that is possible while it runs."""
+    program = sim.program
+    owners = [p.name for p in program.populations if p.model.name == part.name]
+    owners += [p.name for p in program.projections if p.synapse.name == part.name]
+    for word, value in part.parameters().items():
+        if isinstance(value, float) and value != 0.0 and np.isfinite(value):
+            for owner in owners:
+                with suppress(ModelError):  # fixed, or on the grid, or out of its bounds: refused on every backend
+                    sim.set(owner, **{word: 1.05 * value})
 
 
 def _networks(part: Part) -> Iterator[Network]:
