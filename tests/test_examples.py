@@ -83,7 +83,7 @@ def test_example_network(path, folder):
     [p for p in PAGES if p.name not in (*NEW_CODE, *WITH_COMMANDS, *NEEDS_DATA) and runnable(p)],
     ids=lambda p: str(p.relative_to(ROOT)),
 )
-def test_page(page, folder, monkeypatch):
+def test_page(page, folder, monkeypatch, registries):
     if page.name in PAGE_NEEDS and find_spec(PAGE_NEEDS[page.name]) is None:
         pytest.skip(f"the page needs {PAGE_NEEDS[page.name]}")
     if "results.read(" in page.read_text(encoding="utf-8"):

@@ -134,10 +134,10 @@ def test_billion_laughs(message):
 def test_parameters_that_multiply(message):
     names = ["a0: [x, x, x, x, x, x, x, x, x]"]
     names += [f"a{n}: [{', '.join([f'$a{n - 1}'] * 9)}]" for n in range(1, 10)]
-    begin = time.perf_counter()
+    begin = time.process_time()
     text = message(f"neuro: 1\nname: $a9\nparameters: {{{', '.join(names)}}}")
     assert "parameters stand for more than 1000000 values: expected fewer" in text
-    assert time.perf_counter() - begin < 20
+    assert time.process_time() - begin < 20
 
 
 def test_parameters_that_nest(message):
