@@ -10,6 +10,7 @@ import neuro
 from neuro.coding import CODES, RATE_CODES, log_intensity_to_latency, poisson, population
 from neuro.coding.codes import CHOICES
 from neuro.core.keyed_random import key
+from neuro.testing import check_part
 
 BOUNDS = {"r_min": 1.0, "r_max": 8.0}
 NET = """\
@@ -326,3 +327,18 @@ def test_one_name_is_one_code():
     neuro.register(rank, kind="rate code")
     with pytest.raises(neuro.ModelError, match="'rank' is both a code and a rate code: expected another name for one"):
         RATE_CODES["rank"]
+
+
+@pytest.mark.parametrize("code", [{"phase": {**BOUNDS, "window": 16.0}}, {"rate": {**BOUNDS, "max_rate": 300.0}}])
+def test_it_is_a_part_like_others(code):
+    check_part(neuro.encode(values=np.linspace(1.0, 8.0, 20), code=code, start=4.0))
+
+
+def test_trials_bring_their_own_spikes():
+    net = encoded([1.0, 8.0], "rank")
+    net.population("out", 2, neuro.iaf_psc_delta())
+    net.connect("p", "out", neuro.one_to_one())
+    net.group("first", neuro.winner_take_all(of="out"))
+    net.trials(input="p", duration=10.0)
+    with pytest.raises(neuro.ModelError, match="input 'p' has spike_times: expected none, as trials bring their own"):
+        neuro.compile(net, "reference")
