@@ -129,6 +129,8 @@ def _field(told: str, argument: inspect.Parameter, hint: Any, doc: str) -> Any:
     inner = [other for other in get_args(hint) if other is not NoneType]
     if NoneType in get_args(hint) and len(inner) == 1:
         hint = inner[0]
+    if hasattr(Code, argument.name):
+        raise TypeError(f"{told}: '{argument.name}' has a meaning of its own: expected another name of a parameter")
     default = MISSING if argument.default is argument.empty else argument.default
     if get_origin(hint) is Literal:
         return quantity(default, "", doc, kind="word", words=get_args(hint))

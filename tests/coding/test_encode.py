@@ -303,10 +303,15 @@ def unknown(values, of: "Missing"):  # noqa: F821
     return values
 
 
+def taken(values, rates: float):
+    return values
+
+
 @pytest.mark.usefixtures("registries")
 @pytest.mark.parametrize(
     ("function", "message"),
     [
+        (taken, "code 'taken': 'rates' has a meaning of its own: expected another name of a parameter"),
         (nothing, "code 'nothing' takes no argument: expected the values first"),
         (lists, "code 'lists': 'of' is annotated <class 'list'>: expected float, int, bool or Literal words"),
         (unknown, "code 'unknown': its annotations cannot be read: name 'Missing' is not defined"),
