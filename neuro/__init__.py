@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from neuro.model.network import Network
     from neuro.model.neurons import (
         dc_generator,
+        encode,
         iaf_psc_alpha,
         iaf_psc_delta,
         iaf_psc_exp,
@@ -56,6 +57,7 @@ _HOMES = {
     "neuro.model.network": ("Network",),
     "neuro.model.neurons": (
         "dc_generator",
+        "encode",
         "iaf_psc_alpha",
         "iaf_psc_delta",
         "iaf_psc_exp",
@@ -100,6 +102,7 @@ __all__ = [
     "compile",
     "dc_generator",
     "dropout",
+    "encode",
     "events",
     "fixed_indegree",
     "fixed_outdegree",

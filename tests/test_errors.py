@@ -25,6 +25,7 @@ INSIDE = {
     ("AttributeError", "neuro/core/lazy.py"): "asked for by Python of a module",
     ("NotImplementedError", "neuro/"): "of a method that subclasses have",
     ("TypeError", "neuro/model/"): "of a class that is no model; a registry tells it as ModelError",
+    ("TypeError", "neuro/coding/"): "of a function that is no code; a registry tells it as ModelError",
     ("TypeError", "neuro/events/f"): "of what is no format or filter; a registry tells it as ModelError",
     ("TypeError", "neuro/kernels/key.py"): "to the author of a kernel",
     ("AssertionError", "neuro/testing/"): "the judgement of the conformance suite",

@@ -11,6 +11,7 @@ ROOT = Path(__file__).parent.parent
 LAYERS = (
     "core",
     "kernels",
+    "coding",
     "model",
     "program",
     "compiler",
@@ -19,7 +20,6 @@ LAYERS = (
     "run",
     "verify",
     "events",
-    "coding",
     "compare",
     "testing",
     "cli",
@@ -63,7 +63,7 @@ def room(module: str) -> str:
 
 def test_few_modules_stand_directly_in_the_package():
     direct = {path.name for path in (ROOT / "neuro").glob("*.py")}
-    assert direct <= {"__init__.py", "apps.py", "coding.py", "extend.py"}
+    assert direct <= {"__init__.py", "apps.py", "extend.py"}
 
 
 def test_every_room_has_its_place_in_the_order():

@@ -13,7 +13,8 @@ REFERENCE = Path(__file__).parents[1] / "docs" / "reference"
 HEAD = """\
 # Models, synapses, rules and distributions
 
-Each is named in YAML as `name` or `{name: {parameter: value}}`, in Python as `neuro.name(parameter=value)`.
+Each is named in YAML as `name` or `{name: {parameter: value}}`, in Python as `neuro.name(parameter=value)`;
+codes are functions `neuro.coding.name(values, parameter=value)`.
 *Array*: a list of one value per neuron, a file or a distribution is accepted, too. `neuro models NAME` prints the same.
 
 This page is written by `python tests/test_reference.py`.

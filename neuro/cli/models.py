@@ -34,6 +34,7 @@ def models(name: Annotated[str, typer.Argument(metavar="[NAME]", help="Only this
 
 def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
     """Everything that can be named in a network, by section."""
+    from neuro.coding.codes import CHOICES
     from neuro.model.distributions import DISTRIBUTIONS
     from neuro.model.neurons import MODELS, Generator
     from neuro.model.parts import dropout, labels, reward, winner_take_all
@@ -47,6 +48,7 @@ def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
         "Synapses": SYNAPSES,
         "Connection rules": RULES,
         "Distributions": DISTRIBUTIONS,
+        "Codes": CHOICES,
         "Groups and trials": {part.__name__: part for part in (winner_take_all, labels, reward, dropout)},
     }
 

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from neuro.coding.codes import CODES, RATE_CODES
 from neuro.compiler.check import check_network, check_values, refuse, telling
 from neuro.compiler.check_trials import resolve_trials
 from neuro.compiler.connect import connect
+from neuro.compiler.encoded import with_generators
 from neuro.compiler.pack import packed
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.values import delay_steps, one_delay, per_neuron, per_synapse
@@ -35,10 +37,11 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
     Raises:
         ModelError: the network cannot be run by any backend.
     """
-    for registry in (MODELS, SYNAPSES, RULES, DISTRIBUTIONS):
+    for registry in (MODELS, SYNAPSES, RULES, DISTRIBUTIONS, CODES, RATE_CODES):
         registry.close("a network was compiled")
     clock = Clock(net.resolution)
     shapes = resolve_shapes(net)
+    net = with_generators(net, shapes, clock, seed)
     check_network(net, shapes)
     trials = resolve_trials(net, shapes, clock)
     populations = tuple(_population(net, part, shapes[part.name], clock, seed) for part in net.populations.values())

@@ -301,6 +301,12 @@ def _train(q: Quantity, row: Any, what: str, index: list[int]) -> NDArray[np.flo
     return times
 
 
+def _codes(q: Quantity, value: Any, what: str) -> tuple[Any, ...]:
+    if not isinstance(value, tuple) or not all(getattr(item, "kind", "") == "code" for item in value):
+        raise wrong(q, value, what)
+    return value
+
+
 def _part(q: Quantity, value: Any, what: str) -> Any:
     assert q.part is not None
     if isinstance(value, q.part):
@@ -321,5 +327,6 @@ _CHECKERS: dict[str, Callable[[Quantity, Any, str], Any]] = {
     "times": _times,
     "ids": _ids,
     "delay": _delay,
+    "codes": _codes,
     "part": _part,
 }

@@ -18,10 +18,14 @@ class Choice:
 
     Subclasses are frozen dataclasses whose fields are made by `quantity`. Two choices are equal when
     they have the same name and equal parameters, arrays compared by value.
+
+    Class attributes:
+        file_of: the parameter that `file` and `key` among the words in YAML stand for, "" if they do not.
     """
 
     kind: ClassVar[str] = "choice"
     word: ClassVar[str] = ""
+    file_of: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
         cls.__repr__ = Choice.__repr__  # type: ignore[method-assign]  # or @dataclass would make its own

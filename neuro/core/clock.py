@@ -60,6 +60,16 @@ class Clock:
             return NEVER if ms > 0 else -1
         return math.floor(float(ms) / self.resolution + TOLERANCE)
 
+    def floors(self, times: NDArray[np.float64], what: str) -> NDArray[np.int64]:
+        """The last step at or before each of many finite times.
+
+        Raises:
+            ModelError: one is too late; the first such is named.
+        """
+        exact = times / self.resolution
+        self._refuse_long(times, exact, what)
+        return np.floor(exact + TOLERANCE).astype(np.int64)
+
     def step(self, ms: Any, what: str) -> int:
         """The step of a time that must lie on the grid; infinity gives `NEVER`.
 
@@ -89,16 +99,19 @@ class Clock:
             ModelError: one does not; the first such is named.
         """
         exact = times / self.resolution
-        long = np.flatnonzero(np.isfinite(times.ravel()) & (np.abs(exact.ravel()) > LARGEST))
-        if long.size:
-            name = f"{what}[{long[0]}]" if times.size > 1 else what
-            raise self._too_long(float(times.ravel()[long[0]]), name)
+        self._refuse_long(times, exact, what)
         steps = np.rint(exact)
         near = np.abs(exact - steps) <= TOLERANCE
         if not near.all():
             bad = int(np.flatnonzero(~near.ravel())[0])
             raise self._off_grid(float(times.ravel()[bad]), f"{what}[{bad}]" if times.size > 1 else what)
         return steps.astype(np.int64)
+
+    def _refuse_long(self, times: NDArray[np.float64], exact: NDArray[np.float64], what: str) -> None:
+        long = np.flatnonzero(np.isfinite(times.ravel()) & (np.abs(exact.ravel()) > LARGEST))
+        if long.size:
+            name = f"{what}[{long[0]}]" if times.size > 1 else what
+            raise self._too_long(float(times.ravel()[long[0]]), name)
 
     def _too_long(self, ms: float, what: str) -> ModelError:
         return ModelError(f"{what} = {ms:g} ms: expected at most {self.ms(LARGEST):g} ms, 2^40 steps")

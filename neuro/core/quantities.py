@@ -17,7 +17,8 @@ class Quantity:
         doc: one line on its meaning.
         kind: "number", "integer", "boolean", "name" (of a part of the network), "word" (one of
             `words`), "shape" (a list of integers), "times" (spike times, a list per neuron), "ids",
-            "delay" (a time that is no number of the rule), "names" (a list of names) or "part" (a `part`).
+            "delay" (a time that is no number of the rule), "names" (a list of names), "part" (a `part`) or "codes"
+            (of `neuro.coding`).
         above, at_least, below, at_most: bounds of every element.
         infinite: whether an infinite value has a meaning.
         whole: whether a number, and every element of an array, must be a whole one.
@@ -55,6 +56,7 @@ class Quantity:
             "ids": "whole numbers >= 0",
             "delay": "a time > 0 ms",
             "names": "names",
+            "codes": "a code, or a list of codes",
             "part": f"the words of {self.part.__name__}" if self.part else "",
         }[self.kind]
         bounds = [

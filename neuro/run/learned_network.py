@@ -26,7 +26,7 @@ def learnt_network(
     """A copy of `net` that holds the present weights and parameters and nothing random in its connections.
 
     Synapses that were drawn at random become listed pairs; weights, delays and initial states that were drawn
-    become arrays. States such as V_m begin anew.
+    become arrays, and what was encoded becomes spikes or rates. States such as V_m begin anew.
 
     Args:
         net: what was compiled.
@@ -48,7 +48,7 @@ def learnt_network(
 
 
 def _population(part: Population, resolved: ResolvedPopulation, index: int, engine: Engine) -> Population:
-    model = part.model
+    model = resolved.model
     changed = {}
     for entry in fields(model):
         word = word_of(entry.name)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.coding import CODES
+from neuro.coding import CODES, RATE_CODES
 from neuro.core import registry
 from neuro.events import EventFileError, Events, load, save, stream
 from neuro.events.dataset import Dataset
@@ -207,7 +207,7 @@ def test_filters_that_cannot_be_made():
 
 @pytest.mark.parametrize(
     ("kind", "table"),
-    [("segmenter", SEGMENTERS), ("representation", REPRESENTATIONS), ("code", CODES)],
+    [("segmenter", SEGMENTERS), ("representation", REPRESENTATIONS), ("code", CODES), ("rate code", RATE_CODES)],
 )
 def test_functions_say_what_they_are(kind, table):
     @neuro.register(kind=kind)
@@ -232,7 +232,10 @@ def test_a_kind_is_known_before_its_room_is_entered(tmp_path):
     assert (done.stdout, done.stderr) == ("True\n", "")
 
 
-KINDS = "backend, chip, code, distribution, event format, filter, model, representation, rule, segmenter, synapse"
+KINDS = (
+    "backend, chip, code, distribution, event format, filter, model, rate code, representation, rule, segmenter, "
+    "synapse"
+)
 
 
 def test_what_is_of_no_kind_is_refused():

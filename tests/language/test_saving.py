@@ -24,6 +24,17 @@ NAMES = st.one_of(
     st.text("abAB12_.-", min_size=1, max_size=5),
 )
 
+BOUNDS = {"r_min": 0.25, "r_max": 1.0}
+CODES = (
+    "rank",
+    ["rank"],
+    {"rank": {"ties": "dense", "window": 20.0}},
+    {"log_intensity_to_latency": {**BOUNDS, "window": 20}},
+    {"phase": {**BOUNDS, "window": 8.0, "bits": 4}},
+    {"population": {"n": 8, **BOUNDS, "max_rate": 50.0}},
+    [{"rate": {**BOUNDS, "max_rate": 50.0}}, {"poisson": {"window": 100.0}}],
+)
+
 
 def numbers(q):
     """Numbers within the bounds of a quantity."""
@@ -79,6 +90,8 @@ def values(q, names):
         case "times":
             train = st.lists(st.floats(0.1, 100.0), max_size=30).map(sorted)
             return st.lists(train, max_size=5)
+        case "codes":
+            return st.sampled_from(CODES)
         case "part":
             return words(q.part, names).map(q.part.from_words)
         case _:
@@ -112,6 +125,8 @@ def choices(draw, cls, names):
         said = {"pre": [pre for pre, _ in ids], "post": [post for _, post in ids]}
     if "signal" in said:
         said.pop("dopamine", None)
+    if cls is neuro.encode:
+        said["values"] = draw(st.floats(0.5, 1.0) | arrays(st.floats(0.5, 1.0)))
     if cls is neuro.loihi_learning:
         said = {"dw": draw(st.sampled_from(["2^-2*x1*y0", "2^-2*x0*y0 - 2^-3*x0*w"])), "x1_impulse": 16, "x1_tau": 9}
     for low, high in (("low", "high"), ("Wmin", "Wmax")):

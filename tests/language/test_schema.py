@@ -22,6 +22,8 @@ populations:
   b: {model: {iaf_psc_exp: {tau_m: [1.0, $w], V_th: {uniform: {low: -55.0, high: -50.0}}}}, shape: [$n, auto]}
   c: {model: {spike_generator: {spike_times: [[1.0], []]}}, shape: $n}
   d: {model: {iaf_psc_delta: {tau_m: .inf, refractory_input: true}}, shape: 2, initial: {V_m: normal}}
+  e: {model: {encode: {file: x.h5, key: x, code: {rank: {ties: dense}}}}, shape: 4}
+  f: {model: {encode: {values: [1.0, $w], code: [{rate: {r_min: 0, r_max: $w, max_rate: 9}}, rank]}}, shape: 2}
 projections:
   a_b: {from: a, to: b, rule: all_to_all, weight: $w, delay: 1.5, synapse: {stdp: {lambda: 0.1, Wmax: $w}}}
   b_b: {from: b, to: b, rule: {pairs: {pre: [0], post: {file: p.npy}}}, weight: {file: w.h5, key: w}, synapse: r_stdp}
@@ -71,6 +73,12 @@ def test_the_networks_of_this_repository(validator, path):
         ("shape: 4}", "shape: 4, tau_m: 10.0}"),
         ("model: poisson_generator", "model: poison_generator"),
         ("[1.0, $w]", "[1.0, w]"),
+        ("ties: dense", "ties: shared"),
+        ("{rank: {ties: dense}}", "rnak"),
+        ("file: x.h5, key", "key"),
+        ("values: [1.0, $w], ", ""),
+        ("values: [1.0, $w]", "values: [1.0], file: x.npy"),
+        (", max_rate: 9", ""),
         ("V_th", "v_th"),
         ("{low: -55.0", "{lower: -55.0"),
         ("refractory_input: true", "refractory_input: yes"),

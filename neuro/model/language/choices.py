@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
+from neuro.coding.codes import CHOICES
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import Quantity
@@ -25,7 +26,10 @@ TABLES: dict[str, Mapping[str, type[Choice]]] = {
     "synapse": SYNAPSES,
     "group": {"winner_take_all": winner_take_all},
     "distribution": DISTRIBUTIONS,
+    "code": CHOICES,
 }
+FILE = ("file", "key")
+"""The words of an array in a file."""
 C = TypeVar("C", bound=Choice)
 _CALL = re.compile(r"(\w+)\s*\((.*)\)")
 
@@ -64,6 +68,8 @@ def with_parameters(cls: type[C], node: Node) -> C:
         needed = [word for word in known if word not in cls.defaults()]
         hint = f"write {{{name}: {{{needed[0]}: {plain(node)}}}}}" if len(needed) == 1 else ""
         raise mistake(node, f"{name}: {found(node)}: expected its parameters, {{word: value}}", hint)
+    if cls.file_of:
+        node = _with_array(cls, node)
     said = words(node, known, name, kind=f"parameter of {name}")
     values = {word: value(known[word], inner, f"{name}.{word}") for word, inner in said.items()}
     with about(node):
@@ -80,6 +86,8 @@ def value(q: Quantity, node: Node, what: str) -> Any:
     """
     if q.part is not None:
         return with_parameters(q.part, node)
+    if q.kind == "codes":
+        return codes(node)
     if isinstance(node.value, dict) and "file" in node.value and (q.arrays or q.kind in ("ids", "times")):
         return array(node)
     if q.arrays and isinstance(node.value, dict):
@@ -88,6 +96,29 @@ def value(q: Quantity, node: Node, what: str) -> Any:
     if q.arrays and isinstance(node.value, str) and _first_word(node.value) in DISTRIBUTIONS:
         return choice(node, "distribution")
     return plain(node)
+
+
+def codes(node: Node) -> tuple[Any, ...]:
+    """A code, or each of a list."""
+    items = node.value if isinstance(node.value, list) else [node]
+    return tuple(choice(item, "code") for item in items)
+
+
+def _with_array(cls: type[Choice], node: Node) -> Node:
+    """The mapping with `{file, key}` as the array that these words among its own stand for."""
+    said = words(node, [*cls.quantities(), *FILE], cls.called(), kind=f"parameter of {cls.called()}")
+    inner = {word: said[word] for word in FILE if word in said}
+    if not inner:
+        return node
+    first = next(iter(inner.values()))
+    if cls.file_of in said:
+        told = f"{cls.called()}: found both '{cls.file_of}' and '{next(iter(inner))}': expected one of them"
+        raise mistake(first, told)
+    if "file" not in said:
+        raise mistake(first, f"{cls.called()}: found 'key' without 'file': expected both")
+    rest = {word: value for word, value in said.items() if word not in inner}
+    array = Node(inner, first.where, first.label, first.source)
+    return Node({cls.file_of: array, **rest}, node.where, node.label, node.source)
 
 
 def part(node: Node, known: Iterable[str], what: str, needs: Iterable[str]) -> dict[str, Node]:

@@ -87,11 +87,16 @@ def _value(value: Any, arrays: Arrays, key: str) -> Any:
         inline = value.size <= LARGEST_INLINE and np.array(value.tolist()).shape == value.shape
         return value.tolist() if inline else arrays.keep(key, value)
     if isinstance(value, Choice):
-        return _choice(value, arrays, key) if value.kind == "distribution" else _parameters(value, arrays, key)
+        return (
+            _choice(value, arrays, key) if value.kind in ("distribution", "code") else _parameters(value, arrays, key)
+        )
     if isinstance(value, tuple) and value and all(isinstance(row, np.ndarray) for row in value):
         if len(value) + sum(row.size for row in value) <= LARGEST_INLINE:
             return [row.tolist() for row in value]
         return arrays.keep(key, _table(value))
+    if isinstance(value, tuple) and value and all(isinstance(item, Choice) for item in value):
+        items = [_value(item, arrays, f"{key}.{k}") for k, item in enumerate(value)]
+        return items[0] if len(items) == 1 else items
     return list(value) if isinstance(value, tuple) else value
 
 

@@ -144,7 +144,15 @@ def _words(cls: type[Choice]) -> Schema:
     """The parameters of one choice."""
     defaults = cls.defaults()
     words = {word: _quantity(q, defaults.get(word, MISSING)) for word, q in cls.quantities().items()}
-    return {"title": cls.called(), "description": _summary(cls), **_closed(words, _required(cls))}
+    made = {"title": cls.called(), "description": _summary(cls), **_closed(words, _required(cls))}
+    return _with_file(made, cls.file_of) if cls.file_of else made
+
+
+def _with_file(made: Schema, word: str) -> Schema:
+    """A mapping in which `file` and `key` may stand for one of its words."""
+    properties = {**made["properties"], "file": {"type": "string"}, "key": {"type": "string"}}
+    either = [{"required": [word]}, {"required": ["file"]}]
+    return {**made, "properties": properties, "required": [w for w in made["required"] if w != word], "oneOf": either}
 
 
 def _required(cls: type[Choice]) -> list[str]:
@@ -200,6 +208,9 @@ def _accepted(q: Quantity) -> list[Schema]:
             return [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
         case "ids" | "times":
             return [numbers, file, _PARAMETER]
+        case "codes":
+            code = {"$ref": "#/$defs/code"}
+            return [code, {"type": "array", "items": code, "minItems": 1}]
         case "part":
             assert q.part is not None
             return [_words(q.part)]

@@ -1,0 +1,65 @@
+"""What is encoded becomes generators that every backend has."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from neuro.compiler.check import telling
+from neuro.compiler.shapes import Shape, size
+from neuro.core.clock import Clock
+from neuro.core.errors import ModelError
+from neuro.core.keyed_random import key
+from neuro.model.network import Network
+from neuro.model.neurons import Generator, encode, poisson_generator, spike_generator
+from neuro.model.parts import Population
+from neuro.program.program import Floats
+
+
+def with_generators(net: Network, shapes: Mapping[str, Shape], clock: Clock, seed: int) -> Network:
+    """A network in which a `spike_generator` or a `poisson_generator` stands for each `encode`.
+
+    Args:
+        net: the network; it is not changed.
+        shapes: of all populations.
+        clock: of the network.
+        seed: of the network.
+
+    Raises:
+        ModelError: a code gives the spikes of another number of neurons, or a time is too late or off the grid.
+    """
+    made = copy(net)
+    made.populations = {
+        name: replace(part, model=_generator(part, part.model, shapes[name], clock, seed))
+        if isinstance(part.model, encode)
+        else part
+        for name, part in net.populations.items()
+    }
+    return made
+
+
+def _generator(part: Population, model: encode, shape: Shape, clock: Clock, seed: int) -> Generator:
+    with telling(part):
+        found = model.spikes(key(seed, "encode", part.name))
+        neurons = found.shape if model.gives_rates else found.shape[:-1]
+        if neurons not in (shape, (size(shape),)):
+            told = f"encode makes the spikes of neurons of shape {list(neurons)}: expected {list(shape)}"
+            raise ModelError(told, hint=f"give the population the shape {list(neurons)}")
+        if model.gives_rates:
+            return poisson_generator(rate=found, start=model.start, stop=model.stop)
+        return spike_generator(spike_times=_times(model, found.reshape(size(shape), -1), clock))
+
+
+def _times(model: encode, after: Floats, clock: Clock) -> list[Floats]:
+    """The end of the step of each spike that is emitted, a list for each neuron."""
+    start, stop = clock.step(model.start, "encode.start"), clock.step(model.stop, "encode.stop")
+    neurons, spikes = np.nonzero(~np.isnan(after))
+    steps = start + clock.floors(after[neurons, spikes], "encode: spike") + 1
+    emitted = steps <= stop
+    neurons, steps = neurons[emitted], steps[emitted]
+    order = np.lexsort((steps, neurons))
+    ends = np.cumsum(np.bincount(neurons, minlength=len(after)))[:-1]
+    return np.split(clock.array_ms(steps[order]), ends)
