@@ -38,7 +38,15 @@ if TYPE_CHECKING:
         pairs,
         pairwise_bernoulli,
     )
-    from neuro.model.synapses import loihi_learning, loihi_static, r_stdp, static, stdp, stdp_dopa
+    from neuro.model.synapses import (
+        loihi_learning,
+        loihi_static,
+        r_stdp,
+        static,
+        stdp,
+        stdp_dopa,
+        stdp_triplet,
+    )
     from neuro.program.backend import OverflowWarning
     from neuro.program.counts import Counts
     from neuro.run.simulation import ApproximationWarning, Simulation, compile
@@ -76,7 +84,15 @@ _HOMES = {
         "pairs",
         "pairwise_bernoulli",
     ),
-    "neuro.model.synapses": ("loihi_learning", "loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"),
+    "neuro.model.synapses": (
+        "loihi_learning",
+        "loihi_static",
+        "r_stdp",
+        "static",
+        "stdp",
+        "stdp_dopa",
+        "stdp_triplet",
+    ),
     "neuro.program.backend": ("OverflowWarning",),
     "neuro.program.counts": ("Counts",),
     "neuro.run.trials": ("TrialResults",),
@@ -128,6 +144,7 @@ __all__ = [
     "static",
     "stdp",
     "stdp_dopa",
+    "stdp_triplet",
     "uniform",
     "winner_take_all",
 ]

@@ -1,4 +1,4 @@
-"""Pairwise rules of strangers: one pass over synapses, compiled for each rule by itself and called by its address.
+"""Pairwise rules outside the loop: one pass over synapses, compiled for each by itself and called by its address.
 
 What `plastic` does for the rules of this package, for any list of traces. Each synapse knows up to which step post
 spikes have acted on it (`reached`), so it needs nothing but the history of its target, in which `post_spike` keeps the
@@ -93,9 +93,12 @@ def post_value(net, p, q, j, column, history, neuron, before, h):
 
 
 @inner
-def kept_value(p, j, column, history, k):
-    """A post trace just before the k-th entry of a history."""
-    return p.others[history, k, column + j]
+def kept_value(p, q, j, column, history, k, m):
+    """A post trace just before the k-th entry of a history, and after the first m of its spikes."""
+    kind, value = p.kinds[q, p.kinds.shape[1] // 2 + j], p.others[history, k, column + j]
+    if m > 0 and kind[TAU] == TIME:
+        return 0.0
+    return grown(kind, value, m)
 
 
 def _tuple_of(name, count, arguments, inner_name, scope):
@@ -120,7 +123,7 @@ def rule_entry(model):
     post_values = _tuple_of(
         "post_values", n_post, "net, p, q, {j}, column, history, neuron, before, h", "post_value", scope
     )
-    kept_values = _tuple_of("kept_values", n_post, "p, {j}, column, history, k", "kept_value", scope)
+    kept_values = _tuple_of("kept_values", n_post, "p, q, {j}, column, history, k, m", "kept_value", scope)
 
     if modulated:
 
@@ -154,9 +157,8 @@ def rule_entry(model):
             pass_time(view, q, z, target, since, time + delay, h)
             since = time + delay
             pre = pre_values(p, q, thread, own, since, h)
-            post = kept_values(p, column, history, k)
-            for _ in range(past[NEWEST + ENTRY * k + 2]):
-                on_post(p.y, z, p.rule[q], pre, post)
+            for m in range(past[NEWEST + ENTRY * k + 2]):
+                on_post(p.y, z, p.rule[q], pre, kept_values(p, q, column, history, k, m))
         if whole and since < upto:
             pass_time(view, q, z, target, since, upto, h)
             since = upto

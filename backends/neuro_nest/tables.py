@@ -14,11 +14,24 @@ NODES = {
 }
 """Our models and NEST's. An injector is a node as neurons are: it may be the source of plastic synapses."""
 
-SYNAPSES = {"static": "static_synapse_lbl", "stdp": "stdp_synapse_lbl", "stdp_dopa": "stdp_dopamine_synapse_lbl"}
+SYNAPSES = {
+    "static": "static_synapse_lbl",
+    "stdp": "stdp_synapse_lbl",
+    "stdp_triplet": "stdp_triplet_synapse_lbl",
+    "stdp_dopa": "stdp_dopamine_synapse_lbl",
+}
 """Our models and NEST's, of the kind whose synapses bear a label."""
 
-STATES = {"static": ("weight",), "stdp": ("weight", "Kplus"), "stdp_dopa": ("weight", "c", "n", "Kplus")}
+STATES = {
+    "static": ("weight",),
+    "stdp": ("weight", "Kplus"),
+    "stdp_triplet": ("weight", "Kplus"),
+    "stdp_dopa": ("weight", "c", "n", "Kplus"),
+}
 """What of their synapses can be read, in NEST's words."""
+
+OF_TARGET = frozenset({"tau_minus_triplet"})
+"""Numbers of rules that are the post neuron's in NEST."""
 
 UNREADABLE = frozenset({"I_syn_ex", "I_syn_in", "dI_syn_ex", "dI_syn_in"})
 """States that NEST neither shows nor sets between two steps: currents it records, a step late, slopes not at all."""

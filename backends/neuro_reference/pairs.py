@@ -83,10 +83,10 @@ class Pairs:
         for e in np.flatnonzero(self.posts[step % len(self.posts)]).tolist():
             self._integrate(e, step)
             multiplicity = int(self.posts[step % len(self.posts), e])
-            pre, post = self.pre.at(self.wires.source[e], step), self.post.at(e, step)
+            pre = self.pre.at(self.wires.source[e], step)
             for _ in range(multiplicity):
-                self.arithmetic.on_post(self.y, e, self.c, pre, post)
-            self.post.spike(e, multiplicity, step)
+                self.arithmetic.on_post(self.y, e, self.c, pre, self.post.at(e, step))
+                self.post.spike(e, step)
         self.posts[step % len(self.posts)] = 0
 
     def spike(self, source: int, step: int) -> Floats:
@@ -95,7 +95,7 @@ class Pairs:
         for e in range(row.start, row.stop):
             self._integrate(e, step)
             self.arithmetic.on_pre(self.y, e, self.c, pre, self.post.earlier(e, step))
-        self.pre.spike(source, 1, step)
+        self.pre.spike(source, step)
         self.sent[row] = self.y[0, row]
         return self.sent[row]
 

@@ -149,10 +149,9 @@ def rule_of(rule: Synapse, vector: Floats) -> Synapse:
 
 def check_rule(part: Projection, rule: Synapse, weight: Floats) -> None:
     """Weights that pairs change stay within their rule's bounds."""
-    limits = rule.parameters()
-    if rule.learns != "pairs" or "Wmax" not in limits:
+    if rule.learns != "pairs":
         return
-    low, high = limits.get("Wmin", 0.0), limits["Wmax"]
+    low, high = rule.bounds()
     bad = np.flatnonzero((weight < low) | (weight > high))
     if bad.size:
         raise ModelError(

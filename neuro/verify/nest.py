@@ -5,6 +5,7 @@
 | neuron | `neuron` and `inputs` | spikes and every recorded state |
 | network | `neuron` and the array `src` | spikes and V_m of the first neurons |
 | stdp | `synapse` of model stdp_synapse | the weight sent at each pre spike, final weight and trace |
+| pairs | `synapse` of another model of PAIRS | the weight sent at each pre spike, final weight |
 | dopamine | `synapse` of model stdp_dopamine_synapse | the same and w, c, n, K+ over time |
 
 Files of chips are told and compared by `neuro.verify.chips`.
@@ -27,7 +28,7 @@ from neuro.core.errors import ModelError
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS, Neuron, dc_generator, iaf_psc_delta, spike_generator
 from neuro.model.rules import all_to_all, one_to_one, pairs
-from neuro.model.synapses import Synapse, stdp, stdp_dopa
+from neuro.model.synapses import Synapse, stdp, stdp_dopa, stdp_triplet
 from neuro.program.backend import Backend, find, unreadable
 from neuro.program.program import Floats, Ints
 from neuro.verify.chips import chip_of, compare_chip
@@ -35,6 +36,9 @@ from neuro.verify.comparison import Comparison, Golden
 
 NEST_V_M = -70.0
 STRONG = 1e12
+
+PAIRS: Mapping[str, type[Synapse]] = {"stdp_triplet_synapse": stdp_triplet}
+"""NEST's synapses that learn by spike pairs, and ours."""
 
 
 def compare(golden: Golden, backend: str | Backend) -> list[Comparison]:
@@ -51,9 +55,12 @@ def compare(golden: Golden, backend: str | Backend) -> list[Comparison]:
         model = facts["synapse"]["model"]
         if model == "stdp_synapse":
             return _compare_stdp(golden, backend)
+        if model in PAIRS:
+            return _compare_pairs(golden, backend)
         if model == "stdp_dopamine_synapse":
             return _compare_dopamine(golden, backend)
-        raise ModelError(f"a synapse of model '{model}': expected stdp_synapse or stdp_dopamine_synapse")
+        expected = ["stdp_synapse", "stdp_dopamine_synapse", *PAIRS]
+        raise ModelError(f"a synapse of model '{model}': expected {', '.join(expected)}")
     if "neuron" in facts and "src" in golden.arrays:
         return _compare_network(golden, backend)
     if "neuron" in facts and "inputs" in facts:
@@ -153,6 +160,19 @@ def _compare_stdp(golden: Golden, backend: str | Backend) -> list[Comparison]:
         _values("w_after", np.array(sent), arrays["w_after"]),
         _values("final", final, arrays["final"]),
     ]
+
+
+def _compare_pairs(golden: Golden, backend: str | Backend) -> list[Comparison]:
+    facts, arrays, clock = golden.facts, golden.arrays, golden.clock
+    told = facts["synapse"] | {"tau_minus_triplet": facts["synapse"].get("tau_minus_triplet_ms")}
+    kind = PAIRS[told["model"]]
+    rule = kind.from_words({word: told[word] for word in kind.numbers()})
+    sim = neuro.run.simulation.compile(_synapse_network(golden, rule, 1), backend)
+    sent = []
+    for _ in _walk(sim, _steps(arrays["w_times_ms"], clock) + 1, clock):
+        sent.append(sim.get("pre_post", "weight")[0])
+    found = np.array(sent)
+    return [_values("w_after", found, arrays["w_after"]), _values("final", found[-1:], arrays["final"])]
 
 
 def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[Comparison]:

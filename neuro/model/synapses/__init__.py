@@ -11,6 +11,7 @@ from neuro.model.synapses.r_stdp import r_stdp
 from neuro.model.synapses.static import static
 from neuro.model.synapses.stdp import stdp
 from neuro.model.synapses.stdp_dopa import stdp_dopa
+from neuro.model.synapses.stdp_triplet import stdp_triplet
 
 
 def complete(model: type[Synapse]) -> type[Synapse]:
@@ -49,7 +50,7 @@ def _check_traces(told: str, model: type[Synapse]) -> None:
 
 SYNAPSES: Registry[type[Synapse]] = Registry(
     "synapse",
-    (static, stdp, stdp_dopa, r_stdp, loihi_static, loihi_learning),
+    (static, stdp, stdp_triplet, stdp_dopa, r_stdp, loihi_static, loihi_learning),
     takes=lambda part: isinstance(part, type) and issubclass(part, Synapse),
     group="neuro.synapses",
     complete=complete,
@@ -68,4 +69,5 @@ __all__ = [
     "static",
     "stdp",
     "stdp_dopa",
+    "stdp_triplet",
 ]

@@ -18,6 +18,7 @@ A rule for trials has `constants` and
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -82,6 +83,14 @@ class Synapse(Choice):
     def numbers(cls) -> tuple[str, ...]:
         """Words of the numeric parameters, in the order in which `constants` reads them."""
         return tuple(w for w, q in cls.quantities().items() if q.kind in ("number", "integer", "boolean"))
+
+    def bounds(self) -> tuple[float, float]:
+        """The smallest and the largest weight; Wmax below 0 is the smallest."""
+        limits = self.parameters()
+        if "Wmax" not in limits:
+            return -math.inf, math.inf
+        low, high = sorted((limits.get("Wmin", 0.0), limits["Wmax"]))
+        return low, high
 
     def vector(self) -> NDArray[np.float64]:
         """The numeric parameters as one vector."""
