@@ -15,7 +15,7 @@ from neuro_nest import kernel
 from neuro_nest.kernel import told
 from neuro_nest.net import Net
 from neuro_nest.problems import FINITE, NO_LEAK, has_new_current
-from neuro_nest.tables import OF_TARGET, UNREADABLE
+from neuro_nest.tables import OF_TARGET, SHARED, UNREADABLE
 from neuro_nest.wires import Wires
 
 _WORDS = {"K_plus": "Kplus"}
@@ -106,7 +106,7 @@ class NestEngine:
         words = self.net.words(wires)
         wires.changed()
         with told():
-            if wires.part.synapse.modulated:
+            if wires.part.synapse.modulated or wires.part.synapse.name in SHARED:
                 for name in wires.models():
                     self._nest.SetDefaults(name, words)
             else:

@@ -13,7 +13,7 @@ from neuro_nest.kernel import set_nodes, sign, told
 from neuro_nest.ranks import Ranks
 from neuro_nest.record import Activity, Record
 from neuro_nest.sources import NONE, Source, Train, train
-from neuro_nest.tables import OF_TARGET
+from neuro_nest.tables import ALWAYS, OF_TARGET
 from neuro_nest.wires import Wires
 
 LONGEST = 10_000
@@ -132,9 +132,10 @@ class Net:
         return self.cells[wires.part.source].first, self.cells[wires.part.target].first
 
     def words(self, wires: Wires) -> dict[str, float]:
-        """The numbers of a synapse model in NEST's words."""
-        elsewhere = {"deliver_interval", *OF_TARGET}
-        return {word: value for word, value in self._numbers(wires).items() if word not in elsewhere}
+        """The numbers of a synapse model in NEST's words, and the states in which its synapses start."""
+        elsewhere = {"deliver_interval", *OF_TARGET, *ALWAYS}
+        numbers = self._numbers(wires)
+        return {w: value for w, value in numbers.items() if w not in elsewhere} | wires.part.synapse.initial(numbers)
 
     def _numbers(self, wires: Wires) -> dict[str, float]:
         return dict(zip(wires.part.synapse.numbers(), self.rules[wires.index].tolist(), strict=True))

@@ -9,7 +9,7 @@ import numpy as np
 from neuro.model.neurons import dc_generator
 from neuro.program.backend import Problem, floats_only
 from neuro.program.program import Floats, Population, Program, Projection
-from neuro_nest.tables import NODES, OF_TARGET, SYNAPSE_MODELS, SYNAPSES, TICKS_PER_MS, UNREADABLE
+from neuro_nest.tables import ALWAYS, NODES, OF_TARGET, SYNAPSE_MODELS, SYNAPSES, TICKS_PER_MS, UNREADABLE
 
 ELSEWHERE = "backend 'event' runs it"
 NO_LEAK = "with an infinite tau_m NEST's propagator of a current, tau_m / C_m (1 - exp(-h / tau_m)), is no number"
@@ -82,6 +82,11 @@ def _of_projection(part: Projection) -> Iterator[Problem]:
     told = f"projection '{part.name}'"
     if part.synapse.name not in SYNAPSES:
         yield _refused(f"{told}: {part.synapse.name}", "NEST has no such rule", ELSEWHERE, part)
+        return
+    for word in ALWAYS & set(part.synapse.numbers()):
+        if not part.synapse.parameters()[word]:
+            what = f"{told}: {part.synapse.name}.{word} = false"
+            yield _refused(what, "NEST acts as if it were true", f"set {word}: true, or {ELSEWHERE}", part)
 
 
 def _of_copies(program: Program) -> Iterator[Problem]:

@@ -17,7 +17,12 @@ NODES = {
 SYNAPSES = {
     "static": "static_synapse_lbl",
     "stdp": "stdp_synapse_lbl",
-    "stdp_triplet": "stdp_triplet_synapse_lbl",
+    **{
+        name: f"{name}_synapse_lbl"
+        for name in ("stdp_nn_symm", "stdp_nn_restr", "stdp_nn_pre_centered", "stdp_triplet", "vogels_sprekeler")
+    },
+    "stdp_pl_hom": "stdp_pl_synapse_hom_lbl",
+    "tsodyks2": "tsodyks2_synapse_lbl",
     "stdp_dopa": "stdp_dopamine_synapse_lbl",
 }
 """Our models and NEST's, of the kind whose synapses bear a label."""
@@ -25,10 +30,19 @@ SYNAPSES = {
 STATES = {
     "static": ("weight",),
     "stdp": ("weight", "Kplus"),
+    **dict.fromkeys(("stdp_nn_symm", "stdp_nn_restr", "stdp_nn_pre_centered", "vogels_sprekeler"), ("weight",)),
     "stdp_triplet": ("weight", "Kplus"),
+    "stdp_pl_hom": ("weight", "Kplus"),
+    "tsodyks2": ("weight", "u", "x"),
     "stdp_dopa": ("weight", "c", "n", "Kplus"),
 }
 """What of their synapses can be read, in NEST's words."""
+
+SHARED = frozenset({"stdp_pl_hom"})
+"""Rules whose numbers belong to NEST's synapse model, so that each projection has a copy of it."""
+
+ALWAYS = frozenset({"pre_at_start"})
+"""Choices of rules that NEST does not leave: there they are always true."""
 
 OF_TARGET = frozenset({"tau_minus_triplet"})
 """Numbers of rules that are the post neuron's in NEST."""

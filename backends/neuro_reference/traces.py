@@ -66,5 +66,5 @@ class Traces:
     def _value(self, k: int, place: int, step: int) -> float:
         if not self.kinds[k].tau:
             return float(step - self.last[place]) * self.h if self.last[place] != NEVER else math.inf
-        passed = (step - self.since[place]) * self.h
-        return float(self.after[k, place] * math.exp(-passed / self.taus[k][place]))
+        passed, tau = (step - self.since[place]) * self.h, self.taus[k][place]
+        return float(self.after[k, place] * math.exp(-passed / tau)) if tau > 0.0 else 0.0

@@ -44,7 +44,7 @@ def states(part: Population) -> list[str]:
 
 def synapse_states(part: Projection) -> list[str]:
     """What can be read of a projection's synapses."""
-    names = ["weight", *(state.name for state in part.synapse.states)]
+    names = ["weight", *(state.name for state in part.synapse.states if not state.hidden)]
     if part.synapse.learns == "pairs" and part.synapse.pre[:1] == (K_PLUS,):
         names.append("K_plus")
     if part.synapse.modulated:
@@ -127,7 +127,8 @@ def check_together(program: Program, index: int, new: Mapping[str, Floats], engi
 def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any]) -> Synapse:
     """A synapse model with some numbers changed."""
     names = {word_of(entry.name): entry.name for entry in fields(rule)}
-    settable = [word for word in rule.numbers() if word not in _FIXED]
+    fixed = {*_FIXED, *(trace.starts for trace in rule.pre)}
+    settable = [word for word in rule.numbers() if word not in fixed]
     for word in values:
         if word in names and word not in settable:
             raise ModelError(f"{rule.name}.{word} of '{part.name}' is fixed: change the network and compile again")

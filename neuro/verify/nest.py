@@ -28,7 +28,17 @@ from neuro.core.errors import ModelError
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS, Neuron, dc_generator, iaf_psc_delta, spike_generator
 from neuro.model.rules import all_to_all, one_to_one, pairs
-from neuro.model.synapses import Synapse, stdp, stdp_dopa, stdp_triplet
+from neuro.model.synapses import (
+    Synapse,
+    stdp,
+    stdp_dopa,
+    stdp_nn_pre_centered,
+    stdp_nn_restr,
+    stdp_nn_symm,
+    stdp_pl_hom,
+    stdp_triplet,
+    vogels_sprekeler,
+)
 from neuro.program.backend import Backend, find, unreadable
 from neuro.program.program import Floats, Ints
 from neuro.verify.chips import chip_of, compare_chip
@@ -37,7 +47,14 @@ from neuro.verify.comparison import Comparison, Golden
 NEST_V_M = -70.0
 STRONG = 1e12
 
-PAIRS: Mapping[str, type[Synapse]] = {"stdp_triplet_synapse": stdp_triplet}
+PAIRS: Mapping[str, type[Synapse]] = {
+    "stdp_nn_symm_synapse": stdp_nn_symm,
+    "stdp_nn_restr_synapse": stdp_nn_restr,
+    "stdp_nn_pre_centered_synapse": stdp_nn_pre_centered,
+    "stdp_pl_synapse_hom": stdp_pl_hom,
+    "stdp_triplet_synapse": stdp_triplet,
+    "vogels_sprekeler_synapse": vogels_sprekeler,
+}
 """NEST's synapses that learn by spike pairs, and ours."""
 
 
@@ -158,13 +175,13 @@ def _compare_stdp(golden: Golden, backend: str | Backend) -> list[Comparison]:
     final = np.array([sim.get("pre_post", "weight")[0], k_plus])  # NEST shows K+ as of the last pre spike
     return [
         _values("w_after", np.array(sent), arrays["w_after"]),
-        _values("final", final, arrays["final"]),
+        _values("final", final[: arrays["final"].size], arrays["final"]),
     ]
 
 
 def _compare_pairs(golden: Golden, backend: str | Backend) -> list[Comparison]:
     facts, arrays, clock = golden.facts, golden.arrays, golden.clock
-    told = facts["synapse"] | {"tau_minus_triplet": facts["synapse"].get("tau_minus_triplet_ms")}
+    told = {"pre_at_start": True, "tau_minus_triplet": facts["synapse"].get("tau_minus_triplet_ms"), **facts["synapse"]}
     kind = PAIRS[told["model"]]
     rule = kind.from_words({word: told[word] for word in kind.numbers()})
     sim = neuro.run.simulation.compile(_synapse_network(golden, rule, 1), backend)
