@@ -14,7 +14,7 @@ from neuro.verify.verify import verify
 
 RULES: dict[str, Synapse] = {
     "stdp_triplet": neuro.stdp_triplet(Aplus=0.1, Aplus_triplet=0.03, Aminus=0.2, Aminus_triplet=0.01),
-    "stdp": neuro.stdp(Wmax=-300.0, lambda_=0.1, mu_minus=0.3),
+    "stdp": neuro.stdp(Wmax=-300.0, lambda_=0.02),
     "stdp_nn_symm": neuro.stdp_nn_symm(lambda_=0.1, mu_plus=0.4),
     "stdp_nn_symm from 0": neuro.stdp_nn_symm(lambda_=0.1, Wmax=-40.0, pre_at_start=True),
     "stdp_nn_restr": neuro.stdp_nn_restr(lambda_=0.1, tau_plus=10.0),
@@ -79,15 +79,15 @@ def deaf(**words: float) -> neuro.iaf_psc_delta:
 
 
 FIXED_POINTS = {
-    "soft": (neuro.stdp(lambda_=0.03), 50.0),
-    "van Rossum": (neuro.stdp(lambda_=0.03, mu_plus=0.0, alpha=1.5), 100.0 / 1.5),
-    "Guetig": (neuro.stdp(lambda_=0.03, mu_plus=0.4, mu_minus=0.4, alpha=1.2), 100.0 / (1.0 + 1.2**2.5)),
+    "soft": (neuro.stdp(lambda_=0.01), 50.0),
+    "van Rossum": (neuro.stdp(lambda_=0.01, mu_plus=0.0, alpha=1.5), 100.0 / 1.5),
+    "Guetig": (neuro.stdp(lambda_=0.01, mu_plus=0.4, mu_minus=0.4, alpha=1.2), 100.0 / (1.0 + 1.2**2.5)),
     "power law": (neuro.stdp_pl_hom(lambda_=0.1, alpha=0.11), (1.0 / 0.11) ** (1.0 / 0.6)),
 }
 
 
 def test_weights_drift_to_where_independent_spikes_hold_them():
-    """Poisson spikes of 20 Hz on both sides, from half the fixed point; 3 % is what 2,000 synapses scatter in 60 s."""
+    """Poisson spikes of 20 Hz on both sides, from 0.8 of the fixed point; steps of finite size end 1 % below it."""
     net = neuro.Network("drift", resolution=1.0)
     for side in ("pre", "post"):
         net.population(f"noise_{side}", 45, neuro.poisson_generator(rate=20.0))
@@ -96,15 +96,15 @@ def test_weights_drift_to_where_independent_spikes_hold_them():
     net.connect("noise_pre", "pre", neuro.one_to_one(), delay=1.0)
     net.connect("noise_post", "post", neuro.one_to_one(), weight=2e12, delay=1.0)
     for name, (rule, point) in FIXED_POINTS.items():
-        net.connect("pre", "post", neuro.all_to_all(), rule, weight=0.5 * point, delay=1.0, name=name.replace(" ", "_"))
+        net.connect("pre", "post", neuro.all_to_all(), rule, weight=0.8 * point, delay=1.0, name=name.replace(" ", "_"))
     sim = neuro.compile(net, seed=2)
-    sim.run(40_000.0)
+    sim.run(60_000.0)
     read = []
     for _ in range(20):
         sim.run(1000.0)
         read.append({name: sim.weights(name.replace(" ", "_"))[2].mean() for name in FIXED_POINTS})
     for name, (_, point) in FIXED_POINTS.items():
-        assert np.mean([means[name] for means in read]) == pytest.approx(point, rel=0.03), name
+        assert np.mean([means[name] for means in read]) == pytest.approx(point, rel=0.02), name
 
 
 def test_triplets_of_visual_cortex():
