@@ -39,7 +39,22 @@ if TYPE_CHECKING:
         pairs,
         pairwise_bernoulli,
     )
-    from neuro.model.synapses import loihi_learning, loihi_static, r_stdp, static, stdp, stdp_dopa
+    from neuro.model.synapses import (
+        loihi_learning,
+        loihi_static,
+        r_stdp,
+        static,
+        stdp,
+        stdp_dopa,
+        stdp_literal,
+        stdp_nn_pre_centered,
+        stdp_nn_restr,
+        stdp_nn_symm,
+        stdp_pl_hom,
+        stdp_triplet,
+        tsodyks2,
+        vogels_sprekeler,
+    )
     from neuro.program.backend import OverflowWarning
     from neuro.program.counts import Counts
     from neuro.run.simulation import ApproximationWarning, Simulation, compile
@@ -78,7 +93,22 @@ _HOMES = {
         "pairs",
         "pairwise_bernoulli",
     ),
-    "neuro.model.synapses": ("loihi_learning", "loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"),
+    "neuro.model.synapses": (
+        "loihi_learning",
+        "loihi_static",
+        "r_stdp",
+        "static",
+        "stdp",
+        "stdp_dopa",
+        "stdp_literal",
+        "stdp_nn_pre_centered",
+        "stdp_nn_restr",
+        "stdp_nn_symm",
+        "stdp_pl_hom",
+        "stdp_triplet",
+        "tsodyks2",
+        "vogels_sprekeler",
+    ),
     "neuro.program.backend": ("OverflowWarning",),
     "neuro.program.counts": ("Counts",),
     "neuro.run.trials": ("TrialResults",),
@@ -131,7 +161,15 @@ __all__ = [
     "static",
     "stdp",
     "stdp_dopa",
+    "stdp_literal",
+    "stdp_nn_pre_centered",
+    "stdp_nn_restr",
+    "stdp_nn_symm",
+    "stdp_pl_hom",
+    "stdp_triplet",
+    "tsodyks2",
     "uniform",
+    "vogels_sprekeler",
     "winner_take_all",
 ]
 

@@ -12,9 +12,10 @@ from neuro.program.program import Floats, Ints, Program
 from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
+from neuro_event.decays import DECAYS
 from neuro_event.models import MODULATED_RULES, RULES
-from neuro_event.own_rules import OF_NEURON, TIME, rule_entry
-from neuro_event.plastic import DECAYS, ENTRY, NEWEST
+from neuro_event.own_rules import OF_NEURON, OWN, TAU, TIME, rule_entry
+from neuro_event.plastic import ENTRY, NEWEST
 
 
 def add_learning(a: Arrays, learning: list[int]) -> None:
@@ -24,8 +25,8 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
     table = np.full((len(learning), t.PLASTIC_COLUMNS), t.NONE, dtype=np.int64)
     width = max([Synapse.width, *(program.projections[q].synapse.width for q in learning)])
     rules, tau = np.zeros((len(learning), width)), np.zeros((len(learning), 2))
-    decay = np.zeros((len(learning), 3, DECAYS))
     kinds = np.zeros((len(learning), 2 * _most_traces(program, learning), 3))
+    decay = np.zeros((len(learning), OWN + kinds.shape[1], DECAYS))
     incoming: list[Ints] = [np.zeros(1, dtype=np.int64)]
     in_synapse: list[Ints] = []
     in_source: list[NDArray[np.int32]] = []
@@ -50,7 +51,8 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         set_rule_constants(rules[k], tau[k], row, decay[k], kinds[k], p.synapse.vector(), p.synapse, program)
         tau_minus = program.populations[p.target].parameters["tau_minus"]
         if np.all(tau_minus == tau_minus[0]):
-            decay[k, 2] = np.exp(-np.arange(DECAYS) * program.resolution / tau_minus[0])
+            decay[k, 2] = _decay(tau_minus[0], program.resolution)
+            decay[k, OWN:][kinds[k, :, TAU] == OF_NEURON] = decay[k, 2]
         pre = np.repeat(np.arange(n_source, dtype=np.int32), np.diff(s.row_ends))
         order = np.argsort(s.targets, kind="stable")
         ends = np.concatenate([[0], np.cumsum(np.bincount(s.targets, minlength=n_target))]).astype(np.int64)
@@ -66,6 +68,9 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
             n_history += n_target
     states = np.zeros((max([1, *(1 + len(program.projections[q].synapse.states) for q in learning)]), n_synapses))
     states[0] = np.concatenate([np.zeros(0), *y])
+    k_plus = np.zeros((threads, n_sources))
+    for row, q in zip(table, learning, strict=True):
+        _start(program, q, row, states, k_plus)
     a.plastic |= {
         "table": table,
         "rule": rules,
@@ -74,7 +79,7 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         "y": states,
         "sent": states[0].copy(),
         "reached": np.zeros(n_synapses, dtype=np.int64),
-        "k_plus": np.zeros((threads, n_sources)),
+        "k_plus": k_plus,
         "k_time": np.zeros((threads, n_sources), dtype=np.int64),
         "spiked": np.zeros((threads, n_sources), dtype=np.int64),
         "n": np.zeros(n_targets),
@@ -87,6 +92,17 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         "columns": _columns(a, learning, table),
     }
     a.plastic["others"] = np.zeros(_others_shape(a))
+
+
+def _start(program: Program, q: int, row: Ints, states: Floats, k_plus: Floats) -> None:
+    """Put the synapses' states and the sources' traces of a projection to where its rule starts."""
+    p = program.projections[q]
+    first, of_states = row[t.FIRST_SYNAPSE], p.synapse.first_states()
+    states[1 : 1 + of_states.size, first : first + p.size] = of_states[:, None]
+    first, stride = row[t.FIRST_SOURCE], row[t.SOURCE_STRIDE]
+    end = first + program.populations[p.source].size * stride
+    for j, value in enumerate(p.synapse.first_traces()[:stride]):
+        k_plus[:, first + j : end : stride] = value
 
 
 def _own(program: Program, q: int) -> bool:
@@ -166,8 +182,15 @@ def set_rule_constants(
     tau[0] = words.get("tau_plus", 1.0)
     tau[1] = words.get("tau_n", 1.0)
     for k in range(2):
-        decay[k] = np.exp(-np.arange(DECAYS) * program.resolution / tau[k])
+        decay[k] = _decay(tau[k], program.resolution)
     for first, traces in ((0, synapse.pre), (len(kinds) // 2, synapse.post)):
         for j, each in enumerate(traces[: len(kinds) // 2]):
             kinds[first + j] = words.get(each.tau, OF_NEURON) if each.tau else TIME, each.nearest, each.adds
+            if words.get(each.tau, 0.0) > 0.0:
+                decay[OWN + first + j] = _decay(words[each.tau], program.resolution)
     row[t.GRID_STEPS] = int(words.get("deliver_interval", 1)) * program.min_delay
+
+
+def _decay(tau: float, h: float) -> Floats:
+    """What is left of a trace after 0, 1, ... steps."""
+    return np.exp(-np.arange(DECAYS) * h / tau)

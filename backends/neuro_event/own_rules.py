@@ -1,8 +1,7 @@
-"""Pairwise rules of strangers: one pass over synapses, compiled for each rule by itself and called by its address.
+"""Pairwise rules outside the loop: one pass over synapses, compiled for each by itself and called by its address.
 
-What `plastic` does for the rules of this package, for any list of traces. Each synapse knows up to which step post
-spikes have acted on it (`reached`), so it needs nothing but the history of its target, in which `post_spike` keeps the
-values of the traces just before each spike.
+What `plastic` does for `stdp` and `stdp_dopa`, for any list of traces. The history of the target, in which `post_spike`
+keeps the values of the traces just before each spike, is all that a synapse needs to catch up.
 """
 
 # mypy: ignore-errors
@@ -14,9 +13,9 @@ from numba import types
 
 from neuro.kernels.address import entry_of
 from neuro.kernels.jit import compiled, inner, kernel
+from neuro_event.decays import left
 from neuro_event.tables import (
     BEGIN,
-    BLOCK,
     COLUMN,
     DELAY,
     DELAY_STRIDE,
@@ -27,6 +26,7 @@ from neuro_event.tables import (
     GRID_STEPS,
     HISTORY,
     INCOMING,
+    LAST_BLOCK,
     PROJECTION,
     RECEPTORS,
     RELAY,
@@ -37,19 +37,35 @@ from neuro_event.tables import (
     SOURCE_STRIDE,
     SYNAPSE,
     TARGET,
+    WAKE_ALL,
 )
-from neuro_event.views import net_of, plastic_of
+from neuro_event.views import address, net_of, plastic_of, prefetch
 
-ENTRIES, NEWEST, ENTRY = 0, 2, 3
+ENTRIES, APPLIED, NEWEST, ENTRY = 0, 1, 2, 3
 """Of a history, see `plastic`."""
 
 PRE_SPIKE, BRING, BRING_WHOLE = range(3)
 """Operations of an entry."""
 
+AHEAD = 16
+"""Synapses by which a history is asked for before it is read."""
+
+OWN = 3
+"""Row of `decay` where a rule's traces begin: as in `kinds`, first those of pre, from the middle on those of post."""
+
 TAU, NEAREST, ADDS = range(3)
 """Columns of `kinds`."""
-TIME, OF_NEURON = -1.0, 0.0
+TIME, OF_NEURON = -1.0, -2.0
 """In place of a time constant: the trace is a time; it decays with the neuron's tau_minus."""
+
+
+@inner
+def due_everywhere(net, target_row, at, thread):
+    """Wake the blocks of this thread's neurons of a population when input arrives in a step."""
+    blocks = net.awake.shape[0]
+    mark = (at & (net.due.shape[0] // blocks - 1)) * blocks
+    lo, hi = max(target_row[FIRST_BLOCK], net.edges[thread]), min(target_row[LAST_BLOCK], net.edges[thread + 1])
+    net.due[mark + lo : mark + hi] = 1
 
 
 @inner
@@ -66,20 +82,20 @@ def pre_value(p, q, j, thread, own, step, h):
     value, tau = p.k_plus[thread, own + j], p.kinds[q, j, TAU]
     if tau == TIME:
         return math.inf if value == 0.0 else (step - (value - 1.0)) * h
-    return value * math.exp(-(step - p.k_time[thread, own]) * h / tau) if value != 0.0 else 0.0
+    return value * left(p.decay[q, OWN + j], step - p.k_time[thread, own], h, tau) if value != 0.0 else 0.0
 
 
 @inner
 def after_entry(net, p, q, j, column, history, i, neuron, step, h):
     """A post trace at a step after the i-th entry of a history."""
-    kind = p.kinds[q, p.kinds.shape[1] // 2 + j]
-    past, value = p.past[history], p.others[history, i, column + j]
-    passed = (step - past[NEWEST + ENTRY * i]) * h
+    row = p.kinds.shape[1] // 2 + j
+    kind, past, value = p.kinds[q, row], p.past[history], p.others[history, i, column + j]
+    passed = step - past[NEWEST + ENTRY * i]
     m = past[NEWEST + ENTRY * i + 2]
     if kind[TAU] == TIME:
-        return passed if m > 0 else value + passed
+        return passed * h if m > 0 else value + passed * h
     tau = net.tau_minus[neuron] if kind[TAU] == OF_NEURON else kind[TAU]
-    return grown(kind, value, m) * math.exp(-passed / tau)
+    return grown(kind, value, m) * left(p.decay[q, OWN + row], passed, h, tau)
 
 
 @inner
@@ -93,9 +109,12 @@ def post_value(net, p, q, j, column, history, neuron, before, h):
 
 
 @inner
-def kept_value(p, j, column, history, k):
-    """A post trace just before the k-th entry of a history."""
-    return p.others[history, k, column + j]
+def kept_value(p, q, j, column, history, k, m):
+    """A post trace just before the k-th entry of a history, and after the first m of its spikes."""
+    kind, value = p.kinds[q, p.kinds.shape[1] // 2 + j], p.others[history, k, column + j]
+    if m > 0 and kind[TAU] == TIME:
+        return 0.0
+    return grown(kind, value, m)
 
 
 def _tuple_of(name, count, arguments, inner_name, scope):
@@ -112,7 +131,7 @@ def rule_entry(model):
     """The address of the passes of one rule."""
     arithmetic, modulated = model.arithmetic, model.modulated
     on_pre, on_post = compiled(arithmetic.on_pre), compiled(arithmetic.on_post)
-    advance = compiled(arithmetic.advance) if modulated else None
+    advance, sent = compiled(arithmetic.advance) if modulated else None, compiled(model.sends())
     scope = {"pre_value": pre_value, "post_value": post_value, "kept_value": kept_value}
     n_pre = len(model.pre)
     pre_values = _tuple_of("pre_values", n_pre, "p, q, {j}, thread, own, step, h", "pre_value", scope)
@@ -120,9 +139,13 @@ def rule_entry(model):
     post_values = _tuple_of(
         "post_values", n_post, "net, p, q, {j}, column, history, neuron, before, h", "post_value", scope
     )
-    kept_values = _tuple_of("kept_values", n_post, "p, {j}, column, history, k", "kept_value", scope)
+    kept_values = _tuple_of("kept_values", n_post, "p, q, {j}, column, history, k, m", "kept_value", scope)
 
     if modulated:
+
+        @inner
+        def learnt_until(p, z, thread, own, past):
+            return p.reached[z]
 
         @inner
         def pass_time(view, q, z, target, since, upto, h):
@@ -130,20 +153,24 @@ def rule_entry(model):
             place = p.table[q, FIRST_TARGET] + target
             n = p.n[place] * math.exp(-(since - p.n_time[place]) * h / p.tau[q, 1]) if p.n[place] != 0.0 else 0.0
             advance(p.y, z, p.rule[q], since, upto, n, p.table[q, GRID_STEPS])
+            p.reached[z] = upto
 
     else:
+
+        @inner
+        def learnt_until(p, z, thread, own, past):
+            return max(p.k_time[thread, own], past[APPLIED])
 
         @inner
         def pass_time(view, q, z, target, since, upto, h):
             pass
 
     @inner
-    def flow(view, q, z, own, thread, target, upto, whole, delay, h):
+    def flow(view, q, z, own, thread, history, target, upto, whole, delay, h):
         """Let the post spikes up to step `upto` act on a synapse; with `whole` also what flows after the last."""
-        net, p = net_of(view), plastic_of(view)
-        row = net.pops[net.projections[p.table[q, PROJECTION], TARGET]]
-        history = row[HISTORY] + target
-        past, since, column = p.past[history], p.reached[z], p.table[q, COLUMN]
+        p = plastic_of(view)
+        past, column = p.past[history], p.table[q, COLUMN]
+        since = learnt_until(p, z, thread, own, past)
         i = 0
         while i < past[ENTRIES] and past[NEWEST + ENTRY * i] + delay > since:
             i += 1
@@ -154,18 +181,15 @@ def rule_entry(model):
             pass_time(view, q, z, target, since, time + delay, h)
             since = time + delay
             pre = pre_values(p, q, thread, own, since, h)
-            post = kept_values(p, column, history, k)
-            for _ in range(past[NEWEST + ENTRY * k + 2]):
-                on_post(p.y, z, p.rule[q], pre, post)
+            for m in range(past[NEWEST + ENTRY * k + 2]):
+                on_post(p.y, z, p.rule[q], pre, kept_values(p, q, column, history, k, m))
         if whole and since < upto:
             pass_time(view, q, z, target, since, upto, h)
-            since = upto
-        p.reached[z] = since
 
     @inner
     def pre_spike(view, q, source, step, thread, h):
         net, p = net_of(view), plastic_of(view)
-        table, c = p.table[q], p.rule[q]
+        table, c, column = p.table[q], p.rule[q], p.table[q, COLUMN]
         row = net.projections[table[PROJECTION]]
         target_row = net.pops[row[TARGET]]
         receptors, relay = target_row[RECEPTORS], target_row[RELAY]
@@ -174,23 +198,32 @@ def rule_entry(model):
         own = table[FIRST_SOURCE] + source * table[SOURCE_STRIDE]
         pre = pre_values(p, q, thread, own, step, h)
         place = row[ROW] + source * (net.edges.shape[0] - 1) + thread
-        for e in range(net.rows[place], net.rows[place + 1]):
+        end = net.rows[place + 1]
+        wide = row[WAKE_ALL] == 1 and row[DELAY_STRIDE] == 0
+        past_width, others_width = 8 * p.past.shape[1], 8 * p.others.shape[1] * p.others.shape[2]
+        for e in range(net.rows[place], end):
+            ahead = target_row[HISTORY] + np.int64(net.targets[min(e + AHEAD, end - 1)])
+            prefetch(address(p.past) + past_width * ahead)
+            prefetch(address(p.others) + others_width * ahead)
             s = e - row[SYNAPSE]
             z = table[FIRST_SYNAPSE] + s
             target = np.int64(net.targets[e])
             delay = np.int64(net.delays[row[DELAY] + s * row[DELAY_STRIDE]])
-            flow(view, q, z, own, thread, target, step, True, delay, h)
             history = target_row[HISTORY] + target
+            flow(view, q, z, own, thread, history, target, step, True, delay, h)
             neuron = target_row[BEGIN] + target
-            post = post_values(net, p, q, table[COLUMN], history, neuron, step - delay, h)
+            post = post_values(net, p, q, column, history, neuron, step - delay, h)
             on_pre(p.y, z, c, pre, post)
-            weight = p.y[0, z]
-            p.sent[z] = weight
+            p.sent[z] = p.y[0, z]
+            weight = sent(p.y, z, c)
             second = 1 if receptors == 2 and weight < 0.0 else 0
             at = step + delay
             ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]
             net.buf[ring + target] += 1.0 if relay == 1 else weight
-            net.due[(at & slots) * blocks + target_row[FIRST_BLOCK] + target // BLOCK] = 1
+            if not wide:
+                net.due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
+        if wide and net.rows[place] < end:
+            due_everywhere(net, target_row, step + np.int64(net.delays[row[DELAY]]), thread)
         for j in range(n_pre):
             if p.kinds[q, j, TAU] == TIME:
                 p.k_plus[thread, own + j] = step + 1.0
@@ -203,13 +236,13 @@ def rule_entry(model):
         net, p = net_of(view), plastic_of(view)
         table = p.table[q]
         row = net.projections[table[PROJECTION]]
+        history = net.pops[row[TARGET], HISTORY] + target
         begin = table[INCOMING] + target
         for i in range(p.incoming[begin], p.incoming[begin + 1]):
             z = p.in_synapse[i]
             own = table[FIRST_SOURCE] + np.int64(p.in_source[i]) * table[SOURCE_STRIDE]
             delay = np.int64(net.delays[row[DELAY] + (z - table[FIRST_SYNAPSE]) * row[DELAY_STRIDE]])
-            if p.reached[z] < step:
-                flow(view, q, z, own, thread, target, step, whole, delay, h)
+            flow(view, q, z, own, thread, history, target, step, whole, delay, h)
 
     @kernel
     def run(view, q, operation, index, step, thread, h):

@@ -10,8 +10,9 @@ import math
 import numpy as np
 
 from neuro.kernels.jit import inner, merged
+from neuro_event.decays import decayed
 from neuro_event.dispatch import advance, on_post, on_pre
-from neuro_event.own_rules import BRING, BRING_WHOLE, PRE_SPIKE, TAU, TIME, after_entry
+from neuro_event.own_rules import AHEAD, BRING, BRING_WHOLE, PRE_SPIKE, TAU, TIME, after_entry, due_everywhere
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
@@ -29,7 +30,6 @@ from neuro_event.tables import (
     HISTORY,
     HORIZON,
     INCOMING,
-    LAST_BLOCK,
     LONGEST,
     MODULATED,
     OVERRUN,
@@ -49,12 +49,6 @@ from neuro_event.tables import (
 )
 from neuro_event.views import PAST, call_rule, net_of, plastic_of, prefetch
 
-DECAYS = 2048
-"""Steps for which decays are kept in tables."""
-
-AHEAD = 16
-"""Synapses by which a history is asked for before it is read."""
-
 PLUS, CONCENTRATION, MINUS = range(3)
 
 ENTRIES, APPLIED, NEWEST = range(3)
@@ -62,14 +56,6 @@ ENTRY = 3
 """A history is a row: how many entries it has, the step up to which synapses without dopamine have used it, then
 entries (step, K- just after, multiplicity), the newest first. All are integers but K-, which lies in the same memory
 as a float."""
-
-
-@merged
-def decayed(table, steps, h, tau, k):
-    """What is left after some steps of a trace that decays with tau[k]; `table` holds it for the first steps."""
-    if steps < DECAYS and table[0] == 1.0:
-        return table[steps]
-    return math.exp(-steps * h / tau[k])
 
 
 @inner
@@ -190,9 +176,7 @@ def pre_spike(view, q, source, step, thread, h):
         if not wide:
             net.due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
     if wide and net.rows[place] < net.rows[place + 1]:
-        mark = ((step + np.int64(net.delays[row[DELAY]])) & slots) * blocks
-        lo, hi = max(target_row[FIRST_BLOCK], net.edges[thread]), min(target_row[LAST_BLOCK], net.edges[thread + 1])
-        net.due[mark + lo : mark + hi] = 1
+        due_everywhere(net, target_row, step + np.int64(net.delays[row[DELAY]]), thread)
     trace = 1.0
     if k_plus != 0.0:
         trace += k_plus * math.exp(-(step - last) * h / p.tau[q, 0])

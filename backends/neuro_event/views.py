@@ -93,7 +93,7 @@ PLASTIC = """
 table i8 2         columns of `tables`, a row per plastic projection
 rule f8 2          constants of each rule
 tau f8 2           tau_plus and tau_n of each
-decay f8 3         (projections, 3, steps) decays with tau_plus, tau_n and the targets' tau_minus; 0 if they differ
+decay f8 3         (projections, 3 + traces, steps) of tau_plus, tau_n, the targets' tau_minus, `kinds`; or 0
 y f8 2             (states, synapses)
 sent f8 1          weight at the last pre spike
 reached i8 1       step up to which a synapse has learnt

@@ -9,10 +9,11 @@ import numpy as np
 from neuro.core.clock import Clock
 from neuro.program.program import Floats, Ints, Program
 from neuro_nest.cells import Cells
-from neuro_nest.kernel import sign, told
+from neuro_nest.kernel import set_nodes, sign, told
 from neuro_nest.ranks import Ranks
 from neuro_nest.record import Activity, Record
 from neuro_nest.sources import NONE, Source, Train, train
+from neuro_nest.tables import ALWAYS, OF_TARGET
 from neuro_nest.wires import Wires
 
 LONGEST = 10_000
@@ -122,6 +123,8 @@ class Net:
     def _connect(self, wires: Wires) -> None:
         part = wires.part
         transmitters = self._transmitters(wires) if part.synapse.modulated else None
+        if of_target := {word: value for word, value in self._numbers(wires).items() if word in OF_TARGET}:
+            set_nodes(self.nest, self.cells[part.target].nodes, [of_target])
         wires.connect(self.nest, self.ends(wires), self.clock, self.words(wires), transmitters)
 
     def ends(self, wires: Wires) -> tuple[int, int]:
@@ -129,9 +132,13 @@ class Net:
         return self.cells[wires.part.source].first, self.cells[wires.part.target].first
 
     def words(self, wires: Wires) -> dict[str, float]:
-        """The numbers of a synapse model in NEST's words."""
-        values = zip(wires.part.synapse.numbers(), self.rules[wires.index].tolist(), strict=True)
-        return {word: value for word, value in values if word != "deliver_interval"}
+        """The numbers of a synapse model in NEST's words, and the states in which its synapses start."""
+        elsewhere = {"deliver_interval", *OF_TARGET, *ALWAYS}
+        numbers = self._numbers(wires)
+        return {w: value for w, value in numbers.items() if w not in elsewhere} | wires.part.synapse.initial(numbers)
+
+    def _numbers(self, wires: Wires) -> dict[str, float]:
+        return dict(zip(wires.part.synapse.numbers(), self.rules[wires.index].tolist(), strict=True))
 
     def grid(self, wires: Wires) -> int:
         """Steps between the moments at which NEST brings a synapse under dopamine up to date."""

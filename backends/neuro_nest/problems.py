@@ -9,7 +9,7 @@ import numpy as np
 from neuro.model.neurons import dc_generator
 from neuro.program.backend import Problem, floats_only
 from neuro.program.program import Floats, Population, Program, Projection
-from neuro_nest.tables import NODES, SYNAPSE_MODELS, SYNAPSES, TICKS_PER_MS, UNREADABLE
+from neuro_nest.tables import ALWAYS, NODES, OF_TARGET, SYNAPSE_MODELS, SYNAPSES, TICKS_PER_MS, UNREADABLE
 
 ELSEWHERE = "backend 'event' runs it"
 NO_LEAK = "with an infinite tau_m NEST's propagator of a current, tau_m / C_m (1 - exp(-h / tau_m)), is no number"
@@ -26,7 +26,7 @@ def problems(program: Program) -> list[Problem]:
         found += _of_population(program, index, part)
     for projection in program.projections:
         found += _of_projection(projection)
-    return [*found, *_of_copies(program)]
+    return [*found, *_of_copies(program), *_of_targets(program)]
 
 
 def _refused(what: str, why: str, way_out: str, part: object) -> Problem:
@@ -82,6 +82,11 @@ def _of_projection(part: Projection) -> Iterator[Problem]:
     told = f"projection '{part.name}'"
     if part.synapse.name not in SYNAPSES:
         yield _refused(f"{told}: {part.synapse.name}", "NEST has no such rule", ELSEWHERE, part)
+        return
+    for word in ALWAYS & set(part.synapse.numbers()):
+        if not part.synapse.parameters()[word]:
+            what = f"{told}: {part.synapse.name}.{word} = false"
+            yield _refused(what, "NEST acts as if it were true", f"set {word}: true, or {ELSEWHERE}", part)
 
 
 def _of_copies(program: Program) -> Iterator[Problem]:
@@ -96,3 +101,19 @@ def _of_copies(program: Program) -> Iterator[Problem]:
             "write each neuron's dopamine by a signal",
             part,
         )
+
+
+def _of_targets(program: Program) -> Iterator[Problem]:
+    """Numbers of rules that NEST has once for each neuron: those of two rules onto a population must be equal."""
+    known: dict[tuple[int, str], tuple[float, str]] = {}
+    for part in program.projections:
+        for word in OF_TARGET & set(part.synapse.numbers()):
+            value = part.synapse.parameters()[word]
+            first, name = known.setdefault((part.target, word), (value, part.name))
+            if value != first:
+                yield _refused(
+                    f"projection '{part.name}': {part.synapse.name}.{word} = {value:g}",
+                    f"it is the neuron's in NEST, and '{name}' onto the same population has {first:g}",
+                    f"give both the same, or {ELSEWHERE.replace(' it', ' them')}",
+                    part,
+                )

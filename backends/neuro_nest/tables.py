@@ -14,11 +14,38 @@ NODES = {
 }
 """Our models and NEST's. An injector is a node as neurons are: it may be the source of plastic synapses."""
 
-SYNAPSES = {"static": "static_synapse_lbl", "stdp": "stdp_synapse_lbl", "stdp_dopa": "stdp_dopamine_synapse_lbl"}
+SYNAPSES = {
+    "static": "static_synapse_lbl",
+    "stdp": "stdp_synapse_lbl",
+    **{
+        name: f"{name}_synapse_lbl"
+        for name in ("stdp_nn_symm", "stdp_nn_restr", "stdp_nn_pre_centered", "stdp_triplet", "vogels_sprekeler")
+    },
+    "stdp_pl_hom": "stdp_pl_synapse_hom_lbl",
+    "tsodyks2": "tsodyks2_synapse_lbl",
+    "stdp_dopa": "stdp_dopamine_synapse_lbl",
+}
 """Our models and NEST's, of the kind whose synapses bear a label."""
 
-STATES = {"static": ("weight",), "stdp": ("weight", "Kplus"), "stdp_dopa": ("weight", "c", "n", "Kplus")}
+STATES = {
+    "static": ("weight",),
+    "stdp": ("weight", "Kplus"),
+    **dict.fromkeys(("stdp_nn_symm", "stdp_nn_restr", "stdp_nn_pre_centered", "vogels_sprekeler"), ("weight",)),
+    "stdp_triplet": ("weight", "Kplus"),
+    "stdp_pl_hom": ("weight", "Kplus"),
+    "tsodyks2": ("weight", "u", "x"),
+    "stdp_dopa": ("weight", "c", "n", "Kplus"),
+}
 """What of their synapses can be read, in NEST's words."""
+
+SHARED = frozenset({"stdp_pl_hom"})
+"""Rules whose numbers belong to NEST's synapse model, so that each projection has a copy of it."""
+
+ALWAYS = frozenset({"pre_at_start"})
+"""Choices of rules that NEST does not leave: there they are always true."""
+
+OF_TARGET = frozenset({"tau_minus_triplet"})
+"""Numbers of rules that are the post neuron's in NEST."""
 
 UNREADABLE = frozenset({"I_syn_ex", "I_syn_in", "dI_syn_ex", "dI_syn_in"})
 """States that NEST neither shows nor sets between two steps: currents it records, a step late, slopes not at all."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from neuro.core.clock import Clock
 from neuro.program.program import Floats, Ints, Program
 from neuro_nest.ranks import Ranks
-from neuro_nest.tables import STATES, SYNAPSES
+from neuro_nest.tables import SHARED, STATES, SYNAPSES
 
 DEEPEST = 1 << 20
 """Labels that each projection has."""
@@ -65,7 +65,7 @@ class Wires:
         return np.repeat(first - before, number) + np.arange(int(number.sum())), number
 
     def models(self) -> list[str]:
-        """The copies of its model under dopamine, one for each transmitter; the synapses of a copy share numbers."""
+        """The copies of its model, one for each transmitter of dopamine; the synapses of a copy share numbers."""
         return [f"neuro_{self.index}_{i}" for i in range(self.n_target if self.part.dopamine_one_to_one else 1)]
 
     def connect(
@@ -81,6 +81,10 @@ class Wires:
             transmitters: of dopamine, one or one for each post neuron; None for other models.
         """
         model = SYNAPSES[self.part.synapse.name]
+        if self.part.synapse.name in SHARED:
+            nest.CopyModel(model, *self.models(), words)
+            self._connect(nest, first, clock, {"synapse_model": self.models()[0]}, np.arange(len(self.source)))
+            return
         if transmitters is None:
             self._connect(nest, first, clock, {"synapse_model": model, **words}, np.arange(len(self.source)))
             return

@@ -24,7 +24,7 @@ class Pairs:
     Attributes:
         rule: the numbers of the synapse model.
         y: weight and states of every synapse.
-        sent: weight at the last pre spike, which `stdp` shows.
+        sent: weight after the last pre spike, which `stdp` shows.
         reached: step up to which a modulated synapse is integrated.
         pre: traces of each source; post: of each synapse, of the post spikes that have reached it.
         n, n_step: dopamine of each target at a step.
@@ -44,10 +44,12 @@ class Pairs:
         self.grid = program.min_delay * int(part.synapse.parameters().get("deliver_interval", 1))
         self.y: Floats = np.zeros((1 + len(part.synapse.states), len(wires.target)))
         self.sent = wires.weights.copy()
-        self.y[0] = self.sent
+        self.y[0], self.y[1:] = self.sent, part.synapse.first_states()[:, None]
+        self.send = part.synapse.sends()
         self.rule = part.synapse.vector()
         n, n_target = len(wires.target), wires.n_target
         self.pre = Traces(part.synapse.pre, self._taus(part.synapse.pre), self.n_source, self.h)
+        self.pre.after[:] = part.synapse.first_traces()[:, None]
         self.post = Traces(part.synapse.post, self._taus(part.synapse.post), n, self.h)
         self.refresh()
         self.reached: Ints = np.zeros(n, dtype=np.int64)
@@ -83,10 +85,10 @@ class Pairs:
         for e in np.flatnonzero(self.posts[step % len(self.posts)]).tolist():
             self._integrate(e, step)
             multiplicity = int(self.posts[step % len(self.posts), e])
-            pre, post = self.pre.at(self.wires.source[e], step), self.post.at(e, step)
+            pre = self.pre.at(self.wires.source[e], step)
             for _ in range(multiplicity):
-                self.arithmetic.on_post(self.y, e, self.c, pre, post)
-            self.post.spike(e, multiplicity, step)
+                self.arithmetic.on_post(self.y, e, self.c, pre, self.post.at(e, step))
+                self.post.spike(e, step)
         self.posts[step % len(self.posts)] = 0
 
     def spike(self, source: int, step: int) -> Floats:
@@ -95,9 +97,9 @@ class Pairs:
         for e in range(row.start, row.stop):
             self._integrate(e, step)
             self.arithmetic.on_pre(self.y, e, self.c, pre, self.post.earlier(e, step))
-        self.pre.spike(source, 1, step)
+        self.pre.spike(source, step)
         self.sent[row] = self.y[0, row]
-        return self.sent[row]
+        return np.array([self.send(self.y, e, self.c) for e in range(row.start, row.stop)])
 
     def signal(self, values: Floats, step: int) -> None:
         """Set the dopamine of every target at the end of a step."""

@@ -26,7 +26,7 @@ class Traces:
 
     Attributes:
         after: the values at step `since`, shape (traces, n).
-        before: the values just before the last spike, which was at step `last`.
+        before: the values just before the spikes of step `last`, the last that had any.
     """
 
     kept: ClassVar[tuple[str, ...]] = ("after", "before", "since", "last")
@@ -49,12 +49,13 @@ class Traces:
             return tuple(float(self.before[k, place]) for k in range(len(self.kinds)))
         return self.at(place, step)
 
-    def spike(self, place: int, multiplicity: int, step: int) -> None:
-        """Spikes at a step, after all that came before."""
+    def spike(self, place: int, step: int) -> None:
+        """A spike at a step, after all that came before."""
         values = self.at(place, step)
+        if self.last[place] != step:
+            self.before[:, place] = values
         for k, (kind, value) in enumerate(zip(self.kinds, values, strict=True)):
-            self.before[k, place] = value
-            self.after[k, place] = kind.adds if kind.nearest else multiplicity * kind.adds + value
+            self.after[k, place] = kind.adds if kind.nearest else kind.adds + value
         self.since[place] = self.last[place] = step
 
     def bring(self, step: int) -> None:
@@ -65,5 +66,5 @@ class Traces:
     def _value(self, k: int, place: int, step: int) -> float:
         if not self.kinds[k].tau:
             return float(step - self.last[place]) * self.h if self.last[place] != NEVER else math.inf
-        passed = (step - self.since[place]) * self.h
-        return float(self.after[k, place] * math.exp(-passed / self.taus[k][place]))
+        passed, tau = (step - self.since[place]) * self.h, self.taus[k][place]
+        return float(self.after[k, place] * math.exp(-passed / tau)) if tau > 0.0 else 0.0

@@ -162,11 +162,10 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
 
 def _check_weight(part: Projection) -> None:
     """A weight said as a number lies within the bounds of its rule."""
-    limits = part.synapse.parameters()
     weight = plain(part.weight)
-    if "Wmax" not in limits or isinstance(weight, Distribution) or np.ndim(weight):
+    if isinstance(weight, Distribution) or np.ndim(weight):
         return
-    low, high = limits.get("Wmin", 0.0), limits["Wmax"]
+    low, high = part.synapse.bounds()
     if not low <= weight <= high:
         refuse(
             part,

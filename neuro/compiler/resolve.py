@@ -192,10 +192,9 @@ def check_stdp_weights(part: Projection, weight: Floats) -> None:
     Raises:
         ModelError: one does not; the first such is named.
     """
-    limits = part.synapse.parameters()
-    if part.synapse.learns != "pairs" or "Wmax" not in limits:
+    if part.synapse.learns != "pairs":
         return
-    low, high = limits.get("Wmin", 0.0), limits["Wmax"]
+    low, high = part.synapse.bounds()
     bad = np.flatnonzero((weight < low) | (weight > high))
     if bad.size:
         raise ModelError(

@@ -95,6 +95,7 @@ def _within(q: Quantity, x: float) -> bool:
     return not (
         math.isnan(x)
         or (q.whole and not x.is_integer())
+        or (q.nonzero and x == 0.0)
         or (math.isinf(x) and not q.infinite)
         or (q.above is not None and not x > q.above)
         or (q.at_least is not None and not x >= q.at_least)

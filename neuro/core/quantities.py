@@ -20,6 +20,7 @@ class Quantity:
             "delay" (a time that is no number of the rule), "names" (a list of names), "part" (a `part`) or "codes"
             (of `neuro.coding`).
         above, at_least, below, at_most: bounds of every element.
+        nonzero: whether 0 has no meaning.
         infinite: whether an infinite value has a meaning.
         whole: whether a number, and every element of an array, must be a whole one.
         arrays: whether one value per element (an array or a distribution) is accepted.
@@ -35,6 +36,7 @@ class Quantity:
     at_least: float | None = None
     below: float | None = None
     at_most: float | None = None
+    nonzero: bool = False
     infinite: bool = False
     whole: bool = False
     arrays: bool = False
@@ -69,6 +71,8 @@ class Quantity:
             )
             if bound is not None
         ]
+        if self.nonzero:
+            bounds.append("other than 0")
         text = " ".join([noun, " and ".join(bounds)]) if bounds else noun
         if self.kind == "shape" and self.words:
             text += " or " + " or ".join(self.words)

@@ -44,7 +44,7 @@ def states(part: Population) -> list[str]:
 
 def synapse_states(part: Projection) -> list[str]:
     """What can be read of a projection's synapses."""
-    names = ["weight", *(state.name for state in part.synapse.states)]
+    names = ["weight", *(state.name for state in part.synapse.states if not state.hidden)]
     if part.synapse.learns == "pairs" and part.synapse.pre[:1] == (K_PLUS,):
         names.append("K_plus")
     if part.synapse.modulated:
@@ -127,7 +127,8 @@ def check_together(program: Program, index: int, new: Mapping[str, Floats], engi
 def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any]) -> Synapse:
     """A synapse model with some numbers changed."""
     names = {word_of(entry.name): entry.name for entry in fields(rule)}
-    settable = [word for word in rule.numbers() if word not in _FIXED]
+    fixed = {*_FIXED, *(trace.starts for trace in rule.pre)}
+    settable = [word for word in rule.numbers() if word not in fixed]
     of_post = {trace.tau for trace in rule.post} if rule.learns == "pairs" else set()
     for word in values:
         if word in of_post:
@@ -155,10 +156,9 @@ def rule_of(rule: Synapse, vector: Floats) -> Synapse:
 
 def check_rule(part: Projection, rule: Synapse, weight: Floats) -> None:
     """Weights that pairs change stay within their rule's bounds."""
-    limits = rule.parameters()
-    if rule.learns != "pairs" or "Wmax" not in limits:
+    if rule.learns != "pairs":
         return
-    low, high = limits.get("Wmin", 0.0), limits["Wmax"]
+    low, high = rule.bounds()
     bad = np.flatnonzero((weight < low) | (weight > high))
     if bad.size:
         raise ModelError(

@@ -115,7 +115,7 @@ def read(sim: Simulation) -> Found:
         if any(state.name == "V_m" for state in population.model.states):
             found[f"V_m of {name}"] = sim.get(name, "V_m")
     for projection in sim.program.projections:
-        for word in ["weight", *(state.name for state in projection.synapse.states)]:
+        for word in ["weight", *(state.name for state in projection.synapse.states if not state.hidden)]:
             unit = projection.synapse.parameters().get("Wmax", 1.0)
             found[f"{word} of {projection.name}"] = sim.get(projection.name, word) / unit
     return found

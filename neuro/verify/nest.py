@@ -5,6 +5,7 @@
 | neuron | `neuron` and `inputs` | spikes and every recorded state |
 | network | `neuron` and the array `src` | spikes and V_m of the first neurons |
 | stdp | `synapse` of model stdp_synapse | the weight sent at each pre spike, final weight and trace |
+| pairs | `synapse` of another model of PAIRS | the weight sent at each pre spike, final weight |
 | dopamine | `synapse` of model stdp_dopamine_synapse | the same and w, c, n, K+ over time |
 
 Files of chips are told and compared by `neuro.verify.chips`.
@@ -27,7 +28,17 @@ from neuro.core.errors import ModelError
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS, Neuron, dc_generator, iaf_psc_delta, spike_generator
 from neuro.model.rules import all_to_all, one_to_one, pairs
-from neuro.model.synapses import Synapse, stdp, stdp_dopa
+from neuro.model.synapses import (
+    Synapse,
+    stdp,
+    stdp_dopa,
+    stdp_nn_pre_centered,
+    stdp_nn_restr,
+    stdp_nn_symm,
+    stdp_pl_hom,
+    stdp_triplet,
+    vogels_sprekeler,
+)
 from neuro.program.backend import Backend, find, unreadable
 from neuro.program.program import Floats, Ints
 from neuro.verify.chips import chip_of, compare_chip
@@ -35,6 +46,16 @@ from neuro.verify.comparison import Comparison, Golden
 
 NEST_V_M = -70.0
 STRONG = 1e12
+
+PAIRS: Mapping[str, type[Synapse]] = {
+    "stdp_nn_symm_synapse": stdp_nn_symm,
+    "stdp_nn_restr_synapse": stdp_nn_restr,
+    "stdp_nn_pre_centered_synapse": stdp_nn_pre_centered,
+    "stdp_pl_synapse_hom": stdp_pl_hom,
+    "stdp_triplet_synapse": stdp_triplet,
+    "vogels_sprekeler_synapse": vogels_sprekeler,
+}
+"""NEST's synapses that learn by spike pairs, and ours."""
 
 
 def compare(golden: Golden, backend: str | Backend) -> list[Comparison]:
@@ -51,9 +72,12 @@ def compare(golden: Golden, backend: str | Backend) -> list[Comparison]:
         model = facts["synapse"]["model"]
         if model == "stdp_synapse":
             return _compare_stdp(golden, backend)
+        if model in PAIRS:
+            return _compare_pairs(golden, backend)
         if model == "stdp_dopamine_synapse":
             return _compare_dopamine(golden, backend)
-        raise ModelError(f"a synapse of model '{model}': expected stdp_synapse or stdp_dopamine_synapse")
+        expected = ["stdp_synapse", "stdp_dopamine_synapse", *PAIRS]
+        raise ModelError(f"a synapse of model '{model}': expected {', '.join(expected)}")
     if "neuron" in facts and "src" in golden.arrays:
         return _compare_network(golden, backend)
     if "neuron" in facts and "inputs" in facts:
@@ -151,8 +175,21 @@ def _compare_stdp(golden: Golden, backend: str | Backend) -> list[Comparison]:
     final = np.array([sim.get("pre_post", "weight")[0], k_plus])  # NEST shows K+ as of the last pre spike
     return [
         _values("w_after", np.array(sent), arrays["w_after"]),
-        _values("final", final, arrays["final"]),
+        _values("final", final[: arrays["final"].size], arrays["final"]),
     ]
+
+
+def _compare_pairs(golden: Golden, backend: str | Backend) -> list[Comparison]:
+    facts, arrays, clock = golden.facts, golden.arrays, golden.clock
+    told = {"pre_at_start": True, "tau_minus_triplet": facts["synapse"].get("tau_minus_triplet_ms"), **facts["synapse"]}
+    kind = PAIRS[told["model"]]
+    rule = kind.from_words({word: told[word] for word in kind.numbers()})
+    sim = neuro.run.simulation.compile(_synapse_network(golden, rule, 1), backend)
+    sent = []
+    for _ in _walk(sim, _steps(arrays["w_times_ms"], clock) + 1, clock):
+        sent.append(sim.get("pre_post", "weight")[0])
+    found = np.array(sent)
+    return [_values("w_after", found, arrays["w_after"]), _values("final", found[-1:], arrays["final"])]
 
 
 def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[Comparison]:

@@ -172,7 +172,7 @@ def test_the_tag_fades_with_its_time_constant(tau):
         (stdp_dopa(A_plus=0.0, A_minus=0.0), 1.0, "stdp_dopa.A_plus = A_minus = 0: nothing to learn"),
         (stdp_dopa(b=90.0), 1.0, "stdp_dopa.b = 90: 9216 units of 0.00977: expected at most 255"),
         (stdp_dopa(), 1e5, "mantissas cannot be represented: the smallest is 0.00781"),
-        (r_stdp(), 1.0, "r_stdp: the learning engine runs stdp, stdp_dopa and loihi_learning"),
+        (r_stdp(), 1.0, "the learning engine runs stdp, stdp_dopa and loihi_learning"),
     ],
 )  # fmt: skip
 def test_what_the_engine_cannot_do(synapse, scale, message):

@@ -51,6 +51,7 @@ def numbers(q):
         allow_infinity=False,
     )
     infinities = [x for x in (math.inf, -math.inf) if low is None or x > low]
+    finite = finite.filter(bool) if q.nonzero else finite
     return finite | st.sampled_from(infinities) if q.infinite else finite
 
 

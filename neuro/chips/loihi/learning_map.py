@@ -78,7 +78,10 @@ def rule_of(
     elif isinstance(synapse, stdp):
         mapped = _pairs(synapse, resolution_ms, tau_minus, weight_scale)
     else:
-        raise ModelError(f"{synapse.name}: the learning engine runs stdp, stdp_dopa and loihi_learning")
+        raise ModelError(
+            "the learning engine runs stdp, stdp_dopa and loihi_learning",
+            hint="run it on event, or send static weights: sim.network() has what was learnt",
+        )
     shared = [
         f"weights have {weight_bits} bits and change by whole steps, stochastically rounded from 2^-7 of a mantissa",
         f"traces are 7-bit: K above {TRACE_MAX / LARGEST_IMPULSE:.3g} saturates; their decay is stochastically rounded",

@@ -84,7 +84,8 @@ def _mapped(program: Program, index: int, wires: FixedProjection, options: Optio
         raise ModelError("the target's neurons differ: a rule is one for the whole projection")
     if wires.sign_mode != "excitatory":
         raise ModelError(
-            f"weights in sign mode {wires.sign_mode}: expected Wmin >= 0 and weights >= 0", hint="set Wmin: 0"
+            f"weights in sign mode {wires.sign_mode}: expected Wmin >= 0 and weights >= 0",
+            hint="set Wmin: 0" if "Wmin" in told else "backend 'event' runs it",
         )
     return rule_of(
         part.synapse,

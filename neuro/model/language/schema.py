@@ -177,7 +177,7 @@ def _quantity(q: Quantity, default: Any = MISSING) -> Schema:
 
 
 def _accepted(q: Quantity) -> list[Schema]:
-    bounds = {
+    bounds: Schema = {
         word: bound
         for word, bound in (
             ("exclusiveMinimum", q.above),
@@ -187,6 +187,8 @@ def _accepted(q: Quantity) -> list[Schema]:
         )
         if bound is not None
     }
+    if q.nonzero:
+        bounds["not"] = {"const": 0}
     file, numbers = {"$ref": "#/$defs/file"}, {"$ref": "#/$defs/numbers"}
     integer = {"type": "integer", **bounds}
     match q.kind:

@@ -11,6 +11,14 @@ from neuro.model.synapses.r_stdp import r_stdp
 from neuro.model.synapses.static import static
 from neuro.model.synapses.stdp import stdp
 from neuro.model.synapses.stdp_dopa import stdp_dopa
+from neuro.model.synapses.stdp_literal import stdp_literal
+from neuro.model.synapses.stdp_nn_pre_centered import stdp_nn_pre_centered
+from neuro.model.synapses.stdp_nn_restr import stdp_nn_restr
+from neuro.model.synapses.stdp_nn_symm import stdp_nn_symm
+from neuro.model.synapses.stdp_pl_hom import stdp_pl_hom
+from neuro.model.synapses.stdp_triplet import stdp_triplet
+from neuro.model.synapses.tsodyks2 import tsodyks2
+from neuro.model.synapses.vogels_sprekeler import vogels_sprekeler
 
 
 def complete(model: type[Synapse]) -> type[Synapse]:
@@ -30,7 +38,8 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         raise TypeError(f"{told} has rules for spikes and learns = '': expected learns = 'pairs'")
     if model.learns == "pairs":
         _check_traces(told, model)
-        check_functions(told, model, {**FUNCTIONS, **({"advance": 7} if model.modulated else {})})
+        functions = FUNCTIONS | ({"advance": 7} if model.modulated else {})
+        check_functions(told, model, functions | ({"sent": 3} if hasattr(model.arithmetic, "sent") else {}))
         defaults = model.defaults()
         if all(word in defaults for word in model.numbers()):
             c = np.zeros(model.width)
@@ -49,11 +58,20 @@ def _check_traces(told: str, model: type[Synapse]) -> None:
                 raise TypeError(f"{told}: {side} has {trace!r}: expected a Trace")
             if trace.tau and trace.tau not in known and (side, trace.tau) != ("post", "tau_minus"):
                 raise TypeError(f"{told} has no '{trace.tau}': expected one, the time constant of a {side} trace")
+            if trace.starts and (side == "post" or not trace.tau or trace.starts not in known):
+                raise TypeError(
+                    f"{told}: a {side} trace starts as '{trace.starts}': expected a parameter, of a pre trace"
+                )
 
 
 SYNAPSES: Registry[type[Synapse]] = Registry(
     "synapse",
-    (static, stdp, stdp_dopa, r_stdp, loihi_static, loihi_learning),
+    (
+        *(static, tsodyks2),
+        *(stdp, stdp_nn_symm, stdp_nn_restr, stdp_nn_pre_centered, stdp_literal, stdp_pl_hom, stdp_triplet),
+        *(vogels_sprekeler, stdp_dopa, r_stdp),
+        *(loihi_static, loihi_learning),
+    ),
     takes=lambda part: isinstance(part, type) and issubclass(part, Synapse),
     group="neuro.synapses",
     complete=complete,
@@ -72,4 +90,12 @@ __all__ = [
     "static",
     "stdp",
     "stdp_dopa",
+    "stdp_literal",
+    "stdp_nn_pre_centered",
+    "stdp_nn_restr",
+    "stdp_nn_symm",
+    "stdp_pl_hom",
+    "stdp_triplet",
+    "tsodyks2",
+    "vogels_sprekeler",
 ]

@@ -7,6 +7,7 @@ then post, then pre. Synapse `e` has the states `y[:, e]`; the first is the weig
     constants(p, h, c)                        fill `c` from the parameters `p` (numbers only, in order of definition)
     on_post(y, e, c, pre, post)               a post spike arrives; the traces there, of strictly earlier spikes
     on_pre(y, e, c, pre, post)                a pre spike; likewise
+    sent(y, e, c)                             what the pre spike sends then; without this function the weight
     advance(y, e, c, begin, end, n, grid)     what happens between events (steps), for rules with `modulated`:
                                               n is the dopamine concentration at `begin`, `grid` the delivery grid
 
@@ -18,8 +19,10 @@ A rule for trials has `constants` and
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +35,11 @@ FUNCTIONS = {"constants": 3, "on_post": 5, "on_pre": 5}
 """The functions of a pairwise rule and how many arguments each takes."""
 
 
+def weight(y: Any, e: int, c: Any) -> Any:
+    """What a synapse sends whose rule does not say."""
+    return y[0, e]
+
+
 @dataclass(frozen=True, slots=True)
 class Trace:
     """What a rule knows of the spikes of one side: `pre[k]` or `post[k]` for the k-th that it lists.
@@ -41,11 +49,13 @@ class Trace:
             last spike, infinite before the first.
         nearest: whether a spike puts it to `adds`, so that only the last one counts; else each spike adds `adds`.
         adds: what a spike adds.
+        starts: the parameter that is its value at step 0, of a pre trace; 0 if not said.
     """
 
     tau: str
     nearest: bool = False
     adds: float = 1.0
+    starts: str = ""
 
 
 K_PLUS, K_MINUS = Trace("tau_plus"), Trace("tau_minus")
@@ -78,10 +88,39 @@ class Synapse(Choice):
     width: ClassVar[int] = 20
     arithmetic: ClassVar[OfModule] = OfModule(("on_post", "on_pre", "advance", "reward", "encourage"))
 
+    @staticmethod
+    def initial(parameters: Mapping[str, Any]) -> dict[str, float]:
+        """Where its states start, by name; those not named start at 0."""
+        return {}
+
     @classmethod
     def numbers(cls) -> tuple[str, ...]:
         """Words of the numeric parameters, in the order in which `constants` reads them."""
         return tuple(w for w, q in cls.quantities().items() if q.kind in ("number", "integer", "boolean"))
+
+    @classmethod
+    def sends(cls) -> Callable[..., Any]:
+        """The function that says what a pre spike sends."""
+        found: Callable[..., Any] = getattr(cls.arithmetic, "sent", weight)
+        return found
+
+    def first_states(self) -> NDArray[np.float64]:
+        """The states at step 0, without the weight."""
+        given = self.initial(self.parameters())
+        return np.array([given.get(state.name, 0.0) for state in self.states], dtype=np.float64)
+
+    def first_traces(self) -> NDArray[np.float64]:
+        """The pre traces at step 0."""
+        given = self.parameters()
+        return np.array([given.get(trace.starts, 0.0) for trace in self.pre], dtype=np.float64)
+
+    def bounds(self) -> tuple[float, float]:
+        """The smallest and the largest weight; Wmax below 0 is the smallest."""
+        limits = self.parameters()
+        if "Wmax" not in limits:
+            return -math.inf, math.inf
+        low, high = sorted((limits.get("Wmin", 0.0), limits["Wmax"]))
+        return low, high
 
     def vector(self) -> NDArray[np.float64]:
         """The numeric parameters as one vector."""

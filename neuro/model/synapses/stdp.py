@@ -6,16 +6,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from neuro.core.quantities import quantity
-from neuro.model.synapses.base import Synapse
+from neuro.model.synapses.weight_dependence import WeightDependent, depressed, potentiated
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class stdp(Synapse):
-    """STDP between additive (mu = 0) and multiplicative (mu = 1); the weight changes at pre spikes.
+class stdp(WeightDependent):
+    """STDP of all pairs of spikes, between additive (mu = 0) and multiplicative (mu = 1).
 
-    Source: NEST 3.10, `stdp_synapse`; Guetig et al., J. Neurosci. 23:3697, 2003; Morrison, Diesmann &
-    Gerstner, Biol. Cybern. 98:459, 2008.
+    Additive: mu_plus = mu_minus = 0. Soft bounds: both 1. Van Rossum: mu_plus = 0, mu_minus = 1. Guetig: both between.
+    The weight changes at pre spikes. Wmax below 0 makes the synapse inhibitory.
+    Source: NEST 3.10, `stdp_synapse`; Guetig et al., J. Neurosci. 23:3697, 2003; van Rossum, Bi & Turrigiano,
+    J. Neurosci. 20:8812, 2000; Morrison, Diesmann & Gerstner, Biol. Cybern. 98:459, 2008.
     """
 
     equation: ClassVar[str] = (
@@ -23,16 +24,6 @@ class stdp(Synapse):
     )
     source: ClassVar[str] = "NEST 3.10 stdp_synapse; Guetig et al., J. Neurosci. 23:3697, 2003"
     learns: ClassVar[str] = "pairs"
-
-    tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
-    lambda_: float = quantity(0.01, "", "step size", at_least=0)
-    alpha: float = quantity(1.0, "", "depression relative to potentiation", at_least=0)
-    mu_plus: float = quantity(1.0, "", "weight dependence of potentiation", at_least=0)
-    mu_minus: float = quantity(1.0, "", "weight dependence of depression", at_least=0)
-    Wmax: float = quantity(100.0, "", "largest weight, in the unit of the weight", above=0)
-
-
-TAU_PLUS, LAMBDA, ALPHA, MU_PLUS, MU_MINUS, W_MAX = range(6)
 
 
 def constants(p, h, c):
@@ -42,17 +33,9 @@ def constants(p, h, c):
 
 def on_post(y, e, c, pre, post):
     """Potentiate, up to Wmax."""
-    w_max = c[W_MAX]
-    share = 1.0 - y[0, e] / w_max
-    mu = c[MU_PLUS]
-    factor = 1.0 if mu == 0.0 else (share if mu == 1.0 else share**mu)
-    y[0, e] = min(w_max, y[0, e] + w_max * c[LAMBDA] * factor * pre[0])
+    y[0, e] = potentiated(y[0, e], pre[0], c)
 
 
 def on_pre(y, e, c, pre, post):
     """Depress, down to 0."""
-    w_max = c[W_MAX]
-    share = y[0, e] / w_max
-    mu = c[MU_MINUS]
-    factor = 1.0 if mu == 0.0 else (share if mu == 1.0 else share**mu)
-    y[0, e] = max(0.0, y[0, e] - w_max * c[ALPHA] * c[LAMBDA] * factor * post[0])
+    y[0, e] = depressed(y[0, e], post[0], c)

@@ -1,0 +1,42 @@
+"""How far a pair moves a weight that has a bound: by a power of the distance to it (Guetig et al., 2003)."""
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from neuro.core.quantities import quantity
+from neuro.model.synapses.base import Synapse
+from neuro.model.synapses.within import within
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WeightDependent(Synapse):
+    """Parameters of rules between additive (mu = 0) and multiplicative (mu = 1), with soft bounds."""
+
+    tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
+    lambda_: float = quantity(0.01, "", "step size", at_least=0)
+    alpha: float = quantity(1.0, "", "depression relative to potentiation", at_least=0)
+    mu_plus: float = quantity(1.0, "", "weight dependence of potentiation", at_least=0)
+    mu_minus: float = quantity(1.0, "", "weight dependence of depression", at_least=0)
+    Wmax: float = quantity(100.0, "", "largest weight, in the unit of the weight; below 0 it inhibits", nonzero=True)
+
+
+TAU_PLUS, LAMBDA, ALPHA, MU_PLUS, MU_MINUS, W_MAX = range(6)
+
+
+def power(share, mu):
+    """A share of Wmax to some power; the two common ones cost nothing."""
+    return 1.0 if mu == 0.0 else (share if mu == 1.0 else share**mu)
+
+
+def potentiated(w, k, c):
+    """A weight after a potentiation by k, up to Wmax."""
+    w_max = c[W_MAX]
+    return within(w + w_max * c[LAMBDA] * power(1.0 - w / w_max, c[MU_PLUS]) * k, w_max)
+
+
+def depressed(w, k, c):
+    """A weight after a depression by k, down to 0."""
+    w_max = c[W_MAX]
+    return within(w - w_max * c[ALPHA] * c[LAMBDA] * power(w / w_max, c[MU_MINUS]) * k, w_max)

@@ -1,0 +1,139 @@
+"""Rules of spike pairs and triplets: equal on the backends, to NEST's traces, and to what is known in closed form."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro.model.synapses import Synapse
+from neuro.testing import check_part, observe
+from neuro.testing.case import differences
+from neuro.verify.verify import verify
+
+RULES: dict[str, Synapse] = {
+    "stdp_triplet": neuro.stdp_triplet(Aplus=0.1, Aplus_triplet=0.03, Aminus=0.2, Aminus_triplet=0.01),
+    "stdp": neuro.stdp(Wmax=-300.0, lambda_=0.02),
+    "stdp_nn_symm": neuro.stdp_nn_symm(lambda_=0.1, mu_plus=0.4),
+    "stdp_nn_symm from 0": neuro.stdp_nn_symm(lambda_=0.1, Wmax=-40.0, pre_at_start=True),
+    "stdp_nn_restr": neuro.stdp_nn_restr(lambda_=0.1, tau_plus=10.0),
+    "stdp_nn_restr from 0": neuro.stdp_nn_restr(lambda_=0.1, Wmax=400.0, pre_at_start=True),
+    "stdp_nn_pre_centered": neuro.stdp_nn_pre_centered(lambda_=0.1, mu_plus=0.0, mu_minus=0.0),
+    "stdp_literal": neuro.stdp_literal(lambda_=0.03, alpha=1.2),
+    "stdp_pl_hom": neuro.stdp_pl_hom(lambda_=0.1, alpha=0.1),
+    "vogels_sprekeler": neuro.vogels_sprekeler(eta=0.5),
+    "vogels_sprekeler that excites": neuro.vogels_sprekeler(eta=0.5, Wmax=90.0),
+    "tsodyks2": neuro.tsodyks2(tau_rec=50.0),
+    "tsodyks2 that facilitates": neuro.tsodyks2(U=0.1, tau_rec=20.0, tau_fac=100.0),
+    "inhibitory stdp_triplet": neuro.stdp_triplet(Aplus_triplet=0.03, Aminus=0.2, Wmax=-50.0),
+}
+GOLDEN = (
+    *("g1_stdp_nn_symm", "g2_stdp_nn_restr", "g3_stdp_nn_pre_centered", "g4_stdp_triplet"),
+    *("g5_vogels_sprekeler", "g6_stdp_pl_hom", "g7_stdp_van_rossum"),
+)
+
+
+@pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
+def test_a_rule_is_the_same_on_both_backends(rule: Synapse):
+    check_part(rule)
+
+
+def onto_parrots(rule: Synapse, backend: str) -> neuro.Simulation:
+    """Spikes of multiplicity above one on both sides, some at equal times."""
+    net = neuro.Network("parrots", resolution=1.0)
+    net.population("noise", 6, neuro.poisson_generator(rate=250.0))
+    net.population("pre", 6, neuro.parrot_neuron())
+    net.population("post", 4, neuro.parrot_neuron())
+    net.population("end", 4, neuro.parrot_neuron())
+    net.connect("noise", "pre", neuro.one_to_one(), delay=1.0)
+    net.connect("noise", "post", neuro.pairs(pre=[0, 1, 2, 3], post=[0, 1, 2, 3]), delay=3.0)
+    low, high = sorted((0.4 * rule.Wmax, 0.6 * rule.Wmax)) if hasattr(rule, "Wmax") else (40.0, 60.0)
+    drawn = neuro.uniform(low=low, high=high)
+    net.connect("pre", "post", neuro.all_to_all(), rule, weight=drawn, delay=4.0, name="learnt")
+    sim = neuro.compile(net, backend, seed=3)
+    sim.run(30.0)
+    return sim
+
+
+@pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
+def test_spikes_of_a_step_act_one_after_the_other(rule: Synapse):
+    expected, found = (observe(onto_parrots(rule, backend)) for backend in ("reference", "event"))
+    assert np.ptp(expected["weight of learnt"]) > 0.0
+    assert differences(expected, found, exact=False) == []
+
+
+@pytest.mark.parametrize("backend", ["reference", "event"])
+def test_traces_of_nest_come_out(shared: Path, tmp_path: Path, backend: str):
+    for case in GOLDEN:
+        for kind in ("json", "npz"):
+            shutil.copy(shared / "reference" / "nest-models" / f"{case}.{kind}", tmp_path)
+    results = verify(tmp_path, backend)
+    assert {result.case for result in results} == {*GOLDEN}
+    assert [f"{r.case} {r.quantity}: {r.message}" for r in results if not r.ok] == []
+
+
+def deaf(**words: float) -> neuro.iaf_psc_delta:
+    """A neuron that fires when a spike of 2e12 mV tells it to, whatever else it hears."""
+    return neuro.iaf_psc_delta(tau_m=1.0, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1e12, **words)
+
+
+FIXED_POINTS = {
+    "soft": (neuro.stdp(lambda_=0.01), 50.0),
+    "van Rossum": (neuro.stdp(lambda_=0.01, mu_plus=0.0, alpha=1.5), 100.0 / 1.5),
+    "Guetig": (neuro.stdp(lambda_=0.01, mu_plus=0.4, mu_minus=0.4, alpha=1.2), 100.0 / (1.0 + 1.2**2.5)),
+    "power law": (neuro.stdp_pl_hom(lambda_=0.1, alpha=0.11), (1.0 / 0.11) ** (1.0 / 0.6)),
+}
+
+
+def test_weights_drift_to_where_independent_spikes_hold_them():
+    """Poisson spikes of 20 Hz on both sides, from 0.8 of the fixed point; steps of finite size end 1 % below it."""
+    net = neuro.Network("drift", resolution=1.0)
+    for side in ("pre", "post"):
+        net.population(f"noise_{side}", 45, neuro.poisson_generator(rate=20.0))
+    net.population("pre", 45, neuro.parrot_neuron())
+    net.population("post", 45, deaf())
+    net.connect("noise_pre", "pre", neuro.one_to_one(), delay=1.0)
+    net.connect("noise_post", "post", neuro.one_to_one(), weight=2e12, delay=1.0)
+    for name, (rule, point) in FIXED_POINTS.items():
+        net.connect("pre", "post", neuro.all_to_all(), rule, weight=0.8 * point, delay=1.0, name=name.replace(" ", "_"))
+    sim = neuro.compile(net, seed=2)
+    sim.run(60_000.0)
+    read = []
+    for _ in range(20):
+        sim.run(1000.0)
+        read.append({name: sim.weights(name.replace(" ", "_"))[2].mean() for name in FIXED_POINTS})
+    for name, (_, point) in FIXED_POINTS.items():
+        assert np.mean([means[name] for means in read]) == pytest.approx(point, rel=0.02), name
+
+
+def test_triplets_of_visual_cortex():
+    """60 pairs, post 10 ms after pre and before it: late pairs turn from depression to potentiation above 20 Hz."""
+    rates, late = np.array([10.0, 20.0, 40.0, 50.0]), np.array([10.0, -10.0])
+    begin = 100.0 + np.round(1000.0 / rates)[:, None, None] * np.arange(60)
+    pre = np.broadcast_to(begin, (4, 2, 60)).reshape(8, 60)
+    post = (begin + late[:, None]).reshape(8, 60)
+    net = neuro.Network("triplets", resolution=1.0)
+    net.population("pre", 8, neuro.spike_generator(spike_times=list(pre)))
+    net.population("told", 8, neuro.spike_generator(spike_times=list(post - 2.0)))
+    net.population("post", 8, deaf(tau_minus=33.7))
+    net.connect("told", "post", neuro.one_to_one(), weight=2e12, delay=1.0)
+    net.connect("pre", "post", neuro.one_to_one(), neuro.stdp_triplet(), weight=1.0, delay=1.0, name="learnt")
+    sim = neuro.compile(net)
+    sim.run(pre.max() + 100.0)
+    change = sim.weights("learnt")[2].reshape(4, 2) - 1.0
+    expected = [[0.13, -0.33], [0.25, -0.35], [0.53, 0.16], [0.74, 0.73]]
+    assert change == pytest.approx(np.array(expected), abs=0.03)
+
+
+def test_loihi_says_which_rules_it_has():
+    net = neuro.Network("net", resolution=1.0)
+    net.population("source", 2, neuro.spike_generator(spike_times=[[1.0], [2.0]]))
+    net.population("cells", 2, neuro.iaf_psc_exp())
+    net.connect("source", "cells", neuro.all_to_all(), neuro.stdp_triplet(), weight=10.0, delay=2.0, name="learnt")
+    with pytest.raises(neuro.ModelError) as told:
+        neuro.compile(net, "loihi")
+    assert str(told.value).endswith(
+        "projection 'learnt': stdp_triplet: the learning engine runs stdp, stdp_dopa and loihi_learning\n"
+        "  hint: run it on event, or send static weights: sim.network() has what was learnt"
+    )
