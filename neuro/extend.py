@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from neuro.kernels.jit import allocating, inner, kernel
     from neuro.model.distributions import Distribution
     from neuro.model.neurons.base import Generator, Neuron, State
+    from neuro.model.neurons.integrators import ACCEPTED, advance, fehlberg, integrate, runge_kutta
     from neuro.model.neurons.propagators import from_alpha, from_constant, from_exponential, leak
     from neuro.model.rules import Rule
     from neuro.model.synapses.base import K_MINUS, K_PLUS, Synapse, Trace
@@ -63,6 +64,13 @@ _HOMES = {
         "Neuron",
         "State",
     ),
+    "neuro.model.neurons.integrators": (
+        "ACCEPTED",
+        "advance",
+        "fehlberg",
+        "integrate",
+        "runge_kutta",
+    ),
     "neuro.model.neurons.propagators": (
         "from_alpha",
         "from_constant",
@@ -89,6 +97,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "ACCEPTED",
     "K_MINUS",
     "K_PLUS",
     "Backend",
@@ -120,17 +129,21 @@ __all__ = [
     "Trial",
     "Unsavable",
     "Value",
+    "advance",
     "allocating",
+    "fehlberg",
     "from_alpha",
     "from_constant",
     "from_exponential",
     "in_order",
     "inner",
+    "integrate",
     "kernel",
     "leak",
     "quantity",
     "refuse",
     "register",
+    "runge_kutta",
 ]
 
 if not TYPE_CHECKING:

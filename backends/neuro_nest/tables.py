@@ -7,6 +7,7 @@ NODES = {
     "iaf_psc_exp": "iaf_psc_exp",
     "iaf_psc_alpha": "iaf_psc_alpha",
     "izhikevich": "izhikevich",
+    "iaf_cond_exp": "iaf_cond_exp",
     "parrot_neuron": "parrot_neuron",
     "poisson_generator": "spike_train_injector",
     "spike_generator": "spike_train_injector",
@@ -22,6 +23,9 @@ STATES = {"static": ("weight",), "stdp": ("weight", "Kplus"), "stdp_dopa": ("wei
 
 UNREADABLE = frozenset({"I_syn_ex", "I_syn_in", "dI_syn_ex", "dI_syn_in"})
 """States that NEST neither shows nor sets between two steps: currents it records, a step late, slopes not at all."""
+
+RK4 = "rk4_substeps"
+"""Our parameter that NEST has not: what it integrates, it integrates by RKF45."""
 
 TICKS_PER_MS = 1000
 """NEST's clock ticks in microseconds."""

@@ -19,12 +19,11 @@ Part = Model | Synapse | Rule
 
 _N = 70  # more than a block of neurons, and no multiple of one
 _SHEET = (7, 10)  # as many
-_MS = 40.0
 _WEIGHTS = (1.0, 20.0, 400.0)  # for neurons of unknown units: some hardly hear, some hardly rest
 _RATES = (5.0, 80.0)
 
 
-def check_part(part: str | Part, backend: str | Backend = "event") -> None:
+def check_part(part: str | Part, backend: str | Backend = "event", *, ms: float = 40.0) -> None:
     """Run networks around a part on a backend and on the reference, and compare all that can be read.
 
     They are nearly silent and busy, are cut and reset on the way, and run on one thread and on two.
@@ -32,6 +31,7 @@ def check_part(part: str | Part, backend: str | Backend = "event") -> None:
     Args:
         part: the name of one that is registered, which is tried with its defaults, or an instance.
         backend: its name, or the backend itself.
+        ms: how long each network runs; a part that takes long to step as plain Python can be tried for less.
 
     Raises:
         AssertionError: they differ; it says in which network, and in what.
@@ -39,9 +39,9 @@ def check_part(part: str | Part, backend: str | Backend = "event") -> None:
     """
     chosen = _made(part) if isinstance(part, str) else part
     for net in _networks(chosen):
-        expected = _found(compile(net, "reference", seed=1))
+        expected = _found(compile(net, "reference", seed=1), ms)
         for threads in (1, 2):
-            found = _found(compile(net, backend, seed=1, threads=threads))
+            found = _found(compile(net, backend, seed=1, threads=threads), ms)
             told = differences(expected, found, exact=False)
             assert not told, f"{chosen.name} in '{net.name}', {threads} threads\n  " + "\n  ".join(told)
 
@@ -58,17 +58,17 @@ def _made(name: str) -> Part:
     raise ModelError(f"there is no model, synapse model or connection rule '{name}'", hint=nearest(name, known))
 
 
-def _found(sim: Simulation) -> Found:
+def _found(sim: Simulation, ms: float) -> Found:
     """What is read after a run, and after another in two pieces from the same beginning."""
-    sim.run(_MS)
+    sim.run(ms)
     first = observe(sim)
     sim.reset(weights=True)
-    sim.run(0.3 * _MS)
+    sim.run(0.3 * ms)
     middle = observe(sim)
-    sim.run(0.7 * _MS)
+    sim.run(0.7 * ms)
     told = differences(first, observe(sim), exact=True)
     assert not told, f"{sim.program.name}: a run that is cut differs\n  " + "\n  ".join(told)
-    return first | {f"{name}, at {0.3 * _MS} ms": value for name, value in middle.items()}
+    return first | {f"{name}, at {0.3 * ms:g} ms": value for name, value in middle.items()}
 
 
 def _networks(part: Part) -> Iterator[Network]:
