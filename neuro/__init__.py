@@ -17,7 +17,11 @@ if TYPE_CHECKING:
     from neuro.model.language import load
     from neuro.model.network import Network
     from neuro.model.neurons import (
+        aeif_cond_exp,
+        aeif_psc_exp,
         dc_generator,
+        hh_psc_alpha,
+        iaf_cond_alpha,
         iaf_cond_exp,
         iaf_psc_alpha,
         iaf_psc_delta,
@@ -57,6 +61,10 @@ _HOMES = {
     "neuro.model.network": ("Network",),
     "neuro.model.neurons": (
         "dc_generator",
+        "iaf_cond_alpha",
+        "hh_psc_alpha",
+        "aeif_psc_exp",
+        "aeif_cond_exp",
         "iaf_cond_exp",
         "iaf_psc_alpha",
         "iaf_psc_delta",
@@ -95,6 +103,8 @@ __all__ = [
     "TrialResults",
     "Trials",
     "__version__",
+    "aeif_cond_exp",
+    "aeif_psc_exp",
     "all_to_all",
     "chips",
     "coding",
@@ -106,6 +116,8 @@ __all__ = [
     "fixed_indegree",
     "fixed_outdegree",
     "grid",
+    "hh_psc_alpha",
+    "iaf_cond_alpha",
     "iaf_cond_exp",
     "iaf_psc_alpha",
     "iaf_psc_delta",

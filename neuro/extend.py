@@ -22,7 +22,17 @@ if TYPE_CHECKING:
     from neuro.kernels.jit import allocating, inner, kernel
     from neuro.model.distributions import Distribution
     from neuro.model.neurons.base import Generator, Neuron, State
-    from neuro.model.neurons.integrators import ACCEPTED, advance, fehlberg, integrate, runge_kutta
+    from neuro.model.neurons.integrators import (
+        advance,
+        fehlberg,
+        finite_exp,
+        is_still,
+        rows,
+        runge_kutta,
+        step_adaptively,
+        step_evenly,
+        step_whole,
+    )
     from neuro.model.neurons.propagators import from_alpha, from_constant, from_exponential, leak
     from neuro.model.rules import Rule
     from neuro.model.synapses.base import K_MINUS, K_PLUS, Synapse, Trace
@@ -65,11 +75,15 @@ _HOMES = {
         "State",
     ),
     "neuro.model.neurons.integrators": (
-        "ACCEPTED",
         "advance",
         "fehlberg",
-        "integrate",
+        "finite_exp",
+        "is_still",
+        "rows",
         "runge_kutta",
+        "step_adaptively",
+        "step_evenly",
+        "step_whole",
     ),
     "neuro.model.neurons.propagators": (
         "from_alpha",
@@ -97,7 +111,6 @@ _HOMES = {
 }
 
 __all__ = [
-    "ACCEPTED",
     "K_MINUS",
     "K_PLUS",
     "Backend",
@@ -132,18 +145,23 @@ __all__ = [
     "advance",
     "allocating",
     "fehlberg",
+    "finite_exp",
     "from_alpha",
     "from_constant",
     "from_exponential",
     "in_order",
     "inner",
-    "integrate",
+    "is_still",
     "kernel",
     "leak",
     "quantity",
     "refuse",
     "register",
+    "rows",
     "runge_kutta",
+    "step_adaptively",
+    "step_evenly",
+    "step_whole",
 ]
 
 if not TYPE_CHECKING:

@@ -5,25 +5,33 @@ from pathlib import Path
 import pytest
 
 import neuro
+from neuro.model.neurons import Neuron
 from neuro.testing import check_part
 from neuro.verify.verify import Result, verify
 
 NEURONS = [
     neuro.iaf_cond_exp(E_L=-65.0, tau_syn_ex=5.0, I_e=100.0, V_th=neuro.uniform(low=-56.0, high=-50.0)),
     neuro.iaf_cond_exp(E_L=-65.0, tau_syn_ex=5.0, I_e=100.0, t_ref=0.0, rk4_substeps=3),
+    neuro.iaf_cond_alpha(E_L=-65.0, tau_syn_ex=2.0, I_e=100.0),
+    neuro.aeif_cond_exp(I_e=900.0, E_L=-60.0, tau_syn_ex=2.0, b=neuro.uniform(low=0.0, high=80.0)),
+    neuro.aeif_cond_exp(I_e=900.0, E_L=-60.0, t_ref=1.0, rk4_substeps=2),
+    neuro.aeif_psc_exp(I_e=900.0, E_L=-60.0, t_ref=0.5),
+    neuro.aeif_psc_exp(I_e=900.0, E_L=-60.0, Delta_T=0.0),
+    neuro.hh_psc_alpha(I_e=700.0),
+    neuro.hh_psc_alpha(I_e=700.0, rk4_substeps=4),
 ]
 
 
 @pytest.mark.parametrize("model", NEURONS, ids=lambda model: f"{model.name}-{getattr(model, 'rk4_substeps', '')}")
-def test_event_does_what_the_reference_does(model: neuro.iaf_cond_exp):
-    check_part(model, ms=10.0)
+def test_event_does_what_the_reference_does(model: Neuron):
+    check_part(model, ms=5.0)
 
 
 @pytest.fixture(scope="session")
 def traces(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """NEST's traces of neurons."""
     folder = tmp_path_factory.mktemp("neurons")
-    for file in (shared / "reference" / "nest-models").glob("f2_*"):
+    for file in (shared / "reference" / "nest-models").glob("f[123]_*"):
         (folder / file.name).symlink_to(file)
     return folder
 
@@ -36,7 +44,7 @@ def told(results: list[Result]) -> list[str]:
 def test_every_trace_of_nest_comes_out(traces: Path, backend: str):
     results = verify(traces, backend)
     assert told(results) == []
-    assert {r.quantity for r in results} >= {"spikes", "V_m", "g_ex", "g_in"}
+    assert {r.quantity for r in results} >= {"spikes", "V_m", "g_ex", "g_in", "w", "Act_m", "I_syn_ex"}
 
 
 def test_nest_verifies_its_own_traces(traces: Path, nest):
@@ -73,3 +81,35 @@ def test_a_neuron_at_rest_sleeps_and_wakes():
         sim.run(1000.0)
         found[backend] = sim.spikes("cell")[0].tolist()
     assert found["event"] == found["reference"] != []
+
+
+def test_a_group_cannot_have_neurons_that_reset_themselves():
+    net = neuro.Network("group")
+    net.population("cells", 2, neuro.aeif_cond_exp())
+    net.group("choice", neuro.winner_take_all(of="cells"))
+    with pytest.raises(neuro.ModelError) as error:
+        neuro.compile(net)
+    assert str(error.value).endswith(
+        "group 'choice': winner_take_all of 'cells', a aeif_cond_exp, which resets itself before a group can choose: "
+        "expected neurons that a group resets"
+    )
+
+
+def test_v_reset_may_be_above_v_th_where_there_is_a_peak():
+    net = neuro.Network("bursting")
+    net.population("cells", 1, neuro.aeif_cond_exp(V_reset=-46.0, I_e=800.0))
+    sim = neuro.compile(net)
+    sim.run(100.0)
+    assert len(sim.spikes("cells")[0]) > 5
+    with pytest.raises(neuro.ModelError) as error:
+        sim.set("cells", V_reset=1.0)
+    assert "aeif_cond_exp.V_reset = 1 mV: expected less than V_peak = 0 mV" in str(error.value)
+
+
+def test_rk4_with_steps_of_0_025_ms_spikes_as_rkf45():
+    net = neuro.Network("axon")
+    net.population("adaptive", 1, neuro.hh_psc_alpha(I_e=650.0))
+    net.population("even", 1, neuro.hh_psc_alpha(I_e=650.0, rk4_substeps=4))
+    sim = neuro.compile(net)
+    sim.run(300.0)
+    assert sim.spikes("even")[0].tolist() == sim.spikes("adaptive")[0].tolist() != []

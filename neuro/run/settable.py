@@ -27,7 +27,8 @@ _WEIGHT = Quantity(arrays=True)
 _FIXED = ("deliver_interval",)
 _DRAWN = "a distribution is drawn where connections are made: net.connect(..., weight=...)"
 _KNOWN: dict[type[Model], dict[str, Quantity]] = {}
-_PARTNERS = {"V_th": "V_reset", "V_reset": "V_th"}
+_PARTNERS = (("V_th", "V_reset"), ("V_reset", "V_th"), ("V_peak", "V_reset"), ("V_reset", "V_peak"))
+"""Parameters that are checked together."""
 
 
 def _quantities(model: Model) -> dict[str, Quantity]:
@@ -115,7 +116,7 @@ def check_together(program: Program, index: int, new: Mapping[str, Floats], engi
             hint="change the network and compile again",
         )
     together = {word: array for word, array in new.items() if word in part.parameters}
-    for word, partner in _PARTNERS.items():
+    for word, partner in _PARTNERS:
         if word in together and partner in part.parameters and partner not in together:
             together[partner] = engine.get(index, partner)
     try:

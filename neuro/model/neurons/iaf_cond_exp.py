@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.base import Neuron, State
-from neuro.model.neurons.integrators import ACCEPTED, fehlberg, integrate, runge_kutta
+from neuro.model.neurons.integrators import fehlberg, is_still, rows, runge_kutta, step_adaptively, step_evenly
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,8 +60,7 @@ V_M, G_EX, G_IN, REFRACTORY, SIZE = range(5)
 V_TH, V_RESET, G_L, E_L, E_EX, E_IN, RATE_EX, RATE_IN, I_E, BY_C, R, H, SUBSTEPS = range(13)
 TOLERANCE = 1e-3
 
-attempt = fehlberg(3)
-rk4 = runge_kutta(3)
+rkf45, rk4, (take, put) = fehlberg(3), runge_kutta(3), rows(3)
 
 
 def constants(p, h, c):
@@ -76,23 +75,24 @@ def constants(p, h, c):
 def rates(y, p):
     """Derivatives of V_m, g_ex and g_in; V_m counts as V_th where it is above."""
     v, g_ex, g_in = y
-    (g_l, e_l, e_ex, e_in, v_th, by_c, rate_ex, rate_in), current, free = p
+    g_l, e_l, e_ex, e_in, v_th, by_c, rate_ex, rate_in, current, held = p
     v = v if v < v_th else v_th
     slope = (current - g_l * (v - e_l) - g_ex * (v - e_ex) - g_in * (v - e_in)) * by_c
-    return slope if free else 0.0, rate_ex * g_ex, rate_in * g_in
+    return 0.0 if held else slope, rate_ex * g_ex, rate_in * g_in
 
 
-def shared(c):
-    """What `rates` needs for all neurons alike."""
-    return c[G_L], c[E_L], c[E_EX], c[E_IN], c[V_TH], c[BY_C], c[RATE_EX], c[RATE_IN]
+def system(s, c, i_0, i):
+    """What `rates` needs."""
+    current, held = c[I_E] + i_0[i], s[REFRACTORY, i] != 0.0
+    return c[G_L], c[E_L], c[E_EX], c[E_IN], c[V_TH], c[BY_C], c[RATE_EX], c[RATE_IN], current, held
 
 
 def step(s, c, x, i_0, lo, hi, fired):
     """One step: V and the conductances, then the input, then the threshold."""
     if c[SUBSTEPS] == 0.0:
-        step_adaptively(s, c, i_0, lo, hi, fired)
+        step_adaptively(rkf45, take, put, rates, system, s, c, i_0, lo, hi, c[H], SIZE, TOLERANCE, fired)
     else:
-        step_evenly(s, c, i_0, lo, hi)
+        step_evenly(rk4, take, put, rates, system, s, c, i_0, lo, hi, c[H], c[SUBSTEPS])
     v_th, v_reset = c[V_TH], c[V_RESET]
     for i in range(lo, hi):
         held = s[REFRACTORY, i] != 0.0
@@ -104,36 +104,6 @@ def step(s, c, x, i_0, lo, hi, fired):
         fired[i] = not held and v >= v_th
 
 
-def step_adaptively(s, c, i_0, lo, hi, fired):
-    """By RKF45: a whole step for each neuron, a loop without branches, then again those that need shorter ones."""
-    of_all, i_e, h = shared(c), c[I_E], c[H]
-    for i in range(lo, hi):
-        p = of_all, i_e + i_0[i], s[REFRACTORY, i] == 0.0
-        v, g_ex, g_in = s[V_M, i], s[G_EX, i], s[G_IN, i]
-        new, error = attempt(rates, (v, g_ex, g_in), p, h)
-        short = s[SIZE, i] != 0.0 or error > ACCEPTED * TOLERANCE
-        s[V_M, i] = v if short else new[V_M]
-        s[G_EX, i] = g_ex if short else new[G_EX]
-        s[G_IN, i] = g_in if short else new[G_IN]
-        fired[i] = short
-    for i in range(lo, hi):
-        if fired[i]:
-            p = of_all, i_e + i_0[i], s[REFRACTORY, i] == 0.0
-            y = s[V_M, i], s[G_EX, i], s[G_IN, i]
-            y, s[SIZE, i] = integrate(attempt, rates, y, p, h, s[SIZE, i], TOLERANCE)
-            s[V_M, i], s[G_EX, i], s[G_IN, i] = y
-
-
-def step_evenly(s, c, i_0, lo, hi):
-    """By RK4."""
-    of_all, i_e, n = shared(c), c[I_E], c[SUBSTEPS]
-    h = c[H] / n
-    for _ in range(int(n)):
-        for i in range(lo, hi):
-            p = of_all, i_e + i_0[i], s[REFRACTORY, i] == 0.0
-            s[V_M, i], s[G_EX, i], s[G_IN, i] = rk4(rates, (s[V_M, i], s[G_EX, i], s[G_IN, i]), p, h)
-
-
 def fire(s, c, i):
     """Reset V and hold it; the conductances go on."""
     s[V_M, i] = c[V_RESET]
@@ -141,15 +111,10 @@ def fire(s, c, i):
 
 
 def quiet(s, c, i_0, lo, hi):
-    """At rest: a step without input leaves every bit where it is."""
+    """At rest."""
     for i in range(lo, hi):
         if s[REFRACTORY, i] != 0.0 or s[SIZE, i] != 0.0 or s[V_M, i] >= c[V_TH]:
             return False
-        y, p = (s[V_M, i], s[G_EX, i], s[G_IN, i]), (shared(c), c[I_E] + i_0[i], True)
-        if c[SUBSTEPS] == 0.0:
-            new, error = attempt(rates, y, p, c[H])
-        else:
-            new, error = rk4(rates, y, p, c[H] / c[SUBSTEPS]), 0.0
-        if new != y or error > 0.5 * TOLERANCE:
+        if not is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, c[H], c[SUBSTEPS]):
             return False
     return True

@@ -1,18 +1,18 @@
 """Runge-Kutta integrators for models whose equations have no exact solution: NEST's adaptive RKF45 and plain RK4.
 
-A system is a plain function `rates(y, p)`: the derivatives of the variables `y`, both tuples of floats, with whatever
-else it needs in the tuple `p`. A model takes the step of a method for its number of variables once, in its module, and
-hands both on in `step`:
+A system is two plain functions of a model's module. `rates(y, p)` returns the derivatives of the variables `y`, both
+tuples of floats; `system(s, c, i_0, i)` returns `p`, what `rates` needs for neuron i, in a tuple. The variables are the
+first rows of the states `s`. A module makes what it needs for its number of variables, and hands all on in `step`:
 
-    attempt = fehlberg(3)
-    y, size = integrate(attempt, rates, y, p, h, size, tolerance)     # adaptive, over a step of the grid of h ms
+    rkf45, rk4, (take, put) = fehlberg(3), runge_kutta(3), rows(3)
 
-    quarter = runge_kutta(3)
-    for _ in range(4):
-        y = quarter(rates, y, p, 0.25 * h)
+    step_adaptively(rkf45, take, put, rates, system, s, c, i_0, lo, hi, h, SIZE, tolerance, fired)
+    step_evenly(rk4, take, put, rates, system, s, c, i_0, lo, hi, h, substeps)
+    is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, h, substeps)     # for `quiet`
 
-The size of the adaptive steps is a state of the neuron, kept from one step of the grid to the next as in NEST. It is 0
-for a whole step of the grid, where it starts and mostly stays, so a hidden state at 0 needs nothing else.
+The size of the adaptive steps is a hidden state of the neuron, row SIZE, kept from one step of the grid to the next as
+in NEST. It is 0 for a whole step of the grid, where it starts and mostly stays. So a whole step is tried for all
+neurons in a loop without branches, which is vectorised, and the few that need shorter ones are integrated after it.
 
 Source: Fehlberg, NASA TR R-315, 1969, table III; step control of GSL 2.7, `cstd.c` and `evolve.c`, as NEST 3.10 uses
 it: an absolute tolerance only.
@@ -21,6 +21,7 @@ it: an absolute tolerance only.
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -68,7 +69,7 @@ RK4 = Tableau(stages=((), (1 / 2,), (0.0, 1 / 2), (0.0, 0.0, 1.0)), result=(1 / 
 
 @cache
 def fehlberg(variables: int) -> FunctionType:
-    """A step of RKF45 for so many variables: `attempt(rates, y, p, h)` returns the new `y` and its largest error."""
+    """A step of RKF45 for so many variables: `rkf45(rates, y, p, h)` returns the new `y` and its largest error."""
     return _written(FEHLBERG, variables)
 
 
@@ -78,28 +79,63 @@ def runge_kutta(variables: int) -> FunctionType:
     return _written(RK4, variables)
 
 
-def integrate(attempt, rates, y, p, h, size, tolerance):
-    """Go h ms on by adaptive steps; return the new `y` and the size of the next step.
+@cache
+def rows(variables: int) -> tuple[FunctionType, FunctionType]:
+    """For so many variables `take(s, i)`, which returns the `y` of neuron i, and `put(s, i, y)`, which writes it."""
+    taken = "(" + "".join(f"s[{v}, i], " for v in range(variables)) + ")"
+    written = [f"s[{v}, i] = y[{v}]" for v in range(variables)]
+    return _function("take(s, i)", [f"return {taken}"]), _function("put(s, i, y)", written)
 
-    Args:
-        attempt: a step of a method with an error, as from `fehlberg`.
-        rates: the system.
-        y: the variables, in a tuple.
-        p: what else `rates` needs, in a tuple.
-        h: a step of the grid in ms.
-        size: of the first step in ms, as from the last call; 0 for h.
-        tolerance: largest error of a variable in a step.
+
+def step_adaptively(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, tolerance, left):
+    """A step of the grid by adaptive steps.
+
+    `attempt` is a step of a method with an error, as from `fehlberg`; `take` and `put` are from `rows`; `rates` and
+    `system` the equations, see above; `s, c, i_0, lo, hi` as of a model's `step`. `h` is the step of the grid in ms,
+    `size` the row of `s` with the size of the next adaptive step, `tolerance` the largest error of a variable in a
+    step. What it leaves in `left` is of no use: it is the `fired` of a model's `step`, before that is set.
     """
-    t = 0.0
-    while t < h:
-        y, t, size = advance(attempt, rates, y, p, t, h, size, tolerance)
-    return y, size
+    step_whole(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, tolerance, left)
+    for i in range(lo, hi):
+        if left[i]:
+            y, p, t, next_size = take(s, i), system(s, c, i_0, i), 0.0, s[size, i]
+            while t < h:
+                y, t, next_size = advance(attempt, rates, y, p, t, h, next_size, tolerance)
+            put(s, i, y)
+            s[size, i] = next_size
+
+
+def step_whole(attempt, take, put, rates, system, s, c, i_0, lo, hi, h, size, tolerance, left):
+    """Take a whole step of the grid wherever it is small enough; set `left` where it is not, and nothing is done.
+
+    The arguments are those of `step_adaptively`.
+    """
+    for i in range(lo, hi):
+        y = take(s, i)
+        new, error = attempt(rates, y, system(s, c, i_0, i), h)
+        short = s[size, i] != 0.0 or error > ACCEPTED * tolerance
+        put(s, i, y if short else new)
+        left[i] = short
+
+
+def step_evenly(rk4, take, put, rates, system, s, c, i_0, lo, hi, h, substeps):
+    """A step of the grid by so many steps of a method without an error, as from `runge_kutta`."""
+    for _ in range(int(substeps)):
+        for i in range(lo, hi):
+            put(s, i, rk4(rates, take(s, i), system(s, c, i_0, i), h / substeps))
+
+
+def is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, h, substeps):
+    """Whether a step without input leaves every bit of neuron i where it is; with 0 `substeps` one of RKF45."""
+    y, p = take(s, i), system(s, c, i_0, i)
+    new = rkf45(rates, y, p, h)[0] if substeps == 0.0 else rk4(rates, y, p, h / substeps)
+    return new == y
 
 
 def advance(attempt, rates, y, p, t, h, size, tolerance):
     """One accepted step on the way from 0 to h; return the new `y`, the time and the size of the next step.
 
-    For a system that something happens to between two steps; the other arguments are those of `integrate`.
+    `t` is the time in ms since the last step of the grid, `h` that step, `size` that of the adaptive step, 0 for h.
     """
     left = h - t
     step = left if size == 0.0 or size > left else size
@@ -117,6 +153,11 @@ def advance(attempt, rates, y, p, t, h, size, tolerance):
     return new, t, 0.0 if step >= h else step
 
 
+def finite_exp(x):
+    """e^x, at most e^709: beyond it Python raises an error where machine code goes on with infinity."""
+    return math.exp(709.0 if x > 709.0 else x)
+
+
 def _written(tableau: Tableau, variables: int) -> FunctionType:
     """A step of a method as straight code, every number in a variable of its own: no array is made in it."""
     each = range(variables)
@@ -130,7 +171,7 @@ def _written(tableau: Tableau, variables: int) -> FunctionType:
     def point(weights: Sequence[float]) -> str:
         return "(" + "".join(f"y_{v} + h * ({mean(weights, v)}), " for v in each) + ")"
 
-    lines = ["def step(rates, y, p, h):", f"{listed('y')} = y"]
+    lines = [f"{listed('y')} = y"]
     for stage, weights in enumerate(tableau.stages):
         lines.append(f"{listed(f'k{stage}')} = rates({point(weights) if weights else 'y'}, p)")
     if tableau.error:
@@ -139,6 +180,10 @@ def _written(tableau: Tableau, variables: int) -> FunctionType:
             lines.append(f"of_one = abs(h * ({mean(tableau.error, v)}))")
             lines.append("error = of_one if of_one > error else error")
     lines.append(f"return {point(tableau.result)}{', error' if tableau.error else ''}")
+    return _function("step(rates, y, p, h)", lines)
+
+
+def _function(head: str, lines: list[str]) -> FunctionType:
     scope: dict[str, FunctionType] = {}
-    exec("\n    ".join(lines), {"__name__": __name__}, scope)
-    return scope["step"]
+    exec("\n    ".join([f"def {head}:", *lines]), {"__name__": __name__}, scope)
+    return scope[head.partition("(")[0]]
