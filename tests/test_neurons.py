@@ -1,5 +1,6 @@
 """Neurons that are no part of the compiled loop: NEST's traces, closed forms, and event beside the reference."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,8 @@ NEURONS = [
     neuro.aeif_cond_exp(I_e=900.0, E_L=-60.0, t_ref=1.0, rk4_substeps=2),
     neuro.aeif_psc_exp(I_e=900.0, E_L=-60.0, t_ref=0.5),
     neuro.aeif_psc_exp(I_e=900.0, E_L=-60.0, Delta_T=0.0),
+    neuro.mat2_psc_exp(I_e=500.0, alpha_1=neuro.uniform(low=5.0, high=40.0)),
+    neuro.iaf_psc_exp_adaptive_threshold(I_e=500.0, theta_plus=1.0, tau_theta=50.0),
     neuro.hh_psc_alpha(I_e=700.0),
     neuro.hh_psc_alpha(I_e=700.0, rk4_substeps=4),
 ]
@@ -31,7 +34,7 @@ def test_event_does_what_the_reference_does(model: Neuron):
 def traces(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """NEST's traces of neurons."""
     folder = tmp_path_factory.mktemp("neurons")
-    for file in (shared / "reference" / "nest-models").glob("f[123]_*"):
+    for file in (shared / "reference" / "nest-models").glob("f[1234]_*"):
         (folder / file.name).symlink_to(file)
     return folder
 
@@ -44,7 +47,7 @@ def told(results: list[Result]) -> list[str]:
 def test_every_trace_of_nest_comes_out(traces: Path, backend: str):
     results = verify(traces, backend)
     assert told(results) == []
-    assert {r.quantity for r in results} >= {"spikes", "V_m", "g_ex", "g_in", "w", "Act_m", "I_syn_ex"}
+    assert {r.quantity for r in results} >= {"spikes", "V_m", "g_ex", "g_in", "w", "Act_m", "I_syn_ex", "V_th"}
 
 
 def test_nest_verifies_its_own_traces(traces: Path, nest):
@@ -113,3 +116,41 @@ def test_rk4_with_steps_of_0_025_ms_spikes_as_rkf45():
     sim = neuro.compile(net)
     sim.run(300.0)
     assert sim.spikes("even")[0].tolist() == sim.spikes("adaptive")[0].tolist() != []
+
+
+def settled(current: float, theta_plus: float, tau_theta: float) -> float:
+    """The theta in mV at which the rate of a neuron keeps it: the root of theta = theta_plus tau_theta rate(theta)."""
+    low, high = 0.0, current - 15.0
+    for _ in range(200):
+        theta = 0.5 * (low + high)
+        interval = 5.0 + 100.0 * math.log(current / (current - 15.0 - theta))
+        low, high = (theta, high) if theta < theta_plus * tau_theta / interval else (low, theta)
+    return theta
+
+
+@pytest.mark.parametrize(("current", "rate"), [(20.0, 4.789), (30.0, 9.066), (60.0, 17.883)])
+def test_an_adaptive_threshold_settles_at_the_rate_that_keeps_it(current: float, rate: float):
+    theta_plus, tau_theta = 0.05, 1e4
+    theta = settled(current, theta_plus, tau_theta)
+    assert 1000.0 * theta / (theta_plus * tau_theta) == pytest.approx(rate, abs=5e-4)
+    words = {"tau_m": 100.0, "C_m": 100.0, "E_L": 0.0, "V_reset": 0.0, "V_th": 15.0, "t_ref": 5.0, "I_e": current}
+    net = neuro.Network("homeostasis")
+    model = neuro.iaf_psc_exp_adaptive_threshold(**words, theta_plus=theta_plus, tau_theta=tau_theta)
+    net.population("cell", 1, model, initial={"theta": 0.5 * theta})
+    sim = neuro.compile(net)
+    sim.run(120_000.0)
+    times = sim.spikes("cell")[0]
+    late = times[times > 80_000.0]
+    assert 1000.0 * (len(late) - 1) / (late[-1] - late[0]) == pytest.approx(rate, rel=5e-3)
+
+
+def test_what_follows_from_other_states_is_not_set():
+    net = neuro.Network("mat")
+    net.population("cell", 1, neuro.mat2_psc_exp())
+    sim = neuro.compile(net)
+    with pytest.raises(neuro.ModelError) as error:
+        sim.set("cell", V_th=-40.0)
+    assert str(error.value) == "mat2_psc_exp.V_th of 'cell' follows from its other states: set those"
+    sim.set("cell", V_th_alpha_1=5.0)
+    sim.run(0.1)
+    assert sim.get("cell", "V_th")[0] == pytest.approx(-51.0 + 5.0 * math.exp(-0.01), abs=1e-12)

@@ -47,7 +47,7 @@ class Cells:
             return self.parameters | {word: np.array([value]) for word, value in span.items()}
         if self.part.kind != "neuron":
             return {}
-        states = [state.name for state in self.part.model.states if not state.hidden]
+        states = [state.name for state in self.part.model.states if not (state.hidden or state.follows)]
         return self.parameters | {name: self.part.initial[name] for name in states if name not in UNREADABLE}
 
     def emit(self, spikes: Train) -> None:

@@ -11,6 +11,7 @@ NODES = {
     "aeif_psc_exp": "aeif_psc_exp",
     "hh_psc_alpha": "hh_psc_alpha",
     "iaf_cond_alpha": "iaf_cond_alpha",
+    "mat2_psc_exp": "mat2_psc_exp",
     "iaf_cond_exp": "iaf_cond_exp",
     "parrot_neuron": "parrot_neuron",
     "poisson_generator": "spike_train_injector",

@@ -66,6 +66,8 @@ def new_values(part: Population, word: str, value: Any, seed: int, step: int) ->
     if word in part.parameters:
         q = _quantities(part.model)[word]
     elif word in states(part):
+        if any(state.follows for state in part.model.states if state.name == word):
+            raise ModelError(f"{part.model.name}.{word} of '{part.name}' follows from its other states: set those")
         q = _STATE
     else:
         known = [*part.parameters, *states(part)]

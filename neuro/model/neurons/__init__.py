@@ -11,8 +11,10 @@ from neuro.model.neurons.iaf_cond_exp import iaf_cond_exp
 from neuro.model.neurons.iaf_psc_alpha import iaf_psc_alpha
 from neuro.model.neurons.iaf_psc_delta import iaf_psc_delta
 from neuro.model.neurons.iaf_psc_exp import iaf_psc_exp
+from neuro.model.neurons.iaf_psc_exp_adaptive_threshold import iaf_psc_exp_adaptive_threshold
 from neuro.model.neurons.izhikevich import izhikevich
 from neuro.model.neurons.loihi_lif import loihi_lif
+from neuro.model.neurons.mat2_psc_exp import mat2_psc_exp
 from neuro.model.neurons.parrot_neuron import parrot_neuron
 from neuro.model.neurons.spinnaker_lif import spinnaker_lif
 
@@ -25,6 +27,8 @@ NEURONS: tuple[type[Neuron], ...] = (
     iaf_psc_alpha,
     izhikevich,
     *INTEGRATED,
+    mat2_psc_exp,
+    iaf_psc_exp_adaptive_threshold,
 )
 NATIVE: tuple[type[Neuron], ...] = (loihi_lif, spinnaker_lif)
 """Neurons in the registers of a chip; they have no float arithmetic."""
@@ -56,8 +60,10 @@ __all__ = [
     "iaf_psc_alpha",
     "iaf_psc_delta",
     "iaf_psc_exp",
+    "iaf_psc_exp_adaptive_threshold",
     "izhikevich",
     "loihi_lif",
+    "mat2_psc_exp",
     "parrot_neuron",
     "poisson_generator",
     "spike_generator",

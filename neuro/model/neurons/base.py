@@ -39,12 +39,16 @@ EMITTING = {"constants": 3, "emit": 7}
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A state variable: its name, unit and meaning. Hidden ones count steps and are not recorded."""
+    """A state variable: its name, unit and meaning.
+
+    Hidden ones count steps and are not recorded. One that follows from others is recorded, not set.
+    """
 
     name: str
     unit: str
     doc: str
     hidden: bool = False
+    follows: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
