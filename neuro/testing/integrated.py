@@ -45,7 +45,7 @@ def integrated_networks(draw: st.DrawFn, model: type[Neuron]) -> Network:
     net.population("source", 3, spike_generator(spike_times=[[0.2 * t for t in row] for row in times]))
     n = draw(st.integers(1, 4))
     current = np.array([draw(st.floats(lowest, highest)) for _ in range(n)])
-    net.population("cells", n, model(I_e=current, **draw(_words(model))))
+    net.population("cells", n, model(**(draw(_words(model)) | {"I_e": current})))
     for source, size in (("source", 3), ("cells", n)):
         weight = np.array([[draw(st.floats(-strongest, strongest)) for _ in range(n)] for _ in range(size)])
         net.connect(source, "cells", all_to_all(), weight=weight, delay=draw(st.integers(1, 20)) * 0.2)
