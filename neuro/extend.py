@@ -22,6 +22,17 @@ if TYPE_CHECKING:
     from neuro.kernels.jit import allocating, inner, kernel
     from neuro.model.distributions import Distribution
     from neuro.model.neurons.base import Generator, Neuron, State
+    from neuro.model.neurons.integrators import (
+        advance,
+        fehlberg,
+        finite_exp,
+        is_still,
+        rows,
+        runge_kutta,
+        step_adaptively,
+        step_evenly,
+        step_whole,
+    )
     from neuro.model.neurons.propagators import from_alpha, from_constant, from_exponential, leak
     from neuro.model.rules import Rule
     from neuro.model.synapses.base import K_MINUS, K_PLUS, Synapse, Trace
@@ -62,6 +73,17 @@ _HOMES = {
         "Generator",
         "Neuron",
         "State",
+    ),
+    "neuro.model.neurons.integrators": (
+        "advance",
+        "fehlberg",
+        "finite_exp",
+        "is_still",
+        "rows",
+        "runge_kutta",
+        "step_adaptively",
+        "step_evenly",
+        "step_whole",
     ),
     "neuro.model.neurons.propagators": (
         "from_alpha",
@@ -120,17 +142,26 @@ __all__ = [
     "Trial",
     "Unsavable",
     "Value",
+    "advance",
     "allocating",
+    "fehlberg",
+    "finite_exp",
     "from_alpha",
     "from_constant",
     "from_exponential",
     "in_order",
     "inner",
+    "is_still",
     "kernel",
     "leak",
     "quantity",
     "refuse",
     "register",
+    "rows",
+    "runge_kutta",
+    "step_adaptively",
+    "step_evenly",
+    "step_whole",
 ]
 
 if not TYPE_CHECKING:

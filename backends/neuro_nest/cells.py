@@ -12,7 +12,7 @@ from neuro.program.program import Floats, Population
 from neuro_nest.kernel import set_nodes, told
 from neuro_nest.ranks import Ranks
 from neuro_nest.sources import Train
-from neuro_nest.tables import ENDLESS, NODES
+from neuro_nest.tables import ENDLESS, NODES, RK4, UNREADABLE
 
 _WITH_E_L = ("V_th", "V_reset", "V_min", "V_m")
 """What NEST holds relative to E_L: told again with it, so that no rounding moves it."""
@@ -47,8 +47,8 @@ class Cells:
             return self.parameters | {word: np.array([value]) for word, value in span.items()}
         if self.part.kind != "neuron":
             return {}
-        shown = [state.name for state in self.part.model.states if state.name in ("V_m", "U_m")]
-        return self.parameters | {name: self.part.initial[name] for name in shown}
+        states = [state.name for state in self.part.model.states if not (state.hidden or state.follows)]
+        return self.parameters | {name: self.part.initial[name] for name in states if name not in UNREADABLE}
 
     def emit(self, spikes: Train) -> None:
         """Let the injectors fire."""
@@ -95,7 +95,7 @@ class Cells:
         if "E_L" in values:
             beside = [n for n in _WITH_E_L if n not in values and (n in self.parameters or n == "V_m")]
             values = {n: self.get(n) for n in beside} | dict(values)
-        words = {name: self._in_words_of_nest(name, each) for name, each in values.items()}
+        words = {name: self._in_words_of_nest(name, each) for name, each in values.items() if name != RK4}
         own = {name: each for name, each in words.items() if len(each) > 1}
         shared = {name: each[0] for name, each in words.items() if name not in own}
         neurons = [shared | {name: own[name][i] for name in own} for i in range(self.part.size)] if own else [shared]

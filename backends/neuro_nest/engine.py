@@ -14,8 +14,8 @@ from neuro.program.program import Floats, Ints, Program
 from neuro_nest import kernel
 from neuro_nest.kernel import told
 from neuro_nest.net import Net
-from neuro_nest.problems import FINITE, NO_LEAK, has_new_current
-from neuro_nest.tables import OF_TARGET, SHARED, UNREADABLE
+from neuro_nest.problems import ELSEWHERE, FINITE, NO_LEAK, RKF45_ONLY, has_new_current
+from neuro_nest.tables import OF_TARGET, RK4, SHARED, UNREADABLE
 from neuro_nest.wires import Wires
 
 _WORDS = {"K_plus": "Kplus"}
@@ -74,6 +74,8 @@ class NestEngine:
         part = self.program.populations[population]
         for name in values:
             self._check_shown(population, name)
+        if np.any(values.get(RK4, 0.0) != 0.0):
+            raise ModelError(f"{RK4} of '{part.name}' cannot change: {RKF45_ONLY}", hint=ELSEWHERE)
         if has_new_current(self.net.cells[population].parameters, values):
             raise ModelError(f"I_e of '{part.name}' cannot change: {NO_LEAK}", hint=FINITE)
         self.net.cells[population].set(values)

@@ -9,10 +9,11 @@ import numpy as np
 from neuro.model.neurons import dc_generator
 from neuro.program.backend import Problem, floats_only
 from neuro.program.program import Floats, Population, Program, Projection
-from neuro_nest.tables import ALWAYS, NODES, OF_TARGET, SYNAPSE_MODELS, SYNAPSES, TICKS_PER_MS, UNREADABLE
+from neuro_nest.tables import ALWAYS, NODES, OF_TARGET, RK4, SYNAPSE_MODELS, SYNAPSES, TICKS_PER_MS, UNREADABLE
 
 ELSEWHERE = "backend 'event' runs it"
 NO_LEAK = "with an infinite tau_m NEST's propagator of a current, tau_m / C_m (1 - exp(-h / tau_m)), is no number"
+RKF45_ONLY = "NEST integrates by RKF45"
 FINITE = "use a large tau_m, say 1e6"
 
 
@@ -54,6 +55,8 @@ def _of_population(program: Program, index: int, part: Population) -> Iterator[P
     if part.model.name not in NODES:
         yield _refused(f"{told}: {part.model.name}", "NEST has no such model", ELSEWHERE, part)
         return
+    if np.any(part.parameters.get(RK4, 0.0) != 0.0):
+        yield _refused(f"{told}: {RK4}", RKF45_ONLY, f"leave it out, or {ELSEWHERE}", part)
     for name, values in part.initial.items():
         if name in UNREADABLE and np.any(values != 0.0):
             yield _refused(f"{told}: initial {name}", "NEST's starts at 0", ELSEWHERE, part)

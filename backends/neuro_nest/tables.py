@@ -7,6 +7,12 @@ NODES = {
     "iaf_psc_exp": "iaf_psc_exp",
     "iaf_psc_alpha": "iaf_psc_alpha",
     "izhikevich": "izhikevich",
+    "aeif_cond_exp": "aeif_cond_exp",
+    "aeif_psc_exp": "aeif_psc_exp",
+    "hh_psc_alpha": "hh_psc_alpha",
+    "iaf_cond_alpha": "iaf_cond_alpha",
+    "mat2_psc_exp": "mat2_psc_exp",
+    "iaf_cond_exp": "iaf_cond_exp",
     "parrot_neuron": "parrot_neuron",
     "poisson_generator": "spike_train_injector",
     "spike_generator": "spike_train_injector",
@@ -49,6 +55,9 @@ OF_TARGET = frozenset({"tau_minus_triplet"})
 
 UNREADABLE = frozenset({"I_syn_ex", "I_syn_in", "dI_syn_ex", "dI_syn_in"})
 """States that NEST neither shows nor sets between two steps: currents it records, a step late, slopes not at all."""
+
+RK4 = "rk4_substeps"
+"""Our parameter that NEST has not: what it integrates, it integrates by RKF45."""
 
 TICKS_PER_MS = 1000
 """NEST's clock ticks in microseconds."""

@@ -102,14 +102,16 @@ def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -
             raise ModelError(
                 f"{model.name}.rate = {rate:g} Hz: expected at most {limit:g} Hz, {LARGEST_MEAN:g} spikes a step"
             )
-    if "V_reset" in parameters and "V_th" in parameters:
-        v_reset, v_th = np.broadcast_arrays(parameters["V_reset"], parameters["V_th"])
-        bad = np.flatnonzero(v_reset >= v_th)
+    top = "V_peak" if "V_peak" in model.quantities() else "V_th"
+    if "V_reset" in parameters and top in parameters:
+        v_reset, v_top = np.broadcast_arrays(parameters["V_reset"], parameters[top])
+        bad = np.flatnonzero(v_reset >= v_top)
         if bad.size:
             where = f"[{bad[0]}]" if v_reset.size > 1 else ""
             raise ModelError(
-                f"{model.name}.V_reset{where} = {v_reset[bad[0]]:g} mV: expected less than V_th = {v_th[bad[0]]:g} mV",
-                hint="lower V_reset or raise V_th",
+                f"{model.name}.V_reset{where} = {v_reset[bad[0]]:g} mV: "
+                f"expected less than {top} = {v_top[bad[0]]:g} mV",
+                hint=f"lower V_reset or raise {top}",
             )
     if "t_ref" in parameters:
         clock.steps(parameters["t_ref"], f"{model.name}.t_ref")
@@ -211,6 +213,9 @@ def _check_groups(net: Network) -> None:
         model = net.populations[of].model
         if "V_m" not in recordable(net.populations[of]) or "V_th" not in model.quantities():
             refuse(part, f"winner_take_all of '{of}', a {model.name}: expected neurons with V_m and V_th")
+        if isinstance(model, Neuron) and model.resets_in_step:
+            told = f"winner_take_all of '{of}', a {model.name}, which resets itself before a group can choose"
+            refuse(part, f"{told}: expected neurons that a group resets")
         if of in members:
             refuse(part, f"'{of}' is already in group '{members[of]}': expected one group for each population")
         members[of] = part.name

@@ -124,6 +124,8 @@ def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], s
     for name, value in part.initial.items():
         key = (seed, "initial", f"{part.name}.{name}")
         with telling(part):
+            if any(state.follows for state in part.model.states if state.name == name):
+                raise ModelError(f"initial.{name} follows from the other states: set those")
             start[name] = per_neuron(value, shape, f"initial.{name}", key)
     return start
 

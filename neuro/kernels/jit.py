@@ -73,12 +73,12 @@ def merged(function: Callable[..., Any]) -> Any:
 
 
 @cache
-def compiled(function: FunctionType) -> Any:
-    """Compile a model's plain function together with the plain functions that it calls."""
+def compiled(function: FunctionType, how: Callable[[Callable[..., Any]], Any] = inner) -> Any:
+    """Compile a model's plain function; the plain functions that it calls, or hands on, are merged into it."""
     scope = dict(function.__globals__)
     for name in function.__code__.co_names:
         called = scope.get(name)
         if isinstance(called, FunctionType):
-            scope[name] = compiled(called)
+            scope[name] = compiled(called, merged)
     twin = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
-    return inner(twin)
+    return how(twin)

@@ -27,7 +27,8 @@ _WEIGHT = Quantity(arrays=True)
 _FIXED = ("deliver_interval",)
 _DRAWN = "a distribution is drawn where connections are made: net.connect(..., weight=...)"
 _KNOWN: dict[type[Model], dict[str, Quantity]] = {}
-_PARTNERS = {"V_th": "V_reset", "V_reset": "V_th"}
+_PARTNERS = (("V_th", "V_reset"), ("V_reset", "V_th"), ("V_peak", "V_reset"), ("V_reset", "V_peak"))
+"""Parameters that are checked together."""
 
 
 def _quantities(model: Model) -> dict[str, Quantity]:
@@ -65,6 +66,8 @@ def new_values(part: Population, word: str, value: Any, seed: int, step: int) ->
     if word in part.parameters:
         q = _quantities(part.model)[word]
     elif word in states(part):
+        if any(state.follows for state in part.model.states if state.name == word):
+            raise ModelError(f"{part.model.name}.{word} of '{part.name}' follows from its other states: set those")
         q = _STATE
     else:
         known = [*part.parameters, *states(part)]
@@ -115,7 +118,7 @@ def check_together(program: Program, index: int, new: Mapping[str, Floats], engi
             hint="change the network and compile again",
         )
     together = {word: array for word, array in new.items() if word in part.parameters}
-    for word, partner in _PARTNERS.items():
+    for word, partner in _PARTNERS:
         if word in together and partner in part.parameters and partner not in together:
             together[partner] = engine.get(index, partner)
     try:

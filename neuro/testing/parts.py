@@ -22,12 +22,11 @@ Part = Model | Synapse | Rule
 
 _N = 70  # more than a block of neurons, and no multiple of one
 _SHEET = (7, 10)  # as many
-_MS = 40.0
 _WEIGHTS = (1.0, 20.0, 400.0)  # for neurons of unknown units: some hardly hear, some hardly rest
 _RATES = (5.0, 80.0)
 
 
-def check_part(part: str | Part, backend: str | Backend = "event") -> None:
+def check_part(part: str | Part, backend: str | Backend = "event", *, ms: float = 40.0) -> None:
     """Run networks around a part on a backend and on the reference, and compare all that can be read.
 
     They are nearly silent and busy, are cut and reset on the way, have all that can be set set to another value, and
@@ -36,6 +35,7 @@ def check_part(part: str | Part, backend: str | Backend = "event") -> None:
     Args:
         part: the name of one that is registered, which is tried with its defaults, or an instance.
         backend: its name, or the backend itself.
+        ms: how long each network runs; a part that takes long to step as plain Python can be tried for less.
 
     Raises:
         AssertionError: they differ; it says in which network, and in what.
@@ -43,9 +43,9 @@ def check_part(part: str | Part, backend: str | Backend = "event") -> None:
     """
     chosen = _made(part) if isinstance(part, str) else part
     for net in _networks(chosen):
-        expected = _found(compile(net, "reference", seed=1), chosen)
+        expected = _found(compile(net, "reference", seed=1), chosen, ms)
         for threads in (1, 2):
-            found = _found(compile(net, backend, seed=1, threads=threads), chosen)
+            found = _found(compile(net, backend, seed=1, threads=threads), chosen, ms)
             told = differences(expected, found, exact=False)
             assert not told, f"{chosen.name} in '{net.name}', {threads} threads\n  " + "\n  ".join(told)
 
@@ -62,19 +62,19 @@ def _made(name: str) -> Part:
     raise ModelError(f"there is no model, synapse model or connection rule '{name}'", hint=nearest(name, known))
 
 
-def _found(sim: Simulation, part: Part) -> Found:
+def _found(sim: Simulation, part: Part, ms: float) -> Found:
     """What is read after a run, after another in two pieces from the same beginning, and after a change of all."""
-    sim.run(_MS)
+    sim.run(ms)
     first = observe(sim)
     sim.reset(weights=True)
-    sim.run(0.3 * _MS)
+    sim.run(0.3 * ms)
     middle = observe(sim)
-    sim.run(0.7 * _MS)
+    sim.run(0.7 * ms)
     told = differences(first, observe(sim), exact=True)
     assert not told, f"{sim.program.name}: a run that is cut differs\n  " + "\n  ".join(told)
     _change(sim, part)
-    sim.run(_MS)
-    told_at = {f"at {0.3 * _MS} ms": middle, "after sim.set": observe(sim)}
+    sim.run(ms)
+    told_at = {f"at {0.3 * ms:g} ms": middle, "after sim.set": observe(sim)}
     return first | {f"{name}, {when}": value for when, found in told_at.items() for name, value in found.items()}
 
 

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import Clock
 
+LIMIT = 1e-9
+"""Deviation that is accepted of values that two simulators compute in the same way."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Golden:
@@ -34,6 +37,7 @@ class Comparison:
         message: where, if that is known.
         case: which of a file's cases, "" if it holds one.
         exact: whether no deviation is accepted.
+        limit: the largest deviation that is accepted otherwise.
     """
 
     quantity: str
@@ -41,3 +45,4 @@ class Comparison:
     message: str = ""
     case: str = ""
     exact: bool = False
+    limit: float = LIMIT

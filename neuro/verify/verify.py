@@ -21,8 +21,6 @@ from neuro.verify.chips import chip_of
 from neuro.verify.comparison import Comparison, Golden
 from neuro.verify.nest import compare
 
-LIMIT = 1e-9
-
 
 @dataclass(frozen=True, slots=True)
 class Result:
@@ -52,6 +50,8 @@ def verify(
     progress: Callable[[str], None] = lambda name: None,
 ) -> list[Result]:
     """Run every case of a folder on a backend: spikes must be equal, values equal within 1e-9, those of chips exactly.
+
+    Of neurons that NEST integrates by adaptive steps, values are equal within what `neuro.verify.nest.LIMITS` says.
 
     A case that cannot be read or is of an unknown kind is a result that is not ok, with a message.
 
@@ -110,7 +110,7 @@ def _failed(message: str) -> Comparison:
 
 
 def _judge(case: str, found: Comparison) -> Result:
-    limit = 0.0 if found.exact or found.quantity in ("spikes", "case") else LIMIT
+    limit = 0.0 if found.exact or found.quantity in ("spikes", "case") else found.limit
     ok = bool(found.error <= limit)
     message = "" if ok else found.message or f"it deviates by {found.error:.3g}: expected at most {limit:g}"
     case = f"{case}: {found.case}" if found.case else case

@@ -1,19 +1,36 @@
 """Population models, one a file, and the registry of all."""
 
 from neuro.core.registry import Registry
+from neuro.model.neurons.aeif_cond_exp import aeif_cond_exp
+from neuro.model.neurons.aeif_psc_exp import aeif_psc_exp
 from neuro.model.neurons.base import Generator, Model, Neuron, State, complete
 from neuro.model.neurons.encode import encode
 from neuro.model.neurons.generators import dc_generator, poisson_generator, spike_generator
+from neuro.model.neurons.hh_psc_alpha import hh_psc_alpha
+from neuro.model.neurons.iaf_cond_alpha import iaf_cond_alpha
+from neuro.model.neurons.iaf_cond_exp import iaf_cond_exp
 from neuro.model.neurons.iaf_psc_alpha import iaf_psc_alpha
 from neuro.model.neurons.iaf_psc_delta import iaf_psc_delta
 from neuro.model.neurons.iaf_psc_exp import iaf_psc_exp
+from neuro.model.neurons.iaf_psc_exp_adaptive_threshold import iaf_psc_exp_adaptive_threshold
 from neuro.model.neurons.izhikevich import izhikevich
 from neuro.model.neurons.loihi_lif import loihi_lif
+from neuro.model.neurons.mat2_psc_exp import mat2_psc_exp
 from neuro.model.neurons.parrot_neuron import parrot_neuron
 from neuro.model.neurons.spinnaker_lif import spinnaker_lif
 
 GENERATORS: tuple[type[Generator], ...] = (poisson_generator, spike_generator, dc_generator, encode)
-NEURONS: tuple[type[Neuron], ...] = (parrot_neuron, iaf_psc_delta, iaf_psc_exp, iaf_psc_alpha, izhikevich)
+INTEGRATED: tuple[type[Neuron], ...] = (iaf_cond_exp, iaf_cond_alpha, aeif_cond_exp, aeif_psc_exp, hh_psc_alpha)
+NEURONS: tuple[type[Neuron], ...] = (
+    parrot_neuron,
+    iaf_psc_delta,
+    iaf_psc_exp,
+    iaf_psc_alpha,
+    izhikevich,
+    *INTEGRATED,
+    mat2_psc_exp,
+    iaf_psc_exp_adaptive_threshold,
+)
 NATIVE: tuple[type[Neuron], ...] = (loihi_lif, spinnaker_lif)
 """Neurons in the registers of a chip; they have no float arithmetic."""
 
@@ -35,13 +52,20 @@ __all__ = [
     "Model",
     "Neuron",
     "State",
+    "aeif_cond_exp",
+    "aeif_psc_exp",
     "dc_generator",
     "encode",
+    "hh_psc_alpha",
+    "iaf_cond_alpha",
+    "iaf_cond_exp",
     "iaf_psc_alpha",
     "iaf_psc_delta",
     "iaf_psc_exp",
+    "iaf_psc_exp_adaptive_threshold",
     "izhikevich",
     "loihi_lif",
+    "mat2_psc_exp",
     "parrot_neuron",
     "poisson_generator",
     "spike_generator",

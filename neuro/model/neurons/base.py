@@ -39,12 +39,16 @@ EMITTING = {"constants": 3, "emit": 7}
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A state variable: its name, unit and meaning. Hidden ones count steps and are not recorded."""
+    """A state variable: its name, unit and meaning.
+
+    Hidden ones count steps and are not recorded. One that follows from others is recorded, not set.
+    """
 
     name: str
     unit: str
     doc: str
     hidden: bool = False
+    follows: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,6 +93,8 @@ class Neuron(Model):
         receptors: 1, all input is summed; 2, positive weights go to the first and negative to the second.
         relay: whether a spike carries the multiplicity that arrived, whatever the weight.
         linear: whether n quiet steps equal one step with the constants of n h.
+        resets_in_step: whether `step` itself resets a neuron that spikes, and `fire` does nothing; a winner-take-all
+            group, which chooses between the two, cannot have such neurons.
         arithmetic: the module with `constants`, `step`, `fire` and `quiet`, see above: that of the class. The first
             constant is the threshold and the first state V_m, where the model has them.
     """
@@ -97,6 +103,7 @@ class Neuron(Model):
     receptors: ClassVar[int] = 1
     relay: ClassVar[bool] = False
     linear: ClassVar[bool] = False
+    resets_in_step: ClassVar[bool] = False
     arithmetic: ClassVar[OfModule] = OfModule(("step", "fire", "quiet"))
 
     tau_minus: Value = quantity(

@@ -1,0 +1,102 @@
+"""What the adaptive exponential neurons share: their constants, and a step in which V may be reset on the way.
+
+A model has the rows V_m, w, two of its synapses, and the hidden ones below; its `system` and `rates` say the rest.
+
+Source: NEST 3.10, `aeif_cond_exp` and `aeif_psc_exp`.
+"""
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+from neuro.model.neurons.base import State
+from neuro.model.neurons.integrators import advance, fehlberg, finite_exp, is_still, rows, runge_kutta, step_whole
+
+HIDDEN = (
+    State("refractory", "steps", "steps left to hold V_m", hidden=True),
+    State("size", "ms", "adaptive step, 0 for a whole step of the grid", hidden=True),
+)
+
+V_M, W, _, _, REFRACTORY, SIZE = range(6)
+V_TH, V_RESET, V_PEAK, B, R, H, TOLERANCE, SUBSTEPS, BY_C, G_L, E_L, DELTA_T, A, BY_TAU_W = range(14)
+
+rkf45, rk4, (take, put) = fehlberg(4), runge_kutta(4), rows(4)
+
+
+def membrane(p, h, c):
+    """Fill the constants above for a step of h ms.
+
+    `p` begins with tau_minus, C_m, g_L, t_ref, E_L, V_reset, V_th, V_peak, Delta_T, a, b and tau_w.
+    """
+    c[BY_C], c[G_L], c[R], c[E_L], c[V_RESET], c[V_TH] = 1.0 / p[1], p[2], round(p[3] / h), p[4], p[5], p[6]
+    c[V_PEAK] = p[7] if p[8] > 0.0 else p[6]
+    c[DELTA_T], c[A], c[B], c[BY_TAU_W], c[H] = p[8], p[9], p[10], 1.0 / p[11], h
+
+
+def flowing(v, w, c_of_membrane, current):
+    """Derivatives of V_m and w without refractoriness."""
+    by_c, g_l, e_l, v_th, delta_t, a, by_tau_w = c_of_membrane
+    upswing = 0.0 if delta_t == 0.0 else g_l * delta_t * finite_exp((v - v_th) / delta_t)
+    return (current + upswing - g_l * (v - e_l) - w) * by_c, (a * (v - e_l) - w) * by_tau_w
+
+
+def of_membrane(c):
+    """What `flowing` needs."""
+    return c[BY_C], c[G_L], c[E_L], c[V_TH], c[DELTA_T], c[A], c[BY_TAU_W]
+
+
+def step_and_reset(rates, system, s, c, i_0, lo, hi, fired):
+    """A step of the grid with a spike test after each step of the integrator, as in NEST."""
+    if c[SUBSTEPS] == 0.0:
+        step_adaptively(rates, system, s, c, i_0, lo, hi, fired)
+    else:
+        step_evenly(rates, system, s, c, i_0, lo, hi, fired)
+    for i in range(lo, hi):
+        s[REFRACTORY, i] -= s[REFRACTORY, i] != 0.0
+
+
+def step_adaptively(rates, system, s, c, i_0, lo, hi, fired):
+    """By RKF45."""
+    h, tolerance = c[H], c[TOLERANCE]
+    step_whole(rkf45, take, put, rates, system, s, c, i_0, lo, hi, h, SIZE, tolerance, fired)
+    for i in range(lo, hi):
+        if not fired[i]:
+            fired[i] = reset(s, c, i)
+            continue
+        t, size, spiked = 0.0, s[SIZE, i], False
+        while t < h:
+            y, t, size = advance(rkf45, rates, take(s, i), system(s, c, i_0, i), t, h, size, tolerance)
+            put(s, i, y)
+            spiked |= reset(s, c, i)
+        s[SIZE, i] = size
+        fired[i] = spiked
+
+
+def step_evenly(rates, system, s, c, i_0, lo, hi, fired):
+    """By RK4."""
+    h = c[H] / c[SUBSTEPS]
+    for i in range(lo, hi):
+        fired[i] = False
+    for _ in range(int(c[SUBSTEPS])):
+        for i in range(lo, hi):
+            put(s, i, rk4(rates, take(s, i), system(s, c, i_0, i), h))
+            fired[i] |= reset(s, c, i)
+
+
+def reset(s, c, i):
+    """Hold V while it is refractory, reset it at V_peak; return whether it was there."""
+    held = s[REFRACTORY, i] != 0.0
+    spiked = not held and s[V_M, i] >= c[V_PEAK]
+    if held or spiked:
+        s[V_M, i] = c[V_RESET]
+    if spiked:
+        s[W, i] += c[B]
+        s[REFRACTORY, i] = 0.0 if c[R] == 0.0 else c[R] + 1.0  # one is taken off when this step of the grid ends
+    return spiked
+
+
+def is_quiet(rates, system, s, c, i_0, lo, hi):
+    """At rest: a step without input leaves every bit where it is."""
+    for i in range(lo, hi):
+        if s[REFRACTORY, i] != 0.0 or s[SIZE, i] != 0.0 or s[V_M, i] >= c[V_PEAK]:
+            return False
+        if not is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, c[H], c[SUBSTEPS]):
+            return False
+    return True

@@ -1,0 +1,120 @@
+"""The adaptive exponential neuron with exponentially decaying conductances."""
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from neuro.core.quantities import Value, quantity
+from neuro.model.neurons.adaptive_exponential import (
+    HIDDEN,
+    REFRACTORY,
+    SUBSTEPS,
+    TOLERANCE,
+    V_PEAK,
+    V_RESET,
+    flowing,
+    is_quiet,
+    membrane,
+    of_membrane,
+    step_and_reset,
+)
+from neuro.model.neurons.base import Neuron, State
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class aeif_cond_exp(Neuron):
+    """Adaptive exponential neuron; a spike adds its weight in nS to a conductance that decays exponentially.
+
+    Positive weights open the excitatory conductance, negative ones the inhibitory, by their absolute value. Integrated
+    by NEST's adaptive RKF45, of which no step errs by more than `gsl_error_tol`; with `rk4_substeps` by so many steps
+    of RK4 in each step of the grid. V_m is tested and reset after each step of the integrator; of two spikes within
+    a step of the grid one is emitted. With `Delta_T` 0 there is no upswing, and it spikes at V_th.
+
+    Source: NEST 3.10, `aeif_cond_exp`; Brette & Gerstner, J. Neurophysiol. 94:3637, 2005.
+    """
+
+    equation: ClassVar[str] = (
+        "C_m V_m' = -g_L (V_m - E_L) + g_L Delta_T exp((V_m - V_th)/Delta_T) - w - g_ex (V_m - E_ex) "
+        "- g_in (V_m - E_in) + I; tau_w w' = a (V_m - E_L) - w; g' = -g/tau_syn + sum |w_syn| delta(t - t_spike); "
+        "at V_m >= V_peak: V_m = V_reset, w += b"
+    )
+    source: ClassVar[str] = "NEST 3.10 aeif_cond_exp; Brette & Gerstner, J. Neurophysiol. 94:3637, 2005"
+    states: ClassVar[tuple[State, ...]] = (
+        State("V_m", "mV", "membrane potential"),
+        State("w", "pA", "adaptation current"),
+        State("g_ex", "nS", "excitatory conductance"),
+        State("g_in", "nS", "inhibitory conductance"),
+        *HIDDEN,
+    )
+    receptors: ClassVar[int] = 2
+    resets_in_step: ClassVar[bool] = True
+
+    C_m: Value = quantity(281.0, "pF", "membrane capacity", above=0, arrays=True)
+    g_L: Value = quantity(30.0, "nS", "leak conductance", at_least=0, arrays=True)
+    t_ref: Value = quantity(0.0, "ms", "refractory period", at_least=0, arrays=True)
+    E_L: Value = quantity(-70.6, "mV", "leak reversal potential", arrays=True)
+    V_reset: Value = quantity(-60.0, "mV", "potential after a spike", arrays=True)
+    V_th: Value = quantity(-50.4, "mV", "potential where the upswing begins", arrays=True)
+    V_peak: Value = quantity(0.0, "mV", "threshold", arrays=True)
+    Delta_T: Value = quantity(2.0, "mV", "width of the upswing", at_least=0, arrays=True)
+    a: Value = quantity(4.0, "nS", "adaptation to V_m", arrays=True)
+    b: Value = quantity(80.5, "pA", "adaptation to a spike", arrays=True)
+    tau_w: Value = quantity(144.0, "ms", "time constant of adaptation", above=0, arrays=True)
+    E_ex: Value = quantity(0.0, "mV", "excitatory reversal potential", arrays=True)
+    E_in: Value = quantity(-85.0, "mV", "inhibitory reversal potential", arrays=True)
+    tau_syn_ex: Value = quantity(0.2, "ms", "decay of the excitatory conductance", above=0, arrays=True)
+    tau_syn_in: Value = quantity(2.0, "ms", "decay of the inhibitory conductance", above=0, arrays=True)
+    I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
+    gsl_error_tol: Value = quantity(1e-6, "", "largest error of a step of RKF45", above=0, arrays=True)
+    rk4_substeps: int = quantity(0, "", "steps of RK4 in a step of the grid, 0: RKF45", kind="integer", at_least=0)
+
+    @staticmethod
+    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """V_m starts at E_L."""
+        return {"V_m": parameters["E_L"]}
+
+
+V_M, W, G_EX, G_IN = range(4)
+E_EX, E_IN, RATE_EX, RATE_IN, I_E = range(14, 19)
+
+
+def constants(p, h, c):
+    """Fill `c` for a step of h ms; `p` is tau_minus, then the parameters above in order."""
+    membrane(p, h, c)
+    c[E_EX], c[E_IN], c[RATE_EX], c[RATE_IN] = p[12], p[13], -1.0 / p[14], -1.0 / p[15]
+    c[I_E], c[TOLERANCE], c[SUBSTEPS] = p[16], p[17], p[18]
+
+
+def rates(y, p):
+    """Derivatives of V_m, w, g_ex and g_in; V_m counts as V_peak where it is above, as V_reset while it is held."""
+    v, w, g_ex, g_in = y
+    fixed, v_peak, v_reset, e_ex, e_in, rate_ex, rate_in, current, held = p
+    v = v_reset if held else (v if v < v_peak else v_peak)
+    v_slope, w_slope = flowing(v, w, fixed, current - g_ex * (v - e_ex) - g_in * (v - e_in))
+    return 0.0 if held else v_slope, w_slope, rate_ex * g_ex, rate_in * g_in
+
+
+def system(s, c, i_0, i):
+    """What `rates` needs."""
+    current, held = c[I_E] + i_0[i], s[REFRACTORY, i] != 0.0
+    return of_membrane(c), c[V_PEAK], c[V_RESET], c[E_EX], c[E_IN], c[RATE_EX], c[RATE_IN], current, held
+
+
+def step(s, c, x, i_0, lo, hi, fired):
+    """One step, with the resets in it, then the input."""
+    step_and_reset(rates, system, s, c, i_0, lo, hi, fired)
+    for i in range(lo, hi):
+        s[G_EX, i] += x[0, i]
+        s[G_IN, i] -= x[1, i]
+
+
+def fire(s, c, i):
+    """Nothing is left to reset."""
+
+
+def quiet(s, c, i_0, lo, hi):
+    """At rest."""
+    return is_quiet(rates, system, s, c, i_0, lo, hi)

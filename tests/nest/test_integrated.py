@@ -1,0 +1,61 @@
+"""Random networks of the neurons with integrators, and of mat2_psc_exp: the event backend does what NEST does."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, seed, settings
+
+import neuro
+from neuro.model.neurons import Neuron
+from neuro.testing.integrated import DRIVES, DURATION, integrated_networks
+
+LIMITS = {"mat2_psc_exp": 1e-11, "hh_psc_alpha": 1e-6, "aeif_cond_exp": 1e-2, "aeif_psc_exp": 1e-2}
+"""Deviations of V_m in mV; of the others 1e-9. Where V rises steeply within an adaptive step, rounding grows."""
+
+SETTINGS = settings(
+    max_examples=8,
+    deadline=None,
+    database=None,
+    suppress_health_check=list(HealthCheck),
+    phases=[Phase.generate],
+)
+
+
+def found(net: neuro.Network, backend: str) -> tuple[list[tuple[float, int]], np.ndarray]:
+    sim = neuro.compile(net, backend)
+    sim.run(DURATION)
+    times, ids = sim.spikes("cells")
+    return list(zip(times.tolist(), ids.tolist(), strict=True)), sim.trace("V_m")[1]
+
+
+@pytest.mark.parametrize("model", DRIVES, ids=lambda model: model.__name__)
+def test_event_does_what_nest_does(model: type[Neuron], nest):
+    spikes = []
+
+    def check(net: neuro.Network) -> None:
+        expected, ours = found(net, "nest"), found(net, "event")
+        assert ours[0] == expected[0]
+        assert np.abs(ours[1] - expected[1]).max() <= LIMITS.get(model.__name__, 1e-9)
+        spikes.extend(expected[0])
+
+    seed(5)(SETTINGS(given(integrated_networks(model))(check)))()
+    assert spikes
+
+
+def test_rk4_is_refused(nest):
+    net = neuro.Network("even")
+    net.population("cells", 2, neuro.iaf_cond_exp(rk4_substeps=2))
+    with pytest.raises(neuro.ModelError) as error:
+        neuro.compile(net, "nest")
+    assert "population 'cells': rk4_substeps: NEST integrates by RKF45" in str(error.value)
+    assert "leave it out, or backend 'event' runs it" in str(error.value)
+
+
+@pytest.mark.parametrize("chip", ["loihi", "spinnaker"])
+def test_chips_tell_which_neurons_they_have(chip: str):
+    net = neuro.Network("chip", resolution=1.0)
+    net.population("cells", 2, neuro.iaf_psc_exp_adaptive_threshold())
+    with pytest.raises(neuro.ModelError) as error:
+        neuro.compile(net, chip)
+    assert "population 'cells': iaf_psc_exp_adaptive_threshold" in str(error.value)
+    assert "has no such neuron" in str(error.value)
+    assert "use iaf_psc_exp, or run on event" in str(error.value)
