@@ -126,6 +126,9 @@ def _check_ends(net: Network, part: Projection) -> None:
             refuse(
                 part, f"a current from '{part.source}' into '{part.target}', a {target.name}: expected neurons with V_m"
             )
+        if not target.takes_current:
+            message = f"a current from '{part.source}' into '{part.target}', a {target.name}, whose equations have no I"
+            refuse(part, f"{message}: expected neurons that take currents", "add + I/C_m to the equation of V_m")
         if part.synapse.learns:
             refuse(
                 part,
@@ -212,6 +215,13 @@ def _check_groups(net: Network) -> None:
         model = net.populations[of].model
         if "V_m" not in recordable(net.populations[of]) or "V_th" not in model.quantities():
             refuse(part, f"winner_take_all of '{of}', a {model.name}: expected neurons with V_m and V_th")
+        if isinstance(model, Neuron) and not model.competes:
+            refuse(
+                part,
+                f"winner_take_all of '{of}', a {model.name}: expected neurons that spike at V_m >= V_th, "
+                "at the end of a step",
+                "integrate by exact, exponential_euler or euler",
+            )
         if of in members:
             refuse(part, f"'{of}' is already in group '{members[of]}': expected one group for each population")
         members[of] = part.name

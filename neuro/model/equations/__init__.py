@@ -1,0 +1,40 @@
+"""Models as equations: a neuron or a rule as text, with no code run, compiled like any model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from neuro.core.errors import ModelError, here
+from neuro.model.equations.neuron import EquationNeuron, neuron
+
+__all__ = ["EquationNeuron", "equations"]
+
+
+def equations(name: str, **words: Any) -> type[EquationNeuron]:
+    """Make a model from equations; its instances are models as any other, e.g. `adex(C_m=200.0)`.
+
+    Args:
+        name: of the model.
+        words: its words, as in the section `models` of a network file: `equations`, `let`, `receptors`, `threshold`,
+            `reset`, `refractory`, `parameters`, `initial`, `integrator`, `doc`, `source`.
+
+    Returns:
+        The class of the model; the same words give the same class.
+
+    Raises:
+        ModelError: the first mistake, with its column where it is in an expression.
+    """
+    try:
+        return made(name, words)
+    except ModelError as error:
+        raise error.at(here(), f"model '{name}'") from None
+
+
+def made(name: str, words: Mapping[str, Any]) -> type[EquationNeuron]:
+    """The class of a model, by the words that define it.
+
+    Raises:
+        ModelError: the first mistake in the words; its path leads there.
+    """
+    return neuron(name, words)
