@@ -215,12 +215,11 @@ def _check_groups(net: Network) -> None:
         model = net.populations[of].model
         if "V_m" not in recordable(net.populations[of]) or "V_th" not in model.quantities():
             refuse(part, f"winner_take_all of '{of}', a {model.name}: expected neurons with V_m and V_th")
-        if isinstance(model, Neuron) and not model.competes:
+        if isinstance(model, Neuron) and model.resets_in_step:
             refuse(
                 part,
-                f"winner_take_all of '{of}', a {model.name}: expected neurons that spike at V_m >= V_th, "
-                "at the end of a step",
-                "integrate by exact, exponential_euler or euler",
+                f"winner_take_all of '{of}', a {model.name}, which resets itself before a group can choose: "
+                "expected neurons that a group resets",
             )
         if of in members:
             refuse(part, f"'{of}' is already in group '{members[of]}': expected one group for each population")

@@ -6,7 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from neuro.core.errors import ModelError, here
+from neuro.model.equations.definition import WORDS, check_name, mapping
 from neuro.model.equations.neuron import EquationNeuron, neuron
+from neuro.model.equations.parameters import NAME
+from neuro.model.neurons import MODELS
 
 __all__ = ["EquationNeuron", "equations"]
 
@@ -37,4 +40,11 @@ def made(name: str, words: Mapping[str, Any]) -> type[EquationNeuron]:
     Raises:
         ModelError: the first mistake in the words; its path leads there.
     """
+    mapping(words, WORDS, "a model")
+    try:
+        check_name(name)
+    except ModelError:
+        raise ModelError(f"name '{name}': {NAME}") from None
+    if name in MODELS:
+        raise ModelError(f"'{name}' is a model of its own already: expected another name")
     return neuron(name, words)

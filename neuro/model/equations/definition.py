@@ -297,7 +297,8 @@ def _checked(d: Definition) -> Definition:
     dims = Dimensions(known, ())
     _check_taus(d, dims)
     _check_initial(d, known, states)
-    dims = Dimensions(known, states)
+    potential = {"V_m": VOLTAGE} if "V_m" in d.states else {}
+    dims = Dimensions(known | potential, tuple(name for name in states if name not in potential))
     for name, expression in d.let.items():
         with at("let", name):
             dims.names[name] = dims.powers(expression, expression.tree)
@@ -308,8 +309,6 @@ def _checked(d: Definition) -> Definition:
     for name, expression in d.initial.items():
         with at("initial", name):
             dims.check(expression, dims.name(name))
-    if "V_m" in d.states:
-        dims.same(dims.name("V_m"), Powers(VOLTAGE, {}))
     found = {}
     for name in states:
         dimension = dims.of(name)

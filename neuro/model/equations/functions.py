@@ -1,6 +1,7 @@
 """The functions of expressions, as plain Python that is also compiled.
 
-Nothing is raised: a result that is no number is NaN, as in compiled code.
+Nothing is raised: a result that is no number is NaN, as in compiled code. Their names differ from those in `math`:
+who compiles them would take the one for the other.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
@@ -22,29 +23,40 @@ ARGUMENTS = {
     "where": 3,
 }
 """The functions of the language and how many arguments each takes."""
+PUBLIC = (
+    *(f"of_{name}" for name in ARGUMENTS if name not in ("abs", "min", "max", "where")),
+    "where",
+    "power",
+    "divided",
+    "square",
+    "cube",
+    "fourth",
+    "resized",
+)
+"""What generated modules use."""
 
 
-def exp(x):
+def of_exp(x):
     """e^x, infinite beyond what a double holds."""
     return math.exp(x) if x < LARGEST_EXPONENT else (math.inf if x >= LARGEST_EXPONENT else math.nan)
 
 
-def expm1(x):
+def of_expm1(x):
     """e^x - 1, exact for small x."""
     return math.expm1(x) if x < LARGEST_EXPONENT else (math.inf if x >= LARGEST_EXPONENT else math.nan)
 
 
-def exprel(x):
+def of_exprel(x):
     """(e^x - 1)/x, 1 at 0."""
-    return 1.0 + 0.5 * x if abs(x) < 1e-8 else expm1(x) / x
+    return 1.0 + 0.5 * x if abs(x) < 1e-8 else of_expm1(x) / x
 
 
-def log(x):
+def of_log(x):
     """The natural logarithm; -infinite at 0, NaN below."""
     return math.log(x) if x > 0.0 else (-math.inf if x == 0.0 else math.nan)
 
 
-def sqrt(x):
+def of_sqrt(x):
     """The square root; NaN below 0."""
     return math.sqrt(x) if x >= 0.0 else math.nan
 
@@ -79,17 +91,17 @@ def where(condition, a, b):
     return a if condition else b
 
 
-def tanh(x):
+def of_tanh(x):
     """The hyperbolic tangent."""
     return math.tanh(x)
 
 
-def sin(x):
+def of_sin(x):
     """The sine; NaN of what is infinite."""
     return math.sin(x) if abs(x) < math.inf else math.nan
 
 
-def cos(x):
+def of_cos(x):
     """The cosine; NaN of what is infinite."""
     return math.cos(x) if abs(x) < math.inf else math.nan
 

@@ -13,6 +13,7 @@ from neuro.core.quantities import Quantity, Value
 from neuro.model.equations import steps
 from neuro.model.equations.definition import CURRENT_NAME, HELD, Definition, read
 from neuro.model.equations.exact import matrix_lines, quiet_lines, room, slope_of, system
+from neuro.model.equations.functions import PUBLIC
 from neuro.model.equations.generated import module
 from neuro.model.equations.grammar import Binary, Call, Name, Negative, Tree
 from neuro.model.equations.units import TIME, times, unit_of
@@ -20,12 +21,11 @@ from neuro.model.equations.writing import Constants, function
 from neuro.model.neurons.base import Neuron, State
 
 _CLASSES: dict[str, type[EquationNeuron]] = {}
-_FUNCTIONS = "exp, expm1, exprel, log, sqrt, tanh, sin, cos, where, power, divided, square, cube, fourth, resized"
 _HEAD = f"""\
 import math
 
 from neuro.model.equations.exponential import change, lasting, positive, relaxed
-from neuro.model.equations.functions import {_FUNCTIONS}
+from neuro.model.equations.functions import {", ".join(PUBLIC)}
 """
 
 
@@ -83,7 +83,7 @@ def _made(d: Definition) -> type[EquationNeuron]:
         "receptors": max(1, len(d.receptors)),
         "linear": whole.integrator == "exact",
         "width": width,
-        "competes": not whole.resets_in_step and d.threshold is not None and _is_plain(d.threshold.tree),
+        "resets_in_step": whole.resets_in_step,
         "takes_current": d.takes_current,
     }
     made: Any = make_dataclass(
@@ -100,14 +100,6 @@ def _field(q: Quantity, default: float) -> Any:
 
 def _period(unit: str, doc: str) -> Quantity:
     return Quantity(unit=unit, doc=doc or "refractory period", at_least=0, arrays=True)
-
-
-def _is_plain(tree: Tree) -> bool:
-    """Whether a threshold is V_m >= V_th, by which neurons of a group are ranked."""
-    match tree:
-        case Binary(">=" | ">", Name("V_m"), Name("V_th")):
-            return True
-    return False
 
 
 def _divisors(d: Definition) -> set[str]:

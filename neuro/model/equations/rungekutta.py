@@ -23,7 +23,7 @@ _NODES = (
 )
 _FIFTH = (902880 / 7618050, 0.0, 3953664 / 7618050, 3855735 / 7618050, -1371249 / 7618050, 277020 / 7618050)
 _ERROR = (1 / 360, 0.0, -128 / 4275, -2197 / 75240, 1 / 50, 2 / 55)
-SMALLEST = 1e-5
+SMALLEST = 1e-12
 """The smallest part of a step that is taken, however large its error."""
 
 

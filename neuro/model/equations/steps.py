@@ -165,14 +165,14 @@ def _relaxing(neuron: Neuron, name: str, tree: Tree, variables: dict[str, str]) 
     spelled = {**variables, "h": neuron.constants.place_of("h")}
     leaf = neuron.constants.leaf(spelled)
     rate, rest = written(exponent, leaf), written(row[""], leaf)
-    return f"{local(name)} * exp({rate}) + ({rest}) * {spelled['h']} * exprel({rate})"
+    return f"{local(name)} * of_exp({rate}) + ({rest}) * {spelled['h']} * of_exprel({rate})"
 
 
 def _kernel_updates(neuron: Neuron, receptor: Receptor) -> dict[str, str]:
     if receptor.tau is None:
         return {}
     tau = neuron.constants.of_parameters(receptor.tau.tree)
-    fall = neuron.constants.place_of(f"exp(divided(-h, {tau}))")
+    fall = neuron.constants.place_of(f"of_exp(divided(-h, {tau}))")
     value = local(receptor.name)
     if receptor.kernel == "exp":
         return {receptor.name: f"{fall} * {value}"}

@@ -50,11 +50,12 @@ def times(a: Dimension, b: Dimension, power: Fraction | int = 1) -> Dimension:
 
 def unit_of(dimension: Dimension) -> str:
     """How a dimension is written: "mV", "pA/ms", "1/(mV ms)"; "" for none."""
+    if dimension == NONE:
+        return ""
     if dimension in _NAMES:
         return _NAMES[dimension]
-    for name, (factor, known) in UNITS.items():
-        if factor == 1.0 and times(dimension, TIME) == known:
-            return f"{name}/ms"
+    if times(dimension, TIME) in _NAMES:
+        return f"{_NAMES[times(dimension, TIME)]}/ms"
     powers = dict(zip(("mV", "ms", "pA"), dimension, strict=True))
     over = [_power(name, power) for name, power in powers.items() if power > 0]
     under = [_power(name, -power) for name, power in powers.items() if power < 0]

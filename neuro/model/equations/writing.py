@@ -16,6 +16,8 @@ Leaf = Callable[[Tree], str | None]
 _BINDING = {**dict.fromkeys(COMPARISONS, 1), "+": 2, "-": 2, "*": 3, "/": 3}
 _NEGATIVE, _ATOM = 4, 6
 _POWERS = {2.0: "square", 3.0: "cube", 4.0: "fourth"}
+AS_IT_IS = ("abs", "min", "max", "where")
+"""Functions that are called what they are in expressions."""
 _CONSTANT = re.compile(r"\bc\[(\d+)\]")
 
 
@@ -46,7 +48,8 @@ def _written(tree: Tree, leaf: Leaf, binding: int) -> str:
         case Negative(of):
             return _bracketed(f"-{_written(of, leaf, _NEGATIVE)}", _NEGATIVE, binding)
         case Call(name, arguments):
-            return f"{name}({', '.join(_written(argument, leaf, 0) for argument in arguments)})"
+            called = name if name in AS_IT_IS else f"of_{name}"
+            return f"{called}({', '.join(_written(argument, leaf, 0) for argument in arguments)})"
         case Binary("^", left, Number(value, "")) if value in _POWERS:
             return f"{_POWERS[value]}({_written(left, leaf, 0)})"
         case Binary("^", left, right):

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
+from neuro.core.errors import ModelError
 from neuro.core.values import FromFile, same
+from neuro.model.equations import EquationNeuron
 from neuro.model.language.sources import VERSION
 from neuro.model.parts import Description
 
@@ -36,6 +39,7 @@ def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
         arrays: takes the large ones.
     """
     sections: dict[str, Any] = {"neuro": VERSION, "name": net.name, "resolution": net.resolution}
+    sections["models"] = _models(net)
     sections["populations"] = {
         p.name: {
             "model": _choice(p.model, arrays, f"{p.name}.model"),
@@ -63,6 +67,31 @@ def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
         for p in net.probes.values()
     }
     return {word: section for word, section in sections.items() if section != {}}
+
+
+def _models(net: Description) -> dict[str, Any]:
+    """The models in equations that the network has.
+
+    Raises:
+        ModelError: two of them have one name.
+    """
+    found: dict[str, type[EquationNeuron]] = {}
+    for part in net.populations.values():
+        model = type(part.model)
+        if issubclass(model, EquationNeuron) and found.setdefault(model.called(), model) is not model:
+            raise ModelError(
+                f"population '{part.name}': another model of the network is called '{model.called()}', too",
+                where=part.origin,
+                hint="give one of them another name",
+            )
+    return {name: plain_words(model.definition) for name, model in found.items()}
+
+
+def plain_words(words: Any) -> Any:
+    """Mappings and lists as those of a text."""
+    if isinstance(words, Mapping):
+        return {str(word): plain_words(value) for word, value in words.items()}
+    return [plain_words(value) for value in words] if isinstance(words, list | tuple) else words
 
 
 def _choice(choice: Choice, arrays: Arrays, key: str) -> Any:

@@ -9,6 +9,7 @@ from typing import Any
 from neuro.core.choice import Choice
 from neuro.core.errors import Where, unknown
 from neuro.core.paths import file_path
+from neuro.model.equations import made
 from neuro.model.language.choices import choice, part, value, with_parameters
 from neuro.model.language.nodes import about, follow, plain, within, words
 from neuro.model.language.parameters import resolve
@@ -45,6 +46,7 @@ class _Builder:
     def __init__(self, sections: Mapping[str, Node]) -> None:
         self.sections = sections
         self.net = Network()
+        self.models: dict[str, type[Choice]] = {}
 
     def network(self) -> Network:
         for word in ("name", "resolution"):
@@ -53,6 +55,7 @@ class _Builder:
                 with about(node):
                     settings = {"name": self.net.name, "resolution": self.net.resolution, word: plain(node)}
                     self.net = Network(settings["name"], resolution=settings["resolution"])
+        self.each("models", self.model)
         self.each("populations", self.population)
         self.each("projections", self.projection)
         self.each("signals", self.signal)
@@ -73,9 +76,13 @@ class _Builder:
             with within(f"{section.removesuffix('s')} '{name}'"):
                 add(name, node)
 
+    def model(self, name: str, node: Node) -> None:
+        with about(node):
+            self.models[name] = made(name, plain(node))
+
     def population(self, name: str, node: Node) -> None:
         said = part(node, ("model", "shape", "initial"), "a population", ("model", "shape"))
-        model = choice(said["model"], "model")
+        model = choice(said["model"], "model", self.models)
         initial = {}
         if "initial" in said:
             known = [state.name for state in model.states if not state.hidden]

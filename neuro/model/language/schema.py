@@ -10,6 +10,7 @@ from typing import Any
 
 from neuro.core.choice import Choice
 from neuro.core.quantities import Quantity
+from neuro.model.equations.definition import WORDS
 from neuro.model.language.choices import TABLES
 from neuro.model.language.sources import VERSION
 from neuro.model.network import Network
@@ -61,6 +62,7 @@ def schema() -> Schema:
                     "items": {"type": "string"},
                     "description": "files in this folder whose sections are read before those of this file",
                 },
+                "models": _models(),
                 "populations": _named(_population(), PopulationPart),
                 "projections": _named(_projection(), Projection),
                 "signals": _named(_closed({"to": _text("the population it acts on")}, ["to"]), Signal),
@@ -85,12 +87,35 @@ def schema() -> Schema:
     }
 
 
+def _models() -> Schema:
+    """Models in equations: their words; what is in the expressions is checked by the loader."""
+    texts = {"type": "object", "additionalProperties": {"type": ["string", "number"]}}
+    words: Schema = {word: {} for word in WORDS}
+    words |= {"equations": texts, "let": texts, "reset": texts, "initial": texts, "threshold": {"type": "string"}}
+    return {
+        "type": "object",
+        "description": "Models of this network, written as equations.",
+        "propertyNames": {"pattern": r"^[A-Za-z]\w*$"},
+        "additionalProperties": _closed(words, ["equations"]),
+    }
+
+
 def _population() -> Schema:
     states = sorted({state.name for model in MODELS.values() for state in model.states if not state.hidden})
-    initial = {**_closed({state: _quantity(INITIAL) for state in states}), "description": INITIAL.doc}
-    return _closed(
-        {"model": {"$ref": "#/$defs/model"}, "shape": _quantity(SHAPE), "initial": initial}, ["model", "shape"]
-    )
+    initial = {
+        "type": "object",
+        "properties": {state: _quantity(INITIAL) for state in states},
+        "additionalProperties": _quantity(INITIAL),
+        "description": INITIAL.doc,
+    }
+    return _closed({"model": _model(), "shape": _quantity(SHAPE), "initial": initial}, ["model", "shape"])
+
+
+def _model() -> Schema:
+    """A model of the package, or one of the section `models`, whose parameters the schema does not know."""
+    own = {"not": {"enum": list(MODELS)}, **{"pattern": r"^[A-Za-z]\w*$"}}
+    words = {"type": "object", "propertyNames": own, "minProperties": 1, "maxProperties": 1}
+    return {"anyOf": [{"$ref": "#/$defs/model"}, {"type": "string", **own}, words]}
 
 
 def _projection() -> Schema:

@@ -89,7 +89,8 @@ class Neuron(Model):
         receptors: 1, all input is summed; 2, positive weights go to the first and negative to the second.
         relay: whether a spike carries the multiplicity that arrived, whatever the weight.
         linear: whether n quiet steps equal one step with the constants of n h.
-        competes: whether a group may hold such neurons: `step` resets nothing, and V_m - V_th tells who is ahead.
+        resets_in_step: whether `step` itself resets a neuron that spikes, and `fire` does nothing; a winner-take-all
+            group, which chooses between the two, cannot have such neurons.
         takes_current: whether currents of generators act on it.
         arithmetic: the module with `constants`, `step`, `fire` and `quiet`, see above: that of the class. The first
             constant is the threshold and the first state V_m, where the model has them.
@@ -99,7 +100,7 @@ class Neuron(Model):
     receptors: ClassVar[int] = 1
     relay: ClassVar[bool] = False
     linear: ClassVar[bool] = False
-    competes: ClassVar[bool] = True
+    resets_in_step: ClassVar[bool] = False
     takes_current: ClassVar[bool] = True
     arithmetic: ClassVar[OfModule] = OfModule(("step", "fire", "quiet"))
 
