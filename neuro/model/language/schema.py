@@ -63,7 +63,7 @@ def schema() -> Schema:
                     "description": "files in this folder whose sections are read before those of this file",
                 },
                 "models": _models(),
-                "populations": _named(_population(), PopulationPart),
+                "populations": {"type": "object", "description": _summary(PopulationPart)},
                 "projections": _named(_projection(), Projection),
                 "signals": _named(_closed({"to": _text("the population it acts on")}, ["to"]), Signal),
                 "groups": _named({"$ref": "#/$defs/group"}, Group),
@@ -71,6 +71,9 @@ def schema() -> Schema:
                 "probes": _named(_probe(), Probe),
             },
         ),
+        "if": {"anyOf": [{"required": ["models"]}, {"required": ["include"]}]},
+        "then": {"properties": {"populations": _named(_population(own=True), PopulationPart)}},
+        "else": {"properties": {"populations": _named(_population(own=False), PopulationPart)}},
         "$defs": {
             "parameter": {"type": "string", "pattern": r"^\$[^\W\d]\w*$", "description": "the value of a parameter"},
             "numbers": {
@@ -100,22 +103,18 @@ def _models() -> Schema:
     }
 
 
-def _population() -> Schema:
+def _population(own: bool) -> Schema:
+    """A population; `own`: the network may have models of its own, of which a schema knows no states or parameters."""
     states = sorted({state.name for model in MODELS.values() for state in model.states if not state.hidden})
-    initial = {
-        "type": "object",
-        "properties": {state: _quantity(INITIAL) for state in states},
-        "additionalProperties": _quantity(INITIAL),
-        "description": INITIAL.doc,
-    }
-    return _closed({"model": _model(), "shape": _quantity(SHAPE), "initial": initial}, ["model", "shape"])
-
-
-def _model() -> Schema:
-    """A model of the package, or one of the section `models`, whose parameters the schema does not know."""
-    own = {"not": {"enum": list(MODELS)}, **{"pattern": r"^[A-Za-z]\w*$"}}
-    words = {"type": "object", "propertyNames": own, "minProperties": 1, "maxProperties": 1}
-    return {"anyOf": [{"$ref": "#/$defs/model"}, {"type": "string", **own}, words]}
+    known = {state: _quantity(INITIAL) for state in states}
+    any_state = {"type": "object", "additionalProperties": _quantity(INITIAL)}
+    initial = {**(any_state if own else _closed(known)), "description": INITIAL.doc}
+    model: Schema = {"$ref": "#/$defs/model"}
+    if own:
+        name = {"not": {"enum": list(MODELS)}}
+        parameters = {"type": "object", "propertyNames": name, "minProperties": 1, "maxProperties": 1}
+        model = {"anyOf": [model, {"type": "string", **name}, parameters]}
+    return _closed({"model": model, "shape": _quantity(SHAPE), "initial": initial}, ["model", "shape"])
 
 
 def _projection() -> Schema:
