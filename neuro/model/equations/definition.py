@@ -129,7 +129,7 @@ def read(name: str, said: Mapping[str, Any]) -> Definition:
     if "equations" not in said:
         raise ModelError("a model needs 'equations', e.g. {V_m: (E_L - V_m)/tau_m + I/C_m}")
     parameters = read_parameters(said.get("parameters", {}), Neuron)
-    states, let = _expressions(said, "equations"), _expressions(said, "let")
+    states, let = expressions(said, "equations"), expressions(said, "let")
     if not states:
         raise ModelError("no equation: expected at least one", path=("equations",))
     states = {key: states[key] for key in sorted(states, key=lambda key: key != "V_m")}
@@ -150,10 +150,10 @@ def read(name: str, said: Mapping[str, Any]) -> Definition:
         let,
         receptors,
         threshold,
-        _expressions(said, "reset"),
+        expressions(said, "reset"),
         refractory,
         parameters,
-        _expressions(said, "initial"),
+        expressions(said, "initial"),
         integrator,
         settings,
         {},
@@ -176,7 +176,12 @@ def mapping(said: Any, words: tuple[str, ...], what: str) -> Mapping[str, Any]:
     return said
 
 
-def _expressions(said: Mapping[str, Any], section: str) -> dict[str, Expression]:
+def expressions(said: Mapping[str, Any], section: str) -> dict[str, Expression]:
+    """The expressions of a section, by name.
+
+    Raises:
+        ModelError: one cannot be read.
+    """
     texts = said.get(section, {})
     if not isinstance(texts, Mapping):
         raise ModelError(f"{section}: found {shown(texts)}: expected {{name: expression}}", path=(section,))

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.core.values import FromFile, same
-from neuro.model.equations import EquationNeuron
+from neuro.model.equations import EquationNeuron, EquationSynapse
 from neuro.model.language.sources import VERSION
-from neuro.model.parts import Description
+from neuro.model.parts import Description, Population, Projection
 
 LARGEST_INLINE = 64
 
@@ -75,12 +75,13 @@ def _models(net: Description) -> dict[str, Any]:
     Raises:
         ModelError: two of them have one name.
     """
-    found: dict[str, type[EquationNeuron]] = {}
-    for part in net.populations.values():
-        model = type(part.model)
-        if issubclass(model, EquationNeuron) and found.setdefault(model.called(), model) is not model:
+    found: dict[str, Any] = {}
+    parts: list[tuple[Population | Projection, type[Choice]]] = [(p, type(p.model)) for p in net.populations.values()]
+    parts += [(p, type(p.synapse)) for p in net.projections.values()]
+    for part, model in parts:
+        if issubclass(model, EquationNeuron | EquationSynapse) and found.setdefault(model.called(), model) is not model:
             raise ModelError(
-                f"population '{part.name}': another model of the network is called '{model.called()}', too",
+                f"{part.word} '{part.name}': another model of the network is called '{model.called()}', too",
                 where=part.origin,
                 hint="give one of them another name",
             )

@@ -16,6 +16,7 @@ from neuro.model.language.parameters import resolve
 from neuro.model.language.reader import Node
 from neuro.model.language.sources import gather
 from neuro.model.network import Network, check_name
+from neuro.model.neurons import Model
 from neuro.model.parts import DELAY, INITIAL, WEIGHT, Trials
 from neuro.model.synapses import static
 
@@ -47,6 +48,7 @@ class _Builder:
         self.sections = sections
         self.net = Network()
         self.models: dict[str, type[Choice]] = {}
+        self.synapses: dict[str, type[Choice]] = {}
 
     def network(self) -> Network:
         for word in ("name", "resolution"):
@@ -78,7 +80,9 @@ class _Builder:
 
     def model(self, name: str, node: Node) -> None:
         with about(node):
-            self.models[name] = made(name, plain(node))
+            model = made(name, plain(node))
+            of = self.models if issubclass(model, Model) else self.synapses
+            of[name] = model
 
     def population(self, name: str, node: Node) -> None:
         said = part(node, ("model", "shape", "initial"), "a population", ("model", "shape"))
@@ -95,7 +99,7 @@ class _Builder:
         known = ("from", "to", "rule", "weight", "delay", "synapse")
         said = part(node, known, "a projection", ("from", "to", "rule"))
         rule = choice(said["rule"], "rule")
-        synapse = choice(said["synapse"], "synapse") if "synapse" in said else static()
+        synapse = choice(said["synapse"], "synapse", self.synapses) if "synapse" in said else static()
         values = {word: value(q, said[word], word) for word, q in VALUES.items() if word in said}
         with about(node):
             ends = [plain(said[word]) for word in ("from", "to")]

@@ -11,6 +11,7 @@ from typing import Any
 from neuro.core.choice import Choice
 from neuro.core.quantities import Quantity
 from neuro.model.equations.definition import WORDS
+from neuro.model.equations.rule import WORDS as RULE_WORDS
 from neuro.model.language.choices import TABLES
 from neuro.model.language.sources import VERSION
 from neuro.model.network import Network
@@ -30,6 +31,7 @@ from neuro.model.parts import (
     Trials,
 )
 from neuro.model.parts import Population as PopulationPart
+from neuro.model.synapses import SYNAPSES
 
 Schema = dict[str, Any]
 _NAME = r"^[\w.-]+$"
@@ -64,7 +66,7 @@ def schema() -> Schema:
                 },
                 "models": _models(),
                 "populations": {"type": "object", "description": _summary(PopulationPart)},
-                "projections": _named(_projection(), Projection),
+                "projections": {"type": "object", "description": _summary(Projection)},
                 "signals": _named(_closed({"to": _text("the population it acts on")}, ["to"]), Signal),
                 "groups": _named({"$ref": "#/$defs/group"}, Group),
                 "trials": _words(Trials),
@@ -72,8 +74,8 @@ def schema() -> Schema:
             },
         ),
         "if": {"anyOf": [{"required": ["models"]}, {"required": ["include"]}]},
-        "then": {"properties": {"populations": _named(_population(own=True), PopulationPart)}},
-        "else": {"properties": {"populations": _named(_population(own=False), PopulationPart)}},
+        "then": _networks(own=True),
+        "else": _networks(own=False),
         "$defs": {
             "parameter": {"type": "string", "pattern": r"^\$[^\W\d]\w*$", "description": "the value of a parameter"},
             "numbers": {
@@ -99,25 +101,35 @@ def _models() -> Schema:
         "type": "object",
         "description": "Models of this network, written as equations.",
         "propertyNames": {"pattern": r"^[A-Za-z]\w*$"},
-        "additionalProperties": _closed(words, ["equations"]),
+        "additionalProperties": {"anyOf": [_closed(words, ["equations"]), _closed({word: {} for word in RULE_WORDS})]},
     }
 
 
+def _networks(own: bool) -> Schema:
+    """What hangs on the models; `own`: the network may have some of its own, of which a schema knows the names only."""
+    populations, projections = _named(_population(own), PopulationPart), _named(_projection(own), Projection)
+    return {"properties": {"populations": populations, "projections": projections}}
+
+
+def _chosen(kind: str, known: Iterable[str], own: bool) -> Schema:
+    """A model or synapse model by name, with its parameters or without."""
+    if not own:
+        return {"$ref": f"#/$defs/{kind}"}
+    name = {"not": {"enum": list(known)}}
+    parameters = {"type": "object", "propertyNames": name, "minProperties": 1, "maxProperties": 1}
+    return {"anyOf": [{"$ref": f"#/$defs/{kind}"}, {"type": "string", **name}, parameters]}
+
+
 def _population(own: bool) -> Schema:
-    """A population; `own`: the network may have models of its own, of which a schema knows no states or parameters."""
     states = sorted({state.name for model in MODELS.values() for state in model.states if not state.hidden})
     known = {state: _quantity(INITIAL) for state in states}
     any_state = {"type": "object", "additionalProperties": _quantity(INITIAL)}
     initial = {**(any_state if own else _closed(known)), "description": INITIAL.doc}
-    model: Schema = {"$ref": "#/$defs/model"}
-    if own:
-        name = {"not": {"enum": list(MODELS)}}
-        parameters = {"type": "object", "propertyNames": name, "minProperties": 1, "maxProperties": 1}
-        model = {"anyOf": [model, {"type": "string", **name}, parameters]}
+    model = _chosen("model", MODELS, own)
     return _closed({"model": model, "shape": _quantity(SHAPE), "initial": initial}, ["model", "shape"])
 
 
-def _projection() -> Schema:
+def _projection(own: bool) -> Schema:
     return _closed(
         {
             "from": _text("the population whose spikes are sent"),
@@ -125,7 +137,7 @@ def _projection() -> Schema:
             "rule": {"$ref": "#/$defs/rule"},
             "weight": _quantity(WEIGHT, 1.0),
             "delay": _quantity(DELAY, 1.0),
-            "synapse": {"$ref": "#/$defs/synapse", "default": "static"},
+            "synapse": {**_chosen("synapse", SYNAPSES, own), "default": "static"},
         },
         ["from", "to", "rule"],
     )
