@@ -27,7 +27,7 @@ MISTAKES = {
     "whole": (
         "C_m: 281 pF",
         "C_m: 281 ms",
-        "39:12: model 'own_aeif_cond_exp': equations.V_m, column 2: the whole is in pA/ms: expected mV/ms\n"
+        "39:12: model 'own_aeif_cond_exp': equations.V_m, column 2: the whole is in pA/ms: expected it in mV/ms\n"
         "    (-g_L*(V_m - E_L) + g_L*Delta_T*exp((V_m - V_th)/Delta_T) - \n"
         "     ^",
     ),

@@ -54,9 +54,9 @@ def test_a_saved_network_has_its_rules(tmp_path):
             "model 'm': on_pre.w, column 5: unknown name 'K'\n    w - K\n        ^",
         ),
         (
-            {"on_post": {"w": "w + tau_plus*step"}},
-            "model 'm': on_post.w, column 3: 'w' is in a number without unit, 'tau_plus*step' in ms: expected the same "
-            "unit\n    w + tau_plus*step\n      ^",
+            {"on_post": {"w": "w + Wmax + tau_plus*step"}},
+            "model 'm': on_post.w, column 10: 'w + Wmax' is without unit, 'tau_plus*step' in ms: expected the same "
+            "unit\n    w + Wmax + tau_plus*step\n             ^",
         ),
         (
             {"traces": {"K": {"of": "pre", "tau": "tau"}}},

@@ -62,7 +62,7 @@ class Dimensions:
         """
         found = self.powers(whole, whole.tree)
         if not self.same(found, expected):
-            what = f"the whole is in {self.told(found)}: expected {self.told(expected)}"
+            what = f"the whole is {self.told(found)}: expected it {self.told(expected)}"
             raise whole.mistake(_begin(whole.tree), what)
 
     def name(self, name: str, power_of_time: int = 0) -> Powers:
@@ -91,7 +91,7 @@ class Dimensions:
     def told(self, powers: Powers) -> str:
         """A dimension in a sentence."""
         powers = self.reduced(powers)
-        return told(powers.known) if not powers.unknown else "a unit that nothing tells"
+        return told(powers.known) if not powers.unknown else "in a unit that nothing tells"
 
     def powers(self, whole: Expression, tree: Tree) -> Powers:
         """The dimension of a part of an expression."""
@@ -133,7 +133,7 @@ class Dimensions:
     def _alike(self, whole: Expression, tree: Binary, a: Powers, b: Powers) -> None:
         if not self.same(a, b):
             left, right = text_of(tree.left), text_of(tree.right)
-            message = f"'{left}' is in {self.told(a)}, '{right}' in {self.told(b)}: expected the same unit"
+            message = f"'{left}' is {self.told(a)}, '{right}' {self.told(b)}: expected the same unit"
             raise whole.mistake(tree.at, message)
 
     def _of_call(self, whole: Expression, tree: Call) -> Powers:
@@ -153,12 +153,12 @@ class Dimensions:
         found = [self.powers(whole, argument) for argument in arguments]
         if tree.name not in _SAME:
             if not self.same(found[0], Powers(NONE, {})):
-                message = f"{tree.name} of '{text_of(arguments[0])}', which is in {self.told(found[0])}"
+                message = f"{tree.name} of '{text_of(arguments[0])}', which is {self.told(found[0])}"
                 raise whole.mistake(tree.at, f"{message}: expected a number without unit")
             return Powers(NONE, {})
         if len(found) == 2 and not self.same(*found):
             left, right = (text_of(argument) for argument in arguments)
-            message = f"'{left}' is in {self.told(found[0])}, '{right}' in {self.told(found[1])}"
+            message = f"'{left}' is {self.told(found[0])}, '{right}' {self.told(found[1])}"
             raise whole.mistake(tree.at, f"{message}: expected the same unit")
         return found[0]
 
@@ -166,11 +166,11 @@ class Dimensions:
         base, exponent = self.powers(whole, tree.left), self.powers(whole, tree.right)
         if not self.same(exponent, Powers(NONE, {})):
             told_ = self.told(exponent)
-            raise whole.mistake(tree.at, f"an exponent in {told_}: expected a number without unit")
+            raise whole.mistake(tree.at, f"an exponent {told_}: expected a number without unit")
         number = _number(tree.right)
         if number is None:
             if not self.same(base, Powers(NONE, {})):
-                message = f"'{text_of(tree.left)}' is in {self.told(base)} and its exponent is no number"
+                message = f"'{text_of(tree.left)}' is {self.told(base)} and its exponent is no number"
                 raise whole.mistake(tree.at, f"{message}: expected a number without unit")
             return Powers(NONE, {})
         if abs(number) > _MAX_POWER:

@@ -70,7 +70,7 @@ def _power(name: str, power: Fraction) -> str:
 
 def told(dimension: Dimension) -> str:
     """A dimension in a sentence."""
-    return unit_of(dimension) or "a number without unit"
+    return f"in {unit_of(dimension)}" if dimension != NONE else "without unit"
 
 
 def measured(value: object) -> tuple[float, str]:
