@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from neuro.core.errors import ModelError
     from neuro.core.registry import register
     from neuro.model.distributions import lognormal, normal, uniform
+    from neuro.model.equations import equations
     from neuro.model.language import load
     from neuro.model.network import Network
     from neuro.model.neurons import (
@@ -75,6 +76,7 @@ _HOMES = {
     "neuro.core.errors": ("ModelError",),
     "neuro.core.registry": ("register",),
     "neuro.model.distributions": ("lognormal", "normal", "uniform"),
+    "neuro.model.equations": ("equations",),
     "neuro.model.language": ("load",),
     "neuro.model.network": ("Network",),
     "neuro.model.neurons": (
@@ -149,6 +151,7 @@ __all__ = [
     "dc_generator",
     "dropout",
     "encode",
+    "equations",
     "events",
     "fixed_indegree",
     "fixed_outdegree",

@@ -128,6 +128,9 @@ def _check_ends(net: Network, part: Projection) -> None:
             refuse(
                 part, f"a current from '{part.source}' into '{part.target}', a {target.name}: expected neurons with V_m"
             )
+        if not target.takes_current:
+            message = f"a current from '{part.source}' into '{part.target}', a {target.name}, whose equations have no I"
+            refuse(part, f"{message}: expected neurons that take currents", "add + I/C_m to the equation of V_m")
         if part.synapse.learns:
             refuse(
                 part,

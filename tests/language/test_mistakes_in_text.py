@@ -30,15 +30,15 @@ CASES = [
     ),
     (
         "- a\n- b\n",
-        "net.yaml:1:1: found [a, b]: expected the words of a network: neuro, name, include, resolution, parameters, populations, projections, signals, groups, trials, probes",
+        "net.yaml:1:1: found [a, b]: expected the words of a network: neuro, name, include, resolution, parameters, models, populations, projections, signals, groups, trials, probes",
     ),
     (
         "hello\n",
-        "net.yaml:1:1: found 'hello': expected the words of a network: neuro, name, include, resolution, parameters, populations, projections, signals, groups, trials, probes",
+        "net.yaml:1:1: found 'hello': expected the words of a network: neuro, name, include, resolution, parameters, models, populations, projections, signals, groups, trials, probes",
     ),
     (
         "~\n",
-        "net.yaml:1:1: found nothing: expected the words of a network: neuro, name, include, resolution, parameters, populations, projections, signals, groups, trials, probes",
+        "net.yaml:1:1: found nothing: expected the words of a network: neuro, name, include, resolution, parameters, models, populations, projections, signals, groups, trials, probes",
     ),
     (
         "neuro: 2\npopulations:\n  a: {model: poisson_generator, shape: 3}\n  b: {model: iaf_psc_exp, shape: [2, 2]}\n",

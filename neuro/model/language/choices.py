@@ -34,24 +34,26 @@ C = TypeVar("C", bound=Choice)
 _CALL = re.compile(r"(\w+)\s*\((.*)\)")
 
 
-def choice(node: Node, kind: str) -> Any:
+def choice(node: Node, kind: str, own: Mapping[str, type[Choice]] | None = None) -> Any:
     """What a name, or `{name: {parameters}}`, stands for.
 
     Args:
         node: the name or the mapping.
         kind: what is chosen, a key of `TABLES`.
+        own: those of the network itself, by name.
     """
+    own = own or {}
     if isinstance(node.value, Choice):
         return node.value
     if isinstance(node.value, str):
-        cls = _named(node.value, node, kind)
+        cls = _named(node.value, node, kind, own)
         return with_parameters(cls, Node({}, node.where, node.where, node.source))
     if not isinstance(node.value, dict) or len(node.value) != 1:
         raise mistake(
             node, f"{kind}: {found(node)}: expected a name, or {{name: {{parameters}}}}", _regroup(node, kind)
         )
     [(name, inner)] = node.value.items()
-    cls = _named(name, Node(name, inner.label, inner.label, node.source), kind)
+    cls = _named(name, Node(name, inner.label, inner.label, node.source), kind, own)
     if inner.value is None:
         raise mistake(inner, f"{name} has no parameters here", f"write '{name}' alone")
     return with_parameters(cls, inner)
@@ -142,11 +144,13 @@ def _home(node: Node, word: str) -> str:
     return ""
 
 
-def _named(name: str, node: Node, kind: str) -> type[Choice]:
+def _named(name: str, node: Node, kind: str, own: Mapping[str, type[Choice]]) -> type[Choice]:
+    if name in own:
+        return own[name]
     table = TABLES[kind]
     if name in table:
         return table[name]
-    error = unknown(kind, name, table)
+    error = unknown(kind, name, [*own, *table])
     others = [f"'{name}' is a {other}, not a {kind}" for other, names in TABLES.items() if name in names]
     hint = others[0] if others else error.hint
     call = _CALL.fullmatch(name)

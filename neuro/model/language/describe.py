@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
+from neuro.core.errors import ModelError
 from neuro.core.values import FromFile, same
+from neuro.model.equations import EquationNeuron, EquationSynapse
 from neuro.model.language.sources import VERSION
-from neuro.model.parts import Description
+from neuro.model.parts import Description, Population, Projection
 
 LARGEST_INLINE = 64
 
@@ -36,6 +39,7 @@ def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
         arrays: takes the large ones.
     """
     sections: dict[str, Any] = {"neuro": VERSION, "name": net.name, "resolution": net.resolution}
+    sections["models"] = _models(net)
     sections["populations"] = {
         p.name: {
             "model": _choice(p.model, arrays, f"{p.name}.model"),
@@ -63,6 +67,32 @@ def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
         for p in net.probes.values()
     }
     return {word: section for word, section in sections.items() if section != {}}
+
+
+def _models(net: Description) -> dict[str, Any]:
+    """The models in equations that the network has.
+
+    Raises:
+        ModelError: two of them have one name.
+    """
+    found: dict[str, Any] = {}
+    parts: list[tuple[Population | Projection, type[Choice]]] = [(p, type(p.model)) for p in net.populations.values()]
+    parts += [(p, type(p.synapse)) for p in net.projections.values()]
+    for part, model in parts:
+        if issubclass(model, EquationNeuron | EquationSynapse) and found.setdefault(model.called(), model) is not model:
+            raise ModelError(
+                f"{part.word} '{part.name}': another model of the network is called '{model.called()}', too",
+                where=part.origin,
+                hint="give one of them another name",
+            )
+    return {name: plain_words(model.definition) for name, model in found.items()}
+
+
+def plain_words(words: Any) -> Any:
+    """Mappings and lists as those of a text."""
+    if isinstance(words, Mapping):
+        return {str(word): plain_words(value) for word, value in words.items()}
+    return [plain_words(value) for value in words] if isinstance(words, list | tuple) else words
 
 
 def _choice(choice: Choice, arrays: Arrays, key: str) -> Any:

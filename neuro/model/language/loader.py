@@ -9,12 +9,14 @@ from typing import Any
 from neuro.core.choice import Choice
 from neuro.core.errors import Where, unknown
 from neuro.core.paths import file_path
+from neuro.model.equations import made
 from neuro.model.language.choices import choice, part, value, with_parameters
 from neuro.model.language.nodes import about, follow, plain, within, words
 from neuro.model.language.parameters import resolve
 from neuro.model.language.reader import Node
 from neuro.model.language.sources import gather
 from neuro.model.network import Network, check_name
+from neuro.model.neurons import Model
 from neuro.model.parts import DELAY, INITIAL, WEIGHT, Trials
 from neuro.model.synapses import static
 
@@ -45,6 +47,8 @@ class _Builder:
     def __init__(self, sections: Mapping[str, Node]) -> None:
         self.sections = sections
         self.net = Network()
+        self.models: dict[str, type[Choice]] = {}
+        self.synapses: dict[str, type[Choice]] = {}
 
     def network(self) -> Network:
         for word in ("name", "resolution"):
@@ -53,6 +57,7 @@ class _Builder:
                 with about(node):
                     settings = {"name": self.net.name, "resolution": self.net.resolution, word: plain(node)}
                     self.net = Network(settings["name"], resolution=settings["resolution"])
+        self.each("models", self.model)
         self.each("populations", self.population)
         self.each("projections", self.projection)
         self.each("signals", self.signal)
@@ -73,9 +78,15 @@ class _Builder:
             with within(f"{section.removesuffix('s')} '{name}'"):
                 add(name, node)
 
+    def model(self, name: str, node: Node) -> None:
+        with about(node):
+            model = made(name, plain(node))
+            of = self.models if issubclass(model, Model) else self.synapses
+            of[name] = model
+
     def population(self, name: str, node: Node) -> None:
         said = part(node, ("model", "shape", "initial"), "a population", ("model", "shape"))
-        model = choice(said["model"], "model")
+        model = choice(said["model"], "model", self.models)
         initial = {}
         if "initial" in said:
             known = [state.name for state in model.states if not state.hidden]
@@ -88,7 +99,7 @@ class _Builder:
         known = ("from", "to", "rule", "weight", "delay", "synapse")
         said = part(node, known, "a projection", ("from", "to", "rule"))
         rule = choice(said["rule"], "rule")
-        synapse = choice(said["synapse"], "synapse") if "synapse" in said else static()
+        synapse = choice(said["synapse"], "synapse", self.synapses) if "synapse" in said else static()
         values = {word: value(q, said[word], word) for word, q in VALUES.items() if word in said}
         with about(node):
             ends = [plain(said[word]) for word in ("from", "to")]

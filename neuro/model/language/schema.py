@@ -10,6 +10,8 @@ from typing import Any
 
 from neuro.core.choice import Choice
 from neuro.core.quantities import Quantity
+from neuro.model.equations.definition import WORDS
+from neuro.model.equations.rule import WORDS as RULE_WORDS
 from neuro.model.language.choices import TABLES
 from neuro.model.language.sources import VERSION
 from neuro.model.network import Network
@@ -29,6 +31,7 @@ from neuro.model.parts import (
     Trials,
 )
 from neuro.model.parts import Population as PopulationPart
+from neuro.model.synapses import SYNAPSES
 
 Schema = dict[str, Any]
 _NAME = r"^[\w.-]+$"
@@ -61,14 +64,18 @@ def schema() -> Schema:
                     "items": {"type": "string"},
                     "description": "files in this folder whose sections are read before those of this file",
                 },
-                "populations": _named(_population(), PopulationPart),
-                "projections": _named(_projection(), Projection),
+                "models": _models(),
+                "populations": {"type": "object", "description": _summary(PopulationPart)},
+                "projections": {"type": "object", "description": _summary(Projection)},
                 "signals": _named(_closed({"to": _text("the population it acts on")}, ["to"]), Signal),
                 "groups": _named({"$ref": "#/$defs/group"}, Group),
                 "trials": _words(Trials),
                 "probes": _named(_probe(), Probe),
             },
         ),
+        "if": {"anyOf": [{"required": ["models"]}, {"required": ["include"]}]},
+        "then": _networks(own=True),
+        "else": _networks(own=False),
         "$defs": {
             "parameter": {"type": "string", "pattern": r"^\$[^\W\d]\w*$", "description": "the value of a parameter"},
             "numbers": {
@@ -85,15 +92,44 @@ def schema() -> Schema:
     }
 
 
-def _population() -> Schema:
+def _models() -> Schema:
+    """Models in equations: their words; what is in the expressions is checked by the loader."""
+    texts = {"type": "object", "additionalProperties": {"type": ["string", "number"]}}
+    words: Schema = {word: {} for word in WORDS}
+    words |= {"equations": texts, "let": texts, "reset": texts, "initial": texts, "threshold": {"type": "string"}}
+    return {
+        "type": "object",
+        "description": "Models of this network, written as equations.",
+        "propertyNames": {"pattern": r"^[A-Za-z]\w*$"},
+        "additionalProperties": {"anyOf": [_closed(words, ["equations"]), _closed({word: {} for word in RULE_WORDS})]},
+    }
+
+
+def _networks(own: bool) -> Schema:
+    """What hangs on the models; `own`: the network may have some of its own, of which a schema knows the names only."""
+    populations, projections = _named(_population(own), PopulationPart), _named(_projection(own), Projection)
+    return {"properties": {"populations": populations, "projections": projections}}
+
+
+def _chosen(kind: str, known: Iterable[str], own: bool) -> Schema:
+    """A model or synapse model by name, with its parameters or without."""
+    if not own:
+        return {"$ref": f"#/$defs/{kind}"}
+    name = {"not": {"enum": list(known)}}
+    parameters = {"type": "object", "propertyNames": name, "minProperties": 1, "maxProperties": 1}
+    return {"anyOf": [{"$ref": f"#/$defs/{kind}"}, {"type": "string", **name}, parameters]}
+
+
+def _population(own: bool) -> Schema:
     states = sorted({state.name for model in MODELS.values() for state in model.states if not state.hidden})
-    initial = {**_closed({state: _quantity(INITIAL) for state in states}), "description": INITIAL.doc}
-    return _closed(
-        {"model": {"$ref": "#/$defs/model"}, "shape": _quantity(SHAPE), "initial": initial}, ["model", "shape"]
-    )
+    known = {state: _quantity(INITIAL) for state in states}
+    any_state = {"type": "object", "additionalProperties": _quantity(INITIAL)}
+    initial = {**(any_state if own else _closed(known)), "description": INITIAL.doc}
+    model = _chosen("model", MODELS, own)
+    return _closed({"model": model, "shape": _quantity(SHAPE), "initial": initial}, ["model", "shape"])
 
 
-def _projection() -> Schema:
+def _projection(own: bool) -> Schema:
     return _closed(
         {
             "from": _text("the population whose spikes are sent"),
@@ -101,7 +137,7 @@ def _projection() -> Schema:
             "rule": {"$ref": "#/$defs/rule"},
             "weight": _quantity(WEIGHT, 1.0),
             "delay": _quantity(DELAY, 1.0),
-            "synapse": {"$ref": "#/$defs/synapse", "default": "static"},
+            "synapse": {**_chosen("synapse", SYNAPSES, own), "default": "static"},
         },
         ["from", "to", "rule"],
     )

@@ -11,7 +11,7 @@ from neuro.model.language.nodes import found, mistake, plain, within, words
 from neuro.model.language.reader import Node, read
 
 OWN = ("neuro", "name", "include")
-GATHERED = ("parameters", "populations", "projections", "signals", "groups", "probes")
+GATHERED = ("parameters", "models", "populations", "projections", "signals", "groups", "probes")
 SECTIONS = (*OWN, "resolution", *GATHERED[:-1], "trials", "probes")
 VERSION = 1
 

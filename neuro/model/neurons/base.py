@@ -95,6 +95,7 @@ class Neuron(Model):
         linear: whether n quiet steps equal one step with the constants of n h.
         resets_in_step: whether `step` itself resets a neuron that spikes, and `fire` does nothing; a winner-take-all
             group, which chooses between the two, cannot have such neurons.
+        takes_current: whether currents of generators act on it.
         arithmetic: the module with `constants`, `step`, `fire` and `quiet`, see above: that of the class. The first
             constant is the threshold and the first state V_m, where the model has them.
     """
@@ -104,6 +105,7 @@ class Neuron(Model):
     relay: ClassVar[bool] = False
     linear: ClassVar[bool] = False
     resets_in_step: ClassVar[bool] = False
+    takes_current: ClassVar[bool] = True
     arithmetic: ClassVar[OfModule] = OfModule(("step", "fire", "quiet"))
 
     tau_minus: Value = quantity(

@@ -1,0 +1,54 @@
+"""Models as equations: a neuron or a rule as text, with no code run, compiled like any model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from neuro.core.errors import ModelError, here
+from neuro.model.equations.definition import WORDS, check_name, mapping
+from neuro.model.equations.neuron import EquationNeuron, neuron
+from neuro.model.equations.parameters import NAME
+from neuro.model.equations.rule import WORDS as RULE_WORDS
+from neuro.model.equations.rule import EquationSynapse, is_rule, rule
+from neuro.model.neurons import MODELS
+from neuro.model.synapses import SYNAPSES
+
+__all__ = ["EquationNeuron", "EquationSynapse", "equations", "made"]
+
+
+def equations(name: str, **words: Any) -> Any:
+    """Make a model from equations; its instances are models as any other, e.g. `adex(C_m=200.0)`.
+
+    Args:
+        name: of the model.
+        words: its words, as in the section `models` of a network file: `equations`, `let`, `receptors`, `threshold`,
+            `reset`, `refractory`, `parameters`, `initial`, `integrator`, `doc`, `source`; of a rule of spike pairs
+            `traces`, `on_pre`, `on_post`, `parameters`, `doc`, `source`.
+
+    Returns:
+        The class of the model; the same words give the same class.
+
+    Raises:
+        ModelError: the first mistake, with its column where it is in an expression.
+    """
+    try:
+        return made(name, words)
+    except ModelError as error:
+        raise error.at(here(), f"model '{name}'") from None
+
+
+def made(name: str, words: Mapping[str, Any]) -> type[EquationNeuron] | type[EquationSynapse]:
+    """The class of a model, by the words that define it.
+
+    Raises:
+        ModelError: the first mistake in the words; its path leads there.
+    """
+    mapping(words, (*WORDS, *RULE_WORDS), "a model")
+    try:
+        check_name(name)
+    except ModelError:
+        raise ModelError(f"name '{name}': {NAME}") from None
+    if name in MODELS or name in SYNAPSES:
+        raise ModelError(f"'{name}' is a model of its own already: expected another name")
+    return rule(name, words) if is_rule(words) else neuron(name, words)

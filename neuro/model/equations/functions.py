@@ -1,0 +1,130 @@
+"""The functions of expressions, as plain Python that is also compiled.
+
+Nothing is raised: a result that is no number is NaN, as in compiled code. Their names differ from those in `math`:
+who compiles them would take the one for the other.
+"""
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+import math
+
+LARGEST_EXPONENT = 709.0
+ARGUMENTS = {
+    "exp": 1,
+    "expm1": 1,
+    "exprel": 1,
+    "log": 1,
+    "sqrt": 1,
+    "tanh": 1,
+    "sin": 1,
+    "cos": 1,
+    "abs": 1,
+    "min": 2,
+    "max": 2,
+    "where": 3,
+}
+"""The functions of the language and how many arguments each takes."""
+PUBLIC = (
+    *(f"of_{name}" for name in ARGUMENTS if name not in ("abs", "min", "max", "where")),
+    "where",
+    "power",
+    "divided",
+    "square",
+    "cube",
+    "fourth",
+    "resized",
+)
+"""What generated modules use."""
+
+
+def of_exp(x):
+    """e^x, infinite beyond what a double holds."""
+    return math.exp(x) if x < LARGEST_EXPONENT else (math.inf if x >= LARGEST_EXPONENT else math.nan)
+
+
+def of_expm1(x):
+    """e^x - 1, exact for small x."""
+    return math.expm1(x) if x < LARGEST_EXPONENT else (math.inf if x >= LARGEST_EXPONENT else math.nan)
+
+
+def of_exprel(x):
+    """(e^x - 1)/x, 1 at 0."""
+    return 1.0 + 0.5 * x if abs(x) < 1e-8 else of_expm1(x) / x
+
+
+def of_log(x):
+    """The natural logarithm; -infinite at 0, NaN below."""
+    return math.log(x) if x > 0.0 else (-math.inf if x == 0.0 else math.nan)
+
+
+def of_sqrt(x):
+    """The square root; NaN below 0."""
+    return math.sqrt(x) if x >= 0.0 else math.nan
+
+
+def power(x, y):
+    """x^y; NaN where it is no real number."""
+    if x > 0.0:
+        exponent = y * math.log(x)
+        return x**y if exponent < LARGEST_EXPONENT else math.inf
+    if x == 0.0:
+        return 0.0 if y > 0.0 else (1.0 if y == 0.0 else math.inf)
+    if y == math.floor(y):
+        size = power_of_positive(-x, y)
+        return size if y == 2.0 * math.floor(0.5 * y) else -size
+    return math.nan
+
+
+def power_of_positive(x, y):
+    """x^y for x > 0."""
+    return x**y if y * math.log(x) < LARGEST_EXPONENT else math.inf
+
+
+def divided(a, b):
+    """a/b; infinite or NaN where b is 0."""
+    if b != 0.0:
+        return a / b
+    return math.nan if a == 0.0 or a != a else math.copysign(math.inf, a)
+
+
+def where(condition, a, b):
+    """`a` where a comparison holds, else `b`."""
+    return a if condition else b
+
+
+def of_tanh(x):
+    """The hyperbolic tangent."""
+    return math.tanh(x)
+
+
+def of_sin(x):
+    """The sine; NaN of what is infinite."""
+    return math.sin(x) if abs(x) < math.inf else math.nan
+
+
+def of_cos(x):
+    """The cosine; NaN of what is infinite."""
+    return math.cos(x) if abs(x) < math.inf else math.nan
+
+
+def square(x):
+    """x^2."""
+    return x * x
+
+
+def cube(x):
+    """x^3."""
+    return x * x * x
+
+
+def fourth(x):
+    """x^4."""
+    return x * x * x * x
+
+
+def resized(size, worst):
+    """The next size of a Runge-Kutta-Fehlberg step whose error is `worst` tolerances, as GSL's standard control."""
+    if worst > 1.1:
+        return size * max(0.2, 0.9 / worst**0.2)
+    if worst < 0.5:
+        return size * (5.0 if worst < 1e-5 else min(5.0, max(1.0, 0.9 / worst ** (1.0 / 6.0))))
+    return size

@@ -1,0 +1,236 @@
+"""Expressions as text to trees. The grammar is its own and small: nothing in a text is ever run.
+
+    expression  = sum [("<" | "<=" | ">" | ">=") sum]
+    sum         = product {("+" | "-") product}
+    product     = signed {("*" | "/") signed}
+    signed      = ("-" | "+") signed | power
+    power       = atom [("^" | "**") signed]
+    atom        = number [unit] | name | name "(" expression {"," expression} ")" | "(" expression ")"
+
+Letters are those of ASCII. Read by precedence climbing (Pratt, Top Down Operator Precedence, POPL 1973).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from neuro.core.errors import ModelError
+
+MAX_CHARACTERS = 2000
+MAX_TOKENS = 400
+MAX_DEPTH = 40
+_WINDOW = 60
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A number as it stands; `unit` is the name of the unit written right after it, or ""."""
+
+    value: float
+    unit: str
+    at: int
+
+
+@dataclass(frozen=True, slots=True)
+class Name:
+    """A state, a parameter, an abbreviation or a unit."""
+
+    name: str
+    at: int
+
+
+@dataclass(frozen=True, slots=True)
+class Negative:
+    """The negative of a tree."""
+
+    of: Tree
+    at: int
+
+
+@dataclass(frozen=True, slots=True)
+class Binary:
+    """`left sign right`; the sign is one of + - * / ^ < <= > >=; `at` is the place of the sign."""
+
+    sign: str
+    left: Tree
+    right: Tree
+    at: int
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """A function of one or more trees."""
+
+    name: str
+    arguments: tuple[Tree, ...]
+    at: int
+
+
+Tree: TypeAlias = Number | Name | Negative | Binary | Call
+COMPARISONS = ("<=", ">=", "<", ">")
+_BINDING = {**dict.fromkeys(COMPARISONS, 1), "+": 2, "-": 2, "*": 3, "/": 3, "^": 5}
+_SIGNED = 4
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)|(?P<name>[A-Za-z][A-Za-z0-9_]*)"
+    r"|(?P<sign>\*\*|<=|>=|[-+*/^<>(),]))",
+    re.ASCII,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Expression:
+    """A text and what it says."""
+
+    text: str
+    tree: Tree
+
+    def mistake(self, at: int, message: str, hint: str = "") -> ModelError:
+        """The error for a place in the text."""
+        return mistake(self.text, at, message, hint)
+
+
+def mistake(text: str, at: int, message: str, hint: str = "") -> ModelError:
+    """An error that shows its place.
+
+    Args:
+        text: the expression.
+        at: the place, from 0.
+        message: what was found and what was expected.
+        hint: the way out.
+    """
+    begin = max(0, min(at - _WINDOW // 2, len(text) - _WINDOW))
+    line = "".join(letter if letter.isprintable() else " " for letter in text[begin : begin + _WINDOW])
+    told = f"column {at + 1}: {message}\n    {line}\n    {' ' * (at - begin)}^"
+    return ModelError(told, hint=hint)
+
+
+def parse(text: object) -> Expression:
+    """Read an expression.
+
+    Raises:
+        ModelError: it is none, or longer or deeper than is allowed; it tells the column.
+    """
+    if isinstance(text, int | float) and not isinstance(text, bool):
+        text = repr(text)
+    if not isinstance(text, str):
+        raise ModelError(f"found {text!r:.40}: expected an expression as text")
+    if len(text) > MAX_CHARACTERS:
+        message = f"found {len(text)} characters: expected at most {MAX_CHARACTERS}"
+        raise mistake(text, MAX_CHARACTERS, message, "give parts of it a name in 'let'")
+    return Expression(text, _Parser(text).whole())
+
+
+@dataclass(frozen=True, slots=True)
+class _Token:
+    kind: str
+    text: str
+    at: int
+
+
+class _Parser:
+    def __init__(self, text: str) -> None:
+        self.text, self.next = text, 0
+        self.tokens = self._tokens()
+
+    def _tokens(self) -> list[_Token]:
+        tokens: list[_Token] = []
+        at, end = 0, len(self.text.rstrip())
+        while at < end:
+            found = _TOKEN.match(self.text, at)
+            if found is None or found.lastgroup is None:
+                at += len(self.text[at:]) - len(self.text[at:].lstrip())
+                raise self.mistake(at, *_odd(self.text[at]))
+            kind = found.lastgroup
+            tokens.append(_Token(kind, found[kind].replace("**", "^"), found.start(kind)))
+            if len(tokens) > MAX_TOKENS:
+                hint = "give parts of it a name in 'let'"
+                raise self.mistake(
+                    tokens[-1].at, f"found more than {MAX_TOKENS} numbers, names and signs: expected fewer", hint
+                )
+            at = found.end()
+        return [*tokens, _Token("end", "the end", end)]
+
+    def mistake(self, at: int, message: str, hint: str = "") -> ModelError:
+        return mistake(self.text, at, message, hint)
+
+    @property
+    def token(self) -> _Token:
+        return self.tokens[self.next]
+
+    def take(self) -> _Token:
+        token = self.token
+        self.next += 1
+        return token
+
+    def whole(self) -> Tree:
+        tree = self.expression(0, 0)
+        if self.token.kind != "end":
+            raise self.mistake(self.token.at, f"found '{self.token.text}': expected an operator or the end")
+        return tree
+
+    def expression(self, binding: int, depth: int) -> Tree:
+        """What stands here up to an operator that binds no tighter than `binding`."""
+        if depth > MAX_DEPTH:
+            raise self.mistake(self.token.at, f"found more than {MAX_DEPTH} levels: expected fewer")
+        left = self.beginning(depth)
+        while self.token.kind == "sign" and _BINDING.get(self.token.text, 0) > binding:
+            sign = self.take()
+            mine = _BINDING[sign.text]
+            right = self.expression(_SIGNED - 1 if sign.text == "^" else mine, depth + 1)
+            left = Binary(sign.text, left, right, sign.at)
+            if sign.text in COMPARISONS and self.token.text in COMPARISONS:
+                raise self.mistake(self.token.at, f"found a second '{self.token.text}': expected one comparison")
+        return left
+
+    def beginning(self, depth: int) -> Tree:
+        token = self.take()
+        if token.kind == "number":
+            return self.number(token)
+        if token.kind == "name":
+            return self.call(token, depth) if self.token.text == "(" else Name(token.text, token.at)
+        if token.text == "-":
+            return Negative(self.expression(_SIGNED - 1, depth + 1), token.at)
+        if token.text == "+":
+            return self.expression(_SIGNED - 1, depth + 1)
+        if token.text == "(":
+            inner = self.expression(0, depth + 1)
+            self.expect(")")
+            return inner
+        raise self.mistake(token.at, f"found {_quoted(token)}: expected a number, a name or '('")
+
+    def number(self, token: _Token) -> Number:
+        value = float(token.text)
+        if math.isinf(value):
+            raise self.mistake(token.at, f"found {token.text:.40}: expected a number below 1.8e308")
+        unit = self.take().text if self.token.kind == "name" else ""
+        return Number(value, unit, token.at)
+
+    def call(self, name: _Token, depth: int) -> Call:
+        self.take()
+        arguments = [self.expression(0, depth + 1)]
+        while self.token.text == ",":
+            self.take()
+            arguments.append(self.expression(0, depth + 1))
+        self.expect(")")
+        return Call(name.text, tuple(arguments), name.at)
+
+    def expect(self, sign: str) -> None:
+        token = self.take()
+        if token.text != sign:
+            raise self.mistake(token.at, f"found {_quoted(token)}: expected '{sign}'")
+
+
+def _quoted(token: _Token) -> str:
+    return token.text if token.kind == "end" else f"'{token.text}'"
+
+
+def _odd(letter: str) -> tuple[str, str]:
+    """What to say of a character that begins nothing."""
+    told = f"'{letter}'" if letter.isascii() and letter.isprintable() else f"the character U+{ord(letter):04X}"
+    message = f"found {told}: expected a number, a name or an operator"
+    if letter == "=":
+        return message, "an assignment is a word of the model; a comparison is < <= > or >="
+    return message, "" if letter.isascii() else "names are of the letters A to Z and a to z, digits and '_'"

@@ -1,0 +1,192 @@
+"""A neuron in equations as a class like any other: its parameters as fields, its arithmetic as a generated module."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import field, make_dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from neuro.core.quantities import Quantity, Value
+from neuro.model.equations import steps
+from neuro.model.equations.definition import CURRENT_NAME, HELD, Definition, read
+from neuro.model.equations.exact import matrix_lines, quiet_lines, room, slope_of, system
+from neuro.model.equations.functions import PUBLIC
+from neuro.model.equations.generated import module
+from neuro.model.equations.grammar import Binary, Call, Name, Negative, Tree
+from neuro.model.equations.units import TIME, times, unit_of
+from neuro.model.equations.writing import Constants, function
+from neuro.model.neurons.base import Neuron, State
+
+_CLASSES: dict[str, type[EquationNeuron]] = {}
+_HEAD = f"""\
+import math
+
+from neuro.model.equations.exponential import change, lasting, positive, relaxed
+from neuro.model.equations.functions import {", ".join(PUBLIC)}
+"""
+
+
+class EquationNeuron(Neuron):
+    """Base of the neurons in equations.
+
+    Class attributes:
+        definition: the words that define it, as they were given.
+    """
+
+    definition: ClassVar[Mapping[str, Any]] = {}
+
+    @classmethod
+    def initial(cls, parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """The states as the definition says; V_m starts at E_L if nothing is said and there is one."""
+        words = list(cls.quantities())
+        rows = np.broadcast_arrays(*(np.atleast_1d(parameters[word]) for word in words))
+        values = np.zeros((rows[0].size, len(cls.states)))
+        arithmetic: Any = cls.arithmetic
+        for z, *p in zip(values, *rows, strict=True):
+            arithmetic.begin([float(value) for value in p], z)
+        return {state.name: values[:, k] for k, state in enumerate(cls.states)}
+
+
+def neuron(name: str, said: Mapping[str, Any]) -> type[EquationNeuron]:
+    """The class of a neuron in equations; the same words give the same class.
+
+    Raises:
+        ModelError: the first mistake in the words.
+    """
+    key = json.dumps([name, said], default=repr)
+    if key not in _CLASSES:
+        _CLASSES[key] = _made(read(name, said))
+    return _CLASSES[key]
+
+
+def _made(d: Definition) -> type[EquationNeuron]:
+    constants = Constants(d.parameters, 1, {*d.states, *d.let, *(r.name for r in d.receptors), CURRENT_NAME}, d.full)
+    linear = system(d)
+    whole = steps.checked(steps.Neuron(d, linear, constants))
+    text, width = _text(whole)
+    arithmetic = module(text)
+    positive = {*_divisors(d), *(r.tau.tree.name for r in d.receptors if r.tau and isinstance(r.tau.tree, Name))}
+    fields = [
+        (word, Value, _field(p.quantity(word in positive) if word != "t_ref" else _period(p.unit, p.doc), p.default))
+        for word, p in d.parameters.items()
+    ]
+    threshold = d.plain.get("threshold", "")
+    namespace = {
+        "__doc__": d.plain.get("doc") or f"A neuron in equations, integrated by {whole.integrator}.",
+        "definition": d.plain,
+        "equation": _told(d, threshold),
+        "source": d.plain.get("source", ""),
+        "states": _states(whole),
+        "receptors": max(1, len(d.receptors)),
+        "linear": whole.integrator == "exact",
+        "width": width,
+        "resets_in_step": whole.resets_in_step,
+        "takes_current": d.takes_current,
+    }
+    made: Any = make_dataclass(
+        d.name, fields, bases=(EquationNeuron,), namespace=namespace, frozen=True, kw_only=True, eq=False
+    )
+    made.__module__ = arithmetic.__name__
+    result: type[EquationNeuron] = made
+    return result
+
+
+def _field(q: Quantity, default: float) -> Any:
+    return field(default=default, metadata={"quantity": q})
+
+
+def _period(unit: str, doc: str) -> Quantity:
+    return Quantity(unit=unit, doc=doc or "refractory period", at_least=0, arrays=True)
+
+
+def _divisors(d: Definition) -> set[str]:
+    """The parameters by which is divided."""
+
+    def inner(tree: Tree) -> set[str]:
+        match tree:
+            case Binary("/", left, Name(name)):
+                return {name, *inner(left)}
+            case Binary(_, left, right):
+                return inner(left) | inner(right)
+            case Negative(of):
+                return inner(of)
+            case Call(_, arguments):
+                return set().union(*map(inner, arguments))
+        return set()
+
+    return set().union(*(inner(d.full(e.tree)) for e in d.states.values()))
+
+
+def _told(d: Definition, threshold: object) -> str:
+    parts = [f"{name}' = {expression.text.strip()}" for name, expression in d.states.items()]
+    parts += [f"{name} = {expression.text.strip()}" for name, expression in d.let.items()]
+    return "; ".join([*parts, *([f"spike at {threshold}"] if threshold else [])])
+
+
+def _states(whole: steps.Neuron) -> tuple[State, ...]:
+    d = whole.definition
+    slopes = {slope_of(r): r for r in d.receptors if r.kernel == "alpha"}
+    found = []
+    for name in whole.rows:
+        if name in slopes:
+            dimension = times(d.dimensions[slopes[name].name], TIME, -1)
+            found.append(State(name, unit_of(dimension), f"slope of {slopes[name].name}"))
+        elif name in d.dimensions:
+            found.append(State(name, unit_of(d.dimensions[name]), _meaning(d, name)))
+        else:
+            doc = "steps left to hold" if name == HELD else "size of the next part of a step"
+            found.append(State(name, "steps" if name == HELD else "ms", doc, hidden=True))
+    return tuple(found)
+
+
+def _meaning(d: Definition, name: str) -> str:
+    if name in d.states:
+        return f"{name}' = {d.states[name].text.strip()}"
+    kernel = next(r.kernel for r in d.receptors if r.name == name)
+    return f"what spikes leave, an {kernel} kernel"
+
+
+def _text(whole: steps.Neuron) -> tuple[str, int]:
+    """The module, and how many constants it has room for."""
+    d, constants, linear = whole.definition, whole.constants, whole.linear
+    if "V_th" in d.parameters:
+        constants.place(Name("V_th", 0))
+    step = steps.step_lines(whole)
+    fire = steps.fire_lines(whole)
+    quiet = None
+    if whole.integrator == "exact" and linear is not None:
+        quiet = quiet_lines(d, linear, constants, whole.rows.get(HELD))
+    functions = [
+        function("begin(p, z)", "The states at time 0.", _begin_lines(whole)),
+        function(steps.HEAD, f"One step, by {whole.integrator}.", step),
+        function("fire(s, c, i)", "What a spike does.", fire),
+        function("quiet(s, c, i_0, lo, hi)", "Whether none can fire before its next input.", quiet or ["return False"]),
+    ]
+    if whole.resets_in_step:
+        arguments, lines = steps.rates_function(whole)
+        functions.append(function(f"rates({arguments})", "How fast each state changes.", lines))
+    filled = list(constants.lines())
+    numbers, places = "", len(constants.places)
+    if whole.integrator == "exact" and linear is not None:
+        filled += matrix_lines(linear, constants, "SYSTEM")
+        numbers, places = f"SYSTEM = {places}\n", places + room(linear)
+        if "HELD_SYSTEM" in "".join(step):
+            filled += matrix_lines(linear, constants, "HELD_SYSTEM", whole.hold)
+            numbers, places = numbers + f"HELD_SYSTEM = {places}\n", places + room(linear)
+    functions.insert(0, function("constants(p, h, c)", "What is worked out once.", filled or ["pass"]))
+    text = "\n\n".join(["\n".join([f'"""{d.name}"""', _HEAD, numbers]).rstrip() + "\n", *functions])
+    return text, max(Neuron.width, len(d.parameters) + 1, places)
+
+
+def _begin_lines(whole: steps.Neuron) -> list[str]:
+    d, constants = whole.definition, whole.constants
+    lines = list(constants.locals())
+    given = {name: e.tree for name, e in d.initial.items()}
+    if "V_m" in d.states and "V_m" not in given and "E_L" in d.parameters:
+        given["V_m"] = Name("E_L", 0)
+    for name, tree in given.items():
+        lines.append(f"z[{whole.rows[name]}] = {constants.of_parameters(tree)}")
+    return lines or ["pass"]

@@ -1,0 +1,105 @@
+"""Runge-Kutta steps as text: the classical one of fourth order, and Fehlberg's with the size of its steps controlled.
+
+Sources: Fehlberg, NASA TR R-315, 1969; the control of the step size is that of the GNU Scientific Library 2.7
+(ode-initval/cstd.c, evolve.c), by which NEST integrates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from neuro.model.equations.writing import Constants, indented, local
+
+Call = Callable[[dict[str, str]], str]
+"""The text that asks for the rates at some values, by state."""
+
+_NODES = (
+    (),
+    (1 / 4,),
+    (3 / 32, 9 / 32),
+    (1932 / 2197, -7200 / 2197, 7296 / 2197),
+    (8341 / 4104, -32832 / 4104, 29440 / 4104, -845 / 4104),
+    (-6080 / 20520, 41040 / 20520, -28352 / 20520, 9295 / 20520, -5643 / 20520),
+)
+_FIFTH = (902880 / 7618050, 0.0, 3953664 / 7618050, 3855735 / 7618050, -1371249 / 7618050, 277020 / 7618050)
+_ERROR = (1 / 360, 0.0, -128 / 4275, -2197 / 75240, 1 / 50, 2 / 55)
+SMALLEST = 1e-12
+"""The smallest part of a step that is taken, however large its error."""
+
+
+def rk4_lines(
+    states: tuple[str, ...],
+    call: Call,
+    spike: list[str],
+    constants: Constants,
+    settings: Mapping[str, float],
+    part: str,
+) -> list[str]:
+    """A step in some equal parts, with the threshold after each."""
+    count = int(settings["substeps"])
+    h = constants.place_of("h" if count == 1 else f"h / {count}")
+    lines = _stage(1, states, call({name: local(name) for name in states}))
+    for stage, share in ((2, 0.5), (3, 0.5), (4, 1.0)):
+        near = f"{share} * {h}" if share != 1.0 else h
+        lines += _stage(stage, states, call({n: f"{local(n)} + {near} * k{stage - 1}_{local(n)}" for n in states}))
+    for name in states:
+        k1, k2, k3, k4 = (f"k{stage}_{local(name)}" for stage in range(1, 5))
+        lines.append(f"{local(name)} += {h} * ({k1} + 2.0 * {k2} + 2.0 * {k3} + {k4}) / 6.0")
+    lines += spike
+    return lines if count == 1 else [f"for _ in range({count}):", *indented(lines)]
+
+
+def rkf45_lines(
+    states: tuple[str, ...],
+    call: Call,
+    spike: list[str],
+    constants: Constants,
+    settings: Mapping[str, float],
+    part: str,
+) -> list[str]:
+    """A step in parts of errors below the tolerance, with the threshold after each; `part` keeps their size."""
+    h = constants.place_of("h")
+    lines = [
+        f"size = {part} if {part} > 0.0 else min(0.01, {h})",
+        "t = 0.0",
+        f"while t < {h}:",
+        *indented(_stage(1, states, call({name: local(name) for name in states}))),
+        "    trying = True",
+        "    while trying:",
+        *indented(_try(states, call, h, settings["tolerance"]), 2),
+        f"    t = {h} if last else t + now",
+        *indented([f"{local(name)} = new_{local(name)}" for name in states]),
+        *indented(spike),
+        f"{part} = size",
+    ]
+    return lines
+
+
+def _try(states: tuple[str, ...], call: Call, h: str, tolerance: float) -> list[str]:
+    lines = [f"last = size > {h} - t", f"now = {h} - t if last else size"]
+    for stage in range(2, 7):
+        near = {n: f"{local(n)} + now * ({_sum(_NODES[stage - 1], n)})" for n in states}
+        lines += _stage(stage, states, call(near))
+    lines += [f"new_{local(n)} = {local(n)} + now * ({_sum(_FIFTH, n)})" for n in states]
+    errors = [f"abs(now * ({_sum(_ERROR, n)}))" for n in states]
+    worst = errors[0]
+    for error in errors[1:]:
+        worst = f"max({worst}, {error})"
+    return [
+        *lines,
+        f"worst = {worst} / {tolerance!r}",
+        "size = resized(now, worst)",
+        f"trying = size < now and size > {SMALLEST!r} * {h}",
+        "if size < now and not trying:",
+        "    size = now",
+    ]
+
+
+def _stage(stage: int, states: tuple[str, ...], call: str) -> list[str]:
+    names = "".join(f"k{stage}_{local(name)}, " for name in states)
+    return [f"{names}= {call}"]
+
+
+def _sum(factors: tuple[float, ...], name: str) -> str:
+    terms = [f"{factor!r} * k{k}_{local(name)}" for k, factor in enumerate(factors, 1) if factor]
+    return " + ".join(terms)

@@ -1,0 +1,58 @@
+"""Models of a network's own: in the file, back into a file, and nowhere else."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+import neuro
+from neuro.model.language import schema
+from neuro.model.neurons import MODELS
+
+NET = """
+neuro: 1
+include: [models.yaml]
+populations:
+  noise: {model: {poisson_generator: {rate: 80.0}}, shape: 20}
+  cells: {model: {own_iaf_psc_exp: {t_ref: 3.0}}, shape: 10, initial: {V_m: -65.0}}
+  more: {model: own_aeif_cond_exp, shape: 2, initial: {w: 3.0}}
+projections:
+  a: {from: noise, to: cells, rule: all_to_all, weight: 100.0, delay: 1.0}
+probes: {w: {of: more, record: w}}
+"""
+
+
+def loaded(folder):
+    (folder / "models.yaml").write_text(Path(__file__).with_name("models.yaml").read_text())
+    (folder / "net.yaml").write_text(NET)
+    return neuro.load(folder / "net.yaml")
+
+
+def test_a_saved_network_has_its_models(tmp_path):
+    net = loaded(tmp_path)
+    net.save(tmp_path / "saved.yaml")
+    again = neuro.load(tmp_path / "saved.yaml")
+    assert again == net
+    assert type(again.populations["cells"].model) is type(net.populations["cells"].model)
+    assert net.populations["cells"].model == neuro.load(tmp_path / "net.yaml").populations["cells"].model
+
+
+def test_they_are_known_in_their_network_only(tmp_path):
+    loaded(tmp_path)
+    assert "own_iaf_psc_exp" not in MODELS
+
+
+def test_two_models_of_one_name_cannot_be_saved(tmp_path):
+    net = neuro.Network()
+    for k, text in enumerate(("(E_L - V_m)/tau", "(2*E_L - V_m)/tau")):
+        words = {"equations": {"V_m": text}, "parameters": {"E_L": "0 mV", "tau": "10 ms"}}
+        net.population(f"p{k}", 1, neuro.equations("one", **words)())
+    with pytest.raises(neuro.ModelError) as raised:
+        net.save(tmp_path / "net.yaml")
+    assert raised.value.message == "population 'p1': another model of the network is called 'one', too"
+
+
+def test_the_schema_takes_them():
+    jsonschema = pytest.importorskip("jsonschema")
+    jsonschema.validate(yaml.safe_load(Path(__file__).with_name("models.yaml").read_text()), schema())
+    jsonschema.validate(yaml.safe_load(NET), schema())

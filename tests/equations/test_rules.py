@@ -1,0 +1,76 @@
+"""Rules of spike pairs as equations."""
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro import ModelError
+
+STDP = {
+    "traces": {"K_plus": {"of": "pre", "tau": "tau_plus"}, "K_minus": {"of": "post", "tau": "tau_minus"}},
+    "on_post": {"w": "min(Wmax, w + Wmax*step*(1 - w/Wmax)*K_plus)"},
+    "on_pre": {"w": "max(0, w - Wmax*alpha*step*(w/Wmax)*K_minus)"},
+    "parameters": {
+        "tau_plus": "20 ms",
+        "step": {"default": 0.01, "at_least": 0},
+        "alpha": 1,
+        "Wmax": {"default": 100, "above": 0},
+    },
+}
+
+
+def network(rule):
+    net = neuro.Network("learning")
+    net.population("source", 6, neuro.poisson_generator(rate=120.0))
+    net.population("cells", 4, neuro.iaf_psc_exp(I_e=500.0))
+    net.connect("source", "cells", neuro.all_to_all(), rule, weight=60.0, delay=1.5, name="learnt")
+    return net
+
+
+@pytest.mark.parametrize("backend", ["reference", "event"])
+def test_stdp_written_as_equations_gives_its_weights(backend):
+    found = []
+    for rule in (neuro.stdp(), neuro.equations("own_stdp", **STDP)()):
+        sim = neuro.compile(network(rule), backend, seed=1)
+        sim.run(300.0)
+        found.append((sim.weights("learnt")[2], sim.spikes("cells")[0]))
+    assert np.array_equal(found[0][1], found[1][1])
+    assert found[0][1].size > 20
+    assert found[0][0].std() > 1.0
+    assert np.abs(found[0][0] - found[1][0]).max() < 1e-12
+
+
+def test_a_saved_network_has_its_rules(tmp_path):
+    net = network(neuro.equations("own_stdp", **STDP)(alpha=1.5))
+    net.save(tmp_path / "net.yaml")
+    assert neuro.load(tmp_path / "net.yaml") == net
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            {"on_pre": {"w": "w - K"}},
+            "model 'm': on_pre.w, column 5: unknown name 'K'\n    w - K\n        ^",
+        ),
+        (
+            {"on_post": {"w": "w + Wmax + tau_plus*step"}},
+            "model 'm': on_post.w, column 10: 'w + Wmax' is without unit, 'tau_plus*step' in ms: expected the same "
+            "unit\n    w + Wmax + tau_plus*step\n             ^",
+        ),
+        (
+            {"traces": {"K": {"of": "pre", "tau": "tau"}}},
+            "model 'm': traces.K: unknown parameter in ms 'tau'",
+        ),
+        (
+            {"traces": {"K": {"of": "both", "tau": "tau_plus"}}},
+            "model 'm': traces.K: of = 'both': expected pre or post",
+        ),
+        ({"on_pre": {"c": "1"}}, "model 'm': unknown state of a synapse 'c'"),
+        ({"on_signal": {"w": "w"}}, "model 'm': unknown word of a model 'on_signal'"),
+    ],
+)
+def test_mistakes(words, message):
+    with pytest.raises(ModelError) as raised:
+        neuro.equations("m", **{**STDP, **words})
+    assert raised.value.message == message
