@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from neuro.model.network import Network
     from neuro.model.neurons import (
         dc_generator,
+        iaf_linear_leak,
         iaf_psc_alpha,
         iaf_psc_delta,
         iaf_psc_exp,
@@ -56,6 +57,7 @@ _HOMES = {
     "neuro.model.network": ("Network",),
     "neuro.model.neurons": (
         "dc_generator",
+        "iaf_linear_leak",
         "iaf_psc_alpha",
         "iaf_psc_delta",
         "iaf_psc_exp",
@@ -104,6 +106,7 @@ __all__ = [
     "fixed_indegree",
     "fixed_outdegree",
     "grid",
+    "iaf_linear_leak",
     "iaf_psc_alpha",
     "iaf_psc_delta",
     "iaf_psc_exp",

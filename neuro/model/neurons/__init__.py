@@ -3,6 +3,7 @@
 from neuro.core.registry import Registry
 from neuro.model.neurons.base import Generator, Model, Neuron, State, complete
 from neuro.model.neurons.generators import dc_generator, poisson_generator, spike_generator
+from neuro.model.neurons.iaf_linear_leak import iaf_linear_leak
 from neuro.model.neurons.iaf_psc_alpha import iaf_psc_alpha
 from neuro.model.neurons.iaf_psc_delta import iaf_psc_delta
 from neuro.model.neurons.iaf_psc_exp import iaf_psc_exp
@@ -12,7 +13,14 @@ from neuro.model.neurons.parrot_neuron import parrot_neuron
 from neuro.model.neurons.spinnaker_lif import spinnaker_lif
 
 GENERATORS: tuple[type[Generator], ...] = (poisson_generator, spike_generator, dc_generator)
-NEURONS: tuple[type[Neuron], ...] = (parrot_neuron, iaf_psc_delta, iaf_psc_exp, iaf_psc_alpha, izhikevich)
+NEURONS: tuple[type[Neuron], ...] = (
+    parrot_neuron,
+    iaf_psc_delta,
+    iaf_psc_exp,
+    iaf_psc_alpha,
+    izhikevich,
+    iaf_linear_leak,
+)
 NATIVE: tuple[type[Neuron], ...] = (loihi_lif, spinnaker_lif)
 """Neurons in the registers of a chip; they have no float arithmetic."""
 
@@ -35,6 +43,7 @@ __all__ = [
     "Neuron",
     "State",
     "dc_generator",
+    "iaf_linear_leak",
     "iaf_psc_alpha",
     "iaf_psc_delta",
     "iaf_psc_exp",
