@@ -35,7 +35,7 @@ class iaf_linear_leak(Neuron):
     t_ref: Value = quantity(2.0, "ms", "refractory period", at_least=0, arrays=True)
     E_L: Value = quantity(-70.0, "mV", "resting potential", arrays=True)
     V_reset: Value = quantity(-70.0, "mV", "potential after a spike", arrays=True)
-    V_th: Value = quantity(-55.0, "mV", "threshold", arrays=True)
+    V_th: Value = quantity(-55.0, "mV", "threshold; .inf: it only integrates", infinite=True, arrays=True)
     I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
 
     @staticmethod

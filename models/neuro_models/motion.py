@@ -1,0 +1,114 @@
+"""Reichardt detectors: 64 neurons with linear leak that read the speed and direction of an edge from its events.
+
+A patch of pixels reaches every detector by delays: an edge of the detector's speed v and direction u crosses pixel p
+at p u / v, and all arrives at once if the delay is (max - p u) / v. A patch has two dimensions since a row of pixels
+cannot tell a fast oblique edge from a slow straight one: along it both take the time cos(angle) / v a pixel.
+
+Source: Orchard, Benosman, Etienne-Cummings & Thakor, A spiking neural network architecture for visual motion
+estimation, BioCAS 2013 (two layers, 8 speeds and 8 directions); Mosca, MSc thesis, 2020, section 5.1.2. Size of the
+patch, speeds, leak and t_ref are measured choices.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+import neuro
+
+__all__ = ["DIRECTIONS", "SPEEDS", "delays", "network", "peaks"]
+
+Floats = NDArray[np.float64]
+
+SPEEDS: Floats = 0.1 * 8.0 ** (np.arange(8) / 7.0)
+"""px/ms, from 0.1 to 0.8 in equal ratios."""
+DIRECTIONS: Floats = 45.0 * np.arange(8)
+"""Degrees from the x axis, to the right, towards the y axis, which points down as rows of a picture are counted."""
+
+
+def delays(side: int = 8, speeds: Floats = SPEEDS, directions: Floats = DIRECTIONS) -> Floats:
+    """How long what each pixel of a patch sends is on its way to each detector.
+
+    Args:
+        side: of the patch, px.
+        speeds: of the detectors, px/ms.
+        directions: of the detectors, degrees.
+
+    Returns:
+        ms, >= 0, shape (pixels, detectors), both in C order of (y, x) and of (speed, direction).
+    """
+    angles = np.deg2rad(directions)
+    y, x = np.indices((side, side)).reshape(2, -1, 1)
+    along = x * np.cos(angles) + y * np.sin(angles)
+    late = (along.max(axis=0) - along)[:, None, :] / np.asarray(speeds)[:, None]
+    return late.reshape(side * side, -1)
+
+
+def network(
+    patches: int = 1,
+    side: int = 8,
+    speeds: Floats = SPEEDS,
+    directions: Floats = DIRECTIONS,
+    leak: float = 8.0,
+    t_ref: float = 20.0,
+    longest: float = np.inf,
+    resolution: float = 1.0,
+) -> neuro.Network:
+    """Patches that know nothing of each other, with a detector for each speed and direction.
+
+    Events come to `events`, shape (patches, y, x). `pixels` fire at the first event of an edge and leave out the
+    others. `detectors`, shape (patches, speed, direction), only integrate: the one whose potential has the highest
+    peak tells the motion.
+
+    Args:
+        patches: how many.
+        side: of a patch, px.
+        speeds: of the detectors, px/ms.
+        directions: of the detectors, degrees.
+        leak: of the detectors, mV/ms; a pixel weighs 1 mV.
+        t_ref: how long a pixel is silent after a spike, ms.
+        longest: the longest delay that there is, ms, on the grid of steps; longer ones are cut to it.
+        resolution: ms.
+    """
+    pixel = neuro.iaf_linear_leak(E_L=0.0, V_reset=0.0, V_th=1.0, t_ref=t_ref)
+    detector = neuro.iaf_linear_leak(E_L=0.0, V_reset=0.0, V_th=np.inf, leak=leak)
+    net = neuro.Network("motion", resolution=resolution)
+    net.population("events", (patches, side, side), neuro.spike_generator())
+    net.population("pixels", (patches, side, side), pixel)
+    net.population("detectors", (patches, len(speeds), len(directions)), detector)
+    net.connect("events", "pixels", neuro.one_to_one(), weight=1.0, delay=resolution)
+    steps = 1.0 + np.rint(delays(side, speeds, directions) / resolution)
+    net.connect(
+        "pixels",
+        "detectors",
+        neuro.pairs(*_within(patches, *steps.shape)),
+        weight=1.0,
+        delay=np.tile(np.minimum(resolution * steps, longest).ravel(), patches),
+    )
+    net.probe("potential", "detectors", "V_m", every=resolution)
+    return net
+
+
+def _within(patches: int, pixels: int, detectors: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """All pairs of a pixel and a detector of one patch."""
+    patch, pixel, detector = np.indices((patches, pixels, detectors)).reshape(3, -1)
+    return patch * pixels + pixel, patch * detectors + detector
+
+
+def peaks(sim: neuro.Simulation, times: ArrayLike, ids: ArrayLike) -> Floats:
+    """Show events to the network, from time 0 on, and tell the highest potential of each detector.
+
+    Args:
+        sim: of `network`; it is reset.
+        times: of the events, ms, > 0 and on the grid of steps.
+        ids: where: neurons of `events`.
+
+    Returns:
+        mV, shape (patches, speeds, directions).
+    """
+    sim.reset()
+    sim.inject("events", times, ids)
+    longest = sim.program.projections[1].delay.max() * sim.program.resolution
+    sim.run(np.max(times, initial=0.0) + longest + sim.program.resolution)
+    _, potential = sim.trace("potential")
+    return potential.max(axis=0).reshape(sim.program.populations[2].shape)
