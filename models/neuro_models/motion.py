@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 
 import neuro
 
-__all__ = ["DIRECTIONS", "SPEEDS", "delays", "network", "peaks"]
+__all__ = ["DIRECTIONS", "SPEEDS", "delays", "network", "peaks", "to_patches"]
 
 Floats = NDArray[np.float64]
 
-SPEEDS: Floats = 0.1 * 8.0 ** (np.arange(8) / 7.0)
+SPEEDS: Floats = np.geomspace(0.1, 0.8, 8)
 """px/ms, from 0.1 to 0.8 in equal ratios."""
-DIRECTIONS: Floats = 45.0 * np.arange(8)
+DIRECTIONS: Floats = np.arange(0.0, 360.0, 45.0)
 """Degrees from the x axis, to the right, towards the y axis, which points down as rows of a picture are counted."""
 
 
@@ -95,6 +95,37 @@ def _within(patches: int, pixels: int, detectors: int) -> tuple[NDArray[np.int64
     return patch * pixels + pixel, patch * detectors + detector
 
 
+def to_patches(
+    t_us: ArrayLike,
+    x: ArrayLike,
+    y: ArrayLike,
+    rows: int = 1,
+    columns: int = 1,
+    side: int = 8,
+    resolution: float = 1.0,
+) -> tuple[Floats, NDArray[np.int64]]:
+    """Events of a camera as spikes of patches that lie side by side from its upper left corner on.
+
+    Args:
+        t_us: times, >= 0, us.
+        x: columns of pixels.
+        y: rows of pixels; events outside all patches are left out.
+        rows: of patches.
+        columns: of patches, which are numbered row by row.
+        side: of a patch, px.
+        resolution: of the network, ms.
+
+    Returns:
+        times in ms, at the ends of their steps, and neurons of `events`.
+    """
+    x, y = np.asarray(x, dtype=np.int64), np.asarray(y, dtype=np.int64)
+    inside = (x < columns * side) & (y < rows * side)
+    x, y = x[inside], y[inside]
+    times = resolution * (np.floor(np.asarray(t_us)[inside] / (1000.0 * resolution)) + 1.0)
+    patch = y // side * columns + x // side
+    return times, (patch * side + y % side) * side + x % side
+
+
 def peaks(sim: neuro.Simulation, times: ArrayLike, ids: ArrayLike) -> Floats:
     """Show events to the network, from time 0 on, and tell the highest potential of each detector.
 
@@ -109,6 +140,6 @@ def peaks(sim: neuro.Simulation, times: ArrayLike, ids: ArrayLike) -> Floats:
     sim.reset()
     sim.inject("events", times, ids)
     longest = sim.program.projections[1].delay.max() * sim.program.resolution
-    sim.run(np.max(times, initial=0.0) + longest + sim.program.resolution)
+    sim.run(np.max(np.asarray(times, dtype=np.float64), initial=0.0) + longest + sim.program.resolution)
     _, potential = sim.trace("potential")
     return potential.max(axis=0).reshape(sim.program.populations[2].shape)
