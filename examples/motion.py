@@ -33,7 +33,7 @@ def seen(speed, degrees, seed):
 
 def draw(events, times, potential, peaks):
     """One edge: its events, the potentials of its 64 detectors, and their peaks."""
-    figure = Figure(figsize=(12, 3.6), layout="constrained")
+    figure = Figure(figsize=(13, 4), layout="constrained")
     left, middle, right = figure.subplots(1, 3)
     first = np.full((SIDE, SIDE), np.nan)
     first[events.y[::-1], events.x[::-1]] = events.t[::-1] / 1000.0
@@ -51,6 +51,7 @@ def draw(events, times, potential, peaks):
 
     image = right.imshow(peaks, origin="lower", aspect="auto")
     figure.colorbar(image, ax=right, label="peak of V_m (mV)")
+    right.tick_params(labelsize=8)
     right.set_xticks(range(8), [f"{degrees:.0f}°" for degrees in motion.DIRECTIONS])
     right.set_yticks(range(8), [f"{v:.2f}" for v in motion.SPEEDS])
     right.set(title="which one", xlabel="direction", ylabel="speed (px/ms)")
