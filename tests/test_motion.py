@@ -103,8 +103,28 @@ def test_it_is_shown_anew_each_time():
     assert np.all(motion.peaks(sim, [], []) == 0.0)
 
 
+def test_the_reference_has_the_same_peaks():
+    _, _, times, ids = made_edges(np.random.default_rng(23), 2)
+    on_event, on_reference = (neuro.compile(motion.network(2), backend) for backend in ("event", "reference"))
+    assert np.array_equal(motion.peaks(on_event, times, ids), motion.peaks(on_reference, times, ids))
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ({"speeds": [0.1, 0.0]}, "motion: speeds = [0.1, 0.0] px/ms: expected numbers > 0"),
+        ({"longest": 0.5}, "delay[0] = 0.5 ms: expected a multiple of the resolution, 1 ms"),
+        ({"leak": -1.0}, "iaf_linear_leak.leak = -1: expected a number >= 0 mV/ms"),
+    ],
+)
+def test_numbers_that_cannot_be(words, told):
+    with pytest.raises(neuro.ModelError) as caught:
+        neuro.compile(motion.network(**words))
+    assert told in str(caught.value)
+
+
 def test_events_find_their_patch():
-    times, ids = motion.to_patches([0, 999, 1000, 5], [0, 9, 15, 16], [0, 1, 7, 3], columns=2)
+    times, ids = motion.to_patches([0, 999, 1000, 5, 5], [0, 9, 15, 16, -1], [0, 1, 7, 3, 3], columns=2)
     assert times.tolist() == [1.0, 1.0, 2.0]
     assert ids.tolist() == [0, 64 + 8 + 1, 64 + 56 + 7]
     times, ids = motion.to_patches([700], [2], [5], rows=2, side=4, resolution=0.5)
@@ -151,7 +171,8 @@ def test_the_direction_of_card_pips_is_read(shared):
     for begin, end in zip(data["offsets"], data["offsets"][1:], strict=False):
         t, x, y, p = (data[name][begin:end] for name in "txyp")
         truth = np.polyfit(t / 1000.0, x, 1)[0] + 1j * np.polyfit(t / 1000.0, y, 1)[0]
-        if motion.SPEEDS[0] < 1.16 * abs(truth) and abs(truth) < 1.16 * motion.SPEEDS[-1]:
+        half = (motion.SPEEDS[1] / motion.SPEEDS[0]) ** 0.5
+        if motion.SPEEDS[0] / half < abs(truth) < motion.SPEEDS[-1] * half:
             on = (p == 1) & (x > 0) & (y > 0)
             peaks = motion.peaks(sim, *motion.to_patches(t[on], x[on] - 1, y[on] - 1, rows=2, columns=2, side=16))
             errors.append(abs(np.rad2deg(np.angle(peaks.sum(axis=(0, 1)) @ toward / truth))))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import neuro
+from neuro import ModelError
 
 __all__ = ["DIRECTIONS", "SPEEDS", "delays", "network", "peaks", "to_patches"]
 
@@ -36,7 +37,12 @@ def delays(side: int = 8, speeds: Floats = SPEEDS, directions: Floats = DIRECTIO
 
     Returns:
         ms, >= 0, shape (pixels, detectors), both in C order of (y, x) and of (speed, direction).
+
+    Raises:
+        ModelError: a speed is not above 0.
     """
+    if not np.all(np.asarray(speeds) > 0.0):
+        raise ModelError(f"motion: speeds = {np.asarray(speeds).tolist()} px/ms: expected numbers > 0")
     angles = np.deg2rad(directions)
     y, x = np.indices((side, side)).reshape(2, -1, 1)
     along = x * np.cos(angles) + y * np.sin(angles)
@@ -69,6 +75,9 @@ def network(
         t_ref: how long a pixel is silent after a spike, ms.
         longest: the longest delay that there is, ms, on the grid of steps; longer ones are cut to it.
         resolution: ms.
+
+    Raises:
+        ModelError: a number cannot be used; it says which.
     """
     pixel = neuro.iaf_linear_leak(E_L=0.0, V_reset=0.0, V_th=1.0, t_ref=t_ref)
     detector = neuro.iaf_linear_leak(E_L=0.0, V_reset=0.0, V_th=np.inf, leak=leak)
@@ -119,7 +128,7 @@ def to_patches(
         times in ms, at the ends of their steps, and neurons of `events`.
     """
     x, y = np.asarray(x, dtype=np.int64), np.asarray(y, dtype=np.int64)
-    inside = (x < columns * side) & (y < rows * side)
+    inside = (x >= 0) & (x < columns * side) & (y >= 0) & (y < rows * side)
     x, y = x[inside], y[inside]
     times = resolution * (np.floor(np.asarray(t_us)[inside] / (1000.0 * resolution)) + 1.0)
     patch = y // side * columns + x // side
