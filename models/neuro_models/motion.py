@@ -71,37 +71,33 @@ def network(
         side: of a patch, px.
         speeds: of the detectors, px/ms.
         directions: of the detectors, degrees.
-        leak: of the detectors, mV/ms; a pixel weighs 1 mV.
+        leak: of the detectors, mV/ms; all pixels of a patch together weigh 1 mV times their number.
         t_ref: how long a pixel is silent after a spike, ms.
-        longest: the longest delay that there is, ms, on the grid of steps; longer ones are cut to it.
+        longest: the longest delay that there is, ms. Pixels that would wait longer do not reach a detector, and the
+            others weigh more: a slow detector sees a part of its patch.
         resolution: ms.
 
     Raises:
         ModelError: a number cannot be used; it says which.
     """
-    pixel = neuro.iaf_linear_leak(E_L=0.0, V_reset=0.0, V_th=1.0, t_ref=t_ref)
-    detector = neuro.iaf_linear_leak(E_L=0.0, V_reset=0.0, V_th=np.inf, leak=leak)
+    if not longest >= resolution:
+        raise ModelError(f"motion: longest = {longest:g} ms: expected at least the resolution, {resolution:g} ms")
+    once = neuro.iaf_linear_leak(E_L=0.0, V_reset=0.0, V_th=1.0, t_ref=t_ref)
+    integrate = neuro.iaf_linear_leak(E_L=0.0, V_reset=0.0, V_th=np.inf, leak=leak)
     net = neuro.Network("motion", resolution=resolution)
     net.population("events", (patches, side, side), neuro.spike_generator())
-    net.population("pixels", (patches, side, side), pixel)
-    net.population("detectors", (patches, len(speeds), len(directions)), detector)
+    net.population("pixels", (patches, side, side), once)
+    net.population("detectors", (patches, len(speeds), len(directions)), integrate)
     net.connect("events", "pixels", neuro.one_to_one(), weight=1.0, delay=resolution)
-    steps = 1.0 + np.rint(delays(side, speeds, directions) / resolution)
-    net.connect(
-        "pixels",
-        "detectors",
-        neuro.pairs(*_within(patches, *steps.shape)),
-        weight=1.0,
-        delay=np.tile(np.minimum(resolution * steps, longest).ravel(), patches),
-    )
+    late = resolution * (1.0 + np.rint(delays(side, speeds, directions) / resolution))
+    pixel, detector = np.nonzero(late <= longest)
+    patch = np.arange(patches)[:, None]
+    pairs = neuro.pairs((patch * len(late) + pixel).ravel(), (patch * late.shape[1] + detector).ravel())
+    share = side**2 / np.bincount(detector)
+    weight, delay = np.tile(share[detector], patches), np.tile(late[pixel, detector], patches)
+    net.connect("pixels", "detectors", pairs, weight=weight, delay=delay)
     net.probe("potential", "detectors", "V_m", every=resolution)
     return net
-
-
-def _within(patches: int, pixels: int, detectors: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """All pairs of a pixel and a detector of one patch."""
-    patch, pixel, detector = np.indices((patches, pixels, detectors)).reshape(3, -1)
-    return patch * pixels + pixel, patch * detectors + detector
 
 
 def to_patches(
