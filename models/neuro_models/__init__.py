@@ -1,6 +1,7 @@
-"""Published networks as YAML, one file each with its source.
+"""Published networks, one file each with its source.
 
-`path("remus")` is a file for `neuro.load`; `names()` lists them.
+Most are YAML: `path("remus")` is a file for `neuro.load`, `names()` lists them. `motion` is a module that builds one,
+since its delays follow from a formula.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ _FOLDER = Path(__file__).parent
 
 
 def names() -> list[str]:
-    """The networks there are."""
+    """The networks there are as YAML."""
     return sorted(file.stem for file in _FOLDER.glob("*.yaml"))
 
 

@@ -9,6 +9,7 @@ from neuro.model.neurons.generators import dc_generator, poisson_generator, spik
 from neuro.model.neurons.hh_psc_alpha import hh_psc_alpha
 from neuro.model.neurons.iaf_cond_alpha import iaf_cond_alpha
 from neuro.model.neurons.iaf_cond_exp import iaf_cond_exp
+from neuro.model.neurons.iaf_linear_leak import iaf_linear_leak
 from neuro.model.neurons.iaf_psc_alpha import iaf_psc_alpha
 from neuro.model.neurons.iaf_psc_delta import iaf_psc_delta
 from neuro.model.neurons.iaf_psc_exp import iaf_psc_exp
@@ -30,6 +31,7 @@ NEURONS: tuple[type[Neuron], ...] = (
     *INTEGRATED,
     mat2_psc_exp,
     iaf_psc_exp_adaptive_threshold,
+    iaf_linear_leak,
 )
 NATIVE: tuple[type[Neuron], ...] = (loihi_lif, spinnaker_lif)
 """Neurons in the registers of a chip; they have no float arithmetic."""
@@ -59,6 +61,7 @@ __all__ = [
     "hh_psc_alpha",
     "iaf_cond_alpha",
     "iaf_cond_exp",
+    "iaf_linear_leak",
     "iaf_psc_alpha",
     "iaf_psc_delta",
     "iaf_psc_exp",
