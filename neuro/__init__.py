@@ -38,9 +38,20 @@ if TYPE_CHECKING:
         pairs,
         pairwise_bernoulli,
     )
-    from neuro.model.synapses import loihi_learning, loihi_static, r_stdp, static, stdp, stdp_dopa
+    from neuro.model.synapses import (
+        first_spike_stdp,
+        loihi_learning,
+        loihi_static,
+        mozafari,
+        r_stdp,
+        static,
+        stdp,
+        stdp_dopa,
+        tempotron,
+    )
     from neuro.program.backend import OverflowWarning
     from neuro.program.counts import Counts
+    from neuro.run.assignment import assign_labels, read_labels
     from neuro.run.simulation import ApproximationWarning, Simulation, compile
     from neuro.run.trials import TrialResults
 
@@ -76,9 +87,20 @@ _HOMES = {
         "pairs",
         "pairwise_bernoulli",
     ),
-    "neuro.model.synapses": ("loihi_learning", "loihi_static", "r_stdp", "static", "stdp", "stdp_dopa"),
+    "neuro.model.synapses": (
+        "first_spike_stdp",
+        "loihi_learning",
+        "loihi_static",
+        "mozafari",
+        "r_stdp",
+        "static",
+        "stdp",
+        "stdp_dopa",
+        "tempotron",
+    ),
     "neuro.program.backend": ("OverflowWarning",),
     "neuro.program.counts": ("Counts",),
+    "neuro.run.assignment": ("assign_labels", "read_labels"),
     "neuro.run.trials": ("TrialResults",),
     "neuro.run.simulation": ("ApproximationWarning", "Simulation", "compile"),
 }
@@ -94,6 +116,7 @@ __all__ = [
     "Trials",
     "__version__",
     "all_to_all",
+    "assign_labels",
     "chips",
     "coding",
     "compare",
@@ -101,6 +124,7 @@ __all__ = [
     "dc_generator",
     "dropout",
     "events",
+    "first_spike_stdp",
     "fixed_indegree",
     "fixed_outdegree",
     "grid",
@@ -114,6 +138,7 @@ __all__ = [
     "loihi_learning",
     "loihi_lif",
     "loihi_static",
+    "mozafari",
     "normal",
     "one_to_one",
     "pairs",
@@ -121,6 +146,7 @@ __all__ = [
     "parrot_neuron",
     "poisson_generator",
     "r_stdp",
+    "read_labels",
     "register",
     "reward",
     "spike_generator",
@@ -128,6 +154,7 @@ __all__ = [
     "static",
     "stdp",
     "stdp_dopa",
+    "tempotron",
     "uniform",
     "winner_take_all",
 ]
