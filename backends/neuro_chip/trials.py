@@ -61,21 +61,25 @@ class Trials:
         return Outcome(winner, decided if winner >= 0 else -1, by_map.max(axis=1), best, ticks, *(peak or ()))
 
     def _advance(self, peaks: bool) -> tuple[Floats, Ints] | None:
-        """Run to the end of a trial; with `peaks` the host reads the voltages after each tick."""
+        """Run to the end of a trial; with `peaks` the host reads the voltages after each tick up to the decision."""
         machine, section = self._machine, self._section
-        group = section.group if section.stop_at_decision else t.NONE
-        end = self._began + section.duration
-        if not peaks:
-            machine.advance_to(end, group)
-            return None
+        found = self._follow() if peaks else None
+        decided = machine.arrays["groups"][section.group, t.WINNER] >= 0
+        if not (decided and section.stop_at_decision):
+            machine.advance_to(self._began + section.duration, section.group if section.stop_at_decision else t.NONE)
+        return found
+
+    def _follow(self) -> tuple[Floats, Ints]:
+        """Run to the decision or the end, and see the largest V_m of each neuron and its tick."""
+        machine, section = self._machine, self._section
         size = self._output.stop - self._output.start
         peak, when = np.full(size, -np.inf), np.zeros(size, dtype=np.int64)
         for tick in range(section.duration):
-            machine.advance_to(self._began + 1 + tick, group)
+            machine.advance_to(self._began + 1 + tick)
             volt = machine.cells.state(section.output, "V_m", {"v": machine.arrays["v"][self._output]})
             higher = volt > peak
             peak[higher], when[higher] = volt[higher], tick
-            if section.stop_at_decision and machine.arrays["groups"][section.group, t.WINNER] >= 0:
+            if machine.arrays["groups"][section.group, t.WINNER] >= 0:
                 break
         return peak, when
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,7 @@ class EventEngine:
         self._listed = Listed(self._a)
         self._trial_start = 0
         self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
+        self._taught: dict[int, tuple[ModuleType, Floats]] = {}
         self._pack()
         for q, w in (weights or {}).items():
             self._write_weights(q, w)
@@ -144,7 +146,7 @@ class EventEngine:
         return Outcome(winner, tick, net["potential"].copy(), net["order"][net["best"]], ticks, *found)
 
     def _run_trial(self, spec: Trials, peaks: Peaks | None) -> int:
-        """Run a trial that has begun; return its ticks."""
+        """Run a trial that has begun, up to the decision step by step if peaks are followed; return its ticks."""
         step, last = self._step + 1, self._step + 1 + spec.duration
         groups = self._a.net["groups"]
         while step < last and not (spec.stop_at_decision and groups[spec.group, t.WINNER] >= 0):
@@ -158,20 +160,21 @@ class EventEngine:
                     self._grow_log()
             elif peaks is not None:
                 peaks.follow(self._view, step, step - self._step - 1)
+                peaks = None if groups[spec.group, t.WINNER] >= 0 else peaks
             step = int(reached)
         return step - self._step - 1
 
     def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
         """Apply the rule's `teach` to the inputs of a neuron, of the trial just presented, at a tick of it."""
-        p = self._program.projections[projection]
+        p, (arithmetic, c) = self._program.projections[projection], self._rule(projection)
         inside = self._a.places[p.target].inside
         local = neuron if inside is None else int(inside[neuron])
         first = np.full(self._program.populations[p.source].size, NEVER)
         rewards.first_spikes(self._view, p.source, self._trial_start, self._step, first)
-        self._trial_updates[projection] += rewards.teacher(p.synapse.arithmetic.teach)(
+        self._trial_updates[projection] += rewards.teacher(arithmetic.teach)(
             self._view,
             projection,
-            self._rewarded(projection),
+            c,
             first,
             self._trial_start + 1 + tick,
             neuron,
@@ -182,27 +185,29 @@ class EventEngine:
 
     def encourage(self, projection: int, maps: Ints) -> None:
         """Apply the rule's `encourage` to every weight of the given maps."""
-        p = self._program.projections[projection]
+        p, (arithmetic, c) = self._program.projections[projection], self._rule(projection)
         spec = self._program.trials
         assert spec is not None
         chosen = np.zeros(spec.maps, dtype=np.bool_)
         chosen[maps] = True
         size = self._program.populations[p.target].size
-        self._trial_updates[projection] += rewards.grower(p.synapse.arithmetic.encourage)(
+        self._trial_updates[projection] += rewards.grower(arithmetic.encourage)(
             self._view,
             projection,
-            self._rewarded(projection),
+            c,
             chosen,
             size // spec.maps,
             self._a.places[p.target].outside,
         )
 
-    def _rewarded(self, projection: int) -> Floats:
-        """The constants of a rule for trials."""
-        synapse = self._program.projections[projection].synapse
-        c = np.zeros(synapse.width)
-        synapse.arithmetic.constants(self._changes.rules[projection], self._program.resolution, c)
-        return c
+    def _rule(self, projection: int) -> tuple[ModuleType, Floats]:
+        """The functions and the constants of a rule for trials, kept until its numbers change."""
+        if projection not in self._taught:
+            synapse = self._program.projections[projection].synapse
+            c, arithmetic = np.zeros(synapse.width), synapse.arithmetic
+            arithmetic.constants(self._changes.rules[projection], self._program.resolution, c)
+            self._taught[projection] = arithmetic, c
+        return self._taught[projection]
 
     # --- states, parameters, weights ----------------------------------------------------------------------
 
@@ -300,6 +305,7 @@ class EventEngine:
                 self._program,
             )
         self._changes.rules[projection] = parameters.copy()
+        self._taught.pop(projection, None)
 
     def set_weights(self, projection: int, weights: Floats) -> None:
         """Replace all weights; spikes under way keep the old ones."""

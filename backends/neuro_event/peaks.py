@@ -1,4 +1,4 @@
-"""The largest V_m of each neuron of a trial's output, followed step by step where a rule asks for it."""
+"""The largest V_m of each neuron of a trial's output up to the decision, followed where a rule asks for it."""
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations

@@ -52,10 +52,10 @@ class ReferenceEngine:
             net.advance(trial.ids[trial.ticks == tick])
             for first, ids in zip(self._first, net.ids, strict=True):
                 first[ids] = np.minimum(first[ids], tick)
-            higher = net.potentials[section.output][0] > peak
-            peak[higher], peak_tick[higher] = net.potentials[section.output][0, higher], tick
             if winner < 0:
                 potential = net.potentials[section.output][0]
+                higher = potential > peak
+                peak[higher], peak_tick[higher] = potential[higher], tick
                 if len(net.ids[section.output]):
                     winner, decided = int(net.ids[section.output][0]), tick
                     if section.stop_at_decision:
@@ -64,7 +64,7 @@ class ReferenceEngine:
         by_map = potential.reshape(section.maps, per_map)
         best = by_map.argmax(axis=1) + np.arange(section.maps) * per_map
         if winner >= 0:
-            peak[winner], peak_tick[winner] = np.inf, decided  # its spike; what it reaches after it is of no account
+            peak[winner], peak_tick[winner] = np.inf, decided
         return Outcome(winner, decided, by_map.max(axis=1), best, tick + 1, peak, peak_tick)
 
     def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:

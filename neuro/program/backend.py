@@ -75,7 +75,8 @@ class Outcome:
         potential: largest V_m of each map at the decision (before the reset) or at the end, shape (maps,).
         best: the neuron of each map that has it, shape (maps,).
         ticks: ticks that were run.
-        peak: if asked for, the largest V_m of each neuron of the output, shape (neurons,); infinite for the winner.
+        peak: if asked for, the largest V_m of each neuron of the output up to the decision, shape (neurons,); infinite
+            for the winner.
         peak_tick: the first tick at which it had it; for the winner the decision.
     """
 

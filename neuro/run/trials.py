@@ -85,6 +85,7 @@ class TrialLoop:
         self.maps_of = np.arange(section.maps // self.per_label * self.per_label).reshape(-1, self.per_label)
         taught = [(q, p.synapse) for q, p in enumerate(program.projections) if p.synapse.learns == "trials"]
         self.learners = [q for q, _ in taught]
+        self.growing = {q for q, rule in taught if hasattr(rule.arithmetic, "encourage")}
         self.supervised = not taught or any(rule.supervised for _, rule in taught)
         self.peaks = any(rule.peaks for _, rule in taught)
         self.key = keyed_random.key(program.seed, "dropout", output.name)
@@ -153,7 +154,7 @@ class TrialLoop:
                     self._check_lesson(rule, told)
                     self.engine.learn(projection, int(told.neuron), int(told.tick), float(told.lesson))
                 else:
-                    self._check_growth(rule, told)
+                    self._check_growth(projection, told, end)
                     self.engine.encourage(projection, told.maps)
 
     def _check_lesson(self, rule: Synapse, told: Lesson) -> None:
@@ -164,12 +165,13 @@ class TrialLoop:
                 hint="nobody decided where end.winner is -1",
             )
 
-    def _check_growth(self, rule: Synapse, told: Growth) -> None:
-        if not hasattr(rule.arithmetic, "encourage"):
+    def _check_growth(self, projection: int, told: Growth, end: TrialEnd) -> None:
+        rule = self.rules[projection]
+        if projection not in self.growing:
             raise ModelError(
                 f"{rule.name}: its lessons let maps grow: expected a function 'encourage(w, c)' in its file"
             )
-        if len(told.maps) and not 0 <= told.maps.min() <= told.maps.max() < self.section.maps:
+        if told.maps is not end.maps and not all(0 <= m < self.section.maps for m in told.maps.tolist()):
             raise ModelError(
                 f"{rule.name}: growth of maps {told.maps.tolist()}: expected maps from 0 to {self.section.maps - 1}"
             )

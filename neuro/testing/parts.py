@@ -13,6 +13,7 @@ from neuro.model.rules import RULES, Rule, all_to_all, one_to_one, pairwise_bern
 from neuro.model.synapses import SYNAPSES, Synapse
 from neuro.program.backend import Backend
 from neuro.run.simulation import Simulation, compile
+from neuro.testing import trial_rules
 from neuro.testing.case import Found, differences, observe
 
 Part = Model | Synapse | Rule
@@ -27,7 +28,8 @@ _RATES = (5.0, 80.0)
 def check_part(part: str | Part, backend: str | Backend = "event") -> None:
     """Run networks around a part on a backend and on the reference, and compare all that can be read.
 
-    They are nearly silent and busy, are cut and reset on the way, and run on one thread and on two.
+    They are nearly silent and busy, are cut and reset on the way, and run on one thread and on two. A rule for trials
+    teaches a batch of them.
 
     Args:
         part: the name of one that is registered, which is tried with its defaults, or an instance.
@@ -60,6 +62,8 @@ def _made(name: str) -> Part:
 
 def _found(sim: Simulation) -> Found:
     """What is read after a run, and after another in two pieces from the same beginning."""
+    if sim.program.trials is not None:
+        return trial_rules.found(sim)
     sim.run(_MS)
     first = observe(sim)
     sim.reset(weights=True)
@@ -78,6 +82,8 @@ def _networks(part: Part) -> Iterator[Network]:
         for weight in _WEIGHTS:
             for rate in _RATES:
                 yield _of_neuron(part, weight, rate)
+    elif isinstance(part, Synapse) and part.learns == "trials":
+        yield from trial_rules.networks(part)
     elif isinstance(part, Synapse):
         yield from (_of_synapse(part, rate) for rate in _RATES)
     elif isinstance(part, Rule):

@@ -69,7 +69,7 @@ class Synapse(Choice):
         pre, post: the traces that a pairwise rule reads.
         modulated: whether a dopamine concentration acts on it.
         supervised: whether a rule for trials needs labels.
-        peaks: whether a rule for trials asks for the largest V_m of each neuron in a trial.
+        peaks: whether a rule for trials asks for the largest V_m of each neuron up to the decision.
         states: the states of a synapse beside its weight.
         width: how many constants `constants` fills; tables of decays may be among them.
         arithmetic: the module with the functions above: that of the class.

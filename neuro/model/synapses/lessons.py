@@ -52,7 +52,7 @@ class TrialEnd:
         silenced: the maps that dropout silenced, shape (maps,).
         potential: largest V_m of each map at the decision (before the reset) or at the end, shape (maps,).
         best: the neuron of each map that has it, shape (maps,).
-        peak: for rules with `peaks`, the largest V_m of each neuron of the output in this trial, shape (neurons,);
+        peak: for rules with `peaks`, the largest V_m of each neuron of the output up to the decision, shape (neurons,);
             infinite for the neuron that decided.
         peak_tick: the first tick at which it had it; for the neuron that decided its decision.
     """

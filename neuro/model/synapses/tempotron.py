@@ -24,7 +24,7 @@ class tempotron(Synapse):
     postsynaptic potential, V0 such that its largest value is 1: `tau_m` and `tau_s` are best those of the neuron
     (tau_m and tau_syn_ex of `iaf_psc_exp`; tau_m and 0 for `iaf_psc_delta`). A neuron that decided wrongly has its
     t_max at its spike. The one that should have fired is, in a wrong or silent trial, the neuron of the right label
-    with the largest V_m in the ticks that were run, which with `stop: full` are all; t_max is the tick of it.
+    with the largest V_m up to the decision; t_max is the tick of it.
 
     Source: Guetig & Sompolinsky, Nat. Neurosci. 9:420, 2006. There each neuron is taught by itself; here one neuron of
     a group fires at most, so that of the others none erred by firing.
