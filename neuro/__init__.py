@@ -49,8 +49,10 @@ if TYPE_CHECKING:
         pairwise_bernoulli,
     )
     from neuro.model.synapses import (
+        first_spike_stdp,
         loihi_learning,
         loihi_static,
+        mozafari,
         r_stdp,
         static,
         stdp,
@@ -61,11 +63,13 @@ if TYPE_CHECKING:
         stdp_nn_symm,
         stdp_pl_hom,
         stdp_triplet,
+        tempotron,
         tsodyks2,
         vogels_sprekeler,
     )
     from neuro.program.backend import OverflowWarning
     from neuro.program.counts import Counts
+    from neuro.run.assignment import assign_labels, read_labels
     from neuro.run.simulation import ApproximationWarning, Simulation, compile
     from neuro.run.trials import TrialResults
 
@@ -114,6 +118,8 @@ _HOMES = {
     "neuro.model.synapses": (
         "loihi_learning",
         "loihi_static",
+        "first_spike_stdp",
+        "mozafari",
         "r_stdp",
         "static",
         "stdp",
@@ -126,9 +132,11 @@ _HOMES = {
         "stdp_triplet",
         "tsodyks2",
         "vogels_sprekeler",
+        "tempotron",
     ),
     "neuro.program.backend": ("OverflowWarning",),
     "neuro.program.counts": ("Counts",),
+    "neuro.run.assignment": ("assign_labels", "read_labels"),
     "neuro.run.trials": ("TrialResults",),
     "neuro.run.simulation": ("ApproximationWarning", "Simulation", "compile"),
 }
@@ -146,6 +154,7 @@ __all__ = [
     "aeif_cond_exp",
     "aeif_psc_exp",
     "all_to_all",
+    "assign_labels",
     "chips",
     "coding",
     "compare",
@@ -155,6 +164,7 @@ __all__ = [
     "encode",
     "equations",
     "events",
+    "first_spike_stdp",
     "fixed_indegree",
     "fixed_outdegree",
     "grid",
@@ -174,6 +184,7 @@ __all__ = [
     "loihi_lif",
     "loihi_static",
     "mat2_psc_exp",
+    "mozafari",
     "normal",
     "one_to_one",
     "pairs",
@@ -181,6 +192,7 @@ __all__ = [
     "parrot_neuron",
     "poisson_generator",
     "r_stdp",
+    "read_labels",
     "register",
     "reward",
     "spike_generator",
@@ -194,6 +206,7 @@ __all__ = [
     "stdp_nn_symm",
     "stdp_pl_hom",
     "stdp_triplet",
+    "tempotron",
     "tsodyks2",
     "uniform",
     "vogels_sprekeler",

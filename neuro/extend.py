@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from neuro.model.neurons.propagators import from_alpha, from_constant, from_exponential, leak
     from neuro.model.rules import Rule
     from neuro.model.synapses.base import K_MINUS, K_PLUS, Synapse, Trace
+    from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
     from neuro.program.backend import Backend, Engine, EngineCounts, Outcome, Problem, Spikes, Trial
     from neuro.program.program import Program
 
@@ -98,6 +99,11 @@ _HOMES = {
         "Synapse",
         "Trace",
     ),
+    "neuro.model.synapses.lessons": (
+        "Growth",
+        "Lesson",
+        "TrialEnd",
+    ),
     "neuro.program.backend": (
         "Backend",
         "Engine",
@@ -124,6 +130,8 @@ __all__ = [
     "Filter",
     "Format",
     "Generator",
+    "Growth",
+    "Lesson",
     "Mesh",
     "ModelError",
     "Neuron",
@@ -140,6 +148,7 @@ __all__ = [
     "Synapse",
     "Trace",
     "Trial",
+    "TrialEnd",
     "Unsavable",
     "Value",
     "advance",

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-NAMES = ("add-a-neuron-model", "add-a-synapse-rule", "add-a-generator", "add-a-connection-rule")
+NAMES = (*("add-a-neuron-model", "add-a-synapse-rule", "add-a-trial-rule", "add-a-generator", "add-a-connection-rule"),)
 PAGES = [ROOT / "docs" / "how-to" / f"{name}.md" for name in NAMES]
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)
 _FILE = re.compile(r"# ([\w.-]+\.(?:py|yaml))\n")
@@ -40,6 +40,7 @@ def follow(page, folder):
 EDITS = {
     "add-a-neuron-model": ("lif_cond.py", "- x[1, i]", "- 3.0 * x[1, i]"),
     "add-a-synapse-rule": ("triplets.py", "c[A2_PLUS] + c", "7.0 * c[A2_PLUS] + c"),
+    "add-a-trial-rule": ("early.py", "quantity(20.0", "quantity(25.0"),
     "add-a-generator": ("sine_generator.py", "out[i] = 1.0", "out[i] = 2.0"),
     "add-a-connection-rule": ("near.py", "self.p * np.exp", "0.5 * self.p * np.exp"),
 }

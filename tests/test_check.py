@@ -170,7 +170,7 @@ MISTAKES: dict[str, tuple[Callable[[Network], object], str, str]] = {
     ),
     "stdp on a grid": (
         regrid(stdp()),
-        "projection 'p': stdp on a shared kernel: expected static or r_stdp",
+        "projection 'p': stdp on a shared kernel: expected static or a rule for trials",
         "all_to_all gives each pair a weight",
     ),
     "r_stdp without trials": (
@@ -437,7 +437,7 @@ MISTAKES: dict[str, tuple[Callable[[Network], object], str, str]] = {
     ),
     "stdp beside trials": (
         lambda net: (connect("noise", "cells", all_to_all(), stdp())(net), trials(net)),
-        "projection 'p': stdp in a network with trials: expected static or r_stdp",
+        "projection 'p': stdp in a network with trials: expected static or a rule for trials",
         "a trial drops what is under way, which would cut the traces of spike pairs",
     ),
 }

@@ -22,7 +22,13 @@ from neuro.cli import main
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-NEW_CODE = ("add-a-neuron-model.md", "add-a-synapse-rule.md", "add-a-generator.md", "add-a-connection-rule.md")
+NEW_CODE = (
+    "add-a-neuron-model.md",
+    "add-a-synapse-rule.md",
+    "add-a-trial-rule.md",
+    "add-a-generator.md",
+    "add-a-connection-rule.md",
+)
 WITH_COMMANDS = ("add-an-event-format.md", "add-a-filter.md")
 NEEDS_DATA = ("remus.md",)
 NEEDS_PACKAGE = {"drone_ppo": "stable_baselines3"}

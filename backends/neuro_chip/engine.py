@@ -50,13 +50,13 @@ class ChipEngine:
         assert self._trials is not None
         return self._trials.present(trial)
 
-    def learn(self, projection: int, neuron: int, decided: int, won: bool) -> None:
-        """Apply the trial rule to the inputs of one neuron: the host does."""
+    def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
+        """Apply a rule's `teach` to the inputs of one neuron: the host does."""
         assert self._trials is not None
-        self._trials.learn(projection, neuron, decided, won)
+        self._trials.learn(projection, neuron, tick, lesson)
 
     def encourage(self, projection: int, maps: Ints) -> None:
-        """Let every weight of some maps grow: the host does."""
+        """Apply a rule's `encourage` to every weight of some maps: the host does."""
         assert self._trials is not None
         self._trials.encourage(projection, maps)
 

@@ -1,14 +1,12 @@
 """What the host does for the chip between trials: a rule on weights that the chip cannot change itself."""
 
 # mypy: ignore-errors
+from functools import cache
+
 import numpy as np
 
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.jit import compiled, inner, kernel
-from neuro.model.synapses import r_stdp
-
-_reward = compiled(r_stdp.arithmetic.reward)
-_encourage = compiled(r_stdp.arithmetic.encourage)
 
 
 @inner
@@ -19,33 +17,47 @@ def rounded(exact, low, high, grain, draw):
     return min(max(mantissa, low), high)
 
 
-@kernel
-def reward(mantissas, step, low, high, grain, slots, early, won, rule, key, count):
-    """The rule for the inputs of one neuron.
+@cache
+def teacher(teach):
+    """The pass over the inputs of one neuron, compiled for a rule's `teach`."""
+    function = compiled(teach)
 
-    Args:
-        mantissas: all weights, changed.
-        step: weight per mantissa.
-        low: the smallest mantissa.
-        high: the largest.
-        grain: the step between two.
-        slots: which weight each input has.
-        early: whether its spike arrived up to the decision.
-        won: whether the trial is rewarded.
-        rule: constants of the rule.
-        key: of the draws.
-        count: how many changes there were, this one included; each has draws of its own.
-    """
-    base = step_word(key, count)
-    for k in range(slots.size):
-        w = _reward(mantissas[slots[k]] * step, early[k] != 0, won, rule)
-        mantissas[slots[k]] = rounded(w / step, low, high, grain, uniform(base, slots[k]))
+    @kernel
+    def learn(mantissas, step, low, high, grain, slots, since, lesson, rule, key, count):
+        """The rule for the inputs of one neuron.
+
+        Args:
+            mantissas: all weights, changed.
+            step: weight per mantissa.
+            low: the smallest mantissa.
+            high: the largest.
+            grain: the step between two.
+            slots: which weight each input has.
+            since: ms from the arrival of its spike to the moment of the lesson.
+            lesson: what the rule is told.
+            rule: constants of the rule.
+            key: of the draws.
+            count: how many changes there were, this one included; each has draws of its own.
+        """
+        base = step_word(key, count)
+        for k in range(slots.size):
+            w = function(mantissas[slots[k]] * step, since[k], lesson, rule)
+            mantissas[slots[k]] = rounded(w / step, low, high, grain, uniform(base, slots[k]))
+
+    return learn
 
 
-@kernel
-def encourage(mantissas, step, low, high, grain, begin, end, rule, key, count):
-    """The rule for all weights from begin to end; arguments as of `reward`."""
-    base = step_word(key, count)
-    for k in range(begin, end):
-        w = _encourage(mantissas[k] * step, rule)
-        mantissas[k] = rounded(w / step, low, high, grain, uniform(base, k))
+@cache
+def grower(encourage):
+    """The pass over a range of weights, compiled for a rule's `encourage`."""
+    function = compiled(encourage)
+
+    @kernel
+    def grow(mantissas, step, low, high, grain, begin, end, rule, key, count):
+        """The rule for all weights from begin to end; arguments as of `teacher`."""
+        base = step_word(key, count)
+        for k in range(begin, end):
+            w = function(mantissas[k] * step, rule)
+            mantissas[k] = rounded(w / step, low, high, grain, uniform(base, k))
+
+    return grow

@@ -47,7 +47,7 @@ class Trials:
         group = section.group
         machine.listed.replace(section.input, began + 1 + trial.ticks, trial.ids, began)
         machine.bind()
-        machine.advance_to(began + section.duration, group if section.stop_at_decision else t.NONE)
+        peak = self._advance(trial.peaks)
         a["muted"][self._output] = 0
         winner, decided = int(a["groups"][group, t.WINNER]), int(a["groups"][group, t.DECIDED]) - began - 1
         source = a["potential"] if winner >= 0 else a["v"]
@@ -55,8 +55,33 @@ class Trials:
         by_map = volt.reshape(section.maps, self._per_map)
         best = by_map.argmax(axis=1) + np.arange(section.maps) * self._per_map
         machine.check_overflows()
+        if peak is not None and winner >= 0:
+            peak[0][winner], peak[1][winner] = np.inf, decided
         ticks = machine.step - began
-        return Outcome(winner, decided if winner >= 0 else -1, by_map.max(axis=1), best, ticks)
+        return Outcome(winner, decided if winner >= 0 else -1, by_map.max(axis=1), best, ticks, *(peak or ()))
+
+    def _advance(self, peaks: bool) -> tuple[Floats, Ints] | None:
+        """Run to the end of a trial; with `peaks` the host reads the voltages after each tick up to the decision."""
+        machine, section = self._machine, self._section
+        found = self._follow() if peaks else None
+        decided = machine.arrays["groups"][section.group, t.WINNER] >= 0
+        if not (decided and section.stop_at_decision):
+            machine.advance_to(self._began + section.duration, section.group if section.stop_at_decision else t.NONE)
+        return found
+
+    def _follow(self) -> tuple[Floats, Ints]:
+        """Run to the decision or the end, and see the largest V_m of each neuron and its tick."""
+        machine, section = self._machine, self._section
+        size = self._output.stop - self._output.start
+        peak, when = np.full(size, -np.inf), np.zeros(size, dtype=np.int64)
+        for tick in range(section.duration):
+            machine.advance_to(self._began + 1 + tick)
+            volt = machine.cells.state(section.output, "V_m", {"v": machine.arrays["v"][self._output]})
+            higher = volt > peak
+            peak[higher], when[higher] = volt[higher], tick
+            if machine.arrays["groups"][section.group, t.WINNER] >= 0:
+                break
+        return peak, when
 
     def _clear(self, trial: Trial) -> None:
         """Drop what is under way and start the output's states anew."""
@@ -87,29 +112,31 @@ class Trials:
                 self._inputs[key] = _under_kernel(part, neuron)
         return self._inputs[key]
 
-    def learn(self, projection: int, neuron: int, decided: int, won: bool) -> None:
-        """Apply the rule to the inputs of one neuron, rounding stochastically."""
+    def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
+        """Apply the rule's `teach` to the inputs of one neuron, rounding stochastically."""
         machine = self._machine
         part, weights = machine.program.projections[projection], machine.weights
         sources, slots = self._inputs_of(projection, neuron)
-        first = machine.arrays["first"][machine.slice(part.source)][sources] - self._began - 1
+        first = machine.arrays["first"][machine.slice(part.source)][sources]
         delay = np.broadcast_to(part.delay, part.size)[slots] if part.grid is None else part.delay[0]
-        early = (first + delay <= decided).astype(np.uint8)
+        since = (tick + self._began + 1 - first - delay) * machine.program.resolution
+        since[first == NEVER] = -np.inf
         wires, rule, key = self._prepared(projection)
-        host.reward(
+        host.teacher(part.synapse.arithmetic.teach)(
             weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
-            slots, early, won, rule, key, self.changes,
+            slots, since, lesson, rule, key, self.changes,
         )  # fmt: skip
         weights.write(projection)
         weights.updates[projection] += len(slots)
 
     def encourage(self, projection: int, maps: Ints) -> None:
-        """Let every weight of some maps grow, rounding stochastically."""
+        """Apply the rule's `encourage` to every weight of some maps, rounding stochastically."""
         weights = self._machine.weights
         part = self._machine.program.projections[projection]
         wires, rule, key = self._prepared(projection)
+        grow = host.grower(part.synapse.arithmetic.encourage)
         for begin, end in self._ranges(part, maps):
-            host.encourage(
+            grow(
                 weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
                 begin, end, rule, key, self.changes,
             )  # fmt: skip

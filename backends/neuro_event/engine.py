@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.currents import Currents
@@ -17,6 +19,7 @@ from neuro_event import tables as t
 from neuro_event.changes import Changes
 from neuro_event.currents import apply
 from neuro_event.listed import Listed
+from neuro_event.peaks import Peaks
 from neuro_event.record import Record
 from neuro_event.threads import Threads
 from neuro_event.views import table_of
@@ -40,6 +43,7 @@ class EventEngine:
         self._listed = Listed(self._a)
         self._trial_start = 0
         self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
+        self._taught: dict[int, tuple[ModuleType, Floats]] = {}
         self._pack()
         for q, w in (weights or {}).items():
             self._write_weights(q, w)
@@ -132,72 +136,78 @@ class EventEngine:
         self._a.net["muted"][place.begin : place.end] = trial.silenced[self._a.net["map_of"]]
         net, start, h = self._a.net, self._step, self._program.resolution
         loop.begin_trial(self._view, spec.output, spec.group, start, h)
-        ticks = self._run_trial(spec)
+        peaks = Peaks(spec.output, self._program.populations[spec.output].size, h) if trial.peaks else None
+        ticks = self._run_trial(spec, peaks)
         loop.end_trial(self._view, spec.output, spec.group, start + ticks, h)
         self._trial_start, self._step = start, start + ticks
-        best = net["order"][net["best"]]
-        winner = int(net["groups"][spec.group, t.WINNER])
-        if winner < 0:
-            return Outcome(-1, -1, net["potential"].copy(), best, ticks)
-        tick = int(net["groups"][spec.group, t.DECIDED]) - start - 1
-        return Outcome(int(net["order"][winner]), tick, net["potential"].copy(), best, ticks)
+        inside, decided = (int(net["groups"][spec.group, column]) for column in (t.WINNER, t.DECIDED))
+        winner, tick = (int(net["order"][inside]), decided - start - 1) if inside >= 0 else (-1, -1)
+        found = () if peaks is None else peaks.found(winner, tick)
+        return Outcome(winner, tick, net["potential"].copy(), net["order"][net["best"]], ticks, *found)
 
-    def _run_trial(self, spec: Trials) -> int:
-        """Run a trial that has begun; return its ticks."""
+    def _run_trial(self, spec: Trials, peaks: Peaks | None) -> int:
+        """Run a trial that has begun, up to the decision step by step if peaks are followed; return its ticks."""
         step, last = self._step + 1, self._step + 1 + spec.duration
         groups = self._a.net["groups"]
         while step < last and not (spec.stop_at_decision and groups[spec.group, t.WINNER] >= 0):
+            end = last if peaks is None else step + 1
             reached = loop.run_trial(
-                self._view, spec.group, step, last, spec.stop_at_decision, self._a.reach, self._program.resolution
+                self._view, spec.group, step, end, spec.stop_at_decision, self._a.reach, self._program.resolution
             )
             if reached == step:
                 self._record.drain(self._a.net)
                 if loop.has_room(self._view, step, 1, self._a.reach) < 1:
                     self._grow_log()
+            elif peaks is not None:
+                peaks.follow(self._view, step, step - self._step - 1)
+                peaks = None if groups[spec.group, t.WINNER] >= 0 else peaks
             step = int(reached)
         return step - self._step - 1
 
-    def learn(self, projection: int, neuron: int, decided: int, won: bool) -> None:
-        """Apply the trial rule to the inputs of `neuron`, of the trial just presented, decided at tick `decided`."""
-        p = self._program.projections[projection]
+    def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
+        """Apply the rule's `teach` to the inputs of a neuron, of the trial just presented, at a tick of it."""
+        p, (arithmetic, c) = self._program.projections[projection], self._rule(projection)
         inside = self._a.places[p.target].inside
         local = neuron if inside is None else int(inside[neuron])
-        first = np.full(self._program.populations[p.source].size, _NEVER)
+        first = np.full(self._program.populations[p.source].size, NEVER)
         rewards.first_spikes(self._view, p.source, self._trial_start, self._step, first)
-        self._trial_updates[projection] += rewards.learn(
+        self._trial_updates[projection] += rewards.teacher(arithmetic.teach)(
             self._view,
             projection,
-            self._rewarded(projection),
+            c,
             first,
-            self._trial_start + 1 + decided,
+            self._trial_start + 1 + tick,
             neuron,
             local,
-            won,
+            lesson,
+            self._program.resolution,
         )
 
     def encourage(self, projection: int, maps: Ints) -> None:
-        """Apply eq. 128 to every weight of the given maps."""
-        p = self._program.projections[projection]
+        """Apply the rule's `encourage` to every weight of the given maps."""
+        p, (arithmetic, c) = self._program.projections[projection], self._rule(projection)
         spec = self._program.trials
         assert spec is not None
         chosen = np.zeros(spec.maps, dtype=np.bool_)
         chosen[maps] = True
         size = self._program.populations[p.target].size
-        self._trial_updates[projection] += rewards.encourage(
+        self._trial_updates[projection] += rewards.grower(arithmetic.encourage)(
             self._view,
             projection,
-            self._rewarded(projection),
+            c,
             chosen,
             size // spec.maps,
             self._a.places[p.target].outside,
         )
 
-    def _rewarded(self, projection: int) -> Floats:
-        """The constants of a rule for trials."""
-        synapse = self._program.projections[projection].synapse
-        c = np.zeros(synapse.width)
-        synapse.arithmetic.constants(self._changes.rules[projection], self._program.resolution, c)
-        return c
+    def _rule(self, projection: int) -> tuple[ModuleType, Floats]:
+        """The functions and the constants of a rule for trials, kept until its numbers change."""
+        if projection not in self._taught:
+            synapse = self._program.projections[projection].synapse
+            c, arithmetic = np.zeros(synapse.width), synapse.arithmetic
+            arithmetic.constants(self._changes.rules[projection], self._program.resolution, c)
+            self._taught[projection] = arithmetic, c
+        return self._taught[projection]
 
     # --- states, parameters, weights ----------------------------------------------------------------------
 
@@ -295,6 +305,7 @@ class EventEngine:
                 self._program,
             )
         self._changes.rules[projection] = parameters.copy()
+        self._taught.pop(projection, None)
 
     def set_weights(self, projection: int, weights: Floats) -> None:
         """Replace all weights; spikes under way keep the old ones."""
@@ -426,6 +437,3 @@ class EventEngine:
         self._currents.restore(arrays)
         self._listed.restore(arrays, self._step)
         self._pack()
-
-
-_NEVER = np.iinfo(np.int64).max // 2

@@ -1,15 +1,18 @@
-"""Rules for trials, applied to the shared kernel or the synapses of one neuron."""
+"""Rules for trials, applied to the shared kernel or the synapses of one neuron.
+
+The two passes are compiled for each rule by itself, ours and strangers' alike: Python calls them between trials.
+"""
 
 # mypy: ignore-errors
+import math
+from functools import cache
+
 import numpy as np
 
-from neuro.kernels.jit import compiled, kernel
-from neuro.model.synapses import r_stdp
+from neuro.core.clock import NEVER
+from neuro.kernels.jit import compiled, inner, kernel
 from neuro_event import tables as t
 from neuro_event.views import net_of
-
-_reward = compiled(r_stdp.arithmetic.reward)
-_encourage = compiled(r_stdp.arithmetic.encourage)
 
 
 @kernel
@@ -24,97 +27,116 @@ def first_spikes(view, pop, start, end, first):
                 first[np.int64(net.log_ids[thread, place & mask]) - net.pops[pop, t.BEGIN]] = step
 
 
-@kernel
-def learn(view, q, c, first, decided, neuron, local, won):
-    """Reward or punish the inputs of one neuron; return how many weights it has.
+@inner
+def since(first, delay, moment, h):
+    """Time in ms from the arrival of an input's first spike to the moment of a lesson."""
+    return -math.inf if first == NEVER else (moment - first - delay) * h
 
-    `first` holds the step of each input's first spike, `decided` the step of the decision: an input counts as
-    before it if it arrived up to then. `neuron` is the id of the neuron, `local` its internal place.
+
+@cache
+def teacher(teach):
+    """The pass over the inputs of one neuron, compiled for a rule's `teach`.
+
+    It returns how many weights the neuron has. `first` holds the step of each input's first spike, `moment` the step
+    of the lesson; `neuron` is the id of the neuron, `local` its internal place.
     """
-    net = net_of(view)
-    n_source = first.shape[0]
-    row = net.projections[q]
-    w = net.weights
-    delay = np.int64(net.delays[row[t.DELAY]])
-    changed = 0
-    if row[t.LAYOUT] == t.GRID:
-        columns, maps = row[t.COLUMNS], row[t.MAPS]
-        at = neuron // (row[t.ROWS] * columns)
-        r = neuron // columns % row[t.ROWS] * row[t.STRIDE] - row[t.PADDING]
-        s = neuron % columns * row[t.STRIDE] - row[t.PADDING]
-        height, width = row[t.CHANNEL_HEIGHT], row[t.CHANNEL_WIDTH]
-        for channel in range(n_source // (height * width)):
-            for i in range(row[t.KERNEL_HEIGHT]):
-                for j in range(row[t.KERNEL_WIDTH]):
-                    if not (0 <= r + i < height and 0 <= s + j < width):
-                        continue
-                    came = first[(channel * height + r + i) * width + s + j] + delay <= decided
-                    place = (channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j
-                    e = row[t.WEIGHT] + place * maps + at
-                    w[e] = _reward(w[e], came, won, c)
-                    changed += 1
-        return changed
-    threads = net.edges.shape[0] - 1
-    n_target = net.pops[row[t.TARGET], t.END] - net.pops[row[t.TARGET], t.BEGIN]
-    for source in range(n_source):
-        if row[t.LAYOUT] == t.DENSE:
-            e = row[t.WEIGHT] + source * n_target + local
-            w[e] = _reward(w[e], first[source] + delay <= decided, won, c)
-            changed += 1
-        elif row[t.LAYOUT] == t.ONE_TO_ONE:
-            if source == local:
-                w[row[t.WEIGHT] + source] = _reward(w[row[t.WEIGHT] + source], first[source] + delay <= decided, won, c)
+    rule = compiled(teach)
+
+    @kernel
+    def learn(view, q, c, first, moment, neuron, local, lesson, h):
+        net = net_of(view)
+        n_source = first.shape[0]
+        row = net.projections[q]
+        w = net.weights
+        delay = np.int64(net.delays[row[t.DELAY]])
+        changed = 0
+        if row[t.LAYOUT] == t.GRID:
+            columns, maps = row[t.COLUMNS], row[t.MAPS]
+            at = neuron // (row[t.ROWS] * columns)
+            r = neuron // columns % row[t.ROWS] * row[t.STRIDE] - row[t.PADDING]
+            s = neuron % columns * row[t.STRIDE] - row[t.PADDING]
+            height, width = row[t.CHANNEL_HEIGHT], row[t.CHANNEL_WIDTH]
+            for channel in range(n_source // (height * width)):
+                for i in range(row[t.KERNEL_HEIGHT]):
+                    for j in range(row[t.KERNEL_WIDTH]):
+                        if not (0 <= r + i < height and 0 <= s + j < width):
+                            continue
+                        came = since(first[(channel * height + r + i) * width + s + j], delay, moment, h)
+                        place = (channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j
+                        e = row[t.WEIGHT] + place * maps + at
+                        w[e] = rule(w[e], came, lesson, c)
+                        changed += 1
+            return changed
+        threads = net.edges.shape[0] - 1
+        n_target = net.pops[row[t.TARGET], t.END] - net.pops[row[t.TARGET], t.BEGIN]
+        for source in range(n_source):
+            if row[t.LAYOUT] == t.DENSE:
+                e = row[t.WEIGHT] + source * n_target + local
+                w[e] = rule(w[e], since(first[source], delay, moment, h), lesson, c)
                 changed += 1
-        else:
-            begin = row[t.ROW] + source * threads
-            for s in range(net.rows[begin], net.rows[begin + threads]):
-                if net.targets[s] == local:
-                    k = s - row[t.SYNAPSE]
-                    own = np.int64(net.delays[row[t.DELAY] + k * row[t.DELAY_STRIDE]])
-                    e = row[t.WEIGHT] + k
-                    w[e] = _reward(w[e], first[source] + own <= decided, won, c)
+            elif row[t.LAYOUT] == t.ONE_TO_ONE:
+                if source == local:
+                    e = row[t.WEIGHT] + source
+                    w[e] = rule(w[e], since(first[source], delay, moment, h), lesson, c)
                     changed += 1
-    return changed
+            else:
+                begin = row[t.ROW] + source * threads
+                for s in range(net.rows[begin], net.rows[begin + threads]):
+                    if net.targets[s] == local:
+                        k = s - row[t.SYNAPSE]
+                        own = np.int64(net.delays[row[t.DELAY] + k * row[t.DELAY_STRIDE]])
+                        e = row[t.WEIGHT] + k
+                        w[e] = rule(w[e], since(first[source], own, moment, h), lesson, c)
+                        changed += 1
+        return changed
+
+    return learn
 
 
-@kernel
-def encourage(view, q, c, chosen, per_map, outside):
-    """Raise every weight of the chosen maps; return how many there are."""
-    net = net_of(view)
-    row = net.projections[q]
-    w = net.weights
-    changed = 0
-    if row[t.LAYOUT] == t.GRID:
-        maps = row[t.MAPS]
-        n = row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH]
-        source = net.pops[row[t.SOURCE]]
-        n *= (source[t.END] - source[t.BEGIN]) // (row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH])
-        for place in range(n):
-            for m in range(maps):
-                if chosen[m]:
-                    e = row[t.WEIGHT] + place * maps + m
-                    w[e] = _encourage(w[e], c)
+@cache
+def grower(encourage):
+    """The pass over every weight of the chosen maps, compiled for a rule's `encourage`; it returns how many."""
+    rule = compiled(encourage)
+
+    @kernel
+    def grow(view, q, c, chosen, per_map, outside):
+        net = net_of(view)
+        row = net.projections[q]
+        w = net.weights
+        changed = 0
+        if row[t.LAYOUT] == t.GRID:
+            maps = row[t.MAPS]
+            n = row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH]
+            source = net.pops[row[t.SOURCE]]
+            n *= (source[t.END] - source[t.BEGIN]) // (row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH])
+            for place in range(n):
+                for m in range(maps):
+                    if chosen[m]:
+                        e = row[t.WEIGHT] + place * maps + m
+                        w[e] = rule(w[e], c)
+                        changed += 1
+            return changed
+        source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
+        n_source, n_target = source[t.END] - source[t.BEGIN], target[t.END] - target[t.BEGIN]
+        threads = net.edges.shape[0] - 1
+        for s in range(n_source):
+            if row[t.LAYOUT] == t.DENSE:
+                for k in range(n_target):
+                    if chosen[outside[k] // per_map]:
+                        e = row[t.WEIGHT] + s * n_target + k
+                        w[e] = rule(w[e], c)
+                        changed += 1
+            elif row[t.LAYOUT] == t.ONE_TO_ONE:
+                if chosen[outside[s] // per_map]:
+                    w[row[t.WEIGHT] + s] = rule(w[row[t.WEIGHT] + s], c)
                     changed += 1
+            else:
+                first = row[t.ROW] + s * threads
+                for k in range(net.rows[first], net.rows[first + threads]):
+                    if chosen[outside[net.targets[k]] // per_map]:
+                        e = row[t.WEIGHT] + k - row[t.SYNAPSE]
+                        w[e] = rule(w[e], c)
+                        changed += 1
         return changed
-    source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
-    n_source, n_target = source[t.END] - source[t.BEGIN], target[t.END] - target[t.BEGIN]
-    threads = net.edges.shape[0] - 1
-    for s in range(n_source):
-        if row[t.LAYOUT] == t.DENSE:
-            for k in range(n_target):
-                if chosen[outside[k] // per_map]:
-                    e = row[t.WEIGHT] + s * n_target + k
-                    w[e] = _encourage(w[e], c)
-                    changed += 1
-        elif row[t.LAYOUT] == t.ONE_TO_ONE:
-            if chosen[outside[s] // per_map]:
-                w[row[t.WEIGHT] + s] = _encourage(w[row[t.WEIGHT] + s], c)
-                changed += 1
-        else:
-            first = row[t.ROW] + s * threads
-            for k in range(net.rows[first], net.rows[first + threads]):
-                if chosen[outside[net.targets[k]] // per_map]:
-                    e = row[t.WEIGHT] + k - row[t.SYNAPSE]
-                    w[e] = _encourage(w[e], c)
-                    changed += 1
-    return changed
+
+    return grow

@@ -217,7 +217,7 @@ class NestEngine:
         """Never called: networks with trials are refused."""
         raise NotImplementedError
 
-    def learn(self, projection: int, neuron: int, decided: int, won: bool) -> None:
+    def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
         """Never called, as `present`."""
         raise NotImplementedError
 

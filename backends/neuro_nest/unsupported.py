@@ -34,6 +34,7 @@ UNSUPPORTED: dict[str, str] = {
             *("trials_decide", "trials_run_to_their_end", "silent_trials", "rewarded_learning", "rescued_learning"),
             *("dropout_of_each_trial", "rewarded_learning_with_padding", "rewarded_learning_of_all_pairs"),
             *("rewarded_learning_with_delays", "rewarded_learning_from_a_layer", "states_that_go_on"),
+            *("learning_without_labels", "learning_at_the_peak"),
             *("exact_decisions", "exact_full_trials", "exact_rewards", "exact_rescue", "exact_growth"),
             *("saved_trials_continue", "cutting_a_batch_does_not_matter"),
         ),

@@ -45,6 +45,7 @@ class ReferenceEngine:
         output.start_trial(section.reset)
         self._first = [np.full(cells.size, NEVER) for cells in net.cells]
         winner = decided = -1
+        peak, peak_tick = np.full(output.size, -np.inf), np.zeros(output.size, dtype=np.int64)
         potential = net.potentials[section.output][0]
         tick = 0
         for tick in range(section.duration):
@@ -53,6 +54,8 @@ class ReferenceEngine:
                 first[ids] = np.minimum(first[ids], tick)
             if winner < 0:
                 potential = net.potentials[section.output][0]
+                higher = potential > peak
+                peak[higher], peak_tick[higher] = potential[higher], tick
                 if len(net.ids[section.output]):
                     winner, decided = int(net.ids[section.output][0]), tick
                     if section.stop_at_decision:
@@ -60,22 +63,23 @@ class ReferenceEngine:
         net.silenced[section.output][:] = False
         by_map = potential.reshape(section.maps, per_map)
         best = by_map.argmax(axis=1) + np.arange(section.maps) * per_map
-        return Outcome(winner, decided, by_map.max(axis=1), best, tick + 1)
+        if winner >= 0:
+            peak[winner], peak_tick[winner] = np.inf, decided
+        return Outcome(winner, decided, by_map.max(axis=1), best, tick + 1, peak, peak_tick)
 
-    def learn(self, projection: int, neuron: int, decided: int, won: bool) -> None:
-        """Apply the trial rule to the inputs of one neuron."""
-        wires = self.net.wires[projection]
+    def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
+        """Apply the rule's `teach` to the inputs of one neuron."""
+        wires, teach = self.net.wires[projection], self.program.projections[projection].synapse.arithmetic.teach
         inputs = np.flatnonzero(wires.target == neuron)
-        before = self._first[wires.part.source][wires.source[inputs]] + wires.delay[inputs] <= decided
-        for e, early in zip(inputs, before, strict=True):
-            slot = wires.slot[e]
-            wires.weights[slot] = wires.part.synapse.arithmetic.reward(
-                wires.weights[slot], bool(early), won, self._rule(projection)
-            )
+        first = self._first[wires.part.source][wires.source[inputs]]
+        since = (tick - first - wires.delay[inputs]) * self.program.resolution
+        since[first == NEVER] = -np.inf
+        for slot, time in zip(wires.slot[inputs], since, strict=True):
+            wires.weights[slot] = teach(wires.weights[slot], time, lesson, self._rule(projection))
         self.net.trial_updates[projection] += len(inputs)
 
     def encourage(self, projection: int, maps: Ints) -> None:
-        """Let every weight of some maps grow."""
+        """Apply the rule's `encourage` to every weight of some maps."""
         wires, section = self.net.wires[projection], self.program.trials
         assert section is not None
         per_map = self.net.cells[section.output].size // section.maps

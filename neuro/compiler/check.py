@@ -150,14 +150,16 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
     _check_whole(part, SYNAPSES, type(synapse))
     if isinstance(part.rule, grid) and synapse.learns == "pairs":
         refuse(
-            part, f"{synapse.name} on a shared kernel: expected static or r_stdp", "all_to_all gives each pair a weight"
+            part,
+            f"{synapse.name} on a shared kernel: expected static or a rule for trials",
+            "all_to_all gives each pair a weight",
         )
     if synapse.learns == "trials" and net.trials_section is None:
         refuse(part, f"{synapse.name} learns at the end of trials: expected a section 'trials'", "add one, or use stdp")
     if synapse.learns == "pairs" and net.trials_section is not None:
         refuse(
             part,
-            f"{synapse.name} in a network with trials: expected static or r_stdp",
+            f"{synapse.name} in a network with trials: expected static or a rule for trials",
             "a trial drops what is under way, which would cut the traces of spike pairs",
         )
     _check_weight(part)

@@ -133,5 +133,5 @@ def _check_learners(net: Network, output: str, labels: Labels | None) -> None:
         what = f"projection '{part.name}': {part.synapse.name}"
         if part.target != output:
             raise ModelError(f"{what} onto '{part.target}': expected '{output}', which decides", where=part.origin)
-        if labels is None:
+        if labels is None and part.synapse.supervised:
             _refuse(net, f"{part.synapse.name} of '{part.name}' needs 'labels', as rewards depend on them")

@@ -56,11 +56,13 @@ class Trial:
     Attributes:
         ticks, ids: input spikes, sorted by tick, then id; an input fires at most once if a rule learns.
         silenced: maps of the output that must not fire, shape (maps,), bool.
+        peaks: whether the largest V_m of each neuron of the output is asked for.
     """
 
     ticks: Ints
     ids: Ints
     silenced: NDArray[np.bool_]
+    peaks: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,6 +75,9 @@ class Outcome:
         potential: largest V_m of each map at the decision (before the reset) or at the end, shape (maps,).
         best: the neuron of each map that has it, shape (maps,).
         ticks: ticks that were run.
+        peak: if asked for, the largest V_m of each neuron of the output up to the decision, shape (neurons,); infinite
+            for the winner.
+        peak_tick: the first tick at which it had it; for the winner the decision.
     """
 
     winner: int
@@ -80,6 +85,8 @@ class Outcome:
     potential: Floats
     best: Ints
     ticks: int
+    peak: Floats | None = None
+    peak_tick: Ints | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,11 +123,11 @@ class Engine(Protocol):
     def present(self, trial: Trial) -> Outcome:
         """Run one trial: clear what is under way, reset, present, decide. Advances the clock by its ticks."""
 
-    def learn(self, projection: int, neuron: int, decided: int, won: bool) -> None:
-        """Apply the trial rule to the inputs of `neuron`, of the trial just presented, decided at tick `decided`."""
+    def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
+        """Apply the rule's `teach` to the inputs of a neuron, of the trial just presented, at a tick of it."""
 
     def encourage(self, projection: int, maps: Ints) -> None:
-        """Apply eq. 128 to every weight of the given maps."""
+        """Apply the rule's `encourage` to every weight of the given maps, once to a weight that several share."""
 
     def inject(self, population: int, steps: Ints, ids: Ints) -> None:
         """Add spikes of a spike_generator, at steps after the present one."""

@@ -348,7 +348,7 @@ class Simulation:
             times: of the input spikes in ms from the start of their trial, 0 <= t < duration, on the grid.
             ids: neurons of the trials' input, one for each time.
             offsets: where each trial begins in `times`, and the end: one more than there are trials.
-            labels: the right label of each trial.
+            labels: the right label of each trial; rules that are not supervised learn without.
             learn: whether the trials teach.
             samples: which sample each trial belongs to, for dropout; each is its own if not given.
             epoch: how often all has been seen, for the decay of dropout.

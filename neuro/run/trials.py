@@ -13,7 +13,7 @@ from neuro.core import keyed_random
 from neuro.core.checks import numbers
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
-from neuro.model.synapses import Synapse
+from neuro.model.synapses import Growth, Lesson, Synapse, TrialEnd
 from neuro.program.backend import Engine, EngineCounts, Outcome, Trial
 from neuro.program.counts import Counts, Tally, difference
 from neuro.program.program import Floats, Ints, Program
@@ -21,6 +21,7 @@ from neuro.run.settable import neuron_ids
 
 Bools = NDArray[np.bool_]
 _CHUNK = 1 << 24
+_NO_MAPS: Ints = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,11 +79,15 @@ class TrialLoop:
         self.engine, self.clock, self.tally, self.rules = engine, clock, tally, rules
         self.inputs = program.populations[section.input].size
         output = program.populations[section.output]
-        self.per_map = output.size // section.maps
+        self.outputs = output.size
         self.per_label = max(section.maps_per_label, 1)
-        self.per_label_neurons = self.per_map * self.per_label
+        self.per_label_neurons = output.size // section.maps * self.per_label
         self.maps_of = np.arange(section.maps // self.per_label * self.per_label).reshape(-1, self.per_label)
-        self.learners: list[tuple[int, bool, float]] = []
+        taught = [(q, p.synapse) for q, p in enumerate(program.projections) if p.synapse.learns == "trials"]
+        self.learners = [q for q, _ in taught]
+        self.growing = {q for q, rule in taught if hasattr(rule.arithmetic, "encourage")}
+        self.supervised = not taught or any(rule.supervised for _, rule in taught)
+        self.peaks = any(rule.peaks for _, rule in taught)
         self.key = keyed_random.key(program.seed, "dropout", output.name)
         self.start_anew()
 
@@ -114,8 +119,7 @@ class TrialLoop:
         ticks, neurons = self._input(times, ids, ends, once=learn)
         right = self._labels(labels, n, learn)
         silenced = self._dropout(samples, n, int(epoch)) if learn else np.zeros((1, self.section.maps), dtype=bool)
-        teach = learn and right is not None
-        self.learners = self._learners()
+        peaks = learn and self.peaks
         winner, step, ran = (np.full(n, -1, dtype=np.int64) for _ in range(3))
         potential = np.empty((n, self.section.maps))
         before = self.engine.counts()
@@ -123,44 +127,54 @@ class TrialLoop:
         for i in range(n):
             a, b = bounds[i], bounds[i + 1]
             mute = silenced[i] if learn else quiet
-            outcome = present(Trial(ticks[a:b], neurons[a:b], mute))  # type: ignore[arg-type]
+            outcome = present(Trial(ticks[a:b], neurons[a:b], mute, peaks))  # type: ignore[arg-type]
             winner[i], step[i], ran[i], potential[i] = outcome.winner, outcome.tick, outcome.ticks, outcome.potential
-            if teach:
-                self._teach(outcome, int(right[i]), mute)  # type: ignore[index,arg-type]
+            if learn:
+                self._teach(self._end(outcome, -1 if right is None else int(right[i]), mute))  # type: ignore[arg-type]
         label = np.where(winner >= 0, winner // self.per_label_neurons, -1)
         return TrialResults(winner, label, step, potential, ran, self.tally, before, self.engine.counts())
 
-    def _teach(self, outcome: Outcome, right: int, silenced: Bools) -> None:
-        """Reward or punish the neuron that decided; after a mistake or silence help the right label's maps."""
+    def _end(self, outcome: Outcome, right: int, silenced: Bools) -> TrialEnd:
+        """What the rules see of a trial."""
         decided = outcome.winner >= 0
         hit = decided and outcome.winner // self.per_label_neurons == right
-        reward = (self.section.reward[0] if hit else self.section.reward[1]) if decided else 0.0
-        for projection, rescue, epsilon in self.learners:
-            if reward != 0.0:
-                self.engine.learn(projection, outcome.winner, outcome.tick, reward > 0.0)
-            if hit:
-                continue
-            if rescue:
-                self._rescue(projection, outcome, right, silenced)
-            elif epsilon > 0.0:
-                self.engine.encourage(projection, self.maps_of[right])
+        reward = self.section.reward[0 if hit else 1] if decided and right >= 0 else 0.0
+        maps = self.maps_of[right] if right >= 0 else _NO_MAPS
+        return TrialEnd(
+            outcome.winner, outcome.tick, outcome.ticks, right, hit, reward, maps, silenced,
+            outcome.potential, outcome.best, outcome.peak, outcome.peak_tick,
+        )  # fmt: skip
 
-    def _rescue(self, projection: int, outcome: Outcome, right: int, silenced: Bools) -> None:
-        """Reward the best-excited neuron of the right label, as if it had decided."""
-        maps = self.maps_of[right]
-        awake = maps[~silenced[maps]]
-        if len(awake):
-            best = int(outcome.best[awake[outcome.potential[awake].argmax()]])
-            self.engine.learn(projection, best, outcome.tick if outcome.tick >= 0 else outcome.ticks - 1, True)
+    def _teach(self, end: TrialEnd) -> None:
+        """Let each rule teach whom it chooses."""
+        for projection in self.learners:
+            rule = self.rules[projection]
+            for told in rule.lessons(end):
+                if isinstance(told, Lesson):
+                    self._check_lesson(rule, told)
+                    self.engine.learn(projection, int(told.neuron), int(told.tick), float(told.lesson))
+                else:
+                    self._check_growth(projection, told, end)
+                    self.engine.encourage(projection, told.maps)
 
-    def _learners(self) -> list[tuple[int, bool, float]]:
-        """The projections that learn, whether they rescue, and epsilon."""
-        found = []
-        for index, part in enumerate(self.program.projections):
-            if part.synapse.learns == "trials":
-                rule = self.rules[index].parameters()
-                found.append((index, bool(rule["rescue"]), float(rule["epsilon"])))
-        return found
+    def _check_lesson(self, rule: Synapse, told: Lesson) -> None:
+        """A rule of a stranger may name a neuron that is none: engines rely on this."""
+        if not 0 <= told.neuron < self.outputs:
+            raise ModelError(
+                f"{rule.name}: a lesson for neuron {told.neuron}: expected one of the output, 0 to {self.outputs - 1}",
+                hint="nobody decided where end.winner is -1",
+            )
+
+    def _check_growth(self, projection: int, told: Growth, end: TrialEnd) -> None:
+        rule = self.rules[projection]
+        if projection not in self.growing:
+            raise ModelError(
+                f"{rule.name}: its lessons let maps grow: expected a function 'encourage(w, c)' in its file"
+            )
+        if told.maps is not end.maps and not all(0 <= m < self.section.maps for m in told.maps.tolist()):
+            raise ModelError(
+                f"{rule.name}: growth of maps {told.maps.tolist()}: expected maps from 0 to {self.section.maps - 1}"
+            )
 
     def _offsets(self, offsets: ArrayLike, total: int) -> Ints:
         array = np.asarray(offsets)
@@ -216,7 +230,7 @@ class TrialLoop:
 
     def _labels(self, labels: ArrayLike | None, n: int, learn: bool) -> Ints | None:
         if labels is None:
-            if learn:
+            if learn and self.supervised:
                 raise ModelError("trials: learn=True without labels: expected one label for each trial")
             return None
         array = np.asarray(labels)

@@ -16,6 +16,7 @@ from neuro.model.rules import RULES, Rule, all_to_all, one_to_one, pairwise_bern
 from neuro.model.synapses import SYNAPSES, Synapse
 from neuro.program.backend import Backend
 from neuro.run.simulation import Simulation, compile
+from neuro.testing import trial_rules
 from neuro.testing.case import Found, differences, observe
 
 Part = Model | Synapse | Rule
@@ -31,6 +32,7 @@ def check_part(part: str | Part, backend: str | Backend = "event", *, ms: float 
 
     They are nearly silent and busy, are cut and reset on the way, have all that can be set set to another value, and
     run on one thread and on two.
+    A rule for trials teaches a batch of them.
 
     Args:
         part: the name of one that is registered, which is tried with its defaults, or an instance.
@@ -64,6 +66,8 @@ def _made(name: str) -> Part:
 
 def _found(sim: Simulation, part: Part, ms: float) -> Found:
     """What is read after a run, after another in two pieces from the same beginning, and after a change of all."""
+    if sim.program.trials is not None:
+        return trial_rules.found(sim)
     sim.run(ms)
     first = observe(sim)
     sim.reset(weights=True)
@@ -97,6 +101,8 @@ def _networks(part: Part) -> Iterator[Network]:
         for weight in _WEIGHTS:
             for rate in _RATES:
                 yield _of_neuron(part, weight, rate)
+    elif isinstance(part, Synapse) and part.learns == "trials":
+        yield from trial_rules.networks(part)
     elif isinstance(part, Synapse):
         yield from (_of_synapse(part, rate) for rate in _RATES)
     elif isinstance(part, Rule):

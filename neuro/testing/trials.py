@@ -11,7 +11,7 @@ from neuro.model.network import Network
 from neuro.model.neurons import iaf_psc_delta, iaf_psc_exp, spike_generator
 from neuro.model.parts import winner_take_all
 from neuro.model.rules import Rule, all_to_all, fixed_indegree, grid, one_to_one
-from neuro.model.synapses import r_stdp
+from neuro.model.synapses import Synapse, first_spike_stdp, r_stdp, tempotron
 from neuro.run.simulation import Simulation
 from neuro.run.trials import TrialResults
 from neuro.testing.case import Found, Start, case, network, observe
@@ -19,7 +19,7 @@ from neuro.testing.case import Found, Start, case, network, observe
 INF = float("inf")
 
 
-def recogniser(synapse: r_stdp | None = None, rule: Rule | None = None, **words: Any) -> Network:
+def recogniser(synapse: Synapse | None = None, rule: Rule | None = None, **words: Any) -> Network:
     """Six maps of two labels each over a small sheet; the first to fire decides."""
     net = network(1.0)
     net.population("sheet", (2, 6, 6), spike_generator())
@@ -154,6 +154,20 @@ def rewarded_learning_from_a_layer(start: Start) -> Found:
     results = sim.trials(times, ids % 12, offsets, labels % 2)
     some = np.concatenate([np.random.default_rng(k).permutation(12)[:8] for k in range(10)])
     return told(results) | told(sim.trials(times, some, offsets, labels % 2, learn=True), "learn") | observe(sim)
+
+
+@case
+def learning_without_labels(start: Start) -> Found:
+    """A rule that is not supervised teaches the neuron that decided, whatever it stands for."""
+    sim = start(recogniser(first_spike_stdp(A_plus=0.1, A_minus=-0.05), labels=None))
+    times, ids, offsets, _ = batch(24)
+    return told(sim.trials(times, ids, offsets, learn=True)) | observe(sim)
+
+
+@case
+def learning_at_the_peak(start: Start) -> Found:
+    """A rule that asks for the largest V_m of each neuron up to the decision, in trials that go on after it."""
+    return taught(start, recogniser(tempotron(lambda_=0.1, tau_s=0.0, tau_m=20.0), stop="full"))
 
 
 @case

@@ -64,7 +64,8 @@ class Inputs:
         part = self.program.projections[index]
         limits = part.synapse.parameters()
         if part.synapse.learns in ("pairs", "trials") and "Wmax" in limits:
-            return np.concatenate((part.weight, [limits.get("Wmin", 0.0), limits["Wmax"]]))
+            bounds = np.array([limits.get("Wmin", 0.0), limits["Wmax"]])
+            return np.concatenate((part.weight, bounds[np.isfinite(bounds)]))
         return part.weight
 
     def sign_mode(self, index: int) -> str:

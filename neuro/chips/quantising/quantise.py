@@ -69,7 +69,7 @@ def _quantise(program: Program, chip: Chip, arithmetic: Arithmetic, options: Opt
         populations.append(fixed)
         projections |= found
         problems += more
-    problems += own_generators(program)
+    problems += [*own_generators(program), *_unbounded(program)]
     problems += arithmetic.give_rules(program, chip, projections, options)
     wires = tuple(projections.get(index) for index in range(len(program.projections)))
     problems += _delays(program, chip, wires)
@@ -118,6 +118,20 @@ def _lacking(inputs: Inputs, chip: Chip, arithmetic: Arithmetic) -> Problem:
     why = f"{chip.name} has no such neuron: it has {known} and parrot_neuron"
     way = f"backend '{model.chip}' runs it" if model.chip else "use iaf_psc_exp, or run on event"
     return refused(inputs.part.origin, f"population '{inputs.part.name}': {model.name}", why, way)
+
+
+def _unbounded(program: Program) -> Iterator[Problem]:
+    """Rules for trials that may move a weight anywhere: the words of a projection have one scale."""
+    for part in program.projections:
+        bounds = part.synapse.parameters()
+        ends = [word for word in ("Wmin", "Wmax") if not np.isfinite(bounds.get(word, np.inf))]
+        if part.synapse.learns == "trials" and ends:
+            yield refused(
+                part.origin,
+                f"projection '{part.name}': {part.synapse.name} without a finite {' and '.join(ends)}",
+                "a weight's word holds no more than its scale, which follows from the bounds",
+                "give it Wmin and Wmax, or run it on event",
+            )
 
 
 def _no_current(inputs: Inputs) -> list[Problem]:

@@ -4,9 +4,12 @@ import numpy as np
 
 from neuro.core.registry import Registry
 from neuro.model.arithmetic import check_functions, fill
-from neuro.model.synapses.base import FUNCTIONS, K_MINUS, K_PLUS, Synapse, Trace
+from neuro.model.synapses.base import FUNCTIONS, K_MINUS, K_PLUS, TEACHING, Synapse, Trace
+from neuro.model.synapses.first_spike_stdp import first_spike_stdp
+from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
 from neuro.model.synapses.loihi_learning import loihi_learning
 from neuro.model.synapses.loihi_static import loihi_static
+from neuro.model.synapses.mozafari import mozafari
 from neuro.model.synapses.r_stdp import r_stdp
 from neuro.model.synapses.static import static
 from neuro.model.synapses.stdp import stdp
@@ -17,6 +20,7 @@ from neuro.model.synapses.stdp_nn_restr import stdp_nn_restr
 from neuro.model.synapses.stdp_nn_symm import stdp_nn_symm
 from neuro.model.synapses.stdp_pl_hom import stdp_pl_hom
 from neuro.model.synapses.stdp_triplet import stdp_triplet
+from neuro.model.synapses.tempotron import tempotron
 from neuro.model.synapses.tsodyks2 import tsodyks2
 from neuro.model.synapses.vogels_sprekeler import vogels_sprekeler
 
@@ -30,8 +34,6 @@ def complete(model: type[Synapse]) -> type[Synapse]:
     told = f"synapse model '{model.__name__}'"
     if model.learns not in ("", "pairs", "trials", "chip"):
         raise TypeError(f"{told}: learns = '{model.learns}': expected '', 'pairs', 'trials' or 'chip'")
-    if model.learns == "trials" and model.arithmetic is not r_stdp.arithmetic:
-        raise TypeError(f"{told}: expected a rule with r_stdp's arithmetic: backends know no other rule for trials yet")
     if model.modulated and not issubclass(model, stdp_dopa):
         raise TypeError(f"{told}: expected a subclass of stdp_dopa, whose words say where dopamine comes from")
     if not model.learns and any(hasattr(model.arithmetic, name) for name in ("on_pre", "on_post")):
@@ -40,11 +42,19 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         _check_traces(told, model)
         functions = FUNCTIONS | ({"advance": 7} if model.modulated else {})
         check_functions(told, model, functions | ({"sent": 3} if hasattr(model.arithmetic, "sent") else {}))
-        defaults = model.defaults()
-        if all(word in defaults for word in model.numbers()):
-            c = np.zeros(model.width)
-            fill(told, model, np.array([float(defaults[word]) for word in model.numbers()]), c)
+        _check_constants(told, model)
+    if model.learns == "trials":
+        grows = hasattr(model.arithmetic, "encourage")
+        check_functions(told, model, {**TEACHING, **({"encourage": 2} if grows else {})})
+        _check_constants(told, model)
     return model
+
+
+def _check_constants(told: str, model: type[Synapse]) -> None:
+    """The constants can be computed from the defaults, where each parameter has one."""
+    defaults = model.defaults()
+    if all(word in defaults for word in model.numbers()):
+        fill(told, model, np.array([float(defaults[word]) for word in model.numbers()]), np.zeros(model.width))
 
 
 def _check_traces(told: str, model: type[Synapse]) -> None:
@@ -69,7 +79,8 @@ SYNAPSES: Registry[type[Synapse]] = Registry(
     (
         *(static, tsodyks2),
         *(stdp, stdp_nn_symm, stdp_nn_restr, stdp_nn_pre_centered, stdp_literal, stdp_pl_hom, stdp_triplet),
-        *(vogels_sprekeler, stdp_dopa, r_stdp),
+        *(vogels_sprekeler, stdp_dopa),
+        *(r_stdp, mozafari, first_spike_stdp, tempotron),
         *(loihi_static, loihi_learning),
     ),
     takes=lambda part: isinstance(part, type) and issubclass(part, Synapse),
@@ -82,10 +93,15 @@ __all__ = [
     "K_MINUS",
     "K_PLUS",
     "SYNAPSES",
+    "Growth",
+    "Lesson",
     "Synapse",
     "Trace",
+    "TrialEnd",
+    "first_spike_stdp",
     "loihi_learning",
     "loihi_static",
+    "mozafari",
     "r_stdp",
     "static",
     "stdp",
@@ -96,6 +112,7 @@ __all__ = [
     "stdp_nn_symm",
     "stdp_pl_hom",
     "stdp_triplet",
+    "tempotron",
     "tsodyks2",
     "vogels_sprekeler",
 ]

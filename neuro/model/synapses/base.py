@@ -11,16 +11,19 @@ then post, then pre. Synapse `e` has the states `y[:, e]`; the first is the weig
     advance(y, e, c, begin, end, n, grid)     what happens between events (steps), for rules with `modulated`:
                                               n is the dopamine concentration at `begin`, `grid` the delivery grid
 
-A rule for trials has `constants` and
+A rule for trials says in its method `lessons` whom the end of a trial teaches (`neuro.model.synapses.lessons`), and has
+`constants` and
 
-    reward(w, before, won, c)                 new weight of an input of the deciding neuron, see `r_stdp`
-    encourage(w, c)                           new weight of an input of a neuron that should have decided
+    teach(w, since, lesson, c)                new weight of one input of a neuron that is taught: `since` is the time in
+                                              ms from the arrival of the input's first spike to the moment of the
+                                              lesson, negative after it, -inf without a spike
+    encourage(w, c)                           new weight of an input of maps that grow; only where lessons name some
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -30,9 +33,12 @@ from numpy.typing import NDArray
 from neuro.core.choice import Choice
 from neuro.model.arithmetic import OfModule
 from neuro.model.neurons.base import State
+from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
 
 FUNCTIONS = {"constants": 3, "on_post": 5, "on_pre": 5}
 """The functions of a pairwise rule and how many arguments each takes."""
+TEACHING = {"constants": 3, "teach": 4}
+"""Those of a rule for trials."""
 
 
 def weight(y: Any, e: int, c: Any) -> Any:
@@ -71,6 +77,8 @@ class Synapse(Choice):
         chip: the chip whose registers the parameters are, "" for a model of all backends.
         pre, post: the traces that a pairwise rule reads.
         modulated: whether a dopamine concentration acts on it.
+        supervised: whether a rule for trials needs labels.
+        peaks: whether a rule for trials asks for the largest V_m of each neuron up to the decision.
         states: the states of a synapse beside its weight.
         width: how many constants `constants` fills; tables of decays may be among them.
         arithmetic: the module with the functions above: that of the class.
@@ -84,9 +92,11 @@ class Synapse(Choice):
     pre: ClassVar[tuple[Trace, ...]] = (K_PLUS,)
     post: ClassVar[tuple[Trace, ...]] = (K_MINUS,)
     modulated: ClassVar[bool] = False
+    supervised: ClassVar[bool] = True
+    peaks: ClassVar[bool] = False
     states: ClassVar[tuple[State, ...]] = ()
     width: ClassVar[int] = 20
-    arithmetic: ClassVar[OfModule] = OfModule(("on_post", "on_pre", "advance", "reward", "encourage"))
+    arithmetic: ClassVar[OfModule] = OfModule(("on_post", "on_pre", "advance", "teach", "encourage"))
 
     @staticmethod
     def initial(parameters: Mapping[str, Any]) -> dict[str, float]:
@@ -126,3 +136,7 @@ class Synapse(Choice):
         """The numeric parameters as one vector."""
         values = self.parameters()
         return np.array([float(values[word]) for word in self.numbers()], dtype=np.float64)
+
+    def lessons(self, end: TrialEnd) -> Iterable[Lesson | Growth]:
+        """Whom the end of a trial teaches, for rules for trials, in this order: here the neuron that decided."""
+        return (Lesson(end.winner, end.tick, end.reward),) if end.reward else ()

@@ -9,6 +9,7 @@ from typing import ClassVar
 from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
 from neuro.model.synapses.base import Synapse
+from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,6 +43,21 @@ class r_stdp(Synapse):
         if not self.Wmin < self.Wmax:
             raise ModelError(f"r_stdp.Wmin = {self.Wmin:g}: expected less than Wmax = {self.Wmax:g}", path=("Wmin",))
 
+    def lessons(self, end: TrialEnd) -> list[Lesson | Growth]:
+        """The neuron that decided; after a mistake or silence also the right label's maps."""
+        told: list[Lesson | Growth] = []
+        if end.reward:
+            told.append(Lesson(end.winner, end.tick, end.reward))
+        if end.hit:
+            return told
+        if self.rescue:
+            best = end.best_excited()
+            if best >= 0:
+                told.append(Lesson(best, end.tick if end.tick >= 0 else end.ticks - 1, 1.0))
+        elif self.epsilon > 0.0:
+            told.append(Growth(end.maps))
+        return told
+
 
 AR_PLUS, AR_MINUS, AP_PLUS, AP_MINUS, EPSILON, RESCUE, W_MIN, W_MAX = range(8)
 
@@ -51,19 +67,12 @@ def constants(p, h, c):
     c[:8] = p[:8]
 
 
-def reward(w, before, won, c):
-    """New weight of one input of the deciding neuron.
-
-    Args:
-        w: its weight.
-        before: whether its spike arrived up to the decision.
-        won: whether the trial is rewarded.
-        c: the constants.
-    """
-    if won:
-        rate = c[AR_PLUS] if before else c[AR_MINUS]
+def teach(w, since, lesson, c):
+    """New weight of one input of a rewarded or punished neuron; at the decision counts as before it."""
+    if lesson > 0.0:
+        rate = c[AR_PLUS] if since >= 0.0 else c[AR_MINUS]
     else:
-        rate = c[AP_MINUS] if before else c[AP_PLUS]
+        rate = c[AP_MINUS] if since >= 0.0 else c[AP_PLUS]
     span = c[W_MAX] - c[W_MIN]
     share = (w - c[W_MIN]) / span
     return min(c[W_MAX], max(c[W_MIN], w + span * rate * share * (1.0 - share)))

@@ -1,0 +1,61 @@
+"""STDP of first spikes, without reward, for trials."""
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from neuro.core.errors import ModelError
+from neuro.core.quantities import quantity
+from neuro.model.synapses.base import Synapse
+from neuro.model.synapses.lessons import Lesson, TrialEnd
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class first_spike_stdp(Synapse):
+    """At the end of a trial the inputs of the neuron that decided change by A w (1 - w), whatever the label.
+
+    A is A_plus where the input arrived before the decision or with it, A_minus elsewhere. Weights are taken relative to
+    [Wmin, Wmax]. It needs no labels: `neuro.assign_labels` tells afterwards for what each neuron stands.
+
+    Source: Masquelier & Thorpe, PLoS Comput. Biol. 3:e31, 2007; the rates are those of Kheradpisheh et al., Neural
+    Networks 99:56, 2018.
+    """
+
+    equation: ClassVar[str] = "dw = A w (1 - w), A by whether the input came before the decision"
+    source: ClassVar[str] = "Masquelier & Thorpe, PLoS Comput. Biol. 3:e31, 2007"
+    learns: ClassVar[str] = "trials"
+    supervised: ClassVar[bool] = False
+
+    A_plus: float = quantity(0.004, "", "rate where the input came before the decision")
+    A_minus: float = quantity(-0.003, "", "rate elsewhere")
+    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight")
+    Wmax: float = quantity(1.0, "", "largest weight, in the unit of the weight")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.Wmin < self.Wmax:
+            raise ModelError(
+                f"{self.name}.Wmin = {self.Wmin:g}: expected less than Wmax = {self.Wmax:g}", path=("Wmin",)
+            )
+
+    def lessons(self, end: TrialEnd) -> tuple[Lesson, ...]:
+        """The neuron that decided."""
+        return (Lesson(end.winner, end.tick, 1.0),) if end.winner >= 0 else ()
+
+
+A_PLUS, A_MINUS, W_MIN, W_MAX = range(4)
+
+
+def constants(p, h, c):
+    """The constants are the parameters."""
+    c[:4] = p[:4]
+
+
+def teach(w, since, lesson, c):
+    """New weight of one input of the neuron that decided."""
+    rate = c[A_PLUS] if since >= 0.0 else c[A_MINUS]
+    span = c[W_MAX] - c[W_MIN]
+    share = (w - c[W_MIN]) / span
+    return min(c[W_MAX], max(c[W_MIN], w + span * rate * share * (1.0 - share)))

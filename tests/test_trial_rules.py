@@ -1,0 +1,315 @@
+"""Rules for trials: small cases by hand, both float backends beside each other, and what they learn of new data."""
+
+import warnings
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro import (
+    Network,
+    all_to_all,
+    first_spike_stdp,
+    iaf_psc_delta,
+    mozafari,
+    normal,
+    r_stdp,
+    spike_generator,
+    tempotron,
+    winner_take_all,
+)
+from neuro.core.errors import ModelError
+from neuro.extend import Growth, Lesson, Synapse, TrialEnd
+from neuro.model.synapses import SYNAPSES
+from neuro.testing import check_part
+
+FLOATS = pytest.mark.parametrize("backend", ["reference", "event"])
+INF = float("inf")
+
+
+def pair(rule: Synapse, weights: Any, backend: str = "reference", tau_m: float = INF, **words: Any) -> Any:
+    """Two inputs onto two maps of one neuron each, which stand for two labels; threshold 0.8; delays of one tick."""
+    net = Network("pair", resolution=0.5)
+    net.population("input", 2, spike_generator())
+    net.population("maps", (2, 1), iaf_psc_delta(tau_m=tau_m, E_L=0.0, V_reset=0.0, V_th=0.8))
+    net.connect("input", "maps", all_to_all(), rule, weight=np.array(weights), delay=0.5, name="w")
+    net.group("choice", winner_take_all(of="maps"))
+    net.trials(**{"input": "input", "duration": 10.0, "labels": {"of": "maps"}} | words)
+    return neuro.compile(net, backend)
+
+
+def taught(sim: Any, labels: Any) -> Any:
+    """The weights after one trial, input 0 at 0 ms and input 1 at 5 ms."""
+    sim.trials([0.0, 5.0], [0, 1], [0, 2], labels=labels, learn=True)
+    return pytest.approx(sim.weights("w")[2].ravel(), abs=1e-14)
+
+
+def bent(w: float, rate: float) -> float:
+    return w + rate * w * (1.0 - w)
+
+
+@FLOATS
+def test_first_spikes_teach_who_decided_without_labels(backend):
+    rule = first_spike_stdp(A_plus=0.1, A_minus=-0.05)
+    sim = pair(rule, [[0.9, 0.2], [0.7, 0.2]], backend, labels=None)
+    assert taught(sim, None) == [bent(0.9, 0.1), 0.2, bent(0.7, -0.05), 0.2]
+    sim = pair(rule, [[0.3, 0.2], [0.3, 0.2]], backend, labels=None)
+    assert taught(sim, None) == [0.3, 0.2, 0.3, 0.2]
+
+
+@FLOATS
+def test_rates_follow_hits_and_misses(backend):
+    rule = mozafari(Ar_plus=0.1, Ar_minus=-0.05, Ap_plus=0.02, Ap_minus=-0.04, misses=0.5, hits=0.25)
+    weights = [[0.9, 0.2], [0.7, 0.2]]
+    assert taught(pair(rule, weights, backend), [0]) == [bent(0.9, 0.05), 0.2, bent(0.7, -0.025), 0.2]
+    sim = pair(rule, weights, backend)
+    assert taught(sim, [1]) == [bent(0.9, -0.01), 0.2, bent(0.7, 0.005), 0.2]
+    sim.set("w", misses=0.0)
+    before = sim.weights("w")[2].copy()
+    sim.trials([0.0, 5.0], [0, 1], [0, 2], labels=[0], learn=True)
+    assert np.array_equal(sim.weights("w")[2], before)
+    assert taught(pair(rule, [[0.3, 0.3], [0.3, 0.3]], backend), [1]) == [0.3] * 4
+
+
+@FLOATS
+def test_a_silent_tempotron_is_taught_at_its_largest_potential(backend):
+    rule = tempotron(lambda_=0.1, tau_m=20.0, tau_s=0.0)
+    told = taught(pair(rule, [[0.3, 0.3], [0.3, 0.3]], backend, tau_m=20.0), [1])
+    assert told == [0.3, 0.3 + 0.1 * np.exp(-5.0 / 20.0), 0.3, 0.4]  # at the second arrival
+    told = taught(pair(rule, [[0.3, 0.3], [-0.2, -0.2]], backend, tau_m=20.0), [1])
+    assert told == [0.3, 0.4, -0.2, -0.2]  # at the first; what came later did not add to it
+
+
+@FLOATS
+@pytest.mark.parametrize("stop", ["at_decision", "full"])
+def test_a_wrong_tempotron_is_taught_at_its_spike_and_the_right_one_up_to_it(backend, stop):
+    rule = tempotron(lambda_=0.1, tau_m=20.0, tau_s=0.0)
+    weights = [[0.5, 0.2], [0.5, 0.9]]
+    told = taught(pair(rule, weights, backend, tau_m=20.0, stop=stop), [0])
+    early = 0.1 * np.exp(-5.0 / 20.0)
+    assert told == [0.5 + early, 0.2 - early, 0.6, 0.8]
+    assert taught(pair(rule, weights, backend, tau_m=20.0, stop=stop), [1]) == [0.5, 0.2, 0.5, 0.9]
+
+
+def test_the_kernel_of_the_tempotron_is_a_potential_whose_largest_value_is_1():
+    rule = tempotron(lambda_=1.0, tau_m=15.0, tau_s=3.75)
+    c = np.zeros(rule.width)
+    rule.arithmetic.constants(rule.vector(), 1.0, c)
+    largest = 5.0 * np.log(4.0)  # ms
+    before, top, after = (rule.arithmetic.teach(0.0, largest + t, 1.0, c) for t in (-0.01, 0.0, 0.01))
+    assert top == pytest.approx(1.0, abs=1e-14)
+    assert max(before, after) < top
+    assert rule.arithmetic.teach(0.0, 0.0, 1.0, c) == 0.0
+    assert rule.arithmetic.teach(0.25, -1.0, 1.0, c) == 0.25
+    assert rule.arithmetic.teach(0.25, -INF, 1.0, c) == 0.25
+    still = tempotron(lambda_=1.0, tau_m=INF, tau_s=0.0)
+    still.arithmetic.constants(still.vector(), 1.0, c)
+    assert still.arithmetic.teach(0.0, 7.0, -1.0, c) == -1.0
+
+
+def test_time_constants_of_the_tempotron():
+    with pytest.raises(ModelError, match=r"tempotron.tau_s = 15 ms: expected less than tau_m = 15 ms"):
+        tempotron(tau_s=15.0)
+    with pytest.raises(ModelError, match=r"first_spike_stdp.Wmin = 1: expected less than Wmax = 1"):
+        first_spike_stdp(Wmin=1.0)
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        r_stdp(epsilon=0.01),
+        mozafari(Ar_plus=0.1, hits=0.5),
+        first_spike_stdp(A_plus=0.1, A_minus=-0.05),
+        tempotron(lambda_=0.1),
+    ],
+    ids=lambda rule: rule.name,
+)
+def test_backends_agree(rule):
+    check_part(rule)
+
+
+# a rule of a stranger
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class all_that_erred(r_stdp):
+    """Teaches every output neuron: the one that decided by -1, all others by +1, from a moment 2 ticks later."""
+
+    def lessons(self, end: TrialEnd) -> list[Lesson | Growth]:
+        others = [k for k in range(len(end.best)) if k != end.winner]
+        return [Lesson(end.winner, end.tick + 2, -1.0), *(Lesson(k, end.tick + 2, 1.0) for k in others)]
+
+
+@FLOATS
+def test_a_rule_says_whom_it_teaches_and_when(backend):
+    rule = all_that_erred(Ar_plus=0.1, Ar_minus=-0.05, Ap_plus=0.02, Ap_minus=-0.04)
+    sim = pair(rule, [[0.9, 0.2], [0.7, 0.2]], backend)
+    sim.trials([0.0, 1.0], [0, 1], [0, 2], labels=[0], learn=True)
+    # the decision is in tick 1, and ends the trial before input 1 emits
+    assert sim.weights("w")[2].ravel() == pytest.approx(
+        [bent(0.9, -0.04), bent(0.2, 0.1), bent(0.7, 0.02), bent(0.2, -0.05)]
+    )
+    sim = pair(rule, [[0.9, 0.2], [0.7, 0.2]], backend, stop="full")
+    sim.trials([0.0, 1.0], [0, 1], [0, 2], labels=[0], learn=True)
+    assert sim.weights("w")[2].ravel() == pytest.approx(
+        [bent(0.9, -0.04), bent(0.2, 0.1), bent(0.7, -0.04), bent(0.2, 0.1)]
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class careless(r_stdp):
+    """Teaches nobody in silence."""
+
+    told: ClassVar[Any] = None
+
+    def lessons(self, end: TrialEnd) -> list[Lesson | Growth]:
+        return [self.told if self.told is not None else Lesson(end.winner, end.tick, 1.0)]
+
+
+def test_lessons_for_nobody_are_refused(monkeypatch):
+    with pytest.raises(ModelError, match=r"careless: a lesson for neuron -1: expected one of the output, 0 to 1"):
+        taught(pair(careless(), [[0.3, 0.3], [0.3, 0.3]]), [0])
+    monkeypatch.setattr(careless, "told", Growth(np.array([1, 2])))
+    with pytest.raises(ModelError, match=r"careless: growth of maps \[1, 2\]: expected maps from 0 to 1"):
+        taught(pair(careless(), [[0.3, 0.3], [0.3, 0.3]]), [0])
+
+
+def test_maps_grow_by_a_function_of_the_rule(monkeypatch):
+    monkeypatch.setattr(mozafari, "lessons", lambda self, end: [Growth(end.maps)])
+    told = r"mozafari: its lessons let maps grow: expected a function 'encourage\(w, c\)' in its file"
+    with pytest.raises(ModelError, match=told):
+        taught(pair(mozafari(), [[0.3, 0.3], [0.3, 0.3]]), [0])
+
+
+# labels
+
+
+def test_labels_are_needed_by_rules_that_are_supervised():
+    for name in ("r_stdp", "mozafari", "tempotron"):
+        with pytest.raises(ModelError, match=f"trials: {name} of 'w' needs 'labels'"):
+            pair(SYNAPSES[name](), [[0.3, 0.3], [0.3, 0.3]], labels=None)
+    with pytest.raises(ModelError, match="trials: learn=True without labels: expected one label for each"):
+        taught(pair(r_stdp(), [[0.3, 0.3], [0.3, 0.3]]), None)
+
+
+def test_neurons_are_assigned_what_they_answer_most():
+    decided, labels = [0, 0, 0, 1, 1, 2, -1, 2], [0, 0, 1, 1, 1, 0, 2, 2]
+    assigned = neuro.assign_labels(decided, labels, 4)
+    assert assigned.tolist() == [0, 1, 2, -1]  # neuron 2: one trial of the three of label 0, one of the two of label 2
+    assert neuro.read_labels([2, -1, 3, 0], assigned).tolist() == [2, -1, -1, 0]
+    assert neuro.assign_labels([], [], 2).tolist() == [-1, -1]
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda: neuro.assign_labels([0], [0, 1], 2),
+            "assign_labels: 1 decided and 2 labels: expected as many of each",
+        ),
+        (lambda: neuro.assign_labels([0, 2], [0, 1], 2), "assign_labels: decided[1] = 2: expected -1 to 1"),
+        (lambda: neuro.assign_labels([0], [-1], 2), "assign_labels: labels has -1: expected labels from 0"),
+        (lambda: neuro.assign_labels([0.5], [1], 2), "decided: float64 of shape [1]: expected a row of whole numbers"),
+        (lambda: neuro.read_labels([5], [0, 1]), "read_labels: decided[0] = 5: expected -1 to 1"),
+    ],
+)
+def test_assignments_that_are_none(call, message):
+    with pytest.raises(ModelError) as caught:
+        call()
+    assert caught.value.message == message
+
+
+# learning
+
+
+def latencies(seed: int, n: int, classes: int) -> Any:
+    """Trials of 40 inputs whose order of spikes is the label's, jittered by 2 ms, a tenth of them missing."""
+    templates = np.random.default_rng(0).integers(0, 30, (classes, 40))
+    rng = np.random.default_rng(seed)
+    labels = rng.integers(classes, size=n)
+    times = np.clip(np.rint(templates[labels] + rng.normal(0.0, 2.0, (n, 40))), 0.0, 39.0)
+    kept = rng.random((n, 40)) < 0.9
+    ids = np.broadcast_to(np.arange(40), (n, 40))[kept]
+    return times[kept], ids, np.concatenate(([0], np.cumsum(kept.sum(axis=1)))), labels
+
+
+def task(
+    rule: Synapse, classes: int, per_label: int, V_th: float, seed: int, backend: str = "event", **words: Any
+) -> Any:
+    net = Network("task", resolution=1.0)
+    net.population("input", 40, spike_generator())
+    model = iaf_psc_delta(tau_m=15.0, E_L=0.0, V_reset=0.0, V_th=V_th)
+    net.population("maps", (classes * per_label, 1), model)
+    weight = normal(mean=0.5, std=0.1, low=0.0, high=1.0)
+    net.connect("input", "maps", all_to_all(), rule, weight=weight, delay=1.0, name="w")
+    net.group("choice", winner_take_all(of="maps"))
+    net.trials(input="input", duration=45.0, labels={"of": "maps", "maps_per_label": per_label}, **words)
+    return neuro.compile(net, backend, seed=seed)
+
+
+def right(sim: Any, classes: int) -> float:
+    """The share of new trials that are right."""
+    times, ids, offsets, labels = latencies(99, 300, classes)
+    return float(np.mean(sim.trials(times, ids, offsets).label == labels))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_tempotron_learns_an_order_of_spikes(seed):
+    sim = task(tempotron(lambda_=0.02, tau_m=15.0, tau_s=0.0), 3, 1, 6.0, seed)
+    assert right(sim, 3) < 0.5
+    times, ids, offsets, labels = latencies(5, 300, 3)
+    for _ in range(10):
+        sim.trials(times, ids, offsets, labels, learn=True)
+    assert right(sim, 3) > 0.95
+
+
+@pytest.mark.parametrize("backend", ["loihi", "spinnaker"])
+def test_the_tempotron_learns_on_chips(backend):
+    rule = tempotron(lambda_=0.02, tau_m=15.0, tau_s=0.0, Wmin=-1.0, Wmax=1.5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", neuro.ApproximationWarning)
+        sim = task(rule, 3, 1, 6.0, 0, backend)
+    times, ids, offsets, labels = latencies(5, 300, 3)
+    for _ in range(6):
+        sim.trials(times, ids, offsets, labels, learn=True)
+    assert right(sim, 3) > 0.9
+
+
+def test_a_chip_needs_bounds():
+    with pytest.raises(ModelError) as caught:
+        task(tempotron(), 3, 1, 6.0, 0, "loihi")
+    assert "projection 'w': tempotron without a finite Wmin and Wmax: a weight's word holds no more" in str(
+        caught.value
+    )
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_first_spikes_learn_patterns_that_are_named_afterwards(seed):
+    sim = task(first_spike_stdp(A_plus=0.1, A_minus=-0.075), 3, 2, 6.0, seed)
+    times, ids, offsets, labels = latencies(5, 300, 3)
+    test_times, test_ids, test_offsets, test_labels = latencies(99, 300, 3)
+
+    def named() -> float:
+        assigned = neuro.assign_labels(sim.trials(times, ids, offsets).winner, labels, 6)
+        told = neuro.read_labels(sim.trials(test_times, test_ids, test_offsets).winner, assigned)
+        return float(np.mean(told == test_labels))
+
+    untaught = named()
+    for _ in range(5):
+        sim.trials(times, ids, offsets, learn=True)
+    assert named() > max(0.9, untaught + 0.2)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_rates_that_follow_mistakes_learn(seed):
+    rule = mozafari(Ar_plus=0.04, Ar_minus=-0.03, Ap_plus=0.005, Ap_minus=-0.04)
+    sim = task(rule, 2, 2, 4.0, seed, dropout={"of": "maps", "p": 0.3})
+    assert right(sim, 2) < 0.5
+    times, ids, offsets, labels = latencies(5, 300, 2)
+    for epoch in range(10):
+        told = sim.trials(times, ids, offsets, labels, learn=True, epoch=epoch)
+        wrong = (told.label != labels) & (told.winner >= 0)
+        sim.set("w", hits=np.mean(told.label == labels), misses=np.mean(wrong))
+    assert right(sim, 2) > 0.75
