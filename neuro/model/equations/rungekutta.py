@@ -1,7 +1,7 @@
 """Runge-Kutta steps as text: the classical one of fourth order, and Fehlberg's with the size of its steps controlled.
 
-Sources: Fehlberg, NASA TR R-315, 1969; the control of the step size is that of the GNU Scientific Library 2.7
-(ode-initval/cstd.c, evolve.c), by which NEST integrates.
+The method and its source are those of `neuro.model.neurons.integrators`. Written out once more, since a threshold is
+looked at after each part of a step.
 """
 
 from __future__ import annotations
@@ -9,20 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from neuro.model.equations.writing import Constants, indented, local
+from neuro.model.neurons.integrators import FEHLBERG
 
 Call = Callable[[dict[str, str]], str]
 """The text that asks for the rates at some values, by state."""
 
-_NODES = (
-    (),
-    (1 / 4,),
-    (3 / 32, 9 / 32),
-    (1932 / 2197, -7200 / 2197, 7296 / 2197),
-    (8341 / 4104, -32832 / 4104, 29440 / 4104, -845 / 4104),
-    (-6080 / 20520, 41040 / 20520, -28352 / 20520, 9295 / 20520, -5643 / 20520),
-)
-_FIFTH = (902880 / 7618050, 0.0, 3953664 / 7618050, 3855735 / 7618050, -1371249 / 7618050, 277020 / 7618050)
-_ERROR = (1 / 360, 0.0, -128 / 4275, -2197 / 75240, 1 / 50, 2 / 55)
 SMALLEST = 1e-12
 """The smallest part of a step that is taken, however large its error."""
 
@@ -78,10 +69,10 @@ def rkf45_lines(
 def _try(states: tuple[str, ...], call: Call, h: str, tolerance: float) -> list[str]:
     lines = [f"last = size > {h} - t", f"now = {h} - t if last else size"]
     for stage in range(2, 7):
-        near = {n: f"{local(n)} + now * ({_sum(_NODES[stage - 1], n)})" for n in states}
+        near = {n: f"{local(n)} + now * ({_sum(FEHLBERG.stages[stage - 1], n)})" for n in states}
         lines += _stage(stage, states, call(near))
-    lines += [f"new_{local(n)} = {local(n)} + now * ({_sum(_FIFTH, n)})" for n in states]
-    errors = [f"abs(now * ({_sum(_ERROR, n)}))" for n in states]
+    lines += [f"new_{local(n)} = {local(n)} + now * ({_sum(FEHLBERG.result, n)})" for n in states]
+    errors = [f"abs(now * ({_sum(FEHLBERG.error, n)}))" for n in states]
     worst = errors[0]
     for error in errors[1:]:
         worst = f"max({worst}, {error})"
