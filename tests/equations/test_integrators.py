@@ -11,8 +11,7 @@ import neuro
 from neuro.testing import check_part
 
 MODELS = yaml.safe_load(Path(__file__).with_name("models.yaml").read_text())["models"]
-AEIF = MODELS["own_aeif_cond_exp"]
-GOLDEN = Path(__file__).parents[2].parent / "shared" / "reference" / "nest-models" / "f3_aeif_cond_exp"
+GOLDEN = Path(__file__).parents[2].parent / "shared" / "reference" / "nest-models"
 RELAXING = {
     "equations": {"V_m": "(E_L - V_m)/tau_m + (g*(E - V_m) + I)/C_m"},
     "receptors": {"g": {"kernel": "exp", "tau": "tau_syn"}},
@@ -20,29 +19,32 @@ RELAXING = {
 }
 
 
-def like_nest(integrator, backend):
-    """A neuron with the parameters and inputs of a golden trace, and what NEST has of it."""
-    facts = json.loads(GOLDEN.with_suffix(".json").read_text())
-    model = neuro.equations("aeif", **{**AEIF, "integrator": integrator})
+def like_nest(golden, integrator, backend):
+    """A neuron with the parameters and inputs of a golden trace, NEST's spikes, and its states' errors."""
+    path = GOLDEN / golden
+    facts = json.loads(path.with_suffix(".json").read_text())
+    own = MODELS[f"own_{facts['neuron']['model']}"]
+    model = neuro.equations("own", **{**own, "integrator": integrator})
     net = neuro.Network("golden")
     net.population("cells", 1, model(**facts["neuron"]["params"]))
     for name, given in facts["inputs"].items():
         net.population(name, 1, neuro.spike_generator(spike_times=[given["spike_times_ms"]]))
         net.connect(name, "cells", neuro.one_to_one(), weight=given["weight"], delay=given["delay_ms"])
-    for state in ("V_m", "w", "g_ex", "g_in"):
+    states = facts["recorded"]["rec"]
+    for state in states:
         net.probe(state, "cells", state)
     sim = neuro.compile(net, backend)
     sim.run(facts["t_sim_ms"])
-    golden = np.load(GOLDEN.with_suffix(".npz"))
-    rows = np.rint(golden["times_ms"] / 0.1).astype(int) - 1
+    expected = np.load(path.with_suffix(".npz"))
+    rows = np.rint(expected["times_ms"] / 0.1).astype(int) - 1
     steps = np.rint(sim.spikes("cells")[0] / 0.1)
-    errors = {state: np.abs(sim.trace(state)[1][rows, 0] - golden[state]).max() for state in ("V_m", "w", "g_ex")}
-    return steps, np.rint(golden["spikes_ms"] / 0.1), errors
+    errors = {state: np.abs(sim.trace(state)[1][rows, 0] - expected[state]).max() for state in states}
+    return steps, np.rint(expected["spikes_ms"] / 0.1), errors
 
 
 @pytest.mark.parametrize("backend", ["reference", "event"])
 def test_an_adaptive_exponential_neuron_has_nests_spikes(backend):
-    steps, expected, errors = like_nest({"rkf45": {"tolerance": 1e-6}}, backend)
+    steps, expected, errors = like_nest("f3_aeif_cond_exp", {"rkf45": {"tolerance": 1e-6}}, backend)
     assert np.array_equal(steps, expected)
     assert errors["V_m"] < 1e-3
     assert errors["w"] < 1e-3
@@ -50,9 +52,42 @@ def test_an_adaptive_exponential_neuron_has_nests_spikes(backend):
 
 
 def test_with_many_substeps_rk4_has_them_too():
-    steps, expected, errors = like_nest({"rk4": {"substeps": 100}}, "event")
+    steps, expected, errors = like_nest("f3_aeif_cond_exp", {"rk4": {"substeps": 100}}, "event")
     assert np.array_equal(steps, expected)
     assert errors["V_m"] < 1.0
+
+
+@pytest.mark.parametrize("backend", ["reference", "event"])
+@pytest.mark.parametrize(
+    ("integrator", "error"), [({"rkf45": {"tolerance": 1e-3}}, 1e-9), ("rk4", 2e-5)], ids=["rkf45", "rk4"]
+)
+def test_a_neuron_with_conductances_has_nests_spikes(backend, integrator, error):
+    steps, expected, errors = like_nest("f2_iaf_cond_exp", integrator, backend)
+    assert np.array_equal(steps, expected)
+    assert max(errors.values()) < error
+
+
+@pytest.mark.parametrize(
+    ("integrator", "substeps"), [({"rkf45": {"tolerance": 1e-3}}, 0), ("rk4", 1)], ids=["rkf45", "rk4"]
+)
+def test_a_neuron_with_conductances_is_its_built_in_twin(integrator, substeps):
+    own = neuro.equations("own", **{**MODELS["own_iaf_cond_exp"], "integrator": integrator})
+    found = []
+    for model in (own(g_L=16.6667), neuro.iaf_cond_exp(g_L=16.6667, rk4_substeps=substeps)):
+        net = neuro.Network("twins")
+        net.population("noise", 80, neuro.poisson_generator(rate=40.0))
+        net.population("cells", 20, model, initial={"V_m": neuro.uniform(low=-70.0, high=-56.0)})
+        net.connect("noise", "cells", neuro.pairwise_bernoulli(p=0.5), weight=25.0, delay=1.0)
+        net.connect("cells", "cells", neuro.pairwise_bernoulli(p=0.2), weight=-30.0, delay=0.7)
+        net.probe("V_m", "cells", "V_m")
+        sim = neuro.compile(net, "event", seed=3)
+        sim.run(300.0)
+        found.append((np.stack(sim.spikes("cells")), sim.trace("V_m")[1]))
+    (spikes, potentials), (expected, of_twin) = found
+    assert np.array_equal(spikes, expected)
+    assert spikes.shape[1] > 100
+    # The twins round differently, and a last digit can change the size of an adaptive step.
+    assert np.abs(potentials - of_twin).max() < 1e-7
 
 
 def test_they_run_alike_on_both_backends():

@@ -17,6 +17,26 @@ STDP = {
         "Wmax": {"default": 100, "above": 0},
     },
 }
+TRIPLET = {
+    "traces": {
+        "r1": {"of": "pre", "tau": "tau_plus"},
+        "r2": {"of": "pre", "tau": "tau_plus_triplet"},
+        "o1": {"of": "post", "tau": "tau_minus"},
+        "o2": {"of": "post", "tau": "tau_minus_triplet"},
+    },
+    "on_post": {"w": "min(Wmax, w + r1*(Aplus + Aplus_triplet*o2))"},
+    "on_pre": {"w": "max(0, w - o1*(Aminus + Aminus_triplet*r2))"},
+    "parameters": {
+        "tau_plus": "16.8 ms",
+        "tau_plus_triplet": "101 ms",
+        "tau_minus_triplet": "125 ms",
+        "Aplus": 5e-10,
+        "Aplus_triplet": 6.2e-3,
+        "Aminus": 7e-3,
+        "Aminus_triplet": 2.3e-4,
+        "Wmax": {"default": 100, "above": 0},
+    },
+}
 
 
 def network(rule):
@@ -28,9 +48,17 @@ def network(rule):
 
 
 @pytest.mark.parametrize("backend", ["reference", "event"])
-def test_stdp_written_as_equations_gives_its_weights(backend):
+@pytest.mark.parametrize(
+    ("built_in", "words", "numbers"),
+    [
+        (neuro.stdp, STDP, {}),
+        (neuro.stdp_triplet, TRIPLET, {"Aplus": 0.5, "Aplus_triplet": 6.2, "Aminus": 2.0, "Aminus_triplet": 0.23}),
+    ],
+    ids=["stdp", "stdp_triplet"],
+)
+def test_a_rule_written_as_equations_gives_its_twins_weights(built_in, words, numbers, backend):
     found = []
-    for rule in (neuro.stdp(), neuro.equations("own_stdp", **STDP)()):
+    for rule in (built_in(**numbers), neuro.equations("own", **words)(**numbers)):
         sim = neuro.compile(network(rule), backend, seed=1)
         sim.run(300.0)
         found.append((sim.weights("learnt")[2], sim.spikes("cells")[0]))

@@ -1,0 +1,65 @@
+"""The pages that say which model is for what name every model, and where each runs."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+import neuro
+from neuro.compiler import compile_network
+from neuro.model.neurons import NATIVE, NEURONS
+from neuro.model.synapses import SYNAPSES
+from neuro.program.backend import find
+
+PAGES = Path(__file__).parents[1] / "docs" / "how-to"
+BACKENDS = ("reference", "event", "nest", "loihi", "spinnaker")
+RULES = [name for name in SYNAPSES if SYNAPSES[name].learns != "trials" and not SYNAPSES[name].chip]
+
+
+def told(page):
+    """The last cell of the rows of a page's tables, by the first; each is a list of backends, and what else it says."""
+    rows = re.findall(r"^\| `(\w+)` \|(?:.* \|)? (reference.*|loihi|spinnaker) \|$", (PAGES / page).read_text(), re.M)
+    return {name: cell.partition("; ")[0] for name, cell in rows}
+
+
+def runs_on(net):
+    program = compile_network(net, 0)
+    return ", ".join(name for name in BACKENDS if not any(p.refused for p in find(name).problems(program)))
+
+
+@pytest.mark.parametrize("model", [*NEURONS, *NATIVE], ids=lambda model: model.__name__)
+def test_the_page_has_each_neuron_and_where_it_runs(model):
+    net = neuro.Network("where", resolution=1.0)
+    net.population("cells", 1, model())
+    assert told("choose-a-model.md").get(model.__name__) == runs_on(net), "docs/how-to/choose-a-model.md says else"
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_the_page_has_each_rule_and_where_it_runs(name):
+    rule = SYNAPSES[name]
+    net = neuro.Network("where", resolution=1.0)
+    net.population("source", 1, neuro.spike_generator(spike_times=[[]]))
+    net.population("cells", 1, neuro.iaf_psc_exp())
+    if rule.modulated:
+        net.signal("reward", to="cells")
+    synapse = rule(signal="reward") if rule.modulated else rule()
+    weight = -1.0 if rule.defaults().get("Wmax", 1.0) < 0.0 else 1.0
+    net.connect("source", "cells", neuro.one_to_one(), synapse, weight=weight, delay=1.0)
+    assert told("choose-a-synapse-rule.md").get(name) == runs_on(net), "docs/how-to/choose-a-synapse-rule.md says else"
+
+
+def test_the_pages_have_nothing_else():
+    assert set(told("choose-a-model.md")) == {model.__name__ for model in (*NEURONS, *NATIVE)}
+    assert set(told("choose-a-synapse-rule.md")) == set(RULES)
+
+
+@pytest.mark.parametrize(
+    ("example", "names"),
+    [
+        ("neurons", {model.__name__ for model in NEURONS}),
+        ("windows", {name for name in RULES if SYNAPSES[name].learns} - {"tsodyks2"}),  # which learns nothing
+    ],
+)
+def test_the_pictures_have_each_of_them(example, names):
+    text = (PAGES.parents[1] / "examples" / f"{example}.py").read_text()
+    assert names - set(re.findall(r"neuro\.(\w+)\(", text)) == set()
