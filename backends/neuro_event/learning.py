@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -180,7 +181,7 @@ def set_rule_constants(
     words = dict(zip(synapse.numbers(), vector, strict=True))
     synapse.arithmetic.constants(vector, program.resolution, rule)
     tau[0] = words.get("tau_plus", 1.0)
-    tau[1] = words.get("tau_n", 1.0)
+    tau[1] = words.get("tau_n", math.inf)  # n is held
     for k in range(2):
         decay[k] = _decay(tau[k], program.resolution)
     for first, traces in ((0, synapse.pre), (len(kinds) // 2, synapse.post)):

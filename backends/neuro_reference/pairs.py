@@ -39,8 +39,6 @@ class Pairs:
         self.arithmetic, self.modulated = part.synapse.arithmetic, part.synapse.modulated
         self.n_source = program.populations[part.source].size
         self.tau_minus: Floats = np.broadcast_to(tau_minus, wires.n_target)[wires.target]
-        names = part.synapse.numbers()
-        self._tau_n = names.index("tau_n") if self.modulated else -1
         self.grid = program.min_delay * int(part.synapse.parameters().get("deliver_interval", 1))
         self.y: Floats = np.zeros((1 + len(part.synapse.states), len(wires.target)))
         self.sent = wires.weights.copy()
@@ -79,7 +77,7 @@ class Pairs:
         for target in np.flatnonzero(self.doses[place]).tolist():
             for e in np.flatnonzero(self.wires.target == target).tolist():
                 self._integrate(e, step)
-            dose = self.doses[place, target] / self.rule[self._tau_n]
+            dose = self.doses[place, target] / self.tau_n
             self.n[target], self.n_step[target] = self._dopamine(target, step) + dose, step
         self.doses[place] = 0
         for e in np.flatnonzero(self.posts[step % len(self.posts)]).tolist():
@@ -141,14 +139,18 @@ class Pairs:
         """Work out the constants after a change of the rule."""
         self.c: Floats = np.zeros(self.part.synapse.width)
         self.arithmetic.constants(self.rule, self.h, self.c)
+        self.tau_n = float(self._numbers().get("tau_n", math.inf))  # without one n is held
         self.pre.taus = [np.broadcast_to(tau, self.n_source) for tau in self._taus(self.part.synapse.pre)]
         self.post.taus = [np.broadcast_to(tau, len(self.wires.target)) for tau in self._taus(self.part.synapse.post)]
 
     def _taus(self, traces: Sequence[Trace]) -> list[Floats]:
         """The time constants of some traces, ms."""
-        names = self.part.synapse.numbers()
-        own = {name: np.full(1, value) for name, value in zip(names, self.rule, strict=True)}
+        own = {name: np.full(1, value) for name, value in self._numbers().items()}
         return [own.get(trace.tau, self.tau_minus) if trace.tau else np.zeros(1) for trace in traces]
+
+    def _numbers(self) -> dict[str, float]:
+        """The rule's numbers by name."""
+        return dict(zip(self.part.synapse.numbers(), self.rule.tolist(), strict=True))
 
     def _bring(self, step: int) -> None:
         for e in range(len(self.wires.target)):
@@ -167,4 +169,4 @@ class Pairs:
         if not self.modulated:
             return 0.0
         passed = (step - self.n_step[target]) * self.h
-        return float(self.n[target] * math.exp(-passed / self.rule[self._tau_n]))
+        return float(self.n[target] * math.exp(-passed / self.tau_n))

@@ -9,7 +9,9 @@ from neuro.model.synapses.first_spike_stdp import first_spike_stdp
 from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
 from neuro.model.synapses.loihi_learning import loihi_learning
 from neuro.model.synapses.loihi_static import loihi_static
+from neuro.model.synapses.modulated import Modulated
 from neuro.model.synapses.mozafari import mozafari
+from neuro.model.synapses.mstdpet import mstdpet
 from neuro.model.synapses.r_stdp import r_stdp
 from neuro.model.synapses.static import static
 from neuro.model.synapses.stdp import stdp
@@ -34,8 +36,8 @@ def complete(model: type[Synapse]) -> type[Synapse]:
     told = f"synapse model '{model.__name__}'"
     if model.learns not in ("", "pairs", "trials", "chip"):
         raise TypeError(f"{told}: learns = '{model.learns}': expected '', 'pairs', 'trials' or 'chip'")
-    if model.modulated and not issubclass(model, stdp_dopa):
-        raise TypeError(f"{told}: expected a subclass of stdp_dopa, whose words say where dopamine comes from")
+    if model.modulated and not issubclass(model, Modulated):
+        raise TypeError(f"{told}: expected a subclass of Modulated, whose words say where n comes from")
     if not model.learns and any(hasattr(model.arithmetic, name) for name in ("on_pre", "on_post")):
         raise TypeError(f"{told} has rules for spikes and learns = '': expected learns = 'pairs'")
     if model.learns == "pairs":
@@ -79,7 +81,7 @@ SYNAPSES: Registry[type[Synapse]] = Registry(
     (
         *(static, tsodyks2),
         *(stdp, stdp_nn_symm, stdp_nn_restr, stdp_nn_pre_centered, stdp_literal, stdp_pl_hom, stdp_triplet),
-        *(vogels_sprekeler, stdp_dopa),
+        *(vogels_sprekeler, stdp_dopa, mstdpet),
         *(r_stdp, mozafari, first_spike_stdp, tempotron),
         *(loihi_static, loihi_learning),
     ),
@@ -95,6 +97,7 @@ __all__ = [
     "SYNAPSES",
     "Growth",
     "Lesson",
+    "Modulated",
     "Synapse",
     "Trace",
     "TrialEnd",
@@ -102,6 +105,7 @@ __all__ = [
     "loihi_learning",
     "loihi_static",
     "mozafari",
+    "mstdpet",
     "r_stdp",
     "static",
     "stdp",

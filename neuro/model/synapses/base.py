@@ -8,8 +8,8 @@ then post, then pre. Synapse `e` has the states `y[:, e]`; the first is the weig
     on_post(y, e, c, pre, post)               a post spike arrives; the traces there, of strictly earlier spikes
     on_pre(y, e, c, pre, post)                a pre spike; likewise
     sent(y, e, c)                             what the pre spike sends then; without this function the weight
-    advance(y, e, c, begin, end, n, grid)     what happens between events (steps), for rules with `modulated`:
-                                              n is the dopamine concentration at `begin`, `grid` the delivery grid
+    advance(y, e, c, begin, end, n, grid)     what happens between events (steps), for subclasses of `Modulated`:
+                                              n is the modulator's concentration at `begin`, `grid` the delivery grid
 
 A rule for trials says in its method `lessons` whom the end of a trial teaches (`neuro.model.synapses.lessons`), and has
 `constants` and

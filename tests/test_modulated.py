@@ -1,0 +1,125 @@
+"""Rules of three factors: whose weights move under a signal or under dopamine, ours and strangers'."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import pytest
+
+import neuro
+from neuro.extend import ModelError, Modulated, State, quantity
+from neuro.testing import check_part
+
+BACKENDS = pytest.mark.parametrize("backend", ["reference", "event"])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class hebb_by_n(Modulated):
+    """At every post spike the weight grows by rate x n x K+."""
+
+    equation: ClassVar[str] = "post: w += rate n K+"
+    source: ClassVar[str] = "this test"
+    states: ClassVar[tuple[State, ...]] = (State("now", "", "n at the last event"),)
+
+    tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
+    rate: float = quantity(0.1, "", "learning rate")
+    Wmax: float = quantity(400.0, "", "largest weight", above=0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class fading(hebb_by_n):
+    """Likewise, of a modulator that fades."""
+
+    tau_n: float = quantity(15.0, "ms", "time constant of n", above=0)
+
+
+def constants(p, h, c):
+    """The parameters; that of n is the last."""
+    c[:3] = p[:3]
+    c[3] = h
+    c[4] = h / p[3] if len(p) > 3 else 0.0
+
+
+def on_post(y, e, c, pre, post):
+    """Learn."""
+    y[0, e] = max(0.0, min(c[2], y[0, e] + c[1] * y[1, e] * pre[0]))
+
+
+def on_pre(y, e, c, pre, post):
+    """Nothing is learnt."""
+
+
+def advance(y, e, c, begin, end, n, grid):
+    """Keep n of the end."""
+    y[1, e] = n * math.exp(-(end - begin) * c[4])
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        neuro.mstdpet(gamma=20.0, b=0.3, Wmax=300.0),
+        neuro.mstdpet(gamma=8.0, A_minus=-0.5, Wmax=-300.0),
+        neuro.stdp_dopa(tau_n=30.0, b=0.1),
+        hebb_by_n(),
+        fading(),
+    ],
+    ids=lambda rule: rule.name,
+)
+def test_a_rule_on_event_and_reference(rule):
+    check_part(rule, ms=20.0)
+
+
+PRE, POST, DELAY, START = 10.0, 15.0, 4.0, 1.0
+
+
+def one_pair(rule, backend):
+    """One synapse, a spike of its source and one of its target, which reaches the synapse DELAY later."""
+    net = neuro.Network("pair")
+    net.population("pre", 1, neuro.spike_generator(spike_times=[[PRE]]))
+    net.population("driver", 1, neuro.spike_generator(spike_times=[[POST - 1.0]]))
+    net.population("post", 1, neuro.iaf_psc_delta())
+    net.signal("reward", to="post")
+    net.connect("driver", "post", neuro.all_to_all(), weight=1000.0, delay=1.0)
+    net.connect("pre", "post", neuro.all_to_all(), rule, weight=START, delay=DELAY, name="learnt")
+    return neuro.compile(net, backend)
+
+
+@BACKENDS
+def test_a_pair_and_reward_move_a_weight_as_florian_says(backend):
+    sim = one_pair(neuro.mstdpet(signal="reward", A_plus=2.0, gamma=0.3, b=0.5, tau_z=30.0), backend)
+    sim.signal("reward", 0.5)
+    sim.run(40.0)
+    assert sim.spikes("post")[0].tolist() == [POST]
+    z = 2.0 * math.exp(-(POST + DELAY - PRE) / 20.0) / 30.0 * math.exp(-(40.0 - POST - DELAY) / 30.0)
+    assert sim.get("learnt", "z") == pytest.approx(z, rel=1e-12)
+    assert sim.get("learnt", "weight") == START  # reward is at its baseline
+    sim.signal("reward", 1.7)
+    sim.run(10.0)
+    assert sim.get("learnt", "n") == 1.7
+    moved = 0.3 * (1.7 - 0.5) * z * 30.0 * (1.0 - math.exp(-10.0 / 30.0))
+    assert sim.get("learnt", "weight") == pytest.approx(START + moved, rel=1e-12)
+
+
+@BACKENDS
+@pytest.mark.parametrize(("reward", "bound"), [(1e4, 5.0), (-1e4, 0.0)])
+def test_a_weight_stays_within_its_bounds(backend, reward, bound):
+    sim = one_pair(neuro.mstdpet(signal="reward", Wmax=5.0), backend)
+    sim.signal("reward", reward)
+    sim.run(40.0)
+    assert sim.get("learnt", "weight") == bound
+
+
+def test_a_modulator_that_never_falls_comes_from_a_signal():
+    with pytest.raises(ModelError) as caught:
+        neuro.mstdpet(dopamine="cells")
+    told = "mstdpet.dopamine = 'cells': mstdpet has no tau_n, so n would never fall\n  hint: name a signal instead"
+    assert str(caught.value).endswith(told)
+    with pytest.raises(ModelError, match="fading has both 'signal' and 'dopamine': expected one source of dopamine"):
+        fading(signal="reward", dopamine="cells")
+    net = neuro.Network("own")
+    net.population("cells", 2, neuro.iaf_psc_exp())
+    net.connect("cells", "cells", neuro.all_to_all(), hebb_by_n(signal="rewards"), name="learnt")
+    with pytest.raises(ModelError, match=r"projection 'learnt': hebb_by_n\.signal: unknown signal 'rewards'"):
+        neuro.compile(net)
