@@ -71,6 +71,8 @@ if TYPE_CHECKING:
     from neuro.program.backend import OverflowWarning
     from neuro.program.counts import Counts
     from neuro.run.assignment import assign_labels, read_labels
+    from neuro.run.modulators import reward_error, td_error, td_error_rate
+    from neuro.run.normalise import normalise
     from neuro.run.simulation import ApproximationWarning, Simulation, compile
     from neuro.run.trials import TrialResults
 
@@ -139,6 +141,8 @@ _HOMES = {
     "neuro.program.backend": ("OverflowWarning",),
     "neuro.program.counts": ("Counts",),
     "neuro.run.assignment": ("assign_labels", "read_labels"),
+    "neuro.run.modulators": ("reward_error", "td_error", "td_error_rate"),
+    "neuro.run.normalise": ("normalise",),
     "neuro.run.trials": ("TrialResults",),
     "neuro.run.simulation": ("ApproximationWarning", "Simulation", "compile"),
 }
@@ -189,6 +193,7 @@ __all__ = [
     "mozafari",
     "mstdpet",
     "normal",
+    "normalise",
     "one_to_one",
     "pairs",
     "pairwise_bernoulli",
@@ -198,6 +203,7 @@ __all__ = [
     "read_labels",
     "register",
     "reward",
+    "reward_error",
     "spike_generator",
     "spinnaker_lif",
     "static",
@@ -209,6 +215,8 @@ __all__ = [
     "stdp_nn_symm",
     "stdp_pl_hom",
     "stdp_triplet",
+    "td_error",
+    "td_error_rate",
     "tempotron",
     "tsodyks2",
     "uniform",

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
 import pytest
 
 import neuro
@@ -62,13 +63,12 @@ def advance(y, e, c, begin, end, n, grid):
         neuro.mstdpet(gamma=20.0, b=0.3, Wmax=300.0),
         neuro.mstdpet(gamma=8.0, A_minus=-0.5, Wmax=-300.0),
         neuro.stdp_dopa(tau_n=30.0, b=0.1),
-        hebb_by_n(),
         fading(),
     ],
     ids=lambda rule: rule.name,
 )
 def test_a_rule_on_event_and_reference(rule):
-    check_part(rule, ms=20.0)
+    check_part(rule, ms=10.0)
 
 
 PRE, POST, DELAY, START = 10.0, 15.0, 4.0, 1.0
@@ -123,3 +123,92 @@ def test_a_modulator_that_never_falls_comes_from_a_signal():
     net.connect("cells", "cells", neuro.all_to_all(), hebb_by_n(signal="rewards"), name="learnt")
     with pytest.raises(ModelError, match=r"projection 'learnt': hebb_by_n\.signal: unknown signal 'rewards'"):
         neuro.compile(net)
+
+
+def test_reward_less_its_running_mean():
+    assert neuro.reward_error(1.0, 0.25, 0.1) == (0.75, 0.325)
+    errors, baselines = neuro.reward_error([1.0, -1.0], 0.5, 0.0)
+    assert errors.tolist() == [0.5, -1.5]
+    assert baselines.tolist() == [0.5, 0.5]
+    b = 0.0
+    for _ in range(200):
+        error, b = neuro.reward_error(3.0, b, 0.1)
+    assert error == pytest.approx(3.0 * 0.9**199, rel=1e-6)
+
+
+def test_temporal_difference_errors_by_hand():
+    assert neuro.td_error(1.0, 2.0, 3.0, 0.5) == 0.5
+    assert neuro.td_error(5.0, 2.0, [0.0, 4.0], 1.0).tolist() == [3.0, 7.0]
+    assert neuro.td_error_rate(0.25, 8.0, 0.5, 4.0) == -1.25
+    t, tau_r = 300.0, 400.0  # V = R exp(-(T - t) / tau_r) expects a reward R at T: no error on the way
+    value = 100.0 * math.exp(-(1000.0 - t) / tau_r)
+    assert neuro.td_error_rate(0.0, value, value / tau_r, tau_r) == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: neuro.reward_error(1.0, 0.0, 1.5), "rate is 1.5, expected 0 to 1"),
+        (lambda: neuro.reward_error("much", 0.0, 0.5), "reward"),
+        (lambda: neuro.td_error(1.0, math.nan, 0.0, 0.9), "value has the value nan, expected finite numbers"),
+        (lambda: neuro.td_error(1.0, 0.0, 0.0, -0.1), "discount is -0.1, expected 0 to 1"),
+        (lambda: neuro.td_error_rate(1.0, 0.0, 0.0, 0.0), "tau_r is 0.0, expected more than 0"),
+    ],
+)
+def test_what_is_no_error_signal_is_refused(call, told):
+    with pytest.raises(ModelError, match=told):
+        call()
+
+
+def weights_to_normalise(backend, weight):
+    net = neuro.Network("sums")
+    net.population("pre", 4, neuro.poisson_generator(rate=50.0))
+    net.population("post", 3, neuro.iaf_psc_exp())
+    wires = neuro.pairs(pre=[0, 1, 1, 3], post=[0, 0, 2, 2])
+    net.connect("pre", "post", wires, neuro.stdp(), weight=weight, delay=1.0, name="w")
+    return neuro.compile(net, backend)
+
+
+@BACKENDS
+def test_weights_onto_a_neuron_are_scaled_to_a_sum(backend):
+    sim = weights_to_normalise(backend, [10.0, 30.0, 50.0, 50.0])
+    neuro.normalise(sim, "w", [20.0, 1.0, 80.0])
+    assert sim.weights("w")[2].tolist() == [5.0, 15.0, 40.0, 40.0]
+    sim.run(50.0)
+    neuro.normalise(sim, "w", 60.0)
+    _, post, weight = sim.weights("w")
+    assert np.bincount(post, weight) == pytest.approx([60.0, 0.0, 60.0])
+
+
+def test_the_weights_of_a_map_are_scaled_to_a_sum():
+    net = neuro.Network("maps")
+    net.population("pre", (2, 4, 4), neuro.poisson_generator(rate=50.0))
+    net.population("post", (3, "auto", "auto"), neuro.iaf_psc_exp())
+    drawn = neuro.uniform(low=1.0, high=9.0)
+    net.connect("pre", "post", neuro.grid(kernel=(2, 2)), weight=drawn, delay=1.0, name="w")
+    sim = neuro.compile(net)
+    before = sim.weights("w")
+    neuro.normalise(sim, "w", [1.0, 2.0, 3.0])
+    after = sim.weights("w")
+    assert after.sum(axis=(1, 2, 3)) == pytest.approx([1.0, 2.0, 3.0])
+    assert np.ptp(after[1] / before[1]) < 1e-15
+
+
+@pytest.mark.parametrize(
+    ("total", "told"),
+    [
+        (
+            -1.0,
+            "normalise: the weights of 'w' onto neuron 0 have the sum 40: "
+            "expected a sum that can be scaled to -1, of its sign and not 0",
+        ),
+        ([1.0, 2.0], "total has the shape [2], expected a number or [3]"),
+        (500.0, "projection 'w': weight[0] = 125: expected 0 to 100, the bounds of stdp"),
+    ],
+)
+def test_sums_that_cannot_be_had_are_refused(total, told):
+    sim = weights_to_normalise("event", [10.0, 30.0, 50.0, 50.0])
+    with pytest.raises(ModelError) as caught:
+        neuro.normalise(sim, "w", total)
+    assert str(caught.value) == told
+    assert sim.weights("w")[2].tolist() == [10.0, 30.0, 50.0, 50.0]

@@ -17,14 +17,12 @@ from neuro.model.synapses.within import within
 class mstdpet(Modulated):
     """Spike pairs leave an eligibility z; the weight moves while the reward n differs from its baseline b.
 
-    A signal sets n, which stays until it is set again: to b after a moment of reward. If it stays long, a pair moves the
-    weight by gamma (n - b) A_plus K+ or -gamma (n - b) A_minus K- in all. Integration is exact, and the weight is within
-    0 and Wmax at all times. Source: Florian, Neural Comput. 19:1468, 2007 (MSTDPET).
+    A signal sets n, which stays until it is set again: to b after a moment of reward. If it stays long, a pair moves
+    the weight by gamma (n - b) A_plus K+ or -gamma (n - b) A_minus K- in all. Integration is exact; the weight is
+    within 0 and Wmax at all times. Source: Florian, Neural Comput. 19:1468, 2007 (MSTDPET).
     """
 
-    equation: ClassVar[str] = (
-        "w' = gamma (n - b) z; tau_z z' = -z, z += A_plus K+ / tau_z (post), -= A_minus K- / tau_z (pre)"
-    )
+    equation: ClassVar[str] = "w' = gamma (n - b) z; tau_z z' = -z + A_plus K+ (post) - A_minus K- (pre)"
     source: ClassVar[str] = "Florian, Neural Comput. 19:1468, 2007"
     states: ClassVar[tuple[State, ...]] = (State("z", "1/ms", "eligibility trace"),)
 
