@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     )
     from neuro.model.synapses import (
         first_spike_stdp,
+        hedonistic,
         loihi_learning,
         loihi_static,
         mozafari,
@@ -122,6 +123,7 @@ _HOMES = {
         "loihi_learning",
         "loihi_static",
         "first_spike_stdp",
+        "hedonistic",
         "mozafari",
         "mstdpet",
         "r_stdp",
@@ -174,6 +176,7 @@ __all__ = [
     "fixed_indegree",
     "fixed_outdegree",
     "grid",
+    "hedonistic",
     "hh_psc_alpha",
     "iaf_cond_alpha",
     "iaf_cond_exp",

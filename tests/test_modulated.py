@@ -63,6 +63,7 @@ def advance(y, e, c, begin, end, n, grid):
         neuro.mstdpet(gamma=20.0, b=0.3, Wmax=300.0),
         neuro.mstdpet(gamma=8.0, A_minus=-0.5, Wmax=-300.0),
         neuro.stdp_dopa(tau_n=30.0, b=0.1),
+        neuro.hedonistic(Delta_z=0.8, eta=0.3, b=0.1, tau_r=4.0),
         fading(),
     ],
     ids=lambda rule: rule.name,
@@ -212,3 +213,73 @@ def test_sums_that_cannot_be_had_are_refused(total, told):
         neuro.normalise(sim, "w", total)
     assert str(caught.value) == told
     assert sim.weights("w")[2].tolist() == [10.0, 30.0, 50.0, 50.0]
+
+
+def test_a_hedonistic_synapse_recovers_releases_and_fails():
+    rule = neuro.hedonistic(q_0=math.log(3.0), Delta_z=-math.log(3.0), tau_r=8.0)
+    on_pre, c, y = rule.arithmetic.on_pre, np.zeros(rule.width), np.zeros((6, 1))
+    rule.arithmetic.constants(rule.vector(), 0.1, c)
+    y[:, 0] = [7.0, *rule.first_states()]
+
+    def after(u, since):
+        on_pre(y, 0, c, (since,), (), u)
+        return y[2:, 0].tolist(), rule.arithmetic.sent(y, 0, c)
+
+    (eligible, z, released, refractory), sent = after(0.74, math.inf)  # p = 3/4, z before its jump
+    assert (released, refractory, sent) == (1.0, 1.0, 7.0)
+    assert (eligible, z) == pytest.approx((0.25, -math.log(3.0)))
+    recovers = 1.0 - math.exp(-2.0 / 8.0)
+    (eligible, _, released, refractory), sent = after(recovers + 1e-9, 2.0)
+    assert (released, refractory, sent) == (0.0, 1.0, 0.0)
+    assert eligible == pytest.approx(0.25)  # not available: no lesson
+    y[3, 0] = -math.log(3.0)
+    (eligible, _, released, refractory), sent = after(0.51 * recovers, 2.0)  # recovered, and p = 1/2
+    assert (released, refractory, sent) == (0.0, 0.0, 0.0)
+    assert eligible == pytest.approx(0.25 - 0.5)
+
+
+@pytest.mark.parametrize(("n", "theta", "p"), [(10, 6, 0.5), (8, 3, 0.3)])
+def test_the_expected_lesson_of_hedonistic_synapses(n, theta, p):
+    """One spike of each of n synapses onto a neuron, reward 1 if at least theta release."""
+    neurons = 50_000
+    net = neuro.Network("lesson", resolution=1.0)
+    net.population("pre", n, neuro.spike_generator(spike_times=[[1.0]] * n))
+    net.population("post", neurons, neuro.iaf_psc_delta())
+    net.signal("reward", to="post")
+    rule = neuro.hedonistic(signal="reward", q_0=math.log(p / (1.0 - p)), tau_c=1e9, eta=1.0)
+    net.connect("pre", "post", neuro.all_to_all(), rule, weight=0.1, delay=1.0, name="w")
+    sim = neuro.compile(net, seed=3)
+    sim.run(2.0)
+    rewarded = sim.get("w", "released").reshape(n, neurons).sum(axis=0) >= theta
+    assert np.ptp(sim.get("post", "V_m")) > 0.5  # what is not released is not sent
+    sim.signal("reward", rewarded.astype(float))
+    sim.run(1.0)
+    lessons = (sim.get("w", "q") - rule.q_0).reshape(n, neurons).mean(axis=0)
+    expected = p * (1.0 - p) * math.comb(n - 1, theta - 1) * p ** (theta - 1) * (1.0 - p) ** (n - theta)
+    error = lessons.std() / math.sqrt(neurons)
+    assert error < 0.02 * expected
+    assert abs(lessons.mean() - expected) < 4.0 * error
+
+
+def test_synapses_draw_alike_on_all_backends_and_each_spike_anew():
+    net = neuro.Network("draws")
+    net.population("pre", 3, neuro.spike_generator(spike_times=[[1.0, 1.0]] * 3))
+    net.population("post", (6, 10, 10), neuro.iaf_psc_delta())
+    net.population("sheet", (1, 11, 11), neuro.spike_generator())
+    drawn = neuro.uniform(low=0.5, high=4.0)
+    rule = neuro.hedonistic(tau_c=1e9)
+    net.connect("pre", "post", neuro.pairwise_bernoulli(p=0.7), rule, weight=0.1, delay=drawn, name="w")
+    net.connect("sheet", "post", neuro.grid(kernel=(2, 2)), weight=1.0, delay=1.0)  # event keeps maps in another order
+
+    def lessons(backend, threads):
+        sim = neuro.compile(net, backend, threads=threads)
+        sim.run(2.0)
+        return sim.get("w", "c").round(6)
+
+    expected = lessons("reference", 1)
+    for threads in (1, 2):
+        assert np.array_equal(lessons("event", threads), expected)
+    failed_twice, failed_once, released = ((expected == c).mean() for c in (-1.0, 0.0, 0.5))
+    assert failed_twice + failed_once + released == 1.0  # who releases first cannot again in no time
+    assert released == pytest.approx(0.5, abs=0.05)
+    assert failed_twice == pytest.approx(0.25, abs=0.05)

@@ -12,6 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from neuro.core import keyed_random
 from neuro.model.synapses import Trace
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference.traces import Traces
@@ -44,6 +45,7 @@ class Pairs:
         self.sent = wires.weights.copy()
         self.y[0], self.y[1:] = self.sent, part.synapse.first_states()[:, None]
         self.send = part.synapse.sends()
+        self.key = keyed_random.key(program.seed, "synapse", part.name)
         self.rule = part.synapse.vector()
         n, n_target = len(wires.target), wires.n_target
         self.pre = Traces(part.synapse.pre, self._taus(part.synapse.pre), self.n_source, self.h)
@@ -89,15 +91,26 @@ class Pairs:
                 self.post.spike(e, step)
         self.posts[step % len(self.posts)] = 0
 
-    def spike(self, source: int, step: int) -> Floats:
-        """A pre spike emitted in `step`: the rule acts, then its traces grow; return the weights that are sent."""
+    def spike(self, source: int, step: int, nth: int) -> Floats:
+        """A pre spike emitted in `step`: the rule acts, then its traces grow; return the weights that are sent.
+
+        Args:
+            source: the neuron.
+            step: of its spike.
+            nth: how many it has emitted in this step before.
+        """
         row, pre = self.wires.row(source), self.pre.at(source, step)
         for e in range(row.start, row.stop):
             self._integrate(e, step)
-            self.arithmetic.on_pre(self.y, e, self.c, pre, self.post.earlier(e, step))
+            drawn = self._draw(e, step, nth) if self.part.synapse.draws else ()
+            self.arithmetic.on_pre(self.y, e, self.c, pre, self.post.earlier(e, step), *drawn)
         self.pre.spike(source, step)
         self.sent[row] = self.y[0, row]
         return np.array([self.send(self.y, e, self.c) for e in range(row.start, row.stop)])
+
+    def _draw(self, e: int, step: int, nth: int) -> tuple[float]:
+        """The random number of a synapse for a spike."""
+        return (float(keyed_random.uniform(self.key, keyed_random.nth(step, nth), np.array([e]))[0]),)
 
     def signal(self, values: Floats, step: int) -> None:
         """Set the dopamine of every target at the end of a step."""

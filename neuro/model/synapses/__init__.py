@@ -6,6 +6,7 @@ from neuro.core.registry import Registry
 from neuro.model.arithmetic import check_functions, fill
 from neuro.model.synapses.base import FUNCTIONS, K_MINUS, K_PLUS, TEACHING, Synapse, Trace
 from neuro.model.synapses.first_spike_stdp import first_spike_stdp
+from neuro.model.synapses.hedonistic import hedonistic
 from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
 from neuro.model.synapses.loihi_learning import loihi_learning
 from neuro.model.synapses.loihi_static import loihi_static
@@ -42,7 +43,7 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         raise TypeError(f"{told} has rules for spikes and learns = '': expected learns = 'pairs'")
     if model.learns == "pairs":
         _check_traces(told, model)
-        functions = FUNCTIONS | ({"advance": 7} if model.modulated else {})
+        functions = FUNCTIONS | ({"advance": 7} if model.modulated else {}) | ({"on_pre": 6} if model.draws else {})
         check_functions(told, model, functions | ({"sent": 3} if hasattr(model.arithmetic, "sent") else {}))
         _check_constants(told, model)
     if model.learns == "trials":
@@ -81,7 +82,7 @@ SYNAPSES: Registry[type[Synapse]] = Registry(
     (
         *(static, tsodyks2),
         *(stdp, stdp_nn_symm, stdp_nn_restr, stdp_nn_pre_centered, stdp_literal, stdp_pl_hom, stdp_triplet),
-        *(vogels_sprekeler, stdp_dopa, mstdpet),
+        *(vogels_sprekeler, stdp_dopa, mstdpet, hedonistic),
         *(r_stdp, mozafari, first_spike_stdp, tempotron),
         *(loihi_static, loihi_learning),
     ),
@@ -102,6 +103,7 @@ __all__ = [
     "Trace",
     "TrialEnd",
     "first_spike_stdp",
+    "hedonistic",
     "loihi_learning",
     "loihi_static",
     "mozafari",
