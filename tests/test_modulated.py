@@ -254,7 +254,7 @@ def test_the_expected_lesson_of_hedonistic_synapses(n, theta, p):
     assert np.ptp(sim.get("post", "V_m")) > 0.5  # what is not released is not sent
     sim.signal("reward", rewarded.astype(float))
     sim.run(1.0)
-    lessons = (sim.get("w", "q") - rule.q_0).reshape(n, neurons).mean(axis=0)
+    lessons = sim.get("w", "q").reshape(n, neurons).mean(axis=0)
     expected = p * (1.0 - p) * math.comb(n - 1, theta - 1) * p ** (theta - 1) * (1.0 - p) ** (n - theta)
     error = lessons.std() / math.sqrt(neurons)
     assert error < 0.02 * expected

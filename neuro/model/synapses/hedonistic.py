@@ -4,9 +4,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from neuro.core.quantities import quantity
 from neuro.model.neurons.base import State
@@ -16,12 +15,12 @@ from neuro.model.synapses.modulated import Modulated
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class hedonistic(Modulated):
-    """A pre spike releases transmitter with probability p = 1 / (1 + exp(-q - z)); only then is the weight sent.
+    """A pre spike releases transmitter with probability p = 1 / (1 + exp(-q_0 - q - z)); then the weight is sent.
 
     An available synapse that releases gains 1 - p of eligibility c and is refractory until it recovers, at the rate
     1/tau_r; one that fails loses p. Each pre spike then adds Delta_z to the calcium z. The reward n that a signal sets,
-    less its baseline b, moves the release parameter q along c. A parrot_neuron hears failures too, as it hears all
-    spikes whatever their weight. Source: Seung, Neuron 40:1063, 2003.
+    less its baseline b, moves q along c; the weight stays. A parrot_neuron hears failures, too, as it hears all spikes
+    whatever their weight. Source: Seung, Neuron 40:1063, 2003.
     """
 
     equation: ClassVar[str] = (
@@ -32,14 +31,14 @@ class hedonistic(Modulated):
     post: ClassVar[tuple[Trace, ...]] = ()
     draws: ClassVar[bool] = True
     states: ClassVar[tuple[State, ...]] = (
-        State("q", "", "release parameter"),
+        State("q", "", "release parameter, as far as it is learnt"),
         State("c", "", "eligibility trace"),
         State("z", "", "calcium"),
         State("released", "", "1 if the last pre spike released, else 0"),
         State("refractory", "", "1 from a release until it recovers", hidden=True),
     )
 
-    q_0: float = quantity(0.0, "", "release parameter at the start")
+    q_0: float = quantity(0.0, "", "release parameter without learning")
     eta: float = quantity(0.01, "1/ms", "learning rate")
     b: float = quantity(0.0, "", "baseline of the reward")
     tau_c: float = quantity(20.0, "ms", "time constant of the eligibility", above=0)
@@ -47,13 +46,8 @@ class hedonistic(Modulated):
     tau_z: float = quantity(50.0, "ms", "time constant of the calcium", above=0)
     tau_r: float = quantity(10.0, "ms", "mean time to recover from a release", above=0)
 
-    @staticmethod
-    def initial(parameters: Mapping[str, Any]) -> dict[str, float]:
-        """Q starts at q_0."""
-        return {"q": float(parameters["q_0"])}
 
-
-_, ETA, B, TAU_C, DELTA_Z, TAU_Z, TAU_R, H = range(8)
+Q_0, ETA, B, TAU_C, DELTA_Z, TAU_Z, TAU_R, H = range(8)
 WEIGHT, Q, C, Z, RELEASED, REFRACTORY = range(6)
 
 
@@ -69,7 +63,7 @@ def on_post(y, e, c, pre, post):
 
 def on_pre(y, e, c, pre, post, u):
     """Recover, release or fail by one random number. Recovery has no memory: the time since the last spike says it."""
-    p = 0.5 * (1.0 + math.tanh(0.5 * (y[Q, e] + y[Z, e])))
+    p = 0.5 * (1.0 + math.tanh(0.5 * (c[Q_0] + y[Q, e] + y[Z, e])))
     y[Z, e] += c[DELTA_Z]
     y[RELEASED, e] = 0.0
     if y[REFRACTORY, e] == 1.0:
