@@ -50,9 +50,11 @@ if TYPE_CHECKING:
     )
     from neuro.model.synapses import (
         first_spike_stdp,
+        hedonistic,
         loihi_learning,
         loihi_static,
         mozafari,
+        mstdpet,
         r_stdp,
         static,
         stdp,
@@ -70,6 +72,8 @@ if TYPE_CHECKING:
     from neuro.program.backend import OverflowWarning
     from neuro.program.counts import Counts
     from neuro.run.assignment import assign_labels, read_labels
+    from neuro.run.modulators import reward_error, td_error, td_error_rate
+    from neuro.run.normalise import normalise
     from neuro.run.simulation import ApproximationWarning, Simulation, compile
     from neuro.run.trials import TrialResults
 
@@ -119,7 +123,9 @@ _HOMES = {
         "loihi_learning",
         "loihi_static",
         "first_spike_stdp",
+        "hedonistic",
         "mozafari",
+        "mstdpet",
         "r_stdp",
         "static",
         "stdp",
@@ -137,6 +143,8 @@ _HOMES = {
     "neuro.program.backend": ("OverflowWarning",),
     "neuro.program.counts": ("Counts",),
     "neuro.run.assignment": ("assign_labels", "read_labels"),
+    "neuro.run.modulators": ("reward_error", "td_error", "td_error_rate"),
+    "neuro.run.normalise": ("normalise",),
     "neuro.run.trials": ("TrialResults",),
     "neuro.run.simulation": ("ApproximationWarning", "Simulation", "compile"),
 }
@@ -168,6 +176,7 @@ __all__ = [
     "fixed_indegree",
     "fixed_outdegree",
     "grid",
+    "hedonistic",
     "hh_psc_alpha",
     "iaf_cond_alpha",
     "iaf_cond_exp",
@@ -185,7 +194,9 @@ __all__ = [
     "loihi_static",
     "mat2_psc_exp",
     "mozafari",
+    "mstdpet",
     "normal",
+    "normalise",
     "one_to_one",
     "pairs",
     "pairwise_bernoulli",
@@ -195,6 +206,7 @@ __all__ = [
     "read_labels",
     "register",
     "reward",
+    "reward_error",
     "spike_generator",
     "spinnaker_lif",
     "static",
@@ -206,6 +218,8 @@ __all__ = [
     "stdp_nn_symm",
     "stdp_pl_hom",
     "stdp_triplet",
+    "td_error",
+    "td_error_rate",
     "tempotron",
     "tsodyks2",
     "uniform",

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from neuro.model.rules import Rule
     from neuro.model.synapses.base import K_MINUS, K_PLUS, Synapse, Trace
     from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
+    from neuro.model.synapses.modulated import Modulated
     from neuro.program.backend import Backend, Engine, EngineCounts, Outcome, Problem, Spikes, Trial
     from neuro.program.program import Program
 
@@ -104,6 +105,7 @@ _HOMES = {
         "Lesson",
         "TrialEnd",
     ),
+    "neuro.model.synapses.modulated": ("Modulated",),
     "neuro.program.backend": (
         "Backend",
         "Engine",
@@ -134,6 +136,7 @@ __all__ = [
     "Lesson",
     "Mesh",
     "ModelError",
+    "Modulated",
     "Neuron",
     "Outcome",
     "Piece",

@@ -104,7 +104,7 @@ def test_a_neuron_has_at_most_twenty_numeric_parameters():
         ),
         (
             rule(modulated=True),
-            "expected a subclass of stdp_dopa, whose words say where dopamine comes from",
+            "expected a subclass of Modulated, whose words say where n comes from",
         ),
         (rule(arithmetic=arithmetic(of=stdp.arithmetic, on_pre=None)), "'mine' has no function 'on_pre'"),
         (rule(width=4), "'constants' fails for its defaults"),

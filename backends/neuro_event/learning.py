@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core import keyed_random
 from neuro.model.synapses import Synapse
 from neuro.program.program import Floats, Ints, Program
 from neuro_event import layout
@@ -90,8 +92,22 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         "past": layout.aligned(max(1, n_history), _history_width(program, learning)),
         "kinds": kinds,
         "columns": _columns(a, learning, table),
+        "draw_keys": np.array([_draw_key(program, q) for q in learning], dtype=np.uint64),
+        "drawn_as": _drawn_as(a, learning),
     }
     a.plastic["others"] = np.zeros(_others_shape(a))
+
+
+def _draw_key(program: Program, q: int) -> int:
+    return keyed_random.key(program.seed, "synapse", program.projections[q].name)
+
+
+def _drawn_as(a: Arrays, learning: list[int]) -> Ints:
+    """By which numbers synapses draw: none if no rule does."""
+    if not any(a.program.projections[q].synapse.draws for q in learning):
+        return np.zeros(0, dtype=np.int64)
+    each = [(a.synapses[q].order, a.synapses[q].targets.size) for q in learning]
+    return np.concatenate([np.arange(n, dtype=np.int64) if order is None else order for order, n in each])
 
 
 def _start(program: Program, q: int, row: Ints, states: Floats, k_plus: Floats) -> None:
@@ -180,7 +196,7 @@ def set_rule_constants(
     words = dict(zip(synapse.numbers(), vector, strict=True))
     synapse.arithmetic.constants(vector, program.resolution, rule)
     tau[0] = words.get("tau_plus", 1.0)
-    tau[1] = words.get("tau_n", 1.0)
+    tau[1] = words.get("tau_n", math.inf)  # n is held
     for k in range(2):
         decay[k] = _decay(tau[k], program.resolution)
     for first, traces in ((0, synapse.pre), (len(kinds) // 2, synapse.post)):

@@ -11,7 +11,9 @@ from functools import cache
 import numpy as np
 from numba import types
 
+from neuro.core.keyed_random import NTH_STRIDE
 from neuro.kernels.address import entry_of
+from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.jit import compiled, inner, kernel
 from neuro_event.decays import left
 from neuro_event.tables import (
@@ -44,8 +46,8 @@ from neuro_event.views import address, net_of, plastic_of, prefetch
 ENTRIES, APPLIED, NEWEST, ENTRY = 0, 1, 2, 3
 """Of a history, see `plastic`."""
 
-PRE_SPIKE, BRING, BRING_WHOLE = range(3)
-"""Operations of an entry."""
+BRING, BRING_WHOLE, PRE_SPIKE = range(3)
+"""Operations of an entry; the last and those after it: the first spike of a neuron in a step, the second, ..."""
 
 AHEAD = 16
 """Synapses by which a history is asked for before it is read."""
@@ -141,6 +143,19 @@ def rule_entry(model):
     )
     kept_values = _tuple_of("kept_values", n_post, "p, q, {j}, column, history, k, m", "kept_value", scope)
 
+    if model.draws:
+
+        @inner
+        def learn_pre(p, q, z, step, nth, pre, post):
+            u = uniform(step_word(p.draw_keys[q], step + nth * NTH_STRIDE), p.drawn_as[z])
+            on_pre(p.y, z, p.rule[q], pre, post, u)
+
+    else:
+
+        @inner
+        def learn_pre(p, q, z, step, nth, pre, post):
+            on_pre(p.y, z, p.rule[q], pre, post)
+
     if modulated:
 
         @inner
@@ -187,7 +202,7 @@ def rule_entry(model):
             pass_time(view, q, z, target, since, upto, h)
 
     @inner
-    def pre_spike(view, q, source, step, thread, h):
+    def pre_spike(view, q, source, step, nth, thread, h):
         net, p = net_of(view), plastic_of(view)
         table, c, column = p.table[q], p.rule[q], p.table[q, COLUMN]
         row = net.projections[table[PROJECTION]]
@@ -213,7 +228,7 @@ def rule_entry(model):
             flow(view, q, z, own, thread, history, target, step, True, delay, h)
             neuron = target_row[BEGIN] + target
             post = post_values(net, p, q, column, history, neuron, step - delay, h)
-            on_pre(p.y, z, c, pre, post)
+            learn_pre(p, q, z, step, nth, pre, post)
             p.sent[z] = p.y[0, z]
             weight = sent(p.y, z, c)
             second = 1 if receptors == 2 and weight < 0.0 else 0
@@ -246,8 +261,8 @@ def rule_entry(model):
 
     @kernel
     def run(view, q, operation, index, step, thread, h):
-        if operation == PRE_SPIKE:
-            pre_spike(view, q, index, step, thread, h)
+        if operation >= PRE_SPIKE:
+            pre_spike(view, q, index, step, operation - PRE_SPIKE, thread, h)
         else:
             bring(view, q, index, step, thread, operation == BRING_WHOLE, h)
         return 0

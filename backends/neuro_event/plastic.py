@@ -344,8 +344,8 @@ def learn_step(view, step, done_dopamine, thread, h, dopamine_only):
         for t in range(net.edges.shape[0] - 1):
             for place in range(net.log_ends[t, slot, source], net.log_ends[t, slot, source + 1]):
                 local = np.int64(net.log_ids[t, place & mask]) - net.pops[source, BEGIN]
-                for _ in range(net.log_counts[t, place & mask]):
+                for nth in range(net.log_counts[t, place & mask]):
                     if p.table[q, RULE_ENTRY] != 0:
-                        call_rule(view, p.table[q], PRE_SPIKE, local, step, thread, h)
+                        call_rule(view, p.table[q], PRE_SPIKE + nth, local, step, thread, h)
                     else:
                         pre_spike(view, q, local, step, thread, h)

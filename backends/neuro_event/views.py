@@ -110,6 +110,8 @@ traces f8 2        the same memory as floats
 kinds f8 3         (projections, traces, 3) of strangers' rules: time constant, nearest, what a spike adds
 columns i8 3       (populations, columns, 2) whose post trace a column of `others` is: projection and trace
 others f8 3        (histories, entries, columns) these traces just before each entry
+draw_keys u8 1     of the synapses' draws, by projection
+drawn_as i8 1      number of each synapse in the program's order; empty if no rule draws
 """
 
 _TYPES = {"i8": "int64", "f8": "float64", "i4": "int32", "u1": "uint8", "u2": "uint16", "u8": "uint64"}

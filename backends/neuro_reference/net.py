@@ -101,8 +101,8 @@ class Net:
                     weights = wires.weights[wires.slot[wires.row(source)]]
                     wires.send(source, multiplicity, self.step, weights, model.relay, model.receptors)
                     continue
-                for _ in range(int(multiplicity)):
-                    weights = self.pairs[index].spike(source, self.step)
+                for nth in range(int(multiplicity)):
+                    weights = self.pairs[index].spike(source, self.step, nth)
                     wires.send(source, 1, self.step, weights, model.relay, model.receptors)
 
     def _arrivals(self, index: int, step: int) -> tuple[Floats, Floats, Bools]:

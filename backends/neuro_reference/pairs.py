@@ -12,6 +12,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from neuro.core import keyed_random
 from neuro.model.synapses import Trace
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference.traces import Traces
@@ -39,13 +40,12 @@ class Pairs:
         self.arithmetic, self.modulated = part.synapse.arithmetic, part.synapse.modulated
         self.n_source = program.populations[part.source].size
         self.tau_minus: Floats = np.broadcast_to(tau_minus, wires.n_target)[wires.target]
-        names = part.synapse.numbers()
-        self._tau_n = names.index("tau_n") if self.modulated else -1
         self.grid = program.min_delay * int(part.synapse.parameters().get("deliver_interval", 1))
         self.y: Floats = np.zeros((1 + len(part.synapse.states), len(wires.target)))
         self.sent = wires.weights.copy()
         self.y[0], self.y[1:] = self.sent, part.synapse.first_states()[:, None]
         self.send = part.synapse.sends()
+        self.key = keyed_random.key(program.seed, "synapse", part.name)
         self.rule = part.synapse.vector()
         n, n_target = len(wires.target), wires.n_target
         self.pre = Traces(part.synapse.pre, self._taus(part.synapse.pre), self.n_source, self.h)
@@ -79,7 +79,7 @@ class Pairs:
         for target in np.flatnonzero(self.doses[place]).tolist():
             for e in np.flatnonzero(self.wires.target == target).tolist():
                 self._integrate(e, step)
-            dose = self.doses[place, target] / self.rule[self._tau_n]
+            dose = self.doses[place, target] / self.tau_n
             self.n[target], self.n_step[target] = self._dopamine(target, step) + dose, step
         self.doses[place] = 0
         for e in np.flatnonzero(self.posts[step % len(self.posts)]).tolist():
@@ -91,15 +91,26 @@ class Pairs:
                 self.post.spike(e, step)
         self.posts[step % len(self.posts)] = 0
 
-    def spike(self, source: int, step: int) -> Floats:
-        """A pre spike emitted in `step`: the rule acts, then its traces grow; return the weights that are sent."""
+    def spike(self, source: int, step: int, nth: int) -> Floats:
+        """A pre spike emitted in `step`: the rule acts, then its traces grow; return the weights that are sent.
+
+        Args:
+            source: the neuron.
+            step: of its spike.
+            nth: how many it has emitted in this step before.
+        """
         row, pre = self.wires.row(source), self.pre.at(source, step)
         for e in range(row.start, row.stop):
             self._integrate(e, step)
-            self.arithmetic.on_pre(self.y, e, self.c, pre, self.post.earlier(e, step))
+            drawn = self._draw(e, step, nth) if self.part.synapse.draws else ()
+            self.arithmetic.on_pre(self.y, e, self.c, pre, self.post.earlier(e, step), *drawn)
         self.pre.spike(source, step)
         self.sent[row] = self.y[0, row]
         return np.array([self.send(self.y, e, self.c) for e in range(row.start, row.stop)])
+
+    def _draw(self, e: int, step: int, nth: int) -> tuple[float]:
+        """The random number of a synapse for a spike."""
+        return (float(keyed_random.uniform(self.key, keyed_random.nth(step, nth), np.array([e]))[0]),)
 
     def signal(self, values: Floats, step: int) -> None:
         """Set the dopamine of every target at the end of a step."""
@@ -141,14 +152,18 @@ class Pairs:
         """Work out the constants after a change of the rule."""
         self.c: Floats = np.zeros(self.part.synapse.width)
         self.arithmetic.constants(self.rule, self.h, self.c)
+        self.tau_n = float(self._numbers().get("tau_n", math.inf))  # without one n is held
         self.pre.taus = [np.broadcast_to(tau, self.n_source) for tau in self._taus(self.part.synapse.pre)]
         self.post.taus = [np.broadcast_to(tau, len(self.wires.target)) for tau in self._taus(self.part.synapse.post)]
 
     def _taus(self, traces: Sequence[Trace]) -> list[Floats]:
         """The time constants of some traces, ms."""
-        names = self.part.synapse.numbers()
-        own = {name: np.full(1, value) for name, value in zip(names, self.rule, strict=True)}
+        own = {name: np.full(1, value) for name, value in self._numbers().items()}
         return [own.get(trace.tau, self.tau_minus) if trace.tau else np.zeros(1) for trace in traces]
+
+    def _numbers(self) -> dict[str, float]:
+        """The rule's numbers by name."""
+        return dict(zip(self.part.synapse.numbers(), self.rule.tolist(), strict=True))
 
     def _bring(self, step: int) -> None:
         for e in range(len(self.wires.target)):
@@ -167,4 +182,4 @@ class Pairs:
         if not self.modulated:
             return 0.0
         passed = (step - self.n_step[target]) * self.h
-        return float(self.n[target] * math.exp(-passed / self.rule[self._tau_n]))
+        return float(self.n[target] * math.exp(-passed / self.tau_n))

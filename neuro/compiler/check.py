@@ -19,7 +19,7 @@ from neuro.model.network import Network
 from neuro.model.neurons import MODELS, Model, Neuron, dc_generator, poisson_generator, spike_generator
 from neuro.model.parts import Group, Population, Probe, Projection, Signal
 from neuro.model.rules import grid
-from neuro.model.synapses import SYNAPSES, stdp_dopa
+from neuro.model.synapses import SYNAPSES, Modulated
 from neuro.program.program import Floats
 
 AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe
@@ -163,7 +163,7 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
             "a trial drops what is under way, which would cut the traces of spike pairs",
         )
     _check_weight(part)
-    if isinstance(synapse, stdp_dopa):
+    if isinstance(synapse, Modulated):
         _check_dopamine(net, part, synapse, shapes)
 
 
@@ -181,29 +181,30 @@ def _check_weight(part: Projection) -> None:
         )
 
 
-def _check_dopamine(net: Network, part: Projection, synapse: stdp_dopa, shapes: Mapping[str, Shape]) -> None:
+def _check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: Mapping[str, Shape]) -> None:
     if synapse.signal is not None:
         if synapse.signal not in net.signals:
             error = unknown("signal", synapse.signal, net.signals)
-            refuse(part, f"stdp_dopa.signal: {error.message}", error.hint)
+            refuse(part, f"{synapse.name}.signal: {error.message}", error.hint)
         to = net.signals[synapse.signal].to
         if to != part.target:
             refuse(
                 part,
-                f"stdp_dopa.signal '{synapse.signal}' goes to '{to}': expected one to '{part.target}', the target",
+                f"{synapse.name}.signal '{synapse.signal}' goes to '{to}': expected one to '{part.target}', the target",
             )
     if synapse.dopamine is None:
         return
     if synapse.dopamine not in net.populations:
         error = unknown("population", synapse.dopamine, net.populations)
-        refuse(part, f"stdp_dopa.dopamine: {error.message}", error.hint)
+        refuse(part, f"{synapse.name}.dopamine: {error.message}", error.hint)
     if isinstance(net.populations[synapse.dopamine].model, dc_generator):
-        refuse(part, f"stdp_dopa.dopamine '{synapse.dopamine}' is a dc_generator: expected a population that spikes")
+        told = f"{synapse.name}.dopamine '{synapse.dopamine}' is a dc_generator"
+        refuse(part, f"{told}: expected a population that spikes")
     n, m = size(shapes[synapse.dopamine]), size(shapes[part.target])
     if synapse.dopamine_rule == "one_to_one" and n != m:
         refuse(
             part,
-            f"stdp_dopa.dopamine_rule one_to_one from '{synapse.dopamine}' of {n} neurons "
+            f"{synapse.name}.dopamine_rule one_to_one from '{synapse.dopamine}' of {n} neurons "
             f"to '{part.target}' of {m}: expected as many",
         )
 

@@ -22,7 +22,7 @@ from neuro.model.network import Network
 from neuro.model.neurons import MODELS, Neuron, dc_generator, poisson_generator, spike_generator
 from neuro.model.parts import Population, Projection
 from neuro.model.rules import RULES, grid
-from neuro.model.synapses import SYNAPSES, stdp_dopa
+from neuro.model.synapses import SYNAPSES, Modulated
 from neuro.program import program as resolved
 from neuro.program.program import Floats, Ints
 
@@ -160,13 +160,13 @@ def _projection(
     names = list(net.populations)
     rule = part.synapse
     signal, dopamine, one_to_one, later = -1, -1, False, 1
-    if isinstance(rule, stdp_dopa):
+    if isinstance(rule, Modulated):
         signal = -1 if rule.signal is None else list(net.signals).index(rule.signal)
         dopamine = -1 if rule.dopamine is None else names.index(rule.dopamine)
         one_to_one = rule.dopamine_rule == "one_to_one"
         if rule.dopamine_delay is not None:
             with telling(part):
-                later = int(one_delay(rule.dopamine_delay, clock, "stdp_dopa.dopamine_delay")[0])
+                later = int(one_delay(rule.dopamine_delay, clock, f"{rule.name}.dopamine_delay")[0])
     return resolved.Projection(
         name=part.name,
         source=names.index(part.source),

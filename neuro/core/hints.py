@@ -114,7 +114,7 @@ ELSEWHERE: dict[str, tuple[str, ...]] = {
     "explicit": ("pairs",),
     "list": ("pairs",),
     "stdp_dopamine_synapse": ("stdp_dopa",),
-    "rstdp": ("r_stdp",),
+    "rstdp": ("r_stdp", "mstdpet"),
     "encoder": ("encode",),
     "encoding": ("code", "encode"),
     "coding": ("code", "encode"),

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 STEP_STRIDE = 0x9E3779B97F4A7C15
 NEURON_STRIDE = 0xD1B54A32D192ED03
 LARGEST_MEAN = 500.0
+NTH_STRIDE = 1 << 48
+"""More than there are steps."""
 
 
 def key(seed: int, purpose: str, name: str) -> int:
@@ -41,6 +43,11 @@ def uniform(part_key: int, step: int, neurons: NDArray[np.int64]) -> NDArray[np.
     base = mix(np.array([(part_key + step * STEP_STRIDE) & 0xFFFFFFFFFFFFFFFF], dtype=np.uint64))
     words = mix(base + neurons.astype(np.uint64) * np.uint64(NEURON_STRIDE))
     return (words >> np.uint64(11)).astype(np.float64) * 2.0**-53
+
+
+def nth(step: int, n: int) -> int:
+    """In place of a step, for the draws of the n-th event of it, from 0."""
+    return step + n * NTH_STRIDE
 
 
 def uniform_table(part_key: int, steps: NDArray[np.int64], neurons: int) -> NDArray[np.float64]:

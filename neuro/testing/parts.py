@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,8 +14,9 @@ from neuro.model.distributions import uniform
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS, Generator, Model, Neuron, iaf_psc_exp, parrot_neuron, poisson_generator
 from neuro.model.rules import RULES, Rule, all_to_all, one_to_one, pairwise_bernoulli
-from neuro.model.synapses import SYNAPSES, Synapse
+from neuro.model.synapses import SYNAPSES, Modulated, Synapse
 from neuro.program.backend import Backend
+from neuro.program.program import Floats
 from neuro.run.simulation import Simulation, compile
 from neuro.testing import trial_rules
 from neuro.testing.case import Found, differences, observe
@@ -25,6 +27,7 @@ _N = 70  # more than a block of neurons, and no multiple of one
 _SHEET = (7, 10)  # as many
 _WEIGHTS = (1.0, 20.0, 400.0)  # for neurons of unknown units: some hardly hear, some hardly rest
 _RATES = (5.0, 80.0)
+_LEVELS = np.linspace(-1.0, 1.0, _N)  # of a signal: each neuron has another
 
 
 def check_part(part: str | Part, backend: str | Backend = "event", *, ms: float = 40.0) -> None:
@@ -32,7 +35,7 @@ def check_part(part: str | Part, backend: str | Backend = "event", *, ms: float 
 
     They are nearly silent and busy, are cut and reset on the way, have all that can be set set to another value, and
     run on one thread and on two.
-    A rule for trials teaches a batch of them.
+    A rule for trials teaches a batch of them; one that is modulated is so by a signal, and by spikes if it has tau_n.
 
     Args:
         part: the name of one that is registered, which is tried with its defaults, or an instance.
@@ -68,18 +71,27 @@ def _found(sim: Simulation, part: Part, ms: float) -> Found:
     """What is read after a run, after another in two pieces from the same beginning, and after a change of all."""
     if sim.program.trials is not None:
         return trial_rules.found(sim)
+    _signal(sim, _LEVELS)
     sim.run(ms)
     first = observe(sim)
     sim.reset(weights=True)
+    _signal(sim, _LEVELS)
     sim.run(0.3 * ms)
     middle = observe(sim)
     sim.run(0.7 * ms)
     told = differences(first, observe(sim), exact=True)
     assert not told, f"{sim.program.name}: a run that is cut differs\n  " + "\n  ".join(told)
     _change(sim, part)
+    _signal(sim, -_LEVELS)
     sim.run(ms)
     told_at = {f"at {0.3 * ms:g} ms": middle, "after sim.set": observe(sim)}
     return first | {f"{name}, {when}": value for when, found in told_at.items() for name, value in found.items()}
+
+
+def _signal(sim: Simulation, levels: Floats) -> None:
+    """Set all signals of a network."""
+    for signal in sim.program.signals:
+        sim.signal(signal.name, levels)
 
 
 def _change(sim: Simulation, part: Part) -> None:
@@ -104,7 +116,7 @@ def _networks(part: Part) -> Iterator[Network]:
     elif isinstance(part, Synapse) and part.learns == "trials":
         yield from trial_rules.networks(part)
     elif isinstance(part, Synapse):
-        yield from (_of_synapse(part, rate) for rate in _RATES)
+        yield from (_of_synapse(each, rate) for each in _sources_of_n(part) for rate in _RATES)
     elif isinstance(part, Rule):
         yield from (_of_rule(part, rate) for rate in _RATES)
 
@@ -129,11 +141,24 @@ def _of_generator(model: Model) -> Network:
     return net
 
 
+def _sources_of_n(synapse: Synapse) -> Iterator[Synapse]:
+    """A rule that is modulated, by all that can do so; another as it is."""
+    if not isinstance(synapse, Modulated):
+        yield synapse
+        return
+    yield replace(synapse, signal="level", dopamine=None)
+    if "tau_n" in synapse.numbers():
+        yield replace(synapse, signal=None, dopamine="noise", dopamine_rule="all_to_all")
+
+
 def _of_synapse(synapse: Synapse, rate: float) -> Network:
-    net = Network(f"noise_{rate}_Hz")
+    modulator = getattr(synapse, "signal", None) or getattr(synapse, "dopamine", None)
+    net = Network(f"noise_{rate}_Hz" + (f"_modulated_by_{modulator}" if modulator else ""))
     net.population("noise", 20, poisson_generator(rate=rate))
     net.population("relay", 20, parrot_neuron())
     net.population("cells", _N, iaf_psc_exp(I_e=200.0))
+    if modulator == "level":
+        net.signal("level", to="cells")
     net.connect("noise", "relay", one_to_one(), delay=0.1)
     top = float(getattr(synapse, "Wmax", 400.0))
     middle = uniform(low=min(0.2 * top, 0.8 * top), high=max(0.2 * top, 0.8 * top))

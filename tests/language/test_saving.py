@@ -225,7 +225,7 @@ projections:
     rule: all_to_all
     weight: {file: net.h5, key: cells_motors.weight}
     delay: 1.0
-    synapse: {stdp_dopa: {Wmax: 3000.0, signal: reward}}
+    synapse: {stdp_dopa: {signal: reward, Wmax: 3000.0}}
   motors_motors: {from: motors, to: motors, rule: one_to_one, weight: -1.0, delay: 1.0, synapse: static}
 signals:
   reward: {to: motors}

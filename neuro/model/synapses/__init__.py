@@ -6,10 +6,13 @@ from neuro.core.registry import Registry
 from neuro.model.arithmetic import check_functions, fill
 from neuro.model.synapses.base import FUNCTIONS, K_MINUS, K_PLUS, TEACHING, Synapse, Trace
 from neuro.model.synapses.first_spike_stdp import first_spike_stdp
+from neuro.model.synapses.hedonistic import hedonistic
 from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
 from neuro.model.synapses.loihi_learning import loihi_learning
 from neuro.model.synapses.loihi_static import loihi_static
+from neuro.model.synapses.modulated import Modulated
 from neuro.model.synapses.mozafari import mozafari
+from neuro.model.synapses.mstdpet import mstdpet
 from neuro.model.synapses.r_stdp import r_stdp
 from neuro.model.synapses.static import static
 from neuro.model.synapses.stdp import stdp
@@ -34,13 +37,13 @@ def complete(model: type[Synapse]) -> type[Synapse]:
     told = f"synapse model '{model.__name__}'"
     if model.learns not in ("", "pairs", "trials", "chip"):
         raise TypeError(f"{told}: learns = '{model.learns}': expected '', 'pairs', 'trials' or 'chip'")
-    if model.modulated and not issubclass(model, stdp_dopa):
-        raise TypeError(f"{told}: expected a subclass of stdp_dopa, whose words say where dopamine comes from")
+    if model.modulated and not issubclass(model, Modulated):
+        raise TypeError(f"{told}: expected a subclass of Modulated, whose words say where n comes from")
     if not model.learns and any(hasattr(model.arithmetic, name) for name in ("on_pre", "on_post")):
         raise TypeError(f"{told} has rules for spikes and learns = '': expected learns = 'pairs'")
     if model.learns == "pairs":
         _check_traces(told, model)
-        functions = FUNCTIONS | ({"advance": 7} if model.modulated else {})
+        functions = FUNCTIONS | ({"advance": 7} if model.modulated else {}) | ({"on_pre": 6} if model.draws else {})
         check_functions(told, model, functions | ({"sent": 3} if hasattr(model.arithmetic, "sent") else {}))
         _check_constants(told, model)
     if model.learns == "trials":
@@ -79,7 +82,7 @@ SYNAPSES: Registry[type[Synapse]] = Registry(
     (
         *(static, tsodyks2),
         *(stdp, stdp_nn_symm, stdp_nn_restr, stdp_nn_pre_centered, stdp_literal, stdp_pl_hom, stdp_triplet),
-        *(vogels_sprekeler, stdp_dopa),
+        *(vogels_sprekeler, stdp_dopa, mstdpet, hedonistic),
         *(r_stdp, mozafari, first_spike_stdp, tempotron),
         *(loihi_static, loihi_learning),
     ),
@@ -95,13 +98,16 @@ __all__ = [
     "SYNAPSES",
     "Growth",
     "Lesson",
+    "Modulated",
     "Synapse",
     "Trace",
     "TrialEnd",
     "first_spike_stdp",
+    "hedonistic",
     "loihi_learning",
     "loihi_static",
     "mozafari",
+    "mstdpet",
     "r_stdp",
     "static",
     "stdp",

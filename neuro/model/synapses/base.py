@@ -6,10 +6,10 @@ then post, then pre. Synapse `e` has the states `y[:, e]`; the first is the weig
 
     constants(p, h, c)                        fill `c` from the parameters `p` (numbers only, in order of definition)
     on_post(y, e, c, pre, post)               a post spike arrives; the traces there, of strictly earlier spikes
-    on_pre(y, e, c, pre, post)                a pre spike; likewise
+    on_pre(y, e, c, pre, post)                a pre spike; likewise. With `draws` also `u`, a random number in [0, 1)
     sent(y, e, c)                             what the pre spike sends then; without this function the weight
-    advance(y, e, c, begin, end, n, grid)     what happens between events (steps), for rules with `modulated`:
-                                              n is the dopamine concentration at `begin`, `grid` the delivery grid
+    advance(y, e, c, begin, end, n, grid)     what happens between events (steps), for subclasses of `Modulated`:
+                                              n is the modulator's concentration at `begin`, `grid` the delivery grid
 
 A rule for trials says in its method `lessons` whom the end of a trial teaches (`neuro.model.synapses.lessons`), and has
 `constants` and
@@ -77,6 +77,7 @@ class Synapse(Choice):
         chip: the chip whose registers the parameters are, "" for a model of all backends.
         pre, post: the traces that a pairwise rule reads.
         modulated: whether a dopamine concentration acts on it.
+        draws: whether `on_pre` takes a random number, another for each synapse and pre spike.
         supervised: whether a rule for trials needs labels.
         peaks: whether a rule for trials asks for the largest V_m of each neuron up to the decision.
         states: the states of a synapse beside its weight.
@@ -92,6 +93,7 @@ class Synapse(Choice):
     pre: ClassVar[tuple[Trace, ...]] = (K_PLUS,)
     post: ClassVar[tuple[Trace, ...]] = (K_MINUS,)
     modulated: ClassVar[bool] = False
+    draws: ClassVar[bool] = False
     supervised: ClassVar[bool] = True
     peaks: ClassVar[bool] = False
     states: ClassVar[tuple[State, ...]] = ()

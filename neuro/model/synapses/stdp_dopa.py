@@ -10,14 +10,14 @@ from typing import ClassVar
 from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
 from neuro.model.neurons.base import State
-from neuro.model.synapses.base import Synapse
+from neuro.model.synapses.modulated import Modulated
 
 TABLE = 1024
 """Steps over which the decays of c and n are kept in a table; beyond it they are computed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class stdp_dopa(Synapse):
+class stdp_dopa(Modulated):
     """Spike pairs leave an eligibility c; the weight moves while dopamine n differs from its baseline b.
 
     Dopamine comes either from the spikes of a population (`dopamine`; each adds 1/tau_n to n of every
@@ -29,8 +29,6 @@ class stdp_dopa(Synapse):
 
     equation: ClassVar[str] = "w' = c (n - b); c' = -c/tau_c + A_plus K+ (post) - A_minus K- (pre); n' = -n/tau_n"
     source: ClassVar[str] = "NEST 3.10 stdp_dopamine_synapse; Potjans et al., Front. Comput. Neurosci. 4:141, 2010"
-    learns: ClassVar[str] = "pairs"
-    modulated: ClassVar[bool] = True
     states: ClassVar[tuple[State, ...]] = (State("c", "", "eligibility trace"),)
     width: ClassVar[int] = 10 + 4 * TABLE
 
@@ -43,26 +41,11 @@ class stdp_dopa(Synapse):
     Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight")
     Wmax: float = quantity(200.0, "", "largest weight, in the unit of the weight")
     deliver_interval: int = quantity(1, "", "delivery grid in smallest delays", kind="integer", at_least=1)
-    signal: str | None = quantity(None, "", "the signal that sets n", kind="name")
-    dopamine: str | None = quantity(None, "", "the population whose spikes release dopamine", kind="name")
-    dopamine_rule: str = quantity(
-        "all_to_all",
-        "",
-        "which post neurons a spike reaches",
-        kind="word",
-        words=("all_to_all", "one_to_one"),
-    )
-    dopamine_delay: float | None = quantity(None, "ms", "delay of dopamine; the resolution if not given", kind="delay")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.Wmin > self.Wmax:
             raise ModelError(f"stdp_dopa.Wmin = {self.Wmin:g}: expected at most Wmax = {self.Wmax:g}", path=("Wmin",))
-        if self.signal is not None and self.dopamine is not None:
-            raise ModelError(
-                "stdp_dopa has both 'signal' and 'dopamine': expected one source of dopamine",
-                path=("dopamine",),
-            )
 
 
 TAU_PLUS, A_PLUS, A_MINUS, TAU_C, TAU_N, B, W_MIN, W_MAX, H, TAU = range(10)

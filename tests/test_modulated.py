@@ -1,0 +1,285 @@
+"""Rules of three factors: whose weights move under a signal or under dopamine, ours and strangers'."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro.extend import ModelError, Modulated, State, quantity
+from neuro.testing import check_part
+
+BACKENDS = pytest.mark.parametrize("backend", ["reference", "event"])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class hebb_by_n(Modulated):
+    """At every post spike the weight grows by rate x n x K+."""
+
+    equation: ClassVar[str] = "post: w += rate n K+"
+    source: ClassVar[str] = "this test"
+    states: ClassVar[tuple[State, ...]] = (State("now", "", "n at the last event"),)
+
+    tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
+    rate: float = quantity(0.1, "", "learning rate")
+    Wmax: float = quantity(400.0, "", "largest weight", above=0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class fading(hebb_by_n):
+    """Likewise, of a modulator that fades."""
+
+    tau_n: float = quantity(15.0, "ms", "time constant of n", above=0)
+
+
+def constants(p, h, c):
+    """The parameters; that of n is the last."""
+    c[:3] = p[:3]
+    c[3] = h
+    c[4] = h / p[3] if len(p) > 3 else 0.0
+
+
+def on_post(y, e, c, pre, post):
+    """Learn."""
+    y[0, e] = max(0.0, min(c[2], y[0, e] + c[1] * y[1, e] * pre[0]))
+
+
+def on_pre(y, e, c, pre, post):
+    """Nothing is learnt."""
+
+
+def advance(y, e, c, begin, end, n, grid):
+    """Keep n of the end."""
+    y[1, e] = n * math.exp(-(end - begin) * c[4])
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        neuro.mstdpet(gamma=20.0, b=0.3, Wmax=300.0),
+        neuro.mstdpet(gamma=8.0, A_minus=-0.5, Wmax=-300.0),
+        neuro.stdp_dopa(tau_n=30.0, b=0.1),
+        neuro.hedonistic(Delta_z=0.8, eta=0.3, b=0.1, tau_r=4.0),
+        fading(),
+    ],
+    ids=lambda rule: rule.name,
+)
+def test_a_rule_on_event_and_reference(rule):
+    check_part(rule, ms=10.0)
+
+
+PRE, POST, DELAY, START = 10.0, 15.0, 4.0, 1.0
+
+
+def one_pair(rule, backend):
+    """One synapse, a spike of its source and one of its target, which reaches the synapse DELAY later."""
+    net = neuro.Network("pair")
+    net.population("pre", 1, neuro.spike_generator(spike_times=[[PRE]]))
+    net.population("driver", 1, neuro.spike_generator(spike_times=[[POST - 1.0]]))
+    net.population("post", 1, neuro.iaf_psc_delta())
+    net.signal("reward", to="post")
+    net.connect("driver", "post", neuro.all_to_all(), weight=1000.0, delay=1.0)
+    net.connect("pre", "post", neuro.all_to_all(), rule, weight=START, delay=DELAY, name="learnt")
+    return neuro.compile(net, backend)
+
+
+@BACKENDS
+def test_a_pair_and_reward_move_a_weight_as_florian_says(backend):
+    sim = one_pair(neuro.mstdpet(signal="reward", A_plus=2.0, gamma=0.3, b=0.5, tau_z=30.0), backend)
+    sim.signal("reward", 0.5)
+    sim.run(40.0)
+    assert sim.spikes("post")[0].tolist() == [POST]
+    z = 2.0 * math.exp(-(POST + DELAY - PRE) / 20.0) / 30.0 * math.exp(-(40.0 - POST - DELAY) / 30.0)
+    assert sim.get("learnt", "z") == pytest.approx(z, rel=1e-12)
+    assert sim.get("learnt", "weight") == START  # reward is at its baseline
+    sim.signal("reward", 1.7)
+    sim.run(10.0)
+    assert sim.get("learnt", "n") == 1.7
+    moved = 0.3 * (1.7 - 0.5) * z * 30.0 * (1.0 - math.exp(-10.0 / 30.0))
+    assert sim.get("learnt", "weight") == pytest.approx(START + moved, rel=1e-12)
+
+
+@BACKENDS
+@pytest.mark.parametrize(("reward", "bound"), [(1e4, 5.0), (-1e4, 0.0)])
+def test_a_weight_stays_within_its_bounds(backend, reward, bound):
+    sim = one_pair(neuro.mstdpet(signal="reward", Wmax=5.0), backend)
+    sim.signal("reward", reward)
+    sim.run(40.0)
+    assert sim.get("learnt", "weight") == bound
+
+
+def test_a_modulator_that_never_falls_comes_from_a_signal():
+    with pytest.raises(ModelError) as caught:
+        neuro.mstdpet(dopamine="cells")
+    told = "mstdpet.dopamine = 'cells': mstdpet has no tau_n, so n would never fall\n  hint: name a signal instead"
+    assert str(caught.value).endswith(told)
+    with pytest.raises(ModelError, match="fading has both 'signal' and 'dopamine': expected one source of dopamine"):
+        fading(signal="reward", dopamine="cells")
+    net = neuro.Network("own")
+    net.population("cells", 2, neuro.iaf_psc_exp())
+    net.connect("cells", "cells", neuro.all_to_all(), hebb_by_n(signal="rewards"), name="learnt")
+    with pytest.raises(ModelError, match=r"projection 'learnt': hebb_by_n\.signal: unknown signal 'rewards'"):
+        neuro.compile(net)
+
+
+def test_reward_less_its_running_mean():
+    assert neuro.reward_error(1.0, 0.25, 0.1) == (0.75, 0.325)
+    errors, baselines = neuro.reward_error([1.0, -1.0], 0.5, 0.0)
+    assert errors.tolist() == [0.5, -1.5]
+    assert baselines.tolist() == [0.5, 0.5]
+    b = 0.0
+    for _ in range(200):
+        error, b = neuro.reward_error(3.0, b, 0.1)
+    assert error == pytest.approx(3.0 * 0.9**199, rel=1e-6)
+
+
+def test_temporal_difference_errors_by_hand():
+    assert neuro.td_error(1.0, 2.0, 3.0, 0.5) == 0.5
+    assert neuro.td_error(5.0, 2.0, [0.0, 4.0], 1.0).tolist() == [3.0, 7.0]
+    assert neuro.td_error_rate(0.25, 8.0, 0.5, 4.0) == -1.25
+    t, tau_r = 300.0, 400.0  # V = R exp(-(T - t) / tau_r) expects a reward R at T: no error on the way
+    value = 100.0 * math.exp(-(1000.0 - t) / tau_r)
+    assert neuro.td_error_rate(0.0, value, value / tau_r, tau_r) == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: neuro.reward_error(1.0, 0.0, 1.5), "rate is 1.5, expected 0 to 1"),
+        (lambda: neuro.reward_error("much", 0.0, 0.5), "reward"),
+        (lambda: neuro.td_error(1.0, math.nan, 0.0, 0.9), "value has the value nan, expected finite numbers"),
+        (lambda: neuro.td_error(1.0, 0.0, 0.0, -0.1), "discount is -0.1, expected 0 to 1"),
+        (lambda: neuro.td_error_rate(1.0, 0.0, 0.0, 0.0), "tau_r is 0.0, expected more than 0"),
+    ],
+)
+def test_what_is_no_error_signal_is_refused(call, told):
+    with pytest.raises(ModelError, match=told):
+        call()
+
+
+def weights_to_normalise(backend, weight):
+    net = neuro.Network("sums")
+    net.population("pre", 4, neuro.poisson_generator(rate=50.0))
+    net.population("post", 3, neuro.iaf_psc_exp())
+    wires = neuro.pairs(pre=[0, 1, 1, 3], post=[0, 0, 2, 2])
+    net.connect("pre", "post", wires, neuro.stdp(), weight=weight, delay=1.0, name="w")
+    return neuro.compile(net, backend)
+
+
+@BACKENDS
+def test_weights_onto_a_neuron_are_scaled_to_a_sum(backend):
+    sim = weights_to_normalise(backend, [10.0, 30.0, 50.0, 50.0])
+    neuro.normalise(sim, "w", [20.0, 1.0, 80.0])
+    assert sim.weights("w")[2].tolist() == [5.0, 15.0, 40.0, 40.0]
+    sim.run(50.0)
+    neuro.normalise(sim, "w", 60.0)
+    _, post, weight = sim.weights("w")
+    assert np.bincount(post, weight) == pytest.approx([60.0, 0.0, 60.0])
+
+
+def test_the_weights_of_a_map_are_scaled_to_a_sum():
+    net = neuro.Network("maps")
+    net.population("pre", (2, 4, 4), neuro.poisson_generator(rate=50.0))
+    net.population("post", (3, "auto", "auto"), neuro.iaf_psc_exp())
+    drawn = neuro.uniform(low=1.0, high=9.0)
+    net.connect("pre", "post", neuro.grid(kernel=(2, 2)), weight=drawn, delay=1.0, name="w")
+    sim = neuro.compile(net)
+    before = sim.weights("w")
+    neuro.normalise(sim, "w", [1.0, 2.0, 3.0])
+    after = sim.weights("w")
+    assert after.sum(axis=(1, 2, 3)) == pytest.approx([1.0, 2.0, 3.0])
+    assert np.ptp(after[1] / before[1]) < 1e-15
+
+
+@pytest.mark.parametrize(
+    ("total", "told"),
+    [
+        (
+            -1.0,
+            "normalise: the weights of 'w' onto neuron 0 have the sum 40: "
+            "expected a sum that can be scaled to -1, of its sign and not 0",
+        ),
+        ([1.0, 2.0], "total has the shape [2], expected a number or [3]"),
+        (500.0, "projection 'w': weight[0] = 125: expected 0 to 100, the bounds of stdp"),
+    ],
+)
+def test_sums_that_cannot_be_had_are_refused(total, told):
+    sim = weights_to_normalise("event", [10.0, 30.0, 50.0, 50.0])
+    with pytest.raises(ModelError) as caught:
+        neuro.normalise(sim, "w", total)
+    assert str(caught.value) == told
+    assert sim.weights("w")[2].tolist() == [10.0, 30.0, 50.0, 50.0]
+
+
+def test_a_hedonistic_synapse_recovers_releases_and_fails():
+    rule = neuro.hedonistic(q_0=math.log(3.0), Delta_z=-math.log(3.0), tau_r=8.0)
+    on_pre, c, y = rule.arithmetic.on_pre, np.zeros(rule.width), np.zeros((6, 1))
+    rule.arithmetic.constants(rule.vector(), 0.1, c)
+    y[:, 0] = [7.0, *rule.first_states()]
+
+    def after(u, since):
+        on_pre(y, 0, c, (since,), (), u)
+        return y[2:, 0].tolist(), rule.arithmetic.sent(y, 0, c)
+
+    (eligible, z, released, refractory), sent = after(0.74, math.inf)  # p = 3/4, z before its jump
+    assert (released, refractory, sent) == (1.0, 1.0, 7.0)
+    assert (eligible, z) == pytest.approx((0.25, -math.log(3.0)))
+    recovers = 1.0 - math.exp(-2.0 / 8.0)
+    (eligible, _, released, refractory), sent = after(recovers + 1e-9, 2.0)
+    assert (released, refractory, sent) == (0.0, 1.0, 0.0)
+    assert eligible == pytest.approx(0.25)  # not available: no lesson
+    y[3, 0] = -math.log(3.0)
+    (eligible, _, released, refractory), sent = after(0.51 * recovers, 2.0)  # recovered, and p = 1/2
+    assert (released, refractory, sent) == (0.0, 0.0, 0.0)
+    assert eligible == pytest.approx(0.25 - 0.5)
+
+
+@pytest.mark.parametrize(("n", "theta", "p"), [(10, 6, 0.5), (8, 3, 0.3)])
+def test_the_expected_lesson_of_hedonistic_synapses(n, theta, p):
+    """One spike of each of n synapses onto a neuron, reward 1 if at least theta release."""
+    neurons = 50_000
+    net = neuro.Network("lesson", resolution=1.0)
+    net.population("pre", n, neuro.spike_generator(spike_times=[[1.0]] * n))
+    net.population("post", neurons, neuro.iaf_psc_delta())
+    net.signal("reward", to="post")
+    rule = neuro.hedonistic(signal="reward", q_0=math.log(p / (1.0 - p)), tau_c=1e9, eta=1.0)
+    net.connect("pre", "post", neuro.all_to_all(), rule, weight=0.1, delay=1.0, name="w")
+    sim = neuro.compile(net, seed=3)
+    sim.run(2.0)
+    rewarded = sim.get("w", "released").reshape(n, neurons).sum(axis=0) >= theta
+    assert np.ptp(sim.get("post", "V_m")) > 0.5  # what is not released is not sent
+    sim.signal("reward", rewarded.astype(float))
+    sim.run(1.0)
+    lessons = sim.get("w", "q").reshape(n, neurons).mean(axis=0)
+    expected = p * (1.0 - p) * math.comb(n - 1, theta - 1) * p ** (theta - 1) * (1.0 - p) ** (n - theta)
+    error = lessons.std() / math.sqrt(neurons)
+    assert error < 0.02 * expected
+    assert abs(lessons.mean() - expected) < 4.0 * error
+
+
+def test_synapses_draw_alike_on_all_backends_and_each_spike_anew():
+    net = neuro.Network("draws")
+    net.population("pre", 3, neuro.spike_generator(spike_times=[[1.0, 1.0]] * 3))
+    net.population("post", (6, 10, 10), neuro.iaf_psc_delta())
+    net.population("sheet", (1, 11, 11), neuro.spike_generator())
+    drawn = neuro.uniform(low=0.5, high=4.0)
+    rule = neuro.hedonistic(tau_c=1e9)
+    net.connect("pre", "post", neuro.pairwise_bernoulli(p=0.7), rule, weight=0.1, delay=drawn, name="w")
+    net.connect("sheet", "post", neuro.grid(kernel=(2, 2)), weight=1.0, delay=1.0)  # event keeps maps in another order
+
+    def lessons(backend, threads):
+        sim = neuro.compile(net, backend, threads=threads)
+        sim.run(2.0)
+        return sim.get("w", "c").round(6)
+
+    expected = lessons("reference", 1)
+    for threads in (1, 2):
+        assert np.array_equal(lessons("event", threads), expected)
+    failed_twice, failed_once, released = ((expected == c).mean() for c in (-1.0, 0.0, 0.5))
+    assert failed_twice + failed_once + released == 1.0  # who releases first cannot again in no time
+    assert released == pytest.approx(0.5, abs=0.05)
+    assert failed_twice == pytest.approx(0.25, abs=0.05)
