@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         poisson_generator,
         spike_generator,
         spinnaker_lif,
+        srm0,
     )
     from neuro.model.parts import Trials, dropout, labels, reward, winner_take_all
     from neuro.model.rules import (
@@ -70,7 +71,7 @@ if TYPE_CHECKING:
     from neuro.program.backend import OverflowWarning
     from neuro.program.counts import Counts
     from neuro.run.assignment import assign_labels, read_labels
-    from neuro.run.simulation import ApproximationWarning, Simulation, compile
+    from neuro.run.simulation import ApproximationWarning, ModelWarning, Simulation, compile
     from neuro.run.trials import TrialResults
 
 _HOMES = {
@@ -104,6 +105,7 @@ _HOMES = {
         "poisson_generator",
         "spike_generator",
         "spinnaker_lif",
+        "srm0",
     ),
     "neuro.model.parts": ("Trials", "dropout", "labels", "reward", "winner_take_all"),
     "neuro.model.rules": (
@@ -138,13 +140,14 @@ _HOMES = {
     "neuro.program.counts": ("Counts",),
     "neuro.run.assignment": ("assign_labels", "read_labels"),
     "neuro.run.trials": ("TrialResults",),
-    "neuro.run.simulation": ("ApproximationWarning", "Simulation", "compile"),
+    "neuro.run.simulation": ("ApproximationWarning", "ModelWarning", "Simulation", "compile"),
 }
 
 __all__ = [
     "ApproximationWarning",
     "Counts",
     "ModelError",
+    "ModelWarning",
     "Network",
     "OverflowWarning",
     "Simulation",
@@ -197,6 +200,7 @@ __all__ = [
     "reward",
     "spike_generator",
     "spinnaker_lif",
+    "srm0",
     "static",
     "stdp",
     "stdp_dopa",
