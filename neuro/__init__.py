@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         poisson_generator,
         spike_generator,
         spinnaker_lif,
+        srm0,
     )
     from neuro.model.parts import Trials, dropout, labels, reward, winner_take_all
     from neuro.model.rules import (
@@ -74,7 +75,7 @@ if TYPE_CHECKING:
     from neuro.run.assignment import assign_labels, read_labels
     from neuro.run.modulators import reward_error, td_error, td_error_rate
     from neuro.run.normalise import normalise
-    from neuro.run.simulation import ApproximationWarning, Simulation, compile
+    from neuro.run.simulation import ApproximationWarning, ModelWarning, Simulation, compile
     from neuro.run.trials import TrialResults
 
 _HOMES = {
@@ -108,6 +109,7 @@ _HOMES = {
         "poisson_generator",
         "spike_generator",
         "spinnaker_lif",
+        "srm0",
     ),
     "neuro.model.parts": ("Trials", "dropout", "labels", "reward", "winner_take_all"),
     "neuro.model.rules": (
@@ -146,13 +148,14 @@ _HOMES = {
     "neuro.run.modulators": ("reward_error", "td_error", "td_error_rate"),
     "neuro.run.normalise": ("normalise",),
     "neuro.run.trials": ("TrialResults",),
-    "neuro.run.simulation": ("ApproximationWarning", "Simulation", "compile"),
+    "neuro.run.simulation": ("ApproximationWarning", "ModelWarning", "Simulation", "compile"),
 }
 
 __all__ = [
     "ApproximationWarning",
     "Counts",
     "ModelError",
+    "ModelWarning",
     "Network",
     "OverflowWarning",
     "Simulation",
@@ -209,6 +212,7 @@ __all__ = [
     "reward_error",
     "spike_generator",
     "spinnaker_lif",
+    "srm0",
     "static",
     "stdp",
     "stdp_dopa",

@@ -70,6 +70,7 @@ def _neurons(a: Arrays, slots: int) -> None:
         "nothing": np.ones(n),
         "tau_minus": np.ones(n),
         "order": np.zeros(n, dtype=np.int64),
+        "draws": np.zeros(n if any(getattr(p.model, "draws", False) for p in a.program.populations) else 0),
     }
     for population, place in zip(a.program.populations, a.places, strict=True):
         a.net["order"][place.begin : place.end] = place.outside

@@ -13,13 +13,18 @@ from neuro_event.models import MODULATED_RULES, RULES
 
 
 def chosen(function: str, arguments: str, models: Sequence[Any], compile_: Any = inner) -> Any:
-    """A compiled function (number, arguments) that calls the function of that name of the numbered model."""
+    """A compiled function (number, arguments) that calls the function of that name of the numbered model.
+
+    A model's function may take fewer of the arguments: the first ones.
+    """
     scope: dict[str, Any] = {}
     lines = [f"def {function}(number, {arguments}):"]
     for number, model in enumerate(models):
-        scope[f"of_{number}"] = compiled(getattr(model.arithmetic, function))
-        lines += [f"    if number == {number}:", f"        return of_{number}({arguments})"]
-    lines.append(f"    return of_0({arguments})")
+        own = getattr(model.arithmetic, function)
+        scope[f"of_{number}"] = compiled(own)
+        taken = ", ".join(arguments.split(", ")[: own.__code__.co_argcount])
+        lines += [f"    if number == {number}:", f"        return of_{number}({taken})"]
+    lines.append(lines[2])
     exec("\n".join(lines), scope)
     return compile_(scope[function])
 

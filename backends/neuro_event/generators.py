@@ -6,6 +6,7 @@ import numpy as np
 from neuro.kernels.draws import poisson_by_sum, poisson_by_table, step_word, uniform, words_of
 from neuro.kernels.jit import inner
 from neuro_event.neurons import any_fired, emit, next_fired
+from neuro_event.operations import STEP
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
@@ -79,7 +80,7 @@ def let_emit(view, thread, pop, row, step, at, done, h):
     net = net_of(view)
     for block in range(max(row[FIRST_BLOCK], net.edges[thread]), min(row[LAST_BLOCK], net.edges[thread + 1])):
         lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
-        call_entry(view, row, step, lo, hi, thread, h)
+        call_entry(view, row, STEP, lo, hi, thread, step, h)
         if any_fired(view, lo, hi):
             i = next_fired(view, lo, hi)
             while i < hi:

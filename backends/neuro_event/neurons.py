@@ -67,7 +67,7 @@ def wake(view, thread, row, block, last, h):
         if row[ENTRY] == 0:
             catch_up(view, thread, row, lo, hi, n * h)
         else:
-            call_entry(view, row, CATCH_UP, lo, hi, thread, n * h)
+            call_entry(view, row, CATCH_UP, lo, hi, thread, last, n * h)
     net.awake[block] = 1
     net.busy[block] = last
 
@@ -77,7 +77,7 @@ def calm(view, row, lo, hi):
     """Whether no neuron of a block can fire before its next input."""
     if row[ENTRY] == 0:
         return is_quiet(view, row, lo, hi)
-    return call_entry(view, row, QUIET, lo, hi, 0, 0.0) == 1
+    return call_entry(view, row, QUIET, lo, hi, 0, 0, 0.0) == 1
 
 
 @inner
@@ -86,7 +86,7 @@ def spike(view, row, i):
     if row[ENTRY] == 0:
         fire_one(view, row, i)
     else:
-        call_entry(view, row, FIRE, i, i + 1, 0, 0.0)
+        call_entry(view, row, FIRE, i, i + 1, 0, 0, 0.0)
 
 
 @inner
@@ -160,17 +160,17 @@ def step_word_of_blocks(view, thread, row, begin, end, slot, step, h, n_all):
                     add_ring(view, net.projections[net.incoming[k]], lo, hi, row, step, n_all)
             continue
         if run < block:
-            step_neighbours(view, row, run * BLOCK, min(block * BLOCK, row[END]))
+            step_neighbours(view, row, run * BLOCK, min(block * BLOCK, row[END]), step)
         run = block + 1
 
 
 @inner
-def step_neighbours(view, row, lo, hi):
+def step_neighbours(view, row, lo, hi, step):
     """Step neighbouring neurons."""
     if row[ENTRY] == 0:
         step_run(view, row, lo, hi)
     else:
-        call_entry(view, row, STEP, lo, hi, 0, 0.0)
+        call_entry(view, row, STEP, lo, hi, 0, step, 0.0)
 
 
 @inner

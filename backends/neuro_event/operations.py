@@ -8,14 +8,13 @@ of its own, which the loop calls by its address, once for a run of neurons: so a
 from functools import cache
 
 import numpy as np
-from numba import types
 
 from neuro.kernels.address import entry_of
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.jit import compiled, inner, kernel
 from neuro_event.dispatch import chosen
 from neuro_event.tables import BEGIN, CONSTANT, CONSTANT_STRIDE, MODEL
-from neuro_event.views import net_of
+from neuro_event.views import ENTRY_TYPE, net_of
 
 _ONE = np.uint64(1)
 
@@ -33,12 +32,12 @@ def operations(constants, step, fire, quiet):
         c = net.scratch[thread]
         if row[CONSTANT_STRIDE] == 0:
             constants(row[MODEL], net.parameters[row[CONSTANT]], interval, c)
-            step(row[MODEL], net.state, c, net.calm, net.current, np.uint64(lo), np.uint64(hi), net.fired)
+            step(row[MODEL], net.state, c, net.calm, net.current, np.uint64(lo), np.uint64(hi), net.fired, net.draws)
         else:
             for i in range(lo, hi):
                 constants(row[MODEL], net.parameters[row[CONSTANT] + i - row[BEGIN]], interval, c)
                 u = np.uint64(i)
-                step(row[MODEL], net.state, c, net.calm, net.current, u, u + _ONE, net.fired)
+                step(row[MODEL], net.state, c, net.calm, net.current, u, u + _ONE, net.fired, net.draws)
 
     @inner
     def step_run(view, row, lo, hi):
@@ -46,12 +45,12 @@ def operations(constants, step, fire, quiet):
         net = net_of(view)
         if row[CONSTANT_STRIDE] == 0:
             c = net.constants[row[CONSTANT]]
-            step(row[MODEL], net.state, c, net.x, net.current, np.uint64(lo), np.uint64(hi), net.fired)
+            step(row[MODEL], net.state, c, net.x, net.current, np.uint64(lo), np.uint64(hi), net.fired, net.draws)
             return
         for i in range(lo, hi):
             c = net.constants[row[CONSTANT] + i - row[BEGIN]]
             u = np.uint64(i)
-            step(row[MODEL], net.state, c, net.x, net.current, u, u + _ONE, net.fired)
+            step(row[MODEL], net.state, c, net.x, net.current, u, u + _ONE, net.fired, net.draws)
 
     @inner
     def is_quiet(view, row, lo, hi):
@@ -79,10 +78,19 @@ def compiled_operations(models):
     """The operations of some models, chosen by their places in the list."""
     return operations(
         chosen("constants", "p, h, c", models),
-        chosen("step", "s, c, x, i_0, lo, hi, fired", models),
+        chosen("step", "s, c, x, i_0, lo, hi, fired, u", models),
         chosen("fire", "s, c, i", models),
         chosen("quiet", "s, c, i_0, lo, hi", models),
     )
+
+
+@inner
+def draw(view, pop, lo, hi, step):
+    """Draw the numbers of neurons for a step."""
+    net = net_of(view)
+    base = step_word(net.keys[pop], step)
+    for i in range(lo, hi):
+        net.draws[i] = uniform(base, net.order[i])
 
 
 @cache
@@ -92,12 +100,15 @@ def entry(model):
     Its arguments are those of `neuro_event.views.call`.
     """
     catch_up, step_run, is_quiet, fire_one = compiled_operations([model])
+    draws = model.draws
 
     @kernel
-    def run(view, pop, operation, lo, hi, thread, interval):
+    def run(view, pop, operation, lo, hi, thread, step, interval):
         net = net_of(view)
         row = net.pops[pop]
         if operation == STEP:
+            if draws:
+                draw(view, pop, lo, hi, step)
             net.fired[lo:hi] = 0  # ours write it for each neuron; to set it where it is reached is enough
             step_run(view, row, lo, hi)
         elif operation == CATCH_UP:
@@ -108,16 +119,16 @@ def entry(model):
             return 1
         return 0
 
-    return entry_of(model, run, types.int64(*(types.int64,) * 6, types.float64))
+    return entry_of(model, run, ENTRY_TYPE)
 
 
 @cache
 def generator_entry(model):
-    """The address of what a stranger's generator emits in a step, which stands in place of the operation."""
+    """The address of what a stranger's generator emits in a step."""
     emit = compiled(model.arithmetic.emit)
 
     @kernel
-    def run(view, pop, step, lo, hi, thread, interval):
+    def run(view, pop, operation, lo, hi, thread, step, interval):
         net = net_of(view)
         row = net.pops[pop]
         base = step_word(net.keys[pop], step)
@@ -134,4 +145,4 @@ def generator_entry(model):
             net.fired[i] = out[i] >= 1.0
         return 0
 
-    return entry_of(model, run, types.int64(*(types.int64,) * 6, types.float64))
+    return entry_of(model, run, ENTRY_TYPE)

@@ -46,6 +46,7 @@ muted u1 1         who must not fire
 events i8 1        spike events of each neuron
 spikes i8 1        with their multiplicity
 active i8 2        (threads, populations) neuron-steps with an arrival or a spike
+draws f8 1         random numbers of the present step, of neurons whose models draw; else empty
 order i8 1         id of each neuron in its population
 awake u1 1         whether a block is stepped
 awake_groups u8 1  the same memory, eight blocks at a time
@@ -224,6 +225,10 @@ def address(typingctx, table):
     return types.int64(table), codegen
 
 
+ENTRY_TYPE = types.int64(*(types.int64,) * 7, types.float64)
+"""Of the entry of a population's model."""
+
+_call_entry = caller(ENTRY_TYPE.return_type, *ENTRY_TYPE.args)
 _call = caller(types.int64, *(types.int64,) * 6, types.float64)
 
 
@@ -234,9 +239,9 @@ def call_rule(view, row, operation, index, step, thread, h):
 
 
 @inner
-def call_entry(view, row, operation, lo, hi, thread, interval):
+def call_entry(view, row, operation, lo, hi, thread, step, interval):
     """Let the entry of a population's model do an operation, see `operations`."""
-    return _call(row[ENTRY], (address(view), row[NUMBER], operation, lo, hi, thread, interval))
+    return _call_entry(row[ENTRY], (address(view), row[NUMBER], operation, lo, hi, thread, step, interval))
 
 
 @intrinsic

@@ -56,18 +56,20 @@ class Cells:
         alike = bool((self.constants == self.constants[0]).all())
         self.runs = [(0, self.size)] if alike else [(i, i + 1) for i in range(self.size)]
 
-    def update(self, x: Floats, i_0: Floats) -> NDArray[np.bool_]:
+    def update(self, x: Floats, i_0: Floats, step: int) -> NDArray[np.bool_]:
         """Step every neuron; return which reached the threshold.
 
         Args:
             x: arrived input by receptor, shape (receptors, size).
             i_0: external current in pA.
+            step: which it is.
         """
         fired = np.zeros(self.size, dtype=bool)
         model = self.part.model
         assert isinstance(model, Neuron)
+        drawn = (keyed_random.uniform(self.key, step, np.arange(self.size)),) if model.draws else ()
         for lo, hi in self.runs:
-            model.arithmetic.step(self.states, self.constants[lo], x, i_0, lo, hi, fired)
+            model.arithmetic.step(self.states, self.constants[lo], x, i_0, lo, hi, fired, *drawn)
         return fired
 
     def fire(self, ids: Ints) -> None:

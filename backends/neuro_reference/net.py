@@ -69,7 +69,7 @@ class Net:
         self._send()
         step = self.step + 1
         inputs = [self._arrivals(index, step) for index in range(len(self.cells))]
-        reached = [self._update(cells, *found[:2]) for cells, found in zip(self.cells, inputs, strict=True)]
+        reached = [self._update(cells, *found[:2], step) for cells, found in zip(self.cells, inputs, strict=True)]
         self.potentials = [cells.states[:1].copy() for cells in self.cells]
         for index in range(len(self.program.groups)):
             self._decide(index, reached, step)
@@ -119,9 +119,9 @@ class Net:
                     heard |= some
         return x, current, heard
 
-    def _update(self, cells: Cells, x: Floats, current: Floats) -> Bools:
+    def _update(self, cells: Cells, x: Floats, current: Floats, step: int) -> Bools:
         if cells.part.kind == "neuron":
-            return cells.update(x, current)
+            return cells.update(x, current, step)
         return np.zeros(cells.size, dtype=bool)
 
     def _decide(self, index: int, reached: list[Bools], step: int) -> None:

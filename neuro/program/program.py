@@ -50,7 +50,7 @@ class Population:
 
 def drawn_for(population: Population) -> str:
     """The purpose of a population's keyed draws, see `neuro.core.keyed_random.key`."""
-    return "generator" if population.kind == "generator" else "poisson"
+    return {"generator": "generator", "neuron": "escape"}.get(population.kind, "poisson")
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,10 +21,10 @@ from neuro.core.quantities import Quantity, word_of
 from neuro.core.values import shown
 from neuro.files.state import Identity, fingerprint, read_state, write_state
 from neuro.model.network import Network
-from neuro.model.neurons import Generator, spike_generator
+from neuro.model.neurons import Generator, Neuron, spike_generator
 from neuro.program.backend import Backend, Engine, Problem, Registers, find, unreadable
 from neuro.program.counts import Counts, Tally
-from neuro.program.program import Floats, Ints
+from neuro.program.program import Floats, Ints, Program
 from neuro.run import settable
 from neuro.run.learned_network import learnt_network
 from neuro.run.recorder import Recorder
@@ -37,6 +37,10 @@ T = TypeVar("T")
 _SMALL = 1_000_000
 _THREADS = Quantity(kind="integer", at_least=1, at_most=max(64, os.cpu_count() or 1))
 _FLAG = Quantity(kind="boolean")
+
+
+class ModelWarning(UserWarning):
+    """A network runs, but its parameters are likely not meant so."""
 
 
 class ApproximationWarning(UserWarning):
@@ -67,6 +71,7 @@ def compile(
     chosen = _backend(backend)
     try:
         program = compile_network(net, int(seed))
+        _caution(program)
         _report(chosen.name, chosen.problems(program, **options))
         return Simulation(net, chosen.name, program, chosen.build(program, threads=threads, **options))
     except MemoryError as error:
@@ -79,6 +84,14 @@ def _backend(given: str | PathLike[str] | Backend) -> Backend:
     if isinstance(given, type) or not all(hasattr(given, word) for word in ("name", "problems", "build")):
         raise ModelError(f"backend = {shown(given)}: expected the name of a backend, or a backend itself")
     return given
+
+
+def _caution(program: Program) -> None:
+    """Warn of parameters that are likely not meant so."""
+    for part in program.populations:
+        if isinstance(part.model, Neuron) and (told := part.model.caution(part.parameters, program.resolution)):
+            place = f"{part.origin}: " if part.origin else ""
+            warnings.warn(f"{place}population '{part.name}': {part.model.name}: {told}", ModelWarning, stacklevel=3)
 
 
 def _report(backend: str, problems: Iterable[Problem]) -> None:

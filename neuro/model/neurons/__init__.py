@@ -19,6 +19,7 @@ from neuro.model.neurons.loihi_lif import loihi_lif
 from neuro.model.neurons.mat2_psc_exp import mat2_psc_exp
 from neuro.model.neurons.parrot_neuron import parrot_neuron
 from neuro.model.neurons.spinnaker_lif import spinnaker_lif
+from neuro.model.neurons.srm0 import srm0
 
 GENERATORS: tuple[type[Generator], ...] = (poisson_generator, spike_generator, dc_generator, encode)
 INTEGRATED: tuple[type[Neuron], ...] = (iaf_cond_exp, iaf_cond_alpha, aeif_cond_exp, aeif_psc_exp, hh_psc_alpha)
@@ -32,6 +33,7 @@ NEURONS: tuple[type[Neuron], ...] = (
     mat2_psc_exp,
     iaf_psc_exp_adaptive_threshold,
     iaf_linear_leak,
+    srm0,
 )
 NATIVE: tuple[type[Neuron], ...] = (loihi_lif, spinnaker_lif)
 """Neurons in the registers of a chip; they have no float arithmetic."""
@@ -73,4 +75,5 @@ __all__ = [
     "poisson_generator",
     "spike_generator",
     "spinnaker_lif",
+    "srm0",
 ]

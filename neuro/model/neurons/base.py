@@ -10,6 +10,9 @@ bound the neurons of one call, which share one vector of constants `c`.
     fire(s, c, i)                         what a spike does to neuron i
     quiet(s, c, i_0, lo, hi)              whether none of them can fire before its next input
 
+A neuron that fires at random says `draws`; then it is `step(s, c, x, i_0, lo, hi, fired, u)`, where `u[i]` is a number
+in [0, 1) that is drawn anew for each neuron and step, and `quiet` is false wherever a draw can make a neuron fire.
+
 A generator has, beside `constants`,
 
     emit(s, c, u, step, lo, hi, out)      `out[i]`, 0 before, is how many spikes neuron i emits in a step (an integer,
@@ -32,6 +35,9 @@ from neuro.model.arithmetic import OfModule, check_functions, fill
 
 FUNCTIONS = {"constants": 3, "step": 7, "fire": 3, "quiet": 5}
 """The functions of a neuron model's arithmetic and how many arguments each takes."""
+
+DRAWING = FUNCTIONS | {"step": 8}
+"""Those of a neuron that draws."""
 
 EMITTING = {"constants": 3, "emit": 7}
 """Those of a generator's."""
@@ -96,6 +102,7 @@ class Neuron(Model):
         resets_in_step: whether `step` itself resets a neuron that spikes, and `fire` does nothing; a winner-take-all
             group, which chooses between the two, cannot have such neurons.
         takes_current: whether currents of generators act on it.
+        draws: whether `step` takes a random number for each neuron, see above.
         arithmetic: the module with `constants`, `step`, `fire` and `quiet`, see above: that of the class. The first
             constant is the threshold and the first state V_m, where the model has them.
     """
@@ -106,6 +113,7 @@ class Neuron(Model):
     linear: ClassVar[bool] = False
     resets_in_step: ClassVar[bool] = False
     takes_current: ClassVar[bool] = True
+    draws: ClassVar[bool] = False
     arithmetic: ClassVar[OfModule] = OfModule(("step", "fire", "quiet"))
 
     tau_minus: Value = quantity(
@@ -120,6 +128,11 @@ class Neuron(Model):
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
         """The state at time 0, by name; a state that is not named starts at 0."""
         return {}
+
+    @staticmethod
+    def caution(parameters: Mapping[str, Any], resolution: float) -> str:
+        """What is likely a mistake in resolved parameters, for steps of `resolution` ms; "" if nothing is."""
+        return ""
 
 
 def complete(model: type[Model]) -> type[Model]:
@@ -141,7 +154,7 @@ def complete(model: type[Model]) -> type[Model]:
 
 def _complete_neuron(model: type[Neuron]) -> None:
     told = f"neuron model '{model.__name__}'"
-    check_functions(told, model, FUNCTIONS)
+    check_functions(told, model, DRAWING if model.draws else FUNCTIONS)
     names = [state.name for state in model.states]
     if "V_m" in names[1:]:
         raise TypeError(f"{told}: V_m is state {names.index('V_m')}: expected it first")

@@ -1,0 +1,81 @@
+"""The twenty patterns of `examples/firing_patterns.py`: what each is known by, and the published file itself."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+EXAMPLE = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "firing_patterns.py"))
+PATTERNS, response = EXAMPLE["PATTERNS"], EXAMPLE["response"]
+LETTERS = {name[0]: pattern for name, pattern in PATTERNS.items()}
+GAP = 9.4  # ms, longer than any within a burst
+
+
+def bursts(times):
+    """How many spikes each burst has."""
+    return [part.size for part in np.split(times, np.flatnonzero(np.diff(times) > GAP) + 1)]
+
+
+@pytest.mark.parametrize(
+    ("letter", "sizes", "begin", "end"),
+    [
+        ("A", [2, 1, 1, 1], 10, 100),
+        ("B", [1], 20, 60),
+        ("C", [11, 6, 6, 6], 22, 220),
+        ("D", [7], 20, 80),  # one burst at the beginning, though the current goes on
+        ("E", [3, 1, 1, 1], 16, 160),
+        ("F", [4, 1, 1], 8, 85),
+        ("G", [1] * 10, 60, 300),
+        ("H", [1] * 16, 90, 300),
+        ("I", [1], 20, 30),  # the pulse ended at 13 ms
+        ("J", [1], 20, 30),
+        ("K", [1], 324, 350),  # after two pulses a period apart, not after two that are near
+        ("L", [1], 16, 30),  # after two pulses that are near, not after two that are apart
+        ("M", [1], 25, 80),  # after the inhibition
+        ("N", [11], 25, 120),
+        ("O", [1], 80, 100),  # the same pulse alone, at 10 ms, is too weak
+        ("P", [1] * 5, 37, 216),  # from one pulse to the next
+        ("Q", [1], 9, 12),
+        ("R", [1], 300, 313),  # in the fast ramp, not in the slow one to twice its height
+        ("S", [1] * 3, 50, 250),  # while it is inhibited
+        ("T", [7, 5], 50, 250),
+    ],
+)
+def test_each_pattern_has_its_spikes(letter, sizes, begin, end):
+    spikes = response(LETTERS[letter])[3]
+    assert bursts(spikes) == sizes
+    assert spikes[0] > begin
+    assert spikes[-1] <= end
+
+
+def test_adaptation_and_classes_show_in_the_intervals():
+    adapting, first, second = (np.diff(response(LETTERS[letter])[3]) for letter in "FGH")
+    assert np.all(np.diff(adapting) > 0.0)
+    assert first[0] > 40.0  # class 1 begins at a low rate, 25 Hz here
+    assert second[0] <= 20.0  # class 2 at a high one
+
+
+def test_a_spike_leaves_its_mark_below_the_threshold():
+    times, v, _, spikes = response(LETTERS["J"])
+    after = v[times > spikes[0] + 5.0]
+    assert np.flatnonzero(np.diff(np.sign(after - v[0]))).size >= 2  # it swings around rest
+    times, v, _, spikes = response(LETTERS["Q"])
+    assert v[(times > spikes[0] + 1.0) & (times < spikes[0] + 5.0)].min() > v[0] + 10.0  # and here stays above
+
+
+@pytest.mark.parametrize("letter", [k for k, pattern in LETTERS.items() if pattern.other is not None])
+def test_those_in_equations_are_the_published_file_step_for_step(letter):
+    """figure1.m: V by Euler, then u by the new V, then the reset."""
+    pattern = LETTERS[letter]
+    (a, b, c, d), v, h = pattern.abcd, pattern.v, pattern.step
+    u = b * v if pattern.u is None else pattern.u
+    slope, offset = (4.1, 108.0) if letter in "GL" else (5.0, 140.0)
+    expected = []
+    for k in range(round(pattern.ms / h)):
+        v += h * (0.04 * v**2 + slope * v + offset - u + pattern.current(k * h))
+        u += h * a * (b * (v + 65.0) if letter == "R" else b * v - u)
+        if v > 30.0:
+            v, u = c, u + d
+            expected.append((k + 1) * h)
+    np.testing.assert_allclose(response(pattern)[3], expected, rtol=1e-12)
