@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from neuro.model.neurons.propagators import from_alpha, from_constant, from_exponential, leak
     from neuro.model.rules import Rule
     from neuro.model.synapses.base import K_MINUS, K_PLUS, Synapse, Trace
+    from neuro.model.synapses.delays import DelayRule
     from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
     from neuro.program.backend import Backend, Engine, EngineCounts, Outcome, Problem, Spikes, Trial
     from neuro.program.program import Program
@@ -99,6 +100,7 @@ _HOMES = {
         "Synapse",
         "Trace",
     ),
+    "neuro.model.synapses.delays": ("DelayRule",),
     "neuro.model.synapses.lessons": (
         "Growth",
         "Lesson",
@@ -122,6 +124,7 @@ __all__ = [
     "Backend",
     "Chip",
     "Damage",
+    "DelayRule",
     "Distribution",
     "Engine",
     "EngineCounts",
