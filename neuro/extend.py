@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from neuro.model.neurons.propagators import from_alpha, from_constant, from_exponential, leak
     from neuro.model.rules import Rule
     from neuro.model.synapses.base import K_MINUS, K_PLUS, Synapse, Trace
+    from neuro.model.synapses.delays import DelayRule
     from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
     from neuro.model.synapses.modulated import Modulated
     from neuro.program.backend import Backend, Engine, EngineCounts, Outcome, Problem, Spikes, Trial
@@ -100,6 +101,7 @@ _HOMES = {
         "Synapse",
         "Trace",
     ),
+    "neuro.model.synapses.delays": ("DelayRule",),
     "neuro.model.synapses.lessons": (
         "Growth",
         "Lesson",
@@ -124,6 +126,7 @@ __all__ = [
     "Backend",
     "Chip",
     "Damage",
+    "DelayRule",
     "Distribution",
     "Engine",
     "EngineCounts",

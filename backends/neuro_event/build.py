@@ -45,7 +45,7 @@ def build(program: Program, threads: int) -> Arrays:
 
 
 def _longest_delay(program: Program) -> int:
-    delays = [int(p.delay.max()) for p in program.projections if p.delay.size]
+    delays = [p.delay_range(program.resolution)[1] for p in program.projections]
     return max([1, *delays, *(p.dopamine_delay for p in program.projections if p.dopamine >= 0)])
 
 

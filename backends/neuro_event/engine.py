@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
+from neuro.model.synapses.delays import DELAY
 from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program, Trials
@@ -367,6 +368,12 @@ class EventEngine:
             self._a.net["weights"][first : first + (p.size if stride else 1)] = inner
         row[t.SIGN] = layout.sign(inner)
 
+    def _write_delays(self, projection: int, delays: Floats) -> None:
+        """Replace the delays that learn; for spikes still to come."""
+        order, k = self._a.synapses[projection].order, self._a.plastic_of[projection]
+        first = self._a.plastic["table"][k, t.FIRST_SYNAPSE]
+        self._a.plastic["y"][DELAY, first : first + delays.size] = delays if order is None else delays[order]
+
     # --- accounts and persistence -------------------------------------------------------------------------
 
     def counts(self) -> EngineCounts:
@@ -394,11 +401,15 @@ class EventEngine:
 
     def reset(self, weights: bool) -> None:
         """Back to step 0 and the initial states, and to the initial weights if asked."""
-        kept = None
+        kept, late = None, {}
         if not weights:
-            kept = {q: self.get_synapses(q, "weight") for q in range(len(self._program.projections))}
+            parts = self._program.projections
+            kept = {q: self.get_synapses(q, "weight") for q in range(len(parts))}
+            late = {q: self.get_synapses(q, "delay") for q, part in enumerate(parts) if part.synapse.delays}
         before = self._changes
         self._start_over(kept)
+        for q, delays in late.items():
+            self._write_delays(q, delays)
         for (k, word), values in before.given.items():
             self._set(k, word, values)
         for q, rule in before.rules.items():

@@ -124,8 +124,8 @@ _NO_TARGETS = np.zeros(0, dtype=np.int32)
 
 
 def own_delays(p: Projection) -> bool:
-    """Whether the synapses of a projection differ in delay."""
-    return p.delay.size > 1 and bool(np.any(p.delay != p.delay[0]))
+    """Whether the synapses of a projection differ in delay, or may do so later."""
+    return p.synapse.delays or (p.delay.size > 1 and bool(np.any(p.delay != p.delay[0])))
 
 
 def learns_pairs(p: Projection) -> bool:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from neuro.core import keyed_random
 from neuro.model.synapses import Synapse
-from neuro.program.program import Floats, Ints, Program
+from neuro.model.synapses.delays import DELAY
+from neuro.program.program import Floats, Ints, Program, Projection
 from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
@@ -49,7 +50,8 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         row[t.FIRST_SYNAPSE], row[t.FIRST_SOURCE], row[t.FIRST_TARGET] = n_synapses, n_sources, n_targets
         row[t.INCOMING] = n_incoming
         row[t.DOPAMINE], row[t.DOPAMINE_ONE_TO_ONE] = p.dopamine, int(p.dopamine_one_to_one)
-        row[t.DOPAMINE_DELAY], row[t.LONGEST] = p.dopamine_delay, int(p.delay.max()) if p.delay.size else 1
+        row[t.DOPAMINE_DELAY], row[t.LONGEST] = p.dopamine_delay, _longest_back(p)
+        row[t.FEWEST], row[t.MOST] = p.delay_range(program.resolution)
         set_rule_constants(rules[k], tau[k], row, decay[k], kinds[k], p.synapse.vector(), p.synapse, program)
         tau_minus = program.populations[p.target].parameters["tau_minus"]
         if np.all(tau_minus == tau_minus[0]):
@@ -72,7 +74,7 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
     states[0] = np.concatenate([np.zeros(0), *y])
     k_plus = np.zeros((threads, n_sources))
     for row, q in zip(table, learning, strict=True):
-        _start(program, q, row, states, k_plus)
+        _start(a, q, row, states, k_plus)
     a.plastic |= {
         "table": table,
         "rule": rules,
@@ -110,15 +112,25 @@ def _drawn_as(a: Arrays, learning: list[int]) -> Ints:
     return np.concatenate([np.arange(n, dtype=np.int64) if order is None else order for order, n in each])
 
 
-def _start(program: Program, q: int, row: Ints, states: Floats, k_plus: Floats) -> None:
+def _start(a: Arrays, q: int, row: Ints, states: Floats, k_plus: Floats) -> None:
     """Put the synapses' states and the sources' traces of a projection to where its rule starts."""
-    p = program.projections[q]
+    p, program = a.program.projections[q], a.program
     first, of_states = row[t.FIRST_SYNAPSE], p.synapse.first_states()
     states[1 : 1 + of_states.size, first : first + p.size] = of_states[:, None]
+    if p.synapse.delays:
+        at = a.net["projections"][q, t.DELAY]
+        states[DELAY, first : first + p.size] = a.net["delays"][at : at + p.size] * program.resolution
     first, stride = row[t.FIRST_SOURCE], row[t.SOURCE_STRIDE]
     end = first + program.populations[p.source].size * stride
     for j, value in enumerate(p.synapse.first_traces()[:stride]):
         k_plus[:, first + j : end : stride] = value
+
+
+def _longest_back(p: Projection) -> int:
+    """Steps after which the last synapse hears a spike of its target."""
+    if p.synapse.delays:
+        return 0
+    return int(p.delay.max()) if p.delay.size else 1
 
 
 def _own(program: Program, q: int) -> bool:

@@ -15,12 +15,15 @@ from neuro.core.keyed_random import NTH_STRIDE
 from neuro.kernels.address import entry_of
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.jit import compiled, inner, kernel
+from neuro.model.synapses.delays import DELAY as DELAY_ROW
+from neuro.model.synapses.delays import steps_of
 from neuro_event.decays import left
 from neuro_event.tables import (
     BEGIN,
     COLUMN,
     DELAY,
     DELAY_STRIDE,
+    FEWEST,
     FIRST_BLOCK,
     FIRST_SOURCE,
     FIRST_SYNAPSE,
@@ -29,6 +32,7 @@ from neuro_event.tables import (
     HISTORY,
     INCOMING,
     LAST_BLOCK,
+    MOST,
     PROJECTION,
     RECEPTORS,
     RELAY,
@@ -133,6 +137,7 @@ def rule_entry(model):
     """The address of the passes of one rule."""
     arithmetic, modulated = model.arithmetic, model.modulated
     on_pre, on_post = compiled(arithmetic.on_pre), compiled(arithmetic.on_post)
+    nearest = compiled(steps_of)
     advance, sent = compiled(arithmetic.advance) if modulated else None, compiled(model.sends())
     scope = {"pre_value": pre_value, "post_value": post_value, "kept_value": kept_value}
     n_pre = len(model.pre)
@@ -180,6 +185,26 @@ def rule_entry(model):
         def pass_time(view, q, z, target, since, upto, h):
             pass
 
+    if model.delays:
+
+        @inner
+        def heard_after(net, row, s):
+            return 0
+
+        @inner
+        def taken(p, q, z, delay, h):
+            return nearest(p.y[DELAY_ROW, z], h, p.table[q, FEWEST], p.table[q, MOST])
+
+    else:
+
+        @inner
+        def heard_after(net, row, s):
+            return np.int64(net.delays[row[DELAY] + s * row[DELAY_STRIDE]])
+
+        @inner
+        def taken(p, q, z, delay, h):
+            return delay
+
     @inner
     def flow(view, q, z, own, thread, history, target, upto, whole, delay, h):
         """Let the post spikes up to step `upto` act on a synapse; with `whole` also what flows after the last."""
@@ -223,7 +248,7 @@ def rule_entry(model):
             s = e - row[SYNAPSE]
             z = table[FIRST_SYNAPSE] + s
             target = np.int64(net.targets[e])
-            delay = np.int64(net.delays[row[DELAY] + s * row[DELAY_STRIDE]])
+            delay = heard_after(net, row, s)
             history = target_row[HISTORY] + target
             flow(view, q, z, own, thread, history, target, step, True, delay, h)
             neuron = target_row[BEGIN] + target
@@ -232,7 +257,7 @@ def rule_entry(model):
             p.sent[z] = p.y[0, z]
             weight = sent(p.y, z, c)
             second = 1 if receptors == 2 and weight < 0.0 else 0
-            at = step + delay
+            at = step + taken(p, q, z, delay, h)
             ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]
             net.buf[ring + target] += 1.0 if relay == 1 else weight
             if not wide:
@@ -256,7 +281,7 @@ def rule_entry(model):
         for i in range(p.incoming[begin], p.incoming[begin + 1]):
             z = p.in_synapse[i]
             own = table[FIRST_SOURCE] + np.int64(p.in_source[i]) * table[SOURCE_STRIDE]
-            delay = np.int64(net.delays[row[DELAY] + (z - table[FIRST_SYNAPSE]) * row[DELAY_STRIDE]])
+            delay = heard_after(net, row, z - table[FIRST_SYNAPSE])
             flow(view, q, z, own, thread, history, target, step, whole, delay, h)
 
     @kernel

@@ -40,7 +40,9 @@ def add_projections(a: Arrays) -> None:
             delay = np.ones(1, dtype=np.int32)
         if not layout.own_delays(p):
             delay = delay[:1]
-        row[t.DELAY], row[t.DELAY_STRIDE] = n_delays, int(delay.size > 1)
+        elif delay.size != p.size:
+            delay = np.broadcast_to(delay, max(1, p.size))
+        row[t.DELAY], row[t.DELAY_STRIDE] = n_delays, int(layout.own_delays(p))
         delays.append(delay.astype(np.int32))
         n_delays += delay.size
         blocks = a.net["pops"][p.target, t.LAST_BLOCK] - a.net["pops"][p.target, t.FIRST_BLOCK]
@@ -48,7 +50,8 @@ def add_projections(a: Arrays) -> None:
         row[t.WAKE_ALL] = int(s.layout in (t.DENSE, t.GRID) or (s.layout == t.CSR and fan_out > 2 * blocks))
         row[t.DENSE_COUNTS] = 0
         if q in a.plastic_of or row[t.DELAY_STRIDE] == 1:
-            ring = _give_ring(row, delay, target.size, a.net["pops"][p.target, t.RECEPTORS], ring, a.longest_slice)
+            longest = p.delay_range(program.resolution)[1]
+            ring = _give_ring(row, longest, target.size, a.net["pops"][p.target, t.RECEPTORS], ring, a.longest_slice)
             if q not in a.plastic_of:
                 at_emission.append(q)
         else:
@@ -77,8 +80,8 @@ def internal_weights(a: Arrays, q: int) -> Floats:
     return own
 
 
-def _give_ring(row: Ints, delay: NDArray[np.int32], n: int, receptors: int, at: int, slice_: int) -> int:
-    slots = layout.power_of_two(int(delay.max()) + slice_ + 1)
+def _give_ring(row: Ints, longest: int, n: int, receptors: int, at: int, slice_: int) -> int:
+    slots = layout.power_of_two(longest + slice_ + 1)
     row[t.LAG] = 0
     row[t.RING], row[t.RING_MASK], row[t.RING_SIZE] = at, slots - 1, n
     return int(at + slots * n * receptors)
@@ -91,7 +94,7 @@ def give_ring(a: Arrays, q: int) -> None:
     receptors = a.net["pops"][p.target, t.RECEPTORS]
     end = _give_ring(
         row,
-        p.delay if p.delay.size else np.ones(1, np.int32),
+        p.delay_range(a.program.resolution)[1],
         a.program.populations[p.target].size,
         receptors,
         a.net["buf"].size,

@@ -91,8 +91,10 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     RULE_ENTRY,
     SOURCE_STRIDE,
     COLUMN,
+    FEWEST,
+    MOST,
     PLASTIC_COLUMNS,
-) = range(17)
+) = range(19)
 
 # threads
 DONE, DONE_DOPAMINE, HORIZON, OVERRUN = range(4)

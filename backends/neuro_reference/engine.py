@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
+from neuro.model.synapses.delays import DELAY
 from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference import snapshots
@@ -181,6 +182,8 @@ class ReferenceEngine:
             for index, wires in enumerate(before.wires):
                 pairs = before.pairs.get(index)
                 self.set_weights(index, wires.weights if pairs is None else pairs.read("weight", before.step))
+                if pairs is not None and pairs.delays:
+                    self.net.pairs[index].y[DELAY] = pairs.y[DELAY]
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs."""

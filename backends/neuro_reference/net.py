@@ -81,8 +81,8 @@ class Net:
             if amplitude is not None:
                 wires.send_current(amplitude, step)
         for pairs in self.pairs.values():
-            pairs.arrive(step)
             pairs.emit_post(self.ids[pairs.part.target], self.multiplicity[pairs.part.target], step)
+            pairs.arrive(step)
             if pairs.part.dopamine >= 0:
                 pairs.emit_dopamine(self.ids[pairs.part.dopamine], self.multiplicity[pairs.part.dopamine], step)
         self.step = step

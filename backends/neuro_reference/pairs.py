@@ -1,7 +1,7 @@
 """Pairwise learning of one projection, eagerly: every synapse follows every event that concerns it.
 
-A synapse hears the spikes of its target after its delay, so it keeps a K- of its own: the trace of the
-post spikes that have reached it, see `traces`.
+A synapse hears the spikes of its target after its delay, at once where the delay learns. So it keeps a K- of its own:
+the trace of the post spikes that have reached it, see `traces`.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 from neuro.core import keyed_random
 from neuro.model.synapses import Trace
+from neuro.model.synapses.delays import DELAY, steps_of
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference.traces import Traces
 from neuro_reference.wires import Wires
@@ -25,6 +26,7 @@ class Pairs:
     Attributes:
         rule: the numbers of the synapse model.
         y: weight and states of every synapse.
+        back: steps after which a synapse hears a spike of its target.
         sent: weight after the last pre spike, which `stdp` shows.
         reached: step up to which a modulated synapse is integrated.
         pre: traces of each source; post: of each synapse, of the post spikes that have reached it.
@@ -44,6 +46,10 @@ class Pairs:
         self.y: Floats = np.zeros((1 + len(part.synapse.states), len(wires.target)))
         self.sent = wires.weights.copy()
         self.y[0], self.y[1:] = self.sent, part.synapse.first_states()[:, None]
+        self.delays = part.synapse.delays
+        if self.delays:
+            self.y[DELAY] = wires.delay * self.h
+        self.back = np.zeros_like(wires.delay) if self.delays else wires.delay
         self.send = part.synapse.sends()
         self.key = keyed_random.key(program.seed, "synapse", part.name)
         self.rule = part.synapse.vector()
@@ -63,7 +69,7 @@ class Pairs:
         emitted: Ints = np.zeros(self.wires.n_target, dtype=np.int64)
         emitted[ids] = multiplicity
         to = np.flatnonzero(emitted[self.wires.target])
-        self.posts[(step + self.wires.delay[to]) % len(self.posts), to] = emitted[self.wires.target[to]]
+        self.posts[(step + self.back[to]) % len(self.posts), to] = emitted[self.wires.target[to]]
 
     def emit_dopamine(self, ids: Ints, multiplicity: Ints, step: int) -> None:
         """Spikes of the dopamine population set out for the targets."""
@@ -106,6 +112,9 @@ class Pairs:
             self.arithmetic.on_pre(self.y, e, self.c, pre, self.post.earlier(e, step), *drawn)
         self.pre.spike(source, step)
         self.sent[row] = self.y[0, row]
+        if self.delays:
+            wires = self.wires
+            wires.delay[row] = [steps_of(delay, self.h, wires.fewest, wires.most) for delay in self.y[DELAY, row]]
         return np.array([self.send(self.y, e, self.c) for e in range(row.start, row.stop)])
 
     def _draw(self, e: int, step: int, nth: int) -> tuple[float]:

@@ -14,7 +14,9 @@ class Wires:
     """A projection with every synapse spelt out, and its input to come.
 
     Attributes:
-        source, target, delay: of every synapse, sorted by source, then target.
+        source, target, delay: of every synapse, sorted by source, then target; a delay in steps, that of the last spike
+            where it learns.
+        fewest, most: steps that a spike may take.
         slot: which weight a synapse has (the weights of a grid are shared).
         weights: all weights.
         row_ends: synapses of source i are row_ends[i] : row_ends[i + 1].
@@ -36,7 +38,8 @@ class Wires:
         self.delay: Ints = np.broadcast_to(part.delay, len(self.source)).astype(np.int64)
         self.weights: Floats = np.broadcast_to(part.weight, part.size).copy()
         self.row_ends = np.searchsorted(self.source, np.arange(n_source + 1))
-        self.slots = int(part.delay.max(initial=1)) + 2
+        self.fewest, self.most = part.delay_range(program.resolution)
+        self.slots = self.most + 2
         self.start_anew()
 
     def start_anew(self) -> None:

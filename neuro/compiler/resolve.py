@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.coding.codes import CODES, RATE_CODES
 from neuro.compiler.check import check_network, check_values, refuse, telling
@@ -13,7 +14,7 @@ from neuro.compiler.connect import connect
 from neuro.compiler.encoded import with_generators
 from neuro.compiler.pack import packed
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
-from neuro.compiler.values import delay_steps, one_delay, per_neuron, per_synapse
+from neuro.compiler.values import LONGEST_DELAY, delay_steps, one_delay, per_neuron, per_synapse, too_late
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
@@ -22,7 +23,7 @@ from neuro.model.network import Network
 from neuro.model.neurons import MODELS, Neuron, dc_generator, poisson_generator, spike_generator
 from neuro.model.parts import Population, Projection
 from neuro.model.rules import RULES, grid
-from neuro.model.synapses import SYNAPSES, Modulated
+from neuro.model.synapses import SYNAPSES, DelayRule, Modulated
 from neuro.program import program as resolved
 from neuro.program.program import Floats, Ints
 
@@ -51,7 +52,7 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
         name=net.name,
         resolution=net.resolution,
         seed=seed,
-        min_delay=min((d for p in projections for d in _delays(p)), default=1),
+        min_delay=min((d for p in projections for d in _delays(p, net.resolution)), default=1),
         populations=populations,
         projections=projections,
         signals=tuple(resolved.Signal(s.name, names.index(s.to), s.origin) for s in net.signals.values()),
@@ -69,10 +70,10 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
     )
 
 
-def _delays(part: resolved.Projection) -> tuple[int, ...]:
+def _delays(part: resolved.Projection, resolution: float) -> tuple[int, ...]:
     if not part.size:
         return ()
-    shortest = int(part.delay.min())
+    shortest, _ = part.delay_range(resolution)
     return (shortest, part.dopamine_delay) if part.dopamine >= 0 else (shortest,)
 
 
@@ -157,6 +158,7 @@ def _projection(
     if sizes is not None and weight.size == 1:
         weight = np.repeat(weight, found.size)
     check_stdp_weights(part, weight)
+    _check_delays(part, delay, clock)
     names = list(net.populations)
     rule = part.synapse
     signal, dopamine, one_to_one, later = -1, -1, False, 1
@@ -205,3 +207,22 @@ def check_stdp_weights(part: Projection, weight: Floats) -> None:
             where=part.origin,
             hint=f"give the distribution 'low' and 'high', or raise {part.synapse.name}.Wmax",
         )
+
+
+def _check_delays(part: Projection, delay: NDArray[np.int32], clock: Clock) -> None:
+    """Delays that learn lie within their rule's bounds, and these are not too far."""
+    rule = part.synapse
+    if not isinstance(rule, DelayRule):
+        return
+    with telling(part):
+        _, most = rule.delay_range(clock.resolution)
+        if most > LONGEST_DELAY:
+            raise too_late(f"{rule.name}.d_max", most, clock)
+        late = clock.array_ms(delay.astype(np.int64))
+        bad = np.flatnonzero((late < rule.d_min) | (late > rule.d_max))
+        if bad.size:
+            raise ModelError(
+                f"delay[{bad[0]}] = {late[bad[0]]:g} ms: expected {rule.d_min:g} to {rule.d_max:g} ms, "
+                f"the bounds of {rule.name}",
+                hint=f"set {rule.name}.d_min and d_max",
+            )

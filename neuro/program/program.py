@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import Where
 from neuro.model.neurons import Model
-from neuro.model.synapses import Synapse
+from neuro.model.synapses import DelayRule, Synapse
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -105,6 +105,12 @@ class Projection:
     dopamine_one_to_one: bool
     dopamine_delay: int
     origin: Where | None
+
+    def delay_range(self, resolution: float) -> tuple[int, int]:
+        """The fewest and the most steps that a spike may take along it, now or when it has learnt."""
+        if isinstance(self.synapse, DelayRule):
+            return self.synapse.delay_range(resolution)
+        return (int(self.delay.min()), int(self.delay.max())) if self.delay.size else (1, 1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,9 @@ from neuro.model.network import Network
 from neuro.model.parts import Population, Projection
 from neuro.model.rules import all_to_all, grid, one_to_one, pairs
 from neuro.model.synapses import Synapse
+from neuro.model.synapses.delays import steps_of
 from neuro.program.backend import Engine
-from neuro.program.program import Floats, Program
+from neuro.program.program import Floats, Ints, Program
 from neuro.program.program import Population as ResolvedPopulation
 from neuro.program.program import Projection as ResolvedProjection
 
@@ -25,6 +26,7 @@ def learnt_network(
 ) -> Network:
     """A copy of `net` that holds the present weights and parameters and nothing random in its connections.
 
+    Delays that learn are those that the next spikes would take, in whole steps.
     Synapses that were drawn at random become listed pairs; weights, delays and initial states that were drawn
     become arrays, and what was encoded becomes spikes or rates. States such as V_m begin anew.
 
@@ -69,7 +71,7 @@ def _projection(
     synapse: Synapse,
 ) -> Projection:
     weight = engine.get_synapses(index, "weight")
-    delay = clock.array_ms(resolved.delay.astype(np.int64))
+    delay = clock.array_ms(_steps(resolved, index, engine, clock.resolution))
     shape: Callable[[Floats], Any] = _one_or_all
     rule = part.rule
     if isinstance(rule, all_to_all) and resolved.layout == "dense":
@@ -83,6 +85,15 @@ def _projection(
         pre, post = program.connections(index)
         rule = pairs(pre=pre, post=post)
     return replace(part, rule=rule, synapse=synapse, weight=shape(weight), delay=shape(delay))
+
+
+def _steps(part: ResolvedProjection, index: int, engine: Engine, h: float) -> Ints:
+    """The delays in steps, those that learn as the next spike would take them."""
+    if not part.synapse.delays:
+        return part.delay.astype(np.int64)
+    fewest, most = part.delay_range(h)
+    learnt = engine.get_synapses(index, "delay")
+    return np.array([steps_of(delay, h, fewest, most) for delay in learnt], dtype=np.int64)
 
 
 def _one_or_all(values: Floats, shape: tuple[int, ...] | None = None) -> Any:

@@ -25,6 +25,7 @@ from neuro.program.program import Floats, Ints, Population, Program, Projection
 _STATE = Quantity(arrays=True)
 _WEIGHT = Quantity(arrays=True)
 _FIXED = ("deliver_interval",)
+_RANGE = ("d_min", "d_max")
 _DRAWN = "a distribution is drawn where connections are made: net.connect(..., weight=...)"
 _KNOWN: dict[type[Model], dict[str, Quantity]] = {}
 _PARTNERS = (("V_th", "V_reset"), ("V_reset", "V_th"), ("V_peak", "V_reset"), ("V_reset", "V_peak"))
@@ -130,7 +131,7 @@ def check_together(program: Program, index: int, new: Mapping[str, Floats], engi
 def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any]) -> Synapse:
     """A synapse model with some numbers changed."""
     names = {word_of(entry.name): entry.name for entry in fields(rule)}
-    fixed = {*_FIXED, *(trace.starts for trace in rule.pre)}
+    fixed = {*_FIXED, *(trace.starts for trace in rule.pre), *(_RANGE if rule.delays else ())}
     settable = [word for word in rule.numbers() if word not in fixed]
     of_post = {trace.tau for trace in rule.post} if rule.learns == "pairs" else set()
     for word in values:

@@ -12,12 +12,15 @@ from neuro.program.program import Program
 
 
 def foreign(program: Program, chip: Chip, index: int) -> Problem | None:
-    """Why a synapse model in the registers of another family cannot be on a chip; None if it is not of another."""
+    """Why a synapse model cannot be on a chip: it changes delays, or is in the registers of another family; or None."""
     part = program.projections[index]
     other = part.synapse.chip
+    told = f"projection '{part.name}': {part.synapse.name}"
+    if part.synapse.delays:
+        way = "learn on event, then give the delays of sim.network() to static synapses"
+        return refused(part.origin, told, f"delays do not change while {chip.name} runs", way)
     if not other or other == chip.arithmetic:
         return None
-    told = f"projection '{part.name}': {part.synapse.name}"
     return refused(part.origin, told, f"its parameters are registers of {other}", f"backend '{other}' runs it")
 
 

@@ -5,6 +5,7 @@ import numpy as np
 from neuro.core.registry import Registry
 from neuro.model.arithmetic import check_functions, fill
 from neuro.model.synapses.base import FUNCTIONS, K_MINUS, K_PLUS, TEACHING, Synapse, Trace
+from neuro.model.synapses.delays import DelayRule
 from neuro.model.synapses.first_spike_stdp import first_spike_stdp
 from neuro.model.synapses.hedonistic import hedonistic
 from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
@@ -15,6 +16,7 @@ from neuro.model.synapses.mozafari import mozafari
 from neuro.model.synapses.mstdpet import mstdpet
 from neuro.model.synapses.r_stdp import r_stdp
 from neuro.model.synapses.static import static
+from neuro.model.synapses.stddp import stddp
 from neuro.model.synapses.stdp import stdp
 from neuro.model.synapses.stdp_dopa import stdp_dopa
 from neuro.model.synapses.stdp_literal import stdp_literal
@@ -39,6 +41,12 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         raise TypeError(f"{told}: learns = '{model.learns}': expected '', 'pairs', 'trials' or 'chip'")
     if model.modulated and not issubclass(model, Modulated):
         raise TypeError(f"{told}: expected a subclass of Modulated, whose words say where n comes from")
+    if model.delays and not issubclass(model, DelayRule):
+        raise TypeError(f"{told}: expected a subclass of DelayRule, which says how far a delay may go")
+    if model.delays and (model.modulated or model.learns != "pairs" or model.states[0].name != "delay"):
+        raise TypeError(
+            f"{told}: delays = True: expected learns = 'pairs', no dopamine, and 'delay' as its first state"
+        )
     if not model.learns and any(hasattr(model.arithmetic, name) for name in ("on_pre", "on_post")):
         raise TypeError(f"{told} has rules for spikes and learns = '': expected learns = 'pairs'")
     if model.learns == "pairs":
@@ -82,7 +90,7 @@ SYNAPSES: Registry[type[Synapse]] = Registry(
     (
         *(static, tsodyks2),
         *(stdp, stdp_nn_symm, stdp_nn_restr, stdp_nn_pre_centered, stdp_literal, stdp_pl_hom, stdp_triplet),
-        *(vogels_sprekeler, stdp_dopa, mstdpet, hedonistic),
+        *(vogels_sprekeler, stdp_dopa, mstdpet, hedonistic, stddp),
         *(r_stdp, mozafari, first_spike_stdp, tempotron),
         *(loihi_static, loihi_learning),
     ),
@@ -96,6 +104,7 @@ __all__ = [
     "K_MINUS",
     "K_PLUS",
     "SYNAPSES",
+    "DelayRule",
     "Growth",
     "Lesson",
     "Modulated",
@@ -110,6 +119,7 @@ __all__ = [
     "mstdpet",
     "r_stdp",
     "static",
+    "stddp",
     "stdp",
     "stdp_dopa",
     "stdp_literal",

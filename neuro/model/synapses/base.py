@@ -11,6 +11,9 @@ then post, then pre. Synapse `e` has the states `y[:, e]`; the first is the weig
     advance(y, e, c, begin, end, n, grid)     what happens between events (steps), for subclasses of `Modulated`:
                                               n is the modulator's concentration at `begin`, `grid` the delivery grid
 
+A rule that changes delays (`delays`) has the delay in ms as its first state, `y[1]`. It counts from where spikes set
+out: `pre` knows the emissions, which arrive `y[1]` later, and post spikes reach the synapse at once.
+
 A rule for trials says in its method `lessons` whom the end of a trial teaches (`neuro.model.synapses.lessons`), and has
 `constants` and
 
@@ -78,6 +81,7 @@ class Synapse(Choice):
         pre, post: the traces that a pairwise rule reads.
         modulated: whether a dopamine concentration acts on it.
         draws: whether `on_pre` takes a random number, another for each synapse and pre spike.
+        delays: whether it changes delays, see `neuro.model.synapses.delays`.
         supervised: whether a rule for trials needs labels.
         peaks: whether a rule for trials asks for the largest V_m of each neuron up to the decision.
         states: the states of a synapse beside its weight.
@@ -94,6 +98,7 @@ class Synapse(Choice):
     post: ClassVar[tuple[Trace, ...]] = (K_MINUS,)
     modulated: ClassVar[bool] = False
     draws: ClassVar[bool] = False
+    delays: ClassVar[bool] = False
     supervised: ClassVar[bool] = True
     peaks: ClassVar[bool] = False
     states: ClassVar[tuple[State, ...]] = ()

@@ -1,0 +1,54 @@
+"""Inputs that come one after the other, and a neuron whose delays learn to let them arrive together.
+
+Source: Wang et al., 2014, in Mosca, MSc thesis, 2020, fig. 32. How many inputs, their times and the threshold are
+measured choices.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+import neuro
+
+__all__ = ["BETWEEN", "drawn_onsets", "gathering", "spread"]
+
+Floats = NDArray[np.float64]
+
+BETWEEN = 200.0
+"""ms from one presentation to the next."""
+_SHARE = 0.3  # of the inputs: as many as make the neuron fire
+_FIRST = 31.0  # ms, the delay at the start
+_LONGEST = 62.0
+
+
+def drawn_onsets(seed: int, cells: int, inputs: int = 8, within: int = 30) -> Floats:
+    """When the inputs of each neuron come in a presentation, whole ms from 0 to `within`, shape (cells, inputs)."""
+    return np.random.default_rng(seed).integers(0, within + 1, (cells, inputs)).astype(np.float64)
+
+
+def gathering(onsets: Floats, presentations: int, by_step: bool = False) -> neuro.Network:
+    """Neurons with inputs of their own, whose synapses `gathered` begin with equal delays.
+
+    Args:
+        onsets: of each neuron's inputs, ms, shape (cells, inputs).
+        presentations: how often they come.
+        by_step: the window of `stddp`.
+    """
+    cells, inputs = onsets.shape
+    begins = 1.0 + BETWEEN * np.arange(presentations)
+    net = neuro.Network("gathering", resolution=1.0)
+    net.population("inputs", cells * inputs, neuro.spike_generator(spike_times=onsets.reshape(-1, 1) + begins))
+    threshold = _SHARE * inputs
+    model = neuro.iaf_psc_delta(tau_m=20.0, t_ref=100.0, E_L=0.0, V_reset=0.0, V_th=threshold)
+    net.population("cells", cells, model)
+    rule = neuro.stddp(A=0.1, tau=50.0 if by_step else 20.0, by_step=by_step, d_min=1.0, d_max=_LONGEST)
+    own = neuro.pairs(pre=np.arange(cells * inputs), post=np.repeat(np.arange(cells), inputs))
+    net.connect("inputs", "cells", own, rule, weight=1.0, delay=_FIRST, name="gathered")
+    return net
+
+
+def spread(onsets: Floats, delays: Floats) -> Floats:
+    """Standard deviation of the arrivals at each neuron, in steps of 1 ms as spikes take them, shape (cells,)."""
+    arrivals: Floats = onsets + np.floor(delays.reshape(onsets.shape) + 0.5)
+    return arrivals.std(axis=1)
