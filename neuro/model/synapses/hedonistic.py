@@ -19,8 +19,9 @@ class hedonistic(Modulated):
 
     An available synapse that releases gains 1 - p of eligibility c and is refractory until it recovers, at the rate
     1/tau_r; one that fails loses p. Each pre spike then adds Delta_z to the calcium z. The reward n that a signal sets,
-    less its baseline b, moves q along c; the weight stays. A parrot_neuron hears failures, too, as it hears all spikes
-    whatever their weight. Source: Seung, Neuron 40:1063, 2003.
+    less its baseline b, moves q along c; the weight stays. So `sim.save` keeps what is learnt, `sim.network` does not.
+    A parrot_neuron hears failures, too, as it hears all spikes whatever their weight.
+    Source: Seung, Neuron 40:1063, 2003.
     """
 
     equation: ClassVar[str] = (
