@@ -55,7 +55,7 @@ def bring_own_traces(view, q, n_sources, n_targets, step, h):
             own = p.table[q, t.FIRST_SOURCE] + source * p.table[q, t.SOURCE_STRIDE]
             for j in range(p.table[q, t.SOURCE_STRIDE]):
                 if p.kinds[q, j, TAU] != TIME and p.kinds[q, j, TAU] != OF_NEURON:
-                    p.k_plus[thread, own + j] = pre_value(p, q, j, thread, own, step, h)
+                    p.k_plus[thread, own + j] = pre_value(p, q, j, p.kinds[q, j], thread, own, step, h)
             p.k_time[thread, own] = step
 
 

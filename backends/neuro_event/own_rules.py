@@ -14,7 +14,7 @@ from numba import types
 from neuro.core.keyed_random import NTH_STRIDE
 from neuro.kernels.address import entry_of
 from neuro.kernels.draws import step_word, uniform
-from neuro.kernels.jit import compiled, inner, kernel
+from neuro.kernels.jit import compiled, inner, kernel, merged
 from neuro.model.synapses.delays import DELAY as DELAY_ROW
 from neuro.model.synapses.delays import steps_of
 from neuro_event.decays import left
@@ -82,13 +82,15 @@ def grown(kind, value, m):
     return kind[ADDS] if kind[NEAREST] == 1.0 else value + kind[ADDS] * m
 
 
-@inner
-def pre_value(p, q, j, thread, own, step, h):
+@merged
+def pre_value(p, q, j, kind, thread, own, step, h):
     """A pre trace at a step. A time trace holds the step of the last spike and 1, or 0 where there was none."""
-    value, tau = p.k_plus[thread, own + j], p.kinds[q, j, TAU]
-    if tau == TIME:
+    value = p.k_plus[thread, own + j]
+    if kind[TAU] == TIME:
         return math.inf if value == 0.0 else (step - (value - 1.0)) * h
-    return value * left(p.decay[q, OWN + j], step - p.k_time[thread, own], h, tau) if value != 0.0 else 0.0
+    if value == 0.0:
+        return 0.0
+    return value * left(p.decay[q, OWN + j], step - p.k_time[thread, own], h, p.kinds[q, j, TAU])
 
 
 @inner
@@ -104,32 +106,50 @@ def after_entry(net, p, q, j, column, history, i, neuron, step, h):
     return grown(kind, value, m) * left(p.decay[q, OWN + row], passed, h, tau)
 
 
-@inner
-def post_value(net, p, q, j, column, history, neuron, before, h):
-    """A post trace at a step, from the spikes strictly before it."""
+@merged
+def newest_before(past, before):
+    """The newest entry of a history strictly before a step; the number of its entries if there is none."""
+    i = 0
+    while i < past[ENTRIES] and past[NEWEST + ENTRY * i] >= before:
+        i += 1
+    return i
+
+
+@merged
+def post_value(net, p, q, j, kind, column, history, i, neuron, before, h):
+    """A post trace at a step, from the i-th entry of a history and those before it, if there is such an entry."""
     past = p.past[history]
-    for i in range(past[ENTRIES]):
-        if past[NEWEST + ENTRY * i] < before:
-            return after_entry(net, p, q, j, column, history, i, neuron, before, h)
-    return math.inf if p.kinds[q, p.kinds.shape[1] // 2 + j, TAU] == TIME else 0.0
+    if i == past[ENTRIES]:
+        return math.inf if kind[TAU] == TIME else 0.0
+    row, value = p.kinds.shape[1] // 2 + j, p.others[history, i, column + j]
+    passed, m = before - past[NEWEST + ENTRY * i], past[NEWEST + ENTRY * i + 2]
+    if kind[TAU] == TIME:
+        return passed * h if m > 0 else value + passed * h
+    tau = net.tau_minus[neuron] if kind[TAU] == OF_NEURON else p.kinds[q, row, TAU]
+    return grown(kind, value, m) * left(p.decay[q, OWN + row], passed, h, tau)
 
 
-@inner
-def kept_value(p, q, j, column, history, k, m):
+@merged
+def kept_value(p, j, kind, column, history, k, m):
     """A post trace just before the k-th entry of a history, and after the first m of its spikes."""
-    kind, value = p.kinds[q, p.kinds.shape[1] // 2 + j], p.others[history, k, column + j]
     if m > 0 and kind[TAU] == TIME:
         return 0.0
-    return grown(kind, value, m)
+    return grown(kind, p.others[history, k, column + j], m)
 
 
-def _tuple_of(name, count, arguments, inner_name, scope):
-    """A compiled function that gives a tuple of so many values."""
-    calls = "".join(f"{inner_name}({arguments.format(j=j)}), " for j in range(count))
-    words = arguments.replace("{j}, ", "")
-    space = dict(scope)
-    exec(f"def {name}({words}):\n    return ({calls})", space)
-    return inner(space[name])
+def _tuple_of(function, traces, arguments):
+    """A compiled function that gives the values of traces as a tuple; what is known of each stands in it as numbers."""
+    name = function.py_func.__name__
+    calls = "".join(f"{name}({arguments.format(j=j, kind=_kind(each))}), " for j, each in enumerate(traces))
+    space = {name: function}
+    exec(f"def values({arguments.replace('{j}, {kind}, ', '')}):\n    return ({calls})", space)
+    return merged(space["values"])
+
+
+def _kind(trace):
+    """What is known of a trace without parameters, as in `kinds`; 0 for a time constant that is one."""
+    tau = TIME if not trace.tau else OF_NEURON if trace.tau == "tau_minus" else 0.0
+    return tau, float(trace.nearest), float(trace.adds)
 
 
 @cache
@@ -139,14 +159,10 @@ def rule_entry(model):
     on_pre, on_post = compiled(arithmetic.on_pre), compiled(arithmetic.on_post)
     nearest = compiled(steps_of)
     advance, sent = compiled(arithmetic.advance) if modulated else None, compiled(model.sends())
-    scope = {"pre_value": pre_value, "post_value": post_value, "kept_value": kept_value}
     n_pre = len(model.pre)
-    pre_values = _tuple_of("pre_values", n_pre, "p, q, {j}, thread, own, step, h", "pre_value", scope)
-    n_post = len(model.post)
-    post_values = _tuple_of(
-        "post_values", n_post, "net, p, q, {j}, column, history, neuron, before, h", "post_value", scope
-    )
-    kept_values = _tuple_of("kept_values", n_post, "p, q, {j}, column, history, k, m", "kept_value", scope)
+    pre_values = _tuple_of(pre_value, model.pre, "p, q, {j}, {kind}, thread, own, step, h")
+    post_values = _tuple_of(post_value, model.post, "net, p, q, {j}, {kind}, column, history, i, neuron, before, h")
+    kept_values = _tuple_of(kept_value, model.post, "p, {j}, {kind}, column, history, k, m")
 
     if model.draws:
 
@@ -222,7 +238,7 @@ def rule_entry(model):
             since = time + delay
             pre = pre_values(p, q, thread, own, since, h)
             for m in range(past[NEWEST + ENTRY * k + 2]):
-                on_post(p.y, z, p.rule[q], pre, kept_values(p, q, column, history, k, m))
+                on_post(p.y, z, p.rule[q], pre, kept_values(p, column, history, k, m))
         if whole and since < upto:
             pass_time(view, q, z, target, since, upto, h)
 
@@ -252,7 +268,8 @@ def rule_entry(model):
             history = target_row[HISTORY] + target
             flow(view, q, z, own, thread, history, target, step, True, delay, h)
             neuron = target_row[BEGIN] + target
-            post = post_values(net, p, q, column, history, neuron, step - delay, h)
+            newest = newest_before(p.past[history], step - delay)
+            post = post_values(net, p, q, column, history, newest, neuron, step - delay, h)
             learn_pre(p, q, z, step, nth, pre, post)
             p.sent[z] = p.y[0, z]
             weight = sent(p.y, z, c)
@@ -265,10 +282,11 @@ def rule_entry(model):
         if wide and net.rows[place] < end:
             due_everywhere(net, target_row, step + np.int64(net.delays[row[DELAY]]), thread)
         for j in range(n_pre):
-            if p.kinds[q, j, TAU] == TIME:
+            kind = p.kinds[q, j]
+            if kind[TAU] == TIME:
                 p.k_plus[thread, own + j] = step + 1.0
             else:
-                p.k_plus[thread, own + j] = grown(p.kinds[q, j], pre_value(p, q, j, thread, own, step, h), 1)
+                p.k_plus[thread, own + j] = grown(kind, pre_value(p, q, j, kind, thread, own, step, h), 1)
         p.k_time[thread, own] = step
 
     @inner
