@@ -11,6 +11,7 @@ from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
 from neuro.model.synapses.loihi_learning import loihi_learning
 from neuro.model.synapses.loihi_static import loihi_static
 from neuro.model.synapses.mozafari import mozafari
+from neuro.model.synapses.r_stddp import r_stddp
 from neuro.model.synapses.r_stdp import r_stdp
 from neuro.model.synapses.static import static
 from neuro.model.synapses.stddp import stddp
@@ -40,9 +41,9 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         raise TypeError(f"{told}: expected a subclass of stdp_dopa, whose words say where dopamine comes from")
     if model.delays and not issubclass(model, DelayRule):
         raise TypeError(f"{told}: expected a subclass of DelayRule, which says how far a delay may go")
-    if model.delays and (model.modulated or model.learns != "pairs" or model.states[0].name != "delay"):
+    if model.delays and (model.modulated or model.learns not in ("pairs", "trials") or model.states[0].name != "delay"):
         raise TypeError(
-            f"{told}: delays = True: expected learns = 'pairs', no dopamine, and 'delay' as its first state"
+            f"{told}: delays = True: expected learns = 'pairs' or 'trials', no dopamine, and 'delay' as its first state"
         )
     if not model.learns and any(hasattr(model.arithmetic, name) for name in ("on_pre", "on_post")):
         raise TypeError(f"{told} has rules for spikes and learns = '': expected learns = 'pairs'")
@@ -88,7 +89,7 @@ SYNAPSES: Registry[type[Synapse]] = Registry(
         *(static, tsodyks2),
         *(stdp, stdp_nn_symm, stdp_nn_restr, stdp_nn_pre_centered, stdp_literal, stdp_pl_hom, stdp_triplet),
         *(vogels_sprekeler, stdp_dopa, stddp),
-        *(r_stdp, mozafari, first_spike_stdp, tempotron),
+        *(r_stdp, r_stddp, mozafari, first_spike_stdp, tempotron),
         *(loihi_static, loihi_learning),
     ),
     takes=lambda part: isinstance(part, type) and issubclass(part, Synapse),
@@ -111,6 +112,7 @@ __all__ = [
     "loihi_learning",
     "loihi_static",
     "mozafari",
+    "r_stddp",
     "r_stdp",
     "static",
     "stddp",
