@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 
 import neuro
 from neuro import ModelError
-from neuro.extend import Neuron
+from neuro.extend import Neuron, Synapse
+from neuro.model.synapses import complete
 from neuro.testing import check_part, observe
 from neuro.testing.case import differences
 from neuro_models import orders
@@ -219,3 +220,21 @@ def test_a_shared_kernel_has_one_delay():
         "projection 'kernels': r_stddp on a shared kernel, which has one delay: expected another rule of connections\n"
         "  hint: all_to_all gives each pair a delay"
     ) in refusal(lambda: neuro.compile(net))
+
+
+def test_what_a_rule_of_ones_own_must_have():
+    class no_range(Synapse):
+        delays = True
+
+    class no_delay(neuro.stddp):
+        states = ()
+
+    for model, told in (
+        (no_range, "expected a subclass of DelayRule, which says how far a delay may go"),
+        (
+            no_delay,
+            "changes delays: expected learns = 'pairs' or 'trials', no dopamine, and 'delay' as its first state",
+        ),
+    ):
+        with pytest.raises(TypeError, match=told):
+            complete(model)
