@@ -233,7 +233,7 @@ def test_what_a_rule_of_ones_own_must_have():
         (no_range, "expected a subclass of DelayRule, which says how far a delay may go"),
         (
             no_delay,
-            "changes delays: expected learns = 'pairs' or 'trials', no dopamine, and 'delay' as its first state",
+            "changes delays: expected learns 'pairs' or 'trials', no dopamine, first state 'delay'",
         ),
     ):
         with pytest.raises(TypeError, match=told):

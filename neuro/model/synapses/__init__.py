@@ -41,12 +41,9 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         raise TypeError(f"{told}: expected a subclass of stdp_dopa, whose words say where dopamine comes from")
     if model.delays and not issubclass(model, DelayRule):
         raise TypeError(f"{told}: expected a subclass of DelayRule, which says how far a delay may go")
-    if model.delays and (
-        model.modulated or model.learns not in ("pairs", "trials") or [s.name for s in model.states[:1]] != ["delay"]
-    ):
-        raise TypeError(
-            f"{told}: delays = True: expected learns = 'pairs' or 'trials', no dopamine, and 'delay' as its first state"
-        )
+    first = [state.name for state in model.states[:1]]
+    if model.delays and (model.modulated or model.learns not in ("pairs", "trials") or first != ["delay"]):
+        raise TypeError(f"{told} changes delays: expected learns 'pairs' or 'trials', no dopamine, first state 'delay'")
     if not model.learns and any(hasattr(model.arithmetic, name) for name in ("on_pre", "on_post")):
         raise TypeError(f"{told} has rules for spikes and learns = '': expected learns = 'pairs'")
     if model.learns == "pairs":
