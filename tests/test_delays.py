@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import neuro
 from neuro import ModelError
-from neuro.extend import Neuron
+from neuro.extend import Neuron, Synapse
+from neuro.model.synapses import complete
 from neuro.testing import check_part, observe
 from neuro.testing.case import differences
+from neuro_models import orders
 from neuro_models.delays import BETWEEN, drawn_onsets, gathering, spread
 
 BACKENDS = ("reference", "event")
@@ -17,7 +20,7 @@ BACKENDS = ("reference", "event")
     "rule", [neuro.stddp(), neuro.stddp(by_step=True, tau=8.0), neuro.stddp(A=1.0, tau=3.0, d_min=1.3, d_max=5.0)]
 )
 def test_a_rule_is_the_same_on_both_backends(rule):
-    check_part(rule)
+    check_part(rule, ms=20.0)
 
 
 def pair(target: Neuron, pre: list[float], post: list[float], **rule: float) -> neuro.Network:
@@ -127,3 +130,111 @@ def test_chips_refuse_delays_that_learn(chip):
         f"projection 'late': stddp: delays do not change while {chip} runs\n"
         "  hint: learn on event, then give the delays of sim.network() to static synapses"
     ) in refusal(lambda: neuro.compile(pair(neuro.parrot_neuron(), [1.0], [1.0]), chip))
+
+
+@pytest.mark.parametrize(
+    "rule", [neuro.r_stddp(), neuro.r_stddp(Ar_plus=-0.3, Ap_minus=0.7, d_max=7.0)], ids=["by default", "to the bounds"]
+)
+def test_a_rule_for_trials_is_the_same_on_both_backends(rule):
+    check_part(rule, ms=20.0)
+
+
+def one_of_three(reward: float) -> neuro.Network:
+    """A neuron that fires at the second arrival; its inputs are 2, 4 and 6 ms late."""
+    net = neuro.Network("three", resolution=0.5)
+    net.population("inputs", 4, neuro.spike_generator())
+    net.population("cells", (2, 1), neuro.iaf_psc_delta(tau_m=np.inf, E_L=0.0, V_reset=0.0, V_th=1.5))
+    rule, late = neuro.r_stddp(d_min=1.5, d_max=6.25), np.array([[2.0], [4.0], [6.0], [2.0]])
+    ends = neuro.pairs(pre=[0, 1, 2, 3], post=[0, 0, 0, 0])
+    net.connect("inputs", "cells", ends, rule, weight=1.0, delay=late.ravel(), name="learnt")
+    net.group("choice", neuro.winner_take_all(of="cells", first_to_fire=True))
+    net.trials(input="inputs", duration=20.0, labels={"of": "cells"}, reward={"correct": reward, "wrong": -1.0})
+    return net
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_trial_changes_delays_by_shares_of_them(backend):
+    """The spikes of three inputs arrive at 2, 4 and 6 ms; that at 4 ms decides, and the fourth input is silent."""
+    inputs = (np.zeros(3), np.arange(3), np.array([0, 3]))
+    sim = neuro.compile(one_of_three(1.0), backend, seed=1)
+    decided = sim.trials(*inputs, labels=[0], learn=True)
+    assert decided.winner.tolist() == [0]
+    assert sim.get("learnt", "delay") == pytest.approx([2.0 * 0.95, 4.0 * 0.95, 6.25, 2.0 * 1.05])
+    assert sim.get("learnt", "weight").tolist() == [1.0] * 4
+    sim.trials(*inputs, labels=[1], learn=True)
+    punished = [2.0 * 0.95 * 1.1, 4.0 * 0.95 * 1.1, 6.25 * 0.98, 2.0 * 1.05 * 0.98]
+    assert sim.get("learnt", "delay") == pytest.approx(punished)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_delays_of_trials_are_saved_kept_and_handed_on(backend, tmp_path):
+    first, second = orders.batch(1, 12), orders.batch(2, 6)
+    sim = neuro.compile(orders.network(), backend, seed=1)
+    begun = sim.get("learnt", "delay")
+    sim.trials(*first, learn=True)
+    learnt = sim.get("learnt", "delay")
+    assert np.abs(learnt - begun).max() > 0.5
+    sim.save(tmp_path / "state.h5")
+    handed = neuro.compile(sim.network(), backend, seed=1)
+    assert handed.get("learnt", "delay") == pytest.approx(np.floor(learnt * 10.0 + 0.5) / 10.0)
+    told = sim.trials(*second, learn=True)
+    further = observe(sim)
+    again = neuro.compile(orders.network(), backend, seed=1)
+    again.restore(tmp_path / "state.h5")
+    assert again.get("learnt", "delay").tolist() == learnt.tolist()
+    assert again.trials(*second, learn=True).step.tolist() == told.step.tolist()
+    assert not differences(further, observe(again), exact=True)
+    sim.reset()
+    assert sim.get("learnt", "delay").tolist() == further["delay of learnt"].tolist()
+    sim.reset(weights=True)
+    assert sim.get("learnt", "delay").tolist() == begun.tolist()
+
+
+def right(rule: neuro.r_stddp, seed: int, trials: int, swapped: int) -> NDArray[np.bool_]:
+    """Which trials are decided rightly, whose labels are swapped from one on."""
+    times, inputs, begins, labels = orders.batch(1, trials, orders=seed)
+    labels = np.where(np.arange(trials) < swapped, labels, 1 - labels)
+    sim = neuro.compile(orders.network(rule), seed=seed)
+    return sim.trials(times, inputs, begins, labels, learn=True).label == labels
+
+
+def test_orders_are_told_apart_and_learnt_anew_when_labels_are_swapped():
+    found = np.array([right(neuro.r_stddp(), seed, 900, 300) for seed in range(10)])
+    assert found[:, 250:300].mean() >= 0.99
+    assert found[:, 300:310].mean() < 0.5
+    assert (found[:, -50:].mean(axis=1) >= 0.95).sum() >= 9
+
+
+def test_the_signs_of_rates_of_weights_unlearn():
+    signs = neuro.r_stddp(Ar_plus=0.05, Ar_minus=-0.05, Ap_plus=0.02, Ap_minus=-0.1)
+    found = np.array([right(signs, seed, 200, 200) for seed in range(4)])
+    assert found[:, -50:].mean() < 0.3
+
+
+def test_a_shared_kernel_has_one_delay():
+    net = neuro.Network("shared")
+    net.population("sheet", (1, 4, 4), neuro.spike_generator())
+    net.population("maps", (2, "auto", "auto"), neuro.iaf_psc_delta())
+    net.connect("sheet", "maps", neuro.grid(kernel=(2, 2)), neuro.r_stddp(), weight=1.0, delay=1.0, name="kernels")
+    assert (
+        "projection 'kernels': r_stddp on a shared kernel, which has one delay: expected another rule of connections\n"
+        "  hint: all_to_all gives each pair a delay"
+    ) in refusal(lambda: neuro.compile(net))
+
+
+def test_what_a_rule_of_ones_own_must_have():
+    class no_range(Synapse):
+        delays = True
+
+    class no_delay(neuro.stddp):
+        states = ()
+
+    for model, told in (
+        (no_range, "expected a subclass of DelayRule, which says how far a delay may go"),
+        (
+            no_delay,
+            "changes delays: expected learns 'pairs' or 'trials', no dopamine, first state 'delay'",
+        ),
+    ):
+        with pytest.raises(TypeError, match=told):
+            complete(model)

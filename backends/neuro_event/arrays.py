@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from numpy.typing import NDArray
 
-from neuro.program.program import Program
+from neuro.program.program import Floats, Program
 from neuro_event.layout import Place, Synapses
 
 
@@ -24,3 +24,4 @@ class Arrays:
     longest_slice: int
     longest_delay: int
     reach: int
+    late: dict[int, Floats] = field(default_factory=dict)

@@ -12,6 +12,7 @@ from neuro.program.program import Floats, Program
 from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
+from neuro_event.late import add_delays
 from neuro_event.learning import add_learning
 from neuro_event.projections import add_projections
 from neuro_event.sources import add_generators
@@ -37,6 +38,7 @@ def build(program: Program, threads: int) -> Arrays:
     _neurons(arrays, slots)
     _populations(arrays)
     add_projections(arrays)
+    add_delays(arrays)
     add_generators(arrays)
     _logs(arrays)
     _groups(arrays)

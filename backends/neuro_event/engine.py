@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
-from neuro.model.synapses.delays import DELAY
 from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program, Trials
-from neuro_event import build, layout, lazy, learning, loop, projections, reading, rewards, snapshot, sources
+from neuro_event import build, late, layout, lazy, learning, loop, projections, reading, rewards, snapshot, sources
 from neuro_event import tables as t
 from neuro_event.changes import Changes
 from neuro_event.currents import apply
@@ -172,16 +171,15 @@ class EventEngine:
         local = neuron if inside is None else int(inside[neuron])
         first = np.full(self._program.populations[p.source].size, NEVER)
         rewards.first_spikes(self._view, p.source, self._trial_start, self._step, first)
+        moment, h = self._trial_start + 1 + tick, self._program.resolution
+        if projection in self._a.late:
+            bounds = (self._a.late[projection], *p.delay_range(h))
+            self._trial_updates[projection] += late.teacher(arithmetic.teach)(
+                self._view, projection, c, *bounds, first, moment, local, lesson, h
+            )
+            return
         self._trial_updates[projection] += rewards.teacher(arithmetic.teach)(
-            self._view,
-            projection,
-            c,
-            first,
-            self._trial_start + 1 + tick,
-            neuron,
-            local,
-            lesson,
-            self._program.resolution,
+            self._view, projection, c, first, moment, neuron, local, lesson, h
         )
 
     def encourage(self, projection: int, maps: Ints) -> None:
@@ -284,6 +282,8 @@ class EventEngine:
         if projection in self._a.plastic_of:
             return self._copy.synapses(projection, name, self._step)
         p = self._program.projections[projection]
+        if name == "delay":
+            return reading.by_id(self._a.late[projection], self._a.synapses[projection].order)
         if self._a.net["pops"][p.target, t.RELAY] == 1:
             return np.broadcast_to(self._changes.kept.get(projection, p.weight), p.size).copy()
         return reading.weights(self._a, projection)
@@ -368,12 +368,6 @@ class EventEngine:
             self._a.net["weights"][first : first + (p.size if stride else 1)] = inner
         row[t.SIGN] = layout.sign(inner)
 
-    def _write_delays(self, projection: int, delays: Floats) -> None:
-        """Replace the delays that learn; for spikes still to come."""
-        order, k = self._a.synapses[projection].order, self._a.plastic_of[projection]
-        first = self._a.plastic["table"][k, t.FIRST_SYNAPSE]
-        self._a.plastic["y"][DELAY, first : first + delays.size] = delays if order is None else delays[order]
-
     # --- accounts and persistence -------------------------------------------------------------------------
 
     def counts(self) -> EngineCounts:
@@ -401,15 +395,15 @@ class EventEngine:
 
     def reset(self, weights: bool) -> None:
         """Back to step 0 and the initial states, and to the initial weights if asked."""
-        kept, late = None, {}
+        kept, delays = None, {}
         if not weights:
             parts = self._program.projections
             kept = {q: self.get_synapses(q, "weight") for q in range(len(parts))}
-            late = {q: self.get_synapses(q, "delay") for q, part in enumerate(parts) if part.synapse.delays}
+            delays = {q: self.get_synapses(q, "delay") for q, part in enumerate(parts) if part.synapse.delays}
         before = self._changes
         self._start_over(kept)
-        for q, delays in late.items():
-            self._write_delays(q, delays)
+        for q, each in delays.items():
+            late.write(self._a, q, each)
         for (k, word), values in before.given.items():
             self._set(k, word, values)
         for q, rule in before.rules.items():
@@ -421,6 +415,7 @@ class EventEngine:
         self._record.drain(self._a.net)
         return {
             **snapshot.snapshot(self._a),
+            **late.snapshot(self._a),
             "engine.step": np.array(self._step),
             "engine.trial_updates": self._trial_updates.copy(),
             "engine.edges": self._a.net["edges"].copy(),
@@ -441,6 +436,7 @@ class EventEngine:
             raise ModelError(f"the state was saved with threads={n}: expected the same to continue")
         self._start_over(None)
         snapshot.restore(self._a, arrays)
+        late.restore(self._a, arrays)
         self._step = int(arrays["engine.step"])
         self._trial_updates = arrays["engine.trial_updates"].copy()
         self._changes.restore(arrays)

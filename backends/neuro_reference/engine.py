@@ -72,11 +72,14 @@ class ReferenceEngine:
         """Apply the rule's `teach` to the inputs of one neuron."""
         wires, teach = self.net.wires[projection], self.program.projections[projection].synapse.arithmetic.teach
         inputs = np.flatnonzero(wires.target == neuron)
+        if wires.part.synapse.delays:
+            wires.set_out(inputs, wires.late[inputs])
         first = self._first[wires.part.source][wires.source[inputs]]
         since = (tick - first - wires.delay[inputs]) * self.program.resolution
         since[first == NEVER] = -np.inf
-        for slot, time in zip(wires.slot[inputs], since, strict=True):
-            wires.weights[slot] = teach(wires.weights[slot], time, lesson, self._rule(projection))
+        values, places = (wires.late, inputs) if wires.part.synapse.delays else (wires.weights, wires.slot[inputs])
+        for place, time in zip(places, since, strict=True):
+            values[place] = teach(values[place], time, lesson, self._rule(projection))
         self.net.trial_updates[projection] += len(inputs)
 
     def encourage(self, projection: int, maps: Ints) -> None:
@@ -124,7 +127,10 @@ class ReferenceEngine:
     def get_synapses(self, projection: int, name: str) -> Floats:
         """A state of every synapse."""
         pairs = self.net.pairs.get(projection)
-        return self.net.wires[projection].weights.copy() if pairs is None else pairs.read(name, self.step)
+        if pairs is not None:
+            return pairs.read(name, self.step)
+        wires = self.net.wires[projection]
+        return wires.late.copy() if name == "delay" else wires.weights.copy()
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model."""
@@ -184,6 +190,8 @@ class ReferenceEngine:
                 self.set_weights(index, wires.weights if pairs is None else pairs.read("weight", before.step))
                 if pairs is not None and pairs.delays:
                     self.net.pairs[index].y[DELAY] = pairs.y[DELAY]
+                elif wires.part.synapse.delays:
+                    self.net.wires[index].late = wires.late
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs."""

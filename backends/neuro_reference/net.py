@@ -98,6 +98,8 @@ class Net:
             origin = wires.part.source
             for source, multiplicity in zip(self.ids[origin], self.multiplicity[origin], strict=True):
                 if index not in self.pairs:
+                    if wires.part.synapse.delays:
+                        wires.set_out(wires.row(source), wires.late[wires.row(source)])
                     weights = wires.weights[wires.slot[wires.row(source)]]
                     wires.send(source, multiplicity, self.step, weights, model.relay, model.receptors)
                     continue

@@ -14,7 +14,7 @@ import numpy as np
 
 from neuro.core import keyed_random
 from neuro.model.synapses import Trace
-from neuro.model.synapses.delays import DELAY, steps_of
+from neuro.model.synapses.delays import DELAY
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference.traces import Traces
 from neuro_reference.wires import Wires
@@ -113,8 +113,7 @@ class Pairs:
         self.pre.spike(source, step)
         self.sent[row] = self.y[0, row]
         if self.delays:
-            wires = self.wires
-            wires.delay[row] = [steps_of(delay, self.h, wires.fewest, wires.most) for delay in self.y[DELAY, row]]
+            self.wires.set_out(row, self.y[DELAY, row])
         return np.array([self.send(self.y, e, self.c) for e in range(row.start, row.stop)])
 
     def _draw(self, e: int, step: int, nth: int) -> tuple[float]:

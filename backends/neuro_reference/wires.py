@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.model.synapses.delays import steps_of
 from neuro.program.program import Floats, Ints, Program
 
 
@@ -16,6 +15,7 @@ class Wires:
     Attributes:
         source, target, delay: of every synapse, sorted by source, then target; a delay in steps, that of the last spike
             where it learns.
+        late: the delays in ms that a rule for trials changes.
         fewest, most: steps that a spike may take.
         slot: which weight a synapse has (the weights of a grid are shared).
         weights: all weights.
@@ -28,7 +28,7 @@ class Wires:
         index: which projection.
     """
 
-    kept: ClassVar[tuple[str, ...]] = ("weights", "due", "heard")
+    kept: tuple[str, ...] = ("weights", "due", "heard")
 
     def __init__(self, program: Program, index: int) -> None:
         self.part = part = program.projections[index]
@@ -38,6 +38,10 @@ class Wires:
         self.delay: Ints = np.broadcast_to(part.delay, len(self.source)).astype(np.int64)
         self.weights: Floats = np.broadcast_to(part.weight, part.size).copy()
         self.row_ends = np.searchsorted(self.source, np.arange(n_source + 1))
+        self.h = program.resolution
+        if part.synapse.delays and part.synapse.learns == "trials":
+            self.late: Floats = self.delay.astype(np.float64) * self.h
+            self.kept = (*self.kept, "late")
         self.fewest, self.most = part.delay_range(program.resolution)
         self.slots = self.most + 2
         self.start_anew()
@@ -46,6 +50,10 @@ class Wires:
         """Nothing is under way."""
         self.due: Floats = np.zeros((self.slots, 2, self.n_target))
         self.heard = np.zeros((self.slots, self.n_target), dtype=bool)
+
+    def set_out(self, some: slice | Ints, late: Floats) -> None:
+        """Let the next spikes along some synapses take as many steps as are nearest to their delays, ms."""
+        self.delay[some] = [steps_of(delay, self.h, self.fewest, self.most) for delay in late]
 
     def row(self, source: int) -> slice:
         """The synapses of one source."""

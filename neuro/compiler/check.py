@@ -154,6 +154,12 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
             f"{synapse.name} on a shared kernel: expected static or a rule for trials",
             "all_to_all gives each pair a weight",
         )
+    if isinstance(part.rule, grid) and synapse.delays:
+        refuse(
+            part,
+            f"{synapse.name} on a shared kernel, which has one delay: expected another rule of connections",
+            "all_to_all gives each pair a delay",
+        )
     if synapse.learns == "trials" and net.trials_section is None:
         refuse(part, f"{synapse.name} learns at the end of trials: expected a section 'trials'", "add one, or use stdp")
     if synapse.learns == "pairs" and net.trials_section is not None:

@@ -29,13 +29,15 @@ def networks(rule: Synapse) -> Iterator[Network]:
     """One of each kind, and one whose trials go on after the decision; in some trials nobody decides."""
     low, high = _usual_weights(rule)
     for name, (wires, spikes) in _WIRES.items():
+        if rule.delays and name == "shared_kernel":
+            continue
         for stop in ("at_decision", "full") if name == "pairs" else ("at_decision",):
             net = Network(f"{name}_{stop}", resolution=0.5)
             net.population("sheet", (2, 6, 6), spike_generator())
             threshold = spikes * 0.5 * (low + high)
             model = iaf_psc_delta(tau_m=30.0, E_L=0.0, V_reset=0.0, V_th=threshold)
             net.population("maps", (6, "auto", "auto") if name == "shared_kernel" else (6, 2), model)
-            delay = 2.0 if name == "shared_kernel" else uniform(low=0.5, high=6.0)
+            delay = 2.0 if name == "shared_kernel" else uniform(low=max(0.5, getattr(rule, "d_min", 0.0)), high=6.0)
             net.connect("sheet", "maps", wires, rule, weight=uniform(low=low, high=high), delay=delay, name="learnt")
             net.group("choice", winner_take_all(of="maps"))
             labels, dropout = {"of": "maps", "maps_per_label": 2}, {"of": "maps", "p": 0.2}

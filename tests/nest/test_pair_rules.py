@@ -139,3 +139,4 @@ def test_a_trace_of_the_neuron_stays():
 
 def test_a_rule_that_nest_does_not_have():
     assert "projection 'wires_0': stdp_literal: NEST has no such rule" in refusal(wired(neuro.stdp_literal()))
+    assert "projection 'wires_0': stddp: NEST has no such rule" in refusal(wired(neuro.stddp()))

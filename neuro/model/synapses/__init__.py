@@ -14,6 +14,7 @@ from neuro.model.synapses.loihi_static import loihi_static
 from neuro.model.synapses.modulated import Modulated
 from neuro.model.synapses.mozafari import mozafari
 from neuro.model.synapses.mstdpet import mstdpet
+from neuro.model.synapses.r_stddp import r_stddp
 from neuro.model.synapses.r_stdp import r_stdp
 from neuro.model.synapses.static import static
 from neuro.model.synapses.stddp import stddp
@@ -43,10 +44,9 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         raise TypeError(f"{told}: expected a subclass of Modulated, whose words say where n comes from")
     if model.delays and not issubclass(model, DelayRule):
         raise TypeError(f"{told}: expected a subclass of DelayRule, which says how far a delay may go")
-    if model.delays and (model.modulated or model.learns != "pairs" or model.states[0].name != "delay"):
-        raise TypeError(
-            f"{told}: delays = True: expected learns = 'pairs', no dopamine, and 'delay' as its first state"
-        )
+    first = [state.name for state in model.states[:1]]
+    if model.delays and (model.modulated or model.learns not in ("pairs", "trials") or first != ["delay"]):
+        raise TypeError(f"{told} changes delays: expected learns 'pairs' or 'trials', no dopamine, first state 'delay'")
     if not model.learns and any(hasattr(model.arithmetic, name) for name in ("on_pre", "on_post")):
         raise TypeError(f"{told} has rules for spikes and learns = '': expected learns = 'pairs'")
     if model.learns == "pairs":
@@ -91,7 +91,7 @@ SYNAPSES: Registry[type[Synapse]] = Registry(
         *(static, tsodyks2),
         *(stdp, stdp_nn_symm, stdp_nn_restr, stdp_nn_pre_centered, stdp_literal, stdp_pl_hom, stdp_triplet),
         *(vogels_sprekeler, stdp_dopa, mstdpet, hedonistic, stddp),
-        *(r_stdp, mozafari, first_spike_stdp, tempotron),
+        *(r_stdp, r_stddp, mozafari, first_spike_stdp, tempotron),
         *(loihi_static, loihi_learning),
     ),
     takes=lambda part: isinstance(part, type) and issubclass(part, Synapse),
@@ -117,6 +117,7 @@ __all__ = [
     "loihi_static",
     "mozafari",
     "mstdpet",
+    "r_stddp",
     "r_stdp",
     "static",
     "stddp",

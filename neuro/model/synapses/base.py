@@ -19,7 +19,8 @@ A rule for trials says in its method `lessons` whom the end of a trial teaches (
 
     teach(w, since, lesson, c)                new weight of one input of a neuron that is taught: `since` is the time in
                                               ms from the arrival of the input's first spike to the moment of the
-                                              lesson, negative after it, -inf without a spike
+                                              lesson, negative after it, -inf without a spike; of a rule with `delays`
+                                              not the weight but the delay in ms, now and new
     encourage(w, c)                           new weight of an input of maps that grow; only where lessons name some
 """
 
