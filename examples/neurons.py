@@ -21,6 +21,7 @@ NEURONS = (  # with the current of the step in pA, and the weight of a spike in 
     (neuro.iaf_psc_alpha(), 450.0, 350.0),
     (neuro.iaf_linear_leak(leak=0.2), 280.0, 4.5),
     (neuro.iaf_psc_exp_adaptive_threshold(theta_plus=2.0, tau_theta=100.0), 700.0, 1200.0),
+    (neuro.srm0(), 450.0, 900.0),
     (neuro.mat2_psc_exp(), 500.0, 1600.0),
     (neuro.iaf_cond_exp(), 400.0, 130.0),
     (neuro.iaf_cond_alpha(), 400.0, 50.0),

@@ -68,6 +68,7 @@ def registries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
             monkeypatch.setattr(one, name, dict(getattr(one, name)))
         monkeypatch.setattr(one, "_closed_by", "")
     monkeypatch.setattr(extension, "_run", {})
+    monkeypatch.setattr(sys, "path", [*sys.path])
     yield
     for name in [name for name in sys.modules if name.startswith("my_")]:
         del sys.modules[name]

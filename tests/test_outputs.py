@@ -508,7 +508,12 @@ def test_no_file_is_opened_for_writing_elsewhere():
     }
     formats = {f"neuro/events/formats/{name}.py" for name in FORMATS}
     temporary = {"neuro/files/results.py", "neuro/events/formats/rosbag.py", "apps/neuro_remus/model.py"}
-    given = {"neuro/cli/compare.py", "neuro/model/language/writer.py", "apps/neuro_drone/watch.py"}
+    given = {
+        "neuro/cli/compare.py",
+        "neuro/cli/events/frames.py",
+        "neuro/model/language/writer.py",
+        "apps/neuro_drone/watch.py",
+    }
     cache = {"neuro/kernels/kept.py"}  # machine code, in a folder of its own
     assert found == {"neuro/core/outputs.py"} | formats | temporary | given | cache
 

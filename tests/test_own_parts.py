@@ -158,7 +158,7 @@ class absent(Distribution):
         ),
         (
             {"synapse": lone},
-            "projection 'w': synapse model 'lone': pre = Trace(tau='tau_plus', nearest=False, adds=1.0): "
+            "projection 'w': synapse model 'lone': pre = Trace(tau='tau_plus', nearest=False, adds=1.0, starts=''): "
             "expected a tuple, as pre = (Trace(...),)",
             "",
         ),

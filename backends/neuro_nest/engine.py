@@ -15,7 +15,7 @@ from neuro_nest import kernel
 from neuro_nest.kernel import told
 from neuro_nest.net import Net
 from neuro_nest.problems import ELSEWHERE, FINITE, NO_LEAK, RKF45_ONLY, has_new_current
-from neuro_nest.tables import OF_TARGET, RK4, SHARED, UNREADABLE
+from neuro_nest.tables import RK4, SHARED, UNREADABLE
 from neuro_nest.wires import Wires
 
 _WORDS = {"K_plus": "Kplus"}
@@ -103,7 +103,6 @@ class NestEngine:
         """Change the numbers of a synapse model."""
         wires = self.net.wires[projection]
         self._check_changeable(wires, "the numbers")
-        self._check_own(wires, parameters)
         self.net.rules[projection] = parameters.copy()
         words = self.net.words(wires)
         wires.changed()
@@ -145,16 +144,6 @@ class NestEngine:
                 "post spikes from before, too",
                 hint="change them at time 0, or use backend 'event'",
             )
-
-    def _check_own(self, wires: Wires, parameters: Floats) -> None:
-        """What NEST has at the post neuron stays."""
-        numbers = zip(wires.part.synapse.numbers(), parameters, self.net.rules[wires.index], strict=True)
-        for word, value, before in numbers:
-            if word in OF_TARGET and value != before:
-                raise ModelError(
-                    f"{word} of '{wires.part.name}' is fixed: in NEST it is the post neuron's",
-                    hint="change the network and compile again, or use backend 'event'",
-                )
 
     def _check_moment(self, wires: Wires, what: str) -> None:
         grid = self.net.grid(wires)

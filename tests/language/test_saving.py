@@ -124,13 +124,13 @@ def choices(draw, cls, names):
         ids = draw(st.lists(st.tuples(st.integers(0, 99), st.integers(0, 99)), max_size=3))
         ids = ids * draw(st.sampled_from([1, 40]))
         said = {"pre": [pre for pre, _ in ids], "post": [post for _, post in ids]}
-    if "signal" in said:
+    if "signal" in said or "tau_n" not in cls.quantities():
         said.pop("dopamine", None)
     if cls is neuro.encode:
         said["values"] = draw(st.floats(0.5, 1.0) | arrays(st.floats(0.5, 1.0)))
     if cls is neuro.loihi_learning:
         said = {"dw": draw(st.sampled_from(["2^-2*x1*y0", "2^-2*x0*y0 - 2^-3*x0*w"])), "x1_impulse": 16, "x1_tau": 9}
-    for low, high in (("low", "high"), ("Wmin", "Wmax")):
+    for low, high in (("low", "high"), ("Wmin", "Wmax"), ("d_min", "d_max")):
         if low in cls.quantities():
             said.pop(low, None)
             said[high] = draw(st.floats(1.5, 1e6))

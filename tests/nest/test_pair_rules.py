@@ -132,8 +132,8 @@ def test_a_trace_of_the_neuron_stays():
     with pytest.raises(ModelError) as told:
         sim.set("wires_0", tau_minus_triplet=50.0)
     assert str(told.value) == (
-        "tau_minus_triplet of 'wires_0' is fixed: in NEST it is the post neuron's\n"
-        "  hint: change the network and compile again, or use backend 'event'"
+        "stdp_triplet.tau_minus_triplet of 'wires_0': a trace of post spikes decays with it, so it is fixed\n"
+        "  hint: change the network and compile again"
     )
 
 

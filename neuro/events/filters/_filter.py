@@ -58,8 +58,8 @@ class Filter(ABC):
         fits = len(size) == 2 and all(_is_whole(side) and 1 <= side <= 65536 for side in size)
         self._expect(fits, "sensor_size", self.sensor_size, "width and height of 1 to 65536 px")
         object.__setattr__(self, "sensor_size", (int(size[0]), int(size[1])))
-        self._check_kinds()
         self._check()
+        self._check_kinds()
         self.reset()
 
     @classmethod

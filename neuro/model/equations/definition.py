@@ -360,8 +360,8 @@ def _check_spike(d: Definition, dims: Dimensions) -> None:
         assert isinstance(d.threshold.tree, Binary)
         for side in (d.threshold.tree.left, d.threshold.tree.right):
             refuse_inner_comparisons(d.threshold, side)
-        if not dims.same(dims.powers(d.threshold, d.threshold.tree), Powers(NONE, {})):
-            raise AssertionError
+        alike = dims.same(dims.powers(d.threshold, d.threshold.tree), Powers(NONE, {}))  # keeps what follows from it
+        assert alike
     for word, text in {"threshold": d.threshold, **{f"reset.{name}": e for name, e in d.reset.items()}}.items():
         if CURRENT_NAME in algebra.names(d.full(text.tree)):
             message = f"{word}: found {CURRENT_NAME}, the current from outside: expected states and parameters"
