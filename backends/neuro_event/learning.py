@@ -221,4 +221,5 @@ def set_rule_constants(
 
 def _decay(tau: float, h: float) -> Floats:
     """What is left of a trace after 0, 1, ... steps."""
-    return np.exp(-np.arange(DECAYS) * h / tau)
+    decays: Floats = np.exp(-np.arange(DECAYS) * h / tau)
+    return decays

@@ -51,4 +51,5 @@ def gathering(onsets: Floats, presentations: int, by_step: bool = False) -> neur
 def spread(onsets: Floats, delays: Floats) -> Floats:
     """Standard deviation of the arrivals at each neuron, in steps of 1 ms as spikes take them, shape (cells,)."""
     arrivals: Floats = onsets + np.floor(delays.reshape(onsets.shape) + 0.5)
-    return arrivals.std(axis=1)
+    found: Floats = arrivals.std(axis=1)
+    return found

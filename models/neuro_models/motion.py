@@ -47,7 +47,8 @@ def delays(side: int = 8, speeds: Floats = SPEEDS, directions: Floats = DIRECTIO
     y, x = np.indices((side, side)).reshape(2, -1, 1)
     along = x * np.cos(angles) + y * np.sin(angles)
     late = (along.max(axis=0) - along)[:, None, :] / np.asarray(speeds)[:, None]
-    return late.reshape(side * side, -1)
+    every: Floats = late.reshape(side * side, -1)
+    return every
 
 
 def network(
@@ -147,4 +148,5 @@ def peaks(sim: neuro.Simulation, times: ArrayLike, ids: ArrayLike) -> Floats:
     longest = sim.program.projections[1].delay.max() * sim.program.resolution
     sim.run(np.max(np.asarray(times, dtype=np.float64), initial=0.0) + longest + sim.program.resolution)
     _, potential = sim.trace("potential")
-    return potential.max(axis=0).reshape(sim.program.populations[2].shape)
+    highest: Floats = potential.max(axis=0)
+    return highest.reshape(sim.program.populations[2].shape)

@@ -25,8 +25,8 @@ Part = Model | Synapse | Rule
 
 _N = 70  # more than a block of neurons, and no multiple of one
 _SHEET = (7, 10)  # as many
-_WEIGHTS = (1.0, 20.0, 400.0)  # for neurons of unknown units: some hardly hear, some hardly rest
 _RATES = (5.0, 80.0)
+_DRIVES = ((1.0, 80.0), (20.0, 5.0), (400.0, 80.0))  # weights and rates for neurons of unknown units: some hardly hear
 _LEVELS = np.linspace(-1.0, 1.0, _N)  # of a signal: each neuron has another
 
 
@@ -110,9 +110,8 @@ def _networks(part: Part) -> Iterator[Network]:
     if isinstance(part, Generator):
         yield _of_generator(part)
     elif isinstance(part, Neuron):
-        for weight in _WEIGHTS:
-            for rate in _RATES:
-                yield _of_neuron(part, weight, rate)
+        for weight, rate in _DRIVES:
+            yield _of_neuron(part, weight, rate)
     elif isinstance(part, Synapse) and part.learns == "trials":
         yield from trial_rules.networks(part)
     elif isinstance(part, Synapse):
