@@ -58,6 +58,11 @@ class Choice:
         """The word that names this choice in the language: the name of its class, or `word`."""
         return cls.word or cls.__name__
 
+    @classmethod
+    def identity(cls) -> str:
+        """What, beside name and parameters, tells it from another when a saved state is restored; "" for ours."""
+        return ""
+
     @property
     def name(self) -> str:
         """The word that names this choice in the language."""

@@ -56,3 +56,18 @@ def test_the_schema_takes_them():
     jsonschema = pytest.importorskip("jsonschema")
     jsonschema.validate(yaml.safe_load(Path(__file__).with_name("models.yaml").read_text()), schema())
     jsonschema.validate(yaml.safe_load(NET), schema())
+
+
+def test_a_state_of_an_edited_model_is_refused(tmp_path):
+    def made(rate):
+        words = {"equations": {"V_m": f"{rate}*(E_L - V_m)/tau_m"}, "receptors": {"V_m": {"kernel": "delta"}}}
+        words |= {"threshold": "V_m >= V_th", "reset": {"V_m": "E_L"}}
+        words["parameters"] = {"tau_m": "10 ms", "E_L": "-70 mV", "V_th": "-55 mV"}
+        net = neuro.Network("edited")
+        net.population("cells", 2, neuro.equations("mine", doc=f"Written {rate} times.", **words)())
+        return neuro.compile(net, "reference")
+
+    made(1.0).save(tmp_path / "state.h5")
+    made(1.0).restore(tmp_path / "state.h5")
+    with pytest.raises(neuro.ModelError, match="a state of another network 'edited'"):
+        made(2.0).restore(tmp_path / "state.h5")

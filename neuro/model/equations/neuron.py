@@ -39,6 +39,11 @@ class EquationNeuron(Neuron):
     definition: ClassVar[Mapping[str, Any]] = {}
 
     @classmethod
+    def identity(cls) -> str:
+        """All words that decide what it does."""
+        return json.dumps({k: v for k, v in cls.definition.items() if k not in ("doc", "source")}, default=repr)
+
+    @classmethod
     def initial(cls, parameters: Mapping[str, Any]) -> dict[str, Any]:
         """The states as the definition says; V_m starts at E_L if nothing is said and there is one."""
         words = list(cls.quantities())

@@ -34,6 +34,11 @@ class EquationSynapse(Synapse):
 
     definition: ClassVar[Mapping[str, Any]] = {}
 
+    @classmethod
+    def identity(cls) -> str:
+        """All words that decide what it does."""
+        return json.dumps({k: v for k, v in cls.definition.items() if k not in ("doc", "source")}, default=repr)
+
 
 def is_rule(said: Mapping[str, Any]) -> bool:
     """Whether words are those of a rule."""

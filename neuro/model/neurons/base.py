@@ -78,6 +78,11 @@ class Model(Choice):
     states: ClassVar[tuple[State, ...]] = ()
     width: ClassVar[int] = 20
 
+    @classmethod
+    def identity(cls) -> str:
+        """The names of a stranger's states: an edit may swap two, and all arrays still fit."""
+        return "" if cls.__module__.startswith("neuro.") else repr([state.name for state in cls.states])
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Generator(Model):

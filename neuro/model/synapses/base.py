@@ -106,6 +106,11 @@ class Synapse(Choice):
     width: ClassVar[int] = 20
     arithmetic: ClassVar[OfModule] = OfModule(("on_post", "on_pre", "advance", "teach", "encourage"))
 
+    @classmethod
+    def identity(cls) -> str:
+        """The names of a stranger's states: an edit may swap two, and all arrays still fit."""
+        return "" if cls.__module__.startswith("neuro.") else repr([state.name for state in cls.states])
+
     @staticmethod
     def initial(parameters: Mapping[str, Any]) -> dict[str, float]:
         """Where its states start, by name; those not named start at 0."""
