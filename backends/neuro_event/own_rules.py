@@ -93,19 +93,6 @@ def pre_value(p, q, j, kind, thread, own, step, h):
     return value * left(p.decay[q, OWN + j], step - p.k_time[thread, own], h, p.kinds[q, j, TAU])
 
 
-@inner
-def after_entry(net, p, q, j, column, history, i, neuron, step, h):
-    """A post trace at a step after the i-th entry of a history."""
-    row = p.kinds.shape[1] // 2 + j
-    kind, past, value = p.kinds[q, row], p.past[history], p.others[history, i, column + j]
-    passed = step - past[NEWEST + ENTRY * i]
-    m = past[NEWEST + ENTRY * i + 2]
-    if kind[TAU] == TIME:
-        return passed * h if m > 0 else value + passed * h
-    tau = net.tau_minus[neuron] if kind[TAU] == OF_NEURON else kind[TAU]
-    return grown(kind, value, m) * left(p.decay[q, OWN + row], passed, h, tau)
-
-
 @merged
 def newest_before(past, before):
     """The newest entry of a history strictly before a step; the number of its entries if there is none."""
@@ -122,10 +109,11 @@ def post_value(net, p, q, j, kind, column, history, i, neuron, before, h):
     if i == past[ENTRIES]:
         return math.inf if kind[TAU] == TIME else 0.0
     row, value = p.kinds.shape[1] // 2 + j, p.others[history, i, column + j]
-    passed, m = before - past[NEWEST + ENTRY * i], past[NEWEST + ENTRY * i + 2]
+    passed = before - past[NEWEST + ENTRY * i]
     if kind[TAU] == TIME:
-        return passed * h if m > 0 else value + passed * h
+        return passed * h
     tau = net.tau_minus[neuron] if kind[TAU] == OF_NEURON else p.kinds[q, row, TAU]
+    m = past[NEWEST + ENTRY * i + 2]
     return grown(kind, value, m) * left(p.decay[q, OWN + row], passed, h, tau)
 
 

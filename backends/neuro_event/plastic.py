@@ -12,7 +12,7 @@ import numpy as np
 from neuro.kernels.jit import inner, merged
 from neuro_event.decays import decayed
 from neuro_event.dispatch import advance, on_post, on_pre
-from neuro_event.own_rules import AHEAD, BRING, BRING_WHOLE, PRE_SPIKE, TAU, TIME, after_entry, due_everywhere
+from neuro_event.own_rules import AHEAD, BRING, BRING_WHOLE, PRE_SPIKE, due_everywhere, post_value
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
@@ -292,10 +292,8 @@ def keep_others(net, p, pop, local, n, step, h):
         q, j = p.columns[pop, column, 0], p.columns[pop, column, 1]
         if q < 0:
             break
-        if n > 0:
-            value = after_entry(net, p, q, j, column - j, history, 0, neuron, step, h)
-        else:
-            value = math.inf if p.kinds[q, p.kinds.shape[1] // 2 + j, TAU] == TIME else 0.0
+        kind = p.kinds[q, p.kinds.shape[1] // 2 + j]
+        value = post_value(net, p, q, j, kind, column - j, history, 0, neuron, step, h)
         for i in range(n, 0, -1):
             others[i, column] = others[i - 1, column]
         others[0, column] = value
