@@ -57,7 +57,9 @@ def another_first(p, h, c):
         ({"arithmetic": arithmetic(quiet=None)}, ": 'mine' has no function 'quiet'"),
         ({"arithmetic": arithmetic(fire=lambda s, c: None)}, ": 'fire' takes 2 arguments: expected 3"),
         ({"states": (NOTE, V_M)}, ": V_m is state 1: expected it first"),
-        ({"receptors": 3}, ": receptors = 3: expected 1 or 2"),
+        ({"receptors": 0}, ": receptors = 0: expected at least 1"),
+        ({"receptors": 3}, ": receptors = 3 with 0 receptor_names: expected as many"),
+        ({"conductances": ("g_in",)}, ": conductance 'g_in' is none of its receptor_names"),
         (
             {"arithmetic": arithmetic(constants=too_many)},
             ": 'constants' fails for its defaults (index 20 is out of bounds for axis 0 with size 20): "

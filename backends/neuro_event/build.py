@@ -57,7 +57,7 @@ def _neurons(a: Arrays, slots: int) -> None:
     states = [len(type(p.model).states) for p in a.program.populations if layout.computes(p)]
     a.net |= {
         "state": np.zeros((max([1, *states]), n)),
-        "calm": np.full((2, n), -0.0),
+        "calm": np.full((layout.receptors(a.program), n), -0.0),
         "current": np.zeros(n),
         "fired": np.zeros(n, dtype=np.uint8),
         "muted": np.zeros(n, dtype=np.uint8),

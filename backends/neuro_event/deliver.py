@@ -1,7 +1,7 @@
 """Static delivery: what the spikes of one step add to the input of a projection's targets.
 
-`buf` holds the input of the present step (receptor 0, receptor 1, over all neurons) and, behind it, the rings
-of the projections whose spikes are delivered at emission. `due` marks the blocks that a step must look at.
+`buf` holds the input of the present step (by receptor, over all neurons) and, behind it, the rings of the
+projections whose spikes are delivered at emission. `due` marks the blocks that a step must look at.
 """
 
 # mypy: ignore-errors
@@ -31,6 +31,7 @@ from neuro_event.tables import (
     ONE_TO_ONE,
     PADDING,
     PLACE_STEP,
+    RECEPTOR,
     RECEPTORS,
     RING,
     RING_MASK,
@@ -54,8 +55,20 @@ assert 1 << _BLOCK == BLOCK
 
 @inner
 def receptor(weight, receptors):
-    """Which receptor a weight goes to."""
+    """Which of the receptors a weight goes to by its sign."""
     return 1 if receptors == 2 and weight < 0.0 else 0
+
+
+@inner
+def base_of(row):
+    """The first receptor that a projection may reach: the one that it names, else the first of all."""
+    return max(row[RECEPTOR], 0)
+
+
+@inner
+def told_apart(row, receptors):
+    """How many receptors signs tell apart: 1 where all goes to the one that is named."""
+    return receptors if row[RECEPTOR] < 0 else 1
 
 
 @inner
@@ -90,13 +103,14 @@ def csr_delayed(view, row, source_id, m, step, thread, receptors, mark, slots):
     net = net_of(view)
     blocks = net.awake.shape[0]
     place = row[ROW] + source_id * (net.edges.shape[0] - 1) + thread
-    size = row[RING_SIZE]
+    size, base, apart = row[RING_SIZE], base_of(row), told_apart(row, receptors)
     for e in range(net.rows[place], net.rows[place + 1]):
         s = e - row[SYNAPSE]
         at = step + np.int64(net.delays[row[DELAY] + s * row[DELAY_STRIDE]])
         weight = net.weights[row[WEIGHT] + s * row[WEIGHT_STRIDE]] * m
         target = np.int64(net.targets[e])
-        net.buf[row[RING] + ((at & row[RING_MASK]) * receptors + receptor(weight, receptors)) * size + target] += weight
+        to = (at & row[RING_MASK]) * receptors + base + receptor(weight, apart)
+        net.buf[row[RING] + to * size + target] += weight
         net.due[(at & slots) * blocks + mark + (target >> _BLOCK)] = 1
 
 
@@ -210,6 +224,8 @@ def log_delivery(view, q, j, k, thread, ring):
         at = k
         out = target[BEGIN]
         between = net.x.shape[1]
+    out += base_of(row) * between
+    apart = told_apart(row, receptors)
     slot = (at & slots) * blocks
     wide = row[WAKE_ALL] == 1 and not own_delays
     mark = -1 if wide else slot + target[FIRST_BLOCK]
@@ -222,6 +238,6 @@ def log_delivery(view, q, j, k, thread, ring):
             if own_delays:
                 csr_delayed(view, row, source_id, m, j, thread, receptors, target[FIRST_BLOCK], slots)
             else:
-                scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between, mark)
+                scatter(view, row, source_id, m, thread, lo, hi, n, apart, out, between, mark)
     if wide:
         net.due[slot + first_block : slot + last_block] = 1

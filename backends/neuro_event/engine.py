@@ -359,6 +359,7 @@ class EventEngine:
         if self._a.net["pops"][p.target, t.RELAY] == 1:
             self._changes.kept[projection] = weights.copy()
             return
+        inner = p.arriving(inner)
         first, stride = int(row[t.WEIGHT]), int(row[t.WEIGHT_STRIDE])
         if inner.size > 1 and stride == 0 and p.size > 1:
             row[t.WEIGHT], row[t.WEIGHT_STRIDE] = self._a.net["weights"].size, 1

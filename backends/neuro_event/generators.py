@@ -5,6 +5,7 @@ import numpy as np
 
 from neuro.kernels.draws import poisson_by_sum, poisson_by_table, step_word, uniform, words_of
 from neuro.kernels.jit import inner
+from neuro_event.deliver import base_of, receptor, told_apart
 from neuro_event.neurons import any_fired, emit, next_fired
 from neuro_event.operations import STEP
 from neuro_event.tables import (
@@ -113,7 +114,7 @@ def add_counts(view, thread, row, target, step, n_all, slots, blocks):
     n = source[END] - source[BEGIN]
     place = source[COUNTS] + ((step - row[LAG]) & (source[COUNTS_STEPS] - 1)) * n
     weight = net.weights[row[WEIGHT]]
-    out = target[BEGIN] + (n_all if target[RECEPTORS] == 2 and weight < 0.0 else 0)
+    out = target[BEGIN] + (base_of(row) + receptor(weight, told_apart(row, target[RECEPTORS]))) * n_all
     for block in range(max(target[FIRST_BLOCK], net.edges[thread]), min(target[LAST_BLOCK], net.edges[thread + 1])):
         from_block = source[FIRST_BLOCK] + block - target[FIRST_BLOCK]
         # what one sent before it fell silent may still be under way

@@ -84,6 +84,11 @@ def computes(population: Population) -> bool:
     return population.kind in ("neuron", "generator")
 
 
+def receptors(program: Program) -> int:
+    """Rows of the input: as many as the neurons with the most receptors have, at least 2."""
+    return max([2, *(p.model.receptors for p in program.populations if isinstance(p.model, Neuron))])
+
+
 def width(program: Program) -> int:
     """Room that each of the program's models has for its parameters and for its constants."""
     return max([Model.width, *(p.model.width for p in program.populations if computes(p))])

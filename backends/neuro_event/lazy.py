@@ -7,7 +7,7 @@ import numpy as np
 
 from neuro.kernels.jit import kernel
 from neuro_event import tables as t
-from neuro_event.deliver import log_delivery, receptor
+from neuro_event.deliver import base_of, log_delivery, receptor, told_apart
 from neuro_event.own_rules import OF_NEURON, TAU, TIME, pre_value
 from neuro_event.plastic import bring_history, bring_target, dopamine_at
 from neuro_event.views import net_of, plastic_of
@@ -91,12 +91,13 @@ def deliver_counts(view, q, first, last):
     for step in range(max(first, net.clock[0, t.HORIZON] + 1), last + 1):
         at = step + np.int64(net.delays[row[t.DELAY]])
         place = source[t.COUNTS] + (step & (source[t.COUNTS_STEPS] - 1)) * n
-        ring = row[t.RING] + (at & row[t.RING_MASK]) * target[t.RECEPTORS] * row[t.RING_SIZE]
+        ring = row[t.RING] + ((at & row[t.RING_MASK]) * target[t.RECEPTORS] + base_of(row)) * row[t.RING_SIZE]
         for i in range(n):
             m = net.counts[place + i]
             if m > 0:
                 weight = net.weights[row[t.WEIGHT] + i * row[t.WEIGHT_STRIDE]]
-                net.buf[ring + receptor(weight, target[t.RECEPTORS]) * row[t.RING_SIZE] + i] += weight * m
+                to = receptor(weight, told_apart(row, target[t.RECEPTORS]))
+                net.buf[ring + to * row[t.RING_SIZE] + i] += weight * m
                 net.due[(at & slots) * blocks + target[t.FIRST_BLOCK] + i // t.BLOCK] = 1
 
 

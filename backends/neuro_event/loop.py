@@ -195,7 +195,7 @@ def drop_all(view, step):
         net.clock[thread, HORIZON] = step
         net.clock[thread, DONE] = step
         net.clock[thread, DONE_DOPAMINE] = step
-    ring = 2 * net.x.shape[1]
+    ring = net.x.shape[0] * net.x.shape[1]
     if net.buf.shape[0] > ring:
         net.buf[ring:] = -0.0
         net.due[:] = 0

@@ -104,17 +104,30 @@ def add_ring(view, row, block_lo, block_hi, target, step, n_all):
 
 
 @inner
-def count_arrivals(view, lo, hi, two):
+def heard(view, i, receptors):
+    """Whether a neuron has input in this step."""
+    net = net_of(view)
+    came = False
+    for r in range(receptors):
+        came |= net.bits[r, i] != _SIGN
+    return came
+
+
+@inner
+def count_arrivals(view, lo, hi, receptors):
     """How many of a block's neurons have input in this step."""
     net = net_of(view)
     first, second = net.bits[0, lo:hi], net.bits[1, lo:hi]
     count = 0
-    if two:
+    if receptors == 2:
         for k in range(first.size):
             count += ((first[k] ^ _SIGN) | (second[k] ^ _SIGN)) != 0
-    else:
+    elif receptors == 1:
         for k in range(first.size):
             count += first[k] != _SIGN
+    else:
+        for i in range(lo, hi):
+            count += heard(view, i, receptors)
     return count
 
 
@@ -180,7 +193,7 @@ def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks
     first = max(row[FIRST_BLOCK], net.edges[thread])
     last = min(row[LAST_BLOCK], net.edges[thread + 1])
     slot = (step & slots) * blocks
-    two = row[RECEPTORS] == 2
+    receptors = row[RECEPTORS]
     n_found = 0
     for word in range(first // GROUPED, (last + GROUPED - 1) // GROUPED):
         if net.awake_groups[word] == 0 and net.due_groups[slot // GROUPED + word] == 0:
@@ -193,11 +206,11 @@ def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks
             due = net.due[slot + block]
             net.due[slot + block] = 0
             lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
-            active = count_arrivals(view, lo, hi, two) if due else 0
+            active = count_arrivals(view, lo, hi, receptors) if due else 0
             if any_fired(view, lo, hi):
                 i = next_fired(view, lo, hi)
                 while i < hi:
-                    came = net.bits[0, i] != _SIGN or (two and net.bits[1, i] != _SIGN)
+                    came = heard(view, i, receptors)
                     if row[GROUP] < 0:
                         m = np.int64(net.x[0, i]) if row[RELAY] == 1 else 1
                         spike(view, row, i)
@@ -210,9 +223,8 @@ def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks
                     i = next_fired(view, i + 1, hi)
                 net.busy[block] = step
             if due:
-                net.x[0, lo:hi] = -0.0
-                if two:
-                    net.x[1, lo:hi] = -0.0
+                for r in range(receptors):
+                    net.x[r, lo:hi] = -0.0
             net.active[thread, pop] += active
             if active:
                 net.busy[block] = step

@@ -19,12 +19,13 @@ def add_projections(a: Arrays) -> None:
     table = np.full((len(program.projections), t.PROJECTION_COLUMNS), t.NONE, dtype=np.int64)
     rows, targets, weights, delays = [], [], [], []
     n_rows = n_targets = n_weights = n_delays = 0
-    ring = 2 * a.net["state"].shape[1]
+    ring = layout.receptors(program) * a.net["state"].shape[1]
     at_emission = []
     for q, (p, s) in enumerate(zip(program.projections, a.synapses, strict=True)):
         target = program.populations[p.target]
         row = table[q]
         row[t.SOURCE], row[t.TARGET], row[t.LAYOUT] = p.source, p.target, s.layout
+        row[t.RECEPTOR] = t.NONE if p.receptor is None else p.receptor.index
         if s.layout == t.CSR:
             local = a.net["edges"] * t.BLOCK - a.places[p.target].begin
             rows.append(layout.split_rows(s.row_ends, s.targets, local) + n_targets)
@@ -69,12 +70,12 @@ def add_projections(a: Arrays) -> None:
 
 
 def internal_weights(a: Arrays, q: int) -> Floats:
-    """The weights that a static delivery adds: those of the program, in internal order; 1 for a relay."""
+    """The weights that a static delivery adds: what arrives of the program's, in internal order; 1 for a relay."""
     p = a.program.projections[q]
     if a.net["pops"][p.source, t.KIND] != t.CURRENT and a.net["pops"][p.target, t.RELAY] == 1:
         return np.ones(1)
     order = a.synapses[q].order
-    own = p.weight[order] if order is not None and p.weight.size > 1 else p.weight
+    own = p.arriving(p.weight[order] if order is not None and p.weight.size > 1 else p.weight)
     if own.size == 1 and (p.grid is not None or p.synapse.learns == "trials"):
         own = np.repeat(own, p.size)
     return own
@@ -107,10 +108,10 @@ def give_ring(a: Arrays, q: int) -> None:
 
 def set_buffer(a: Arrays, buf: Floats) -> None:
     """Use `buf` for the input and the rings."""
-    n = a.net["state"].shape[1]
+    rows, n = a.net["calm"].shape
     a.net["buf"] = buf
-    a.net["x"] = buf[: 2 * n].reshape(2, n)
-    a.net["bits"] = buf[: 2 * n].view(np.int64).reshape(2, n)
+    a.net["x"] = buf[: rows * n].reshape(rows, n)
+    a.net["bits"] = a.net["x"].view(np.int64)
 
 
 def _grid_columns(row: Ints, g: Any, permuted: bool) -> None:

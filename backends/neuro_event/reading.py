@@ -99,8 +99,8 @@ def weights(a: Arrays, projection: int) -> Floats:
     p, row = a.program.projections[projection], a.net["projections"][projection]
     first = row[t.WEIGHT]
     if p.size == 0 or row[t.WEIGHT_STRIDE] == 0:
-        return np.full(p.size, a.net["weights"][first])
-    return by_id(a.net["weights"][first : first + p.size], a.synapses[projection].order)
+        return p.arriving(np.full(p.size, a.net["weights"][first]))
+    return p.arriving(by_id(a.net["weights"][first : first + p.size], a.synapses[projection].order))
 
 
 def bring_all(a: Arrays, view: Ints, k: int, step: int) -> None:

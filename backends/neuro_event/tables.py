@@ -70,8 +70,9 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     PADDING,
     MAP_STEP,
     PLACE_STEP,
+    RECEPTOR,
     PROJECTION_COLUMNS,
-) = range(28)
+) = range(29)
 
 # plastic projections
 (

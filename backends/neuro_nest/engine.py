@@ -14,7 +14,7 @@ from neuro.program.program import Floats, Ints, Program
 from neuro_nest import kernel
 from neuro_nest.kernel import told
 from neuro_nest.net import Net
-from neuro_nest.problems import ELSEWHERE, FINITE, NO_LEAK, RKF45_ONLY, has_new_current
+from neuro_nest.problems import BY_SIGN, ELSEWHERE, FINITE, NO_LEAK, RKF45_ONLY, has_new_current
 from neuro_nest.tables import RK4, SHARED, UNREADABLE
 from neuro_nest.wires import Wires
 
@@ -119,8 +119,12 @@ class NestEngine:
         wires = self.net.wires[projection]
         if wires.part.synapse.learns:
             self._check_changeable(wires, "the weights")
+        elif not wires.part.as_by_sign(weights):
+            assert wires.part.receptor is not None
+            what = f"weights of '{wires.part.name}' onto receptor '{wires.part.receptor.name}'"
+            raise ModelError(f"{what}: {BY_SIGN}", hint=ELSEWHERE)
         wires.weights = weights.copy()
-        self._write(wires, "weight", weights[wires.slot])
+        self._write(wires, "weight", wires.part.arriving(weights)[wires.slot])
 
     def _write(self, wires: Wires, word: str, values: Floats) -> None:
         with told():

@@ -14,6 +14,7 @@ from neuro_nest.tables import ALWAYS, NODES, OF_TARGET, RK4, SYNAPSE_MODELS, SYN
 ELSEWHERE = "backend 'event' runs it"
 NO_LEAK = "with an infinite tau_m NEST's propagator of a current, tau_m / C_m (1 - exp(-h / tau_m)), is no number"
 RKF45_ONLY = "NEST integrates by RKF45"
+BY_SIGN = "NEST sends weights above 0 to ex and weights below 0 to in"
 FINITE = "use a large tau_m, say 1e6"
 
 
@@ -86,6 +87,8 @@ def _of_projection(part: Projection) -> Iterator[Problem]:
     if part.synapse.name not in SYNAPSES:
         yield _refused(f"{told}: {part.synapse.name}", "NEST has no such rule", ELSEWHERE, part)
         return
+    if part.receptor is not None and not part.as_by_sign(part.weight):
+        yield _refused(f"{told}: receptor '{part.receptor.name}' by name", BY_SIGN, ELSEWHERE, part)
     for word in ALWAYS & set(part.synapse.numbers()):
         if not part.synapse.parameters()[word]:
             what = f"{told}: {part.synapse.name}.{word} = false"

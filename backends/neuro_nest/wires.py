@@ -94,7 +94,7 @@ class Wires:
             self._connect(nest, first, clock, {"synapse_model": name}, np.flatnonzero(mine))
 
     def _connect(self, nest: Any, first: tuple[int, int], clock: Clock, words: dict[str, Any], among: Ints) -> None:
-        weights = np.broadcast_to(self.weights, self.part.size)[self.slot]
+        weights = np.broadcast_to(self.part.arriving(self.weights), self.part.size)[self.slot]
         for layer in np.unique(self._layer[among]).tolist():
             synapses = among[self._layer[among] == layer]
             own = {

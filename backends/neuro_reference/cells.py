@@ -26,6 +26,7 @@ class Cells:
     def __init__(self, part: Population, resolution: float, seed: int) -> None:
         self.part, self.size, self.resolution = part, part.size, resolution
         self.parameters = {name: values.copy() for name, values in part.parameters.items()}
+        self.receptors = max(2, part.model.receptors) if isinstance(part.model, Neuron) else 2
         self.names = [state.name for state in part.model.states]
         self.states: Floats = np.zeros((len(self.names), self.size))
         self.key = keyed_random.key(seed, drawn_for(part), part.name)

@@ -101,16 +101,17 @@ class Net:
                     if wires.part.synapse.delays:
                         wires.set_out(wires.row(source), wires.late[wires.row(source)])
                     weights = wires.weights[wires.slot[wires.row(source)]]
-                    wires.send(source, multiplicity, self.step, weights, model.relay, model.receptors)
+                    wires.send(source, multiplicity, self.step, weights, model.relay)
                     continue
                 for nth in range(int(multiplicity)):
                     weights = self.pairs[index].spike(source, self.step, nth)
-                    wires.send(source, 1, self.step, weights, model.relay, model.receptors)
+                    wires.send(source, 1, self.step, weights, model.relay)
 
     def _arrivals(self, index: int, step: int) -> tuple[Floats, Floats, Bools]:
         """Input by receptor, external current, and which neurons hear a spike, of one population."""
         size = self.cells[index].size
-        x, current, heard = np.zeros((2, size)), np.zeros(size), np.zeros(size, dtype=bool)
+        x = np.zeros((self.cells[index].receptors, size))
+        current, heard = np.zeros(size), np.zeros(size, dtype=bool)
         for wires in self.wires:
             if wires.part.target == index:
                 amount, some = wires.arrive(step)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.model.neurons import Neuron
 from neuro.model.synapses.delays import steps_of
 from neuro.program.program import Floats, Ints, Program
 
@@ -17,6 +18,7 @@ class Wires:
             where it learns.
         late: the delays in ms that a rule for trials changes.
         fewest, most: steps that a spike may take.
+        receptors: of its target.
         slot: which weight a synapse has (the weights of a grid are shared).
         weights: all weights.
         row_ends: synapses of source i are row_ends[i] : row_ends[i + 1].
@@ -44,11 +46,14 @@ class Wires:
             self.kept = (*self.kept, "late")
         self.fewest, self.most = part.delay_range(program.resolution)
         self.slots = self.most + 2
+        model = program.populations[part.target].model
+        assert isinstance(model, Neuron)
+        self.receptors = model.receptors
         self.start_anew()
 
     def start_anew(self) -> None:
         """Nothing is under way."""
-        self.due: Floats = np.zeros((self.slots, 2, self.n_target))
+        self.due: Floats = np.zeros((self.slots, max(2, self.receptors), self.n_target))
         self.heard = np.zeros((self.slots, self.n_target), dtype=bool)
 
     def set_out(self, some: slice | Ints, late: Floats) -> None:
@@ -59,14 +64,19 @@ class Wires:
         """The synapses of one source."""
         return slice(int(self.row_ends[source]), int(self.row_ends[source + 1]))
 
-    def send(self, source: int, multiplicity: int, step: int, weights: Floats, relay: bool, receptors: int) -> None:
+    def send(self, source: int, multiplicity: int, step: int, weights: Floats, relay: bool) -> None:
         """Send a spike of one source, emitted in `step`, with the given weights of its synapses."""
         row = self.row(source)
         at, to = (step + self.delay[row]) % self.slots, self.target[row]
-        amount = np.full(len(to), float(multiplicity)) if relay else weights * multiplicity
-        receptor = ((amount < 0.0) & (receptors == 2)).astype(np.int64)
-        np.add.at(self.due, (at, receptor, to), amount)
+        amount = np.full(len(to), float(multiplicity)) if relay else self.part.arriving(weights) * multiplicity
+        np.add.at(self.due, (at, self._receptors(amount), to), amount)
         self.heard[at, to] = True
+
+    def _receptors(self, amount: Floats) -> Ints:
+        """Where some input goes: to the receptor that is named, else of two by its sign."""
+        if self.part.receptor is not None:
+            return np.full(len(amount), self.part.receptor.index)
+        return ((amount < 0.0) & (self.receptors == 2)).astype(np.int64)
 
     def send_current(self, amplitude: Floats, step: int) -> None:
         """Send a current, emitted in `step`; it acts in the step after its arrival."""

@@ -19,7 +19,7 @@ from neuro.model.network import Network
 from neuro.model.neurons import MODELS, Model, Neuron, dc_generator, poisson_generator, spike_generator
 from neuro.model.parts import Group, Population, Probe, Projection, Signal
 from neuro.model.rules import grid
-from neuro.model.synapses import SYNAPSES, Modulated
+from neuro.model.synapses import SYNAPSES, Modulated, static
 from neuro.program.program import Floats
 
 AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe
@@ -139,6 +139,9 @@ def _check_ends(net: Network, part: Projection) -> None:
             )
         if isinstance(part.rule, grid):
             refuse(part, f"a grid on a current from '{part.source}': expected another rule")
+        if isinstance(part.synapse, static) and part.synapse.receptor is not None:
+            told = f"static.receptor = '{part.synapse.receptor}' of a current from '{part.source}'"
+            refuse(part, f"{told}, which goes to no receptor: expected none", "leave it out")
 
 
 def _swap(part: Projection) -> str:

@@ -13,6 +13,7 @@ from neuro.compiler.check_trials import resolve_trials
 from neuro.compiler.connect import connect
 from neuro.compiler.encoded import with_generators
 from neuro.compiler.pack import packed
+from neuro.compiler.receptors import check_conductance, receptor_of
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.values import LONGEST_DELAY, delay_steps, one_delay, per_neuron, per_synapse, too_late
 from neuro.core.clock import NEVER, Clock
@@ -159,6 +160,10 @@ def _projection(
         weight = np.repeat(weight, found.size)
     check_stdp_weights(part, weight)
     _check_delays(part, delay, clock)
+    carries = "current" if net.populations[part.source].model.role == "current" else "spikes"
+    with telling(part):
+        receptor = receptor_of(part.synapse, net.populations[part.target]) if carries == "spikes" else None
+        check_conductance(receptor, weight)
     names = list(net.populations)
     rule = part.synapse
     signal, dopamine, one_to_one, later = -1, -1, False, 1
@@ -173,7 +178,7 @@ def _projection(
         name=part.name,
         source=names.index(part.source),
         target=names.index(part.target),
-        carries="current" if net.populations[part.source].model.role == "current" else "spikes",
+        carries=carries,
         layout=found.layout,
         row_ends=found.row_ends,
         targets=found.targets,
@@ -182,6 +187,7 @@ def _projection(
         size=found.size,
         grid=sizes,
         synapse=rule,
+        receptor=receptor,
         signal=signal,
         dopamine=dopamine,
         dopamine_one_to_one=one_to_one,

@@ -86,7 +86,7 @@ def _projection_row(net: Network, program: Program, part: Projection, clock: Clo
         _grouped(part.size),
         _range(part.weight),
         _range(clock.array_ms(part.delay.astype(np.int64))),
-        part.synapse.name,
+        part.synapse.name if part.receptor is None else f"{part.synapse.name} to {part.receptor.name}",
         _grouped(_projection_bytes(part)),
     )
 
@@ -162,6 +162,8 @@ def _projection_lines(number: int, part: Projection) -> Iterator[str]:
         yield f"  kernel {g.kernel_height} x {g.kernel_width}, stride {g.stride}, padding {g.padding}"
     yield f"  weight = {summary(part.weight)}"
     yield f"  delay = {summary(part.delay)} steps"
+    if part.receptor is not None:
+        yield f"  receptor {part.receptor.index} {part.receptor.name}"
     if part.synapse.learns:
         numbers = zip(part.synapse.numbers(), part.synapse.vector().tolist(), strict=True)
         yield f"  {part.synapse.name}: " + ", ".join(f"{word} {value:g}" for word, value in numbers)

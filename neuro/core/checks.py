@@ -81,7 +81,7 @@ def _hint(q: Quantity, value: Any) -> str:
     if q.kind == "shape":
         near = nearest(value, q.words)
         return axes(value) or (near if near.startswith("did") else "")
-    return notation(value, q.unit) if q.kind not in ("name", "names", "part") else ""
+    return notation(value, q.unit) if q.kind not in ("name", "receptor", "names", "part") else ""
 
 
 def is_number(value: Any) -> bool:
@@ -322,6 +322,7 @@ _CHECKERS: dict[str, Callable[[Quantity, Any, str], Any]] = {
     "integer": _integer,
     "boolean": _boolean,
     "name": _name,
+    "receptor": _name,
     "names": _names,
     "word": _word,
     "shape": _shape,

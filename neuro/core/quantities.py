@@ -15,7 +15,7 @@ class Quantity:
     Attributes:
         unit: physical unit, "" for none.
         doc: one line on its meaning.
-        kind: "number", "integer", "boolean", "name" (of a part of the network), "word" (one of
+        kind: "number", "integer", "boolean", "name" (of a part of the network), "receptor" (of neurons), "word" (one of
             `words`), "shape" (a list of integers), "times" (spike times, a list per neuron), "ids",
             "delay" (a time that is no number of the rule), "names" (a list of names), "part" (a `part`) or "codes"
             (of `neuro.coding`).
@@ -53,6 +53,7 @@ class Quantity:
             "integer": "a whole number",
             "boolean": "true or false",
             "name": "a name",
+            "receptor": "a name",
             "shape": "whole numbers",
             "times": "a list of spike times in ms for each neuron",
             "ids": "whole numbers >= 0",

@@ -114,7 +114,7 @@ def _digest(arrays: Arrays) -> str:
     return _hashed({name: np.asarray(values) for name, values in arrays.items()})
 
 
-_SAID_ELSEWHERE = {"origin", "kind", "carries"}
+_SAID_ELSEWHERE = {"origin", "kind", "carries", "receptor"}
 """Fields of a program that decide nothing, or follow from others; states of version 0.1.0 do not count them."""
 
 

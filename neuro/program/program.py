@@ -69,6 +69,22 @@ class Grid:
     padding: int
 
 
+@dataclass(frozen=True, slots=True)
+class Receptor:
+    """The receptor of its target that a projection names.
+
+    Attributes:
+        index: which input of the neurons it is.
+        conductance: whether it grows by its weights, which are not negative then.
+        negated: whether -w arrives for a weight w: neurons that tell a conductance by its sign expect it so.
+    """
+
+    name: str
+    index: int
+    conductance: bool
+    negated: bool
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Projection:
     """Connections between two populations.
@@ -83,6 +99,7 @@ class Projection:
         delay: in steps, shape (1,) or one per synapse, int32, >= 1.
         size: number of synapses (of a grid: of its kernels' weights).
         grid: the sizes of a grid, else None.
+        receptor: the one of its target that all spikes go to; None where each goes by the sign of its weight.
         signal: index of the signal that sets n, or -1.
         dopamine: index of the population that releases dopamine, or -1; `dopamine_one_to_one` and
             `dopamine_delay` (steps) say how.
@@ -100,6 +117,7 @@ class Projection:
     size: int
     grid: Grid | None
     synapse: Synapse
+    receptor: Receptor | None
     signal: int
     dopamine: int
     dopamine_one_to_one: bool
@@ -111,6 +129,17 @@ class Projection:
         if isinstance(self.synapse, DelayRule):
             return self.synapse.delay_range(resolution)
         return (int(self.delay.min()), int(self.delay.max())) if self.delay.size else (1, 1)
+
+    def arriving(self, weights: Floats) -> Floats:
+        """What arrives at the receptors of some weights; of what arrives, the weights."""
+        return 0.0 - weights if self.receptor is not None and self.receptor.negated else weights
+
+    def as_by_sign(self, weights: Floats) -> bool:
+        """Whether the signs of what arrives send it where a receptor that is named would; so they do if none is."""
+        if self.receptor is None:
+            return True
+        arriving = self.arriving(weights)
+        return bool(np.all(arriving <= 0.0 if self.receptor.index == 1 else arriving >= 0.0))
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from neuro.compiler.check import check_values
+from neuro.compiler.receptors import check_conductance
 from neuro.compiler.values import per_neuron
 from neuro.core.checks import check, numbers, refuse_masked
 from neuro.core.clock import Clock
@@ -188,6 +189,10 @@ def new_weights(part: Projection, rule: Synapse, weights: ArrayLike) -> Floats:
         )
     full = np.broadcast_to(array.reshape(-1), part.size) + 0.0
     check_rule(part, rule, full)
+    try:
+        check_conductance(part.receptor, full)
+    except ModelError as error:
+        raise error.at(None, f"projection '{part.name}'") from None
     return full
 
 

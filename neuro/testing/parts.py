@@ -14,7 +14,7 @@ from neuro.model.distributions import uniform
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS, Generator, Model, Neuron, iaf_psc_exp, parrot_neuron, poisson_generator
 from neuro.model.rules import RULES, Rule, all_to_all, one_to_one, pairwise_bernoulli
-from neuro.model.synapses import SYNAPSES, Modulated, Synapse
+from neuro.model.synapses import SYNAPSES, Modulated, Synapse, static
 from neuro.program.backend import Backend
 from neuro.program.program import Floats
 from neuro.run.simulation import Simulation, compile
@@ -120,15 +120,29 @@ def _networks(part: Part) -> Iterator[Network]:
         yield from (_of_rule(part, rate) for rate in _RATES)
 
 
-def _of_neuron(model: Model, weight: float, rate: float) -> Network:
+def _of_neuron(model: Neuron, weight: float, rate: float) -> Network:
     net = Network(f"noise_{rate}_Hz_weights_{weight}")
     net.population("noise", 20, poisson_generator(rate=rate))
     net.population("cells", _N, model)
+    if model.receptors > 2:
+        _connect_by_name(net, model, weight)
+        _probe(net, model)
+        return net
     net.connect("noise", "cells", pairwise_bernoulli(p=0.5), weight=uniform(low=-0.5 * weight, high=weight), delay=1.0)
     if model.states:
         net.connect("cells", "cells", pairwise_bernoulli(p=0.1), weight=-0.5 * weight, delay=1.5)
     _probe(net, model)
     return net
+
+
+def _connect_by_name(net: Network, model: Neuron, weight: float) -> None:
+    """Noise for each receptor of neurons whose receptors are known by name only."""
+    for name in model.named_receptors():
+        low = 0.0 if name in model.conductances else -0.5 * weight
+        some = pairwise_bernoulli(p=0.5)
+        net.connect(
+            "noise", "cells", some, static(receptor=name), weight=uniform(low=low, high=weight), delay=1.0, name=name
+        )
 
 
 def _of_generator(model: Model) -> Network:

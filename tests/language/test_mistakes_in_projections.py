@@ -188,7 +188,7 @@ CASES = [
     ),
     (
         projection("synapse: {static: {w: 1}}"),
-        "net.yaml:6:61: projection 'a_b': static has no parameters\n  hint: write 'static' alone",
+        "net.yaml:6:62: projection 'a_b': unknown parameter of static 'w'\n  hint: known: receptor",
     ),
     (
         projection("weight: 'uniform(low=0.0, high=2.0)'"),

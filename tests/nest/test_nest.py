@@ -220,3 +220,26 @@ def test_listing_backends_imports_no_nest():
     code = f"{lists}; import sys; print('nest' in sys.modules)"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=100)
     assert told.stdout == "False\n"
+
+
+def test_a_conductance_by_name(nest):
+    """Its weights are positive here and negative in NEST, whichever are read and set."""
+    traces = []
+    for backend in ("nest", "event"):
+        net = neuro.Network("by_name")
+        net.population("noise", 20, neuro.poisson_generator(rate=200.0))
+        net.population("cells", 5, neuro.iaf_cond_exp(tau_syn_in=4.0))
+        for receptor, weight in (("ex", 3.0), ("in", 2.0)):
+            synapse = neuro.static(receptor=receptor)
+            net.connect("noise", "cells", neuro.all_to_all(), synapse, weight=weight, delay=1.0, name=receptor)
+        net.probe("V_m", "cells", "V_m")
+        sim = neuro.compile(net, backend)
+        sim.run(30.0)
+        assert set(sim.get("in", "weight")) == {2.0}
+        sim.set_weights("in", 5.0)
+        sim.run(30.0)
+        assert set(sim.get("in", "weight")) == {5.0}
+        traces.append(sim.trace("V_m")[1])
+        del sim
+    assert np.abs(traces[0] - traces[1]).max() < 1e-9
+    assert np.ptp(traces[0]) > 3.0

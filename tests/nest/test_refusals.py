@@ -19,9 +19,9 @@ def driven(model: Neuron | None = None, **more: object) -> neuro.Network:
     return net
 
 
-def plastic(synapse: Synapse) -> neuro.Network:
+def plastic(synapse: Synapse, weight: float = 10.0) -> neuro.Network:
     net = driven()
-    net.connect("source", "cells", neuro.all_to_all(), synapse, weight=10.0, delay=1.0, name="wires")
+    net.connect("source", "cells", neuro.all_to_all(), synapse, weight=weight, delay=1.0, name="wires")
     return net
 
 
@@ -31,6 +31,21 @@ def refusal(net: neuro.Network) -> str:
     head, _, rest = str(told.value).partition("\n")
     assert head == "backend 'nest' cannot run this network (1 problem)"
     return rest
+
+
+def test_a_receptor_that_no_sign_chooses():
+    def net(receptor: str, weight: float) -> neuro.Network:
+        return plastic(neuro.static(receptor=receptor), weight)
+
+    assert refusal(net("in", 10.0)) == (
+        "here: projection 'wires': receptor 'in' by name: NEST sends weights above 0 to ex and weights below 0 to in\n"
+        "  hint: backend 'event' runs it"
+    )
+    sim = neuro.compile(net("in", -10.0), "nest")
+    assert told_by(lambda: sim.set_weights("wires", 10.0)) == (
+        "weights of 'wires' onto receptor 'in': NEST sends weights above 0 to ex and weights below 0 to in\n"
+        "  hint: backend 'event' runs it"
+    )
 
 
 def test_a_second_simulation():

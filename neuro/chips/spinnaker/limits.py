@@ -46,6 +46,18 @@ def lacking(inputs: Inputs) -> Iterator[Problem]:
         yield refused(part.origin, f"{told}: refractory_input", why, "leave it out")
 
 
+def other_receptor(inputs: Inputs, index: int) -> Iterator[Problem]:
+    """Why a projection cannot name its receptor: it is not the one that the signs of its weights choose."""
+    part = inputs.program.projections[index]
+    if part.receptor is not None and not part.as_by_sign(part.weight):
+        yield refused(
+            part.origin,
+            f"projection '{part.name}': receptor '{part.receptor.name}' by name",
+            "slots have no sign: what is excitatory is added, what is inhibitory subtracted",
+            "use weights of at least 0 onto 'ex' and of at most 0 onto 'in', or run it on event",
+        )
+
+
 def overflows(inputs: Inputs, initial: Mapping[str, Floats], drive: Floats) -> Iterator[Problem]:
     """Numbers that s16.15 does not hold.
 

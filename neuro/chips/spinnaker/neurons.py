@@ -21,10 +21,10 @@ from neuro.chips.lag import register
 from neuro.chips.quantising import rounding
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding, WeightRounding, Words
 from neuro.chips.quantising.inputs import Inputs, Options, approximated, constants_of, converging, one_kernel, refused
-from neuro.chips.spinnaker.limits import FRACTION, LARGEST, LARGEST_SHIFT, ONE, SLOT, lacking, overflows
+from neuro.chips.spinnaker.limits import FRACTION, LARGEST, LARGEST_SHIFT, ONE, SLOT, lacking, other_receptor, overflows
 from neuro.model.neurons import iaf_psc_delta
 from neuro.program.backend import Problem
-from neuro.program.program import Floats, Ints, Population
+from neuro.program.program import Floats, Ints, Population, Projection
 
 LIF, DELTA = "spinnaker_lif", "spinnaker_delta"
 """The steps that neurons take, see `FixedPopulation.kind`."""
@@ -46,7 +46,7 @@ def native(part: Population) -> FixedPopulation:
 def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list[Problem]]:
     """A projection onto a `spinnaker_lif`: its weights are words, negative ones for the inhibitory receptor."""
     part = inputs.program.projections[index]
-    problems = []
+    problems = [*other_receptor(inputs, index)]
     bad = np.flatnonzero((part.weight != np.rint(part.weight)) | (np.abs(part.weight) > SLOT))
     if bad.size:
         told = f"projection '{part.name}': weight = {part.weight[bad[0]]:g}"
@@ -57,7 +57,7 @@ def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list
         )
     words: Words = np.clip(np.rint(part.weight), -SLOT, SLOT).astype(np.int32)
     return _projection(
-        part.name,
+        part,
         words,
         np.ones(1),
         np.ones(1),
@@ -67,14 +67,15 @@ def native_projection(inputs: Inputs, index: int) -> tuple[FixedProjection, list
 
 
 def _projection(
-    name: str, words: Words, step: Floats, below: Floats, lag: Words, rounding: WeightRounding
+    part: Projection, words: Words, step: Floats, below: Floats, lag: Words, rounding: WeightRounding
 ) -> FixedProjection:
+    named = None if part.receptor is None else part.receptor.index
     return FixedProjection(
-        name=name,
+        name=part.name,
         mantissas=words,
         words=words,
-        low=-SLOT,
-        high=SLOT,
+        low=0 if named == 0 else -SLOT,
+        high=0 if named == 1 else SLOT,
         grain=1,
         exponent=0,
         sign_mode="",
@@ -92,7 +93,7 @@ def relay_projection(inputs: Inputs, index: int) -> FixedProjection:
     part = inputs.program.projections[index]
     ones: Words = np.ones(1, dtype=np.int32)
     return _projection(
-        part.name, ones, part.weight.copy(), part.weight.copy(), inputs.lag(index), WeightRounding(0.0, 0.0, 0.0, 0.0)
+        part, ones, part.weight.copy(), part.weight.copy(), inputs.lag(index), WeightRounding(0.0, 0.0, 0.0, 0.0)
     )
 
 
@@ -223,7 +224,7 @@ def _weights(
 ) -> tuple[FixedProjection, list[Problem]]:
     """The weights of a projection as words."""
     part = inputs.program.projections[index]
-    problems = one_kernel(inputs, index, gain[0].size)
+    problems = [*one_kernel(inputs, index, gain[0].size), *other_receptor(inputs, index)]
     steps = [2.0**shift / (ONE * own) for shift, own in zip(shifts, gain, strict=True)]
     if steps[0].size > 1 and part.grid is None:
         steps = [step[inputs.targets(index)] for step in steps]
@@ -243,4 +244,4 @@ def _weights(
                 "use a larger shift, or leave it to be chosen" if shift < LARGEST_SHIFT else "scale the weights down",
             )
         )
-    return _projection(part.name, words, steps[0], steps[1], inputs.lag(index), found), problems
+    return _projection(part, words, steps[0], steps[1], inputs.lag(index), found), problems

@@ -49,6 +49,7 @@ _SETTINGS = {
     "tolerance": Quantity(doc="largest error of a part of a step, in mV, pA, nS", above=0),
 }
 MAX_SIZE = 4000
+MAX_RECEPTORS = 16
 
 
 @dataclass(frozen=True)
@@ -195,8 +196,9 @@ def expressions(said: Mapping[str, Any], section: str) -> dict[str, Expression]:
 
 def _receptors(said: Any) -> tuple[Receptor, ...]:
     with at("receptors"):
-        if not isinstance(said, Mapping) or len(said) > 2:
-            raise ModelError(f"found {shown(said)}: expected one or two, {{name: {{kernel: exp, tau: ...}}}}")
+        if not isinstance(said, Mapping) or len(said) > MAX_RECEPTORS:
+            many = f"at most {MAX_RECEPTORS}, {{name: {{kernel: exp, tau: ...}}}}"
+            raise ModelError(f"found {shown(said)}: expected {many}")
     found = []
     for name, words in said.items():
         with at("receptors", str(name)):

@@ -86,6 +86,8 @@ def _made(d: Definition) -> type[EquationNeuron]:
         "source": d.plain.get("source", ""),
         "states": _states(whole),
         "receptors": max(1, len(d.receptors)),
+        "receptor_names": tuple(r.name for r in d.receptors),
+        "conductances": tuple(r.name for r in d.receptors if r.magnitude),
         "linear": whole.integrator == "exact",
         "width": width,
         "resets_in_step": whole.resets_in_step,

@@ -185,7 +185,8 @@ def arrivals(neuron: Neuron) -> dict[str, str]:
     """What arrives at each state in a step."""
     found: dict[str, str] = {}
     for k, receptor in enumerate(neuron.definition.receptors):
-        text = f"-x[{k}, i]" if k == 1 and receptor.magnitude else f"x[{k}, i]"
+        by_sign = k == 1 and len(neuron.definition.receptors) == 2
+        text = f"-x[{k}, i]" if by_sign and receptor.magnitude else f"x[{k}, i]"
         if receptor.kernel == "alpha":
             assert receptor.tau is not None
             tau = neuron.constants.of_parameters(receptor.tau.tree)

@@ -50,6 +50,7 @@ class aeif_cond_exp(Neuron):
         *HIDDEN,
     )
     receptors: ClassVar[int] = 2
+    conductances: ClassVar[tuple[str, ...]] = ("ex", "in")
     resets_in_step: ClassVar[bool] = True
 
     C_m: Value = quantity(281.0, "pF", "membrane capacity", above=0, arrays=True)

@@ -101,7 +101,11 @@ class Neuron(Model):
     """A population that is stepped.
 
     Class attributes:
-        receptors: 1, all input is summed; 2, positive weights go to the first and negative to the second.
+        receptors: how many kinds of input it tells apart, `x[k]`. 1: all is summed. 2: positive weights go to the
+            first and negative ones to the second. Beyond that synapses name theirs.
+        receptor_names: their names, for synapses that name one; "ex" and "in" where two have none.
+        conductances: those of them that are conductances, so that weights onto them by name are not negative. The
+            second of two gets them with a minus, as it gets those that come to it by their sign.
         relay: whether a spike carries the multiplicity that arrived, whatever the weight.
         linear: whether n quiet steps equal one step with the constants of n h.
         resets_in_step: whether `step` itself resets a neuron that spikes, and `fire` does nothing; a winner-take-all
@@ -114,6 +118,8 @@ class Neuron(Model):
 
     role: ClassVar[str] = "neuron"
     receptors: ClassVar[int] = 1
+    receptor_names: ClassVar[tuple[str, ...]] = ()
+    conductances: ClassVar[tuple[str, ...]] = ()
     relay: ClassVar[bool] = False
     linear: ClassVar[bool] = False
     resets_in_step: ClassVar[bool] = False
@@ -128,6 +134,11 @@ class Neuron(Model):
         above=0,
         arrays=True,
     )
+
+    @classmethod
+    def named_receptors(cls) -> tuple[str, ...]:
+        """The names by which synapses may name its receptors; none where all input is summed and has no name."""
+        return cls.receptor_names or (("ex", "in") if cls.receptors == 2 else ())
 
     @staticmethod
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -163,11 +174,20 @@ def _complete_neuron(model: type[Neuron]) -> None:
     names = [state.name for state in model.states]
     if "V_m" in names[1:]:
         raise TypeError(f"{told}: V_m is state {names.index('V_m')}: expected it first")
-    if model.receptors not in (1, 2):
-        raise TypeError(f"{told}: receptors = {model.receptors}: expected 1 or 2")
+    _check_receptors(told, model)
     c = _complete_numbers(told, model)
     if c is not None and "V_m" in names and "V_th" in model.quantities() and c[0] != model.defaults()["V_th"]:
         raise TypeError(f"{told}: its first constant is {c[0]:g}: expected V_th = {model.defaults()['V_th']:g}")
+
+
+def _check_receptors(told: str, model: type[Neuron]) -> None:
+    names = model.named_receptors()
+    if model.receptors < 1:
+        raise TypeError(f"{told}: receptors = {model.receptors}: expected at least 1")
+    if len(names) != model.receptors and (names or model.receptors > 1):
+        raise TypeError(f"{told}: receptors = {model.receptors} with {len(names)} receptor_names: expected as many")
+    if unknown := [name for name in model.conductances if name not in names]:
+        raise TypeError(f"{told}: conductance '{unknown[0]}' is none of its receptor_names")
 
 
 def _complete_numbers(told: str, model: type[Model]) -> NDArray[np.float64] | None:

@@ -39,6 +39,7 @@ class iaf_cond_alpha(Neuron):
         State("size", "ms", "adaptive step, 0 for a whole step of the grid", hidden=True),
     )
     receptors: ClassVar[int] = 2
+    conductances: ClassVar[tuple[str, ...]] = ("ex", "in")
 
     C_m: Value = quantity(250.0, "pF", "membrane capacity", above=0, arrays=True)
     g_L: Value = quantity(16.6667, "nS", "leak conductance", at_least=0, arrays=True)

@@ -1,0 +1,61 @@
+"""Which receptor of its target a projection goes to, where its synapse names one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from neuro.core.errors import ModelError, unknown
+from neuro.model.neurons import Neuron
+from neuro.model.parts import Population
+from neuro.model.synapses import Synapse, static
+from neuro.program.program import Floats, Receptor
+
+
+def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
+    """The receptor that a synapse names; None where weights go by their sign.
+
+    Args:
+        synapse: the model of the synapse.
+        target: the population of neurons that it goes to.
+
+    Raises:
+        ModelError: the neurons have no receptor of that name, or so many that one must be named.
+    """
+    model = target.model
+    assert isinstance(model, Neuron)
+    names = model.named_receptors()
+    named = synapse.receptor if isinstance(synapse, static) else None
+    if named is None:
+        if len(names) > 2:
+            one = ", ".join(names)
+            raise ModelError(
+                f"'{target.name}', a {model.name}, has {len(names)} receptors: expected a synapse that names one",
+                hint=f"write static with 'receptor', one of {one}",
+            )
+        return None
+    if not names:
+        raise ModelError(
+            f"static.receptor = '{named}': '{target.name}', a {model.name}, sums all input: expected no receptor",
+            hint="leave it out",
+        )
+    if named not in names:
+        raise unknown(f"receptor of '{target.name}', a {model.name},", named, names, path=("synapse", "receptor"))
+    index, conductance = names.index(named), named in model.conductances
+    return Receptor(named, index, conductance, conductance and len(names) == 2 and index == 1)
+
+
+def check_conductance(receptor: Receptor | None, weight: Floats) -> None:
+    """Weights onto a conductance that is named are not negative.
+
+    Raises:
+        ModelError: one is; the first such is told.
+    """
+    if receptor is None or not receptor.conductance:
+        return
+    bad = np.flatnonzero(weight < 0.0)
+    if bad.size:
+        raise ModelError(
+            f"weight[{bad[0]}] = {weight[bad[0]]:g} onto receptor '{receptor.name}', a conductance, which grows by it: "
+            "expected at least 0",
+            hint="leave out the sign, or the receptor",
+        )
