@@ -6,8 +6,11 @@ from numpy.typing import NDArray
 
 import neuro
 from neuro import ModelError
+from neuro.compare import cells, compare
 from neuro.extend import Neuron, Synapse
+from neuro.files.results import read, write
 from neuro.model.synapses import complete
+from neuro.run.collect import collect
 from neuro.testing import check_part, observe
 from neuro.testing.case import differences
 from neuro_models import orders
@@ -98,6 +101,21 @@ def test_delays_are_saved_kept_and_handed_on(backend, tmp_path):
     assert again.get("gathered", "delay").tolist() == learnt.tolist()
     again.run(BETWEEN)
     assert not differences(further, observe(again) | {"delay": again.get("gathered", "delay")}, exact=True)
+
+
+def test_results_and_comparisons_have_delays(tmp_path):
+    net = gathering(drawn_onsets(seed=2, cells=2), 10)
+    sim = neuro.compile(net, seed=1)
+    sim.run(2.5 * BETWEEN)
+    write(collect(sim, net), tmp_path / "out.h5")
+    found = read(tmp_path / "out.h5").projections
+    assert found["gathered"].delay_ms.tolist() == sim.get("gathered", "delay").tolist()
+    assert [name for name, part in found.items() if part.delay_ms is not None] == ["gathered"]
+    comparison = compare(net, ["event", "reference"], ms=2.5 * BETWEEN, seed=1)
+    assert comparison.as_dict()["backends"]["reference"]["delays"] == {
+        "gathered": {"largest": 0.0, "rms": 0.0, "relative": 0.0}
+    }
+    assert ("gathered: delays", "reference", "0 ms", "0 ms", "0.000%", "-") in list(cells.projections(comparison))
 
 
 def refusal(act) -> str:

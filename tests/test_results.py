@@ -21,11 +21,12 @@ def results():
     pairs = Weights(
         "z", "a", "stdp", 2, {"synaptic_ops": 4}, np.array([0, 1]), np.array([1, 0]), np.array([0.5, np.pi])
     )
+    late = Weights("z", "a", "stddp", 1, {"synaptic_ops": 3}, *[np.array([0])] * 2, np.ones(1), np.array([31.25]))
     kernel = Weights("z", "a", "r_stdp", 4, {"synaptic_ops": 0}, weight=np.ones((1, 1, 2, 2)))
     trace = Trace("a", "V_m", "mV", np.array([0.1, 0.2]), np.array([[1.0], [2.0]]))
     about = {"network": "net", "backend": "event", "seed": 3, "duration_ms": 2000.0, "counts.steps": 20_000}
     files = {YAML: "neuro: 1\nname: ä\n".encode(), "network.h5": bytes(range(256))}
-    return Results(about, files, {"z": train, "a": silent}, {"z_a": pairs, "grid": kernel}, {"v": trace})
+    return Results(about, files, {"z": train, "a": silent}, {"z_a": pairs, "late": late, "grid": kernel}, {"v": trace})
 
 
 def same(a, b):

@@ -77,6 +77,10 @@ def projections(comparison: Comparison) -> Iterator[tuple[str, ...]]:
             share = "-" if by_rounding is None else f"{by_rounding.relative:.3%}"
             numbers = (f"{lost.largest:.4g} {part.unit}".rstrip(), f"{lost.rms:.4g} {part.unit}".rstrip())
             yield (name, run.backend, *numbers, f"{lost.relative:.3%}", share)
+        for k, run in enumerate(run for run in told if part.projection in run.delays):
+            late = run.delays[part.projection]
+            name = "" if k else f"{part.projection}: delays"
+            yield (name, run.backend, f"{late.largest:.4g} ms", f"{late.rms:.4g} ms", f"{late.relative:.3%}", "-")
 
 
 def bills(comparison: Comparison) -> Iterator[tuple[str, ...]]:

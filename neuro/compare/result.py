@@ -78,11 +78,12 @@ class Run:
         counts: of the run.
         populations: results by name, those without spikes (currents) left out.
         weights: difference of the final weights from the first run's, by projection.
+        delays: likewise of the delays, in ms, of projections whose delays learn.
         rounding: what quantising does to the weights as described, by projection; None of a float backend.
         fixed, placement: the network in the chip's integers and on its cores; None of a float backend.
         bills: on its own chip; of the run that others are compared with also on other targets.
         trains: the spikes.
-        final: final weights of each projection, one for each synapse.
+        final: final weights of each projection, one for each synapse; `final_delays` in ms, where they learn.
         program: the network as the backend saw it.
     """
 
@@ -93,12 +94,14 @@ class Run:
     counts: Counts | None = None
     populations: Mapping[str, PopulationResult] = field(default_factory=dict)
     weights: Mapping[str, WeightDifference] = field(default_factory=dict)
+    delays: Mapping[str, WeightDifference] = field(default_factory=dict)
     rounding: Mapping[str, WeightDifference] | None = None
     fixed: FixedProgram | None = None
     placement: Placement | None = None
     bills: tuple[Bill, ...] = ()
     trains: Mapping[str, Train] = field(default_factory=dict)
     final: Mapping[str, Floats] = field(default_factory=dict)
+    final_delays: Mapping[str, Floats] = field(default_factory=dict)
     program: Program | None = None
 
     @property
@@ -138,6 +141,7 @@ class Run:
             "native_counts": dict(self.counts.native),
             "populations": {name: asdict(part) for name, part in self.populations.items()},
             "weights": {name: asdict(part) for name, part in self.weights.items()},
+            "delays": {name: asdict(part) for name, part in self.delays.items()},
             "weight_rounding": _words(self.rounding),
             "rounding": self.fixed.as_dict() if self.fixed else None,
             "placement": self.placement.as_dict() if self.placement else None,

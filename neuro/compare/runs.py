@@ -173,6 +173,7 @@ def _gather(sim: Simulation, backend: str, first: bool) -> Run:
         trains=trains,
         program=program,
         final={part.name: sim.get(part.name, "weight") for part in program.projections if part.size},
+        final_delays={p.name: sim.get(p.name, "delay") for p in program.projections if p.size and p.synapse.delays},
     )
 
 
@@ -206,6 +207,7 @@ def _against(run: Run, first: Run | None, duration_ms: float) -> Run:
         run,
         populations=populations,
         weights={name: difference(first.final[name], weights) for name, weights in run.final.items()},
+        delays={name: difference(first.final_delays[name], delays) for name, delays in run.final_delays.items()},
         inputs="same" if not inputs else "merged" if merged else "other",
     )
 

@@ -12,6 +12,7 @@
 /projections/NAME   attributes: source, target, synapse, synapses, counts.*
     pre, post       int64; not of a grid
     weight          float64 as stored at the end; of a grid (maps, channels, height, width)
+    delay_ms        float64 at the end, of rules that change delays
 /traces/NAME        attributes: population, state, unit
     times_ms        float64
     values          float64, (times, neurons)
@@ -73,7 +74,7 @@ class Train:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weights:
-    """Weights of one projection at the end of a run.
+    """Weights of one projection at the end of a run, and its delays where these learn.
 
     Attributes:
         source, target: names of the populations.
@@ -82,6 +83,7 @@ class Weights:
         counts: of the run, by name.
         pre, post: the ends of each synapse; None for a grid or where weights were not kept.
         weight: one for each; kernels of a grid; None where weights were not kept.
+        delay_ms: one for each, of a rule that changes delays; None of others.
     """
 
     source: str
@@ -92,6 +94,7 @@ class Weights:
     pre: Ints | None = None
     post: Ints | None = None
     weight: Floats | None = None
+    delay_ms: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -81,7 +81,9 @@ def _weights(sim: Simulation, part: Projection, every: bool, counts: dict[str, i
         return Weights(*about)
     if part.grid is not None:
         return Weights(*about, weight=sim.weights(part.name))
-    return Weights(*about, *sim.weights(part.name))
+    delay = sim.get(part.name, "delay") if part.synapse.delays else None
+    pre, post, weight = sim.weights(part.name)
+    return Weights(*about, pre, post, weight, delay)
 
 
 def _traces(sim: Simulation) -> dict[str, Trace]:

@@ -91,7 +91,7 @@ def test_currents_are_left_out_of_trains_but_not_of_weights(driven):
     assert "bias_exc" in found.runs[1].weights
 
 
-KEYS = ["ran", "reason", "warnings", "inputs", "counts", "native_counts", "populations", "weights"]
+KEYS = ["ran", "reason", "warnings", "inputs", "counts", "native_counts", "populations", "weights", "delays"]
 
 
 def test_json(three):
