@@ -142,14 +142,6 @@ def test_mistakes_are_told():
     )
 
 
-@pytest.mark.parametrize("chip", ["loihi", "spinnaker"])
-def test_chips_refuse_delays_that_learn(chip):
-    assert (
-        f"projection 'late': stddp: delays do not change while {chip} runs\n"
-        "  hint: learn on event, then give the delays of sim.network() to static synapses"
-    ) in refusal(lambda: neuro.compile(pair(neuro.parrot_neuron(), [1.0], [1.0]), chip))
-
-
 @pytest.mark.parametrize(
     "rule", [neuro.r_stddp(), neuro.r_stddp(Ar_plus=-0.3, Ap_minus=0.7, d_max=7.0)], ids=["by default", "to the bounds"]
 )

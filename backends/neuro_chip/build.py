@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.chips.lag import longest_lag
 from neuro.chips.quantising.fixed import FixedPopulation
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core import keyed_random
@@ -73,8 +74,8 @@ def _keys(program: Program, purpose: str, names: list[str]) -> NDArray[np.uint64
 def slots_of(fixed: FixedProgram, target: int) -> int:
     """Slots of a population's ring: a power of two above the longest lag of what it receives."""
     lags = [
-        int(wires.lag.max(initial=1))
-        for wires, part in zip(fixed.projections, fixed.program.projections, strict=True)
+        int(longest_lag(fixed.program, index).max(initial=1))
+        for index, (wires, part) in enumerate(zip(fixed.projections, fixed.program.projections, strict=True))
         if wires is not None and part.target == target
     ]
     return 1 << (max(lags, default=1)).bit_length()

@@ -129,23 +129,25 @@ class ChipEngine:
         return np.broadcast_to(values, here.stop - here.start).copy()
 
     def synapse_registers(self, projection: int, name: str) -> Ints:
-        """The mantissa ("weight", "mantissa") or the tag ("t", "c") of every synapse.
+        """The mantissa ("weight", "mantissa") or the tag ("t", "c") of every synapse, or its delay where that learns.
 
         Raises:
             ModelError: there is no such register.
         """
-        if projection in self._machine.learners:
-            tags = self._machine.learners.raw(projection, name)
-            if tags is not None:
-                return tags
+        for kept in (self._machine.learners, self._machine.delays):
+            if projection in kept and (found := kept.raw(projection, name)) is not None:
+                return found
         if name not in ("weight", "mantissa"):
-            raise unknown("register of synapses", name, ("weight", "t"))
+            delay = ("delay",) if projection in self._machine.delays else ()
+            raise unknown("register of synapses", name, ("weight", "t", *delay))
         if projection in self._machine.learners:
             return self._machine.learners.mantissas(projection).astype(np.int64)
         return self._machine.weights.raw(projection)
 
     def get_synapses(self, projection: int, name: str) -> Floats:
         """A state of every synapse in physical units."""
+        if projection in self._machine.delays and name == "delay":
+            return self._machine.delays.read(projection)
         if projection in self._machine.learners:
             if name != "weight":
                 return self._machine.learners.read(projection, name)
@@ -154,7 +156,7 @@ class ChipEngine:
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model."""
-        if projection in self._machine.learners:
+        if self.program.projections[projection].synapse.learns != "trials":
             name = self.program.projections[projection].name
             raise ModelError(
                 f"the rule of '{name}' is in the chip's microcode: it cannot be changed while it runs",

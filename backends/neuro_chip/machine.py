@@ -17,6 +17,7 @@ from neuro.program.currents import Currents
 from neuro.program.program import Floats
 from neuro_chip import tables as t
 from neuro_chip.build import arrays_of, write_registers, write_states
+from neuro_chip.delays import Delays
 from neuro_chip.families.every import family_of
 from neuro_chip.learners import Learners
 from neuro_chip.listed import Listed
@@ -47,6 +48,7 @@ class Machine:
         cells: present registers of the populations.
         weights: the weight memory.
         learners: the projections that learn on the chip.
+        delays: those that learn.
         currents: of the dc_generators.
         listed: spikes that the host sends.
         record: spikes that are kept.
@@ -58,6 +60,7 @@ class Machine:
         self.cells = Registers(fixed)
         self.weights = Weights(fixed, self.arrays)
         self.learners = Learners(fixed, self.weights, self.arrays)
+        self.delays = Delays(fixed, self.arrays)
         self.currents = Currents(self.program)
         self.record = Record()
         self._warned: set[str] = set()
@@ -86,13 +89,15 @@ class Machine:
         """Run to a step, or until a group has decided."""
         clock = self.arrays["clock"]
         clock[t.STOP_GROUP] = group
+        by_step = self.learners or self.delays
         while clock[t.STEP] < end:
             self._apply_currents()
             before = int(clock[t.STEP])
-            stop = before + 1 if self.learners else min(end, self.currents.next_change(before))
+            stop = before + 1 if by_step else min(end, self.currents.next_change(before))
             advance(self._net, stop)
-            if self.learners and clock[t.STEP] > before:
+            if by_step and clock[t.STEP] > before:
                 self.learners.after(before + 1)
+                self.delays.after(before + 1)
             if clock[t.RECORDED]:
                 n = int(clock[t.RECORDED])
                 self.record.take(*(self.arrays[name][:n] for name in ("rec_steps", "rec_ids", "rec_times")))
@@ -156,6 +161,7 @@ class Machine:
         self._start_currents_anew()
         self.weights.start_anew(weights)
         self.learners.start_anew(weights)
+        self.delays.start_anew(weights)
         self._warned.clear()
         self.bind()
 
@@ -175,6 +181,7 @@ class Machine:
             **self.currents.snapshot(),
             **self.weights.snapshot(),
             **self.learners.snapshot(),
+            **self.delays.snapshot(),
             **self.cells.snapshot(),
         }
 
@@ -190,4 +197,5 @@ class Machine:
         self.currents.restore(arrays)
         self.weights.restore(arrays)
         self.learners.restore(arrays)
+        self.delays.restore(arrays)
         self.bind()

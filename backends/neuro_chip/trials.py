@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from neuro.chips.loihi.learning_rules import FRACTIONS
 from neuro.chips.quantising.fixed import FixedProjection
 from neuro.core import keyed_random
 from neuro.core.clock import NEVER
@@ -118,16 +119,32 @@ class Trials:
         part, weights = machine.program.projections[projection], machine.weights
         sources, slots = self._inputs_of(projection, neuron)
         first = machine.arrays["first"][machine.slice(part.source)][sources]
-        delay = np.broadcast_to(part.delay, part.size)[slots] if part.grid is None else part.delay[0]
+        delay = self._delays_of(projection, slots)
         since = (tick + self._began + 1 - first - delay) * machine.program.resolution
         since[first == NEVER] = -np.inf
         wires, rule, key = self._prepared(projection)
+        weights.updates[projection] += len(slots)
+        if projection in machine.delays:
+            units, unit = machine.delays.units[projection], machine.program.resolution / FRACTIONS
+            host.teacher(part.synapse.arithmetic.teach)(
+                units, unit, *machine.delays.bounds(projection), 1,
+                slots, since, lesson, rule, key, self.changes,
+            )  # fmt: skip
+            machine.delays.write(projection)
+            return
         host.teacher(part.synapse.arithmetic.teach)(
             weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
             slots, since, lesson, rule, key, self.changes,
         )  # fmt: skip
         weights.write(projection)
-        weights.updates[projection] += len(slots)
+
+    def _delays_of(self, projection: int, slots: Ints) -> Ints:
+        """Steps that spikes take along some synapses."""
+        part = self._machine.program.projections[projection]
+        if projection in self._machine.delays:
+            return self._machine.delays.steps(projection)[slots]
+        delay = part.delay[:1] if part.grid is not None else np.broadcast_to(part.delay, part.size)[slots]
+        return delay.astype(np.int64)
 
     def encourage(self, projection: int, maps: Ints) -> None:
         """Apply the rule's `encourage` to every weight of some maps, rounding stochastically."""

@@ -27,11 +27,21 @@ def lag(program: Program, index: int) -> NDArray[np.int32]:
         index: of the projection.
 
     Returns:
-        shape (1,) where the projection has one delay, else one per synapse.
+        shape (1,) where the projection has one delay and keeps it, else one per synapse.
     """
     part = program.projections[index]
     late = acts_late(program.populations[part.target].model)
-    return (part.delay + late).astype(np.int32)
+    delay = np.broadcast_to(part.delay, part.size) if part.synapse.delays else part.delay
+    return (delay + late).astype(np.int32)
+
+
+def longest_lag(program: Program, index: int) -> NDArray[np.int32]:
+    """The longest lag of a projection, now or when its delays have learnt, shape (1,), or none without synapses."""
+    part = program.projections[index]
+    if part.synapse.delays:
+        _, most = part.delay_range(program.resolution)
+        return np.array([most + acts_late(program.populations[part.target].model)], dtype=np.int32)
+    return lag(program, index)
 
 
 def register(lag: NDArray[np.int32], of_one: int) -> NDArray[np.int32]:

@@ -490,6 +490,32 @@ def test_synapses_that_do_not_go_with_their_neurons(model, synapse, why, way):
     ]
 
 
+def test_thresholds_that_adapted_elsewhere_are_taken():
+    def net(model):
+        net = neuro.Network("adapted", resolution=1.0)
+        net.population("noise", 20, neuro.poisson_generator(rate=150.0))
+        net.population("cells", 4, model)
+        net.connect("noise", "cells", neuro.all_to_all(), weight=300.0, delay=1.0)
+        return net
+
+    shared = {"tau_syn_ex": 5.0, "tau_syn_in": 5.0}
+    adapting = neuro.iaf_psc_exp_adaptive_threshold(**shared)
+    known = "iaf_psc_exp, iaf_psc_delta and parrot_neuron"
+    assert refusals(neuro.compile(net(adapting)).program, "loihi") == [
+        (
+            "population 'cells': iaf_psc_exp_adaptive_threshold",
+            f"loihi has no such neuron: it has {known}",
+            "adapt on event, then give iaf_psc_exp the V_th of each neuron that is V_th + theta there",
+        )
+    ]
+    sim = neuro.compile(net(adapting), seed=1)
+    sim.run(200.0)
+    raised = sim.get("cells", "V_th") + sim.get("cells", "theta")
+    assert (raised > adapting.V_th).all()
+    chip = neuro.compile(net(neuro.iaf_psc_exp(V_th=raised, **shared)), "loihi", seed=1)
+    assert chip.get("cells", "V_th").tolist() == raised.tolist()
+
+
 def test_a_kernel_onto_neurons_that_differ():
     net = neuro.Network("grid", resolution=1.0)
     net.population("in", (1, 4, 4), neuro.spike_generator(spike_times=[[]] * 16))

@@ -10,12 +10,15 @@ from neuro.chips.loihi.learning_fit import COARSE_UPDATE
 from neuro.chips.loihi.learning_map import Mapped, rule_of
 from neuro.chips.quantising.fixed import FixedProjection
 from neuro.chips.quantising.inputs import Options, approximated, refused
-from neuro.chips.quantising.learning import foreign
+from neuro.chips.quantising.learning import LEARN_ELSEWHERE, foreign
 from neuro.core.errors import ModelError
 from neuro.model.neurons import parrot_neuron
 from neuro.model.synapses import loihi_learning
 from neuro.program.backend import Problem
 from neuro.program.program import Program
+
+FRACTIONS = 256
+"""Parts of a step that a tag tells apart: -128 to 127 of them, so that the register is the nearest whole step."""
 
 LARGEST_SIGNAL = 4.0
 """Dopamine that a signal may set, in those of one dopamine spike, 1/tau_n, where the option `signals` says nothing."""
@@ -36,6 +39,8 @@ def give_rules(program: Program, chip: Chip, wires: dict[int, FixedProjection], 
             yield problem
         elif isinstance(synapse, loihi_learning) and index in wires:
             wires[index] = replace(wires[index], rule=synapse.rule())
+        elif synapse.delays and index in wires:
+            yield _delays(program, index)
         elif synapse.learns == "pairs" and index in wires:
             try:
                 mapped = _mapped(program, index, wires[index], options)
@@ -50,6 +55,18 @@ def give_rules(program: Program, chip: Chip, wires: dict[int, FixedProjection], 
                     f"a change is {mapped.update:.2g} of a weight step: below {COARSE_UPDATE:g} much of it is cut away"
                 )
                 yield approximated(part.origin, told, why, "learn faster, or lower Wmax, which sets the weight step")
+
+
+def _delays(program: Program, index: int) -> Problem:
+    """What a rule for delays becomes on the chip; a synapse that has other traces than times cannot be there."""
+    part = program.projections[index]
+    told = f"projection '{part.name}': {part.synapse.name}"
+    traces = (*part.synapse.pre, *part.synapse.post) if part.synapse.learns == "pairs" else ()
+    if any(trace.tau for trace in traces) or len(traces) > 2:
+        return refused(part.origin, told, "of spikes the host knows when the last ones were", LEARN_ELSEWHERE)
+    when = "times of spikes, which its learning engine has not" if traces else "the ends of trials"
+    kept = f"delays are whole steps in the register and 1/{FRACTIONS} of a step in the tag"
+    return approximated(part.origin, told, f"{kept}; the host changes them by {when}")
 
 
 def _no_rule(program: Program, index: int) -> Problem | None:

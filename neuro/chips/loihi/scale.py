@@ -167,7 +167,8 @@ def _search(
     Of those that lose the same of the weights the ones that lose least of the constant drive and the threshold; where
     all of these are above `room`, the smallest.
     """
-    plastic = [(index, v) for index, v in values if inputs.program.projections[index].synapse.learns == "pairs"]
+    pairs = [inputs.program.projections[index].synapse.learns == "pairs" for index, _ in values]
+    plastic = [each for each, learns in zip(values, pairs, strict=True) if learns and inputs.learns(each[0])]
     peak = max(_largest(v) for _, v in plastic or values)
     mantissas = np.array([255.0]) if plastic else np.arange(256.0, 128.0, -1.0)
     base = 64.0 * mantissas / peak  # scale at exponent 0

@@ -12,7 +12,7 @@ import numpy as np
 
 from neuro.chips.arithmetics import placed_as
 from neuro.chips.description import Chip
-from neuro.chips.lag import lag, register
+from neuro.chips.lag import longest_lag, register
 from neuro.chips.placing.fan_out import spiking
 from neuro.chips.placing.incoming import Incoming
 from neuro.chips.placing.mesh import capacity
@@ -49,8 +49,8 @@ def too_late(program: Program, chip: Chip) -> Iterator[Problem]:
     of_one = placed_as(chip).register_of_one
     for index in spiking(program):
         part = program.projections[index]
-        steps = int(part.delay.max(initial=0))
-        need = int(register(lag(program, index), of_one).max(initial=0))
+        steps = part.delay_range(h)[1] if part.size else 0
+        need = int(register(longest_lag(program, index), of_one).max(initial=0))
         if need > most:
             yield Problem(
                 True,

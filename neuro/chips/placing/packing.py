@@ -23,7 +23,7 @@ from __future__ import annotations
 from typing import Any
 
 from neuro.chips.description import Chip
-from neuro.chips.lag import lag, register
+from neuro.chips.lag import longest_lag, register
 from neuro.chips.loihi.words import REGISTER_OF_ONE
 from neuro.program.program import Program
 
@@ -70,5 +70,6 @@ def synapse_bits(program: Program, index: int) -> int:
     """Bits of one synapse of a projection in Loihi's blocks, without its index."""
     part = program.projections[index]
     weight = int(part.synapse.parameters().get("num_weight_bits", WEIGHT_BITS))
-    longest = int(register(lag(program, index), REGISTER_OF_ONE).max(initial=0))
-    return weight + longest.bit_length() + (TAG_BITS if part.synapse.learns in ("pairs", "chip") else 0)
+    longest = int(register(longest_lag(program, index), REGISTER_OF_ONE).max(initial=0))
+    tagged = part.synapse.learns in ("pairs", "chip") or part.synapse.delays
+    return weight + longest.bit_length() + (TAG_BITS if tagged else 0)

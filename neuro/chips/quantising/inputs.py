@@ -57,7 +57,8 @@ class Inputs:
 
     def learns(self, index: int) -> bool:
         """Whether the weights of a projection change."""
-        return bool(self.program.projections[index].synapse.learns)
+        synapse = self.program.projections[index].synapse
+        return bool(synapse.learns) and not synapse.delays
 
     def range_of(self, index: int) -> Floats:
         """The weights of a projection, followed by the bounds between which learning may move them."""

@@ -22,7 +22,7 @@ from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.inputs import Inputs, Options, refused
 from neuro.chips.quantising.losses import LIMITS, losses, merged
 from neuro.chips.quantising.options import options_of
-from neuro.model.neurons import parrot_neuron
+from neuro.model.neurons import iaf_psc_exp_adaptive_threshold, parrot_neuron
 from neuro.program.backend import Problem, own_generators
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Population, Program
@@ -117,6 +117,8 @@ def _lacking(inputs: Inputs, chip: Chip, arithmetic: Arithmetic) -> Problem:
     known = ", ".join(model.__name__ for model in arithmetic.models)
     why = f"{chip.name} has no such neuron: it has {known} and parrot_neuron"
     way = f"backend '{model.chip}' runs it" if model.chip else "use iaf_psc_exp, or run on event"
+    if isinstance(model, iaf_psc_exp_adaptive_threshold):
+        way = "adapt on event, then give iaf_psc_exp the V_th of each neuron that is V_th + theta there"
     return refused(inputs.part.origin, f"population '{inputs.part.name}': {model.name}", why, way)
 
 
@@ -125,7 +127,7 @@ def _unbounded(program: Program) -> Iterator[Problem]:
     for part in program.projections:
         bounds = part.synapse.parameters()
         ends = [word for word in ("Wmin", "Wmax") if not np.isfinite(bounds.get(word, np.inf))]
-        if part.synapse.learns == "trials" and ends:
+        if part.synapse.learns == "trials" and not part.synapse.delays and ends:
             yield refused(
                 part.origin,
                 f"projection '{part.name}': {part.synapse.name} without a finite {' and '.join(ends)}",
@@ -153,13 +155,16 @@ def _no_register(part: Population, limit: int) -> Iterator[Problem]:
 def _delays(program: Program, chip: Chip, wires: tuple[FixedProjection | None, ...]) -> Iterator[Problem]:
     longest = chip.limit("delay_max")
     for part, fixed in zip(program.projections, wires, strict=True):
-        if fixed is None or longest is None or fixed.delay.max(initial=0) <= longest:
+        if fixed is None or longest is None or not fixed.delay.size:
             continue
-        steps = int(fixed.delay.max())
-        extra = steps - int(part.delay.max())
+        _, most = part.delay_range(program.resolution)
+        extra = int(fixed.delay.max()) - int(part.delay.max())
+        steps = most + extra
+        if steps <= longest:
+            continue
         yield refused(
             part.origin,
-            f"projection '{part.name}': a delay of {int(part.delay.max()) * program.resolution:g} ms",
+            f"projection '{part.name}': a delay of {most * program.resolution:g} ms",
             f"{steps} steps in the delay register, which holds at most {longest} on {chip.name}",
             f"use at most {(longest - extra) * program.resolution:g} ms, a coarser resolution, or a chain of parrots",
         )
@@ -178,7 +183,10 @@ def _notes(
     if program.trials is not None:
         yield f"the host resets {', '.join(program.trials.reset) or 'nothing'} before each trial"
     for part in program.projections:
-        if part.synapse.learns == "trials":
+        if part.synapse.delays:
+            when = "between trials" if part.synapse.learns == "trials" else "after each step"
+            yield f"the host applies {part.synapse.name} to '{part.name}' {when} and writes delay registers and tags"
+        elif part.synapse.learns == "trials":
             yield (
                 f"the host applies {part.synapse.name} to '{part.name}' between trials and writes the weights, rounded "
                 "stochastically: the chip cannot tie weights in learning"
