@@ -44,7 +44,7 @@ def made(name: str, words: Mapping[str, Any]) -> type[EquationNeuron] | type[Equ
     Raises:
         ModelError: the first mistake in the words; its path leads there.
     """
-    mapping(words, (*WORDS, *RULE_WORDS), "a model")
+    mapping(words, tuple(dict.fromkeys((*WORDS, *RULE_WORDS))), "a model")
     try:
         check_name(name)
     except ModelError:

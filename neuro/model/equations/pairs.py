@@ -154,7 +154,9 @@ def _tau(given: Mapping[str, Any], parameters: Mapping[str, Parameter], more: li
     tau: str = given.get("tau", "")
     known = [*(word for word, p in parameters.items() if p.unit == "ms"), *more]
     if tau and tau not in known:
-        raise unknown("parameter in ms", tau, known, path=("tau",))
+        error = unknown("parameter in ms", tau, known, path=("tau",))
+        hint = error.hint if known else "write tau: tau_plus, and tau_plus: 20 ms among the parameters"
+        raise ModelError(error.message, hint=hint, path=error.path)
     return tau
 
 
