@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -89,8 +90,8 @@ class ChipEngine:
         names = [state.name for state in part.model.states]
         states = {name: each for name, each in values.items() if name in names}
         parameters = {name: each.copy() for name, each in values.items() if name not in names}
-        if "E_L" in parameters and "V_m" not in states:
-            states["V_m"] = self.get(population, "V_m")  # the register counts from E_L
+        for name in self._machine.cells.counted_from(population, parameters):
+            states.setdefault(name, self.get(population, name))
         if part.kind == "current":
             machine, amplitude = self._machine, {population: parameters["amplitude"]}
             for target in machine.currents.targets:  # refused here, not when it is on its way
@@ -104,12 +105,12 @@ class ChipEngine:
         elif parameters and part.kind != "listed":
             self._requantise(population)
         try:
-            written = [self._machine.cells.units(population, name, each) for name, each in states.items()]
+            written = [self._machine.cells.units(population, name, each).items() for name, each in states.items()]
         except ModelError:
             self._machine.cells.parameters[population] = before
             self._requantise(population)
             raise
-        for register, units in written:
+        for register, units in chain.from_iterable(written):
             self._machine.arrays[STATES[register]][self._machine.slice(population)] = units
 
     def _requantise(self, population: int) -> None:

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.chips.quantising.built_in import names_of, shares
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.quantise import requantise
 from neuro.core.errors import ModelError, unknown
+from neuro.model.equations import EquationNeuron
 from neuro.program.backend import Problem
 from neuro.program.program import Floats, Ints
 from neuro_chip.families.every import family_of
@@ -32,10 +34,26 @@ class Registers:
         self._program, self._family = fixed, family_of(fixed.chip)
         self.fixed = list(fixed.populations)
         self.parameters = [dict(p.parameters) for p in fixed.program.populations]
+        self._names = [names_of(part) for part in fixed.program.populations]
         self._good = [dict(parameters) for parameters in self.parameters]
+
+    def names(self, population: int, name: str) -> tuple[str, ...]:
+        """The states of the chip's model that a state is, or the sum of which it is."""
+        return self._names[population].get(name, (name,))
+
+    def counted_from(self, population: int, parameters: Container[str]) -> list[str]:
+        """The potential, if its register counts from a rest that may follow from one of some parameters."""
+        model = self._program.program.populations[population].model
+        if "E_L" not in parameters and not isinstance(model, EquationNeuron):
+            return []
+        return [name for name, names in self._names[population].items() if names == ("V_m",)]
 
     def state(self, population: int, name: str, arrays: Mapping[str, NDArray[np.int32]]) -> Floats:
         """A state in the unit of its model, from the state registers."""
+        first, *more = (self._state(population, each, arrays) for each in self.names(population, name))
+        return sum(more, start=first)
+
+    def _state(self, population: int, name: str, arrays: Mapping[str, NDArray[np.int32]]) -> Floats:
         part = self.fixed[population]
         if name in self._family.states.get(part.kind, ()):
             return arrays[name].astype(np.float64)
@@ -44,12 +62,19 @@ class Registers:
             return values
         return self._family.current(part, name, arrays)
 
-    def units(self, population: int, name: str, values: Floats) -> tuple[str, NDArray[np.int32]]:
-        """The state register of a state, and values in its units.
+    def units(self, population: int, name: str, values: Floats) -> dict[str, NDArray[np.int32]]:
+        """The state registers of a state, and values in their units.
 
         Raises:
             ModelError: a value does not fit.
         """
+        names, found = self.names(population, name), dict[str, NDArray[np.int32]]()
+        for each, share in zip(names, shares(values, names), strict=True):
+            register, units = self._units(population, each, share)
+            found[register] = found[register] + units if register in found else units
+        return found
+
+    def _units(self, population: int, name: str, values: Floats) -> tuple[str, NDArray[np.int32]]:
         part = self.fixed[population]
         register = self.register_of(population, name)
         exact = values
@@ -78,7 +103,7 @@ class Registers:
         Raises:
             ModelError: the population has no such register.
         """
-        part = self.fixed[population]
+        part, name = self.fixed[population], self.names(population, name)[0]
         own = [*self._family.states.get(part.kind, ()), *part.registers]
         stands = self._family.stands_for
         if stands.get(name) in own:

@@ -93,11 +93,12 @@ class Trials:
         a["first"][:] = NEVER
         a["muted"][self._output] = np.repeat(trial.silenced, self._per_map)
         cells = machine.cells.fixed[self._section.output]
-        registers = {name: 0 for state in self._section.reset for name in _REGISTERS[state] if name in STATES}
+        states = {each for name in self._section.reset for each in machine.cells.names(self._section.output, name)}
+        registers = {name: 0 for state in states for name in _REGISTERS[state] if name in STATES}
         for name in registers:
             a[STATES[name]][self._output] = 0
         write_states(a, self._section.output, cells, tuple(registers))
-        if "V_m" in self._section.reset:
+        if "V_m" in states:
             a["hold"][self._output] = 0
 
     def _inputs_of(self, projection: int, neuron: int) -> tuple[Ints, Ints]:

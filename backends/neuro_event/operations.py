@@ -100,23 +100,24 @@ def entry(model):
     Its arguments are those of `neuro_event.views.call`.
     """
     catch_up, step_run, is_quiet, fire_one = compiled_operations([model])
-    draws = model.draws
+    draws, linear = model.draws, model.linear
 
     @kernel
     def run(view, pop, operation, lo, hi, thread, step, interval):
         net = net_of(view)
         row = net.pops[pop]
+        if linear:  # of others nothing changes while they sleep
+            if operation == CATCH_UP:
+                catch_up(view, thread, row, lo, hi, interval)
         if operation == STEP:
             if draws:
                 draw(view, pop, lo, hi, step)
             net.fired[lo:hi] = 0  # ours write it for each neuron; to set it where it is reached is enough
             step_run(view, row, lo, hi)
-        elif operation == CATCH_UP:
-            catch_up(view, thread, row, lo, hi, interval)
         elif operation == FIRE:
             fire_one(view, row, lo)
-        elif is_quiet(view, row, lo, hi):
-            return 1
+        elif operation == QUIET:
+            return 1 if is_quiet(view, row, lo, hi) else 0
         return 0
 
     return entry_of(model, run, ENTRY_TYPE)

@@ -64,6 +64,71 @@ def test_an_attack_ends_in_a_message_with_its_column(text, column):
     assert len(raised.value.message) < 400
 
 
+def with_rule(text, word="on_signal"):
+    return neuro.equations(
+        "attacked",
+        states={"z": {"tau": "tau_z"}},
+        on_pre={"z": text if word == "on_pre" else "z + 1"},
+        on_signal={"w": text if word == "on_signal" else "n*z/tau_z"},
+        parameters={"E_L": 1, "tau_z": "10 ms"},
+    )
+
+
+OF_RULES = [(text, column) for text, column in ATTACKS if text != "9**9**9**9"]
+"""That one is a number, infinite; a potential has a unit."""
+
+
+@pytest.mark.parametrize("word", ["on_pre", "on_signal"])
+@pytest.mark.parametrize(("text", "column"), OF_RULES, ids=range(len(OF_RULES)))
+def test_an_attack_on_a_rule_ends_likewise(text, column, word):
+    with pytest.raises(ModelError) as raised:
+        with_rule(text.replace("V_m", "z^5" if text == "V_m^999999999" else "E_L"), word)
+    place = {"on_pre": "on_pre.z", "on_signal": "on_signal.w"}[word]
+    assert f"{place}, column " in raised.value.message
+    assert len(raised.value.message) < 400
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            {"states": {"__class__": {}}},
+            "states.__class__, column 1: found '_': expected a number",
+        ),
+        ({"states": {"z" * 3000: {}}}, ", column 2001: found 3000 characters: expected at most 2000"),
+        ({"states": {f"z{k}": {} for k in range(1000)}}, "found 1000 states: expected at most 8"),
+        (
+            {"states": {"z": {"tau": "tau_z", "__init__": 1}}},
+            "unknown word of a state of a synapse '__init__'",
+        ),
+        ({"states": {"exp": {}}}, "states.exp: 'exp' means something else, too: expected another name"),
+        ({"states": {"self_": {}}}, "states.self_: name 'self_': expected letters, digits and '_', a letter first"),
+        (
+            {"on_signal": {"w": "(n*z)^999999999/tau_z"}},
+            "column 6: an exponent of 1e+09: expected at most 100",
+        ),
+        ({"on_signal": {"w": "((((z+n)^4)^4)^4)^4/tau_z"}}, "on_signal.w, column 12: found '(z + n)^4^4'"),
+        (
+            {"initial": {"z": "__import__('os')"}},
+            "initial.z, column 1: found '_': expected a number",
+        ),
+    ],
+    ids=range(9),
+)
+def test_an_attack_on_the_words_of_a_rule(words, message):
+    usual = {"states": {"z": {"tau": "tau_z"}}, "on_pre": {}, "parameters": {"tau_z": "10 ms", "n0": 1}}
+    with pytest.raises(ModelError) as raised:
+        neuro.equations("attacked", **{**usual, **words})
+    assert message in raised.value.message
+    assert len(raised.value.message) < 3400
+
+
+@given(st.text(max_size=60) | st.text("znwEL tau*/+-^()<>=.,0123456789e", max_size=60))
+def test_random_text_in_a_rule_raises_nothing_but_model_errors(text):
+    with suppress(ModelError):
+        with_rule(text)
+
+
 @given(st.text(max_size=60) | st.text("Vm_EL tau*/+-^()<>=.,0123456789e", max_size=60))
 def test_random_text_raises_nothing_but_model_errors(text):
     with suppress(ModelError):

@@ -1,4 +1,4 @@
-"""Where a model in equations does not run, and why."""
+"""Where a model in equations does not run, and why; of chips `test_chips` tells."""
 
 from pathlib import Path
 
@@ -15,14 +15,6 @@ def network(name):
     net = neuro.Network()
     net.population("cells", 2, neuro.equations(name, **MODELS[name])())
     return net
-
-
-@pytest.mark.parametrize("chip", ["loihi", "spinnaker"])
-def test_a_chip_names_the_neurons_that_it_has(chip):
-    with pytest.raises(ModelError) as raised:
-        neuro.compile(network("own_iaf_psc_exp"), backend=chip)
-    assert "population 'cells': own_iaf_psc_exp" in str(raised.value)
-    assert "has no such neuron: it has " in str(raised.value)
 
 
 def test_a_group_cannot_have_what_resets_itself():

@@ -17,6 +17,7 @@ from neuro.chips.arithmetic import Arithmetic
 from neuro.chips.arithmetics import arithmetic_of
 from neuro.chips.description import Chip
 from neuro.chips.quantising import rounding
+from neuro.chips.quantising.built_in import as_built_in, why_not
 from neuro.chips.quantising.fixed import FixedPopulation, FixedProjection, Rounding
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.chips.quantising.inputs import Inputs, Options, refused
@@ -48,7 +49,7 @@ def quantise(program: Program, chip: Chip, **options: Any) -> FixedProgram:
         ModelError: the chip has no arithmetic here, or an option names nothing.
     """
     arithmetic = arithmetic_of(chip)
-    chosen = options_of(program, chip, arithmetic, options)
+    chosen = options_of(as_built_in(program), chip, arithmetic, options)
     key = repr((chip, sorted(options.items())))
     kept = _KEPT.setdefault(program, {})
     if key not in kept:
@@ -56,7 +57,8 @@ def quantise(program: Program, chip: Chip, **options: Any) -> FixedProgram:
     return kept[key]
 
 
-def _quantise(program: Program, chip: Chip, arithmetic: Arithmetic, options: Options) -> FixedProgram:
+def _quantise(described: Program, chip: Chip, arithmetic: Arithmetic, options: Options) -> FixedProgram:
+    program = as_built_in(described)
     populations: list[FixedPopulation] = []
     projections: dict[int, FixedProjection] = {}
     problems: list[Problem] = []
@@ -74,11 +76,11 @@ def _quantise(program: Program, chip: Chip, arithmetic: Arithmetic, options: Opt
     wires = tuple(projections.get(index) for index in range(len(program.projections)))
     problems += _delays(program, chip, wires)
     if any(p.refused for p in problems):
-        return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), ())
+        return FixedProgram(chip, described, tuple(populations), wires, tuple(problems), ())
     problems += merged(program, arithmetic)
     problems += losses(program, arithmetic, populations, wires)
     notes = tuple(_notes(program, chip, arithmetic, wires))
-    return FixedProgram(chip, program, tuple(populations), wires, tuple(problems), notes)
+    return FixedProgram(chip, described, tuple(populations), wires, tuple(problems), notes)
 
 
 def _population(
@@ -116,6 +118,10 @@ def _lacking(inputs: Inputs, chip: Chip, arithmetic: Arithmetic) -> Problem:
     model = inputs.part.model
     known = ", ".join(model.__name__ for model in arithmetic.models)
     why = f"{chip.name} has no such neuron: it has {known} and parrot_neuron"
+    if (error := why_not(model)) is not None:
+        why = f"{chip.name} takes equations of {known} only, and {error.message}"
+        way = error.hint or f"use {known}, or run on event"
+        return refused(inputs.part.origin, f"population '{inputs.part.name}': {model.name}", why, way)
     way = f"backend '{model.chip}' runs it" if model.chip else "use iaf_psc_exp, or run on event"
     if isinstance(model, iaf_psc_exp_adaptive_threshold):
         way = "adapt on event, then give iaf_psc_exp the V_th of each neuron that is V_th + theta there"
@@ -214,7 +220,7 @@ def requantise(
     )
     part = replace(program.populations[population], parameters=dict(parameters))
     others = (*program.populations[:population], part, *program.populations[population + 1 :])
-    changed = replace(program, populations=others, projections=projections)
+    changed = as_built_in(replace(program, populations=others, projections=projections))
     modes = {w.name: w.sign_mode for w in fixed.projections if w is not None and w.sign_mode}
     arithmetic = arithmetic_of(fixed.chip)
     options = arithmetic.kept_options(cells, tuple(w for w in fixed.projections if w is not None))

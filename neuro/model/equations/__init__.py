@@ -8,8 +8,8 @@ from typing import Any
 from neuro.core.errors import ModelError, here
 from neuro.model.equations.definition import WORDS, check_name, mapping
 from neuro.model.equations.neuron import EquationNeuron, neuron
+from neuro.model.equations.pairs import WORDS as RULE_WORDS
 from neuro.model.equations.parameters import NAME
-from neuro.model.equations.rule import WORDS as RULE_WORDS
 from neuro.model.equations.rule import EquationSynapse, is_rule, rule
 from neuro.model.neurons import MODELS
 from neuro.model.synapses import SYNAPSES
@@ -24,7 +24,7 @@ def equations(name: str, **words: Any) -> Any:
         name: of the model.
         words: its words, as in the section `models` of a network file: `equations`, `let`, `receptors`, `threshold`,
             `reset`, `refractory`, `parameters`, `initial`, `integrator`, `doc`, `source`; of a rule of spike pairs
-            `traces`, `on_pre`, `on_post`, `parameters`, `doc`, `source`.
+            `traces`, `states`, `on_pre`, `on_post`, `on_signal`, `initial`, `parameters`, `doc`, `source`.
 
     Returns:
         The class of the model; the same words give the same class.
@@ -44,7 +44,7 @@ def made(name: str, words: Mapping[str, Any]) -> type[EquationNeuron] | type[Equ
     Raises:
         ModelError: the first mistake in the words; its path leads there.
     """
-    mapping(words, (*WORDS, *RULE_WORDS), "a model")
+    mapping(words, tuple(dict.fromkeys((*WORDS, *RULE_WORDS))), "a model")
     try:
         check_name(name)
     except ModelError:

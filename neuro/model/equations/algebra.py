@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 
 from neuro.model.equations.grammar import Binary, Call, Name, Negative, Number, Tree
 
 ZERO, ONE = Number(0.0, "", 0), Number(1.0, "", 0)
 
 
+def parts(tree: Tree) -> tuple[Tree, ...]:
+    """What a tree is made of."""
+    match tree:
+        case Negative(of):
+            return (of,)
+        case Binary(_, left, right):
+            return left, right
+        case Call(_, arguments):
+            return arguments
+    return ()
+
+
+def within(tree: Tree) -> Iterator[Tree]:
+    """A tree, its parts, and theirs."""
+    yield tree
+    for part in parts(tree):
+        yield from within(part)
+
+
 def names(tree: Tree) -> Iterator[str]:
     """The names in a tree."""
-    match tree:
-        case Name(name):
-            yield name
-        case Negative(of):
-            yield from names(of)
-        case Binary(_, left, right):
-            yield from names(left)
-            yield from names(right)
-        case Call(_, arguments):
-            for argument in arguments:
-                yield from names(argument)
+    return (part.name for part in within(tree) if isinstance(part, Name))
 
 
 def replaced(tree: Tree, values: Mapping[str, Tree]) -> Tree:
@@ -40,14 +49,7 @@ def replaced(tree: Tree, values: Mapping[str, Tree]) -> Tree:
 
 def size(tree: Tree) -> int:
     """How many numbers, names and operations a tree has."""
-    match tree:
-        case Negative(of):
-            return 1 + size(of)
-        case Binary(_, left, right):
-            return 1 + size(left) + size(right)
-        case Call(_, arguments):
-            return 1 + sum(map(size, arguments))
-    return 1
+    return sum(1 for _ in within(tree))
 
 
 def added(a: Tree, b: Tree) -> Tree:
@@ -80,29 +82,65 @@ def divided(a: Tree, b: Tree) -> Tree:
 
 def affine(tree: Tree, variables: Collection[str]) -> dict[str, Tree] | None:
     """The factors of some names in a tree that is linear in them, and under "" the rest; None if it is not linear."""
+    found = polynomial(tree, variables, 1)
+    return None if found is None else {"": ZERO, **{"".join(product): factor for product, factor in found.items()}}
+
+
+def polynomial(tree: Tree, variables: Collection[str], degree: int) -> dict[tuple[str, ...], Tree] | None:
+    """The factors of the products of some names of which a tree is the sum, and under () the rest.
+
+    Args:
+        tree: the tree.
+        variables: the names.
+        degree: how many of them a product may have.
+
+    Returns:
+        the factor of each product; None if the tree is no such sum.
+    """
     if not any(name in variables for name in names(tree)):
-        return {"": tree}
+        return {(): tree}
     match tree:
         case Name(name):
-            return {"": ZERO, name: ONE}
+            return {(name,): ONE}
         case Negative(of):
-            inner = affine(of, variables)
-            return None if inner is None else {name: negative(factor) for name, factor in inner.items()}
+            inner = polynomial(of, variables, degree)
+            return None if inner is None else {product: negative(factor) for product, factor in inner.items()}
         case Binary("+" | "-" as sign, left, right):
-            a, b = affine(left, variables), affine(right, variables)
+            a, b = polynomial(left, variables, degree), polynomial(right, variables, degree)
             if a is None or b is None:
                 return None
-            signed = b if sign == "+" else {name: negative(factor) for name, factor in b.items()}
-            return {name: added(a.get(name, ZERO), signed.get(name, ZERO)) for name in {**a, **b}}
+            signed = b if sign == "+" else {product: negative(factor) for product, factor in b.items()}
+            return {product: added(a.get(product, ZERO), signed.get(product, ZERO)) for product in {**a, **b}}
         case Binary("*", left, right):
-            a, b = affine(left, variables), affine(right, variables)
-            if a is None or b is None or (len(a) > 1 and len(b) > 1):
-                return None
-            many, one = (a, b[""]) if len(b) == 1 else (b, a[""])
-            return {name: multiplied(factor, one) for name, factor in many.items()}
+            return _product(polynomial(left, variables, degree), polynomial(right, variables, degree), degree)
         case Binary("/", left, right):
-            a = affine(left, variables)
+            a = polynomial(left, variables, degree)
             if a is None or any(name in variables for name in names(right)):
                 return None
-            return {name: divided(factor, right) for name, factor in a.items()}
+            return {product: divided(factor, right) for product, factor in a.items()}
+        case Binary("^", left, Number(power, "")) if 1 <= power <= degree and power == int(power):
+            once = polynomial(left, variables, degree)
+            found = once
+            for _ in range(int(power) - 1):
+                found = _product(found, once, degree)
+            return found
     return None
+
+
+def _product(
+    a: Mapping[tuple[str, ...], Tree] | None, b: Mapping[tuple[str, ...], Tree] | None, degree: int
+) -> dict[tuple[str, ...], Tree] | None:
+    if a is None or b is None:
+        return None
+    found: dict[tuple[str, ...], Tree] = {}
+    for mine, factor in a.items():
+        for other, by in b.items():
+            product = tuple(sorted((*mine, *other)))
+            if (whole := multiplied(factor, by)) != ZERO:
+                found[product] = added(found.get(product, ZERO), whole)
+    return found if max(map(len, found), default=0) <= degree else None
+
+
+def culprit(tree: Tree, fits: Callable[[Tree], bool]) -> Tree:
+    """The innermost part of a tree that does not fit, each of whose own parts does."""
+    return next((culprit(part, fits) for part in parts(tree) if not fits(part)), tree)

@@ -11,7 +11,7 @@ from neuro.core.checks import check
 from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import Quantity
 from neuro.core.values import shown
-from neuro.model.equations import algebra
+from neuro.model.equations import algebra, habits
 from neuro.model.equations.dimensions import Dimensions, Powers, is_comparison, refuse_inner_comparisons, unit_unknown
 from neuro.model.equations.functions import ARGUMENTS
 from neuro.model.equations.grammar import Binary, Expression, Name, Tree, parse
@@ -173,7 +173,8 @@ def mapping(said: Any, words: tuple[str, ...], what: str) -> Mapping[str, Any]:
         raise ModelError(f"found {shown(said)}: expected the words of {what}: {', '.join(words)}")
     for word in said:
         if word not in words:
-            raise unknown(f"word of {what}", word, words, path=(str(word),))
+            error = unknown(f"word of {what}", word, words, path=(str(word),))
+            raise ModelError(error.message, hint=habits.WORDS.get(str(word), error.hint), path=error.path)
     return said
 
 
@@ -185,7 +186,8 @@ def expressions(said: Mapping[str, Any], section: str) -> dict[str, Expression]:
     """
     texts = said.get(section, {})
     if not isinstance(texts, Mapping):
-        raise ModelError(f"{section}: found {shown(texts)}: expected {{name: expression}}", path=(section,))
+        hint = habits.RIGHT_SIDE if isinstance(texts, str) else ""
+        raise ModelError(f"{section}: found {shown(texts)}: expected {{name: expression}}", hint=hint, path=(section,))
     found = {}
     for name, text in texts.items():
         with at(section, str(name)):

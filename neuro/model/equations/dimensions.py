@@ -12,6 +12,7 @@ from fractions import Fraction
 
 from neuro.core.errors import ModelError
 from neuro.core.hints import nearest
+from neuro.model.equations import habits
 from neuro.model.equations.functions import ARGUMENTS
 from neuro.model.equations.grammar import COMPARISONS, Binary, Call, Expression, Name, Negative, Number, Tree
 from neuro.model.equations.units import NONE, UNITS, Dimension, times, told
@@ -128,7 +129,7 @@ class Dimensions:
             return Powers(UNITS[name][1], {})
         if name in ARGUMENTS:
             raise whole.mistake(at, f"found '{name}' alone: expected its arguments", f"write {name}(...)")
-        raise whole.mistake(at, f"unknown name '{name}'", nearest(name, self.names))
+        raise whole.mistake(at, f"unknown name '{name}'", habits.NAMES.get(name) or nearest(name, self.names))
 
     def _alike(self, whole: Expression, tree: Binary, a: Powers, b: Powers) -> None:
         if not self.same(a, b):
@@ -140,7 +141,8 @@ class Dimensions:
         if tree.name not in ARGUMENTS:
             if tree.name in self.names:
                 raise whole.mistake(tree.at, f"'{tree.name}' is no function", f"write {tree.name}*(...)")
-            raise whole.mistake(tree.at, f"unknown function '{tree.name}'", nearest(tree.name, ARGUMENTS))
+            hint = habits.FUNCTIONS.get(tree.name) or nearest(tree.name, ARGUMENTS)
+            raise whole.mistake(tree.at, f"unknown function '{tree.name}'", hint)
         count = ARGUMENTS[tree.name]
         if len(tree.arguments) != count:
             raise whole.mistake(tree.at, f"{tree.name} takes {count}: found {len(tree.arguments)}")

@@ -35,11 +35,11 @@ def change(c, at, n, more, h):
         for k in range(size * size):
             c[at + k] = math.nan
         return
-    squarings = 0
+    squarings, part = 0, h
     while norm > 0.5:
         norm *= 0.5
+        part *= 0.5
         squarings += 1
-    part = h * 0.5**squarings
     first, room = at + size * size, at + 2 * size * size
     for k in range(size * size):
         c[at + k] *= part

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from neuro.core.errors import ModelError
+from neuro.model.equations.habits import SIGNS
 
 MAX_CHARACTERS = 2000
 MAX_TOKENS = 400
@@ -168,7 +169,8 @@ class _Parser:
     def whole(self) -> Tree:
         tree = self.expression(0, 0)
         if self.token.kind != "end":
-            raise self.mistake(self.token.at, f"found '{self.token.text}': expected an operator or the end")
+            found = self.token.text
+            raise self.mistake(self.token.at, f"found '{found}': expected an operator or the end", SIGNS.get(found, ""))
         return tree
 
     def expression(self, binding: int, depth: int) -> Tree:
@@ -220,7 +222,8 @@ class _Parser:
     def expect(self, sign: str) -> None:
         token = self.take()
         if token.text != sign:
-            raise self.mistake(token.at, f"found {_quoted(token)}: expected '{sign}'")
+            message = f"found {_quoted(token)}: expected '{sign}'"
+            raise self.mistake(token.at, message, SIGNS.get(token.text, ""))
 
 
 def _quoted(token: _Token) -> str:
@@ -231,6 +234,6 @@ def _odd(letter: str) -> tuple[str, str]:
     """What to say of a character that begins nothing."""
     told = f"'{letter}'" if letter.isascii() and letter.isprintable() else f"the character U+{ord(letter):04X}"
     message = f"found {told}: expected a number, a name or an operator"
-    if letter == "=":
-        return message, "an assignment is a word of the model; a comparison is < <= > or >="
+    if letter in SIGNS:
+        return message, SIGNS[letter]
     return message, "" if letter.isascii() else "names are of the letters A to Z and a to z, digits and '_'"

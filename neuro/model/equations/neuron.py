@@ -16,6 +16,7 @@ from neuro.model.equations.exact import matrix_lines, quiet_lines, room, slope_o
 from neuro.model.equations.functions import PUBLIC
 from neuro.model.equations.generated import module
 from neuro.model.equations.grammar import Binary, Call, Name, Negative, Tree
+from neuro.model.equations.twin import Twin, twin
 from neuro.model.equations.units import TIME, times, unit_of
 from neuro.model.equations.writing import Constants, function
 from neuro.model.neurons.base import Neuron, State
@@ -42,6 +43,15 @@ class EquationNeuron(Neuron):
     def identity(cls) -> str:
         """All words that decide what it does."""
         return json.dumps({k: v for k, v in cls.definition.items() if k not in ("doc", "source")}, default=repr)
+
+    @classmethod
+    def twin(cls) -> Twin:
+        """The model of the package with the same equations.
+
+        Raises:
+            ModelError: none has them; it says why.
+        """
+        return twin(read(cls.__name__, cls.definition))
 
     @classmethod
     def initial(cls, parameters: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A rule of spike pairs in equations as a class like any other: traces, and what spikes do to the weight."""
+"""A rule of spike pairs in equations as a class like any other: traces, states, what spikes and a signal do to them."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from collections.abc import Mapping
 from dataclasses import field, make_dataclass
 from typing import Any, ClassVar
 
-from neuro.core.errors import ModelError, unknown
-from neuro.core.values import shown
-from neuro.model.equations.definition import at, check_name, expressions, mapping
-from neuro.model.equations.dimensions import Dimensions
-from neuro.model.equations.functions import ARGUMENTS, PUBLIC
+from neuro.model.equations.algebra import names
+from neuro.model.equations.definition import at
+from neuro.model.equations.drift import advance_lines
+from neuro.model.equations.functions import PUBLIC
 from neuro.model.equations.generated import module
 from neuro.model.equations.grammar import Expression
-from neuro.model.equations.parameters import Parameter, read_parameters
-from neuro.model.equations.units import NONE, TIME, Dimension
+from neuro.model.equations.pairs import SPIKES, WEIGHT, Pairs, read
+from neuro.model.equations.units import unit_of
 from neuro.model.equations.writing import Constants, function, local, written
-from neuro.model.synapses.base import Synapse, Trace
+from neuro.model.neurons.base import State
+from neuro.model.synapses.base import Synapse
+from neuro.model.synapses.modulated import Modulated
 
-WORDS = ("traces", "on_pre", "on_post", "parameters", "doc", "source")
-WEIGHT = "w"
 _CLASSES: dict[str, type[EquationSynapse]] = {}
 _HEAD = f"from neuro.model.equations.functions import {', '.join(PUBLIC)}\n"
+_OF_RULES = ("traces", "states", *SPIKES, "on_signal")
 
 
 class EquationSynapse(Synapse):
@@ -39,10 +39,22 @@ class EquationSynapse(Synapse):
         """All words that decide what it does."""
         return json.dumps({k: v for k, v in cls.definition.items() if k not in ("doc", "source")}, default=repr)
 
+    @classmethod
+    def initial(cls, parameters: Mapping[str, Any]) -> dict[str, float]:
+        """The states as the definition says."""
+        values = [0.0] * len(cls.states)
+        arithmetic: Any = cls.arithmetic
+        arithmetic.begin([float(parameters[word]) for word in cls.numbers()], values)
+        return {state.name: value for state, value in zip(cls.states, values, strict=True)}
+
+
+class _Between(EquationSynapse, Modulated):
+    """Base of those in which something happens between spikes."""
+
 
 def is_rule(said: Mapping[str, Any]) -> bool:
     """Whether words are those of a rule."""
-    return any(word in said for word in ("traces", "on_pre", "on_post"))
+    return any(word in said for word in _OF_RULES)
 
 
 def rule(name: str, said: Mapping[str, Any]) -> type[EquationSynapse]:
@@ -53,93 +65,82 @@ def rule(name: str, said: Mapping[str, Any]) -> type[EquationSynapse]:
     """
     key = json.dumps([name, said], default=repr)
     if key not in _CLASSES:
-        _CLASSES[key] = _made(name, said)
+        _CLASSES[key] = _made(read(name, said))
     return _CLASSES[key]
 
 
-def _made(name: str, said: Mapping[str, Any]) -> type[EquationSynapse]:
-    mapping(said, WORDS, "a rule")
-    parameters = read_parameters(said.get("parameters", {}), Synapse)
-    traces = _traces(said.get("traces", {}), parameters)
-    spikes = {word: expressions(said, word) for word in ("on_pre", "on_post")}
-    _check(spikes, traces, parameters)
-    pre, post = ({n: t for n, (of, t) in traces.items() if of == side} for side in ("pre", "post"))
-    variables = {WEIGHT: local(WEIGHT)}
-    variables |= {n: f"{side}[{k}]" for side, mine in (("pre", pre), ("post", post)) for k, n in enumerate(mine)}
-    constants = Constants(parameters, 0, variables, lambda tree: tree)
-    functions = [
-        function(
-            f"{word}(y, e, c, pre, post)", f"What a {word[3:]} spike does.", _lines(spikes[word], constants, variables)
-        )
-        for word in ("on_pre", "on_post")
-    ]
-    filled = list(constants.lines()) or ["pass"]
-    functions.insert(0, function("constants(p, h, c)", "What is worked out once.", filled))
-    arithmetic = module("\n\n".join([f'"""{name}"""\n{_HEAD}', *functions]))
-    taus = {trace.tau for _, trace in traces.values()}
+def _made(pairs: Pairs) -> type[EquationSynapse]:
+    constants = Constants(pairs.parameters, 0, {WEIGHT, *pairs.traces, *pairs.states}, lambda tree: tree)
+    arithmetic = module(_text(pairs, constants))
+    taus = {trace.tau for _, trace in pairs.traces.values()} | {*pairs.states.values(), "tau_n"}
     fields = [
         (word, float, field(default=p.default, metadata={"quantity": p.quantity(word in taus, arrays=False)}))
-        for word, p in parameters.items()
+        for word, p in pairs.parameters.items()
     ]
     namespace = {
-        "__doc__": said.get("doc") or "A rule of spike pairs in equations.",
-        "definition": said,
-        "equation": "; ".join(f"{word[3:]}: {WEIGHT} = {e.text}" for word in spikes for e in spikes[word].values()),
-        "source": said.get("source", ""),
+        "__doc__": pairs.plain.get("doc") or "A rule of spike pairs in equations.",
+        "definition": pairs.plain,
+        "equation": _told(pairs),
+        "source": pairs.plain.get("source", ""),
         "learns": "pairs",
-        "pre": tuple(pre.values()),
-        "post": tuple(post.values()),
+        "pre": tuple(pairs.side("pre").values()),
+        "post": tuple(pairs.side("post").values()),
+        "states": tuple(_state(pairs, name) for name in pairs.states),
         "width": max(Synapse.width, len(constants.places)),
     }
+    base = _Between if pairs.between else EquationSynapse
     made: Any = make_dataclass(
-        name, fields, bases=(EquationSynapse,), namespace=namespace, frozen=True, kw_only=True, eq=False
+        pairs.name, fields, bases=(base,), namespace=namespace, frozen=True, kw_only=True, eq=False
     )
     made.__module__ = arithmetic.__name__
     result: type[EquationSynapse] = made
     return result
 
 
-def _traces(said: Any, parameters: Mapping[str, Parameter]) -> dict[str, tuple[str, Trace]]:
-    """The side of each trace, and the trace."""
-    found = {}
-    if not isinstance(said, Mapping):
-        raise ModelError(f"traces: found {shown(said)}: expected {{name: {{of: pre, tau: ...}}}}", path=("traces",))
-    for name, words in said.items():
-        with at("traces", str(name)):
-            check_name(name)
-            if name == WEIGHT or name in parameters or name in ARGUMENTS:
-                raise ModelError(f"'{name}' means something else, too: expected another name")
-            given = mapping(words, ("of", "tau", "nearest"), "a trace")
-            if given.get("of") not in ("pre", "post"):
-                raise ModelError(f"of = {shown(given.get('of'))}: expected pre or post")
-            tau, nearest = given.get("tau", ""), given.get("nearest", False)
-            own = {word: p for word, p in parameters.items() if p.unit == "ms"}
-            known = [*own, *(["tau_minus"] if given["of"] == "post" else [])]
-            if tau and tau not in known:
-                raise unknown("parameter in ms", tau, known, path=("tau",))
-            if not isinstance(nearest, bool):
-                raise ModelError(f"nearest = {shown(nearest)}: expected true or false", path=("nearest",))
-            found[str(name)] = given["of"], Trace(tau, nearest=nearest)
-    return found
+def _told(pairs: Pairs) -> str:
+    parts = [f"{word[3:]}: {name} = {e.text}" for word in pairs.spikes for name, e in pairs.spikes[word].items()]
+    parts += [] if pairs.drift is None else [f"{WEIGHT}' = {pairs.drift.text}"]
+    return "; ".join(parts)
 
 
-def _check(
-    spikes: Mapping[str, Mapping[str, Expression]],
-    traces: Mapping[str, tuple[str, Trace]],
-    parameters: Mapping[str, Parameter],
-) -> None:
-    """Names and units: a trace is a number, a trace without time constant a time, and the weight in any unit."""
-    known: dict[str, Dimension] = {name: NONE if trace.tau else TIME for name, (_, trace) in traces.items()}
-    dims = Dimensions(known | {word: p.dimension for word, p in parameters.items()}, (WEIGHT,))
-    for word, changes in spikes.items():
-        for name, expression in changes.items():
-            if name != WEIGHT:
-                raise unknown("state of a synapse", name, [WEIGHT], path=(word, name))
-            with at(word, name):
-                dims.check(expression, dims.name(WEIGHT))
+def _state(pairs: Pairs, name: str) -> State:
+    dimension, tau = pairs.dimensions[name], pairs.states[name]
+    return State(name, unit_of(dimension) if dimension else "", f"decays with {tau}" if tau else "as spikes leave it")
 
 
-def _lines(changes: Mapping[str, Expression], constants: Constants, variables: dict[str, str]) -> list[str]:
-    lines = [f"{local(WEIGHT)} = y[0, e]"] if changes else []
-    lines += [f"y[0, e] = {written(e.tree, constants.leaf(variables))}" for e in changes.values()]
+def _text(pairs: Pairs, constants: Constants) -> str:
+    """The module."""
+    functions = [
+        function(f"{word}(y, e, c, pre, post)", f"What a {word[3:]} spike does.", _spike_lines(pairs, word, constants))
+        for word in SPIKES
+    ]
+    if pairs.between:
+        with at("on_signal", WEIGHT):
+            lines = advance_lines(pairs, constants)
+        functions.append(function("advance(y, e, c, begin, end, n, grid)", "What happens between spikes.", lines))
+    functions.append(function("begin(p, z)", "The states at step 0.", _begin_lines(pairs, constants)))
+    filled = list(constants.lines()) or ["pass"]
+    functions.insert(0, function("constants(p, h, c)", "What is worked out once.", filled))
+    return "\n\n".join([f'"""{pairs.name}"""\n{_HEAD}', *functions])
+
+
+def _spike_lines(pairs: Pairs, word: str, constants: Constants) -> list[str]:
+    """What a spike changes, all from the values before it."""
+    changes, rows = pairs.spikes[word], {name: k for k, name in enumerate((WEIGHT, *pairs.states))}
+    variables = {name: local(name) for name in rows}
+    for side in ("pre", "post"):
+        variables |= {name: f"{side}[{k}]" for k, name in enumerate(pairs.side(side))}
+    used = {name for expression in changes.values() for name in names(expression.tree)}
+    lines = [f"{local(name)} = y[{row}, e]" for name, row in rows.items() if name in used]
+    lines += [f"y[{rows[name]}, e] = {_value(e, constants, variables)}" for name, e in changes.items()]
     return lines or ["pass"]
+
+
+def _value(expression: Expression, constants: Constants, variables: Mapping[str, str]) -> str:
+    return written(expression.tree, constants.leaf(variables))
+
+
+def _begin_lines(pairs: Pairs, constants: Constants) -> list[str]:
+    rows = {name: k for k, name in enumerate(pairs.states)}
+    lines = [f"z[{rows[name]}] = {constants.of_parameters(e.tree)}" for name, e in pairs.initial.items()]
+    return [*constants.locals(), *lines] or ["pass"]

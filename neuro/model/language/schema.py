@@ -11,7 +11,7 @@ from typing import Any
 from neuro.core.choice import Choice
 from neuro.core.quantities import Quantity
 from neuro.model.equations.definition import WORDS
-from neuro.model.equations.rule import WORDS as RULE_WORDS
+from neuro.model.equations.pairs import WORDS as RULE_WORDS
 from neuro.model.language.choices import TABLES
 from neuro.model.language.sources import VERSION
 from neuro.model.network import Network

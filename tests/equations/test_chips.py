@@ -1,0 +1,206 @@
+"""Chips hold equations that are those of a neuron of theirs, in its registers; of others they say why not."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import neuro
+from neuro import ModelError
+from neuro.chips import chip, quantise
+
+MODELS = yaml.safe_load(Path(__file__).with_name("models.yaml").read_text())["models"]
+CHIPS = pytest.mark.parametrize("target", ["loihi", "spinnaker"])
+
+RESISTANCE = {
+    "equations": {"v": "(v_rest - v + R*(s + I + I_0))/tau"},
+    "receptors": {"s": {"kernel": "exp", "tau": "tau_s"}},
+    "threshold": "v >= v_rest + rise",
+    "reset": {"v": "v_rest"},
+    "refractory": {"time": "t_ref", "hold": ["v"]},
+    "initial": {"v": "v_rest", "s": "s_0"},
+    "parameters": {
+        "v_rest": "-0.07 V",
+        "rise": "15 mV",
+        "tau": "10 ms",
+        "R": "40 MOhm",
+        "I_0": "0.1 nA",
+        "s_0": "0 pA",
+        "tau_s": "2 ms",
+        "t_ref": "2 ms",
+    },
+}
+"""iaf_psc_exp in other words: a resistance, one receptor, units of its own."""
+
+
+def network(model, weight, tau_syn=2.0):
+    net = neuro.Network("twins", resolution=1.0)
+    net.population("noise", 20, neuro.poisson_generator(rate=60.0))
+    net.population("dc", 1, neuro.dc_generator(amplitude=50.0, start=20.0, stop=60.0))
+    net.population("cells", 12, model)
+    net.connect("noise", "cells", neuro.pairwise_bernoulli(p=0.5), weight=neuro.uniform(low=-weight, high=2 * weight))
+    net.connect("cells", "cells", neuro.pairwise_bernoulli(p=0.2), weight=-0.5 * weight, delay=2.0)
+    net.connect("dc", "cells", neuro.all_to_all())
+    return net
+
+
+def registers(model, weight, target):
+    program = neuro.compile(network(model, weight), "reference", seed=2).program
+    fixed = quantise(program, chip(target))
+    assert not [problem for problem in fixed.problems if problem.refused]
+    cells = {**fixed.populations[2].registers, **fixed.populations[2].initial}
+    return cells, [wires.words for wires in fixed.projections if wires is not None]
+
+
+def spikes(model, weight, target):
+    sim = neuro.compile(network(model, weight), target, seed=2)
+    sim.run(150.0)
+    return np.stack(sim.spikes("cells"))
+
+
+SPREAD = np.linspace(6.0, 15.0, 12)
+
+
+@CHIPS
+@pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")
+@pytest.mark.parametrize(
+    ("built_in", "own", "weight"),
+    [
+        (neuro.iaf_psc_exp(I_e=100.0), neuro.equations("a", **MODELS["own_iaf_psc_exp"])(I_e=100.0), 400.0),
+        (neuro.iaf_psc_exp(tau_m=SPREAD), neuro.equations("a", **MODELS["own_iaf_psc_exp"])(tau_m=SPREAD), 900.0),
+        (neuro.iaf_psc_delta(I_e=100.0), neuro.equations("b", **MODELS["own_iaf_psc_delta"])(I_e=100.0), 4.0),
+        (neuro.iaf_psc_exp(I_e=100.0), neuro.equations("c", **RESISTANCE)(), 400.0),
+    ],
+    ids=["exp", "exp, one each", "delta", "resistance"],
+)
+def test_its_registers_and_spikes_are_those_of_the_built_in(target, built_in, own, weight):
+    (cells, words), (own_cells, own_words) = (registers(model, weight, target) for model in (built_in, own))
+    assert cells.keys() == own_cells.keys()
+    for name, values in cells.items():
+        assert np.array_equal(np.broadcast_to(values, 12), np.broadcast_to(own_cells[name], 12)), name
+    assert all(np.array_equal(a, b) for a, b in zip(words, own_words, strict=True))
+    found = spikes(built_in, weight, target)
+    assert found.shape[1] > 10
+    assert np.array_equal(found, spikes(own, weight, target))
+
+
+@CHIPS
+def test_its_states_and_parameters_are_read_and_set_by_their_own_names(target):
+    net = neuro.Network("own", resolution=1.0)
+    net.population("cells", 3, neuro.equations("c", **RESISTANCE)(s_0=20.0, I_0=0.0), initial={"v": -60.0})
+    twin = neuro.iaf_psc_exp()
+    net.population("twins", 3, twin, initial={"V_m": -60.0, "I_syn_ex": 20.0})
+    sim = neuro.compile(net, target)
+
+    def alike():
+        assert sim.get("cells", "v") == pytest.approx(sim.get("twins", "V_m"), abs=1e-12)
+        current = sim.get("twins", "I_syn_ex") + sim.get("twins", "I_syn_in")
+        assert sim.get("cells", "s") == pytest.approx(current, abs=1e-12)
+
+    alike()
+    assert sim.get("cells", "s") == pytest.approx(20.0, rel=1e-2)
+    sim.run(3.0)
+    alike()
+    sim.set("cells", s=np.array([-30.0, 0.0, 30.0]), v_rest=-0.072)
+    sim.set("twins", I_syn_ex=np.array([0.0, 0.0, 30.0]), E_L=-72.0, V_reset=-72.0, V_th=-57.0)
+    if target == "spinnaker":
+        sim.set("twins", I_syn_in=np.array([-30.0, 0.0, 0.0]))
+        alike()
+    sim.run(3.0)
+    assert sim.get("cells", "v")[2] > sim.get("cells", "v")[1] > sim.get("cells", "v")[0]
+    assert sim.get("cells", "v")[1] == sim.get("twins", "V_m")[1]
+    assert np.array_equal(sim.get("cells", "v", raw=True), sim.get("cells", "V_m", raw=True))
+
+
+LINEAR = {
+    "equations": {"V_m": "(E_L - V_m)/tau_m + (I_syn + I)/C_m"},
+    "receptors": {"I_syn": {"kernel": "exp", "tau": "tau_syn"}},
+    "threshold": "V_m >= V_th",
+    "reset": {"V_m": "E_L"},
+    "refractory": {"time": "t_ref", "hold": ["V_m"]},
+    "parameters": {
+        "tau_m": "10 ms",
+        "C_m": "250 pF",
+        "E_L": "-70 mV",
+        "V_th": "-55 mV",
+        "tau_syn": "2 ms",
+        "tau_w": "100 ms",
+        "a": "1 nS",
+        "t_ref": "2 ms",
+    },
+}
+
+
+@pytest.mark.parametrize(
+    ("words", "reason", "way"),
+    [
+        (MODELS["own_izhikevich"], "its equation of V_m is not linear, see 'V_m^2'", ""),
+        (
+            MODELS["own_aeif_cond_exp"],
+            "its equation of V_m is not linear, see 'exp((V_m - V_th)/Delta_T)'",
+            "",
+        ),
+        (MODELS["own_iaf_psc_alpha"], "I_syn_ex has an alpha kernel, which is two states", "use kernel exp"),
+        (
+            {
+                **LINEAR,
+                "equations": {
+                    "V_m": "(E_L - V_m)/tau_m + (I_syn + I - w)/C_m",
+                    "w": "(a*(V_m - E_L) - w)/tau_w",
+                },
+            },
+            "it has equations of w beside that of V_m",
+            "",
+        ),
+        (
+            {**LINEAR, "equations": {"V_m": "(E_L - V_m)/tau_m + (2*I_syn + I)/C_m"}},
+            "I and I_syn act on V_m by factors that differ",
+            "",
+        ),
+        (
+            {**LINEAR, "equations": {"V_m": "(I_syn + I)/C_m"}},
+            "V_m has no leak",
+            "add one, e.g. (E_L - V_m)/tau_m",
+        ),
+        ({**LINEAR, "threshold": "V_m > V_th"}, "its threshold is V_m > V_th", "write V_m >= V_th"),
+        (
+            {**LINEAR, "threshold": "V_m >= V_th + I_syn*tau_syn/C_m"},
+            "its threshold follows I_syn",
+            "use parameters alone",
+        ),
+        ({**LINEAR, "reset": {"V_m": "V_m - 15 mV"}}, "its reset of V_m follows V_m", "use parameters alone"),
+        ({**LINEAR, "reset": {"V_m": "E_L", "I_syn": "0"}}, "a spike resets V_m, I_syn", "reset V_m alone"),
+        (
+            {**LINEAR, "refractory": {"time": "t_ref"}},
+            "V_m is not held while it is refractory",
+            "write hold: [V_m]",
+        ),
+        (
+            {**LINEAR, "integrator": "euler"},
+            "its integrator is euler",
+            "leave out 'integrator': it is linear, and solved exactly",
+        ),
+        (
+            {**LINEAR, "receptors": {"I_syn": {"kernel": "exp", "tau": "tau_syn"}, "V_m": {"kernel": "delta"}}},
+            "it has receptors of kernels exp and delta",
+            "use one kernel for both",
+        ),
+    ],
+    ids=range(13),
+)
+def test_of_other_equations_it_says_why_not(words, reason, way):
+    net = neuro.Network("other")
+    net.population("cells", 2, neuro.equations("other", **words)())
+    with pytest.raises(ModelError) as raised:
+        neuro.compile(net, backend="loihi")
+    told = f"population 'cells': other: loihi takes equations of iaf_psc_exp, iaf_psc_delta only, and {reason}"
+    hint = way or "use iaf_psc_exp, iaf_psc_delta, or run on event"
+    assert raised.value.message.endswith(f"{told}\n  hint: {hint}")
+
+
+def test_a_membrane_that_grows_is_refused():
+    net = neuro.Network("growing", resolution=1.0)
+    net.population("cells", 2, neuro.equations("c", **{**RESISTANCE, "reset": {"v": "v_rest"}})(R=-40.0))
+    with pytest.raises(ModelError, match=r"population 'cells': C_m of its equations = -250: expected a number > 0 pF"):
+        neuro.compile(net, backend="spinnaker")
