@@ -490,6 +490,7 @@ def test_synapses_that_do_not_go_with_their_neurons(model, synapse, why, way):
     ]
 
 
+@pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")
 def test_thresholds_that_adapted_elsewhere_are_taken():
     def net(model):
         net = neuro.Network("adapted", resolution=1.0)

@@ -46,7 +46,7 @@ def _busiest(program: Program, counts: Counts, placement: Placement, chip: Chip)
     for projection in program.projections:
         made = counts.projections[projection.name]
         work[projection.target] += made.synaptic_ops * op
-        if projection.synapse.learns != "trials":
+        if projection.synapse.learns != "trials" and not projection.synapse.delays:
             work[projection.target] += made.learning_updates * learning
     sizes = [part.size for part in program.populations]
     loads = (sum(work[p] * (last - first) / sizes[p] for p, first, last in core.parts) for core in placement.cores)

@@ -119,7 +119,7 @@ class _Bill:
             self.add("synaptic_op", "projection", part.name, made.synaptic_ops)
             if placement is not None:
                 self.ways(part.name, raw.spikes[part.source], placement.hops(index))
-            by_host = part.synapse.learns == "trials"
+            by_host = part.synapse.learns == "trials" or part.synapse.delays
             self.add("weight_write" if by_host else "learning_update", "projection", part.name, made.learning_updates)
         time = chip_time(self.program, self.counts, placement, self.chip)
         chips = 1 if placement is None else placement.chips_used
