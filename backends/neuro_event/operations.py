@@ -106,10 +106,9 @@ def entry(model):
     def run(view, pop, operation, lo, hi, thread, step, interval):
         net = net_of(view)
         row = net.pops[pop]
-        if linear:  # of others nothing changes while they sleep
-            if operation == CATCH_UP:
-                catch_up(view, thread, row, lo, hi, interval)
-        if operation == STEP:
+        if linear and operation == CATCH_UP:  # of others nothing changes while they sleep
+            catch_up(view, thread, row, lo, hi, interval)
+        elif operation == STEP:
             if draws:
                 draw(view, pop, lo, hi, step)
             net.fired[lo:hi] = 0  # ours write it for each neuron; to set it where it is reached is enough

@@ -110,6 +110,15 @@ def test_products_of_states_are_integrated_exactly():
     assert float(sim.get("learnt", "k")[0]) == 0.75
 
 
+def test_a_state_may_last_no_time():
+    words = {**MSTDPET, "on_post": {"z": "z + A_plus*K_plus/tau_plus"}, "on_pre": {"z": "z - A_minus*K_minus/tau_plus"}}
+    words["parameters"] = {**MSTDPET["parameters"], "tau_z": {"default": "25 ms", "at_least": 0}}
+    sim = neuro.compile(network(neuro.equations("own", **words)(signal="reward", tau_z=0.0)), "reference", seed=1)
+    sim.signal("reward", 1.0)
+    sim.run(25.0)
+    assert np.array_equal(sim.weights("learnt")[2], np.full(12, 60.0))
+
+
 def test_it_runs_as_any_part_does():
     check_part(neuro.equations("own", **MSTDPET)())
 

@@ -26,9 +26,8 @@ def advance_lines(pairs: Pairs, constants: Constants) -> list[str]:
         lines.append(f"{local(WEIGHT)} += {_moved(pairs, pairs.drift, constants)}")
         lines.append(f"y[0, e] = {_bounded(pairs, constants)}")
     for name in decaying:
-        lines.append(
-            f"y[{rows[name]}, e] = {local(name)} * of_exp(-passed / {constants.place(Name(pairs.states[name], 0))})"
-        )
+        tau = constants.place(Name(pairs.states[name], 0))
+        lines.append(f"y[{rows[name]}, e] = {local(name)} * of_exp(divided(-passed, {tau}))")
     return lines
 
 
@@ -61,8 +60,10 @@ def _lasting(taus: list[str], constants: Constants) -> str:
     """The integral of a product of decays, by their time constants, over what has passed."""
     if not taus:
         return "passed"
-    tau = constants.place_of(taus[0] if len(taus) == 1 else f"1.0 / ({' + '.join(f'1.0 / {tau}' for tau in taus)})")
-    return f"{tau} * -of_expm1(-passed / {tau})"
+    tau = constants.place_of(
+        taus[0] if len(taus) == 1 else f"1.0 / ({' + '.join(f'divided(1.0, {tau})' for tau in taus)})"
+    )
+    return f"{tau} * -of_expm1(divided(-passed, {tau}))"
 
 
 def _bounded(pairs: Pairs, constants: Constants) -> str:
