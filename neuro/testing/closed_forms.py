@@ -106,15 +106,43 @@ def triplets(rates: Floats) -> Floats:
     pre = np.broadcast_to(begin, (len(rates), 2, 60)).reshape(n, 60)
     post = (begin + np.array([[10.0], [-10.0]])).reshape(n, 60)
     net = Network("triplets", resolution=1.0)
-    net.population("pre", n, spike_generator(spike_times=list(pre)))
+    end = float(pre.max()) + 2000.0
+    closing = np.hstack((pre, np.full((n, 1), end)))  # a post spike acts when the next pre spike comes
+    net.population("pre", n, spike_generator(spike_times=list(closing)))
     net.population("told", n, spike_generator(spike_times=list(post - 2.0)))
     net.population("post", n, deaf(tau_minus=33.7))
     net.connect("told", "post", one_to_one(), weight=TOLD, delay=1.0)
     net.connect("pre", "post", one_to_one(), stdp_triplet(), weight=1.0, delay=1.0, name="learnt")
     sim = compile(net)
-    sim.run(float(pre.max()) + 100.0)
+    sim.run(end + 10.0)
     found: Floats = sim.weights("learnt")[2].reshape(-1, 2) - 1.0
     return found
+
+
+def expected_triplets(rates: Floats) -> Floats:
+    """What `triplets` are: sums over the traces of the rule, which are geometric series of the spikes before."""
+    rule = stdp_triplet()
+    period, k = np.round(1000.0 / rates)[:, None], np.arange(60)
+
+    def trace(tau: float, late: Floats, before: int) -> Floats:
+        """A trace of a side whose last spike was `late` ms ago, as the 60 spikes of the other side find it."""
+        q, n = np.exp(-period / tau), k + 1 - before
+        left: Floats = np.exp(-late / tau) * (1.0 - q**n) / (1.0 - q)
+        return left
+
+    def own(tau: float) -> Floats:
+        """A trace of a side as its own spikes find it."""
+        return trace(tau, period, before=1)
+
+    ahead, behind = np.full_like(period, 10.0), period - 10.0
+    found = []
+    for to_post, to_pre, first in ((ahead, behind, 0), (behind, ahead, 1)):
+        up = trace(rule.tau_plus, to_post, before=first) * (
+            rule.Aplus + rule.Aplus_triplet * own(rule.tau_minus_triplet)
+        )
+        down = trace(33.7, to_pre, before=1 - first) * (rule.Aminus + rule.Aminus_triplet * own(rule.tau_plus_triplet))
+        found.append((up - down).sum(axis=1))
+    return np.stack(found, axis=1)
 
 
 def settled(current: float, theta_plus: float = 0.05, tau_theta: float = 1e4) -> float:

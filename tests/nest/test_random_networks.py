@@ -90,12 +90,9 @@ def causes(scenario: Scenario, found: dict[str, list[Found]]) -> list[str]:
     if "reference" in found and (other := first_difference(found["reference"], found["event"])):
         told.append(rounding(scenario, found["event"], "the reference", *other))
     if other := first_difference(found["nest"], found["event"]):
+        in_common = "reference" in found and not told
         with propagators_of_nest():
-            follows = (
-                "reference" in found
-                and not told
-                and first_difference(found["nest"], readings(scenario, "reference")) is None
-            )
+            follows = in_common and first_difference(found["nest"], readings(scenario, "reference")) is None
         told.append("NEST's propagators" if follows else rounding(scenario, found["event"], "NEST", *other))
     return told
 
