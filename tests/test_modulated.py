@@ -12,6 +12,7 @@ import pytest
 import neuro
 from neuro.extend import ModelError, Modulated, State, quantity
 from neuro.testing import check_part
+from neuro.testing.closed_forms import expected_lesson, lessons
 
 BACKENDS = pytest.mark.parametrize("backend", ["reference", "event"])
 
@@ -242,23 +243,23 @@ def test_a_hedonistic_synapse_recovers_releases_and_fails():
 def test_the_expected_lesson_of_hedonistic_synapses(n, theta, p):
     """One spike of each of n synapses onto a neuron, reward 1 if at least theta release."""
     neurons = 50_000
-    net = neuro.Network("lesson", resolution=1.0)
-    net.population("pre", n, neuro.spike_generator(spike_times=[[1.0]] * n))
-    net.population("post", neurons, neuro.iaf_psc_delta())
-    net.signal("reward", to="post")
-    rule = neuro.hedonistic(signal="reward", q_0=math.log(p / (1.0 - p)), tau_c=1e9, eta=1.0)
-    net.connect("pre", "post", neuro.all_to_all(), rule, weight=0.1, delay=1.0, name="w")
-    sim = neuro.compile(net, seed=3)
-    sim.run(2.0)
-    rewarded = sim.get("w", "released").reshape(n, neurons).sum(axis=0) >= theta
-    assert np.ptp(sim.get("post", "V_m")) > 0.5  # what is not released is not sent
-    sim.signal("reward", rewarded.astype(float))
-    sim.run(1.0)
-    lessons = sim.get("w", "q").reshape(n, neurons).mean(axis=0)
-    expected = p * (1.0 - p) * math.comb(n - 1, theta - 1) * p ** (theta - 1) * (1.0 - p) ** (n - theta)
-    error = lessons.std() / math.sqrt(neurons)
+    found, expected = lessons(n, theta, p, neurons), expected_lesson(n, theta, p)
+    error = found.std() / math.sqrt(neurons)
     assert error < 0.02 * expected
-    assert abs(lessons.mean() - expected) < 4.0 * error
+    assert abs(found.mean() - expected) < 4.0 * error
+
+
+@BACKENDS
+def test_what_is_not_released_is_not_sent(backend):
+    net = neuro.Network("sent", resolution=1.0)
+    net.population("pre", 8, neuro.spike_generator(spike_times=[[1.0]] * 8))
+    net.population("post", 20, neuro.iaf_psc_delta())
+    net.connect("pre", "post", neuro.all_to_all(), neuro.hedonistic(), weight=0.1, delay=1.0, name="w")
+    sim = neuro.compile(net, backend, seed=3)
+    sim.run(2.0)
+    released = sim.get("w", "released").reshape(8, 20).sum(axis=0)
+    assert np.ptp(released) > 0.0
+    assert sim.get("post", "V_m") + 70.0 == pytest.approx(0.1 * released)
 
 
 def test_synapses_draw_alike_on_all_backends_and_each_spike_anew():

@@ -53,25 +53,6 @@ def test_the_network_goes_through_a_file(tmp_path):
     assert neuro.load(tmp_path / "motion.yaml") == net
 
 
-def made_edges(rng, n: int):
-    """Speeds and directions of edges, one a patch, and their events: one a pixel, jitter 1 ms, 10 % lost."""
-    speed, direction = rng.integers(8, size=(2, n))
-    y, x = np.indices((8, 8)).reshape(2, -1)
-    angle = np.deg2rad(motion.DIRECTIONS[direction])[:, None]
-    crossed = (x * np.cos(angle) + y * np.sin(angle)) / motion.SPEEDS[speed][:, None]
-    crossed += 5.0 - crossed.min(axis=1, keepdims=True) + rng.uniform(0.0, 1.0, (n, 1))
-    crossed += rng.normal(0.0, 1.0, crossed.shape)
-    seen = rng.random(crossed.shape) >= 0.1
-    return speed, direction, np.rint(crossed).clip(1.0)[seen], np.flatnonzero(seen)
-
-
-def shares(peaks, speed, direction) -> tuple[float, float]:
-    """How often the direction is right, and how often both are."""
-    best = peaks.reshape(len(speed), -1).argmax(axis=1)
-    right = best % 8 == direction
-    return float(right.mean()), float((right & (best // 8 == speed)).mean())
-
-
 @pytest.mark.parametrize(
     ("longest", "directions", "both"),
     [(np.inf, 1.0, 0.99), (62.0, 1.0, 0.99), (16.0, 0.93, 0.85)],
@@ -80,15 +61,15 @@ def test_made_edges_are_told(longest, directions, both):
     """Without a limit of delay, with Loihi's 62 steps, and with SpiNNaker's 16."""
     n = 512
     sim = neuro.compile(motion.network(n, longest=longest))
-    speed, direction, times, ids = made_edges(np.random.default_rng(20), n)
-    found = shares(motion.peaks(sim, times, ids), speed, direction)
+    speed, direction, times, ids = motion.drawn_edges(20, n)
+    found = motion.shares(motion.peaks(sim, times, ids), speed, direction)
     assert found[0] >= directions
     assert found[1] >= both
 
 
 def test_an_edge_against_a_detector_excites_it_least():
     sim = neuro.compile(motion.network(64))
-    speed, direction, times, ids = made_edges(np.random.default_rng(21), 64)
+    speed, direction, times, ids = motion.drawn_edges(21, 64)
     peaks = motion.peaks(sim, times, ids)
     patch = np.arange(64)
     own = peaks[patch, speed, direction]
@@ -97,14 +78,14 @@ def test_an_edge_against_a_detector_excites_it_least():
 
 def test_it_is_shown_anew_each_time():
     sim = neuro.compile(motion.network())
-    _, _, times, ids = made_edges(np.random.default_rng(22), 1)
+    _, _, times, ids = motion.drawn_edges(22, 1)
     first = motion.peaks(sim, times, ids)
     assert np.array_equal(motion.peaks(sim, times, ids), first)
     assert np.all(motion.peaks(sim, [], []) == 0.0)
 
 
 def test_the_reference_has_the_same_peaks():
-    _, _, times, ids = made_edges(np.random.default_rng(23), 2)
+    _, _, times, ids = motion.drawn_edges(23, 2)
     on_event, on_reference = (neuro.compile(motion.network(2), backend) for backend in ("event", "reference"))
     assert np.array_equal(motion.peaks(on_event, times, ids), motion.peaks(on_reference, times, ids))
 
@@ -143,7 +124,7 @@ def test_edges_that_a_camera_sees_are_told():
         told.append(motion.to_patches(events.t, events.x + 8 * patch, events.y, columns=n))
     times, ids = (np.concatenate(part) for part in zip(*told, strict=True))
     sim = neuro.compile(motion.network(n))
-    assert shares(motion.peaks(sim, times, ids), speed, direction) == (1.0, 1.0)
+    assert motion.shares(motion.peaks(sim, times, ids), speed, direction) == (1.0, 1.0)
 
 
 def seen_by_a_camera(speed: float, angle: float, seed: int):

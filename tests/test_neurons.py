@@ -8,6 +8,7 @@ import pytest
 import neuro
 from neuro.model.neurons import Neuron
 from neuro.testing import check_part
+from neuro.testing.closed_forms import held_rate, settled
 from neuro.verify.verify import Result, verify
 
 NEURONS = [
@@ -118,30 +119,10 @@ def test_rk4_with_steps_of_0_025_ms_spikes_as_rkf45():
     assert sim.spikes("even")[0].tolist() == sim.spikes("adaptive")[0].tolist() != []
 
 
-def settled(current: float, theta_plus: float, tau_theta: float) -> float:
-    """The theta in mV at which the rate of a neuron keeps it: the root of theta = theta_plus tau_theta rate(theta)."""
-    low, high = 0.0, current - 15.0
-    for _ in range(200):
-        theta = 0.5 * (low + high)
-        interval = 5.0 + 100.0 * math.log(current / (current - 15.0 - theta))
-        low, high = (theta, high) if theta < theta_plus * tau_theta / interval else (low, theta)
-    return theta
-
-
 @pytest.mark.parametrize(("current", "rate"), [(20.0, 4.789), (30.0, 9.066), (60.0, 17.883)])
 def test_an_adaptive_threshold_settles_at_the_rate_that_keeps_it(current: float, rate: float):
-    theta_plus, tau_theta = 0.05, 1e4
-    theta = settled(current, theta_plus, tau_theta)
-    assert 1000.0 * theta / (theta_plus * tau_theta) == pytest.approx(rate, abs=5e-4)
-    words = {"tau_m": 100.0, "C_m": 100.0, "E_L": 0.0, "V_reset": 0.0, "V_th": 15.0, "t_ref": 5.0, "I_e": current}
-    net = neuro.Network("homeostasis")
-    model = neuro.iaf_psc_exp_adaptive_threshold(**words, theta_plus=theta_plus, tau_theta=tau_theta)
-    net.population("cell", 1, model, initial={"theta": 0.5 * theta})
-    sim = neuro.compile(net)
-    sim.run(120_000.0)
-    times = sim.spikes("cell")[0]
-    late = times[times > 80_000.0]
-    assert 1000.0 * (len(late) - 1) / (late[-1] - late[0]) == pytest.approx(rate, rel=5e-3)
+    assert 1000.0 * settled(current) / (0.05 * 1e4) == pytest.approx(rate, abs=5e-4)
+    assert held_rate(current, 120.0) == pytest.approx(rate, rel=5e-3)
 
 
 def test_what_follows_from_other_states_is_not_set():

@@ -10,6 +10,7 @@ import neuro
 from neuro.model.synapses import Synapse
 from neuro.testing import check_part, observe
 from neuro.testing.case import differences
+from neuro.testing.closed_forms import FIXED_POINTS, drifted, expected_triplets, triplets
 from neuro.verify.verify import verify
 
 RULES: dict[str, Synapse] = {
@@ -73,57 +74,19 @@ def test_traces_of_nest_come_out(shared: Path, tmp_path: Path, backend: str):
     assert [f"{r.case} {r.quantity}: {r.message}" for r in results if not r.ok] == []
 
 
-def deaf(**words: float) -> neuro.iaf_psc_delta:
-    """A neuron that fires when a spike of 2e12 mV tells it to, whatever else it hears."""
-    return neuro.iaf_psc_delta(tau_m=1.0, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1e12, **words)
-
-
-FIXED_POINTS = {
-    "soft": (neuro.stdp(lambda_=0.01), 50.0),
-    "van Rossum": (neuro.stdp(lambda_=0.01, mu_plus=0.0, alpha=1.5), 100.0 / 1.5),
-    "Guetig": (neuro.stdp(lambda_=0.01, mu_plus=0.4, mu_minus=0.4, alpha=1.2), 100.0 / (1.0 + 1.2**2.5)),
-    "power law": (neuro.stdp_pl_hom(lambda_=0.1, alpha=0.11), (1.0 / 0.11) ** (1.0 / 0.6)),
-}
-
-
 def test_weights_drift_to_where_independent_spikes_hold_them():
-    """Poisson spikes of 20 Hz on both sides, from 0.8 of the fixed point; steps of finite size end 1 % below it."""
-    net = neuro.Network("drift", resolution=1.0)
-    for side in ("pre", "post"):
-        net.population(f"noise_{side}", 45, neuro.poisson_generator(rate=20.0))
-    net.population("pre", 45, neuro.parrot_neuron())
-    net.population("post", 45, deaf())
-    net.connect("noise_pre", "pre", neuro.one_to_one(), delay=1.0)
-    net.connect("noise_post", "post", neuro.one_to_one(), weight=2e12, delay=1.0)
-    for name, (rule, point) in FIXED_POINTS.items():
-        net.connect("pre", "post", neuro.all_to_all(), rule, weight=0.8 * point, delay=1.0, name=name.replace(" ", "_"))
-    sim = neuro.compile(net, seed=2)
-    sim.run(60_000.0)
-    read = []
-    for _ in range(20):
-        sim.run(1000.0)
-        read.append({name: sim.weights(name.replace(" ", "_"))[2].mean() for name in FIXED_POINTS})
+    """Poisson spikes of 20 Hz on both sides; steps of finite size end 1 % below the fixed point."""
+    found = drifted(FIXED_POINTS, settle=60.0, reads=20)
     for name, (_, point) in FIXED_POINTS.items():
-        assert np.mean([means[name] for means in read]) == pytest.approx(point, rel=0.02), name
+        assert found[name] == pytest.approx(point, rel=0.02), name
 
 
 def test_triplets_of_visual_cortex():
     """60 pairs, post 10 ms after pre and before it: late pairs turn from depression to potentiation above 20 Hz."""
-    rates, late = np.array([10.0, 20.0, 40.0, 50.0]), np.array([10.0, -10.0])
-    begin = 100.0 + np.round(1000.0 / rates)[:, None, None] * np.arange(60)
-    pre = np.broadcast_to(begin, (4, 2, 60)).reshape(8, 60)
-    post = (begin + late[:, None]).reshape(8, 60)
-    net = neuro.Network("triplets", resolution=1.0)
-    net.population("pre", 8, neuro.spike_generator(spike_times=list(pre)))
-    net.population("told", 8, neuro.spike_generator(spike_times=list(post - 2.0)))
-    net.population("post", 8, deaf(tau_minus=33.7))
-    net.connect("told", "post", neuro.one_to_one(), weight=2e12, delay=1.0)
-    net.connect("pre", "post", neuro.one_to_one(), neuro.stdp_triplet(), weight=1.0, delay=1.0, name="learnt")
-    sim = neuro.compile(net)
-    sim.run(pre.max() + 100.0)
-    change = sim.weights("learnt")[2].reshape(4, 2) - 1.0
-    expected = [[0.13, -0.33], [0.25, -0.35], [0.53, 0.16], [0.74, 0.73]]
-    assert change == pytest.approx(np.array(expected), abs=0.03)
+    rates = np.array([10.0, 20.0, 40.0, 50.0])
+    change = triplets(rates)
+    assert change == pytest.approx(expected_triplets(rates), abs=1e-13)
+    assert change == pytest.approx(np.array([[0.13, -0.33], [0.25, -0.35], [0.53, 0.16], [0.74, 0.73]]), abs=6e-3)
 
 
 def test_loihi_says_which_rules_it_has():

@@ -1,7 +1,7 @@
 """Published networks, one file each with its source.
 
-Most are YAML: `path("remus")` is a file for `neuro.load`, `names()` lists them. `motion`, `delays` and `orders` are
-modules that build one, since their delays or inputs follow from a formula.
+Most are YAML: `path("remus")` is a file for `neuro.load`, `names()` lists them. `motion`, `delays`, `orders` and
+`hedonists` are modules that build one, since delays, inputs or rewards follow from a formula.
 """
 
 from __future__ import annotations

@@ -17,9 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 import neuro
 from neuro import ModelError
 
-__all__ = ["DIRECTIONS", "SPEEDS", "delays", "network", "peaks", "to_patches"]
+__all__ = ["DIRECTIONS", "SPEEDS", "delays", "drawn_edges", "network", "peaks", "shares", "to_patches"]
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 SPEEDS: Floats = np.geomspace(0.1, 0.8, 8)
 """px/ms, from 0.1 to 0.8 in equal ratios."""
@@ -109,7 +110,7 @@ def to_patches(
     columns: int = 1,
     side: int = 8,
     resolution: float = 1.0,
-) -> tuple[Floats, NDArray[np.int64]]:
+) -> tuple[Floats, Ints]:
     """Events of a camera as spikes of patches that lie side by side from its upper left corner on.
 
     Args:
@@ -150,3 +151,32 @@ def peaks(sim: neuro.Simulation, times: ArrayLike, ids: ArrayLike) -> Floats:
     _, potential = sim.trace("potential")
     highest: Floats = potential.max(axis=0)
     return highest.reshape(sim.program.populations[2].shape)
+
+
+def drawn_edges(seed: int, n: int, side: int = 8) -> tuple[Ints, Ints, Floats, Ints]:
+    """Edges of the detectors' speeds and directions, one a patch: an event a pixel, jitter 1 ms, 10 % lost.
+
+    Args:
+        seed: of the draws.
+        n: how many.
+        side: of a patch, px.
+
+    Returns:
+        which speed and which direction each has, and the times in ms and neurons of `events`, on a grid of 1 ms.
+    """
+    rng = np.random.default_rng(seed)
+    speed, direction = rng.integers(8, size=(2, n))
+    y, x = np.indices((side, side)).reshape(2, -1)
+    angle = np.deg2rad(DIRECTIONS[direction])[:, None]
+    crossed = (x * np.cos(angle) + y * np.sin(angle)) / SPEEDS[speed][:, None]
+    crossed += 5.0 - crossed.min(axis=1, keepdims=True) + rng.uniform(0.0, 1.0, (n, 1))
+    crossed += rng.normal(0.0, 1.0, crossed.shape)
+    seen = rng.random(crossed.shape) >= 0.1
+    return speed, direction, np.rint(crossed).clip(1.0)[seen], np.flatnonzero(seen)
+
+
+def shares(peaks: Floats, speed: Ints, direction: Ints) -> tuple[float, float]:
+    """How often the direction is right, and how often direction and speed are, from `peaks` of an edge a patch."""
+    best = peaks.reshape(len(speed), -1).argmax(axis=1)
+    right = best % 8 == direction
+    return float(right.mean()), float((right & (best // 8 == speed)).mean())
