@@ -73,8 +73,7 @@ def network(side: int = 5, actor_eta: float = 0.06, critic_eta: float = 0.04) ->
     """
     if side < 2:
         raise ModelError(f"grid_world: side = {side}: expected at least 2")
-    noise = {"lambda_0": 60.0, "Delta_V": 2.0}
-    cells = neuro.srm0(tau_m=10.0, tau_syn_ex=2.0, E_L=0.0, V_th=16.0, eta_0=5.0, t_ref=0.0, **noise)
+    cells = neuro.srm0(tau_m=10.0, tau_syn_ex=2.0, E_L=0.0, V_th=16.0, eta_0=5.0, t_ref=0.0, lambda_0=60.0, Delta_V=2.0)
     net = neuro.Network("grid_world", resolution=1.0)
     net.population("places", (side, side, _CELLS), neuro.spike_generator())
     learners = (("actor", (len(_ACTIONS), _OF_ACTION), "policy", actor_eta), ("critic", _CRITICS, "value", critic_eta))

@@ -4,8 +4,8 @@ An animal runs along the track in 4 s, over places whose cells fire regularly, a
 V is read from the rate of the critic, smoothed by the kernel kappa of the rule; its temporal-difference error teaches
 the weights. What comes after the end is worth nothing, so V should be R exp(-(T - t) / tau_r) on the way.
 
-Source: Fremaux, Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013. The cells of places, V_0 and the learning
-rate are measured choices.
+Source: Fremaux, Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013. The neurons are those of its
+table 1; the cells of places, the scale of V, the smallest weight and the learning rate are measured choices.
 """
 
 from __future__ import annotations
@@ -36,12 +36,6 @@ _PER_HZ, _V_0 = 2.0, -40.0  # V of a rate: 20 Hz are worth nothing, 70 Hz the re
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
-def _cells() -> neuro.srm0:
-    """Fremaux et al., table 1; a potential of 37.5 pA peaks at 0.47 mV."""
-    noise = {"lambda_0": 60.0, "Delta_V": 2.0}
-    return neuro.srm0(tau_m=20.0, tau_syn_ex=5.0, E_L=0.0, V_th=16.0, eta_0=5.0, t_ref=0.0, **noise)
-
-
 def _spikes() -> tuple[Floats, NDArray[np.int64]]:
     """Times in ms and cells of one run: each fires where the integral of its rate passes a whole number."""
     centres = np.arange(-2.0 * _WIDTH, _RUN_UP + DURATION + 2.0 * _WIDTH + 1.0, _APART)
@@ -65,10 +59,11 @@ def network(critics: int = 20, eta: float = 1.0) -> neuro.Network:
         critics: how many neurons.
         eta: learning rate, pA.
     """
+    cells = neuro.srm0(tau_m=20.0, tau_syn_ex=5.0, E_L=0.0, V_th=16.0, eta_0=5.0, t_ref=0.0, lambda_0=60.0, Delta_V=2.0)
     rule = neuro.td_ltp(signal="error", tau_m=20.0, tau_s=5.0, eta=eta, Wmin=30.0, Wmax=300.0)
     net = neuro.Network("linear_track", resolution=1.0)
     net.population("places", int(_spikes()[1].max()) + 1, neuro.spike_generator())
-    net.population("critic", critics, _cells())
+    net.population("critic", critics, cells)
     net.signal("error", to="critic")
     net.connect("places", "critic", neuro.all_to_all(), rule, weight=65.0, delay=1.0, name="value")
     return net
@@ -83,6 +78,7 @@ class Runner:
 
     def __init__(self, sim: neuro.Simulation) -> None:
         self._sim = sim
+        self._times, self._cells = _spikes()
         self._kappa = np.array([200.0, 50.0])  # ms, the defaults of td_ltp
         self._parts = np.zeros(2)
         self._critics = sim.program.populations[1].size
@@ -90,8 +86,7 @@ class Runner:
     def run(self) -> Floats:
         """V at the times of `expected`."""
         sim = self._sim
-        times, cells = _spikes()
-        sim.inject("places", sim.time + times, cells)
+        sim.inject("places", sim.time + self._times, self._cells)
         self._parts[:] = 0.0
         before = [self._read() for _ in range(round(_RUN_UP / EVERY))]
         values = [before[-1]]
