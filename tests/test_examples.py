@@ -33,7 +33,13 @@ WITH_COMMANDS = ("add-an-event-format.md", "add-a-filter.md")
 NEEDS_DATA = ("remus.md",)
 NEEDS_PACKAGE = {"drone_ppo": "stable_baselines3"}
 PAGE_NEEDS = {"run-on-nest.md": "nest"}
-ARGUMENTS = {"conditioning": ["--seconds", "30"], "drone_ppo": ["256"], "hedonists": ["--trials", "60"]}
+ARGUMENTS = {
+    "conditioning": ["--seconds", "30"],
+    "drone_ppo": ["256"],
+    "grid_world": ["--side", "2", "--episodes", "3"],
+    "hedonists": ["--trials", "60"],
+    "linear_track": ["--runs", "2"],
+}
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)
 _FILE = re.compile(r"# ([\w./-]+\.(?:py|yaml))\n")
 NET = """\

@@ -18,6 +18,8 @@ RULES = [name for name in SYNAPSES if SYNAPSES[name].learns != "trials" and not 
 WITHOUT_A_WINDOW = {
     "tsodyks2": "learns nothing",
     "mstdpet": "has that of stdp_dopa",
+    "td_ltp": "learns by an error, along post spikes alone",
+    "td_moves": "likewise",
     "hedonistic": "releases by chance",
     "stddp": "changes delays",
 }

@@ -26,6 +26,8 @@ from neuro.model.synapses.stdp_nn_restr import stdp_nn_restr
 from neuro.model.synapses.stdp_nn_symm import stdp_nn_symm
 from neuro.model.synapses.stdp_pl_hom import stdp_pl_hom
 from neuro.model.synapses.stdp_triplet import stdp_triplet
+from neuro.model.synapses.td_ltp import td_ltp
+from neuro.model.synapses.td_moves import td_moves
 from neuro.model.synapses.tempotron import tempotron
 from neuro.model.synapses.tsodyks2 import tsodyks2
 from neuro.model.synapses.vogels_sprekeler import vogels_sprekeler
@@ -90,7 +92,7 @@ SYNAPSES: Registry[type[Synapse]] = Registry(
     (
         *(static, tsodyks2),
         *(stdp, stdp_nn_symm, stdp_nn_restr, stdp_nn_pre_centered, stdp_literal, stdp_pl_hom, stdp_triplet),
-        *(vogels_sprekeler, stdp_dopa, mstdpet, hedonistic, stddp),
+        *(vogels_sprekeler, stdp_dopa, mstdpet, td_ltp, td_moves, hedonistic, stddp),
         *(r_stdp, r_stddp, mozafari, first_spike_stdp, tempotron),
         *(loihi_static, loihi_learning),
     ),
@@ -129,6 +131,8 @@ __all__ = [
     "stdp_nn_symm",
     "stdp_pl_hom",
     "stdp_triplet",
+    "td_ltp",
+    "td_moves",
     "tempotron",
     "tsodyks2",
     "vogels_sprekeler",

@@ -1,0 +1,90 @@
+"""Learning by the temporal-difference errors of an agent that acts in moves of equal length."""
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call"
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from neuro.core.errors import ModelError
+from neuro.core.quantities import quantity
+from neuro.model.neurons.base import State
+from neuro.model.synapses.base import Trace
+from neuro.model.synapses.modulated import Modulated
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class td_moves(Modulated):
+    """The weight moves with the error n of a move along what the synapse gave to the spikes of its neuron in that move.
+
+    Time is cut into moves of `move` ms, from 0 on, rounded to steps. At each post spike eps, the potential by all pre
+    spikes, is added to the e of the present move. How good a move was is known when the next one has ended, from the
+    value of the state that it led to. So e is kept for two moves, and n, which a signal sets after each, acts on it
+    in the third: w changes by eta n e. `tau_m` and `tau_s` are best those of the neuron (tau_m and tau_syn_ex of
+    `srm0`). The weight is within Wmin and Wmax at all times.
+
+    Source: the actor and the critic of Fremaux, Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013, in moves;
+    the error is that of Sutton & Barto, Reinforcement Learning, 2nd ed., eq. 6.5.
+    """
+
+    equation: ClassVar[str] = (
+        "w' = eta n e / move, e: of the move before the last, the sum of eps at post spikes, "
+        "eps(t) = exp(-t/tau_m) - exp(-t/tau_s) summed over the pre spikes"
+    )
+    source: ClassVar[str] = "after Fremaux, Sprekeler & Gerstner, PLoS Comput. Biol. 9:e1003024, 2013"
+    pre: ClassVar[tuple[Trace, ...]] = (Trace("tau_m"), Trace("tau_s"))
+    post: ClassVar[tuple[Trace, ...]] = ()
+    states: ClassVar[tuple[State, ...]] = (
+        State("e", "", "eligibility of the present move"),
+        State("e_last", "", "that of the last move"),
+        State("e_before", "", "that of the move before it, which is taught"),
+    )
+
+    tau_m: float = quantity(10.0, "ms", "time constant of the membrane", above=0)
+    tau_s: float = quantity(2.0, "ms", "time constant of the synaptic current, shorter", above=0)
+    move: float = quantity(100.0, "ms", "length of a move", above=0)
+    eta: float = quantity(0.01, "", "learning rate, in the unit of the weight", at_least=0)
+    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight")
+    Wmax: float = quantity(100.0, "", "largest weight, in the unit of the weight")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for low, high, unit in (("tau_s", "tau_m", " ms"), ("Wmin", "Wmax", "")):
+            small, large = getattr(self, low), getattr(self, high)
+            if not small < large:
+                raise ModelError(
+                    f"td_moves.{low} = {small:g}{unit}: expected less than {high} = {large:g}{unit}", path=(low,)
+                )
+
+
+MOVE, RATE, W_MIN, W_MAX = range(4)
+WEIGHT, E, E_LAST, E_BEFORE = range(4)
+
+
+def constants(p, h, c):
+    """Steps of a move, learning rate of a step, bounds."""
+    c[MOVE] = max(1.0, round(p[2] / h))
+    c[RATE] = p[3] / c[MOVE]
+    c[W_MIN], c[W_MAX] = p[4], p[5]
+
+
+def on_post(y, e, c, pre, post):
+    """What the pre spikes give to the potential is counted at a post spike."""
+    y[E, e] += pre[0] - pre[1]
+
+
+def on_pre(y, e, c, pre, post):
+    """Nothing is learnt; the traces remember."""
+
+
+def advance(y, e, c, begin, end, n, grid):
+    """Move by move from step `begin` to `end`. The spikes that arrive in the last step of a move belong to it."""
+    step = begin
+    while step < end and (y[E, e] != 0.0 or y[E_LAST, e] != 0.0 or y[E_BEFORE, e] != 0.0):
+        into = step % c[MOVE]
+        if into == 0.0:
+            y[E_BEFORE, e], y[E_LAST, e], y[E, e] = y[E_LAST, e], y[E, e], 0.0
+        steps = min(c[MOVE] - into, end - step)
+        w = y[WEIGHT, e] + c[RATE] * n * y[E_BEFORE, e] * steps
+        y[WEIGHT, e] = min(max(w, c[W_MIN]), c[W_MAX])
+        step += steps

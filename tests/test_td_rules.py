@@ -1,0 +1,113 @@
+"""Rules under a temporal-difference error: `td_ltp` beside its integrals, `td_moves` by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro import ModelError
+from neuro.testing import check_part
+
+BACKENDS = pytest.mark.parametrize("backend", ["reference", "event"])
+PRE, POST = (5.0, 12.0, 16.0, 30.0), (14.0, 20.0, 40.0)  # ms
+START = 50.0
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [neuro.td_ltp(eta=20.0, Wmax=300.0), neuro.td_moves(move=4.0, eta=5.0, Wmin=-20.0, Wmax=300.0)],
+    ids=lambda rule: rule.name,
+)
+def test_a_rule_on_event_and_reference(rule):
+    check_part(rule, ms=10.0)
+
+
+def one_synapse(rule, backend):
+    """Spikes of a source at PRE, of its target at POST; they reach the synapse 1 ms later."""
+    net = neuro.Network("one", resolution=0.5)
+    net.population("pre", 1, neuro.spike_generator(spike_times=[list(PRE)]))
+    net.population("driver", 1, neuro.spike_generator(spike_times=[[t - 1.0 for t in POST]]))
+    net.population("post", 1, neuro.iaf_psc_delta(V_th=500.0, t_ref=0.5))
+    net.signal("error", to="post")
+    net.connect("driver", "post", neuro.all_to_all(), weight=1000.0, delay=1.0)
+    net.connect("pre", "post", neuro.all_to_all(), rule, weight=START, delay=1.0, name="learnt")
+    return neuro.compile(net, backend)
+
+
+def psp(passed, tau_m, tau_s):
+    """The potential that a pre spike has made after some ms."""
+    return (math.exp(-passed / tau_m) - math.exp(-passed / tau_s)) * (passed > 0.0)
+
+
+@BACKENDS
+def test_a_weight_moves_along_the_smoothed_potential_since_the_last_spike(backend):
+    sim = one_synapse(neuro.td_ltp(signal="error", eta=3.0), backend)
+    sim.run(25.0)
+    assert sim.get("learnt", "weight") == START  # no error yet
+    sim.signal("error", 0.4)
+    sim.run(60.0)
+    times = np.arange(0.0, 85.0, 1e-3) + 0.5e-3
+    z, since = np.zeros_like(times), -math.inf
+    for post in POST:
+        heard = post + 1.0
+        eps = sum(psp(heard - pre, 20.0, 5.0) for pre in PRE if since <= pre < heard)
+        late = np.maximum(times - heard, 0.0)
+        z += eps * (np.exp(-late / 200.0) - np.exp(-late / 50.0)) / 150.0
+        since = heard
+    assert sim.get("learnt", "z") == pytest.approx(z[-1], rel=1e-5)
+    moved = 3.0 * 0.4 * z[times > 25.0].sum() * 1e-3
+    assert sim.get("learnt", "weight") == pytest.approx(START + moved, rel=1e-9)
+
+
+@BACKENDS
+def test_a_move_is_taught_in_the_second_after_it(backend):
+    sim = one_synapse(neuro.td_moves(signal="error", move=20.0, eta=0.5), backend)
+    first = sum(psp(15.0 - pre, 10.0, 2.0) for pre in PRE)
+    second = sum(psp(21.0 - pre, 10.0, 2.0) for pre in PRE)
+    sim.run(20.0)
+    assert sim.get("learnt", "e") == pytest.approx(first)
+    sim.signal("error", 1e9)  # nobody hears it: the move before the last was none
+    sim.run(20.0)
+    assert [sim.get("learnt", name)[0] for name in ("e", "e_last")] == pytest.approx([second, first])
+    assert sim.get("learnt", "weight") == START
+    sim.signal("error", 0.7)
+    sim.run(10.0)
+    assert sim.get("learnt", "weight") == pytest.approx(START + 0.5 * 0.7 * first / 2.0)
+    sim.run(10.0)
+    sim.signal("error", -0.2)
+    sim.run(20.0)
+    assert sim.get("learnt", "weight") == pytest.approx(START + 0.5 * (0.7 * first - 0.2 * second))
+
+
+@BACKENDS
+@pytest.mark.parametrize(
+    "rule", [neuro.td_ltp(signal="error", Wmin=30.0), neuro.td_moves(signal="error", move=20.0, Wmin=30.0)]
+)
+@pytest.mark.parametrize(("error", "bound"), [(1e6, 100.0), (-1e6, 30.0)])
+def test_a_weight_stays_within_its_bounds(backend, rule, error, bound):
+    sim = one_synapse(rule, backend)
+    sim.signal("error", error)
+    sim.run(60.0)
+    assert sim.get("learnt", "weight") == bound
+
+
+@pytest.mark.parametrize(
+    ("rule", "words", "told"),
+    [
+        ("td_ltp", {"tau_s": 20.0}, "td_ltp.tau_s = 20 ms: expected less than tau_m = 20 ms"),
+        ("td_ltp", {"tau_rise": 300.0}, "td_ltp.tau_rise = 300 ms: expected less than tau_kappa = 200 ms"),
+        ("td_moves", {"tau_m": 1.0}, "td_moves.tau_s = 2 ms: expected less than tau_m = 1 ms"),
+        ("td_moves", {"Wmin": 100.0}, "td_moves.Wmin = 100: expected less than Wmax = 100"),
+    ],
+)
+def test_numbers_that_contradict_each_other(rule, words, told):
+    with pytest.raises(ModelError) as caught:
+        getattr(neuro, rule)(**words)
+    assert str(caught.value).splitlines()[-1].endswith(told)
+
+
+def test_a_rule_is_not_set_to_what_it_cannot_be():
+    sim = one_synapse(neuro.td_ltp(signal="error"), "event")
+    with pytest.raises(ModelError, match=r"td_ltp\.tau_s = 30 ms: expected less than tau_m = 20 ms"):
+        sim.set("learnt", tau_s=30.0)
