@@ -84,3 +84,21 @@ def test_what_is_no_number_comes_to_an_end():
     assert math.isnan(found)
     with np.errstate(all="ignore"):
         integrate(fehlberg(1), growing, (np.float64(1e300),), (), 0.1, 0.0, 1e-3)
+
+
+def leaking(y, p):
+    """A potential that a decaying conductance pulls down."""
+    g, rate = y[1], p[0]
+    return 1.0 - g * y[0], rate * g
+
+
+@pytest.mark.parametrize("method", [fehlberg, runge_kutta])
+def test_what_only_decays_is_taken_out_of_a_step_and_changes_nothing(method):
+    y, p = (1.0, 2.0), (-3.0,)
+    assert np.hstack(method(2, 1)(leaking, y, p, 0.1)) == pytest.approx(np.hstack(method(2)(leaking, y, p, 0.1)), 1e-13)
+
+
+def test_rk4_of_a_decay_is_four_terms_of_the_exponential():
+    x = -0.3
+    (found,) = runge_kutta(1, 1)(lambda y, p: (p[0] * y[0],), (2.0,), (-3.0,), 0.1)
+    assert found == pytest.approx(2.0 * (1.0 + x + x**2 / 2.0 + x**3 / 6.0 + x**4 / 24.0), rel=1e-15)

@@ -50,6 +50,7 @@ from neuro_event.tables import (
 from neuro_event.views import net_of
 
 _BLOCK = 6
+_SHIFT = np.uint64(_BLOCK)
 assert 1 << _BLOCK == BLOCK
 
 
@@ -78,8 +79,9 @@ def csr_alike(targets, first, last, value, buf, out, due, mark):
     for e in range(np.uint64(first), np.uint64(last)):
         buf[begin + np.uint64(targets[e])] += value
     if mark >= 0:  # a second loop: the first is nothing but adds, and these few bytes stay in the cache
-        for e in range(first, last):
-            due[mark + (np.int64(targets[e]) >> _BLOCK)] = 1
+        block = np.uint64(mark)
+        for e in range(np.uint64(first), np.uint64(last)):
+            due[block + (np.uint64(targets[e]) >> _SHIFT)] = 1
 
 
 @inner

@@ -209,7 +209,7 @@ def rule_entry(model):
         def taken(p, q, z, delay, h):
             return delay
 
-    @inner
+    @merged
     def flow(view, q, z, own, thread, history, target, upto, whole, delay, h):
         """Let the post spikes up to step `upto` act on a synapse; with `whole` also what flows after the last."""
         p = plastic_of(view)
@@ -259,7 +259,6 @@ def rule_entry(model):
             newest = newest_before(p.past[history], step - delay)
             post = post_values(net, p, q, column, history, newest, neuron, step - delay, h)
             learn_pre(p, q, z, step, nth, pre, post)
-            p.sent[z] = p.y[0, z]
             weight = sent(p.y, z, c)
             second = 1 if receptors == 2 and weight < 0.0 else 0
             at = step + taken(p, q, z, delay, h)
@@ -276,6 +275,7 @@ def rule_entry(model):
             else:
                 p.k_plus[thread, own + j] = grown(kind, pre_value(p, q, j, kind, thread, own, step, h), 1)
         p.k_time[thread, own] = step
+        p.spiked[thread, own] = step
 
     @inner
     def bring(view, q, target, step, thread, whole, h):
@@ -287,6 +287,8 @@ def rule_entry(model):
         for i in range(p.incoming[begin], p.incoming[begin + 1]):
             z = p.in_synapse[i]
             own = table[FIRST_SOURCE] + np.int64(p.in_source[i]) * table[SOURCE_STRIDE]
+            if not modulated and p.past[history, APPLIED] <= p.spiked[thread, own]:
+                p.sent[z] = p.y[0, z]  # see `plastic.bring_target`
             delay = heard_after(net, row, z - table[FIRST_SYNAPSE])
             flow(view, q, z, own, thread, history, target, step, whole, delay, h)
 

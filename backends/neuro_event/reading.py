@@ -45,8 +45,6 @@ class Copy:
             return by_id(concentration(a, self._view, k, step)[arranged.targets], arranged.order)
         if name == "K_plus":
             return by_id(np.repeat(trace(a, k, step), np.diff(arranged.row_ends)), arranged.order)
-        if a.plastic["table"][k, t.RULE_ENTRY] and not p.synapse.modulated and name == "weight":
-            return by_id(a.plastic["sent"][here], arranged.order)
         if not p.synapse.modulated and name == "weight":
             return by_id(self._sent(k, here, arranged.targets, arranged.row_ends), arranged.order)
         self._y[:, here] = a.plastic["y"][:, here]
@@ -59,8 +57,8 @@ class Copy:
         """The weights sent last: kept aside where post spikes have been applied since the last pre spike."""
         a = self._a
         p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
-        first_source, first_history = a.plastic["table"][k, t.FIRST_SOURCE], a.net["pops"][p.target, t.HISTORY]
-        last = a.plastic["spiked"][0, first_source : first_source + row_ends.size - 1]
+        first_history = a.net["pops"][p.target, t.HISTORY]
+        last = a.plastic["spiked"][0, _sources(a, k)]
         applied = a.plastic["past"][first_history + targets, APPLIED]
         moved = applied > np.repeat(last, np.diff(row_ends))
         return np.where(moved, a.plastic["sent"][here], a.plastic["y"][0, here])
@@ -76,13 +74,18 @@ def concentration(a: Arrays, view: Ints, k: int, step: int) -> Floats:
 
 def trace(a: Arrays, k: int, step: int) -> Floats:
     """K+ of every source of the plastic projection number k."""
-    projection = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
-    first = a.plastic["table"][k, t.FIRST_SOURCE]
-    stride = a.plastic["table"][k, t.SOURCE_STRIDE]
-    here = slice(first, first + a.program.populations[projection.source].size * stride, stride)
+    here = _sources(a, k)
     age = (step - a.plastic["k_time"][0, here]) * a.program.resolution
     traces: Floats = a.plastic["k_plus"][0, here] * np.exp(-age / a.plastic["tau"][k, 0])
     return traces
+
+
+def _sources(a: Arrays, k: int) -> slice:
+    """The first traces of the sources of the plastic projection number k."""
+    row = a.plastic["table"][k]
+    size = a.program.populations[a.program.projections[row[t.PROJECTION]].source].size
+    first, stride = row[t.FIRST_SOURCE], row[t.SOURCE_STRIDE]
+    return slice(first, first + size * stride, stride)
 
 
 def by_id(values: Floats, order: Ints | None) -> Floats:

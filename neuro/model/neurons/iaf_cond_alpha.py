@@ -80,17 +80,17 @@ def constants(p, h, c):
 def rates(y, p):
     """Derivatives of V_m, the conductances and their slopes; V_m counts as V_th where it is above."""
     v, g_ex, g_in, d_ex, d_in = y
-    g_l, e_l, e_ex, e_in, v_th, by_c, rate_ex, rate_in, current, held = p
+    g_l, e_l, e_ex, e_in, v_th, by_c, rate_ex, rate_in, current = p
     v = v if v < v_th else v_th
-    slope = (current - g_l * (v - e_l) - g_ex * (v - e_ex) - g_in * (v - e_in)) * by_c
-    slope = 0.0 if held else slope
+    slope = (current + g_l * e_l + g_ex * e_ex + g_in * e_in) * by_c - (g_l + g_ex + g_in) * by_c * v
     return slope, d_ex + rate_ex * g_ex, d_in + rate_in * g_in, rate_ex * d_ex, rate_in * d_in
 
 
 def system(s, c, i_0, i):
-    """What `rates` needs."""
-    current, held = c[I_E] + i_0[i], s[REFRACTORY, i] != 0.0
-    return c[G_L], c[E_L], c[E_EX], c[E_IN], c[V_TH], c[BY_C], c[RATE_EX], c[RATE_IN], current, held
+    """What `rates` needs; nothing moves V_m while it is held."""
+    by_c, held = c[BY_C], s[REFRACTORY, i] != 0.0
+    by_c = 0.0 if held else by_c
+    return c[G_L], c[E_L], c[E_EX], c[E_IN], c[V_TH], by_c, c[RATE_EX], c[RATE_IN], c[I_E] + i_0[i]
 
 
 def step(s, c, x, i_0, lo, hi, fired):
@@ -101,13 +101,14 @@ def step(s, c, x, i_0, lo, hi, fired):
         step_evenly(rk4, take, put, rates, system, s, c, i_0, lo, hi, c[H], c[SUBSTEPS])
     v_th, v_reset, jump_ex, jump_in = c[V_TH], c[V_RESET], c[JUMP_EX], c[JUMP_IN]
     for i in range(lo, hi):
-        held = s[REFRACTORY, i] != 0.0
-        v = v_reset if held else s[V_M, i]
-        s[V_M, i] = v
         s[D_EX, i] += jump_ex * x[0, i]
         s[D_IN, i] -= jump_in * x[1, i]
-        s[REFRACTORY, i] -= held
-        fired[i] = not held and v >= v_th
+    for i in range(lo, hi):
+        v, left = s[V_M, i], s[REFRACTORY, i]
+        held = left != 0.0
+        s[V_M, i] = v_reset if held else v
+        s[REFRACTORY, i] = left - 1.0 if held else 0.0
+        fired[i] = v >= v_th and not held
 
 
 def fire(s, c, i):

@@ -61,7 +61,7 @@ V_M, G_EX, G_IN, REFRACTORY, SIZE = range(5)
 V_TH, V_RESET, G_L, E_L, E_EX, E_IN, RATE_EX, RATE_IN, I_E, BY_C, R, H, SUBSTEPS = range(13)
 TOLERANCE = 1e-3
 
-rkf45, rk4, (take, put) = fehlberg(3), runge_kutta(3), rows(3)
+rkf45, rk4, (take, put) = fehlberg(3, 2), runge_kutta(3, 2), rows(3)
 
 
 def constants(p, h, c):
@@ -76,16 +76,17 @@ def constants(p, h, c):
 def rates(y, p):
     """Derivatives of V_m, g_ex and g_in; V_m counts as V_th where it is above."""
     v, g_ex, g_in = y
-    g_l, e_l, e_ex, e_in, v_th, by_c, rate_ex, rate_in, current, held = p
+    g_l, e_l, e_ex, e_in, v_th, by_c, rate_ex, rate_in, current = p
     v = v if v < v_th else v_th
-    slope = (current - g_l * (v - e_l) - g_ex * (v - e_ex) - g_in * (v - e_in)) * by_c
-    return 0.0 if held else slope, rate_ex * g_ex, rate_in * g_in
+    slope = (current + g_l * e_l + g_ex * e_ex + g_in * e_in) * by_c - (g_l + g_ex + g_in) * by_c * v
+    return slope, rate_ex * g_ex, rate_in * g_in
 
 
 def system(s, c, i_0, i):
-    """What `rates` needs."""
-    current, held = c[I_E] + i_0[i], s[REFRACTORY, i] != 0.0
-    return c[G_L], c[E_L], c[E_EX], c[E_IN], c[V_TH], c[BY_C], c[RATE_EX], c[RATE_IN], current, held
+    """What `rates` needs; nothing moves V_m while it is held."""
+    by_c, held = c[BY_C], s[REFRACTORY, i] != 0.0
+    by_c = 0.0 if held else by_c
+    return c[G_L], c[E_L], c[E_EX], c[E_IN], c[V_TH], by_c, c[RATE_EX], c[RATE_IN], c[I_E] + i_0[i]
 
 
 def step(s, c, x, i_0, lo, hi, fired):
@@ -94,15 +95,16 @@ def step(s, c, x, i_0, lo, hi, fired):
         step_adaptively(rkf45, take, put, rates, system, s, c, i_0, lo, hi, c[H], SIZE, TOLERANCE, fired)
     else:
         step_evenly(rk4, take, put, rates, system, s, c, i_0, lo, hi, c[H], c[SUBSTEPS])
-    v_th, v_reset = c[V_TH], c[V_RESET]
     for i in range(lo, hi):
-        held = s[REFRACTORY, i] != 0.0
-        v = v_reset if held else s[V_M, i]
-        s[V_M, i] = v
         s[G_EX, i] += x[0, i]
         s[G_IN, i] -= x[1, i]
-        s[REFRACTORY, i] -= held
-        fired[i] = not held and v >= v_th
+    v_th, v_reset = c[V_TH], c[V_RESET]
+    for i in range(lo, hi):
+        v, left = s[V_M, i], s[REFRACTORY, i]
+        held = left != 0.0
+        s[V_M, i] = v_reset if held else v
+        s[REFRACTORY, i] = left - 1.0 if held else 0.0
+        fired[i] = v >= v_th and not held
 
 
 def fire(s, c, i):

@@ -68,15 +68,18 @@ RK4 = Tableau(stages=((), (1 / 2,), (0.0, 1 / 2), (0.0, 0.0, 1.0)), result=(1 / 
 
 
 @cache
-def fehlberg(variables: int) -> FunctionType:
-    """A step of RKF45 for so many variables: `rkf45(rates, y, p, h)` returns the new `y` and its largest error."""
-    return _written(FEHLBERG, variables)
+def fehlberg(variables: int, decaying: int = 0) -> FunctionType:
+    """A step of RKF45 for so many variables: `rkf45(rates, y, p, h)` returns the new `y` and its largest error.
+
+    The last `decaying` of the variables do nothing but decay, each with a rate of its own: `y' = rate y`.
+    """
+    return _written(FEHLBERG, variables, decaying)
 
 
 @cache
-def runge_kutta(variables: int) -> FunctionType:
-    """A step of RK4 for so many variables: `rk4(rates, y, p, h)` returns the new `y`."""
-    return _written(RK4, variables)
+def runge_kutta(variables: int, decaying: int = 0) -> FunctionType:
+    """A step of RK4 for so many variables: `rk4(rates, y, p, h)` returns the new `y`; `decaying` as above."""
+    return _written(RK4, variables, decaying)
 
 
 @cache
@@ -158,26 +161,38 @@ def finite_exp(x):
     return math.exp(709.0 if x > 709.0 else x)
 
 
-def _written(tableau: Tableau, variables: int) -> FunctionType:
-    """A step of a method as straight code, every number in a variable of its own: no array is made in it."""
-    each = range(variables)
+def _written(tableau: Tableau, variables: int, decaying: int) -> FunctionType:
+    """A step of a method as straight code, every number in a variable of its own: no array is made in it.
 
-    def listed(name: str) -> str:
-        return "(" + "".join(f"{name}_{v}, " for v in each) + ")"
+    What decays is, at each stage and in the end, what it was times a number that follows from the rate and h alone, so
+    it is the same for all neurons and worked out once. The rate is the derivative of 1.
+    """
+    each, free = range(variables), variables - decaying
+
+    def listed(names: Sequence[str]) -> str:
+        return "(" + "".join(f"{name}, " for name in names) + ")"
+
+    def numbered(name: str) -> str:
+        return listed([f"{name}_{v}" for v in each])
 
     def mean(weights: Sequence[float], v: int) -> str:
-        return " + ".join(f"{weight!r} * k{stage}_{v}" for stage, weight in enumerate(weights) if weight)
+        return " + ".join(f"h * {weight!r} * k{stage}_{v}" for stage, weight in enumerate(weights) if weight)
 
     def point(weights: Sequence[float]) -> str:
-        return "(" + "".join(f"y_{v} + h * ({mean(weights, v)}), " for v in each) + ")"
+        moved = [f"y_{v} + ({mean(weights, v)})" for v in each[:free]]
+        return listed(moved + [f"y_{v} * (1.0 + ({mean(weights, v)}))" for v in each[free:]])
 
-    lines = [f"{listed('y')} = y"]
+    lines = [f"{numbered('y')} = y"]
+    if decaying:
+        lines.append(f"{numbered('rate')} = rates({listed(['1.0'] * variables)}, p)")
     for stage, weights in enumerate(tableau.stages):
-        lines.append(f"{listed(f'k{stage}')} = rates({point(weights) if weights else 'y'}, p)")
+        lines.append(f"{numbered(f'k{stage}')} = rates({point(weights) if weights else 'y'}, p)")
+        for v in each[free:]:
+            lines.append(f"k{stage}_{v} = rate_{v}" + (f" * (1.0 + ({mean(weights, v)}))" if weights else ""))
     if tableau.error:
         lines.append("error = 0.0")
         for v in each:
-            lines.append(f"of_one = abs(h * ({mean(tableau.error, v)}))")
+            lines.append(f"of_one = abs({f'y_{v} * ' if v >= free else ''}({mean(tableau.error, v)}))")
             lines.append("error = of_one if of_one > error else error")
     lines.append(f"return {point(tableau.result)}{', error' if tableau.error else ''}")
     return _function("step(rates, y, p, h)", lines)
