@@ -212,7 +212,7 @@ def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks
                 while i < hi:
                     came = heard(view, i, receptors)
                     if row[GROUP] < 0:
-                        m = np.int64(net.x[0, i]) if row[RELAY] == 1 else 1
+                        m = np.int64(net.x[0, i]) if row[RELAY] == 1 else np.int64(net.fired[i])
                         spike(view, row, i)
                         at = emit(view, thread, pop, row, i, m, step, done, h, at)
                         active += not came

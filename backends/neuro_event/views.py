@@ -40,7 +40,7 @@ bits i8 2          the same memory as integers
 calm f8 2          no input
 buf f8 1           the memory of x, then the rings
 current f8 1       external current of the present step, pA
-fired u1 1         who reached threshold in the present step
+fired u1 1         how often each reached threshold in the present step
 fired_words u8 1   the same memory, eight neurons at a time
 muted u1 1         who must not fire
 events i8 1        spike events of each neuron

@@ -57,15 +57,15 @@ class Cells:
         alike = bool((self.constants == self.constants[0]).all())
         self.runs = [(0, self.size)] if alike else [(i, i + 1) for i in range(self.size)]
 
-    def update(self, x: Floats, i_0: Floats, step: int) -> NDArray[np.bool_]:
-        """Step every neuron; return which reached the threshold.
+    def update(self, x: Floats, i_0: Floats, step: int) -> NDArray[np.uint8]:
+        """Step every neuron; return how often each reached the threshold.
 
         Args:
             x: arrived input by receptor, shape (receptors, size).
             i_0: external current in pA.
             step: which it is.
         """
-        fired = np.zeros(self.size, dtype=bool)
+        fired = np.zeros(self.size, dtype=np.uint8)
         model = self.part.model
         assert isinstance(model, Neuron)
         drawn = (keyed_random.uniform(self.key, step, np.arange(self.size)),) if model.draws else ()

@@ -17,6 +17,7 @@ from neuro_reference.wires import Wires
 
 NOBODY: Ints = np.zeros(0, dtype=np.int64)
 Bools = NDArray[np.bool_]
+Counts = NDArray[np.uint8]
 
 
 class Net:
@@ -122,36 +123,36 @@ class Net:
                     heard |= some
         return x, current, heard
 
-    def _update(self, cells: Cells, x: Floats, current: Floats, step: int) -> Bools:
+    def _update(self, cells: Cells, x: Floats, current: Floats, step: int) -> Counts:
         if cells.part.kind == "neuron":
             return cells.update(x, current, step)
-        return np.zeros(cells.size, dtype=bool)
+        return np.zeros(cells.size, dtype=np.uint8)
 
-    def _decide(self, index: int, reached: list[Bools], step: int) -> None:
+    def _decide(self, index: int, reached: list[Counts], step: int) -> None:
         """Of the candidates of a group leave the best, if it may still decide."""
         group = self.program.groups[index]
         cells = self.cells[group.population]
-        candidates = np.flatnonzero(reached[group.population] & ~self.silenced[group.population])
-        reached[group.population][:] = False
+        candidates = np.flatnonzero((reached[group.population] > 0) & ~self.silenced[group.population])
+        reached[group.population][:] = 0
         if self.closed[index] or not len(candidates):
             return
         above = cells.states[0, candidates] - cells.constants[candidates, 0]
         drawn = keyed_random.uniform(self.ties[index], step, candidates)
         best = candidates[np.lexsort((candidates, -drawn, -above))[0]]
-        reached[group.population][best] = True
+        reached[group.population][best] = 1
         if group.first_to_fire:
             self.closed[index] = True
         else:
             cells.fire(candidates[candidates != best])
 
-    def _emit(self, index: int, step: int, reached: Bools, x: Floats, presented: Ints) -> None:
+    def _emit(self, index: int, step: int, reached: Counts, x: Floats, presented: Ints) -> None:
         """What one population emits; neurons that spike are reset."""
         cells = self.cells[index]
         if isinstance(cells.part.model, Neuron):
-            self.ids[index] = (reached & ~self.silenced[index]).nonzero()[0]
+            self.ids[index] = ((reached > 0) & ~self.silenced[index]).nonzero()[0]
             cells.fire(self.ids[index])
-            relayed = x[0] if cells.part.model.relay else np.ones(cells.size)
-            self.multiplicity[index] = relayed[self.ids[index]].astype(np.int64)
+            sent = x[0] if cells.part.model.relay else reached
+            self.multiplicity[index] = sent[self.ids[index]].astype(np.int64)
             return
         numbers = cells.generate(step)
         if self.program.trials is not None and index == self.program.trials.input:

@@ -29,9 +29,9 @@ class aeif_psc_exp(Neuron):
     """Adaptive exponential neuron; a spike adds its weight in pA to a current that decays exponentially.
 
     Positive weights go to the excitatory current, negative ones to the inhibitory. Integrated by NEST's adaptive RKF45,
-    of which no step errs by more than `gsl_error_tol`; with `rk4_substeps` by so many steps of RK4 in each step of the
-    grid. V_m is tested and reset after each step of the integrator; of two spikes within
-    a step of the grid one is emitted. With `Delta_T` 0 there is no upswing, and it spikes at V_th.
+    of which no step errs by more than `gsl_error_tol` (1 + |h y'|); with `rk4_substeps` by so many steps of RK4 in each
+    step of the grid. V_m is tested and reset after each step of the integrator, so several spikes, at most 255, may
+    leave in a step of the grid. With `Delta_T` 0 there is no upswing, and it spikes at V_th.
 
     Source: NEST 3.10, `aeif_psc_exp`; Brette & Gerstner, J. Neurophysiol. 94:3637, 2005.
     """
@@ -66,17 +66,17 @@ class aeif_psc_exp(Neuron):
     tau_syn_ex: Value = quantity(0.2, "ms", "decay of the excitatory current", above=0, arrays=True)
     tau_syn_in: Value = quantity(2.0, "ms", "decay of the inhibitory current", above=0, arrays=True)
     I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
-    gsl_error_tol: Value = quantity(1e-6, "", "largest error of a step of RKF45", above=0, arrays=True)
+    gsl_error_tol: Value = quantity(1e-6, "", "error allowed to a step of RKF45, absolute and relative to the slope", above=0, arrays=True)
     rk4_substeps: int = quantity(0, "", "steps of RK4 in a step of the grid, 0: RKF45", kind="integer", at_least=0)
 
     @staticmethod
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """V_m starts at E_L."""
-        return {"V_m": parameters["E_L"]}
+        """V_m starts at E_L; the first adaptive step is of 0.01 ms, as NEST's."""
+        return {"V_m": parameters["E_L"], "size": 0.01}
 
 
 V_M, W, I_EX, I_IN = range(4)
-RATE_EX, RATE_IN, I_E = range(14, 17)
+RATE_EX, RATE_IN, I_E = range(15, 18)
 
 
 def constants(p, h, c):

@@ -6,7 +6,8 @@ bound the neurons of one call, which share one vector of constants `c`.
 
     constants(p, h, c)                    fill `c` from the parameters `p` (in order of definition) for a step of h ms
     step(s, c, x, i_0, lo, hi, fired)     advance one step: `s` states, `x` arrived input, `i_0` current in pA;
-                                          set `fired` where the threshold is reached
+                                          `fired[i]` becomes 1 where the threshold is reached,
+                                          0 elsewhere; more where it `resets_in_step` and is reached again
     fire(s, c, i)                         what a spike does to neuron i
     quiet(s, c, i_0, lo, hi)              whether none of them can fire before its next input
 

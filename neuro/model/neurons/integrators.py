@@ -15,7 +15,7 @@ in NEST. It is 0 for a whole step of the grid, where it starts and mostly stays.
 neurons in a loop without branches, which is vectorised, and the few that need shorter ones are integrated after it.
 
 Source: Fehlberg, NASA TR R-315, 1969, table III; step control of GSL 2.7, `cstd.c` and `evolve.c`, as NEST 3.10 uses
-it: an absolute tolerance only.
+it: an absolute tolerance, and for some neurons one relative to the slope.
 """
 
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
@@ -68,18 +68,20 @@ RK4 = Tableau(stages=((), (1 / 2,), (0.0, 1 / 2), (0.0, 0.0, 1.0)), result=(1 / 
 
 
 @cache
-def fehlberg(variables: int, decaying: int = 0) -> FunctionType:
+def fehlberg(variables: int, decaying: int = 0, *, by_slope: bool = False) -> FunctionType:
     """A step of RKF45 for so many variables: `rkf45(rates, y, p, h)` returns the new `y` and its largest error.
 
-    The last `decaying` of the variables do nothing but decay, each with a rate of its own: `y' = rate y`.
+    The last `decaying` of the variables do nothing but decay, each with a rate of its own: `y' = rate y`. With
+    `by_slope` the error of each is divided by 1 + |h y'| at the new point before they are compared, so that a
+    tolerance is absolute and relative to the slope at once, as in GSL's `gsl_odeiv_control_yp_new(tol, tol)`.
     """
-    return _written(FEHLBERG, variables, decaying)
+    return _written(FEHLBERG, variables, decaying, by_slope)
 
 
 @cache
 def runge_kutta(variables: int, decaying: int = 0) -> FunctionType:
     """A step of RK4 for so many variables: `rk4(rates, y, p, h)` returns the new `y`; `decaying` as above."""
-    return _written(RK4, variables, decaying)
+    return _written(RK4, variables, decaying, by_slope=False)
 
 
 @cache
@@ -161,7 +163,7 @@ def finite_exp(x):
     return math.exp(709.0 if x > 709.0 else x)
 
 
-def _written(tableau: Tableau, variables: int, decaying: int) -> FunctionType:
+def _written(tableau: Tableau, variables: int, decaying: int, by_slope: bool) -> FunctionType:
     """A step of a method as straight code, every number in a variable of its own: no array is made in it.
 
     What decays is, at each stage and in the end, what it was times a number that follows from the rate and h alone, so
@@ -189,12 +191,17 @@ def _written(tableau: Tableau, variables: int, decaying: int) -> FunctionType:
         lines.append(f"{numbered(f'k{stage}')} = rates({point(weights) if weights else 'y'}, p)")
         for v in each[free:]:
             lines.append(f"k{stage}_{v} = rate_{v}" + (f" * (1.0 + ({mean(weights, v)}))" if weights else ""))
+    lines.append(f"{numbered('new')} = {point(tableau.result)}")
+    if by_slope:
+        lines.append(f"{numbered('slope')} = rates({numbered('new')}, p)")
     if tableau.error:
         lines.append("error = 0.0")
         for v in each:
             lines.append(f"of_one = abs({f'y_{v} * ' if v >= free else ''}({mean(tableau.error, v)}))")
+            if by_slope:
+                lines.append(f"of_one /= 1.0 + abs(h * slope_{v})")
             lines.append("error = of_one if of_one > error else error")
-    lines.append(f"return {point(tableau.result)}{', error' if tableau.error else ''}")
+    lines.append(f"return {numbered('new')}{', error' if tableau.error else ''}")
     return _function("step(rates, y, p, h)", lines)
 
 
