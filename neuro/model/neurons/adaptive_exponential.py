@@ -15,9 +15,10 @@ HIDDEN = (
 )
 
 V_M, W, _, _, REFRACTORY, SIZE = range(6)
-V_TH, V_RESET, V_PEAK, B, R, H, TOLERANCE, SUBSTEPS, BY_C, G_L, E_L, DELTA_T, A, BY_TAU_W = range(14)
+V_TH, V_RESET, V_FIRE, V_PEAK, B, R, H, TOLERANCE, SUBSTEPS, BY_C, G_L, E_L, DELTA_T, A, BY_TAU_W = range(15)
 
 rkf45, rk4, (take, put) = fehlberg(4), runge_kutta(4), rows(4)
+rkf45_by_slope = fehlberg(4, by_slope=True)  # as NEST judges; never stricter, so a whole step may be tried without
 
 
 def membrane(p, h, c):
@@ -26,7 +27,7 @@ def membrane(p, h, c):
     `p` begins with tau_minus, C_m, g_L, t_ref, E_L, V_reset, V_th, V_peak, Delta_T, a, b and tau_w.
     """
     c[BY_C], c[G_L], c[R], c[E_L], c[V_RESET], c[V_TH] = 1.0 / p[1], p[2], round(p[3] / h), p[4], p[5], p[6]
-    c[V_PEAK] = p[7] if p[8] > 0.0 else p[6]
+    c[V_PEAK], c[V_FIRE] = p[7], p[7] if p[8] > 0.0 else p[6]
     c[DELTA_T], c[A], c[B], c[BY_TAU_W], c[H] = p[8], p[9], p[10], 1.0 / p[11], h
 
 
@@ -62,7 +63,7 @@ def step_adaptively(rates, system, s, c, i_0, lo, hi, fired):
             continue
         t, size, spiked = 0.0, s[SIZE, i], False
         while t < h:
-            y, t, size = advance(rkf45, rates, take(s, i), system(s, c, i_0, i), t, h, size, tolerance)
+            y, t, size = advance(rkf45_by_slope, rates, take(s, i), system(s, c, i_0, i), t, h, size, tolerance)
             put(s, i, y)
             spiked |= reset(s, c, i)
         s[SIZE, i] = size
@@ -83,7 +84,7 @@ def step_evenly(rates, system, s, c, i_0, lo, hi, fired):
 def reset(s, c, i):
     """Hold V while it is refractory, reset it at V_peak; return whether it was there."""
     held = s[REFRACTORY, i] != 0.0
-    spiked = not held and s[V_M, i] >= c[V_PEAK]
+    spiked = not held and s[V_M, i] >= c[V_FIRE]
     if held or spiked:
         s[V_M, i] = c[V_RESET]
     if spiked:
@@ -95,7 +96,7 @@ def reset(s, c, i):
 def is_quiet(rates, system, s, c, i_0, lo, hi):
     """At rest: a step without input leaves every bit where it is."""
     for i in range(lo, hi):
-        if s[REFRACTORY, i] != 0.0 or s[SIZE, i] != 0.0 or s[V_M, i] >= c[V_PEAK]:
+        if s[REFRACTORY, i] != 0.0 or s[SIZE, i] != 0.0 or s[V_M, i] >= c[V_FIRE]:
             return False
         if not is_still(rkf45, rk4, take, rates, system, s, c, i_0, i, c[H], c[SUBSTEPS]):
             return False

@@ -78,7 +78,7 @@ class aeif_cond_exp(Neuron):
 
 
 V_M, W, G_EX, G_IN = range(4)
-E_EX, E_IN, RATE_EX, RATE_IN, I_E = range(14, 19)
+E_EX, E_IN, RATE_EX, RATE_IN, I_E = range(15, 20)
 
 
 def constants(p, h, c):

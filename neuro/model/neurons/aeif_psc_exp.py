@@ -76,7 +76,7 @@ class aeif_psc_exp(Neuron):
 
 
 V_M, W, I_EX, I_IN = range(4)
-RATE_EX, RATE_IN, I_E = range(14, 17)
+RATE_EX, RATE_IN, I_E = range(15, 18)
 
 
 def constants(p, h, c):

@@ -68,9 +68,12 @@ RK4 = Tableau(stages=((), (1 / 2,), (0.0, 1 / 2), (0.0, 0.0, 1.0)), result=(1 / 
 
 
 @cache
-def fehlberg(variables: int) -> FunctionType:
-    """A step of RKF45 for so many variables: `rkf45(rates, y, p, h)` returns the new `y` and its largest error."""
-    return _written(FEHLBERG, variables)
+def fehlberg(variables: int, by_slope: bool = False) -> FunctionType:
+    """A step of RKF45 for so many variables: `rkf45(rates, y, p, h)` returns the new `y` and its largest error.
+
+    With `by_slope` the error of a variable counts by 1 + |h y'|, y' at the end of the step: what rises may err more.
+    """
+    return _written(FEHLBERG, variables, by_slope)
 
 
 @cache
@@ -158,7 +161,7 @@ def finite_exp(x):
     return math.exp(709.0 if x > 709.0 else x)
 
 
-def _written(tableau: Tableau, variables: int) -> FunctionType:
+def _written(tableau: Tableau, variables: int, by_slope: bool = False) -> FunctionType:
     """A step of a method as straight code, every number in a variable of its own: no array is made in it."""
     each = range(variables)
 
@@ -174,10 +177,13 @@ def _written(tableau: Tableau, variables: int) -> FunctionType:
     lines = [f"{listed('y')} = y"]
     for stage, weights in enumerate(tableau.stages):
         lines.append(f"{listed(f'k{stage}')} = rates({point(weights) if weights else 'y'}, p)")
+    if by_slope:
+        lines.append(f"{listed('slope')} = rates({point(tableau.result)}, p)")
     if tableau.error:
         lines.append("error = 0.0")
         for v in each:
-            lines.append(f"of_one = abs(h * ({mean(tableau.error, v)}))")
+            unit = f" / (1.0 + abs(h * slope_{v}))" if by_slope else ""
+            lines.append(f"of_one = abs(h * ({mean(tableau.error, v)})){unit}")
             lines.append("error = of_one if of_one > error else error")
     lines.append(f"return {point(tableau.result)}{', error' if tableau.error else ''}")
     return _function("step(rates, y, p, h)", lines)
