@@ -120,7 +120,6 @@ def _integrated(draw: st.DrawFn, h: float, kind: type[Model], tau_minus: Any) ->
         words["V_th"] = draw(st.sampled_from([-55.0, -69.0, uniform(low=-59.0, high=-50.0)]))
         words["V_reset"] = draw(st.sampled_from([-60.0, -75.0])) - 10.0 * (words["V_th"] == -69.0)
     if kind in ADAPTIVE:
-        words["t_ref"] = max(words["t_ref"], h)
         words["a"], words["b"] = draw(st.sampled_from([4.0, 0.0, -1.0])), draw(st.sampled_from([80.5, 0.0, 400.0]))
         words["Delta_T"] = draw(st.sampled_from([2.0, 0.0, 1.0]))
         words["tau_w"] = draw(st.sampled_from([144.0, 5.0]))
@@ -151,13 +150,11 @@ def changes(model: Model, h: float) -> dict[str, list[float]]:
     found = {
         "I_e": [0.0, 450.0, -450.0],
         "V_m": [rest, rest + 0.4, rest - 30.0],
-        "t_ref": [h, 2.0 * h, 30.0 * h],
+        "t_ref": [0.0, 2.0 * h, 30.0 * h],
         "C_m": [200.0],
     }
     if isinstance(model, mat2_psc_exp):
         return found | {"omega": [-60.0, -45.0], "tau_m": [0.7, 10.0, 300.0], "V_th_alpha_1": [0.0, 5.0]}
-    if not isinstance(model, ADAPTIVE):
-        found["t_ref"][0] = 0.0
     if isinstance(model, INTEGRATED):
         upper = [-52.0, -45.0] if "V_th" in model.parameters() else []
         return found | {"g_L": [10.0, 40.0]} | ({"V_th": upper} if upper else {})

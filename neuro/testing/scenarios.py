@@ -45,7 +45,7 @@ ELECTRIC = {"V_m", "V_th", "V_reset", "V_min", "E_L", "C_m", "I_e", "amplitude"}
 FIXED = {"Wmin", "Wmax", "deliver_interval", "mu_plus", "mu_minus", "mu", "pre_at_start"}
 """Numbers of rules that stay as they are: weights begin at their bounds, and some exponents are ways of their own."""
 
-STEEP = {"hh_psc_alpha": 1e-6, "aeif_cond_exp": 1e-2, "aeif_psc_exp": 1e-2}
+STEEP = {"hh_psc_alpha": 1e-6, "aeif_cond_exp": 1e-4, "aeif_psc_exp": 1e-4}
 """What V_m may differ by, mV, where it rises steeply within an adaptive step, so that rounding grows."""
 
 C = TypeVar("C", bound=Choice)

@@ -1,7 +1,6 @@
 """What a description means: the documented examples, values, defaults, parameters and includes."""
 
 import math
-import time
 
 import numpy as np
 import pytest
@@ -97,13 +96,6 @@ def test_parts_know_their_place(load):
     assert str(net.populations["motors"].origin) == "net.yaml:7:3"
     assert str(net.projections["cells_motors"].origin) == "net.yaml:9:3"
     assert str(load(GRIDS).trials_origin) == "net.yaml:11:1"
-
-
-def test_a_small_file_loads_at_once(load):
-    load(FOLLOWER)
-    begin = time.perf_counter()
-    neuro.load("net.yaml")
-    assert time.perf_counter() - begin < 0.02
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import neuro
 from neuro.model.neurons import Neuron
 from neuro.testing.integrated import DRIVES, DURATION, integrated_networks
 
-LIMITS = {"mat2_psc_exp": 1e-11, "hh_psc_alpha": 1e-6, "aeif_cond_exp": 1e-2, "aeif_psc_exp": 1e-2}
+LIMITS = {"mat2_psc_exp": 1e-11, "hh_psc_alpha": 1e-6, "aeif_cond_exp": 1e-6, "aeif_psc_exp": 1e-6}
 """Deviations of V_m in mV; of the others 1e-9. Where V rises steeply within an adaptive step, rounding grows."""
 
 SETTINGS = settings(
@@ -39,6 +39,43 @@ def test_event_does_what_nest_does(model: type[Neuron], nest):
 
     seed(5)(SETTINGS(given(integrated_networks(model))(check)))()
     assert spikes
+
+
+@pytest.mark.parametrize("resolution", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("model", [neuro.aeif_cond_exp, neuro.aeif_psc_exp])
+@pytest.mark.parametrize("delta_t", [2.0, 0.0])
+def test_adaptive_steps_are_those_of_nest(model: type[Neuron], resolution: float, delta_t: float, nest):
+    """A fast membrane on a coarse grid: a step is cut wherever NEST cuts it, by an error that counts by the slope."""
+    net = neuro.Network("coarse", resolution=resolution)
+    net.population("cells", 1, model(I_e=900.0, C_m=100.0, Delta_T=delta_t))
+    net.probe("V_m", "cells", "V_m")
+    expected, ours = found(net, "nest"), found(net, "event")
+    assert ours[0] == expected[0] != []
+    assert np.abs(ours[1] - expected[1]).max() <= 1e-4  # rounding grows in each upswing
+
+
+@pytest.mark.parametrize("backend", ["event", "reference"])
+@pytest.mark.parametrize("resolution", [0.5, 1.0])
+def test_all_spikes_of_a_step_are_sent(resolution: float, backend: str, nest):
+    """Reset above where the upswing begins, it fires again at once; plastic synapses on both ends see each spike."""
+
+    def weights_of(backend: str) -> list[float]:
+        net = neuro.Network("bursts", resolution=resolution)
+        net.population("cells", 1, neuro.aeif_cond_exp(I_e=3000.0, V_reset=-47.0, b=20.0))
+        net.population("relay", 1, neuro.parrot_neuron())
+        net.population("out", 1, neuro.iaf_psc_exp(tau_minus=10.0))
+        net.connect("cells", "relay", neuro.one_to_one(), weight=1.0)
+        net.connect("cells", "out", neuro.one_to_one(), weight=200.0)
+        net.connect("relay", "out", neuro.one_to_one(), neuro.stdp(Wmax=500.0), weight=200.0, name="to")
+        net.connect("out", "cells", neuro.one_to_one(), neuro.stdp(Wmax=500.0), weight=1.0, name="back")
+        net.probe("V_m", "out", "V_m")
+        sim = neuro.compile(net, backend)
+        sim.run(100.0)
+        times = sim.spikes("cells")[0].tolist()
+        assert len(times) > len(set(times)) > 50
+        return [*times, *sim.spikes("out")[0], *sim.weights("to")[2], *sim.weights("back")[2], *sim.trace("V_m")[1][0]]
+
+    assert weights_of(backend) == pytest.approx(weights_of("nest"), rel=1e-9)
 
 
 def test_rk4_is_refused(nest):

@@ -69,13 +69,15 @@ class aeif_cond_exp(Neuron):
     tau_syn_ex: Value = quantity(0.2, "ms", "decay of the excitatory conductance", above=0, arrays=True)
     tau_syn_in: Value = quantity(2.0, "ms", "decay of the inhibitory conductance", above=0, arrays=True)
     I_e: Value = quantity(0.0, "pA", "constant current", arrays=True)
-    gsl_error_tol: Value = quantity(1e-6, "", "error allowed to a step of RKF45, absolute and relative to the slope", above=0, arrays=True)
+    gsl_error_tol: Value = quantity(
+        1e-6, "", "error of a step of RKF45, absolute and relative to slope", above=0, arrays=True
+    )
     rk4_substeps: int = quantity(0, "", "steps of RK4 in a step of the grid, 0: RKF45", kind="integer", at_least=0)
 
     @staticmethod
     def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """V_m starts at E_L; the first adaptive step is of 0.01 ms, as NEST's."""
-        return {"V_m": parameters["E_L"], "size": 0.01}
+        """V_m starts at E_L."""
+        return {"V_m": parameters["E_L"]}
 
 
 V_M, W, G_EX, G_IN = range(4)
