@@ -14,7 +14,7 @@ def main() -> None:
         from neuro.cli.mistakes import telling
 
         with telling():
-            status = app(standalone_mode=False)
+            status = app(prog_name="neuro", standalone_mode=False)
         sys.exit(status)
     except KeyboardInterrupt:  # while modules are imported
         sys.exit(130)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
@@ -27,18 +28,19 @@ NEEDS_FLOATS = "its values are exact in floats only, and this backend computes i
 """Why a case is not run on a backend whose `arithmetic` is "integer"."""
 
 
-def check_backend(backend: str | Backend) -> None:
-    """Run every case on a backend.
+def check_backend(backend: str | Backend, cases: Iterable[str] = CASES) -> None:
+    """Run every case, or some, on a backend.
 
     Args:
         backend: its name, or the backend itself.
+        cases: their names.
 
     Raises:
         AssertionError: some cases fail; all of them are told, with what was found and what was expected.
     """
     chosen = find(backend) if isinstance(backend, str) else backend
     failures = []
-    for name in CASES:
+    for name in cases:
         try:
             check_case(chosen, name)
         except AssertionError as error:
