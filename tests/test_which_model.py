@@ -10,6 +10,8 @@ from neuro.compiler import compile_network
 from neuro.model.neurons import NATIVE, NEURONS
 from neuro.model.synapses import SYNAPSES
 from neuro.program.backend import find
+from neuro_nest.tables import NODES
+from neuro_nest.tables import SYNAPSES as NEST_SYNAPSES
 
 PAGES = Path(__file__).parents[1] / "docs" / "how-to"
 BACKENDS = ("reference", "event", "nest", "loihi", "spinnaker")
@@ -60,6 +62,11 @@ def test_the_page_has_each_rule_and_where_it_runs(name):
 def test_the_pages_have_nothing_else():
     assert set(told("choose-a-model.md")) == {model.__name__ for model in (*NEURONS, *NATIVE)}
     assert set(told("choose-a-synapse-rule.md")) == set(RULES)
+
+
+def test_the_page_of_nest_has_all_that_maps_to_it():
+    maps = (PAGES / "run-on-nest.md").read_text().partition("## What is refused")[0]
+    assert [name for name in (*NODES, *NEST_SYNAPSES) if f"`{name}`" not in maps] == []
 
 
 @pytest.mark.parametrize(
