@@ -15,7 +15,8 @@ from neuro_nest.tables import SYNAPSES as NEST_SYNAPSES
 
 PAGES = Path(__file__).parents[1] / "docs" / "how-to"
 BACKENDS = ("reference", "event", "nest", "loihi", "spinnaker")
-RULES = [name for name in SYNAPSES if SYNAPSES[name].learns != "trials" and not SYNAPSES[name].chip]
+RULES = [name for name in SYNAPSES if not SYNAPSES[name].chip]
+OF_TRIALS = [name for name in RULES if SYNAPSES[name].learns == "trials"]
 
 WITHOUT_A_WINDOW = {
     "tsodyks2": "learns nothing",
@@ -45,7 +46,7 @@ def test_the_page_has_each_neuron_and_where_it_runs(model):
     assert told("choose-a-model.md").get(model.__name__) == runs_on(net), "docs/how-to/choose-a-model.md says else"
 
 
-@pytest.mark.parametrize("name", RULES)
+@pytest.mark.parametrize("name", [name for name in RULES if name not in OF_TRIALS])
 def test_the_page_has_each_rule_and_where_it_runs(name):
     rule = SYNAPSES[name]
     net = neuro.Network("where", resolution=1.0)
@@ -57,6 +58,22 @@ def test_the_page_has_each_rule_and_where_it_runs(name):
     weight = -1.0 if rule.defaults().get("Wmax", 1.0) < 0.0 else 1.0
     net.connect("source", "cells", neuro.one_to_one(), synapse, weight=weight, delay=1.0)
     assert told("choose-a-synapse-rule.md").get(name) == runs_on(net), "docs/how-to/choose-a-synapse-rule.md says else"
+
+
+@pytest.mark.parametrize("name", OF_TRIALS)
+def test_the_page_has_each_rule_of_trials_and_where_it_runs(name):
+    net = neuro.Network("where", resolution=1.0)
+    net.population("input", 1, neuro.spike_generator())
+    net.population("cells", (1, 1), neuro.iaf_psc_delta(E_L=0.0, V_reset=0.0, V_th=1.0))
+    net.connect("input", "cells", neuro.all_to_all(), SYNAPSES[name](), weight=0.5, delay=1.0)
+    net.group("choice", neuro.winner_take_all(of="cells"))
+    net.trials(input="input", duration=10.0, labels={"of": "cells"})
+    assert told("choose-a-synapse-rule.md").get(name) == runs_on(net), "docs/how-to/choose-a-synapse-rule.md says else"
+
+
+def test_the_first_table_of_the_page_has_each_rule():
+    wanted = (PAGES / "choose-a-synapse-rule.md").read_text().partition("\n\n`stdp` between")[0]
+    assert [name for name in RULES if f"`{name}`" not in wanted] == []
 
 
 def test_the_pages_have_nothing_else():
@@ -73,7 +90,7 @@ def test_the_page_of_nest_has_all_that_maps_to_it():
     ("example", "names"),
     [
         ("neurons", {model.__name__ for model in NEURONS}),
-        ("windows", {name for name in RULES if SYNAPSES[name].learns} - WITHOUT_A_WINDOW.keys()),
+        ("windows", {name for name in RULES if SYNAPSES[name].learns == "pairs"} - WITHOUT_A_WINDOW.keys()),
     ],
 )
 def test_the_pictures_have_each_of_them(example, names):
