@@ -18,14 +18,7 @@ BACKENDS = ("reference", "event", "nest", "loihi", "spinnaker")
 RULES = [name for name in SYNAPSES if not SYNAPSES[name].chip]
 OF_TRIALS = [name for name in RULES if SYNAPSES[name].learns == "trials"]
 
-WITHOUT_A_WINDOW = {
-    "tsodyks2": "learns nothing",
-    "mstdpet": "has that of stdp_dopa",
-    "td_ltp": "learns by an error, along post spikes alone",
-    "td_moves": "likewise",
-    "hedonistic": "releases by chance",
-    "stddp": "changes delays",
-}
+WITHOUT_A_WINDOW = {"td_moves": "learns by moves", "hedonistic": "releases by chance"}
 
 
 def told(page):
