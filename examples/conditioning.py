@@ -86,7 +86,7 @@ def figure(rewarded: npt.NDArray[np.float64], twin: npt.NDArray[np.float64]) -> 
     axes.plot(minutes, rewarded[:, 1], label="mean of the others")
     axes.plot(minutes, twin[:, 0], "--", label="the same synapse without reward")
     axes.set(xlabel="time (min)", ylabel="weight (mV)", ylim=(-0.1, 4.2))
-    axes.legend(frameon=False, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    drawing.legend(frameon=False, ncols=3, loc="outside upper center", fontsize=9)
     return drawing
 
 

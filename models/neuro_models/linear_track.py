@@ -81,7 +81,7 @@ class Runner:
         self._times, self._cells = _spikes()
         self._kappa = np.array([200.0, 50.0])  # ms, the defaults of td_ltp
         self._parts = np.zeros(2)
-        self._critics = sim.program.populations[1].size
+        self._critics = sim.get("critic", "V_m").size
 
     def run(self) -> Floats:
         """V at the times of `expected`."""

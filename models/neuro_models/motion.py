@@ -97,7 +97,7 @@ def network(
     pairs = neuro.pairs((patch * len(late) + pixel).ravel(), (patch * late.shape[1] + detector).ravel())
     share = side**2 / np.bincount(detector)
     weight, delay = np.tile(share[detector], patches), np.tile(late[pixel, detector], patches)
-    net.connect("pixels", "detectors", pairs, weight=weight, delay=delay)
+    net.connect("pixels", "detectors", pairs, weight=weight, delay=delay, name="pixels_detectors")
     net.probe("potential", "detectors", "V_m", every=resolution)
     return net
 
@@ -146,11 +146,12 @@ def peaks(sim: neuro.Simulation, times: ArrayLike, ids: ArrayLike) -> Floats:
     """
     sim.reset()
     sim.inject("events", times, ids)
-    longest = sim.program.projections[1].delay.max() * sim.program.resolution
-    sim.run(np.max(np.asarray(times, dtype=np.float64), initial=0.0) + longest + sim.program.resolution)
+    resolution = sim.program.resolution
+    longest = resolution * next(p.delay.max() for p in sim.program.projections if p.name == "pixels_detectors")
+    sim.run(np.max(np.asarray(times, dtype=np.float64), initial=0.0) + longest + resolution)
     _, potential = sim.trace("potential")
     highest: Floats = potential.max(axis=0)
-    return highest.reshape(sim.program.populations[2].shape)
+    return highest.reshape(next(p.shape for p in sim.program.populations if p.name == "detectors"))
 
 
 def drawn_edges(seed: int, n: int, side: int = 8) -> tuple[Ints, Ints, Floats, Ints]:
