@@ -145,10 +145,8 @@ def networks(draw):
     for name in draw(st.lists(NAMES, min_size=1, max_size=3, unique=True)):
         model = draw(choices(MODELS[draw(st.sampled_from(list(MODELS)))], names))
         shape = draw(st.lists(st.integers(1, 99) | st.just("auto"), min_size=1, max_size=3))
-        states = [s.name for s in model.states if not s.hidden]
-        initial = draw(
-            st.fixed_dictionaries({}, optional={s: values(neuro.model.parts.INITIAL, names) for s in states})
-        )
+        states = {s.name: values(s.quantity(), names) for s in model.states if not s.hidden}
+        initial = draw(st.fixed_dictionaries({}, optional=states))
         net.population(name, shape, model, initial=initial)
     names["population"] = list(net.populations)
     population = st.sampled_from(names["population"])
