@@ -1,5 +1,7 @@
 """What is no number: refused where it is given or set, told where it comes up while a network runs."""
 
+from pathlib import Path
+
 import pytest
 
 import neuro
@@ -81,3 +83,67 @@ def test_conductances_of_equations_have_bounds():
     assert told(neuro.compile, cells(OPENING(g_0=-3.0))) == (
         "population 'cells': initial.g = -3: expected a number >= 0 nS"
     )
+
+
+RUNAWAY = neuro.equations(
+    "runaway",
+    equations={"V_m": "(E_L - V_m)/tau_m*sqrt(V_m/E_L - 2)"},
+    parameters={"E_L": "-70 mV", "tau_m": "10 ms"},
+    integrator="euler",
+)
+STEPS = "take smaller steps, weaker input or currents, and states nearer to where they rest"
+
+
+@pytest.mark.parametrize("backend", ["reference", "event"])
+@pytest.mark.parametrize("model", [RUNAWAY(), neuro.hh_psc_alpha()], ids=lambda model: model.name)
+def test_a_state_that_is_no_number_is_told(backend: str, model: Neuron):
+    sim = neuro.compile(cells(model), backend)
+    sim.set("cells", V_m=1e4)
+    message = told(sim.run, 1.0)
+    assert message.startswith("population 'cells': V_m of neuron 0 is ")
+    assert message.endswith(f" at 1 ms: a numerical instability of {model.name}\n  hint: {STEPS}")
+
+
+def test_the_neuron_and_the_state_are_named():
+    sim = neuro.compile(cells(RUNAWAY(), V_m=[-170.0, -20.0]), "reference")
+    assert told(sim.run, 0.5) == (
+        f"population 'cells': V_m of neuron 1 is nan at 0.5 ms: a numerical instability of runaway\n  hint: {STEPS}"
+    )
+
+
+def learnt(on_pre: str) -> neuro.Network:
+    """A linear neuron under a rule in equations."""
+    rule = neuro.equations(
+        "rule",
+        on_pre={"w": on_pre},
+        parameters={"tau_plus": "20 ms"},
+        traces={"K_plus": {"of": "pre", "tau": "tau_plus"}},
+    )
+    net = neuro.Network("learnt", resolution=1.0)
+    net.population("source", 2, neuro.spike_generator(spike_times=[[], [2.0]]))
+    net.population("cell", 1, neuro.iaf_psc_exp())
+    net.connect("source", "cell", neuro.all_to_all(), rule(), weight=1.0, delay=2.0, name="plastic")
+    return net
+
+
+@pytest.mark.parametrize("backend", ["reference", "event"])
+@pytest.mark.parametrize(("on_pre", "shown"), [("log(w - w)", ("nan", "-inf")), ("exp(w*1000)", ("inf",))])
+def test_a_weight_that_is_no_number_is_told(backend: str, on_pre: str, shown: tuple[str, ...], tmp_path: Path):
+    sim = neuro.compile(learnt(on_pre), backend)
+    sim.run(3.0)
+    told_by = {
+        told(call)
+        for call in (
+            lambda: sim.weights("plastic"),
+            lambda: sim.get("plastic", "weight"),
+            lambda: sim.save(tmp_path / "state.h5"),
+            sim.network,
+            lambda: sim.run(10.0),
+        )
+    }
+    assert told_by <= {
+        f"projection 'plastic': weight of synapse 1 is {number}: a numerical instability of rule\n"
+        "  hint: bound what the rule adds to the weight, e.g. min(w + ..., Wmax), and divide by nothing that can be 0"
+        for number in shown
+    }
+    assert len(told_by) == 1

@@ -130,7 +130,8 @@ def choices(draw, cls, names):
         said["values"] = draw(st.floats(0.5, 1.0) | arrays(st.floats(0.5, 1.0)))
     if cls is neuro.loihi_learning:
         said = {"dw": draw(st.sampled_from(["2^-2*x1*y0", "2^-2*x0*y0 - 2^-3*x0*w"])), "x1_impulse": 16, "x1_tau": 9}
-    for low, high in (("low", "high"), ("Wmin", "Wmax"), ("d_min", "d_max"), ("tau_s", "tau_m")):
+    ordered = ("low", "high"), ("Wmin", "Wmax"), ("d_min", "d_max"), ("tau_s", "tau_m"), ("tau_rise", "tau_kappa")
+    for low, high in ordered:
         if {low, high} <= set(cls.quantities()):
             said.pop(low, None)
             said[high] = draw(st.floats(10.0, 1e6))
