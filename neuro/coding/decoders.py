@@ -14,6 +14,8 @@ from neuro.core.checks import numbers
 from neuro.core.errors import ModelError
 
 Ids = npt.NDArray[np.int64]
+ROUNDING = 8 * float(np.finfo(np.float64).eps)
+"""Of a vector's length, in shares of what it sums: angles up to pi are rounded, too."""
 
 
 def highest_rate(counts: npt.ArrayLike) -> Ids:
@@ -101,7 +103,8 @@ def population_vector(activity: npt.ArrayLike, directions: npt.ArrayLike) -> Flo
         directions: (n,) what each prefers, rad.
 
     Returns:
-        Angles in [-pi, pi], rad, the shape of ``activity`` without its last axis; NaN where nobody fired.
+        Angles in [-pi, pi], rad, the shape of ``activity`` without its last axis; NaN where nobody fired, or activity
+        cancels to what rounding leaves.
 
     Raises:
         ModelError: what is no finite number, below 0, or directions of another number of neurons.
@@ -114,8 +117,8 @@ def population_vector(activity: npt.ArrayLike, directions: npt.ArrayLike) -> Flo
     if c.shape[-1:] != theta.shape:
         told = f"activity has the shape {list(c.shape)}, expected [..., {theta.size}]"
         raise ModelError(f"{told}, one for each direction", path=("activity",))
-    silent = ~(c > 0).any(axis=-1)
-    return np.where(silent, np.nan, np.angle(c @ np.exp(1j * theta)))
+    vector = c @ np.exp(1j * theta)
+    return np.where(np.abs(vector) <= ROUNDING * c.sum(axis=-1), np.nan, np.angle(vector))
 
 
 def van_rossum(times: npt.ArrayLike, tau: float, at: npt.ArrayLike) -> Floats:

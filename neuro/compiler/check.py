@@ -115,6 +115,8 @@ def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -
             )
     if "t_ref" in parameters:
         clock.steps(parameters["t_ref"], f"{model.name}.t_ref")
+    if isinstance(model, Neuron):
+        model.check_steps(parameters, clock.resolution)
 
 
 def _check_ends(net: Network, part: Projection) -> None:

@@ -16,6 +16,7 @@ from neuro.compiler.pack import packed
 from neuro.compiler.receptors import check_conductance, receptor_of
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.values import LONGEST_DELAY, delay_steps, one_delay, per_neuron, per_synapse, too_late
+from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
@@ -129,6 +130,11 @@ def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], s
             if any(state.follows for state in part.model.states if state.name == name):
                 raise ModelError(f"initial.{name} follows from the other states: set those")
             start[name] = per_neuron(value, shape, f"initial.{name}", key)
+    with telling(part):
+        for state in part.model.states:
+            if state.at_least is not None or state.at_most is not None:
+                first = start[state.name]
+                check(state.quantity(), first if first.size > 1 else float(first[0]), f"initial.{state.name}")
     return start
 
 

@@ -14,7 +14,6 @@ from neuro.model.neurons import Model
 from neuro.model.parts import (
     DELAY,
     EVERY,
-    INITIAL,
     RECORD,
     RESOLUTION,
     SHAPE,
@@ -78,13 +77,13 @@ class Network(Description):
         sizes = self._checked(SHAPE, shape, f"{what}: shape", ("shape",))
         self._expect(model, Model, what, "a model such as neuro.iaf_psc_exp()")
         self._expect({} if initial is None else initial, Mapping, what, "states by name such as {'V_m': -60.0}")
-        states = [s.name for s in model.states if not s.hidden]
+        states = {s.name: s.quantity() for s in model.states if not s.hidden}
         start = {}
         for state, value in (initial or {}).items():
             path = ("initial", str(state))
             if state not in states:
                 raise unknown(f"state of {model.name}", state, states, path=path).at(self._where(), what)
-            start[state] = self._checked(INITIAL, value, f"{what}: initial.{state}", path)
+            start[state] = self._checked(states[state], value, f"{what}: initial.{state}", path)
         return self._add(self.populations, Population(name, sizes, model, start, self._where()))
 
     def connect(

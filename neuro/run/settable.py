@@ -23,12 +23,12 @@ from neuro.model.synapses import K_PLUS, Synapse
 from neuro.program.backend import Engine
 from neuro.program.program import Floats, Ints, Population, Program, Projection
 
-_STATE = Quantity(arrays=True)
 _WEIGHT = Quantity(arrays=True)
 _FIXED = ("deliver_interval",)
 _RANGE = ("d_min", "d_max")
 _DRAWN = "a distribution is drawn where connections are made: net.connect(..., weight=...)"
 _KNOWN: dict[type[Model], dict[str, Quantity]] = {}
+_STATES: dict[type[Model], dict[str, Quantity]] = {}
 _PARTNERS = (("V_th", "V_reset"), ("V_reset", "V_th"), ("V_peak", "V_reset"), ("V_reset", "V_peak"))
 """Parameters that are checked together."""
 
@@ -38,6 +38,13 @@ def _quantities(model: Model) -> dict[str, Quantity]:
     if type(model) not in _KNOWN:
         _KNOWN[type(model)] = model.quantities()
     return _KNOWN[type(model)]
+
+
+def _states(model: Model) -> dict[str, Quantity]:
+    """The states of a model, kept likewise."""
+    if type(model) not in _STATES:
+        _STATES[type(model)] = {state.name: state.quantity() for state in model.states}
+    return _STATES[type(model)]
 
 
 def states(part: Population) -> list[str]:
@@ -70,7 +77,7 @@ def new_values(part: Population, word: str, value: Any, seed: int, step: int) ->
     elif word in states(part):
         if any(state.follows for state in part.model.states if state.name == word):
             raise ModelError(f"{part.model.name}.{word} of '{part.name}' follows from its other states: set those")
-        q = _STATE
+        q = _states(part.model)[word]
     else:
         known = [*part.parameters, *states(part)]
         if word in _quantities(part.model):

@@ -26,6 +26,7 @@ from neuro.program.backend import Backend, Engine, Problem, Registers, find, unr
 from neuro.program.counts import Counts, Tally
 from neuro.program.program import Floats, Ints, Program
 from neuro.run import settable
+from neuro.run.finite import Watch, check_weights
 from neuro.run.learned_network import learnt_network
 from neuro.run.recorder import Recorder
 from neuro.run.trials import TrialLoop, TrialResults
@@ -136,6 +137,7 @@ class Simulation:
         self._rules = {index: part.synapse for index, part in enumerate(program.projections)}
         self._recorder = Recorder(program)
         self._tally = Tally(program)
+        self._watch = Watch(program, engine, self._clock)
         self._ends: dict[int, tuple[Ints, Ints]] = {}
 
     def __repr__(self) -> str:
@@ -149,7 +151,11 @@ class Simulation:
         return self._clock.ms(self._engine.step)
 
     def run(self, ms: float) -> None:
-        """Advance by a multiple of the resolution; running in parts gives the same bits."""
+        """Advance by a multiple of the resolution; running in parts gives the same bits.
+
+        Raises:
+            ModelError: the time is no such multiple, or a state is no number at the end: a numerical instability.
+        """
         steps = self._clock.step(ms, "run")
         if not 0 <= steps < NEVER:
             raise ModelError(f"run = {ms:g} ms: expected a finite time >= 0 ms")
@@ -157,6 +163,7 @@ class Simulation:
             self._recorder.run(self._engine, steps)
         else:
             self._engine.run(steps)
+        self._watch.look()
 
     def reset(self, weights: bool = False) -> None:
         """Back to time 0 and the initial states; weights only if asked. Parameters that were set stay."""
@@ -215,7 +222,7 @@ class Simulation:
             known = settable.synapse_states(self.program.projections[index])
             if not isinstance(what, str) or what not in known:
                 raise unknown("state of synapses", what, known).at(None, f"projection '{name}'")
-            return self._engine.get_synapses(index, what)
+            return self._weights(index) if what == "weight" else self._engine.get_synapses(index, what)
         index = self._population(name)
         part = self.program.populations[index]
         word = word_of(what) if isinstance(what, str) else ""
@@ -246,14 +253,21 @@ class Simulation:
             (pre, post, weight), one entry a synapse, sorted by pre, then post; of a grid its kernels, shape
             (maps, channels, height, width). The weights are those stored, as in NEST: that of `stdp` changes
             when a pre spike is sent.
+
+        Raises:
+            ModelError: there is no such projection, or a weight is no number: a numerical instability of its rule.
         """
         index = self._projection(name)
-        weight = self._engine.get_synapses(index, "weight")
+        weight = self._weights(index)
         g = self.program.projections[index].grid
         if g is not None:
             return weight.reshape(g.maps, g.channels, g.kernel_height, g.kernel_width)
         pre, post = self._connections(index)
         return pre, post, weight
+
+    def _weights(self, index: int) -> Floats:
+        part, weight = self.program.projections[index], self._engine.get_synapses(index, "weight")
+        return check_weights(part.name, part.synapse.name, weight) if part.synapse.learns else weight
 
     def set_weights(self, name: str, weights: ArrayLike) -> None:
         """Replace the weights of a projection: one for all, or an array in the form that `weights` gives."""
@@ -261,6 +275,11 @@ class Simulation:
         part = self.program.projections[index]
         array = settable.new_weights(part, self._rules[index], weights)
         self._engine.set_weights(index, array)
+
+    def _check_weights(self) -> None:
+        for index, part in enumerate(self.program.projections):
+            if part.synapse.learns:
+                self._weights(index)
 
     def _connections(self, index: int) -> tuple[Ints, Ints]:
         if index in self._ends:
@@ -403,6 +422,7 @@ class Simulation:
 
     def network(self) -> Network:
         """The network with what it has learnt: save it, or compile it for another backend."""
+        self._check_weights()
         return learnt_network(self._net, self.program, self._engine, self._clock, self._rules)
 
     # files
@@ -413,7 +433,12 @@ class Simulation:
         return Identity(program.name, self.backend, program.seed, fingerprint(program))
 
     def save(self, path: str | PathLike[str]) -> None:
-        """Write the whole state to an HDF5 file."""
+        """Write the whole state to an HDF5 file.
+
+        Raises:
+            ModelError: the file cannot be written, or a weight is no number: a numerical instability of its rule.
+        """
+        self._check_weights()
         arrays = {f"engine/{name}": values for name, values in self._engine.snapshot().items()}
         for name in self._recorder.probes:
             arrays[f"probes/{name}/steps"], arrays[f"probes/{name}/values"] = self._recorder.read(name)

@@ -78,6 +78,17 @@ def test_a_silent_population_has_no_direction():
     np.testing.assert_array_equal(population_vector([[0.0, 0.0], [0.0, 1.0]], [1.0, 2.0]), [np.nan, 2.0])
 
 
+@pytest.mark.parametrize("counts", [[1, 0, 1, 0], [5, 5], [5] * 8, [3, 0, 0, 3, 0, 0, 3, 0, 0], [0.1] * 360])
+@pytest.mark.parametrize("first", [0.0, -np.pi, 0.3])
+def test_activity_that_cancels_has_no_direction(counts, first):
+    directions = first + np.arange(len(counts)) * 2 * np.pi / len(counts)
+    assert np.isnan(population_vector(counts, directions))
+    slightly = np.asarray(counts, float)
+    slightly[0] *= 1 + 1e-9
+    told = population_vector(slightly, directions)
+    assert np.exp(1j * told) == pytest.approx(np.exp(1j * first), abs=1e-3)
+
+
 def test_the_filter_sums_what_is_left_of_each_spike():
     spikes, at = np.array([20.0, 5.0, np.nan, 5.0, 400.0]), np.array([[0.0, 5.0], [19.9, 20.0], [100.0, 1e5]])
     gone = at[..., None] - spikes[np.isfinite(spikes)]

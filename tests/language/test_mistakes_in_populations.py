@@ -308,7 +308,7 @@ CASES = [
     ),
     (
         population("{model: iaf_psc_exp, shape: 2, initial: {V_m: low}}"),
-        "net.yaml:3:54: population 'exc': initial.V_m = 'low': expected a number",
+        "net.yaml:3:54: population 'exc': initial.V_m = 'low': expected a number mV",
     ),
     (
         population("{model: iaf_psc_exp, shape: 2, initial: [V_m]}"),
@@ -316,7 +316,7 @@ CASES = [
     ),
     (
         population("{model: iaf_psc_exp, shape: 2, initial: {V_m: .nan}}"),
-        "net.yaml:3:54: population 'exc': initial.V_m = .nan: expected a finite number",
+        "net.yaml:3:54: population 'exc': initial.V_m = .nan: expected a finite number mV",
     ),
     (
         model("izhikevich(0.02, 0.2)"),

@@ -130,7 +130,8 @@ def choices(draw, cls, names):
         said["values"] = draw(st.floats(0.5, 1.0) | arrays(st.floats(0.5, 1.0)))
     if cls is neuro.loihi_learning:
         said = {"dw": draw(st.sampled_from(["2^-2*x1*y0", "2^-2*x0*y0 - 2^-3*x0*w"])), "x1_impulse": 16, "x1_tau": 9}
-    for low, high in (("low", "high"), ("Wmin", "Wmax"), ("d_min", "d_max"), ("tau_s", "tau_m")):
+    ordered = ("low", "high"), ("Wmin", "Wmax"), ("d_min", "d_max"), ("tau_s", "tau_m"), ("tau_rise", "tau_kappa")
+    for low, high in ordered:
         if {low, high} <= set(cls.quantities()):
             said.pop(low, None)
             said[high] = draw(st.floats(10.0, 1e6))
@@ -145,10 +146,8 @@ def networks(draw):
     for name in draw(st.lists(NAMES, min_size=1, max_size=3, unique=True)):
         model = draw(choices(MODELS[draw(st.sampled_from(list(MODELS)))], names))
         shape = draw(st.lists(st.integers(1, 99) | st.just("auto"), min_size=1, max_size=3))
-        states = [s.name for s in model.states if not s.hidden]
-        initial = draw(
-            st.fixed_dictionaries({}, optional={s: values(neuro.model.parts.INITIAL, names) for s in states})
-        )
+        states = {s.name: values(s.quantity(), names) for s in model.states if not s.hidden}
+        initial = draw(st.fixed_dictionaries({}, optional=states))
         net.population(name, shape, model, initial=initial)
     names["population"] = list(net.populations)
     population = st.sampled_from(names["population"])

@@ -152,7 +152,8 @@ def _states(whole: steps.Neuron) -> tuple[State, ...]:
             dimension = times(d.dimensions[slopes[name].name], TIME, -1)
             found.append(State(name, unit_of(dimension), f"slope of {slopes[name].name}"))
         elif name in d.dimensions:
-            found.append(State(name, unit_of(d.dimensions[name]), _meaning(d, name)))
+            lowest = 0.0 if any(r.name == name and r.magnitude for r in d.receptors) else None
+            found.append(State(name, unit_of(d.dimensions[name]), _meaning(d, name), at_least=lowest))
         else:
             doc = "steps left to hold" if name == HELD else "size of the next part of a step"
             found.append(State(name, "steps" if name == HELD else "ms", doc, hidden=True))

@@ -17,7 +17,7 @@ from neuro.model.language.reader import Node
 from neuro.model.language.sources import gather
 from neuro.model.network import Network, check_name
 from neuro.model.neurons import Model
-from neuro.model.parts import DELAY, INITIAL, WEIGHT, Trials
+from neuro.model.parts import DELAY, WEIGHT, Trials
 from neuro.model.synapses import static
 
 VALUES = {"weight": WEIGHT, "delay": DELAY}
@@ -89,9 +89,9 @@ class _Builder:
         model = choice(said["model"], "model", self.models)
         initial = {}
         if "initial" in said:
-            known = [state.name for state in model.states if not state.hidden]
+            known = {state.name: state.quantity() for state in model.states if not state.hidden}
             states = words(said["initial"], known, "initial", kind=f"state of {model.name}")
-            initial = {word: value(INITIAL, inner, f"initial.{word}") for word, inner in states.items()}
+            initial = {word: value(known[word], inner, f"initial.{word}") for word, inner in states.items()}
         with about(node):
             self.net.population(name, plain(said["shape"]), model, initial=initial)
 

@@ -45,8 +45,8 @@ class aeif_cond_exp(Neuron):
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
         State("w", "pA", "adaptation current"),
-        State("g_ex", "nS", "excitatory conductance"),
-        State("g_in", "nS", "inhibitory conductance"),
+        State("g_ex", "nS", "excitatory conductance", at_least=0.0),
+        State("g_in", "nS", "inhibitory conductance", at_least=0.0),
         *HIDDEN,
     )
     receptors: ClassVar[int] = 2

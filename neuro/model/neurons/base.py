@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
-from neuro.core.quantities import Value, quantity
+from neuro.core.quantities import Quantity, Value, quantity
 from neuro.model.arithmetic import OfModule, check_functions, fill
 
 FUNCTIONS = {"constants": 3, "step": 7, "fire": 3, "quiet": 5}
@@ -46,7 +46,7 @@ EMITTING = {"constants": 3, "emit": 7}
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """A state variable: its name, unit and meaning.
+    """A state variable: its name, unit and meaning, and the bounds of what it may be set to.
 
     Hidden ones count steps and are not recorded. One that follows from others is recorded, not set.
     """
@@ -56,6 +56,12 @@ class State:
     doc: str
     hidden: bool = False
     follows: bool = False
+    at_least: float | None = None
+    at_most: float | None = None
+
+    def quantity(self) -> Quantity:
+        """What it may be set to."""
+        return Quantity(self.unit, self.doc, at_least=self.at_least, at_most=self.at_most, arrays=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -150,6 +156,18 @@ class Neuron(Model):
     def caution(parameters: Mapping[str, Any], resolution: float) -> str:
         """What is likely a mistake in resolved parameters, for steps of `resolution` ms; "" if nothing is."""
         return ""
+
+    @staticmethod
+    def check_steps(parameters: Mapping[str, Any], resolution: float) -> None:
+        """Refuse resolved parameters with which it cannot run in steps of `resolution` ms.
+
+        Args:
+            parameters: by word; where some are changed, those alone.
+            resolution: the length of a step.
+
+        Raises:
+            ModelError: it cannot; the message begins with the parameter.
+        """
 
 
 def complete(model: type[Model]) -> type[Model]:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from neuro.core.errors import ModelError
 from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.base import Neuron, State
 from neuro.model.neurons.integrators import (
@@ -27,7 +28,7 @@ class hh_psc_alpha(Neuron):
 
     It spikes where V_m has passed its maximum above 0 mV, at most once in `t_ref`; nothing is reset. Integrated by
     NEST's adaptive RKF45, of which no step errs by more than 1e-3; with `rk4_substeps` by so many steps of RK4 in each
-    step of the grid: steps of 0.025 ms are right, steps of 0.1 ms run away.
+    step of the grid: steps of 0.025 ms are right, steps above 0.05 ms, which run away, are refused.
 
     Source: NEST 3.10, `hh_psc_alpha`; Hodgkin & Huxley, J. Physiol. 117:500, 1952.
     """
@@ -39,9 +40,9 @@ class hh_psc_alpha(Neuron):
     source: ClassVar[str] = "NEST 3.10 hh_psc_alpha; Hodgkin & Huxley, J. Physiol. 117:500, 1952"
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
-        State("Act_m", "", "activation m of sodium"),
-        State("Inact_h", "", "inactivation h of sodium"),
-        State("Act_n", "", "activation n of potassium"),
+        State("Act_m", "", "activation m of sodium", at_least=0.0, at_most=1.0),
+        State("Inact_h", "", "inactivation h of sodium", at_least=0.0, at_most=1.0),
+        State("Act_n", "", "activation n of potassium", at_least=0.0, at_most=1.0),
         State("I_syn_ex", "pA", "excitatory synaptic current"),
         State("I_syn_in", "pA", "inhibitory synaptic current"),
         State("dI_syn_ex", "pA/ms", "slope of the excitatory current"),
@@ -72,11 +73,25 @@ class hh_psc_alpha(Neuron):
         values = [alpha / (alpha + beta) for alpha, beta in zip(opening[::2], opening[1::2], strict=True)]
         return {"V_m": RESTING, **dict(zip(("Act_m", "Inact_h", "Act_n"), values, strict=True))}
 
+    @staticmethod
+    def check_steps(parameters: Mapping[str, Any], resolution: float) -> None:
+        """RK4 runs away in steps that are longer than 0.05 ms."""
+        substeps = int(parameters["rk4_substeps"][0]) if "rk4_substeps" in parameters else 0
+        fewest = math.ceil(resolution / LONGEST - ROUNDING)
+        if 0 < substeps < fewest:
+            raise ModelError(
+                f"hh_psc_alpha.rk4_substeps = {substeps}: steps of {resolution / substeps:g} ms run away: "
+                f"expected at most {LONGEST:g} ms",
+                hint=f"write rk4_substeps={fewest}, or 0 for RKF45",
+            )
+
 
 V_M, ACT_M, INACT_H, ACT_N, I_EX, I_IN, D_EX, D_IN, REFRACTORY, SIZE, V_BEFORE = range(11)
 BY_C, G_NA, G_K, G_L, E_NA, E_K, E_L, RATE_EX, RATE_IN, JUMP_EX, JUMP_IN, I_E, R, H, SUBSTEPS = range(15)
 TOLERANCE = 1e-3
 RESTING = -65.0
+LONGEST, ROUNDING = 0.05, 1e-9
+"""The longest step of RK4 in ms that does not run away, and what a quotient of two times may err by."""
 
 rkf45, rk4, (take, put) = fehlberg(8), runge_kutta(8), rows(8)
 

@@ -31,8 +31,8 @@ class iaf_cond_alpha(Neuron):
     source: ClassVar[str] = "NEST 3.10 iaf_cond_alpha; Meffin et al., J. Comput. Neurosci. 16:159, 2004"
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
-        State("g_ex", "nS", "excitatory conductance"),
-        State("g_in", "nS", "inhibitory conductance"),
+        State("g_ex", "nS", "excitatory conductance", at_least=0.0),
+        State("g_in", "nS", "inhibitory conductance", at_least=0.0),
         State("dg_ex", "nS/ms", "slope of the excitatory conductance"),
         State("dg_in", "nS/ms", "slope of the inhibitory conductance"),
         State("refractory", "steps", "steps left to hold V_m", hidden=True),

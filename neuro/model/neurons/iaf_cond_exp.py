@@ -30,8 +30,8 @@ class iaf_cond_exp(Neuron):
     source: ClassVar[str] = "NEST 3.10 iaf_cond_exp; Meffin et al., J. Comput. Neurosci. 16:159, 2004"
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
-        State("g_ex", "nS", "excitatory conductance"),
-        State("g_in", "nS", "inhibitory conductance"),
+        State("g_ex", "nS", "excitatory conductance", at_least=0.0),
+        State("g_in", "nS", "inhibitory conductance", at_least=0.0),
         State("refractory", "steps", "steps left to hold V_m", hidden=True),
         State("size", "ms", "adaptive step, 0 for a whole step of the grid", hidden=True),
     )

@@ -1,0 +1,84 @@
+"""What is no number any more: a numerical instability is told, where it would go on without a word."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from neuro.core.clock import Clock
+from neuro.core.errors import ModelError
+from neuro.model.neurons import Neuron
+from neuro.program.backend import Engine, unreadable
+from neuro.program.program import Floats, Population, Program
+
+_STATES = "take smaller steps, weaker input or currents, and states nearer to where they rest"
+_WEIGHTS = "bound what the rule adds to the weight, e.g. min(w + ..., Wmax), and divide by nothing that can be 0"
+
+
+class Watch:
+    """Looks at states that can run away: of models that are not linear, and where a rule of a user sends its weights.
+
+    Args:
+        program: the network.
+        engine: that runs it.
+        clock: of the network.
+    """
+
+    def __init__(self, program: Program, engine: Engine, clock: Clock) -> None:
+        self.program, self.engine, self.clock = program, engine, clock
+        hidden = unreadable(engine)
+        taught = {
+            part.target
+            for part in program.projections
+            if part.synapse.learns and not type(part.synapse).__module__.startswith("neuro.model.synapses.")
+        }
+        self.watched = [
+            (index, [name for name in _finite_at_first(part) if name not in hidden])
+            for index, part in enumerate(program.populations)
+            if isinstance(part.model, Neuron) and (index in taught or not part.model.linear) and part.size
+        ]
+
+    def look(self) -> None:
+        """Refuse to go on with a state that is no number.
+
+        Raises:
+            ModelError: one is; it names the projection whose weights brought it, or the neuron.
+        """
+        for index, names in self.watched:
+            for name in names:
+                values = self.engine.get(index, name)
+                if not np.isfinite(values).all():
+                    raise self._told(index, name, values)
+
+    def _told(self, index: int, name: str, values: Floats) -> ModelError:
+        for projection, into in enumerate(self.program.projections):
+            if into.target == index and into.synapse.learns:
+                check_weights(into.name, into.synapse.name, self.engine.get_synapses(projection, "weight"))
+        part = self.program.populations[index]
+        neuron = int(np.argmin(np.isfinite(values)))
+        return ModelError(
+            f"population '{part.name}': {name} of neuron {neuron} is {values[neuron]:g} "
+            f"at {self.clock.ms(self.engine.step):g} ms: a numerical instability of {part.model.name}",
+            hint=_STATES,
+        )
+
+
+def _finite_at_first(part: Population) -> list[str]:
+    """The states that show; one that is infinite at step 0 means something by it."""
+    return [s.name for s in part.model.states if not s.hidden and np.isfinite(part.initial[s.name]).all()]
+
+
+def check_weights(projection: str, rule: str, weights: Floats) -> Floats:
+    """The weights of a projection, all of which are numbers.
+
+    Raises:
+        ModelError: one is none.
+    """
+    good = np.isfinite(weights)
+    if not good.all():
+        synapse = int(np.argmin(good))
+        raise ModelError(
+            f"projection '{projection}': weight of synapse {synapse} is {weights[synapse]:g}: "
+            f"a numerical instability of {rule}",
+            hint=_WEIGHTS,
+        )
+    return weights

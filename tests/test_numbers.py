@@ -1,0 +1,149 @@
+"""What is no number: refused where it is given or set, told where it comes up while a network runs."""
+
+from pathlib import Path
+
+import pytest
+
+import neuro
+from neuro.extend import Neuron
+
+
+def cells(model: Neuron, resolution: float = 0.1, **initial: object) -> neuro.Network:
+    net = neuro.Network("numbers", resolution=resolution)
+    net.population("cells", 2, model, initial=initial)
+    return net
+
+
+def told(call, *args, **words) -> str:
+    """The message of the error of a call, without the place in this file."""
+    with pytest.raises(neuro.ModelError) as error:
+        call(*args, **words)
+    return str(error.value).removeprefix(f"{error.value.where}: ")
+
+
+@pytest.mark.parametrize(
+    ("resolution", "substeps", "length", "expected"), [(0.1, 1, "0.1", 2), (1.0, 19, "0.0526316", 20)]
+)
+def test_rk4_steps_too_long_for_the_axon_are_refused(resolution: float, substeps: int, length: str, expected: int):
+    net = cells(neuro.hh_psc_alpha(rk4_substeps=substeps), resolution)
+    assert told(neuro.compile, net) == (
+        f"population 'cells': hh_psc_alpha.rk4_substeps = {substeps}: steps of {length} ms run away: "
+        f"expected at most 0.05 ms\n  hint: write rk4_substeps={expected}, or 0 for RKF45"
+    )
+    neuro.compile(cells(neuro.hh_psc_alpha(rk4_substeps=expected), resolution))
+
+
+def test_rk4_steps_too_long_cannot_be_set_either():
+    sim = neuro.compile(cells(neuro.hh_psc_alpha()), "reference")
+    assert told(sim.set, "cells", rk4_substeps=1).startswith("population 'cells': hh_psc_alpha.rk4_substeps = 1: steps")
+    sim.set("cells", rk4_substeps=2)
+
+
+BOUNDED = [
+    (neuro.iaf_cond_exp, "g_ex", -5.0, ">= 0 nS"),
+    (neuro.iaf_cond_alpha, "g_in", -3.0, ">= 0 nS"),
+    (neuro.aeif_cond_exp, "g_ex", -1.0, ">= 0 nS"),
+    (neuro.hh_psc_alpha, "Inact_h", -1.0, ">= 0 and <= 1"),
+    (neuro.hh_psc_alpha, "Act_m", 2.0, ">= 0 and <= 1"),
+]
+
+
+@pytest.mark.parametrize(("model", "state", "value", "expected"), BOUNDED)
+def test_states_have_bounds(model: type[Neuron], state: str, value: float, expected: str):
+    message = f"{state} = {value:g}: expected a number {expected}"
+    assert told(cells, model(), **{state: value}) == f"population 'cells': initial.{message}"
+    sim = neuro.compile(cells(model(), **{state: 0.5}), "reference")
+    assert told(sim.set, "cells", **{state: value}) == f"cells.{message}"
+    assert (
+        told(sim.set, "cells", **{state: [0.5, value]}) == f"cells.{state}[1] = {value:g}: expected a number {expected}"
+    )
+    sim.set("cells", **{state: 1.0})
+
+
+def test_drawn_states_have_bounds():
+    net = cells(neuro.iaf_cond_exp(), g_ex=neuro.uniform(low=-2.0, high=-1.0))
+    assert told(neuro.compile, net) == (
+        "population 'cells': initial.g_ex[0] = -1.8787842103688903: expected a number >= 0 nS"
+    )
+
+
+LEAK = "(g_L*(E_L - V_m) + g*(E_ex - V_m))/C_m"
+OPENING = neuro.equations(
+    "opening",
+    equations={"V_m": LEAK},
+    receptors={"g": {"kernel": "exp", "tau": "tau_syn"}},
+    initial={"g": "g_0"},
+    parameters={"g_0": "0 nS", "g_L": "10 nS", "E_L": "-70 mV", "E_ex": "0 mV", "C_m": "200 pF", "tau_syn": "2 ms"},
+    integrator="rk4",
+)
+
+
+def test_conductances_of_equations_have_bounds():
+    assert told(cells, OPENING(), g=-1.0) == "population 'cells': initial.g = -1: expected a number >= 0 nS"
+    assert told(neuro.compile, cells(OPENING(g_0=-3.0))) == (
+        "population 'cells': initial.g = -3: expected a number >= 0 nS"
+    )
+
+
+RUNAWAY = neuro.equations(
+    "runaway",
+    equations={"V_m": "(E_L - V_m)/tau_m*sqrt(V_m/E_L - 2)"},
+    parameters={"E_L": "-70 mV", "tau_m": "10 ms"},
+    integrator="euler",
+)
+STEPS = "take smaller steps, weaker input or currents, and states nearer to where they rest"
+
+
+@pytest.mark.parametrize("backend", ["reference", "event"])
+@pytest.mark.parametrize("model", [RUNAWAY(), neuro.hh_psc_alpha()], ids=lambda model: model.name)
+def test_a_state_that_is_no_number_is_told(backend: str, model: Neuron):
+    sim = neuro.compile(cells(model), backend)
+    sim.set("cells", V_m=1e4)
+    message = told(sim.run, 1.0)
+    assert message.startswith("population 'cells': V_m of neuron 0 is ")
+    assert message.endswith(f" at 1 ms: a numerical instability of {model.name}\n  hint: {STEPS}")
+
+
+def test_the_neuron_and_the_state_are_named():
+    sim = neuro.compile(cells(RUNAWAY(), V_m=[-170.0, -20.0]), "reference")
+    assert told(sim.run, 0.5) == (
+        f"population 'cells': V_m of neuron 1 is nan at 0.5 ms: a numerical instability of runaway\n  hint: {STEPS}"
+    )
+
+
+def learnt(on_pre: str) -> neuro.Network:
+    """A linear neuron under a rule in equations."""
+    rule = neuro.equations(
+        "rule",
+        on_pre={"w": on_pre},
+        parameters={"tau_plus": "20 ms"},
+        traces={"K_plus": {"of": "pre", "tau": "tau_plus"}},
+    )
+    net = neuro.Network("learnt", resolution=1.0)
+    net.population("source", 2, neuro.spike_generator(spike_times=[[], [2.0]]))
+    net.population("cell", 1, neuro.iaf_psc_exp())
+    net.connect("source", "cell", neuro.all_to_all(), rule(), weight=1.0, delay=2.0, name="plastic")
+    return net
+
+
+@pytest.mark.parametrize("backend", ["reference", "event"])
+@pytest.mark.parametrize(("on_pre", "shown"), [("log(w - w)", ("nan", "-inf")), ("exp(w*1000)", ("inf",))])
+def test_a_weight_that_is_no_number_is_told(backend: str, on_pre: str, shown: tuple[str, ...], tmp_path: Path):
+    sim = neuro.compile(learnt(on_pre), backend)
+    sim.run(3.0)
+    told_by = {
+        told(call)
+        for call in (
+            lambda: sim.weights("plastic"),
+            lambda: sim.get("plastic", "weight"),
+            lambda: sim.save(tmp_path / "state.h5"),
+            sim.network,
+            lambda: sim.run(10.0),
+        )
+    }
+    assert told_by <= {
+        f"projection 'plastic': weight of synapse 1 is {number}: a numerical instability of rule\n"
+        "  hint: bound what the rule adds to the weight, e.g. min(w + ..., Wmax), and divide by nothing that can be 0"
+        for number in shown
+    }
+    assert len(told_by) == 1
