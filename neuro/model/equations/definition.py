@@ -28,7 +28,7 @@ INTEGRATORS: Mapping[str, Mapping[str, float]] = {
     "euler": {},
     "exponential_euler": {},
     "rk4": {"substeps": 1},
-    "rkf45": {"tolerance": 1e-6},
+    "rkf45": {"tolerance": 1e-6, "slope_tolerance": 0.0},
 }
 """The integrators and what each may be told."""
 WORDS = (
@@ -47,6 +47,7 @@ WORDS = (
 _SETTINGS = {
     "substeps": Quantity(doc="parts of a step", kind="integer", at_least=1, at_most=1000),
     "tolerance": Quantity(doc="largest error of a part of a step, in mV, pA, nS", above=0),
+    "slope_tolerance": Quantity(doc="what is added to it, a share of |h y'|; NEST's aeif neurons have one", at_least=0),
 }
 MAX_SIZE = 4000
 MAX_RECEPTORS = 16

@@ -51,13 +51,13 @@ def rkf45_lines(
     """A step in parts of errors below the tolerance, with the threshold after each; `part` keeps their size."""
     h = constants.place_of("h")
     lines = [
-        f"size = {part} if {part} > 0.0 else min(0.01, {h})",
+        f"size = {part} if {part} > 0.0 else {h}",
         "t = 0.0",
         f"while t < {h}:",
         *indented(_stage(1, states, call({name: local(name) for name in states}))),
         "    trying = True",
         "    while trying:",
-        *indented(_try(states, call, h, settings["tolerance"]), 2),
+        *indented(_try(states, call, h, settings), 2),
         f"    t = {h} if last else t + now",
         *indented([f"{local(name)} = new_{local(name)}" for name in states]),
         *indented(spike),
@@ -66,19 +66,23 @@ def rkf45_lines(
     return lines
 
 
-def _try(states: tuple[str, ...], call: Call, h: str, tolerance: float) -> list[str]:
+def _try(states: tuple[str, ...], call: Call, h: str, settings: Mapping[str, float]) -> list[str]:
+    tolerance, by_slope = settings["tolerance"], settings["slope_tolerance"]
     lines = [f"last = size > {h} - t", f"now = {h} - t if last else size"]
     for stage in range(2, 7):
         near = {n: f"{local(n)} + now * ({_sum(FEHLBERG.stages[stage - 1], n)})" for n in states}
         lines += _stage(stage, states, call(near))
     lines += [f"new_{local(n)} = {local(n)} + now * ({_sum(FEHLBERG.result, n)})" for n in states]
-    errors = [f"abs(now * ({_sum(FEHLBERG.error, n)}))" for n in states]
+    if by_slope:
+        lines += _stage(7, states, call({n: f"new_{local(n)}" for n in states}))
+    allowed = {n: f" + {by_slope!r} * abs(now * k7_{local(n)})" if by_slope else "" for n in states}
+    errors = [f"abs(now * ({_sum(FEHLBERG.error, n)})) / ({tolerance!r}{allowed[n]})" for n in states]
     worst = errors[0]
     for error in errors[1:]:
         worst = f"max({worst}, {error})"
     return [
         *lines,
-        f"worst = {worst} / {tolerance!r}",
+        f"worst = {worst}",
         "size = resized(now, worst)",
         f"trying = size < now and size > {SMALLEST!r} * {h}",
         "if size < now and not trying:",
