@@ -6,10 +6,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
 from neuro.model.synapses.base import Synapse
 from neuro.model.synapses.lessons import Lesson, TrialEnd
+from neuro.model.synapses.soft_bounds import check_below, softly
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,10 +35,7 @@ class first_spike_stdp(Synapse):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.Wmin < self.Wmax:
-            raise ModelError(
-                f"{self.name}.Wmin = {self.Wmin:g}: expected less than Wmax = {self.Wmax:g}", path=("Wmin",)
-            )
+        check_below(self, "Wmin", "Wmax")
 
     def lessons(self, end: TrialEnd) -> tuple[Lesson, ...]:
         """The neuron that decided."""
@@ -55,7 +52,4 @@ def constants(p, h, c):
 
 def teach(w, since, lesson, c):
     """New weight of one input of the neuron that decided."""
-    rate = c[A_PLUS] if since >= 0.0 else c[A_MINUS]
-    span = c[W_MAX] - c[W_MIN]
-    share = (w - c[W_MIN]) / span
-    return min(c[W_MAX], max(c[W_MIN], w + span * rate * share * (1.0 - share)))
+    return softly(w, c[A_PLUS] if since >= 0.0 else c[A_MINUS], c[W_MIN], c[W_MAX])

@@ -6,9 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
 from neuro.model.synapses.base import Synapse
+from neuro.model.synapses.soft_bounds import check_below, softly
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,10 +39,7 @@ class mozafari(Synapse):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.Wmin < self.Wmax:
-            raise ModelError(
-                f"{self.name}.Wmin = {self.Wmin:g}: expected less than Wmax = {self.Wmax:g}", path=("Wmin",)
-            )
+        check_below(self, "Wmin", "Wmax")
 
 
 AR_PLUS, AR_MINUS, AP_PLUS, AP_MINUS, MISSES, HITS, W_MIN, W_MAX = range(8)
@@ -59,6 +56,4 @@ def teach(w, since, lesson, c):
         rate = c[MISSES] * (c[AR_PLUS] if since >= 0.0 else c[AR_MINUS])
     else:
         rate = c[HITS] * (c[AP_MINUS] if since >= 0.0 else c[AP_PLUS])
-    span = c[W_MAX] - c[W_MIN]
-    share = (w - c[W_MIN]) / span
-    return min(c[W_MAX], max(c[W_MIN], w + span * rate * share * (1.0 - share)))
+    return softly(w, rate, c[W_MIN], c[W_MAX])

@@ -6,10 +6,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
 from neuro.model.synapses.base import Synapse
 from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
+from neuro.model.synapses.soft_bounds import check_below, softly
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,8 +40,7 @@ class r_stdp(Synapse):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.Wmin < self.Wmax:
-            raise ModelError(f"r_stdp.Wmin = {self.Wmin:g}: expected less than Wmax = {self.Wmax:g}", path=("Wmin",))
+        check_below(self, "Wmin", "Wmax")
 
     def lessons(self, end: TrialEnd) -> list[Lesson | Growth]:
         """The neuron that decided; after a mistake or silence also the right label's maps."""
@@ -73,9 +72,7 @@ def teach(w, since, lesson, c):
         rate = c[AR_PLUS] if since >= 0.0 else c[AR_MINUS]
     else:
         rate = c[AP_MINUS] if since >= 0.0 else c[AP_PLUS]
-    span = c[W_MAX] - c[W_MIN]
-    share = (w - c[W_MIN]) / span
-    return min(c[W_MAX], max(c[W_MIN], w + span * rate * share * (1.0 - share)))
+    return softly(w, rate, c[W_MIN], c[W_MAX])
 
 
 def encourage(w, c):

@@ -7,10 +7,10 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
 from neuro.model.synapses.base import Synapse
 from neuro.model.synapses.lessons import Lesson, TrialEnd
+from neuro.model.synapses.soft_bounds import check_below
 
 INF = math.inf
 
@@ -43,12 +43,8 @@ class tempotron(Synapse):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.tau_s < self.tau_m:
-            raise ModelError(
-                f"tempotron.tau_s = {self.tau_s:g} ms: expected less than tau_m = {self.tau_m:g} ms", path=("tau_s",)
-            )
-        if not self.Wmin < self.Wmax:
-            raise ModelError(f"tempotron.Wmin = {self.Wmin:g}: expected less than Wmax = {self.Wmax:g}", path=("Wmin",))
+        check_below(self, "tau_s", "tau_m")
+        check_below(self, "Wmin", "Wmax")
 
     def lessons(self, end: TrialEnd) -> list[Lesson]:
         """After a mistake the neuron that decided, and the one that should have."""
