@@ -187,8 +187,8 @@ def _check_weight(part: Projection) -> None:
     if not low <= weight <= high:
         refuse(
             part,
-            f"weight = {weight:g}: expected {low:g} to {high:g}, the bounds of {part.synapse.name}",
-            f"change the weight or {part.synapse.name}.Wmax",
+            f"weight = {weight:g}: expected {part.synapse.expected_weight()}",
+            f"change the weight or {part.synapse.name}.Wmax" if "Wmax" in part.synapse.parameters() else "",
         )
 
 

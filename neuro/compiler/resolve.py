@@ -213,11 +213,12 @@ def check_stdp_weights(part: Projection, weight: Floats) -> None:
     low, high = part.synapse.bounds()
     bad = np.flatnonzero((weight < low) | (weight > high))
     if bad.size:
+        raised = f", or raise {part.synapse.name}.Wmax" if "Wmax" in part.synapse.parameters() else ""
         raise ModelError(
             f"projection '{part.name}': weight[{bad[0]}] = {weight[bad[0]]:g}: "
-            f"expected {low:g} to {high:g}, the bounds of {part.synapse.name}",
+            f"expected {part.synapse.expected_weight()}",
             where=part.origin,
-            hint=f"give the distribution 'low' and 'high', or raise {part.synapse.name}.Wmax",
+            hint="give the distribution 'low' and 'high'" + raised,
         )
 
 

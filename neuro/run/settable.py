@@ -151,8 +151,21 @@ def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any]) -> Syna
         if word in names and word not in settable:
             raise ModelError(f"{rule.name}.{word} of '{part.name}' is fixed: change the network and compile again")
         if word not in settable:
-            raise unknown(f"parameter of {rule.name}", word, settable).at(None, f"projection '{part.name}'")
+            raise _no_parameter(part, rule, word, settable)
     return replace(rule, **{names[word]: value for word, value in values.items()})
+
+
+def _no_parameter(part: Projection, rule: Synapse, word: str, known: list[str]) -> ModelError:
+    """The error for a word that is no parameter of a rule, told by what it is."""
+    told = f"{rule.name}.{word} of '{part.name}' is"
+    if word == "weight":
+        return ModelError(f"{told} set for each synapse", hint=f"sim.set_weights('{part.name}', ...) sets it")
+    if word in synapse_states(part):
+        message = f"{told} a state of its synapses, which is read and not set"
+        return ModelError(message, hint=f"sim.get('{part.name}', '{word}') reads it")
+    if word == "delay":
+        return ModelError(f"{told} fixed: change the network and compile again")
+    return unknown(f"parameter of {rule.name}", word, known).at(None, f"projection '{part.name}'")
 
 
 def rule_of(rule: Synapse, vector: Floats) -> Synapse:
@@ -174,8 +187,7 @@ def check_rule(part: Projection, rule: Synapse, weight: Floats) -> None:
     bad = np.flatnonzero((weight < low) | (weight > high))
     if bad.size:
         raise ModelError(
-            f"projection '{part.name}': weight[{bad[0]}] = {weight[bad[0]]:g}: "
-            f"expected {low:g} to {high:g}, the bounds of {rule.name}"
+            f"projection '{part.name}': weight[{bad[0]}] = {weight[bad[0]]:g}: expected {rule.expected_weight()}"
         )
 
 

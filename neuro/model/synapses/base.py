@@ -145,6 +145,13 @@ class Synapse(Choice):
         low, high = sorted((limits.get("Wmin", 0.0), limits["Wmax"]))
         return low, high
 
+    def expected_weight(self) -> str:
+        """Which weights it takes, for messages."""
+        low, high = self.bounds()
+        if math.isinf(high):
+            return f"a weight >= {low:g}, as {self.name} takes no other"
+        return f"{low:g} to {high:g}, the bounds of {self.name}"
+
     def vector(self) -> NDArray[np.float64]:
         """The numeric parameters as one vector."""
         values = self.parameters()

@@ -16,7 +16,8 @@ from neuro.model.synapses.base import Synapse, Trace
 class tsodyks2(Synapse):
     """A pre spike releases the share u of the resources x that are left: w u x is sent, and w stays as it is.
 
-    Between spikes x recovers towards 1 and u falls towards 0; u and x are shown as of the last pre spike.
+    Between spikes x recovers towards 1 and u falls towards 0; u and x are shown as of the last pre spike. At first x is
+    1 and u is U; in NEST itself u begins at 0.5 if nothing else is said, whatever U is.
     Source: NEST 3.10, `tsodyks2_synapse`; Maass & Markram, Neural Networks 15:155, 2002.
     """
 
