@@ -46,7 +46,7 @@ def main() -> None:
     options.add_argument("--repeat", type=int, default=1)
     asked = options.parse_args()
     folder = Path(tempfile.mkdtemp())
-    b2.set_device("cpp_standalone", build_on_run=False, directory=str(folder))
+    b2.set_device("cpp_standalone", build_on_run=False)
     b2.prefs.codegen.cpp.headers += ["<ctime>", "<fstream>"]
     b2.seed(1)
     b2.defaultclock.dt = 0.1 * b2.ms
@@ -73,7 +73,7 @@ def main() -> None:
     b2.device.insert_code("before_network_run", "const std::clock_t began = std::clock();")
     b2.device.insert_code("after_network_run", TIMER % (folder / "seconds"))
     network.run(asked.ms * b2.ms)
-    b2.device.build(run=True, compile=True, with_output=False)
+    b2.device.build(directory=str(folder), run=True, compile=True, with_output=False)
     taken = [float((folder / "seconds").read_text())]
     for _ in range(asked.repeat - 1):
         b2.device.run(with_output=False)
