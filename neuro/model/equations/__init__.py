@@ -44,7 +44,7 @@ def made(name: str, words: Mapping[str, Any]) -> type[EquationNeuron] | type[Equ
     Raises:
         ModelError: the first mistake in the words; its path leads there.
     """
-    mapping(words, tuple(dict.fromkeys((*WORDS, *RULE_WORDS))), "a model")
+    mapping(words, *_known(words))
     try:
         check_name(name)
     except ModelError:
@@ -52,3 +52,10 @@ def made(name: str, words: Mapping[str, Any]) -> type[EquationNeuron] | type[Equ
     if name in MODELS or name in SYNAPSES:
         raise ModelError(f"'{name}' is a model of its own already: expected another name")
     return rule(name, words) if is_rule(words) else neuron(name, words)
+
+
+def _known(words: Mapping[str, Any]) -> tuple[tuple[str, ...], str]:
+    """The words that may stand beside those given, and what they are of."""
+    if is_rule(words):
+        return RULE_WORDS, "a rule"
+    return (WORDS if "equations" in words else tuple(dict.fromkeys((*WORDS, *RULE_WORDS)))), "a model"
