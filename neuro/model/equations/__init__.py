@@ -24,7 +24,8 @@ def equations(name: str, **words: Any) -> Any:
         name: of the model.
         words: its words, as in the section `models` of a network file: `equations`, `let`, `receptors`, `threshold`,
             `reset`, `refractory`, `parameters`, `initial`, `integrator`, `doc`, `source`; of a rule of spike pairs
-            `traces`, `states`, `on_pre`, `on_post`, `on_signal`, `initial`, `parameters`, `doc`, `source`.
+            `traces`, `states`, `on_pre`, `on_post`, `on_signal`, `initial`, `parameters`, `doc`, `source`. One that
+            is None is as left out.
 
     Returns:
         The class of the model; the same words give the same class.
@@ -33,7 +34,7 @@ def equations(name: str, **words: Any) -> Any:
         ModelError: the first mistake, with its column where it is in an expression.
     """
     try:
-        return made(name, words)
+        return made(name, {word: said for word, said in words.items() if said is not None})
     except ModelError as error:
         raise error.at(here(), f"model '{name}'") from None
 
