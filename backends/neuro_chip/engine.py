@@ -110,7 +110,10 @@ class ChipEngine:
             self._machine.cells.parameters[population] = before
             self._requantise(population)
             raise
-        for register, units in chain.from_iterable(written):
+        found: dict[str, NDArray[np.int32]] = {}
+        for register, units in chain.from_iterable(written):  # of one current that is both, the sum
+            found[register] = found[register] + units if register in found else units
+        for register, units in found.items():
             self._machine.arrays[STATES[register]][self._machine.slice(population)] = units
 
     def _requantise(self, population: int) -> None:

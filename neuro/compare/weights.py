@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.chips.quantising.fixed_program import FixedProgram
+from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Program, Projection
 
 BINS = 48
@@ -148,4 +149,7 @@ def unit(program: Program, part: Projection) -> str:
     if model.chip or part.carries == "current":
         return ""
     states = {state.name: state.unit for state in model.states}
-    return states.get("I_syn_ex", states.get("V_m", ""))
+    names = model.named_receptors() if isinstance(model, Neuron) else ()
+    receptor = part.receptor.name if part.receptor else next(iter(names), "ex")
+    moved = (receptor, f"g_{receptor}", f"I_syn_{receptor}", "V_m")
+    return next((states[name] for name in moved if name in states), "")

@@ -174,3 +174,16 @@ def test_a_state_register_takes_whole_numbers_only():
     with pytest.raises(neuro.ModelError, match=r"^population 'out': v = 0\.7: register 'v' holds whole numbers$"):
         sim.set("out", v=[3.0, 0.7])
     assert sim.get("out", "v").tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("order", [("I_syn_ex", "I_syn_in"), ("I_syn_in", "I_syn_ex")])
+def test_the_one_current_of_loihi_is_the_sum_of_both_that_are_set(order):
+    net = neuro.Network("sum", resolution=1.0)
+    net.population("source", 1, neuro.spike_generator())
+    net.population("cells", 2, neuro.iaf_psc_exp(tau_syn_in=2.0, tau_syn_ex=2.0))
+    net.connect("source", "cells", neuro.all_to_all(), weight=500.0)
+    sim = neuro.compile(net, "loihi")
+    values = {"I_syn_ex": 400.0, "I_syn_in": np.array([-100.0, -700.0])}
+    sim.set("cells", **{name: values[name] for name in order})
+    assert sim.get("cells", "I_syn_ex") == pytest.approx([300.0, 0.0], rel=0.02)
+    assert sim.get("cells", "I_syn_in") == pytest.approx([0.0, -300.0], rel=0.02)

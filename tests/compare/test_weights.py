@@ -85,3 +85,32 @@ def test_what_was_learnt_is_of_projections_that_learn():
     assert (part.edges[0], part.edges[-1]) == (0.0, 2.0)
     assert [int(counts.sum()) for counts in part.counts.values()] == [16, 16]
     assert (part.counts["b"][0], part.counts["b"][-1]) == (4, 12)
+
+
+RECEIVING = neuro.equations(
+    "receiving",
+    equations={"V_m": "(g_L*(E_L - V_m) + g*(E_ex - V_m) + J)/C_m"},
+    receptors={"g": {"kernel": "exp", "tau": "tau_syn"}, "J": {"kernel": "exp", "tau": "tau_syn"}},
+    parameters={"g_L": "10 nS", "E_L": "-70 mV", "E_ex": "0 mV", "C_m": "200 pF", "tau_syn": "2 ms"},
+    integrator="rk4",
+)
+
+
+@pytest.mark.parametrize(
+    ("model", "synapse", "expected"),
+    [
+        (neuro.iaf_cond_exp(), neuro.static(), "nS"),
+        (neuro.iaf_cond_alpha(), neuro.static(receptor="in"), "nS"),
+        (neuro.aeif_psc_exp(), neuro.static(), "pA"),
+        (neuro.iaf_psc_delta(), neuro.static(), "mV"),
+        (RECEIVING(), neuro.static(receptor="g"), "nS"),
+        (RECEIVING(), neuro.static(receptor="J"), "pA"),
+    ],
+    ids=str,
+)
+def test_the_unit_is_that_of_the_receptor(model, synapse, expected):
+    net = neuro.Network("units")
+    net.population("source", 1, neuro.spike_generator())
+    net.population("cells", 2, model)
+    net.connect("source", "cells", neuro.all_to_all(), synapse, weight=1.0, name="in")
+    assert histograms(neuro.compile(net, "reference").program, {})[0].unit == expected

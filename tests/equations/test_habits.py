@@ -83,3 +83,64 @@ def test_words(words, message, hint):
     error = refused(**words)
     assert error.message == f"model 'm': {message}"
     assert error.hint == hint
+
+
+TRACES = {"K_plus": {"of": "pre", "tau": "tau_plus"}}
+OF_RULES = "doc, initial, on_post, on_pre, on_signal, parameters, source, states, traces"
+OF_NEURONS = "doc, equations, initial, integrator, let, parameters, receptors, refractory, reset, source, threshold"
+
+
+@pytest.mark.parametrize(
+    ("words", "message", "known"),
+    [
+        ({"on_pre": {"w": "w"}, "qwerty": 1}, "unknown word of a rule 'qwerty'", OF_RULES),
+        ({"equations": LEAK, "qwerty": 1}, "unknown word of a model 'qwerty'", OF_NEURONS),
+    ],
+)
+def test_the_words_of_a_rule_are_not_those_of_a_neuron(words, message, known):
+    error = refused(**words)
+    assert error.message == f"model 'm': {message}"
+    assert error.hint == f"known: {known}"
+
+
+@pytest.mark.parametrize("order", [("on_pre", "on_post"), ("on_post", "on_pre")])
+def test_the_line_that_gives_the_weight_a_wrong_unit_is_named(order):
+    said = {"on_pre": {"w": "w + tau_plus"}, "on_post": {"w": "w + K_plus"}}
+    error = refused(**{word: said[word] for word in order}, traces=TRACES, parameters={"tau_plus": "20 ms"})
+    assert error.message.splitlines()[0] == (
+        "model 'm': on_pre.w, column 1: 'w' would be in ms: expected it in pA, nS or mV, or without unit"
+    )
+
+
+REFRACTORY = "write refractory: {time: t_ref, hold: [V_m]}"
+
+
+@pytest.mark.parametrize(
+    ("words", "message", "hint"),
+    [
+        (
+            {"parameters": PARAMETERS | {"tau": "10*ms"}},
+            "parameters.tau: found '10*ms': expected a number with its unit, e.g. 281 pF",
+            "write 10 ms",
+        ),
+        (
+            {"parameters": PARAMETERS | {"t_ref": "0.002 s"}, "refractory": {"time": "t_ref"}},
+            "refractory: t_ref is in 's': expected ms",
+            "write t_ref: 2 ms",
+        ),
+        (
+            {"refractory": "5*ms"},
+            "refractory: found '5*ms': expected the words of refractory: time, hold",
+            REFRACTORY,
+        ),
+    ],
+)
+def test_values(words, message, hint):
+    error = refused(equations=LEAK, threshold="V_m > V_th", **words)
+    assert error.message == f"model 'm': {message}"
+    assert error.hint == hint
+
+
+def test_none_is_as_left_out():
+    said = {"equations": LEAK, "parameters": PARAMETERS}
+    assert neuro.equations("m", **said, threshold=None, reset=None, refractory=None) is neuro.equations("m", **said)

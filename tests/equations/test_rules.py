@@ -95,7 +95,7 @@ def test_a_saved_network_has_its_rules(tmp_path):
             "model 'm': traces.K: of = 'both': expected pre or post",
         ),
         ({"on_pre": {"c": "1"}}, "model 'm': unknown state of a synapse 'c'"),
-        ({"on_reward": {"w": "w"}}, "model 'm': unknown word of a model 'on_reward'"),
+        ({"on_reward": {"w": "w"}}, "model 'm': unknown word of a rule 'on_reward'"),
     ],
 )
 def test_mistakes(words, message):

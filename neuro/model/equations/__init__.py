@@ -24,7 +24,8 @@ def equations(name: str, **words: Any) -> Any:
         name: of the model.
         words: its words, as in the section `models` of a network file: `equations`, `let`, `receptors`, `threshold`,
             `reset`, `refractory`, `parameters`, `initial`, `integrator`, `doc`, `source`; of a rule of spike pairs
-            `traces`, `states`, `on_pre`, `on_post`, `on_signal`, `initial`, `parameters`, `doc`, `source`.
+            `traces`, `states`, `on_pre`, `on_post`, `on_signal`, `initial`, `parameters`, `doc`, `source`. One that
+            is None is as left out.
 
     Returns:
         The class of the model; the same words give the same class.
@@ -33,7 +34,7 @@ def equations(name: str, **words: Any) -> Any:
         ModelError: the first mistake, with its column where it is in an expression.
     """
     try:
-        return made(name, words)
+        return made(name, {word: said for word, said in words.items() if said is not None})
     except ModelError as error:
         raise error.at(here(), f"model '{name}'") from None
 
@@ -44,7 +45,7 @@ def made(name: str, words: Mapping[str, Any]) -> type[EquationNeuron] | type[Equ
     Raises:
         ModelError: the first mistake in the words; its path leads there.
     """
-    mapping(words, tuple(dict.fromkeys((*WORDS, *RULE_WORDS))), "a model")
+    mapping(words, *_known(words))
     try:
         check_name(name)
     except ModelError:
@@ -52,3 +53,10 @@ def made(name: str, words: Mapping[str, Any]) -> type[EquationNeuron] | type[Equ
     if name in MODELS or name in SYNAPSES:
         raise ModelError(f"'{name}' is a model of its own already: expected another name")
     return rule(name, words) if is_rule(words) else neuron(name, words)
+
+
+def _known(words: Mapping[str, Any]) -> tuple[tuple[str, ...], str]:
+    """The words that may stand beside those given, and what they are of."""
+    if is_rule(words):
+        return RULE_WORDS, "a rule"
+    return (WORDS if "equations" in words else tuple(dict.fromkeys((*WORDS, *RULE_WORDS)))), "a model"

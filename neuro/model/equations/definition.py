@@ -225,13 +225,16 @@ def _refractory(said: Any, states: Mapping[str, Any], parameters: Mapping[str, P
     if said is None:
         return None
     with at("refractory"):
+        if not isinstance(said, Mapping):
+            told = f"found {shown(said)}: expected the words of refractory: time, hold"
+            raise ModelError(told, hint=habits.REFRACTORY)
         given = mapping(said, ("time", "hold"), "refractory")
         if given.get("time") != "t_ref" or "t_ref" not in parameters:
             hint = "" if "t_ref" in parameters else "add it to 'parameters', e.g. t_ref: 2 ms"
             message = f"time = {shown(given.get('time'))}: expected t_ref, a parameter on the grid of steps"
             raise ModelError(message, hint=hint, path=("time",))
         if parameters["t_ref"].unit != "ms":
-            raise ModelError(f"t_ref is in '{parameters['t_ref'].unit}': expected ms", path=("time",))
+            raise _not_in_ms(parameters["t_ref"])
         hold = given.get("hold", [])
         if not isinstance(hold, list | tuple):
             raise ModelError(f"hold = {shown(hold)}: expected a list of states", path=("hold",))
@@ -239,6 +242,11 @@ def _refractory(said: Any, states: Mapping[str, Any], parameters: Mapping[str, P
             if name not in states:
                 raise unknown("state", name, states, path=("hold",))
         return tuple(hold)
+
+
+def _not_in_ms(period: Parameter) -> ModelError:
+    hint = f"write t_ref: {period.default * period.factor:g} ms" if period.dimension == TIME else ""
+    return ModelError(f"t_ref is in '{period.unit}': expected ms", hint=hint, path=("time",))
 
 
 def _integrator(said: Any) -> tuple[str, dict[str, float]]:

@@ -9,7 +9,7 @@ _RECEPTOR = "spikes arrive in 'receptors', e.g. {g: {kernel: exp, tau: tau_syn}}
 _NO_NOISE = "equations have no noise of their own: connect a poisson_generator"
 _NO_TIME = "equations do not hang on the time: connect a generator"
 _LET = "an abbreviation is a word of 'let', e.g. {I_syn: g*(E - V_m)}"
-_REFRACTORY = "write refractory: {time: t_ref, hold: [V_m]}"
+REFRACTORY = "write refractory: {time: t_ref, hold: [V_m]}"
 RIGHT_SIDE = "write the right side alone, by the name of its state: {V_m: (E_L - V_m)/tau_m}"
 
 FUNCTIONS: Mapping[str, str] = {
@@ -29,7 +29,7 @@ NAMES: Mapping[str, str] = {
     "t": _NO_TIME,
     "i": "neurons differ by parameters, which may be arrays",
     "pi": "write 3.141592653589793",
-    "not_refractory": _REFRACTORY,
+    "not_refractory": REFRACTORY,
     "volt": "write mV or V",
     "amp": "write pA or nA",
     "second": "write ms or s",

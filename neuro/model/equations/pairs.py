@@ -14,7 +14,7 @@ from neuro.model.equations.dimensions import Dimensions
 from neuro.model.equations.functions import ARGUMENTS
 from neuro.model.equations.grammar import Expression, Name
 from neuro.model.equations.parameters import Parameter, read_parameters
-from neuro.model.equations.units import NONE, TIME, Dimension
+from neuro.model.equations.units import CONDUCTANCE, CURRENT, NONE, TIME, VOLTAGE, Dimension, told
 from neuro.model.synapses.base import Synapse, Trace
 from neuro.model.synapses.modulated import Modulated
 
@@ -178,11 +178,13 @@ def _checked(pairs: Pairs) -> Pairs:
                 if pairs.drift is not None:
                     _refuse(expression, (SIGNAL,), "is the signal, which acts between spikes", "use it in on_signal")
                 dims.check(expression, dims.name(name))
+                _check_weight(expression, dims)
     if pairs.drift is not None:
         with at("on_signal", WEIGHT):
             way = "keep it in a state, which on_pre or on_post sets"
             _refuse(pairs.drift, traces, "is a trace, which is known at spikes only", way)
             dims.check(pairs.drift, dims.name(WEIGHT, -1))
+            _check_weight(pairs.drift, dims)
     for name, expression in pairs.initial.items():
         if name not in pairs.states:
             raise unknown("state of a synapse", name, list(pairs.states), path=("initial", name))
@@ -190,6 +192,14 @@ def _checked(pairs: Pairs) -> Pairs:
             Dimensions(own, ()).powers(expression, expression.tree)
             dims.check(expression, dims.name(name))
     return Pairs(**{**vars(pairs), "dimensions": {name: dims.of(name) for name in pairs.states}})
+
+
+def _check_weight(expression: Expression, dims: Dimensions) -> None:
+    """What an expression tells of the weight's unit is one in which weights are said."""
+    found = dims.of(WEIGHT)
+    if found not in (None, NONE, CURRENT, CONDUCTANCE, VOLTAGE):
+        assert found is not None
+        raise expression.mistake(0, f"'{WEIGHT}' would be {told(found)}: expected it in pA, nS or mV, or without unit")
 
 
 def _refuse(expression: Expression, names: Collection[str], what: str, way: str) -> None:

@@ -82,9 +82,11 @@ def measured(value: object) -> tuple[float, str]:
     if isinstance(value, int | float) and not isinstance(value, bool):
         return float(value), ""
     found = _MEASURED.fullmatch(value) if isinstance(value, str) else None
-    if found is None:
-        raise ModelError(f"found {value!r:.40}: expected a number with its unit, e.g. 281 pF")
-    return float(found[1]), found[2].strip()
+    text = found[2].strip() if found else ""
+    if found is None or text.startswith("*"):
+        hint = f"write {found[1]} {text.lstrip('* ')}" if found else ""
+        raise ModelError(f"found {value!r:.40}: expected a number with its unit, e.g. 281 pF", hint=hint)
+    return float(found[1]), text
 
 
 def unit(text: str) -> tuple[float, Dimension]:
