@@ -18,9 +18,24 @@ def stdp() -> neuro.Network:
     return _balanced("stdp", inputs=(80, 20), weight=0.5, excitatory=rule)
 
 
-def _balanced(
-    name: str, inputs: tuple[int, int], weight: float, excitatory: neuro.static | neuro.stdp
-) -> neuro.Network:
+def triplets() -> neuro.Network:
+    """The network of `stdp` with `stdp_triplet`, whose slow traces are kept but add nothing: the same spikes."""
+    rule = neuro.stdp_triplet(
+        Wmax=1.0, tau_plus=20.0, Aplus=0.01, Aplus_triplet=0.0, Aminus=0.011, Aminus_triplet=0.0
+    )  # fmt: skip
+    return _balanced("triplets", inputs=(80, 20), weight=0.5, excitatory=rule)
+
+
+def driven(model: neuro.Model, weight: float) -> neuro.Network:
+    """10,000 neurons of a model, each under noise of its own of 2 kHz."""
+    net = neuro.Network("driven", resolution=0.1)
+    net.population("noise", 10_000, neuro.poisson_generator(rate=2000.0))
+    net.population("cells", 10_000, model)
+    net.connect("noise", "cells", neuro.one_to_one(), weight=weight, delay=1.0)
+    return net
+
+
+def _balanced(name: str, inputs: tuple[int, int], weight: float, excitatory: neuro.Synapse) -> neuro.Network:
     """8,000 excitatory and 2,000 inhibitory neurons, `excitatory` among the former, at twice the threshold rate."""
     net = neuro.Network(name, resolution=0.1)
     cell = neuro.iaf_psc_delta(C_m=1.0, tau_m=20.0, t_ref=2.0, E_L=0.0, V_reset=0.0, V_th=20.0, tau_minus=20.0)

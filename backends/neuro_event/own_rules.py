@@ -54,7 +54,7 @@ BRING, BRING_WHOLE, PRE_SPIKE = range(3)
 """Operations of an entry; the last and those after it: the first spike of a neuron in a step, the second, ..."""
 
 AHEAD = 16
-"""Synapses by which a history is asked for before it is read."""
+"""Synapses by which a history, and the target's place in the ring, is asked for before it is read."""
 
 OWN = 3
 """Row of `decay` where a rule's traces begin: as in `kinds`, first those of pre, from the middle on those of post."""
@@ -72,6 +72,15 @@ def due_everywhere(net, target_row, at, thread):
     mark = (at & (net.due.shape[0] // blocks - 1)) * blocks
     lo, hi = max(target_row[FIRST_BLOCK], net.edges[thread]), min(target_row[LAST_BLOCK], net.edges[thread + 1])
     net.due[mark + lo : mark + hi] = 1
+
+
+@inner
+def slot_of_first(net, row, receptors, step):
+    """Where the slot lies in which a spike arrives over the first synapse: over all, if they have one delay."""
+    if net.delays.size <= row[DELAY]:  # there is no synapse
+        return np.int64(0)
+    at = step + np.int64(net.delays[row[DELAY]])
+    return address(net.buf) + 8 * (row[RING] + (at & row[RING_MASK]) * receptors * row[RING_SIZE])
 
 
 @inner
@@ -245,10 +254,13 @@ def rule_entry(model):
         end = net.rows[place + 1]
         wide = row[WAKE_ALL] == 1 and row[DELAY_STRIDE] == 0
         past_width, others_width = 8 * p.past.shape[1], 8 * p.others.shape[1] * p.others.shape[2]
+        slot = slot_of_first(net, row, receptors, step)
+        pasts, others = address(p.past), address(p.others)
         for e in range(net.rows[place], end):
-            ahead = target_row[HISTORY] + np.int64(net.targets[min(e + AHEAD, end - 1)])
-            prefetch(address(p.past) + past_width * ahead)
-            prefetch(address(p.others) + others_width * ahead)
+            ahead = np.int64(net.targets[min(e + AHEAD, end - 1)])
+            prefetch(slot + 8 * ahead)
+            prefetch(pasts + past_width * (target_row[HISTORY] + ahead))
+            prefetch(others + others_width * (target_row[HISTORY] + ahead))
             s = e - row[SYNAPSE]
             z = table[FIRST_SYNAPSE] + s
             target = np.int64(net.targets[e])

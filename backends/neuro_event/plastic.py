@@ -12,7 +12,7 @@ import numpy as np
 from neuro.kernels.jit import inner, merged
 from neuro_event.decays import decayed
 from neuro_event.dispatch import advance, on_post, on_pre
-from neuro_event.own_rules import AHEAD, BRING, BRING_WHOLE, PRE_SPIKE, due_everywhere, post_value
+from neuro_event.own_rules import AHEAD, BRING, BRING_WHOLE, PRE_SPIKE, due_everywhere, post_value, slot_of_first
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
@@ -144,10 +144,13 @@ def pre_spike(view, q, source, step, thread, h):
     place = row[ROW] + source * (net.edges.shape[0] - 1) + thread
     wide = row[WAKE_ALL] == 1 and row[DELAY_STRIDE] == 0
     end = net.rows[place + 1]
+    slot = slot_of_first(net, row, receptors, step)
     histories, width = view[PAST, 0] + 8 * p.past.shape[1] * target_row[HISTORY], 8 * p.past.shape[1]
     for e in range(net.rows[place], end):
-        # Targets are drawn at random: without this every history would be waited for.
-        prefetch(histories + width * np.int64(net.targets[min(e + AHEAD, end - 1)]))
+        # Targets are drawn at random: without this every history and place in the ring would be waited for.
+        ahead = np.int64(net.targets[min(e + AHEAD, end - 1)])
+        prefetch(histories + width * ahead)
+        prefetch(slot + 8 * ahead)
         s = e - row[SYNAPSE]
         z = table[FIRST_SYNAPSE] + s
         target = np.int64(net.targets[e])
