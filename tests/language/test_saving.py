@@ -134,7 +134,7 @@ def choices(draw, cls, names):
     for low, high in ordered:
         if {low, high} <= set(cls.quantities()):
             said.pop(low, None)
-            said[high] = draw(st.floats(10.0, 1e6))
+            said[high] = draw(st.floats(100.0, 1e6))
     return cls.from_words(said)
 
 
