@@ -80,5 +80,6 @@ def decisions(results: TrialResults, spikes: Spikes) -> Decisions:
     counts = np.zeros((n, classes), np.int64)
     np.add.at(counts, (spikes.sample[decided], results.label[decided]), 1)
     sums = np.zeros((n, classes))
-    np.add.at(sums, spikes.sample, results.potential.reshape(len(results), classes, -1).max(axis=2))
+    per_class = results.potential.shape[1] // classes
+    np.add.at(sums, spikes.sample, results.potential.reshape(-1, classes, per_class).max(axis=2))
     return Decisions(counts, sums)

@@ -4,8 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from neuro_remus.decide import SILENT, Decisions
+from neuro_remus.decide import SILENT, Decisions, decide
 from neuro_remus.evaluate import evaluate, wilson
+from neuro_remus.train import train
 
 
 def test_votes():
@@ -18,13 +19,19 @@ def test_votes():
 
 
 def test_recordings_without_frames_are_silent(letters, small):
-    from neuro_remus.decide import decide
-    from neuro_remus.train import train
-
     decisions = decide(train(letters, small).simulation(), letters)
     for decided in (decisions.majority, decisions.potentials):
         assert (decided[:24] >= 0).all()
         assert decided[24:].tolist() == [SILENT, SILENT]
+
+
+def test_a_batch_without_any_frame_is_silent(letters, small):
+    sim = train(letters, small).simulation()
+    nothing = letters.take(np.flatnonzero(np.bincount(letters.sample, minlength=len(letters)) == 0))
+    assert len(nothing)
+    decisions = decide(sim, nothing)
+    assert (decisions.majority == SILENT).all()
+    assert (decisions.potentials == SILENT).all()
 
 
 def test_evaluation():
