@@ -85,14 +85,3 @@ def test_rk4_is_refused(nest):
         neuro.compile(net, "nest")
     assert "population 'cells': rk4_substeps: NEST integrates by RKF45" in str(error.value)
     assert "leave it out, or backend 'event' runs it" in str(error.value)
-
-
-@pytest.mark.parametrize("chip", ["loihi", "spinnaker"])
-def test_chips_tell_which_neurons_they_have(chip: str):
-    net = neuro.Network("chip", resolution=1.0)
-    net.population("cells", 2, neuro.iaf_psc_exp_adaptive_threshold())
-    with pytest.raises(neuro.ModelError) as error:
-        neuro.compile(net, chip)
-    assert "population 'cells': iaf_psc_exp_adaptive_threshold" in str(error.value)
-    assert "has no such neuron" in str(error.value)
-    assert "use iaf_psc_exp, or run on event" in str(error.value)

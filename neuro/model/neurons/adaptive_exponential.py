@@ -1,6 +1,7 @@
 """What the adaptive exponential neurons share: their constants, and a step in which V may be reset on the way.
 
-A model has the rows V_m, w, two of its synapses, and the hidden ones below; its `system` and `rates` say the rest.
+A model has the rows V_m, w, two of its synapses, which only decay, and the hidden ones below; its `system` and `rates`
+say the rest.
 
 Source: NEST 3.10, `aeif_cond_exp` and `aeif_psc_exp`.
 """
@@ -17,7 +18,8 @@ HIDDEN = (
 V_M, W, _, _, REFRACTORY, SIZE = range(6)
 V_TH, V_RESET, V_FIRE, B, R, H, TOLERANCE, SUBSTEPS, BY_C, G_L, E_L, DELTA_T, A, BY_TAU_W, V_PEAK = range(15)
 
-rkf45, rkf45_by_slope, rk4, (take, put) = fehlberg(4), fehlberg(4, by_slope=True), runge_kutta(4), rows(4)
+rkf45, rkf45_by_slope = fehlberg(4, 2), fehlberg(4, 2, by_slope=True)
+rk4, (take, put) = runge_kutta(4, 2), rows(4)
 
 MOST = 255
 """Spikes of a neuron in a step of the grid."""
@@ -80,18 +82,20 @@ def step_evenly(rates, system, s, c, i_0, lo, hi, fired):
     for _ in range(int(c[SUBSTEPS])):
         for i in range(lo, hi):
             put(s, i, rk4(rates, take(s, i), system(s, c, i_0, i), h))
+        for i in range(lo, hi):
             fired[i] = min(fired[i] + reset(s, c, i), MOST)
 
 
 def reset(s, c, i):
     """Hold V while it is refractory, reset it at V_peak; return whether it was there."""
-    held = s[REFRACTORY, i] != 0.0
-    spiked = not held and s[V_M, i] >= c[V_FIRE]
-    if held or spiked:
-        s[V_M, i] = c[V_RESET]
-    if spiked:
-        s[W, i] += c[B]
-        s[REFRACTORY, i] = 0.0 if c[R] == 0.0 else c[R] + 1.0  # one is taken off when this step of the grid ends
+    v, w, left = s[V_M, i], s[W, i], s[REFRACTORY, i]
+    v_reset, b, r = c[V_RESET], c[B], c[R]
+    held = left != 0.0
+    spiked = v >= c[V_FIRE] and not held
+    s[V_M, i] = v_reset if held or spiked else v
+    s[W, i] = w + b if spiked else w
+    # One is taken off when this step of the grid ends.
+    s[REFRACTORY, i] = (0.0 if r == 0.0 else r + 1.0) if spiked else left
     return int(spiked)
 
 
