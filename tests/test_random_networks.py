@@ -8,7 +8,7 @@ import neuro
 from neuro.model.network import Network
 from neuro.run.simulation import Simulation
 from neuro.testing import observe
-from neuro.testing.case import differences
+from neuro.testing.case import differences, run_on
 from neuro.testing.strategies import networks
 
 STEPS = 100
@@ -24,7 +24,7 @@ def steered(sim: Simulation, cuts: list[int]) -> dict[str, np.ndarray]:
     """Run in pieces with a signal after each half."""
     h, done = sim.program.resolution, 0
     for stop in sorted({*cuts, STEPS // 2, STEPS}):
-        sim.run((stop - done) * h)
+        run_on(sim, (stop - done) * h)
         done = stop
         if done == STEPS // 2:
             for signal in sim.program.signals:

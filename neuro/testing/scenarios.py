@@ -24,7 +24,7 @@ from neuro.model.neurons import INTEGRATED, dc_generator, parrot_neuron, poisson
 from neuro.model.parts import Projection
 from neuro.model.rules import Rule, all_to_all, fixed_indegree, one_to_one, pairs
 from neuro.run.simulation import Simulation
-from neuro.testing.case import Found
+from neuro.testing.case import Found, run_on
 from neuro.testing.scenario_parts import PLAIN, cells, changes, kick, synapses
 
 SILENCE = 10_000
@@ -95,7 +95,7 @@ class Scenario:
         for acts, steps in self.parts:
             for act in acts:
                 act.on(sim)
-            sim.run(steps * sim.program.resolution)
+            run_on(sim, steps * sim.program.resolution)
             yield sim
 
 

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 import neuro
 from neuro import ModelError
+from neuro.testing.case import run_on
 
 STATES = 8
 LEAVES = st.sampled_from([f"x{k}" for k in range(STATES)] + ["a", "b", "I*GOhm/mV"]) | st.floats(-3.0, 3.0).map(
@@ -64,6 +65,6 @@ def test_random_expressions_are_refused_or_run_alike(texts):
         for k in range(STATES):
             net.probe(f"x{k}", "cells", f"x{k}")
         sim = neuro.compile(net, backend)
-        sim.run(0.5)
+        run_on(sim, 0.5)
         found.append(np.array([sim.trace(f"x{k}")[1][:, 0] for k in range(STATES)]))
     np.testing.assert_allclose(found[1], found[0], rtol=1e-6, atol=1e-9)
