@@ -17,8 +17,7 @@ from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.decays import DECAYS
 from neuro_event.models import MODULATED_RULES, RULES
-from neuro_event.own_rules import OF_NEURON, OWN, TAU, TIME, rule_entry
-from neuro_event.plastic import ENTRY, NEWEST
+from neuro_event.own_rules import ENTRY, NEWEST, OF_NEURON, OWN, TAU, TIME, rule_entry
 
 
 def add_learning(a: Arrays, learning: list[int]) -> None:

@@ -47,8 +47,11 @@ from neuro_event.tables import (
 )
 from neuro_event.views import address, net_of, plastic_of, prefetch
 
-ENTRIES, APPLIED, NEWEST, ENTRY = 0, 1, 2, 3
-"""Of a history, see `plastic`."""
+ENTRIES, APPLIED, NEWEST = range(3)
+ENTRY = 3
+"""A history is a row: how many entries it has, the step up to which synapses without dopamine have used it, then
+entries (step, K- just after, multiplicity), the newest first. All are integers but K-, which lies in the same memory
+as a float."""
 
 BRING, BRING_WHOLE, PRE_SPIKE = range(3)
 """Operations of an entry; the last and those after it: the first spike of a neuron in a step, the second, ..."""

@@ -12,7 +12,19 @@ import numpy as np
 from neuro.kernels.jit import inner, merged
 from neuro_event.decays import decayed
 from neuro_event.dispatch import advance, on_post, on_pre
-from neuro_event.own_rules import AHEAD, BRING, BRING_WHOLE, PRE_SPIKE, due_everywhere, post_value, slot_of_first
+from neuro_event.own_rules import (
+    AHEAD,
+    APPLIED,
+    BRING,
+    BRING_WHOLE,
+    ENTRIES,
+    ENTRY,
+    NEWEST,
+    PRE_SPIKE,
+    due_everywhere,
+    post_value,
+    slot_of_first,
+)
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
@@ -50,12 +62,6 @@ from neuro_event.tables import (
 from neuro_event.views import PAST, call_rule, net_of, plastic_of, prefetch
 
 PLUS, CONCENTRATION, MINUS = range(3)
-
-ENTRIES, APPLIED, NEWEST = range(3)
-ENTRY = 3
-"""A history is a row: how many entries it has, the step up to which synapses without dopamine have used it, then
-entries (step, K- just after, multiplicity), the newest first. All are integers but K-, which lies in the same memory
-as a float."""
 
 
 @inner

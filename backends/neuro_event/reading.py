@@ -9,7 +9,7 @@ from neuro.program.program import Floats, Ints
 from neuro_event import lazy, loop
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
-from neuro_event.plastic import APPLIED
+from neuro_event.own_rules import APPLIED
 from neuro_event.views import table_of, with_plastic
 
 

@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
+from neuro.core.errors import ModelError
 from neuro.model.arithmetic import OfModule
 from neuro.model.neurons.base import State
 from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
@@ -160,3 +161,17 @@ class Synapse(Choice):
     def lessons(self, end: TrialEnd) -> Iterable[Lesson | Growth]:
         """Whom the end of a trial teaches, for rules for trials, in this order: here the neuron that decided."""
         return (Lesson(end.winner, end.tick, end.reward),) if end.reward else ()
+
+
+def check_below(rule: Synapse, low: str, high: str) -> None:
+    """Refuse a rule of which one parameter is not less than another of the same unit.
+
+    Raises:
+        ModelError: it says which.
+    """
+    small, large, unit = getattr(rule, low), getattr(rule, high), rule.quantities()[low].unit
+    if not small < large:
+        of_unit = f" {unit}" if unit else ""
+        raise ModelError(
+            f"{rule.name}.{low} = {small:g}{of_unit}: expected less than {high} = {large:g}{of_unit}", path=(low,)
+        )

@@ -7,10 +7,9 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
 from neuro.model.neurons.base import State
-from neuro.model.synapses.base import Trace
+from neuro.model.synapses.base import Trace, check_below
 from neuro.model.synapses.modulated import Modulated
 
 
@@ -52,12 +51,8 @@ class td_ltp(Modulated):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for low, high, unit in (("tau_s", "tau_m", " ms"), ("tau_rise", "tau_kappa", " ms"), ("Wmin", "Wmax", "")):
-            small, large = getattr(self, low), getattr(self, high)
-            if not small < large:
-                raise ModelError(
-                    f"td_ltp.{low} = {small:g}{unit}: expected less than {high} = {large:g}{unit}", path=(low,)
-                )
+        for low, high in (("tau_s", "tau_m"), ("tau_rise", "tau_kappa"), ("Wmin", "Wmax")):
+            check_below(self, low, high)
 
 
 TAU_M, TAU_S, TAU_KAPPA, TAU_RISE, ETA, W_MIN, W_MAX, H = range(8)

@@ -6,10 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
 from neuro.model.neurons.base import State
-from neuro.model.synapses.base import Trace
+from neuro.model.synapses.base import Trace, check_below
 from neuro.model.synapses.modulated import Modulated
 
 
@@ -49,12 +48,8 @@ class td_moves(Modulated):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for low, high, unit in (("tau_s", "tau_m", " ms"), ("Wmin", "Wmax", "")):
-            small, large = getattr(self, low), getattr(self, high)
-            if not small < large:
-                raise ModelError(
-                    f"td_moves.{low} = {small:g}{unit}: expected less than {high} = {large:g}{unit}", path=(low,)
-                )
+        for low, high in (("tau_s", "tau_m"), ("Wmin", "Wmax")):
+            check_below(self, low, high)
 
 
 MOVE, RATE, W_MIN, W_MAX = range(4)

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from neuro.core.quantities import quantity
-from neuro.model.synapses.base import Synapse
+from neuro.model.synapses.base import Synapse, check_below
 from neuro.model.synapses.lessons import Lesson, TrialEnd
-from neuro.model.synapses.soft_bounds import check_below
 
 INF = math.inf
 
