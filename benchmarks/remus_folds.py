@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from neuro.cli.options import assignments
 from neuro.events import recordings
+from neuro_recognise.evaluate import wilson
 from neuro_remus.decide import decide
-from neuro_remus.evaluate import wilson
 from neuro_remus.features import Spikes, c1_spikes
 from neuro_remus.settings import SETTINGS, VOTES, Settings
 from neuro_remus.train import train

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         write_text,
     )
     from neuro.core.quantities import Quantity
+    from neuro.core.registry import Registry
     from neuro.core.tables import console, table
     from neuro.files.checkpoint import Checkpoint
     from neuro.kernels.jit import allocating, inner, kernel
@@ -50,6 +51,7 @@ _HOMES = {
     ),
     "neuro.core.checks": ("check", "check_fields"),
     "neuro.core.quantities": ("Quantity",),
+    "neuro.core.registry": ("Registry",),
     "neuro.core.errors": (
         "Where",
         "unknown",
@@ -99,6 +101,7 @@ __all__ = [
     "Kind",
     "Node",
     "Quantity",
+    "Registry",
     "Seed",
     "Set",
     "Target",

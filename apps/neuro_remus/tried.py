@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from neuro import Simulation
 from neuro.events import Recordings
+from neuro_recognise.evaluate import Evaluation, evaluate
 from neuro_remus.decide import decisions, present
-from neuro_remus.evaluate import Evaluation, evaluate
 from neuro_remus.features import c1_spikes
 from neuro_remus.model import Model
 from neuro_remus.settings import VOTES

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
+from neuro_recognise.evaluate import evaluate, wilson
 from neuro_remus.decide import SILENT, Decisions, decide
-from neuro_remus.evaluate import evaluate, wilson
 from neuro_remus.train import train
 
 

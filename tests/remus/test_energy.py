@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from neuro_recognise.evaluate import evaluate
 from neuro_remus.decide import decisions, present
 from neuro_remus.energy import FRONT_END, bills, counted, notes, show, words
-from neuro_remus.evaluate import evaluate
 from neuro_remus.settings import VOTES
 from neuro_remus.train import train
 from neuro_remus.tried import Tried

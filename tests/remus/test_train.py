@@ -11,8 +11,8 @@ import pytest
 
 import neuro
 from neuro.core.outputs import _HOST
+from neuro_recognise.evaluate import evaluate
 from neuro_remus.decide import decide
-from neuro_remus.evaluate import evaluate
 from neuro_remus.model import Model
 from neuro_remus.settings import SETTINGS, Settings
 from neuro_remus.train import train

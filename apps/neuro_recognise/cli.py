@@ -1,0 +1,112 @@
+"""Recognise objects in event-camera recordings: train, test, compare and use methods by one interface.
+
+Recordings are a folder or zip of class folders in any readable format, or an HDF5 data set; of one with folders Train
+and Test the right half is taken.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from neuro.apps import Backend, Seed, Set, assignments
+
+if TYPE_CHECKING:
+    from neuro.events import Recordings
+
+app = typer.Typer(
+    name="recognise", help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
+)
+
+MethodName = Annotated[str, typer.Argument(metavar="METHOD", help="See 'neuro recognise list'.")]
+Data = Annotated[Path, typer.Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5 data set.")]
+Part = Annotated[str, typer.Option("--part", metavar="NAME", help="Of recordings in parts, such as Train and Test.")]
+ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A recogniser, as 'train' writes it.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
+
+
+@app.command("list")
+def list_methods(
+    method: Annotated[str | None, typer.Argument(metavar="METHOD", help="All settings of this one.")] = None,
+) -> None:
+    """Show the methods: what they are, what they need, and how well they do; or the settings of one."""
+    from neuro_recognise import report
+
+    if method is None:
+        report.show_methods()
+    else:
+        report.show_settings(method)
+
+
+@app.command()
+def train(
+    method: MethodName,
+    data: Data,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The recogniser to write.")] = Path("model.h5"),
+    part: Part = "Train",
+    settings: Annotated[str, typer.Option("--settings", metavar="NAME", help="A preset of the method.")] = "",
+    seed: Seed = 0,
+    backend: Backend = "event",
+    set: Set = [],  # noqa: B006
+) -> None:
+    """Train on recordings; after a kill the same command goes on where it was."""
+    from neuro_recognise.bars import Bar
+    from neuro_recognise.recogniser import fit, method_of
+    from neuro_recognise.report import learnt
+
+    chosen = method_of(method, settings, assignments(set))
+    try:
+        with Bar() as bar:
+            made = fit(_recordings(data, part), chosen, seed=seed, backend=backend, out=out, report=bar.show)
+    except KeyboardInterrupt:
+        typer.echo("interrupted: the same command goes on where it was", err=True)
+        raise typer.Exit(130) from None
+    typer.echo(f"{out}: {learnt(made)}")
+
+
+@app.command("test")
+def try_model(
+    model: ModelFile,
+    data: Data,
+    part: Part = "Test",
+    json: Json = False,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write a picture there.")] = None,
+    backend: Backend = "event",
+) -> None:
+    """Test a recogniser on recordings: accuracy, its 95 % interval, and the confusion of the classes."""
+    from neuro_recognise import report
+    from neuro_recognise.recogniser import Recogniser
+    from neuro_recognise.tried import try_out
+
+    trained = Recogniser.load(model)
+    tried = try_out(trained, _recordings(data, part, trained.classes), backend)
+    if out is not None:
+        report.write_confusion(tried, out)
+    if json:
+        typer.echo(report.figures(trained, tried))
+    else:
+        report.show(trained, tried)
+
+
+@app.command()
+def predict(
+    model: ModelFile,
+    recordings: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Files of any readable format.")],
+    json: Json = False,
+    backend: Backend = "event",
+) -> None:
+    """Tell the class of recordings, what speaks for each, and when that was decided."""
+    from neuro_recognise import report
+    from neuro_recognise.predicted import predict_files
+    from neuro_recognise.recogniser import Recogniser
+
+    trained = Recogniser.load(model)
+    report.show_predicted(trained, predict_files(trained, recordings, backend), json)
+
+
+def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -> Recordings:
+    from neuro.events import recordings
+
+    return recordings(path, part=part, classes=classes)

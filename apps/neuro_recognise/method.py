@@ -1,0 +1,228 @@
+"""What every way of recognising is: settings, and three functions between events and scores.
+
+    events -> observe -> evidence -> fit -> learnt;  learnt, evidence -> answer -> scores
+
+What is observed of a recording does not depend on what was learnt, so it is computed once for all folds and kept.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
+
+import numpy as np
+
+from neuro import ModelError
+from neuro.apps import Registry, unknown
+from neuro.events import Events
+from neuro_recognise.settings import Settings, setting
+from neuro_recognise.shown import Array, Evidence, Floats, Ints, Shown
+
+if TYPE_CHECKING:
+    import neuro
+    from neuro.apps import Checkpoint
+
+__all__ = ["METHODS", "SILENT", "Answer", "Course", "Learnt", "Method", "Progress", "choose"]
+
+Learnt: TypeAlias = Mapping[str, Array | str]
+"""What training gives: arrays and texts by name, all that answering needs beside the settings."""
+
+SILENT = -1
+"""The decision where nothing speaks for any class."""
+
+
+MAX_OUTSIDE = 0.05
+"""Share of a recording's events that may lie outside of the field and be left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a training is.
+
+    Attributes:
+        what: is being done, e.g. "epoch 2 of 8".
+        done, total: of that.
+        right: share of what was done that was decided rightly, where that is known.
+    """
+
+    what: str
+    done: int
+    total: int
+    right: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """How a training goes: what is random, what runs networks, and what is kept of it on the way.
+
+    Attributes:
+        seed: of everything random.
+        backend: runs networks.
+        checkpoint: keeps the state, so that a killed training goes on; None keeps nothing.
+        report: is told the progress.
+    """
+
+    seed: int = 0
+    backend: str = "event"
+    checkpoint: Checkpoint | None = None
+    report: Callable[[Progress], None] = lambda progress: None
+
+    def resume(self) -> dict[str, Any]:
+        """What `keep` wrote before a kill; nothing if there is none."""
+        return self.checkpoint.resume() if self.checkpoint else {}
+
+    def keep(self, **parts: Array | Mapping[str, Array]) -> None:
+        """Keep the state of the training, in place of the one before."""
+        if self.checkpoint:
+            self.checkpoint.keep(**parts)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """What a recogniser says of recordings.
+
+    Attributes:
+        scores: (recordings, classes), the larger, the more speaks for a class; NaN in all of a row where nothing
+            speaks for any.
+        votes: the same by other ways of reading the same evidence, by name; `scores` are among them.
+        run: the simulation that networks ran on and what it counted, for bills; None without a network.
+    """
+
+    scores: Floats
+    votes: Mapping[str, Floats] = field(default_factory=dict)
+    run: tuple[neuro.Simulation, Any] | None = None
+
+
+@dataclass(frozen=True)
+class Method(Settings):
+    """Base of all methods: a frozen dataclass of settings.
+
+    Attributes:
+        size: width and height of the field that is looked at, px, from the top left pixel; 0 takes the sensor's.
+
+    Class attributes:
+        title: what it is, in one line.
+        source: where it is described.
+        needs: an extra that training needs, "" for none.
+        spikes: whether it is a spiking network, which has a bill on chips.
+        presets: other settings by name, as values that differ; the first, without a name, are the defaults.
+        measured: accuracy by data set, as text with the command in docs/how-to/recognise.md.
+    """
+
+    title: ClassVar[str]
+    source: ClassVar[str]
+    needs: ClassVar[str] = ""
+    spikes: ClassVar[bool] = False
+    presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    measured: ClassVar[Mapping[str, str]] = {}
+
+    size: tuple[int, int] = setting((0, 0), "px", "field that is looked at; 0 0 takes the sensor's", at_least=0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.size) != 2:
+            raise ModelError(f"{self.place()}: size = {list(self.size)}: expected width and height")
+
+    @classmethod
+    def place(cls) -> str:
+        """``method`` and its name."""
+        return f"method '{cls.called()}'"
+
+    def preset(self, name: str) -> Self:
+        """These settings with those of a preset.
+
+        Raises:
+            ModelError: there is none of that name.
+        """
+        if name not in self.presets:
+            raise unknown(f"settings of {self.place()}", name, self.presets)
+        return self.changed(self.presets[name])
+
+    def fitting(self, size: tuple[int, int]) -> Self:
+        """These settings with everything decided that follows from the sensor.
+
+        Args:
+            size: its width and height, px.
+        """
+        return replace(self, size=size) if self.size == (0, 0) else self
+
+    def inside(self, events: Events) -> Events:
+        """The events inside the field, as of a sensor of its size.
+
+        Raises:
+            ModelError: more than 5 % of the events lie outside of it.
+        """
+        width, height = self.size
+        if events.sensor_size == self.size:
+            return events
+        within = (events.x < width) & (events.y < height)
+        outside = len(events) - int(np.count_nonzero(within))
+        if outside > MAX_OUTSIDE * len(events):
+            raise ModelError(
+                f"{outside} of {len(events)} events lie outside of the {width}x{height} field that is "
+                f"looked at, expected at most {MAX_OUTSIDE:.0%}",
+                hint="crop the recording round the object first, or train with a larger 'size'",
+            )
+        left = events[within] if outside else events
+        return Events(left.t, left.x, left.y, left.p, (width, height))
+
+    @abstractmethod
+    def observing(self) -> Mapping[str, Any]:
+        """The settings that `observe` depends on, as plain data: equal ones give the same evidence."""
+
+    @abstractmethod
+    def observe(self, events: Events) -> Evidence:
+        """What a recording shows, whatever was learnt.
+
+        Raises:
+            ModelError: the recording does not fit the settings.
+        """
+
+    def observe_until(self, events: Events, times_us: Sequence[int]) -> list[Evidence]:
+        """What the beginnings of a recording show.
+
+        Args:
+            events: the recording.
+            times_us: how long each beginning is from the first event on, us, ascending.
+        """
+        first = int(events.t[0]) if len(events) else 0
+        return [self.observe(events[: int(np.searchsorted(events.t, first + t, "right"))]) for t in times_us]
+
+    @abstractmethod
+    def fit(self, shown: Shown, course: Course) -> Learnt:
+        """Learn from what labelled recordings show.
+
+        Raises:
+            ModelError: there is too little to learn from.
+        """
+
+    @abstractmethod
+    def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
+        """What was learnt, asked about recordings.
+
+        Args:
+            learnt: by `fit`.
+            shown: what the recordings show; their labels are not looked at.
+            backend: runs networks.
+        """
+
+    def network(self, learnt: Learnt) -> neuro.Network | None:
+        """The learnt network, None for a method without."""
+        return None
+
+
+def choose(scores: Floats) -> Ints:
+    """The class with the largest score of each row, `SILENT` where all are NaN."""
+    silent = np.isnan(scores).all(axis=1)
+    return np.where(silent, SILENT, np.where(np.isnan(scores), -np.inf, scores).argmax(axis=1))
+
+
+METHODS: Registry[type[Method]] = Registry(
+    "method",
+    (),
+    takes=lambda thing: isinstance(thing, type) and issubclass(thing, Method),
+    group="neuro.recognisers",
+)
+"""All methods by name."""

@@ -1,0 +1,13 @@
+"""The methods, one file each; a method of one's own is a subclass of `Method`, made known by `neuro.register`."""
+
+from __future__ import annotations
+
+from neuro_recognise.method import METHODS
+from neuro_recognise.methods.boe import Boe
+from neuro_recognise.methods.hats import Hats
+from neuro_recognise.methods.tar_hats import TarHats
+
+__all__ = ["METHODS"]
+
+for _method in (Boe, Hats, TarHats):
+    METHODS.add(_method)

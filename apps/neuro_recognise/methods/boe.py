@@ -1,0 +1,84 @@
+"""BOE, bag of events: each segment of a recording is told by the share of its events at each pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from neuro.events import Events
+from neuro_recognise.cleaners import Cleaner, Plain
+from neuro_recognise.method import Answer, Course, Learnt, Method
+from neuro_recognise.readouts import Readout, Svm
+from neuro_recognise.segmenters import Msd, Segmenter
+from neuro_recognise.settings import part
+from neuro_recognise.shown import Evidence, Floats, Shown
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+
+@dataclass(frozen=True)
+class Boe(Method):
+    """Segments as bags of events and a linear support vector machine, whose values are summed over a recording.
+
+    Attributes:
+        cleaner: what is done to events first.
+        segmenter: cuts a recording.
+        readout: decides each segment.
+    """
+
+    title = "bags of events"
+    source = "Peng et al., IEEE TNNLS 28:791, 2017; thesis 6.1.3, eqs 117-118 (the printed sign of w is turned)"
+    needs = "recognise"
+    presets = {"tar": {"cleaner": "tar"}}
+
+    cleaner: Cleaner = part(Cleaner, Plain())
+    segmenter: Segmenter = part(Segmenter, Msd())
+    readout: Readout = part(Readout, Svm(C=1.0, standardise=False))
+
+    def observing(self) -> Mapping[str, Any]:
+        """All but the readout."""
+        return {name: value for name, value in self.as_words().items() if name != "readout"}
+
+    def observe(self, events: Events) -> Evidence:
+        """The pixel of each event, and how many events each segment has; a recording too short for one is one."""
+        seen = self.cleaner.clean(self.inside(events))
+        bounds = self.segmenter.bounds(seen.t)
+        if len(bounds) == 1 and len(seen):
+            bounds = np.array([0, len(seen)])
+        pixels = (seen.y.astype(np.int64) * self.size[0] + seen.x)[bounds[0] : bounds[-1]]
+        return {"pixels": pixels.astype(np.uint32), "lengths": np.diff(bounds)}
+
+    def fit(self, shown: Shown, course: Course) -> Learnt:
+        """Weigh pixels by how few segments they have events in, and teach the readout segment by segment."""
+        shares, recording = self._shares(shown)
+        n = shares.shape[0]
+        special = np.log(n / np.maximum(np.bincount(shares.indices, minlength=shares.shape[1]), 1))
+        weighed = shares.multiply(special).tocsr()
+        taught = self.readout.fit(weighed, shown.labels[recording], len(shown.classes), course)
+        return {"speciality": special, **taught}
+
+    def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
+        """The mean of what the readout says of the segments."""
+        shares, recording = self._shares(shown)
+        of_segments = self.readout.scores(learnt, shares.multiply(learnt["speciality"]).tocsr())
+        sums: Floats = np.zeros((len(shown), len(shown.classes)))
+        np.add.at(sums, recording, of_segments)
+        segments = np.bincount(recording, minlength=len(shown))[:, None]
+        return Answer(np.divide(sums, segments, out=np.full_like(sums, np.nan), where=segments > 0))
+
+    def _shares(self, shown: Shown) -> tuple[csr_matrix, Any]:
+        """(segments, pixels) share of each segment's events; and (segments,) the recording of each."""
+        from scipy.sparse import csr_matrix
+
+        pixels, lengths = shown.column("pixels"), shown.column("lengths")
+        recording = np.repeat(np.arange(len(shown)), np.diff(lengths.offsets))
+        starts = np.concatenate(([0], np.cumsum(lengths.values))).astype(np.int64)
+        share = np.repeat(1.0 / np.maximum(lengths.values, 1), lengths.values)
+        wide = (len(lengths.values), self.size[0] * self.size[1])
+        found = csr_matrix((share, pixels.values.astype(np.int64), starts), shape=wide)
+        found.sum_duplicates()
+        return found, recording

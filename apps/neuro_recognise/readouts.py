@@ -1,0 +1,165 @@
+"""From a vector of numbers to classes: linear and RBF support vector machines, and the nearest class.
+
+scikit-learn trains the machines; what they learnt is arrays, and scores are computed from these without it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from neuro import ModelError
+from neuro.apps import Registry, install
+from neuro_recognise.method import Course, Learnt
+from neuro_recognise.settings import Part, setting
+from neuro_recognise.shown import Array, Floats, Ints
+
+__all__ = ["Nearest", "Rbf", "Readout", "Svm"]
+
+
+@dataclass(frozen=True)
+class Readout(Part):
+    """Base of the readouts of vectors."""
+
+    kind = "readout"
+
+    @abstractmethod
+    def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
+        """Learn to tell classes apart.
+
+        Args:
+            x: (recordings, values).
+            labels: (recordings,) from 0 to classes - 1.
+            classes: their number; some may have no recordings.
+            course: has the seed.
+
+        Raises:
+            ModelError: what it needs is not installed.
+        """
+
+    @abstractmethod
+    def scores(self, learnt: Learnt, x: Array) -> Floats:
+        """(recordings, classes), the larger, the more speaks for a class."""
+
+
+@dataclass(frozen=True)
+class Svm(Readout):
+    """A linear support vector machine, one class against the others, on standardised values."""
+
+    source = "Cortes and Vapnik, Machine Learning 20:273, 1995; LinearSVC of scikit-learn (liblinear)"
+
+    C: float = setting(0.01, "", "weight of errors against a wide margin", "chosen inside one training split", above=0)
+    standardise: bool = setting(True, "", "whether each value is brought to mean 0 and deviation 1 first", "usual")
+
+    def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
+        """Learn weights and thresholds; `x` may be a sparse matrix where it is not standardised."""
+        svm = _learner("LinearSVC")
+        middle, spread = _scale(x) if self.standardise else (np.zeros(1), np.ones(1))
+        made = svm(C=self.C, dual="auto", random_state=course.seed)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that it did not converge: the machine is used as it is
+            made.fit((x - middle) / spread if self.standardise else x, labels)
+        weights, thresholds = _all_classes(made, classes)
+        # the planes of plain values, so that nothing has to be scaled to ask
+        shift = weights @ (middle / spread) if self.standardise else 0.0
+        return {"weights": weights / spread, "thresholds": thresholds - shift}
+
+    def scores(self, learnt: Learnt, x: Array) -> Floats:
+        """Distances from the planes, in units of the margin."""
+        m = _arrays(learnt)
+        found: Floats = x @ m["weights"].T + m["thresholds"]
+        return found
+
+
+@dataclass(frozen=True)
+class Rbf(Readout):
+    """A support vector machine with a Gaussian kernel, one class against the others, on standardised values."""
+
+    source = "Cortes and Vapnik, Machine Learning 20:273, 1995; SVC of scikit-learn (libsvm)"
+
+    C: float = setting(10.0, "", "weight of errors against a wide margin", "scikit-learn's 1, times 10", above=0)
+    gamma: float = setting(1.0, "", "1 / width^2 of the kernel, times the number of values", "scikit-learn", above=0)
+
+    def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
+        """Learn which recordings hold the borders, and their weights."""
+        svc = _learner("SVC")
+        middle, spread = _scale(x)
+        scaled = (x - middle) / spread
+        weights, thresholds = np.zeros((classes, len(x))), np.full(classes, -np.inf)
+        for label in np.unique(labels):
+            made = svc(C=self.C, gamma=self.gamma / x.shape[1]).fit(scaled, labels == label)
+            weights[label, made.support_] = made.dual_coef_[0]
+            thresholds[label] = made.intercept_[0]
+        holding = weights.any(axis=0)
+        held = {"vectors": scaled[holding], "weights": weights[:, holding], "thresholds": thresholds}
+        return {"middle": middle, "spread": spread, **held}
+
+    def scores(self, learnt: Learnt, x: Array) -> Floats:
+        """Values of the machines, in units of the margin."""
+        m = _arrays(learnt)
+        scaled = (x - m["middle"]) / m["spread"]
+        squares = (scaled**2).sum(1)[:, None] + (m["vectors"] ** 2).sum(1) - 2.0 * scaled @ m["vectors"].T
+        kernel = np.exp(-self.gamma / x.shape[1] * np.maximum(squares, 0.0))
+        found: Floats = kernel @ m["weights"].T + m["thresholds"]
+        return found
+
+
+@dataclass(frozen=True)
+class Nearest(Readout):
+    """The class whose mean is nearest."""
+
+    source = "Lagorce et al., IEEE TPAMI 39:1346, 2017, section 3.3"
+
+    def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
+        """The mean of each class."""
+        means = np.full((classes, x.shape[1]), np.inf)
+        for label in np.unique(labels):
+            means[label] = x[labels == label].mean(axis=0)
+        return {"means": means}
+
+    def scores(self, learnt: Learnt, x: Array) -> Floats:
+        """Distances, negative."""
+        means = _arrays(learnt)["means"]
+        return -np.stack([np.sqrt(((x - mean) ** 2).sum(axis=1)) for mean in means], axis=1)
+
+
+Readout.known = Registry("readout", (Svm, Rbf, Nearest))
+
+
+def _scale(x: Array) -> tuple[Floats, Floats]:
+    """Mean and deviation of each value; 1 where a value is always the same."""
+    spread = x.std(axis=0)
+    return x.mean(axis=0), np.where(spread > 0, spread, 1.0)
+
+
+def _all_classes(made: Any, classes: int) -> tuple[Floats, Floats]:
+    """A plane for each class; of two classes there is one plane, of a class without recordings none."""
+    weights, thresholds = made.coef_, made.intercept_
+    if len(made.classes_) == 2:
+        weights, thresholds = np.concatenate([-weights, weights]), np.concatenate([-thresholds, thresholds])
+    planes, offsets = np.zeros((classes, weights.shape[1])), np.full(classes, -np.inf)
+    planes[made.classes_], offsets[made.classes_] = weights, thresholds
+    return planes, offsets
+
+
+def _arrays(learnt: Learnt) -> dict[str, Array]:
+    return {name: part for name, part in learnt.items() if not isinstance(part, str)}
+
+
+def _learner(name: str) -> Any:
+    """A class of scikit-learn.
+
+    Raises:
+        ModelError: it is not installed.
+    """
+    try:
+        from sklearn import svm
+    except ImportError:
+        raise ModelError(
+            "this readout is trained by scikit-learn, which is not installed", hint=install("recognise")
+        ) from None
+    return getattr(svm, name)

@@ -1,0 +1,114 @@
+"""What the commands tell: tables, JSON and pictures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from neuro.apps import console, install, number, table, write_picture
+from neuro_recognise.evaluate import Evaluation
+from neuro_recognise.method import METHODS, SILENT
+from neuro_recognise.predicted import Predicted
+from neuro_recognise.recogniser import Recogniser, method_of
+from neuro_recognise.tried import Tried
+
+FORMAT = "neuro recognise figures 1"
+
+
+def show_methods() -> None:
+    """Print all methods."""
+    rows = []
+    for name, method in METHODS.items():
+        runs = "network" if method.spikes else "no network"
+        needs = f"{runs}; extra {method.needs}" if method.needs else runs
+        measured = ", ".join(f"{what} {share}" for what, share in method.measured.items())
+        rows.append((name, method.title, needs, measured or "-", method.source))
+    out = console()
+    out.print(table(("method", "what", "needs", "measured", "source"), rows))
+    if any(method.needs for method in METHODS.values()):
+        print(f"the extra recognise, by which support vector machines are trained: {install('recognise')}")
+
+
+def show_settings(name: str) -> None:
+    """Print all settings of a method.
+
+    Raises:
+        ModelError: there is no such method.
+    """
+    method = method_of(name)
+    rows = [(r.name, _shown(r.value), r.unit, r.doc, r.source or "-") for r in method.rows()]
+    out = console()
+    out.print(f"{name}: {method.title}\n{method.source}")
+    out.print(table(("setting", "value", "unit", "meaning", "source"), rows))
+    for preset, values in method.presets.items():
+        out.print(f"--settings {preset}: {', '.join(f'{k}={_shown(v)}' for k, v in values.items())}")
+
+
+def learnt(recogniser: Recogniser) -> str:
+    """One line about a training."""
+    told = f"{recogniser.method.called()} for {len(recogniser.classes)} classes"
+    return f"{told}, learnt from {recogniser.training['recordings']} recordings"
+
+
+def figures(recogniser: Recogniser, tried: Tried) -> str:
+    """All figures as JSON; those at the top are of the recogniser's own scores."""
+    words = {"format": FORMAT, "method": recogniser.method.called(), **tried.own.as_words()}
+    words |= {"classes": list(recogniser.classes)}
+    return json.dumps(words | {"votes": {name: found.as_words() for name, found in tried.votes.items()}}, indent=1)
+
+
+def show(recogniser: Recogniser, tried: Tried) -> None:
+    """Print the accuracy by each vote, and the confusion of the recogniser's own."""
+    name = recogniser.method.called()
+    out = console()
+    rows = [_row(name, tried.own), *(_row(f"  by {vote}", found) for vote, found in tried.votes.items())]
+    out.print(table(("method", ">accuracy", ">95 % interval", ">right", ">of"), rows))
+    own = tried.own
+    columns = ("shown", *(f">{one}" for one in (*own.classes, "silent")))
+    cells = ((one, *(n or "." for n in row)) for one, row in zip(own.classes, own.confusion.tolist(), strict=True))
+    out.print(table(columns, cells, title=f"decided by {name}"))
+
+
+def show_predicted(recogniser: Recogniser, predicted: list[Predicted], as_json: bool) -> None:
+    """Print what is said of files, as a table or as JSON."""
+    if as_json:
+        print(json.dumps([_words(recogniser, one) for one in predicted], indent=1))
+        return
+    rows = []
+    for one in predicted:
+        name = "silent" if one.label == SILENT else recogniser.classes[one.label]
+        when = "-" if one.label == SILENT else f"{one.decided_ms:.0f} of {one.length_ms:.0f} ms"
+        best = sorted(zip(recogniser.classes, one.scores.tolist(), strict=True), key=lambda pair: -pair[1])[:3]
+        told = "-" if one.label == SILENT else ", ".join(f"{which} {number(score)}" for which, score in best)
+        rows.append((one.path, name, when, told))
+    console().print(table(("recording", "class", ">decided after", "scores"), rows))
+
+
+def write_confusion(tried: Tried, folder: Path) -> None:
+    """Draw the confusion of the recogniser's own decisions."""
+    from neuro_recognise.pictures import confusion
+
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "confusion.png"
+    write_picture(file, confusion(tried.own))
+    print(file)
+
+
+def _words(recogniser: Recogniser, one: Predicted) -> dict[str, object]:
+    silent = one.label == SILENT
+    return {
+        "recording": one.path,
+        "class": None if silent else recogniser.classes[one.label],
+        "decided_ms": None if silent else one.decided_ms,
+        "length_ms": one.length_ms,
+        "scores": None if silent else dict(zip(recogniser.classes, one.scores.tolist(), strict=True)),
+    }
+
+
+def _row(name: str, found: Evaluation) -> tuple[object, ...]:
+    low, high = found.interval
+    return name, f"{found.accuracy:.1%}", f"{low:.1%} - {high:.1%}", found.correct, found.n
+
+
+def _shown(value: object) -> str:
+    return " ".join(map(str, value)) if isinstance(value, (tuple, list)) else str(value)

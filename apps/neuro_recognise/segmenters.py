@@ -1,0 +1,92 @@
+"""Where a recording is cut into frames: by motion, by the clock, by count, or at peaks."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+
+from neuro.apps import Registry
+from neuro.events import segmentation
+from neuro_recognise.settings import Part, setting
+from neuro_recognise.shown import Ints
+
+__all__ = ["Counts", "Hes", "Msd", "Segmenter", "Ses"]
+
+
+@dataclass(frozen=True)
+class Segmenter(Part):
+    """Base of the segmenters."""
+
+    kind = "segmenter"
+
+    @abstractmethod
+    def bounds(self, t: Ints) -> Ints:
+        """Where segments begin, and the end of the last.
+
+        Args:
+            t: (n,) times, us, ascending.
+
+        Returns:
+            (segments + 1,) segment i is ``[bounds[i], bounds[i + 1])``.
+        """
+
+
+@dataclass(frozen=True)
+class Msd(Segmenter):
+    """A leaky neuron that all events reach ends a segment where it fires."""
+
+    source = "thesis section 6.2.1, lines 2321-2334"
+
+    tau: float = setting(0.02, "s", "decay of the motion symbol detector", "thesis table 3 (printed as ms)", above=0)
+    threshold: float = setting(150.0, "events", "potential that completes a segment", "thesis table 3", above=0)
+
+    def bounds(self, t: Ints) -> Ints:
+        """What comes after the last whole segment belongs to none."""
+        return segmentation.msd_segments(t, tau=self.tau, threshold=self.threshold)
+
+
+@dataclass(frozen=True)
+class Hes(Segmenter):
+    """Segments of equal time: hard segmentation."""
+
+    source = "thesis section 3.3, lines 875-890"
+
+    window: float = setting(
+        20.0, "ms", "length of a segment", "HFirst's saccade third is 100 ms; a fifth of it", above=0
+    )
+
+    def bounds(self, t: Ints) -> Ints:
+        """What comes after the last whole window belongs to none."""
+        return segmentation.time_segments(t, window_us=max(1, round(1000.0 * self.window)))
+
+
+@dataclass(frozen=True)
+class Counts(Segmenter):
+    """Segments of equally many events: hard segmentation."""
+
+    source = "thesis section 3.3, lines 875-890"
+
+    count: int = setting(200, "events", "of a segment", "about that of MSD's on N-MNIST", at_least=1)
+
+    def bounds(self, t: Ints) -> Ints:
+        """What comes after the last whole segment belongs to none."""
+        return segmentation.count_segments(t, count=self.count)
+
+
+@dataclass(frozen=True)
+class Ses(Segmenter):
+    """Segments round the peaks of a leaky neuron's potential: soft segmentation."""
+
+    source = "Zhao et al., IEEE TNNLS 26:1963, 2015; thesis section 6.1.1, lines 2165-2176"
+
+    search: float = setting(15.0, "ms", "how far a peak is the highest on both sides", "MK-Tempotron's code", above=0)
+    tau: float = setting(
+        20.0, "ms", "decay of the potential; it rises four times as fast", "MK-Tempotron's code", above=0
+    )
+
+    def bounds(self, t: Ints) -> Ints:
+        """From peak to peak; whether one is the highest is known `search` later only."""
+        return segmentation.peak_segments(t, round(1000.0 * self.search), tau_us=1000.0 * self.tau)
+
+
+Segmenter.known = Registry("segmenter", (Msd, Hes, Counts, Ses))

@@ -1,0 +1,89 @@
+"""What recordings show: arrays by name for each, with labels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias, overload
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Array", "Evidence", "Floats", "Ints", "Ragged", "Shown"]
+
+Array: TypeAlias = npt.NDArray[Any]
+Floats: TypeAlias = npt.NDArray[np.float64]
+Ints: TypeAlias = npt.NDArray[np.int64]
+
+Evidence: TypeAlias = Mapping[str, Array]
+"""What a recording shows: arrays by name, the same names for all recordings."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ragged:
+    """Arrays of several recordings, one after the other.
+
+    Attributes:
+        values: of all recordings.
+        offsets: (recordings + 1,) recording i has ``values[offsets[i]:offsets[i + 1]]``.
+    """
+
+    values: Array
+    offsets: Ints
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """What recordings show, with their labels.
+
+    Attributes:
+        evidence: of each recording.
+        labels: (recordings,) indices into `classes`, -1 where unknown.
+        names: of the recordings.
+        classes: names.
+    """
+
+    evidence: Sequence[Evidence]
+    labels: Ints
+    names: tuple[str, ...]
+    classes: tuple[str, ...]
+
+    def __len__(self) -> int:
+        """The number of recordings."""
+        return len(self.evidence)
+
+    def take(self, chosen: Iterable[int] | Array) -> Shown:
+        """Some of the recordings, in the order given."""
+        indices = np.asarray(chosen if isinstance(chosen, np.ndarray) else list(chosen), np.int64)
+        names = tuple(self.names[k] for k in indices)
+        return replace(self, evidence=_Taken(self.evidence, indices), labels=self.labels[indices], names=names)
+
+    def column(self, name: str) -> Ragged:
+        """One array of all recordings, in memory."""
+        parts = [one[name] for one in self.evidence]
+        lengths = [len(part) for part in parts]
+        values = np.concatenate(parts) if parts else np.empty(0)
+        return Ragged(values, np.concatenate(([0], np.cumsum(lengths, dtype=np.int64))).astype(np.int64))
+
+    def stacked(self, name: str) -> Array:
+        """One array of all recordings that is equally large for all, (recordings, ...), in memory."""
+        return np.stack([one[name] for one in self.evidence])
+
+
+class _Taken(Sequence[Evidence]):
+    """Some of a sequence."""
+
+    def __init__(self, of: Sequence[Evidence], indices: Ints) -> None:
+        self._of, self._indices = of, indices
+
+    def __len__(self) -> int:
+        return len(self._indices)
+
+    @overload
+    def __getitem__(self, index: int) -> Evidence: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Evidence]: ...
+    def __getitem__(self, index: int | slice) -> Evidence | Sequence[Evidence]:
+        if isinstance(index, slice):
+            return _Taken(self._of, self._indices[index])
+        return self._of[int(self._indices[index])]
