@@ -7,7 +7,8 @@ from typing import Self
 
 from neuro.events import Events, representations
 from neuro_recognise.methods.descriptor import Descriptor
-from neuro_recognise.settings import setting
+from neuro_recognise.readouts import Readout, Svm
+from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Floats
 
 
@@ -24,6 +25,8 @@ class Hats(Descriptor):
     tau: float = setting(
         100.0, "ms", "decay of what is remembered, and how long it is", "the paper's for N-CARS", above=0
     )
+
+    readout: Readout = part(Readout, Svm(C=10.0, scale="length"))
 
     def fitting(self, size: tuple[int, int]) -> Self:
         """Cells that follow from the field."""
