@@ -37,7 +37,7 @@ class Boe(Method):
 
     cleaner: Cleaner = part(Cleaner, Plain())
     segmenter: Segmenter = part(Segmenter, Msd())
-    readout: Readout = part(Readout, Svm(C=1.0, scale="none"))
+    readout: Readout = part(Readout, Svm(C=10.0, scale="none"))
 
     def observing(self) -> Mapping[str, Any]:
         """All but the readout."""
