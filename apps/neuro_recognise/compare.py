@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import check_output, make_folder, sealed, write_text
+from neuro.apps import Unwritable, check_output, make_folder, sealed, write_text
 from neuro.events import EventFileError, Recordings
 from neuro_recognise.evaluate import Evaluation, evaluate
 from neuro_recognise.folds import folds
@@ -147,7 +147,7 @@ def _compared(
             for seed in plan.seeds
             for k, parts in enumerate(folds(shown.labels, plan.folds, seed))
         ]
-    except EventFileError:
+    except (EventFileError, Unwritable):
         raise
     except ModelError as error:
         return Compared(contestant, refused=str(error).partition("\n")[0])
