@@ -1,5 +1,8 @@
 """What holds of every method."""
 
+import contextlib
+import itertools
+
 import h5py
 import numpy as np
 import pytest
@@ -7,6 +10,7 @@ import pytest
 from neuro import ModelError
 from neuro.events import EventFileError, Events, recordings
 from neuro_recognise import Recogniser, fit
+from neuro_recognise.folds import folds
 from neuro_recognise.method import METHODS
 from neuro_recognise.recogniser import method_of
 
@@ -172,3 +176,40 @@ def test_what_was_learnt_is_read_without_scikit_learn(train, test, tmp_path, mon
         ModelError, match="this readout is trained by scikit-learn, which is not installed\n  hint: pip install"
     ):
         fit(train, "boe")
+
+
+def interrupting(after):
+    """A report that interrupts the training when it is called for the nth time."""
+    calls = itertools.count(1)
+
+    def report(progress):
+        if next(calls) == after:
+            raise KeyboardInterrupt
+
+    return report
+
+
+def test_a_training_stopped_five_times_ends_the_same(trained, train, tmp_path, monkeypatch):
+    made, _ = trained
+    monkeypatch.setattr("neuro_recognise.observations.AT_ONCE", 5)
+    out, cache = tmp_path / "model.h5", tmp_path / "cache"
+    for reports in (3, 9, 14, 25, 31):
+        with contextlib.suppress(KeyboardInterrupt):
+            fit(train, made.method, seed=3, out=out, cache=cache, report=interrupting(reports))
+    again = fit(train, made.method, seed=3, out=out, cache=cache)
+    for name, part in made.learnt.items():
+        np.testing.assert_array_equal(again.learnt[name], part)
+    assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["model.h5"]
+
+
+def test_every_recording_is_tested_once(train):
+    labels = np.array([item.label for item in train])
+    tested = []
+    for others, mine in folds(labels, 4, seed=2):
+        assert not set(others) & set(mine)
+        assert len(others) + len(mine) == len(train)
+        assert np.bincount(labels[mine], minlength=3).tolist() == [2, 2, 2]
+        tested += mine.tolist()
+    assert sorted(tested) == list(range(len(train)))
+    with pytest.raises(ModelError, match="folds = 25: expected 2 to 24, the number of recordings"):
+        next(folds(labels, 25, seed=2))
