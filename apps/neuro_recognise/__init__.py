@@ -1,0 +1,1 @@
+"""Recognise objects in event-camera recordings."""
