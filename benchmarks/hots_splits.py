@@ -23,6 +23,8 @@ from neuro_recognise.hots import DISTANCES, Hots, Layers, class_means
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 POKER = "poker_dvs/poker_dvs_shared_aedat2.zip"
 FILES = {"nmnist": "nmnist/nmnist_train1000_bin.zip", "poker": POKER, "poker-upright": POKER}
+SIZES = {"nmnist": (34, 34), "poker": (35, 35), "poker-upright": (35, 35)}
+"""Fields, px; recordings of POKER tell the camera's 128x128, of which pips are cut out."""
 Ints = NDArray[np.int64]
 
 
@@ -74,7 +76,7 @@ def measured(
     from sklearn.preprocessing import StandardScaler
     from sklearn.svm import LinearSVC
 
-    layers = Layers(Hots(**assignments(asked.set)), events[0].sensor_size, seed=seed)
+    layers = Layers(Hots(**assignments(asked.set)), SIZES[asked.case], seed=seed)
     order = np.random.default_rng(seed).permutation(learn)[: asked.learn]
     began = time.process_time()
     layers.learn([events[k] for k in order])

@@ -26,7 +26,7 @@ def epochs(text: str) -> int:
     return whole(text, 1)
 
 
-Data = Annotated[Path, typer.Option("--data", metavar="FOLDER", help="Recordings, a folder or zip.")]
+Data = Annotated[Path, typer.Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5.")]
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A model, as 'train' writes it.")]
 Epochs = Annotated[int | None, typer.Option("--epochs", metavar="N", parser=epochs, help="Instead of the settings'.")]
 SettingsName = Annotated[str, typer.Option("--settings", metavar="NAME", help="thesis or best.")]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from neuro.core.errors import ModelError
@@ -59,22 +59,23 @@ def recordings(
     """
     file_path(path, "path")
     where = os.fspath(path)
-    stored = is_hdf5(where) and holds_samples(where)
-    single = not stored and _is_recording(where)
-    if label is not None and not single:
-        raise ModelError(f"label={label!r}: expected None, since {where} tells the class of each recording")
-    if not stored and not single:
-        return labelled(where, part, classes, layout, ending, whole)
-    for name, value in (("layout", layout), ("ending", ending)):
-        if value is not None:
-            what = "an HDF5 file" if stored else "a single recording"
-            raise ModelError(f"{name}={value!r}: expected None, since {where} is {what}")
-    if part is not None and not whole:
-        raise EventFileError(where, f"has no parts, expected None and not {part!r}")
-    if stored:
+    asked = {"layout": layout, "ending": ending, "part": None if whole else part}
+    if is_hdf5(where) and holds_samples(where):
+        _refuse(where, "an HDF5 file", asked | {"layout": None if layout == "hdf5" else layout, "label": label})
         known, samples = stored_samples(where, classes)
         return Recordings(where, samples, known, "hdf5")
-    return _single(Path(path), where, classes, label)
+    if _is_recording(where):
+        _refuse(where, "a single recording", asked)
+        return _single(Path(path), where, classes, label)
+    _refuse(where, "no single recording", {"label": label})
+    return labelled(where, part, classes, layout, ending, whole)
+
+
+def _refuse(where: str, kind: str, asked: Mapping[str, str | None]) -> None:
+    """Refuse what has no meaning for a kind of data."""
+    for name, value in asked.items():
+        if value is not None:
+            raise ModelError(f"{name}={value!r}: expected None, since {where} is {kind}")
 
 
 def _is_recording(where: str) -> bool:

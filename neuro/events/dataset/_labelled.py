@@ -62,11 +62,6 @@ def _of_part(where: str, layout: Layout, items: list[Item], part: str | None, wh
         return items
     if any(found.values()):
         raise EventFileError(where, f"no recordings in a folder {part!r}")
-    if whole or named_part(where, part):
+    if whole or is_part(Path(where).resolve().stem, wanted):
         return items
     raise EventFileError(where, f"has no parts, expected one named {part!r}; split() divides it")
-
-
-def named_part(where: str, part: str) -> bool:
-    """Whether a folder, zip or file is named as a part is."""
-    return is_part(Path(where).resolve().stem, part.lower())
