@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import Quantity, check_fields
+from neuro.apps import Quantity, check, check_fields
 from neuro.events import Events
 
 Floats: TypeAlias = npt.NDArray[np.float64]
@@ -49,7 +49,7 @@ class Hots:
         centres_factor: K_N.
         polarity: whether ON and OFF are two channels of the first layer, else one.
         first: prototypes begin as the surfaces of events: the ``"first"`` ones, as in algorithm 13, or ones that are
-            ``"drawn"`` by the seed from all events of 100 recordings.
+            ``"drawn"`` by the seed from all events of up to 100 recordings.
         rate: of ``alpha = rate / (1 + p_k / slow)``, p_k the wins of a prototype; algorithm 13.
         slow: of the same.
 
@@ -68,7 +68,7 @@ class Hots:
     tau_factor: float = _value(10.0, above=0)
     centres_factor: int = _count(2)
     polarity: bool = _value(True, kind="boolean")
-    first: str = _value("drawn", kind="word", words=("first", "drawn"))
+    first: str = _value("first", kind="word", words=("first", "drawn"))
     rate: float = _value(0.01, above=0, below=1)
     slow: float = _value(20000.0, above=0)
 
@@ -91,6 +91,8 @@ class Hots:
         """Channels of the events that a layer sees."""
         return self.centres_of(layer - 1) if layer else 2 if self.polarity else 1
 
+
+WHOLE = Quantity(kind="integer", at_least=0)
 
 SAMPLED = 100
 """Recordings from which prototypes are drawn to begin with."""
@@ -118,7 +120,7 @@ class Layers:
     def __init__(self, settings: Hots, sensor_size: tuple[int, int], *, seed: int = 0) -> None:
         self.settings = settings
         self.sensor_size = sensor_size
-        self.seed = seed
+        self.seed = check(WHOLE, seed, "seed")
         self.centres: list[Floats] = []
         self.wins: list[Ints] = []
         self.learnt = 0
@@ -161,14 +163,14 @@ class Layers:
             (rows, columns, prototypes), of the whole field (1, 1, prototypes).
 
         Raises:
-            ModelError: the layers are not learnt, or an event is off the field.
+            ModelError: the layers are not learnt, an event is off the field, or `cell` is no whole number >= 0.
         """
         from neuro_recognise._hots_kernels import count
 
         last = self.settings.layers - 1 if layer is None else layer
         if not 0 <= last < self.learnt:
             raise ModelError(f"layer {last}: {self.learnt} of {self.settings.layers} layers are learnt")
-        side = cell or max(self.sensor_size)
+        side = check(WHOLE, cell, "cell") or max(self.sensor_size)
         columns, rows = (-(-length // side) for length in self.sensor_size)
         out = np.zeros((rows * columns, self.settings.centres_of(last)), np.int64)
         count(events.x, events.y, self._channels(events, last + 1), side, columns, out)

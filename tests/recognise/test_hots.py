@@ -10,7 +10,7 @@ from neuro.events import Events
 from neuro_recognise.hots import DISTANCES, Hots, Layers, bhattacharyya, class_means, normalised, standard
 
 SIZE = (9, 7)
-SMALL = Hots(layers=2, radius=1, tau=3.0, centres=3, tau_factor=4.0)
+SMALL = Hots(layers=2, radius=1, tau=3.0, centres=3, tau_factor=4.0, first="drawn")
 
 
 def drawn(seed, n=150, size=SIZE):
@@ -66,7 +66,7 @@ class Plain:
 
 @pytest.mark.parametrize("polarity", [True, False])
 def test_the_paper_read_plainly(polarity):
-    s = Hots(layers=2, radius=2, tau=3.0, centres=3, tau_factor=4.0, polarity=polarity, first="first")
+    s = Hots(layers=2, radius=2, tau=3.0, centres=3, tau_factor=4.0, polarity=polarity)
     size = (3, 3)  # all see each other: lone events would make equal prototypes, between which rounding decides
     recordings = [drawn(k, size=size) for k in range(4)]
     layers = Layers(s, size, seed=5)
@@ -87,7 +87,7 @@ def test_the_paper_read_plainly(polarity):
 
 def test_prototypes_begin_as_surfaces_of_events_of_any_recording():
     recordings = [drawn(k) for k in range(3)]
-    still = Hots(layers=1, radius=1, tau=3.0, centres=5, rate=1e-12)
+    still = Hots(layers=1, radius=1, tau=3.0, centres=5, rate=1e-12, first="drawn")
     layers = Layers(still, SIZE, seed=2)
     layers.learn(recordings)
     plain = Plain(still, SIZE)
@@ -156,7 +156,7 @@ def edge(along, seed):
 def test_edges_are_told_apart_by_each_distance(name):
     recordings = [edge("xy"[k % 2], k) for k in range(12)]
     labels = np.arange(12) % 2
-    layers = Layers(Hots(layers=2, tau=3.0, tau_factor=3.0, centres=6), (20, 20))
+    layers = Layers(Hots(layers=2, tau=3.0, tau_factor=3.0, centres=6, first="drawn"), (20, 20))
     layers.learn(recordings[:8])
     histograms = np.array([layers.features(one).ravel() for one in recordings])
     means = class_means(histograms[:8], labels[:8], 2)
@@ -199,6 +199,9 @@ def test_mistakes_are_told(learnt):
         ModelError, match=r"^<Events 30 of 30x20, .*>: an event is off the field of 20x20, expected all"
     ):
         learnt.features(drawn(0, 30, (30, 20)))
+    with pytest.raises(ModelError) as error:
+        learnt.features(drawn(0, 30, (20, 20)), cell=-7)
+    assert str(error.value) == "cell = -7: expected a whole number >= 0"
     with pytest.raises(ModelError) as error:
         Layers.from_state(Hots(layers=2, centres=4), SIZE, learnt.state())
     assert str(error.value) == "prototypes of layer 0 are (3, 3, 2, 3), expected (5, 5, 2, 4)"
