@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from neuro.cli.options import assignments
 from neuro.events import Events, Recordings, recordings
-from neuro_recognise.hots import DISTANCES, Hots, Layers, class_means
+from neuro_recognise.histograms import DISTANCES, class_means
+from neuro_recognise.hots import Hots, Layers
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 POKER = "poker_dvs/poker_dvs_shared_aedat2.zip"

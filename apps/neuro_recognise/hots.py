@@ -1,9 +1,10 @@
-"""HOTS: a hierarchy of time surfaces whose prototypes are learnt online, and its classifiers of histograms.
+"""HOTS: a hierarchy of time surfaces whose prototypes are learnt online.
 
 An event i sees in the neighbourhood of radius R round it, for each channel p and place u, how long ago the last event
-there was: ``S_i(u, p) = exp(-(t_i - T_i(u, p)) / tau)``, 0 where there was none (eq. 1 and 2). It is given to the
+there was: ``S_i(u, p) = exp(-(t_i - T_i(u, p)) / tau)``, 0 where there was none. It is given to the
 closest of N prototypes, ``k_i``, and goes on to the next layer as an event of channel ``k_i``. Layer l + 1 has
-``R K_R``, ``tau K_tau`` and ``N K_N`` (eq. 119 of the thesis). A histogram counts the prototypes of the last layer.
+``R K_R``, ``tau K_tau`` and ``N K_N`` (eq. 119 of the thesis). A histogram counts the prototypes of the last layer,
+and `neuro_recognise.histograms` has the paper's distances between histograms.
 
 Source: Lagorce et al., "HOTS: A Hierarchy of Event-Based Time-Surfaces for Pattern Recognition", IEEE TPAMI 39:1346,
 2017; thesis lines 2211-2280 with algorithm 13.
@@ -288,59 +289,3 @@ class Layers:
             )  # fmt: skip
             channel = out
         return channel
-
-
-def class_means(histograms: npt.ArrayLike, labels: Ints, classes: int) -> Floats:
-    """The mean histogram of each class, the paper's signature.
-
-    Args:
-        histograms: (recordings, prototypes).
-        labels: (recordings,) from 0 to classes - 1.
-        classes: their number.
-
-    Returns:
-        (classes, prototypes); NaN for a class without recordings.
-    """
-    counts = np.asarray(histograms, np.float64)
-    means = np.full((classes, counts.shape[1]), np.nan)
-    for label in np.unique(labels):
-        means[label] = counts[labels == label].mean(axis=0)
-    return means
-
-
-def standard(histograms: npt.ArrayLike, means: Floats) -> Floats:
-    """Euclidean distances of histograms from those of classes, (recordings, classes).
-
-    Source: Lagorce et al., section 3.3, "standard distance"; as the other two.
-    """
-    counts = np.asarray(histograms, np.float64)
-    found: Floats = np.sqrt(((counts[:, None] - means) ** 2).sum(axis=2))
-    return found
-
-
-def normalised(histograms: npt.ArrayLike, means: Floats) -> Floats:
-    """Euclidean distances of histograms whose sums are brought to 1, (recordings, classes)."""
-    return standard(_shares(histograms), _shares(means))
-
-
-def bhattacharyya(histograms: npt.ArrayLike, means: Floats) -> Floats:
-    """Bhattacharyya distances, ``-ln sum_k sqrt(h_k m_k)`` of histograms whose sums are brought to 1; 0 to infinity."""
-    with np.errstate(divide="ignore"):
-        found: Floats = -np.log(np.sqrt(_shares(histograms)) @ np.sqrt(_shares(means)).T)
-    return found
-
-
-DISTANCES: Mapping[str, Callable[[npt.ArrayLike, Floats], Floats]] = {
-    "standard": standard,
-    "normalised": normalised,
-    "bhattacharyya": bhattacharyya,
-}
-"""The paper's distances by name; the class with the smallest is decided for."""
-
-
-def _shares(histograms: npt.ArrayLike) -> Floats:
-    """Histograms brought to a sum of 1; one of a recording without events stays 0."""
-    counts = np.asarray(histograms, np.float64)
-    total = counts.sum(axis=1, keepdims=True)
-    found: Floats = counts / np.where(total > 0, total, 1.0)
-    return found

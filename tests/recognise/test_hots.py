@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from neuro import ModelError
 from neuro.events import Events
-from neuro_recognise.hots import DISTANCES, Hots, Layers, bhattacharyya, class_means, normalised, standard
+from neuro_recognise.histograms import DISTANCES, bhattacharyya, class_means, normalised, standard
+from neuro_recognise.hots import Hots, Layers
 
 SIZE = (9, 7)
 SMALL = Hots(layers=2, radius=1, tau=3.0, centres=3, tau_factor=4.0, first="drawn")
@@ -22,7 +23,7 @@ def drawn(seed, n=150, size=SIZE):
 
 
 class Plain:
-    """Algorithm 13 of the thesis and equations 1, 2 and 119 as they stand there, one event after the other."""
+    """Time surfaces and algorithm 13 of the thesis as they stand there, one event after the other."""
 
     def __init__(self, s, size):
         self.s, self.size, self.centres, self.wins = s, size, [], []

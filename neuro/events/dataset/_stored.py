@@ -96,10 +96,7 @@ class StoredSample:
 
         try:
             yield
-        except Damage as damage:
-            self._file.close()
-            raise EventFileError(self.path, damage.what, damage.offset) from None
-        except EventFileError as error:
+        except (Damage, EventFileError) as error:
             self._file.close()
             raise EventFileError(self.path, error.what, error.offset) from None
         except (OSError, KeyError, ValueError) as error:
