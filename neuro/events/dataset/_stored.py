@@ -57,14 +57,18 @@ class StoredSample:
         name: ``class/sample``.
         path: the file with the name behind it, for messages.
         label: index of its class.
-        number: in the data set that the file was made of; by name in a file of another library.
     """
 
     name: str
     path: str
     label: int
-    number: int
+    _place: int
     _file: _File
+
+    @property
+    def number(self) -> int:
+        """Its number in the data set that the file was made of; by name in a file of another library."""
+        return int(self._file.file[self.name].attrs.get(NUMBER, self._place))
 
     def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
         """The events; arguments and errors as of `neuro.events.load`. Samples have no damage that could be left out."""
@@ -141,9 +145,10 @@ def _names(file: Any) -> Iterator[tuple[str, str]]:
 
     if "CD/events" in file:  # Prophesee's place for the events of a recording, see `neuro.events.formats.hdf5`
         return
+    own = CLASSES in file.attrs  # then all are samples; to open each of 10,000 takes seconds
     for group in sorted((name for name in file if isinstance(file.get(name), h5py.Group)), key=natural):
         members = file[group]
-        yield from ((group, name) for name in sorted(members, key=natural) if _has_rows(members.get(name)))
+        yield from ((group, name) for name in sorted(members, key=natural) if own or _has_rows(members.get(name)))
 
 
 def _listed(
@@ -157,11 +162,10 @@ def _listed(
     known = tuple(classes if classes is not None else _told(file, groups))
     if missing := [group for group in groups if group not in known]:
         raise EventFileError(path, f"class {missing[0]!r} is new, expected one of {', '.join(known)}")
-    samples = []
-    for k, (group, name) in enumerate(names):
-        inside = f"{group}/{name}"
-        number = int(file[inside].attrs.get(NUMBER, k))
-        samples.append(StoredSample(inside, f"{path}/{inside}", known.index(group), number, holder))
+    samples = (
+        StoredSample(f"{group}/{name}", f"{path}/{group}/{name}", known.index(group), k, holder)
+        for k, (group, name) in enumerate(names)
+    )
     return known, tuple(samples)
 
 
