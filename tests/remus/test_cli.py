@@ -116,6 +116,10 @@ def test_thesis_settings_on_another_backend(neuro, folder):
     ("words", "message"),
     [
         ("train --data nowhere", "nowhere: no such folder, zip or HDF5 file"),
+        (
+            "train --data {folder}/Train/lying/1.bin",
+            "{folder}/Train/lying/1.bin: is one recording of unknown class, expected a folder, zip or HDF5 file",
+        ),
         ("train --data {folder} --settings good", "unknown settings 'good': expected thesis or best"),
         ("train --data {folder} --set maps=3", "'maps' cannot be set: it follows from the classes and per_class"),
         (
