@@ -19,7 +19,6 @@ from neuro import ModelError
 from neuro.apps import Unwritable, check_output, make_folder, sealed, write_text
 from neuro.events import EventFileError, Recordings
 from neuro_recognise.evaluate import Evaluation, evaluate
-from neuro_recognise.folds import folds
 from neuro_recognise.method import METHODS, Answer, Method, Progress, choose
 from neuro_recognise.observations import observe
 from neuro_recognise.recogniser import learn, method_of, settled
@@ -145,7 +144,7 @@ def _compared(
         told = [
             _fold(Contestant(name, method), shown, digest, (seed, k), parts, plan, report)
             for seed in plan.seeds
-            for k, parts in enumerate(folds(shown.labels, plan.folds, seed))
+            for k, parts in enumerate(data.folds(plan.folds, seed=seed))
         ]
     except (EventFileError, Unwritable):
         raise

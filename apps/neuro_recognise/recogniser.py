@@ -24,6 +24,7 @@ import numpy as np
 import neuro
 from neuro.apps import Checkpoint, check_output, hdf5, unknown
 from neuro.events import EventFileError, Events, Recordings
+from neuro.events.dataset import UNKNOWN
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, choose
 from neuro_recognise.methods import METHODS
 from neuro_recognise.observations import observe, observed
@@ -189,11 +190,11 @@ def settled(method: Method, data: Recordings) -> Method:
     Raises:
         EventFileError: there are none, or all are of one class.
     """
-    there = {item.label for item in data}
+    there = set(data.labels.tolist()) - {UNKNOWN}
     if len(there) < 2:
-        only = f"only the class '{data.classes[there.pop()]}'" if there else "no recordings"
+        only = f"only the class '{data.classes[there.pop()]}'" if there else "no recordings with a class"
         raise EventFileError(data.path, f"has {only}: expected recordings of at least two classes")
-    return method.fitting(data[0].load().sensor_size)
+    return method.fitting(data.sensor_size(setting="--set size=[WIDTH, HEIGHT]"))
 
 
 def learn(
