@@ -39,7 +39,7 @@ if TYPE_CHECKING:
         spinnaker_lif,
         srm0,
     )
-    from neuro.model.parts import Trials, dropout, labels, reward, winner_take_all
+    from neuro.model.parts import Trials, dropout, labels, local_winners, reward, winner_take_all
     from neuro.model.rules import (
         all_to_all,
         fixed_indegree,
@@ -115,7 +115,7 @@ _HOMES = {
         "spinnaker_lif",
         "srm0",
     ),
-    "neuro.model.parts": ("Trials", "dropout", "labels", "reward", "winner_take_all"),
+    "neuro.model.parts": ("Trials", "dropout", "labels", "local_winners", "reward", "winner_take_all"),
     "neuro.model.rules": (
         "all_to_all",
         "fixed_indegree",
@@ -199,6 +199,7 @@ __all__ = [
     "izhikevich",
     "labels",
     "load",
+    "local_winners",
     "lognormal",
     "loihi_learning",
     "loihi_lif",
