@@ -157,6 +157,13 @@ class Trials:
             weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
             slots, since, lesson, rule, key, self.changes,
         )  # fmt: skip
+        if (settle := getattr(part.synapse.arithmetic, "settle", None)) is not None:
+            total = float(weights.mantissas[projection][slots].sum() * float(wires.step[0]))
+            self.changes += 1
+            host.teacher(settle)(
+                weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
+                slots, since, total, rule, key, self.changes,
+            )  # fmt: skip
         weights.write(projection)
 
     def _delays_of(self, projection: int, slots: Ints) -> Ints:

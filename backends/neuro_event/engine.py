@@ -184,9 +184,14 @@ class EventEngine:
                 self._view, projection, c, *bounds, first, moment, local, lesson, h
             )
             return
+        where = (first, moment, neuron, local)
         self._trial_updates[projection] += rewards.teacher(arithmetic.teach)(
-            self._view, projection, c, first, moment, neuron, local, lesson, h
+            self._view, projection, c, *where, lesson, h
         )
+        if (settle := getattr(arithmetic, "settle", None)) is not None:
+            total = np.zeros(1)
+            rewards.teacher(rewards.added)(self._view, projection, total, *where, 0.0, h)
+            rewards.teacher(settle)(self._view, projection, c, *where, float(total[0]), h)
 
     def encourage(self, projection: int, maps: Ints) -> None:
         """Apply the rule's `encourage` to every weight of the given maps."""

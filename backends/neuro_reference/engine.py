@@ -70,6 +70,10 @@ class ReferenceEngine:
         values, places = (wires.late, inputs) if wires.part.synapse.delays else (wires.weights, wires.slot[inputs])
         for place, time in zip(places, since, strict=True):
             values[place] = teach(values[place], time, lesson, self._rule(projection))
+        if (settle := getattr(wires.part.synapse.arithmetic, "settle", None)) is not None:
+            total = np.sum(values[places])
+            for place, time in zip(places, since, strict=True):
+                values[place] = settle(values[place], time, total, self._rule(projection))
         self.net.trial_updates[projection] += len(inputs)
 
     def encourage(self, projection: int, maps: Ints) -> None:
