@@ -192,7 +192,7 @@ class Trials(Choice):
     stop: str = quantity(
         "at_decision",
         "",
-        "at the end, or when no more may be decided",
+        "as soon as nobody can decide any more, or after the full duration",
         kind="word",
         words=("at_decision", "full"),
     )
