@@ -111,8 +111,8 @@ class local_winners(Competition):
     reach the threshold in one step the largest V_m - V_th wins first; a tie is drawn. Who is silenced goes on to add
     up its input.
 
-    Source: Masquelier & Thorpe, PLoS Comput. Biol. 3:e31, 2007, with `per_map` 1. Any number finds several objects, each
-    by a neuron in whose field it is (Mosca, MSc thesis, 2020, section 6.2.7).
+    Source: Masquelier & Thorpe, PLoS Comput. Biol. 3:e31, 2007, with `per_map` 1. Any number finds several objects,
+    each by a neuron in whose field it is (Mosca, MSc thesis, 2020, section 6.2.7).
     """
 
     radius: int = quantity(doc="rows and columns around a winner that are silenced", kind="integer", at_least=0)
