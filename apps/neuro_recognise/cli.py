@@ -151,6 +151,45 @@ def compare(
         typer.echo(file)
 
 
+@app.command()
+def energy(
+    model: ModelFile,
+    data: Data,
+    part: Part = "Test",
+    target: Target = TARGETS,
+    json: Json = False,
+    backend: Backend = "event",
+) -> None:
+    """Show recordings to a network and print what one of them takes on chips: joules, time, and the sources."""
+    from neuro_recognise import energy
+    from neuro_recognise.recogniser import Recogniser
+    from neuro_recognise.tried import try_out
+
+    trained = Recogniser.load(model)
+    energy.check_targets(trained, target)
+    tried = try_out(trained, _recordings(data, part, trained.classes), backend)
+    priced = energy.bills(tried, target)
+    if json:
+        typer.echo(energy.words(trained, tried, priced))
+    else:
+        energy.show(trained, tried, priced)
+
+
+@app.command()
+def show(
+    model: ModelFile,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write pictures there.")] = None,
+) -> None:
+    """Show what a recogniser was trained with; with --out draw what it has learnt."""
+    from neuro_recognise import report
+    from neuro_recognise.recogniser import Recogniser
+
+    trained = Recogniser.load(model)
+    report.describe(trained)
+    if out is not None:
+        report.write_pictures(trained, out)
+
+
 def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -> Recordings:
     from neuro.events import recordings
 

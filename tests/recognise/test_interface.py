@@ -20,47 +20,47 @@ def full_ones(data):
 
 
 @pytest.fixture(scope="session", params=list(METHODS))
-def trained(request, train, tmp_path_factory):
+def trained(request, learning, tmp_path_factory):
     """Each method, trained on the bars, and its file."""
     out = tmp_path_factory.mktemp(request.param) / "model.h5"
-    return fit(train, request.param, seed=3, out=out, cache=out.parent / "cache"), out
+    return fit(learning, request.param, seed=3, out=out, cache=out.parent / "cache"), out
 
 
-def test_bars_are_told_apart(trained, test):
+def test_bars_are_told_apart(trained, unseen):
     made, _ = trained
-    full, labels = full_ones(test)
-    decided = made.predict(test)
+    full, labels = full_ones(unseen)
+    decided = made.predict(unseen)
     assert np.mean(decided[full] == labels[full]) >= 7 / 8, "of the recordings with events"
     assert decided[~full].tolist() == [-1], "an empty recording is silent"
-    assert np.isnan(made.scores(test)[~full]).all()
+    assert np.isnan(made.scores(unseen)[~full]).all()
 
 
-def test_a_file_recognises_as_what_was_trained(trained, test):
+def test_a_file_recognises_as_what_was_trained(trained, unseen):
     made, out = trained
     again = Recogniser.load(out)
     assert (again.classes, again.training, again.method) == (made.classes, made.training, made.method)
-    np.testing.assert_array_equal(again.scores(test), made.scores(test))
+    np.testing.assert_array_equal(again.scores(unseen), made.scores(unseen))
     assert not list(out.parent.glob("*.training"))
 
 
-def test_training_again_gives_the_same(trained, train, tmp_path):
+def test_training_again_gives_the_same(trained, learning, tmp_path):
     made, _ = trained
-    again = fit(train, made.method, seed=3, out=tmp_path / "again.h5", cache=tmp_path / "cache")
+    again = fit(learning, made.method, seed=3, out=tmp_path / "again.h5", cache=tmp_path / "cache")
     assert set(again.learnt) == set(made.learnt)
     for name, part in made.learnt.items():
         np.testing.assert_array_equal(again.learnt[name], part)
 
 
-def test_single_recordings_score_as_a_data_set(trained, test):
+def test_single_recordings_score_as_a_data_set(trained, unseen):
     made, _ = trained
-    events = [item.load() for item in test]
-    np.testing.assert_allclose(made.scores(events), made.scores(test), rtol=1e-9)
-    np.testing.assert_allclose(made.scores(events[0]), made.scores(test)[:1], rtol=1e-9)
+    events = [item.load() for item in unseen]
+    np.testing.assert_allclose(made.scores(events), made.scores(unseen), rtol=1e-9)
+    np.testing.assert_allclose(made.scores(events[0]), made.scores(unseen)[:1], rtol=1e-9)
 
 
-def test_beginnings_know_nothing_of_what_follows(trained, test):
+def test_beginnings_know_nothing_of_what_follows(trained, unseen):
     made, _ = trained
-    events = test[0].load()
+    events = unseen[0].load()
     length = (events.t[-1] - events.t[0]) / 1000
     at = made.scores_at(events, [0.0, length / 2, length, 10 * length])
     np.testing.assert_allclose(at[2], made.scores(events)[0], rtol=1e-9)
@@ -69,16 +69,16 @@ def test_beginnings_know_nothing_of_what_follows(trained, test):
     np.testing.assert_allclose(at[1], made.scores_at(half, [length / 2])[0], rtol=1e-9)
 
 
-def test_shifted_times_change_nothing(trained, test):
+def test_shifted_times_change_nothing(trained, unseen):
     made, _ = trained
-    events = test[0].load()
+    events = unseen[0].load()
     later = Events(events.t + 10**9, events.x, events.y, events.p, events.sensor_size)
     np.testing.assert_allclose(made.scores(later), made.scores(events), rtol=1e-9)
 
 
-def test_a_larger_sensor_is_looked_at_where_it_was_learnt(trained, test):
+def test_a_larger_sensor_is_looked_at_where_it_was_learnt(trained, unseen):
     made, _ = trained
-    events = test[0].load()
+    events = unseen[0].load()
     wide = Events(events.t, events.x, events.y, events.p, (64, 48))
     np.testing.assert_array_equal(made.scores(wide), made.scores(events))
     shifted = Events(events.t, events.x + 30, events.y, events.p, (80, 48))
@@ -88,14 +88,14 @@ def test_a_larger_sensor_is_looked_at_where_it_was_learnt(trained, test):
         made.scores(shifted)
 
 
-def test_two_recordings_suffice(train, test, tmp_path):
-    two = train.take([0, len(train) - 1])
+def test_two_recordings_suffice(learning, unseen, tmp_path):
+    two = learning.take([0, len(learning) - 1])
     made = fit(two, "hats")
-    assert set(made.predict(test).tolist()) <= {*two.labels.tolist(), -1}
+    assert set(made.predict(unseen).tolist()) <= {*two.labels.tolist(), -1}
 
 
-def test_what_cannot_be_learnt_from_is_told(folder, train, tmp_path):
-    one = recordings(folder / "Train", classes=train.classes)
+def test_what_cannot_be_learnt_from_is_told(folder, learning, tmp_path):
+    one = recordings(folder / "Train", classes=learning.classes)
     only = one.take(np.flatnonzero(one.labels == 0))
     with pytest.raises(EventFileError, match="has only the class 'lying': expected recordings of at least two classes"):
         fit(only, "hats")
@@ -115,66 +115,66 @@ def test_a_damaged_recording_is_named(tmp_path, folder):
         fit(recordings(tmp_path), "hats")
 
 
-def test_times_run_forwards(trained, test):
+def test_times_run_forwards(trained, unseen):
     made, _ = trained
     with pytest.raises(ModelError, match=r"times_ms = \[2.0, 1.0\]: expected times in ascending order, ms"):
-        made.scores_at(test[0].load(), [2.0, 1.0])
+        made.scores_at(unseen[0].load(), [2.0, 1.0])
 
 
-def test_other_files_are_refused_and_kept(train, tmp_path):
+def test_other_files_are_refused_and_kept(learning, tmp_path):
     other = tmp_path / "model.h5"
     other.write_text("notes")
     with pytest.raises(ModelError, match=r"model.h5"):
-        fit(train, "hats", out=other)
+        fit(learning, "hats", out=other)
     assert other.read_text() == "notes"
     with pytest.raises(ModelError, match="not a neuro recogniser 1"):
         Recogniser.load(other)
     made = tmp_path / "made.h5"
-    fit(train, "hats", out=made)
+    fit(learning, "hats", out=made)
     with h5py.File(made, "r+") as file:
         del file["classes"]
     with pytest.raises(ModelError, match="damaged neuro recogniser 1"):
         Recogniser.load(made)
 
 
-def test_evidence_is_kept_and_what_is_damaged_made_anew(train, tmp_path):
+def test_evidence_is_kept_and_what_is_damaged_made_anew(learning, tmp_path):
     cache = tmp_path / "kept"
-    first = fit(train, "hats", cache=cache)
+    first = fit(learning, "hats", cache=cache)
     (file,) = cache.glob("*/*.h5")
     before = file.stat().st_mtime_ns
-    fit(train, method_of("hats", values={"readout": "nearest"}), cache=cache)
+    fit(learning, method_of("hats", values={"readout": "nearest"}), cache=cache)
     assert file.stat().st_mtime_ns == before, "another readout looks at the same"
     file.write_bytes(b"damaged")
-    again = fit(train, "hats", cache=cache)
+    again = fit(learning, "hats", cache=cache)
     np.testing.assert_array_equal(again.learnt["weights"], first.learnt["weights"])
 
 
-def test_a_folder_that_cannot_be_written_is_no_fault(train, tmp_path):
+def test_a_folder_that_cannot_be_written_is_no_fault(learning, tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")
-    made = fit(train, "hats", cache=blocked)
+    made = fit(learning, "hats", cache=blocked)
     assert len(made.classes) == 3
 
 
-def test_readouts_are_exchanged(train, test):
-    full, labels = full_ones(test)
+def test_readouts_are_exchanged(learning, unseen):
+    full, labels = full_ones(unseen)
     for readout in ("svm", "rbf", "nearest"):
-        made = fit(train, method_of("tar_hats", values={"readout": readout}))
-        assert np.mean(made.predict(test)[full] == labels[full]) >= 7 / 8, readout
+        made = fit(learning, method_of("tar_hats", values={"readout": readout}))
+        assert np.mean(made.predict(unseen)[full] == labels[full]) >= 7 / 8, readout
 
 
-def test_what_was_learnt_is_read_without_scikit_learn(train, test, tmp_path, monkeypatch):
+def test_what_was_learnt_is_read_without_scikit_learn(learning, unseen, tmp_path, monkeypatch):
     made = {}
     for readout in ("svm", "rbf"):
         made[readout] = tmp_path / f"{readout}.h5"
-        fit(train, method_of("hats", values={"readout": readout}), out=made[readout])
+        fit(learning, method_of("hats", values={"readout": readout}), out=made[readout])
     monkeypatch.setitem(__import__("sys").modules, "sklearn", None)
     for file in made.values():
-        assert (Recogniser.load(file).predict(test)[full_ones(test)[0]] >= 0).all()
+        assert (Recogniser.load(file).predict(unseen)[full_ones(unseen)[0]] >= 0).all()
     with pytest.raises(
         ModelError, match="this readout is trained by scikit-learn, which is not installed\n  hint: pip install"
     ):
-        fit(train, "boe")
+        fit(learning, "boe")
 
 
 def interrupting(after):
@@ -188,14 +188,14 @@ def interrupting(after):
     return report
 
 
-def test_a_training_stopped_five_times_ends_the_same(trained, train, tmp_path, monkeypatch):
+def test_a_training_stopped_five_times_ends_the_same(trained, learning, tmp_path, monkeypatch):
     made, _ = trained
     monkeypatch.setattr("neuro_recognise.observations.AT_ONCE", 5)
     out, cache = tmp_path / "model.h5", tmp_path / "cache"
     for reports in (3, 9, 14, 25, 31):
         with contextlib.suppress(KeyboardInterrupt):
-            fit(train, made.method, seed=3, out=out, cache=cache, report=interrupting(reports))
-    again = fit(train, made.method, seed=3, out=out, cache=cache)
+            fit(learning, made.method, seed=3, out=out, cache=cache, report=interrupting(reports))
+    again = fit(learning, made.method, seed=3, out=out, cache=cache)
     for name, part in made.learnt.items():
         np.testing.assert_array_equal(again.learnt[name], part)
     assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["model.h5"]
