@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from neuro.chips.quantising.fixed import FixedPopulation
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core import keyed_random
 from neuro.core.clock import NEVER
-from neuro.program.program import Program, Projection
+from neuro.program.program import Group, Program, Projection
 from neuro_chip import tables as t
 from neuro_chip.families.every import NUMBERS, family_of
 from neuro_chip.families.family import Arrays
@@ -60,11 +61,17 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
     a["clock"][t.STOP_GROUP] = t.NONE
     a["groups"] = np.zeros((len(program.groups), t.GROUP_COLUMNS), dtype=np.int64)
     for k, group in enumerate(program.groups):
-        a["groups"][k, : t.DECIDED] = group.population, group.first_to_fire, 0, t.NONE
+        a["groups"][k, : t.DECIDED] = group.population, group.first_to_fire, *_rivals(program, group), 0, t.NONE
         a["pops"][group.population, t.GROUP] = k
     for k, part in enumerate(fixed.populations):
         write_registers(a, fixed, k, part)
     return a
+
+
+def _rivals(program: Program, group: Group) -> tuple[int, int]:
+    """How many neurons each of a group's rivalries has, and how far apart they lie; (0, 0) if all are one."""
+    axis, shape = group.rivals_along, program.populations[group.population].shape
+    return (0, 0) if axis is None else (shape[axis], math.prod(shape[axis + 1 :]))
 
 
 def _keys(program: Program, purpose: str, names: list[str]) -> NDArray[np.uint64]:
@@ -173,9 +180,10 @@ def _grid(row: NDArray[np.int64], part: Projection) -> None:
     g = part.grid
     if g is None:
         return
-    row[[t.CHANNELS, t.CHANNEL_HEIGHT, t.CHANNEL_WIDTH]] = g.channels, g.height, g.width
-    row[[t.MAPS, t.ROWS, t.COLUMNS]] = g.maps, g.rows, g.columns
-    row[[t.KERNEL_HEIGHT, t.KERNEL_WIDTH, t.STRIDE, t.PADDING]] = g.kernel_height, g.kernel_width, g.stride, g.padding
+    row[[t.CHANNEL_HEIGHT, t.CHANNEL_WIDTH]] = g.height, g.width
+    row[[t.ROWS, t.COLUMNS]] = g.rows, g.columns
+    row[[t.DEPTH, t.KERNEL_HEIGHT, t.KERNEL_WIDTH]] = g.kernels[1:]
+    row[[t.STRIDE, t.TOP, t.LEFT, t.REACH]] = g.stride, g.top, g.left, g.reach
 
 
 def write_registers(a: Arrays, fixed: FixedProgram, k: int, part: FixedPopulation) -> None:

@@ -10,6 +10,7 @@ from neuro.kernels.jit import inner, kernel
 from neuro_chip.deliver import send
 from neuro_chip.families.dispatch import update
 from neuro_chip.tables import (
+    APART,
     ARRIVED,
     BEGIN,
     BINARY,
@@ -29,6 +30,7 @@ from neuro_chip.tables import (
     RECORDED,
     RELAY,
     RING,
+    RIVALS,
     SLOTS,
     START,
     STEP,
@@ -120,14 +122,16 @@ def fire(net, i):
 
 
 @inner
-def settle(net, pop, row, step):
-    """Of the candidates of a group the largest margin fires; of equal ones the larger draw, then the smaller id."""
-    group = row[GROUP]
-    lo, hi = row[BEGIN], row[END]
+def choose(net, row, first, last, apart, step):
+    """The best of the neurons first:last:apart of a group, or -1: the largest margin of those at threshold fires.
+
+    Of equal ones the larger draw wins, then the smaller id. Who must not fire is struck.
+    """
+    group, lo = row[GROUP], row[BEGIN]
     best = -1
     best_margin, best_draw = np.int64(0), -1.0
     base = step_word(net.group_keys[group], step)
-    for i in range(lo, hi):
+    for i in range(first, last, apart):
         if not net.fired[i] or net.muted[i] or net.groups[group, CLOSED]:
             net.fired[i] = 0
             continue
@@ -135,6 +139,32 @@ def settle(net, pop, row, step):
         draw = uniform(base, i - lo)
         if best < 0 or margin > best_margin or (margin == best_margin and draw > best_draw):
             best, best_margin, best_draw = i, margin, draw
+    return best
+
+
+@inner
+def settle_rivals(net, row, step):
+    """Of neurons that are rivals the best fires and all others are reset."""
+    group, lo = row[GROUP], row[BEGIN]
+    rivals, apart = net.groups[group, RIVALS], net.groups[group, APART]
+    for first in range(lo, row[END]):
+        last = first + rivals * apart
+        if (first - lo) // apart % rivals != 0:
+            continue
+        best = choose(net, row, first, last, apart, step)
+        if best >= 0:
+            for i in range(first, last, apart):
+                if i != best:
+                    net.fired[i] = 0
+                    fire(net, i)
+
+
+@inner
+def settle(net, row, step):
+    """Of the candidates of a group the best fires."""
+    group = row[GROUP]
+    lo, hi = row[BEGIN], row[END]
+    best = choose(net, row, lo, hi, 1, step)
     if best < 0:
         return
     if net.groups[group, WINNER] < 0:
@@ -159,7 +189,10 @@ def advance_neurons(net, pop, row, step):
     else:
         update(net, pop, row, step)
         if row[GROUP] >= 0:
-            settle(net, pop, row, step)
+            if net.groups[row[GROUP], RIVALS] > 0:
+                settle_rivals(net, row, step)
+            else:
+                settle(net, row, step)
         for i in range(row[BEGIN], row[END]):
             if net.fired[i]:
                 if net.muted[i]:

@@ -188,9 +188,10 @@ def _under_kernel(part: Projection, neuron: int) -> tuple[Ints, Ints]:
     assert g is not None
     m, rest = divmod(neuron, g.rows * g.columns)
     r, c = divmod(rest, g.columns)
-    k, i, j = np.meshgrid(np.arange(g.channels), np.arange(g.kernel_height), np.arange(g.kernel_width), indexing="ij")
-    y, x = r * g.stride + i - g.padding, c * g.stride + j - g.padding
+    _, depth, height, width = g.kernels
+    k, i, j = np.indices((depth, height, width))
+    y, x = r * g.stride + i - g.top, c * g.stride + j - g.left
     inside = (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
-    source = ((k * g.height + y) * g.width + x)[inside]
-    slot = (((m * g.channels + k) * g.kernel_height + i) * g.kernel_width + j)[inside]
+    source = (((k + m // g.reach) * g.height + y) * g.width + x)[inside]
+    slot = (((m * depth + k) * height + i) * width + j)[inside]
     return source.astype(np.int64), slot.astype(np.int64)

@@ -155,13 +155,15 @@ def _logs(a: Arrays) -> None:
 
 def _groups(a: Arrays) -> None:
     groups = a.program.groups
-    a.net["groups"] = np.full((max(1, len(groups)), 5), t.NONE, dtype=np.int64)
+    a.net["groups"] = np.full((max(1, len(groups)), t.GROUP_COLUMNS), t.NONE, dtype=np.int64)
     a.net["closed"] = np.zeros(max(1, len(groups)), dtype=np.uint8)
     a.net["group_keys"] = np.array(
         [keyed_random.key(a.program.seed, "tie", g.name) for g in groups] or [0], dtype=np.uint64
     )
     for k, g in enumerate(groups):
-        a.net["groups"][k] = (g.population, int(g.first_to_fire), 0, -1, -1)
+        a.net["groups"][k] = (g.population, int(g.first_to_fire), 0, -1, -1, *layout.rivals(a.program, g, a.places))
+    most = max(1, int(a.net["groups"][:, t.RIVALS].max()))
+    a.net["rivals"] = np.zeros((a.net["edges"].size - 1, most), dtype=np.int64)
     trials = a.program.trials
     maps = trials.maps if trials else 1
     a.net["potential"] = np.zeros(maps)

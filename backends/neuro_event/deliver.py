@@ -13,24 +13,25 @@ from neuro_event.tables import (
     BLOCK,
     CHANNEL_HEIGHT,
     CHANNEL_WIDTH,
+    CHANNELS_INSIDE,
     COLUMNS,
     CSR,
     DELAY,
     DELAY_STRIDE,
     DENSE,
+    DEPTH,
     END,
     FIRST_BLOCK,
     KERNEL_HEIGHT,
     KERNEL_WIDTH,
     LAST_BLOCK,
     LAYOUT,
-    MAP_STEP,
+    LEFT,
     MAPS,
     MIXED,
     NEGATIVE,
     ONE_TO_ONE,
-    PADDING,
-    PLACE_STEP,
+    REACH,
     RECEPTOR,
     RECEPTORS,
     RING,
@@ -43,6 +44,7 @@ from neuro_event.tables import (
     STRIDE,
     SYNAPSE,
     TARGET,
+    TOP,
     WAKE_ALL,
     WEIGHT,
     WEIGHT_STRIDE,
@@ -122,28 +124,27 @@ def grid_add(row, source, m, weights, buf, out, apart):
 
     Negative weights go `apart` places further, to the second receptor; 0 where all go to one.
     """
-    height, width = row[CHANNEL_HEIGHT], row[CHANNEL_WIDTH]
-    maps, rows, columns = row[MAPS], row[ROWS], row[COLUMNS]
-    channel = source // (height * width)
-    y = source // width % height + row[PADDING]
-    x = source % width + row[PADDING]
+    width, sheet = row[CHANNEL_WIDTH], row[CHANNEL_HEIGHT] * row[CHANNEL_WIDTH]
+    maps, rows, columns, reach = row[MAPS], row[ROWS], row[COLUMNS], row[REACH]
+    inside = row[CHANNELS_INSIDE]
+    channel, pixel = (source % inside, source // inside) if inside > 0 else (source // sheet, source % sheet)
+    y, x = pixel // width + row[TOP], pixel % width + row[LEFT]
     stride = row[STRIDE]
+    first = channel // row[DEPTH] * reach  # of the maps that the channel reaches
+    channel = channel % row[DEPTH]
     for r in range(max(0, (y - row[KERNEL_HEIGHT]) // stride + 1), min(rows, y // stride + 1)):
         for c in range(max(0, (x - row[KERNEL_WIDTH]) // stride + 1), min(columns, x // stride + 1)):
             place = (channel * row[KERNEL_HEIGHT] + y - r * stride) * row[KERNEL_WIDTH] + x - c * stride
-            w = row[WEIGHT] + place * maps
-            o = out + (r * columns + c) * row[PLACE_STEP]
+            w = row[WEIGHT] + place * maps + first
+            o = out + (r * columns + c) * maps + first
             if apart != 0:
-                for k in range(maps):
+                for k in range(reach):
                     weight = weights[w + k] * m
-                    buf[o + k * row[MAP_STEP] + (apart if weight < 0.0 else 0)] += weight
-            elif row[MAP_STEP] == 1:
-                to, some = buf[o : o + maps], weights[w : w + maps]
+                    buf[o + k + (apart if weight < 0.0 else 0)] += weight
+            else:
+                to, some = buf[o : o + reach], weights[w : w + reach]
                 for k in range(some.size):
                     to[k] += some[k] * m
-            else:
-                for k in range(maps):
-                    buf[o + k * row[MAP_STEP]] += weights[w + k] * m
 
 
 @inner

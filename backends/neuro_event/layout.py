@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.model.neurons import Model, Neuron
-from neuro.program.program import Floats, Ints, Population, Program, Projection
+from neuro.program.program import Floats, Group, Ints, Population, Program, Projection
 from neuro_event import tables as t
 from neuro_event.models import NEURONS
 from neuro_event.operations import entry, generator_entry
@@ -53,20 +54,30 @@ class Place:
 
 def places(program: Program) -> list[Place]:
     """Lay the populations side by side."""
-    sources_of_grids = {p.source for p in program.projections if p.grid is not None}
     grids = {p.target: p.grid for p in program.projections if p.grid is not None}
     found, at = [], 0
     for index, population in enumerate(program.populations):
         outside = np.arange(population.size, dtype=np.int64)
         inside = None
         grid = grids.get(index)
-        if grid is not None and index not in sources_of_grids:
+        if grid is not None:
             outside = np.ascontiguousarray(outside.reshape(grid.maps, grid.rows * grid.columns).T).ravel()
             inside = np.empty_like(outside)
             inside[outside] = np.arange(population.size)
         found.append(Place(at, at + population.size, inside, outside))
         at += -(-population.size // WORD) * WORD
     return found
+
+
+def rivals(program: Program, group: Group, where: list[Place]) -> tuple[int, int]:
+    """How many neurons each of a group's rivalries has, and how far apart they lie inside; (0, 0) if all are one."""
+    axis, shape = group.rivals_along, program.populations[group.population].shape
+    if axis is None:
+        return 0, 0
+    inner = shape[axis + 1 :]
+    if where[group.population].inside is not None:  # the maps are innermost
+        inner = (*inner, shape[0]) if axis else ()
+    return shape[axis], math.prod(inner)
 
 
 def total(program: Program) -> int:
@@ -145,8 +156,7 @@ def synapses(program: Program, index: int, where: list[Place]) -> Synapses:
     permuted = source.inside is not None or target.inside is not None
     if p.layout == "grid":
         assert p.grid is not None
-        g = p.grid
-        k = np.arange(p.size, dtype=np.int64).reshape(g.maps, g.channels * g.kernel_height * g.kernel_width)
+        k = np.arange(p.size, dtype=np.int64).reshape(p.grid.maps, -1)
         return Synapses(t.GRID, _NO_INTS, _NO_TARGETS, np.ascontiguousarray(k.T).ravel())
     plain = not (permuted or own_delays(p) or learns_pairs(p))
     if plain and p.layout in ("dense", "one_to_one"):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.program.program import Floats, Ints
+from neuro.program.program import Floats, Grid, Ints
 from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
@@ -58,7 +58,7 @@ def add_projections(a: Arrays) -> None:
         else:
             row[t.LAG] = int(delay[0]) if delay.size else 1
         if p.grid is not None:
-            _grid_columns(row, p.grid, a.places[p.target].inside is not None)
+            _grid_columns(row, p.grid, a.places[p.source].inside is not None)
     a.net["projections"] = table
     a.net["rows"] = _joined(rows, np.int64)
     a.net["targets"] = _joined(targets, np.int32)
@@ -114,12 +114,12 @@ def set_buffer(a: Arrays, buf: Floats) -> None:
     a.net["bits"] = a.net["x"].view(np.int64)
 
 
-def _grid_columns(row: Ints, g: Any, permuted: bool) -> None:
+def _grid_columns(row: Ints, g: Grid, source_permuted: bool) -> None:
     row[t.CHANNEL_HEIGHT], row[t.CHANNEL_WIDTH] = g.height, g.width
     row[t.MAPS], row[t.ROWS], row[t.COLUMNS] = g.maps, g.rows, g.columns
-    row[t.KERNEL_HEIGHT], row[t.KERNEL_WIDTH] = g.kernel_height, g.kernel_width
-    row[t.STRIDE], row[t.PADDING] = g.stride, g.padding
-    row[t.MAP_STEP], row[t.PLACE_STEP] = (1, g.maps) if permuted else (g.rows * g.columns, 1)
+    row[t.DEPTH], row[t.KERNEL_HEIGHT], row[t.KERNEL_WIDTH] = g.kernels[1:]
+    row[t.STRIDE], row[t.TOP], row[t.LEFT], row[t.REACH] = g.stride, g.top, g.left, g.reach
+    row[t.CHANNELS_INSIDE] = g.channels if source_permuted else 0
 
 
 def _joined(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:

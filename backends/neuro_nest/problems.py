@@ -42,7 +42,8 @@ def _of_network(program: Program) -> Iterator[Problem]:
             f"resolution = {program.resolution:g} ms", "NEST's clock ticks in 0.001 ms", "use a multiple of it", None
         )
     for group in program.groups:
-        yield _refused(f"group '{group.name}'", "NEST has no winner-take-all", ELSEWHERE, group)
+        missing = "winner-take-all" if group.rivals_along is None else "lateral reset"
+        yield _refused(f"group '{group.name}'", f"NEST has no {missing}", ELSEWHERE, group)
     if program.trials is not None:
         yield _refused("trials", "NEST cannot drop what is under way", ELSEWHERE, program.trials)
     for probe in program.probes:

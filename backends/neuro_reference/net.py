@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from neuro.core import keyed_random
 from neuro.model.neurons import Neuron
-from neuro.program.program import Floats, Ints, Program
+from neuro.program.program import Floats, Group, Ints, Program
 from neuro_reference.cells import Cells
 from neuro_reference.pairs import Pairs
 from neuro_reference.record import Record
@@ -27,6 +27,7 @@ class Net:
         step: the last finished step.
         ids, multiplicity: what each population emitted in that step; it teaches and sets out when the next begins.
         potentials: the first state of each population in that step, before spikes reset it.
+        rivals: for each group a number of each neuron, the same for those of which one fires.
         closed: whether each group has decided.
         silenced: neurons of each population that must not fire.
         rules: numbers of the rules for trials, by projection.
@@ -47,6 +48,7 @@ class Net:
         self.rules = {i: w.part.synapse.vector() for i, w in enumerate(self.wires) if w.part.synapse.learns == "trials"}
         self.records = [Record(p.size, p.records) for p in program.populations]
         self.ties = [keyed_random.key(program.seed, "tie", group.name) for group in program.groups]
+        self.rivals = [rivals(program, group) for group in program.groups]
         self.silenced = [np.zeros(p.size, dtype=bool) for p in program.populations]
         self.trial_updates: Ints = np.zeros(len(self.wires), dtype=np.int64)
         self.potentials: list[Floats] = [c.states[:1].copy() for c in self.cells]
@@ -129,7 +131,7 @@ class Net:
         return np.zeros(cells.size, dtype=np.uint8)
 
     def _decide(self, index: int, reached: list[Counts], step: int) -> None:
-        """Of the candidates of a group leave the best, if it may still decide."""
+        """Of the candidates of a group leave the best among rivals, if it may still decide."""
         group = self.program.groups[index]
         cells = self.cells[group.population]
         candidates = np.flatnonzero((reached[group.population] > 0) & ~self.silenced[group.population])
@@ -138,12 +140,15 @@ class Net:
             return
         above = cells.states[0, candidates] - cells.constants[candidates, 0]
         drawn = keyed_random.uniform(self.ties[index], step, candidates)
-        best = candidates[np.lexsort((candidates, -drawn, -above))[0]]
+        order = candidates[np.lexsort((candidates, -drawn, -above))]
+        place = self.rivals[index]
+        best = order[np.unique(place[order], return_index=True)[1]]
         reached[group.population][best] = 1
         if group.first_to_fire:
             self.closed[index] = True
         else:
-            cells.fire(candidates[candidates != best])
+            lost = candidates if group.rivals_along is None else np.flatnonzero(np.isin(place, place[best]))
+            cells.fire(np.setdiff1d(lost, best))
 
     def _emit(self, index: int, step: int, reached: Counts, x: Floats, presented: Ints) -> None:
         """What one population emits; neurons that spike are reset."""
@@ -166,3 +171,12 @@ class Net:
         if self.cells[index].part.kind == "neuron":
             heard[self.ids[index]] = True
             record.active += int(heard.sum())
+
+
+def rivals(program: Program, group: Group) -> Ints:
+    """A number of each neuron of a group, the same for those of which one fires."""
+    part = program.populations[group.population]
+    if group.rivals_along is None:
+        return np.zeros(part.size, dtype=np.int64)
+    first = np.arange(part.size).reshape(part.shape).take([0], axis=group.rivals_along)
+    return np.broadcast_to(first, part.shape).ravel()

@@ -11,7 +11,7 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, nearest, unknown
 from neuro.model.network import Network
 from neuro.model.neurons import spike_generator
-from neuro.model.parts import Trials
+from neuro.model.parts import Trials, winner_take_all
 from neuro.model.parts import dropout as Dropout
 from neuro.model.parts import labels as Labels
 from neuro.model.parts import reward as Reward
@@ -94,7 +94,7 @@ def _output(net: Network, section: Trials) -> str:
         _refuse(net, f"labels of '{said['labels']}' but dropout of '{said['dropout']}': expected one population")
     if said:
         return str(next(iter(said.values())))
-    members = [group.choice.of for group in net.groups.values()]
+    members = [group.choice.of for group in net.groups.values() if isinstance(group.choice, winner_take_all)]
     if len(members) != 1:
         _refuse(net, f"{len(members)} winner_take_all groups and no labels: expected labels that name the output")
     return members[0]
@@ -102,7 +102,7 @@ def _output(net: Network, section: Trials) -> str:
 
 def _group(net: Network, output: str) -> int:
     for index, group in enumerate(net.groups.values()):
-        if group.choice.of == output:
+        if group.choice.of == output and isinstance(group.choice, winner_take_all):
             if not group.choice.first_to_fire:
                 _refuse(net, f"group '{group.name}' decides at each step: expected first_to_fire: true")
             return index

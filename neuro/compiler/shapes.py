@@ -49,6 +49,12 @@ def grid_of(part: Projection, shapes: Mapping[str, Shape]) -> Grid:
             where=part.origin,
             hint=f"give '{part.target}' the shape [maps, auto, auto]",
         )
+    if rule.depthwise and target[0] % channels:
+        raise ModelError(
+            f"projection '{part.name}': depthwise grid from {channels} channels onto {target[0]} maps of "
+            f"'{part.target}': expected a multiple of {channels}",
+            where=part.origin,
+        )
     return Grid(
         channels=channels,
         height=height,
@@ -59,8 +65,17 @@ def grid_of(part: Projection, shapes: Mapping[str, Shape]) -> Grid:
         kernel_height=rule.kernel[0],
         kernel_width=rule.kernel[1],
         stride=rule.stride,
-        padding=rule.padding,
+        top=_before(rule, 0, height),
+        left=_before(rule, 1, width),
+        depthwise=rule.depthwise,
     )
+
+
+def _before(rule: grid, axis: int, length: int) -> int:
+    """Lines of the border before the source."""
+    if isinstance(rule.padding, int):
+        return rule.padding
+    return max(0, (math.ceil(length / rule.stride) - 1) * rule.stride + rule.kernel[axis] - length) // 2
 
 
 def _shape(net: Network, name: str, known: dict[str, Shape], under_way: tuple[str, ...]) -> Shape:
@@ -106,6 +121,8 @@ def _sheet(part: Projection, source: Shape) -> Shape:
 def _outcome(part: Projection, height: int, width: int) -> tuple[int, int]:
     rule = part.rule
     assert isinstance(rule, grid)
+    if not isinstance(rule.padding, int):
+        return math.ceil(height / rule.stride), math.ceil(width / rule.stride)
     high, wide = (n + 2 * rule.padding for n in (height, width))
     if rule.kernel[0] > high or rule.kernel[1] > wide:
         raise ModelError(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER, Clock
 from neuro.model.network import Network
-from neuro.program.program import Floats, Population, Program, Projection, Trials
+from neuro.program.program import Floats, Group, Population, Program, Projection, Trials
 
 _LISTED = 8
 
@@ -106,13 +106,18 @@ def _rest(program: Program, clock: Clock) -> Iterator[tuple[str, str, str, str]]
     for signal in program.signals:
         yield "signal", signal.name, name[signal.target], "one value for each neuron"
     for group in program.groups:
-        what = "the first to fire" if group.first_to_fire else "the best of each step"
-        yield "group", group.name, name[group.population], f"winner_take_all: {what}"
+        yield "group", group.name, name[group.population], _group_text(group)
     for probe in program.probes:
         every = "" if probe.record == "spikes" else f" every {clock.ms(probe.every):g} ms"
         yield "probe", probe.name, name[probe.population], probe.record + every
     if program.trials is not None:
         yield "trials", "", name[program.trials.output], _trials_text(program.trials, name, clock)
+
+
+def _group_text(group: Group) -> str:
+    if group.rivals_along is not None:
+        return f"lateral_reset: a spike resets all along axis {group.rivals_along}"
+    return "winner_take_all: " + ("the first to fire" if group.first_to_fire else "the best of each step")
 
 
 def _trials_text(trials: Trials, name: list[str], clock: Clock) -> str:
@@ -131,7 +136,10 @@ def _lines(program: Program) -> Iterator[str]:
     for number, signal in enumerate(program.signals):
         yield f"signal {number} {signal.name}: to population {signal.target}"
     for number, group in enumerate(program.groups):
-        yield f"group {number} {group.name}: population {group.population}, first_to_fire {group.first_to_fire}"
+        kind = f"first_to_fire {group.first_to_fire}"
+        if group.rivals_along is not None:
+            kind = f"lateral_reset along axis {group.rivals_along}"
+        yield f"group {number} {group.name}: population {group.population}, {kind}"
     for number, probe in enumerate(program.probes):
         yield f"probe {number} {probe.name}: population {probe.population}, {probe.record}, every {probe.every} steps"
     if program.trials is not None:
@@ -159,7 +167,9 @@ def _projection_lines(number: int, part: Projection) -> Iterator[str]:
     if part.grid is not None:
         g = part.grid
         yield f"  from {g.channels} x {g.height} x {g.width} to {g.maps} x {g.rows} x {g.columns}"
-        yield f"  kernel {g.kernel_height} x {g.kernel_width}, stride {g.stride}, padding {g.padding}"
+        border = f"{g.top}" if g.top == g.left else f"{g.top} x {g.left}"
+        kind = ", depthwise" if g.depthwise else ""
+        yield f"  kernel {g.kernel_height} x {g.kernel_width}, stride {g.stride}, padding {border}{kind}"
     yield f"  weight = {summary(part.weight)}"
     yield f"  delay = {summary(part.delay)} steps"
     if part.receptor is not None:

@@ -14,6 +14,7 @@ from neuro.model.neurons import Model
 from neuro.model.parts import (
     DELAY,
     EVERY,
+    GROUPS,
     RECORD,
     RESOLUTION,
     SHAPE,
@@ -26,6 +27,7 @@ from neuro.model.parts import (
     Projection,
     Signal,
     Trials,
+    lateral_reset,
     winner_take_all,
 )
 from neuro.model.rules import Rule
@@ -130,9 +132,9 @@ class Network(Description):
         """Add a signal: one value per neuron of `to`, set while running by `sim.signal`."""
         return self._add(self.signals, Signal(name, self._name_of(to, f"signal '{name}'", "to"), self._where()))
 
-    def group(self, name: str, choice: winner_take_all) -> Group:
+    def group(self, name: str, choice: winner_take_all | lateral_reset) -> Group:
         """Add a group, e.g. `net.group("choice", neuro.winner_take_all(of="s2"))`."""
-        self._expect(choice, winner_take_all, f"group '{name}'", "a group such as neuro.winner_take_all(of='out')")
+        self._expect(choice, GROUPS, f"group '{name}'", "a group such as neuro.winner_take_all(of='out')")
         return self._add(self.groups, Group(name, choice, self._where()))
 
     def probe(self, name: str, of: Population | str, record: str = "spikes", *, every: float | None = None) -> Probe:
@@ -198,7 +200,7 @@ class Network(Description):
             raise unknown("population", name, self.populations, path=(role,)).at(self._where(), what)
         return name
 
-    def _expect(self, value: object, kind: type, what: str, expected: str) -> None:
+    def _expect(self, value: object, kind: type | tuple[type, ...], what: str, expected: str) -> None:
         if isinstance(value, type) and issubclass(value, kind):
             message, hint = f"{value.__name__} is a class", f"write {value.__name__}()"
         elif not isinstance(value, kind):

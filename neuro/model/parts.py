@@ -96,12 +96,31 @@ class winner_take_all(Choice):
     first_to_fire: bool = quantity(True, "", "decide once instead of at each step", kind="boolean")
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class lateral_reset(Choice):
+    """A spike resets all neurons along an axis: the first of them to fire silences the others for its time.
+
+    Neurons that differ in no coordinate but the one of `axis` are rivals. When some of them reach the threshold in a
+    step, the one with the largest V_m - V_th fires (a tie is drawn) and all others, wherever they stand, are reset as
+    if they had fired: to V_reset, refractory for their t_ref. They emit nothing.
+    Source: temporal winner-take-all of HFirst, Orchard et al., IEEE TPAMI 37:2028, 2015
+    """
+
+    kind: ClassVar[str] = "group"
+    of: str = quantity(doc="the population", kind="name")
+    axis: int = quantity(0, "", "axis of its shape along which neurons are rivals", kind="integer", at_least=0)
+
+
+GROUPS = (winner_take_all, lateral_reset)
+"""What a group can be."""
+
+
 @dataclass(frozen=True, eq=False)
 class Group(Part):
     """Neurons that act together."""
 
     word: ClassVar[str] = "group"
-    choice: winner_take_all
+    choice: winner_take_all | lateral_reset
     origin: Where | None = None
 
 

@@ -55,7 +55,12 @@ def drawn_for(population: Population) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Sizes of a shared-kernel projection: source (channels, height, width), target (maps, rows, columns)."""
+    """Sizes of a shared-kernel projection: source (channels, height, width), target (maps, rows, columns).
+
+    Attributes:
+        top, left: lines of the silent border above and left of the source; what it needs below and right follows.
+        depthwise: whether map m is reached from channel m // (maps / channels) only.
+    """
 
     channels: int
     height: int
@@ -66,7 +71,19 @@ class Grid:
     kernel_height: int
     kernel_width: int
     stride: int
-    padding: int
+    top: int
+    left: int
+    depthwise: bool
+
+    @property
+    def kernels(self) -> tuple[int, int, int, int]:
+        """Shape of the weights: maps, the channels that reach each, height and width."""
+        return self.maps, 1 if self.depthwise else self.channels, self.kernel_height, self.kernel_width
+
+    @property
+    def reach(self) -> int:
+        """Maps that a channel reaches."""
+        return self.maps // self.channels if self.depthwise else self.maps
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,11 +170,17 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """A winner-take-all population."""
+    """A winner-take-all population, or one in which a spike resets rivals.
+
+    Attributes:
+        first_to_fire: whether it decides once.
+        rivals_along: the axis along which a spike resets all others; None where one neuron of the population decides.
+    """
 
     name: str
     population: int
     first_to_fire: bool
+    rivals_along: int | None
     origin: Where | None
 
 
@@ -250,19 +273,12 @@ class Program:
 
 def _spelt_out(g: Grid) -> tuple[Ints, Ints, Ints]:
     """Source, target and weight of every synapse of a grid, sorted by source, then target."""
-    m, r, c, k, i, j = np.meshgrid(
-        np.arange(g.maps),
-        np.arange(g.rows),
-        np.arange(g.columns),
-        np.arange(g.channels),
-        np.arange(g.kernel_height),
-        np.arange(g.kernel_width),
-        indexing="ij",
-    )
-    y, x = r * g.stride + i - g.padding, c * g.stride + j - g.padding
+    maps, depth, height, width = g.kernels
+    m, r, c, k, i, j = np.indices((maps, g.rows, g.columns, depth, height, width))
+    y, x = r * g.stride + i - g.top, c * g.stride + j - g.left
     inside = (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
-    source = ((k * g.height + y) * g.width + x)[inside]
+    source = (((k + m // g.reach) * g.height + y) * g.width + x)[inside]
     target = ((m * g.rows + r) * g.columns + c)[inside]
-    slot = (((m * g.channels + k) * g.kernel_height + i) * g.kernel_width + j)[inside]
+    slot = (((m * depth + k) * height + i) * width + j)[inside]
     order = np.lexsort((target, source))
     return source[order], target[order], slot[order]
