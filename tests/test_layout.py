@@ -86,7 +86,9 @@ def test_no_circle():
         pytest.fail(" -> ".join(error.args[1]))
 
 
-@pytest.mark.parametrize("module", [name for name in MODULES if name.startswith(("neuro_drone", "neuro_remus"))])
+@pytest.mark.parametrize(
+    "module", [name for name in MODULES if name.startswith(("neuro_drone", "neuro_recognise", "neuro_remus"))]
+)
 def test_apps_use_public_names(module):
     for other, name in imports(module):
         if other.split(".")[0] == "neuro":

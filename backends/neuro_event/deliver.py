@@ -119,8 +119,8 @@ def csr_delayed(view, row, source_id, m, step, thread, receptors, mark, slots):
 
 
 @inner
-def grid_add(row, source, m, weights, buf, out, apart):
-    """A shared kernel, kept with the maps innermost: add it round one source neuron.
+def grid_add(row, source, m, weights, lo, hi, buf, out, apart, due, mark):
+    """A shared kernel, kept with the maps innermost: add it to those of lo:hi round one source, and mark their blocks.
 
     Negative weights go `apart` places further, to the second receptor; 0 where all go to one.
     """
@@ -130,19 +130,27 @@ def grid_add(row, source, m, weights, buf, out, apart):
     channel, pixel = (source % inside, source // inside) if inside > 0 else (source // sheet, source % sheet)
     y, x = pixel // width + row[TOP], pixel % width + row[LEFT]
     stride = row[STRIDE]
-    first = channel // row[DEPTH] * reach  # of the maps that the channel reaches
-    channel = channel % row[DEPTH]
+    first_map, channel = channel // row[DEPTH] * reach, channel % row[DEPTH]
+    first, last = max(0, (x - row[KERNEL_WIDTH]) // stride + 1), min(columns, x // stride + 1)
     for r in range(max(0, (y - row[KERNEL_HEIGHT]) // stride + 1), min(rows, y // stride + 1)):
-        for c in range(max(0, (x - row[KERNEL_WIDTH]) // stride + 1), min(columns, x // stride + 1)):
+        line = r * columns * maps + first_map
+        if mark >= 0:
+            begin, end = max(lo, line + first * maps), min(hi, line + (last - 1) * maps + reach)
+            if begin < end:
+                due[mark + (begin >> _BLOCK) : mark + ((end - 1) >> _BLOCK) + 1] = 1
+        for c in range(first, last):
             place = (channel * row[KERNEL_HEIGHT] + y - r * stride) * row[KERNEL_WIDTH] + x - c * stride
-            w = row[WEIGHT] + place * maps + first
-            o = out + (r * columns + c) * maps + first
+            target = line + c * maps
+            begin, end = max(lo, target), min(hi, target + reach)
+            if begin >= end:
+                continue
+            w = row[WEIGHT] + place * maps + first_map + begin - target
             if apart != 0:
-                for k in range(reach):
+                for k in range(end - begin):
                     weight = weights[w + k] * m
-                    buf[o + k + (apart if weight < 0.0 else 0)] += weight
+                    buf[out + begin + k + (apart if weight < 0.0 else 0)] += weight
             else:
-                to, some = buf[o : o + reach], weights[w : w + reach]
+                to, some = buf[out + begin : out + end], weights[w : w + end - begin]
                 for k in range(some.size):
                     to[k] += some[k] * m
 
@@ -188,9 +196,10 @@ def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between,
             if mark >= 0:
                 net.due[mark + (source_id >> _BLOCK)] = 1
     elif row[SIGN] == MIXED and receptors == 2:
-        grid_add(row, source_id, m, weights, buf, out, between)
+        grid_add(row, source_id, m, weights, lo, hi, buf, out, between, net.due, mark)
     else:
-        grid_add(row, source_id, m, weights, buf, out + (between if row[SIGN] == NEGATIVE and receptors == 2 else 0), 0)
+        o = out + (between if row[SIGN] == NEGATIVE and receptors == 2 else 0)
+        grid_add(row, source_id, m, weights, lo, hi, buf, o, 0, net.due, mark)
 
 
 @inner

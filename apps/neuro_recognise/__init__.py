@@ -1,0 +1,1 @@
+"""Recognition of objects with event cameras by published methods."""
