@@ -69,7 +69,8 @@ class HFirst:
     def gabors(self) -> npt.NDArray[np.float64]:
         """The filters, (orientations, field, field) in mV."""
         degrees = [180.0 * k / self.orientations for k in range(self.orientations)]
-        return self.norm * gabor_bank((self.field,), (self.sigma,), (self.wavelength,), self.gamma, degrees)[0]
+        bank = gabor_bank((self.field,), (self.sigma,), (self.wavelength,), self.gamma, degrees)
+        return np.asarray(self.norm * bank[0])
 
     def parameters(self, classes: int) -> dict[str, Any]:
         """Those of the network `hfirst`."""
