@@ -199,8 +199,10 @@ def test_readings():
     np.testing.assert_array_equal(scores(heard, "soft"), [0.25, 0.25, 0.5])
     np.testing.assert_array_equal(scores(heard, "potentials"), [1.0, 14.0, 5.0])
     assert [decide(heard, reading) for reading in ("hard", "soft", "potentials")] == [2, 2, 1]
+    even = heard._replace(spikes=Spikes(np.arange(2.0), np.array([0, 2])))
+    assert [decide(even, reading) for reading in ("hard", "soft", "potentials")] == [2, 2, 1]
     silent = heard._replace(spikes=Spikes(np.zeros(0), np.zeros(0, dtype=np.int64)))
-    assert [decide(silent, reading) for reading in ("hard", "soft", "potentials")] == [-1, -1, 1]
+    assert [decide(silent, reading) for reading in ("hard", "soft", "potentials")] == [1, 1, 1]
     with pytest.raises(neuro.ModelError, match=r"^reading = 'loud': expected one of hard, soft, potentials$"):
         decide(heard, "loud")
 

@@ -30,12 +30,16 @@ def scores(heard: Heard, reading: str = "hard") -> Floats:
 
 
 def decide(heard: Heard, reading: str = "hard") -> int:
-    """The class of a recording; of equal ones the first, -1 if S2 heard nothing or, read by spikes, sent none.
+    """The class of a recording, -1 if S2 heard nothing.
+
+    Of classes with equal scores, as all have if S2 is silent, the one with the largest summed potential is taken: the
+    authors' code takes the first.
 
     Args:
         heard: from `s2_heard`.
         reading: see `scores`.
     """
     found = scores(heard, reading)
-    silent = not len(heard.potentials) or (reading != "potentials" and not heard.spikes.ids.size)
-    return -1 if silent else int(found.argmax())
+    if not len(heard.potentials):
+        return -1
+    return int(np.lexsort((scores(heard, "potentials"), found))[-1])
