@@ -126,6 +126,10 @@ def compare(
         typer.Option("--method", metavar="NAME", help="Only this one, 'hats:poker' with settings; may be repeated."),
     ] = [],  # noqa: B006
     part: Part = "Train",
+    without: Annotated[
+        list[str],
+        typer.Option("--without", metavar="PATTERN", help="Leave out names like '*i.aedat'; may be repeated."),
+    ] = [],  # noqa: B006
     folds: Annotated[int, typer.Option("--folds", metavar="N", parser=folds, help="Each is tested once.")] = 5,
     seeds: Annotated[int, typer.Option("--seeds", metavar="N", parser=seeds, help="Folds and trainings anew.")] = 1,
     target: Target = TARGETS,
@@ -142,7 +146,7 @@ def compare(
     plan = Plan(contestants(method), folds, tuple(range(seeds)), tuple(target), out)
     try:
         with Bar() as bar:
-            found = side_by_side(_recordings(data, part), plan, bar.show)
+            found = side_by_side(_but(_recordings(data, part), without), plan, bar.show)
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on where it was", err=True)
         raise typer.Exit(130) from None
@@ -188,6 +192,14 @@ def show(
     report.describe(trained)
     if out is not None:
         report.write_pictures(trained, out)
+
+
+def _but(found: Recordings, patterns: list[str]) -> Recordings:
+    """The recordings whose names fit no pattern."""
+    from fnmatch import fnmatchcase
+
+    kept = [k for k, item in enumerate(found) if not any(fnmatchcase(item.name, pattern) for pattern in patterns)]
+    return found.take(kept)
 
 
 def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -> Recordings:

@@ -33,7 +33,7 @@ class Boe(Method):
     title = "bags of events"
     source = "Peng et al., IEEE TNNLS 28:791, 2017; thesis 6.1.3, eqs 117-118 (the printed sign of w is turned)"
     needs = "recognise"
-    presets = {"tar": {"cleaner": "tar"}}
+    presets = {"tar": {"cleaner": "tar"}, "poker": {"size": [35, 35]}}
 
     cleaner: Cleaner = part(Cleaner, Plain())
     segmenter: Segmenter = part(Segmenter, Msd())
