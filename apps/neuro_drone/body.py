@@ -8,10 +8,15 @@ from typing import Protocol
 from neuro_drone.geometry import Pose
 from neuro_drone.scenario import Drone
 
-__all__ = ["GRAVITY", "Body", "Kinematic"]
+__all__ = ["GRAVITY", "MASS", "Body", "Kinematic"]
 
 GRAVITY = 9.81
 """m/s^2."""
+
+MASS = 0.716
+"""Of the drone without a load, kg. Source: rotors_simulator, see `neuro_drone.bullet`."""
+
+CALM = (0.0, 0.0)
 
 
 class Body(Protocol):
@@ -38,6 +43,14 @@ class Body(Protocol):
             seconds: how long.
         """
 
+    def feel(self, wind: tuple[float, float], load: float) -> None:
+        """What acts on the body from now on, until it is told otherwise or reset.
+
+        Args:
+            wind: x and y in the world, m/s.
+            load: that it carries, kg.
+        """
+
     def close(self) -> None:
         """Give back what the body holds of the machine."""
 
@@ -49,15 +62,22 @@ class Kinematic:
     exactly for straight flight, so that it does not matter how time is cut; while the drone turns, the command is that
     of the heading halfway, an error of second order. The body leans as thrust must for the acceleration.
 
+    Wind accelerates it by drag times its speed. Nothing in the controller of velocity makes up for that (it has no
+    integral term), so that the velocity goes to the command plus lag times drag times the wind; the largest
+    acceleration is that of both together. The drag of the body's own flight is part of the lag. With a load the same
+    thrust does less: lag grows, and the largest acceleration falls, as the mass.
+
     Args:
-        drone: height, lag and largest acceleration.
+        drone: height, lag, largest acceleration and drag.
     """
 
     def __init__(self, drone: Drone) -> None:
         self.lag, self.a_max, self.height = drone.lag, drone.a_max, drone.height
+        self._drift = drone.lag * drone.drag
         self.pose = Pose(0.0, 0.0, drone.height)
         self.velocity = (0.0, 0.0)
         self.rate = 0.0
+        self.feel(CALM, 0.0)
 
     def reset(self, x: float, y: float, yaw: float, right: float = 0.0, forward: float = 0.0) -> None:
         """See `Body`."""
@@ -65,10 +85,16 @@ class Kinematic:
         pose.x, pose.y, pose.z, pose.yaw, pose.pitch, pose.roll = x, y, self.height, yaw, 0.0, 0.0
         self.velocity = (forward * c + right * s, forward * s - right * c)
         self.rate = 0.0
+        self.feel(CALM, 0.0)
+
+    def feel(self, wind: tuple[float, float], load: float) -> None:
+        """See `Body`."""
+        self.heavier = 1.0 + load / MASS
+        self.drift = self._drift * wind[0], self._drift * wind[1]
 
     def step(self, right: float, forward: float, turn: float, seconds: float) -> None:
         """See `Body`."""
-        pose, lag = self.pose, self.lag
+        pose, lag, a_max = self.pose, self.lag * self.heavier, self.a_max / self.heavier
         fall = exp(-seconds / lag)
         middle = pose.yaw
         if turn or self.rate:
@@ -78,22 +104,28 @@ class Kinematic:
             pose.yaw += -turn * seconds + behind * lag * (1.0 - fall)
             self.rate = behind * fall - turn
         c, s = cos(middle), sin(middle)
-        wx, wy = forward * c + right * s, forward * s - right * c
+        wx, wy = forward * c + right * s + self.drift[0], forward * s - right * c + self.drift[1]
         vx, vy = self.velocity
         ex, ey = wx - vx, wy - vy
         size = hypot(ex, ey)
         if size == 0.0:
             pose.x, pose.y = pose.x + vx * seconds, pose.y + vy * seconds
-            pose.pitch = pose.roll = 0.0
+            self._lean(0.0, 0.0, 0.0)
             return
-        left, gap = _towards(size, self.a_max, lag, seconds, fall)
+        left, gap = _towards(size, a_max, lag, seconds, fall)
         share, way = left / size, gap / size
         self.velocity = (wx - ex * share, wy - ey * share)
         pose.x += wx * seconds - ex * way
         pose.y += wy * seconds - ey * way
-        a = min(left / lag, self.a_max) / (size * GRAVITY)
+        self._lean(min(left / lag, a_max) / (size * GRAVITY), ex, ey)
+
+    def _lean(self, a: float, ex: float, ey: float) -> None:
+        """Take up the attitude in which thrust makes a times (ex, ey), in units of gravity, but for the wind's part."""
+        pose, blown = self.pose, 1.0 / (self.lag * self.heavier * GRAVITY)
+        bx, by = self.drift[0] * blown, self.drift[1] * blown
         c, s = cos(pose.yaw), sin(pose.yaw)
-        pose.pitch, pose.roll = atan(a * (ex * c + ey * s)), atan(a * (ex * s - ey * c))
+        pose.pitch = atan(a * (ex * c + ey * s) - (bx * c + by * s))
+        pose.roll = atan(a * (ex * s - ey * c) - (bx * s - by * c))
 
     def close(self) -> None:
         """See `Body`."""

@@ -9,7 +9,7 @@ from weakref import finalize
 
 from neuro import ModelError
 from neuro.apps import install
-from neuro_drone.body import GRAVITY, Kinematic
+from neuro_drone.body import CALM, GRAVITY, MASS, Kinematic
 from neuro_drone.geometry import Pose
 from neuro_drone.scenario import Drone
 
@@ -17,12 +17,11 @@ __all__ = ["Bullet"]
 
 Vector = tuple[float, float, float]
 
-MASS = 0.716
 INERTIA = (0.007, 0.007, 0.012)
 ARM = 0.17
 DRAG_TO_THRUST = 0.016
 MOST_THRUST = 8.54858e-06 * 838.0**2
-"""kg, kg m^2, m, m, N of one rotor: an AscTec Hummingbird.
+"""kg m^2, m, m, N of one rotor: an AscTec Hummingbird, as is `neuro_drone.body.MASS`.
 
 Source: rotors_simulator, rotors_description/urdf/hummingbird.xacro (body and four rotors; rotors in front, left, behind
 and right of the middle, those in front and behind turn clockwise).
@@ -42,8 +41,12 @@ class Bullet:
     missing in speed, never more than a_max. The thrust is turned there by an attitude controller of second order with
     critical damping, and the four rotors give what they can between 0 and their largest thrust. Height is held.
 
+    Wind is a force on the body, and a load is mass at its middle; the controller allows for neither. `Kinematic` drifts
+    in the wind as a proportional controller of velocity does, and here the thrust leaves that drift as it is; height,
+    held in proportion too, sinks with a load until the thrust is enough.
+
     Args:
-        drone: height, lag and largest acceleration.
+        drone: height, lag, largest acceleration and drag.
 
     Raises:
         ModelError: PyBullet is not installed.
@@ -55,6 +58,7 @@ class Bullet:
     def __init__(self, drone: Drone) -> None:
         self._p = _pybullet()
         self.a_max, self.height = drone.a_max, drone.height
+        self._drag, self._load = MASS * drone.drag, 0.0
         self.reference = Kinematic(drone)
         self.pose = Pose(0.0, 0.0, drone.height)
         self.velocity = (0.0, 0.0)
@@ -80,9 +84,23 @@ class Bullet:
         if not self._closed.alive:
             self._connect()
         self.reference.reset(x, y, yaw, right, forward)
+        self.feel(CALM, 0.0)
         level = (0.0, 0.0, sin(0.5 * yaw), cos(0.5 * yaw))
         self.pose.yaw = yaw
         self._put((x, y, self.height), level, (*self.reference.velocity, 0.0), (0.0, 0.0, 0.0))
+
+    def feel(self, wind: tuple[float, float], load: float) -> None:
+        """See `Body`."""
+        self.reference.feel(wind, load)
+        self._force = (self._drag * wind[0], self._drag * wind[1], 0.0)
+        if load != self._load:
+            self._load = load
+            self._weigh()
+
+    def _weigh(self) -> None:
+        """Give the body the mass that it has with its load."""
+        mass, at = MASS + self._load, {"physicsClientId": self._client}
+        self._p.changeDynamics(self._body, -1, mass=mass, localInertiaDiagonal=INERTIA, **at)
 
     def _put(self, place: Vector, turned: tuple[float, ...], velocity: Vector, spin: Vector) -> None:
         """Put the body at a place, turned by a quaternion, with its speeds."""
@@ -103,17 +121,24 @@ class Bullet:
             before, rate = self.reference.velocity, self.reference.rate
             self.reference.step(right, forward, turn, substep)
             after = self.reference.velocity
-            wanted = (after[0] - before[0]) / substep, (after[1] - before[1]) / substep
+            wanted = self._thrust_for((after[0] - before[0]) / substep, (after[1] - before[1]) / substep)
             thrust, torque = self._control(*wanted, (self.reference.rate - rate) / substep, before)
             p.applyExternalForce(self._body, -1, (0.0, 0.0, thrust), (0.0, 0.0, 0.0), p.LINK_FRAME, client)
             p.applyExternalTorque(self._body, -1, torque, p.LINK_FRAME, client)
+            p.applyExternalForce(self._body, -1, self._force, self._place, p.WORLD_FRAME, client)
             p.stepSimulation(client)
             self._read()
+
+    def _thrust_for(self, ax: float, ay: float) -> tuple[float, float]:
+        """What of the reference's acceleration is thrust's, for a body without load, m/s^2."""
+        heavier, (fx, fy, _) = self.reference.heavier, self._force
+        return ax * heavier - fx / MASS, ay * heavier - fy / MASS
 
     def __getstate__(self) -> dict[str, Any]:
         """For copies and for other processes: where the body is, since PyBullet's world itself cannot be copied."""
         place = (self._place, self._turned, (*self.velocity, self._climb), self._spin)
-        kept = {name: getattr(self, name) for name in ("a_max", "height", "reference", "pose", "velocity")}
+        names = ("a_max", "height", "reference", "pose", "velocity", "_drag", "_force", "_load")
+        kept = {name: getattr(self, name) for name in names}
         return kept | {"_there": place, "_open": self._closed.alive}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -122,6 +147,7 @@ class Bullet:
             if name not in ("_there", "_open"):
                 setattr(self, name, value)
         self._connect()
+        self._weigh()
         place, turned, velocity, spin = state["_there"]
         self._put(place, turned, velocity, spin)
         if not state["_open"]:

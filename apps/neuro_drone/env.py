@@ -23,6 +23,7 @@ from neuro_drone.line import LineTask
 from neuro_drone.scenario import Ball, Scenario, load, pair
 from neuro_drone.scene import Scene
 from neuro_drone.tasks import Judged, Task
+from neuro_drone.weather import Weather
 
 __all__ = ["ACTIONS", "DroneEnv"]
 
@@ -90,6 +91,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         else:
             self.task = LineTask(scenario.task, level, drone.height)
         self.body: Body = body_of(drone)
+        self.weather = Weather(scenario.wind, scenario.load)
         self.eye = Eye(scenario, seed=0)
         # what is judged is where the camera would look without its shake
         self._shakes = camera.shake > 0.0
@@ -114,7 +116,9 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         start, direction = _wishes(options or {}, self.task)
         x, y, yaw = self.task.reset(self.np_random, start or self.scenario.start, direction)
         self.body.reset(x, y, yaw, forward=self.task.forward)
-        self.eye.reset(int(self.np_random.integers(2**31)))
+        noise = int(self.np_random.integers(2**31))
+        self.eye.reset(noise)
+        self.weather.reset(noise)
         self._t_us, self._running = 0, True
         observation, info, _ = self._look(self.task.scene())
         return observation, info
@@ -124,7 +128,9 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         if not self._running:
             raise ModelError("step: no episode is under way: call reset first")
         a, b = self._commands(action)
-        drone, task = self.scenario.drone, self.task
+        drone, task, weather = self.scenario.drone, self.task, self.weather
+        weather.step(self._seconds)
+        self.body.feel(weather.wind, weather.load)
         if task.turns:
             self.body.step(a * drone.v_max, task.forward, b * drone.yaw_max, self._seconds)
         else:

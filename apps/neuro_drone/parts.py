@@ -7,7 +7,7 @@ from typing import Any
 
 from neuro.apps import Quantity, check_fields
 
-__all__ = ["Ball", "Camera", "Drone", "Ground", "Line", "Part", "one_of", "range_of"]
+__all__ = ["Ball", "Camera", "Drone", "Ground", "Line", "Load", "Part", "Wind", "one_of", "range_of"]
 
 
 def range_of(default: float, unit: str = "", **bounds: Any) -> Any:
@@ -134,8 +134,11 @@ class Drone(Part):
         yaw_max: rate of turning that an action of 1 asks for, rad/s.
         lag: time constant of the speed, s.
         a_max: largest acceleration, m/s^2.
+        drag: acceleration by a wind of 1 m/s, 1/s.
 
-    Source: thesis, figure 63 (2.4 m); the others are measured choices, see docs/how-to/drone.md.
+    Source: thesis, figure 63 (2.4 m); drag: Faessler, Franchi, Scaramuzza, "Differential flatness of quadrotor
+        dynamics subject to rotor drag", IEEE RA-L 3(2), 2018 (about 0.5 forward and 0.4 sideways); the others are
+        measured choices, see docs/how-to/drone.md.
     """
 
     _place = "drone"
@@ -146,3 +149,48 @@ class Drone(Part):
     yaw_max: float = range_of(0.8, above=0.0, at_most=10.0, unit="rad/s")
     lag: float = range_of(0.2, at_least=0.01, at_most=10.0, unit="s")
     a_max: float = range_of(3.0, above=0.0, at_most=30.0, unit="m/s^2")
+    drag: float = range_of(0.4, at_least=0.0, at_most=10.0, unit="1/s")
+
+
+@dataclass(frozen=True, slots=True)
+class Wind(Part):
+    """Level wind, the same everywhere.
+
+    Attributes:
+        speed: m/s, without gusts.
+        towards: where it blows to, degrees counter-clockwise from x.
+        turning: by how much that changes in a second, degrees/s, once it blows.
+        gust: standard deviation of what gusts add on each axis, m/s.
+        gust_time: time constant of the gusts, s.
+        since: when it begins to blow, s after the start of an episode.
+
+    Source: gusts are noise through a filter of first order, as the longitudinal ones of the Dryden spectra of
+        MIL-F-8785C, section 3.7, which for 3 m, the lowest that it tells of, and 5 m/s has 0.2 times the speed and
+        4.6 s.
+    """
+
+    _place = "wind"
+
+    speed: float = range_of(0.0, at_least=0.0, at_most=20.0, unit="m/s")
+    towards: float = range_of(90.0, at_least=-360.0, at_most=360.0, unit="degrees")
+    turning: float = range_of(0.0, at_least=-180.0, at_most=180.0, unit="degrees/s")
+    gust: float = range_of(0.0, at_least=0.0, at_most=10.0, unit="m/s")
+    gust_time: float = range_of(4.6, at_least=0.01, at_most=1000.0, unit="s")
+    since: float = range_of(0.0, at_least=0.0, at_most=100_000.0, unit="s")
+
+
+@dataclass(frozen=True, slots=True)
+class Load(Part):
+    """What the drone takes up, or drops, in flight; its controller goes on as if it had not.
+
+    Attributes:
+        mass: taken up, kg; negative where it is dropped. The drone has 0.716 kg.
+        since: when, s after the start of an episode.
+
+    Source: Ascending Technologies' data sheet of the Hummingbird has a largest load of 0.2 kg.
+    """
+
+    _place = "load"
+
+    mass: float = range_of(0.0, at_least=-0.5, at_most=1.0, unit="kg")
+    since: float = range_of(0.0, at_least=0.0, at_most=100_000.0, unit="s")

@@ -10,9 +10,9 @@ from typing import Any
 
 from neuro import ModelError
 from neuro.apps import Node, Quantity, Where, about, check, check_fields, mistake, plain, read, unknown, words
-from neuro_drone.parts import Ball, Camera, Drone, Ground, Line, Part, range_of
+from neuro_drone.parts import Ball, Camera, Drone, Ground, Line, Load, Part, Wind, range_of
 
-__all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Scenario", "load", "pair"]
+__all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Load", "Scenario", "Wind", "load", "pair"]
 
 FOLDER = Path(__file__).parent / "scenarios"
 NAMES = tuple(sorted(file.stem for file in FOLDER.glob("*.yaml")))
@@ -25,7 +25,7 @@ BULLET_A_MAX = 8.0
 SEED = Quantity(whole=True, at_least=0)
 ERROR = Quantity(at_least=-180, at_most=180)
 """Of an axis at the beginning, px or degrees."""
-PARTS: dict[str, type[Part]] = {"camera": Camera, "ground": Ground, "drone": Drone}
+PARTS: dict[str, type[Part]] = {"camera": Camera, "ground": Ground, "drone": Drone, "wind": Wind, "load": Load}
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Scenario:
         name: what it is called.
         step: between two actions, ms.
         task: what is followed.
-        camera, ground, drone: of the world.
+        camera, ground, drone, wind, load: of the world.
         light: factor on all brightness.
         start: error on both axes at the beginning of each episode, ball px and px, line px and degrees; None draws it.
         seed: of the first episode when `reset` is given none; None takes one from the machine.
@@ -51,6 +51,8 @@ class Scenario:
     camera: Camera = field(default_factory=Camera)
     ground: Ground = field(default_factory=Ground)
     drone: Drone = field(default_factory=Drone)
+    wind: Wind = field(default_factory=Wind)
+    load: Load = field(default_factory=Load)
     light: float = range_of(1.0, at_least=0.001, at_most=1000.0)
     start: tuple[float, float] | None = None
     seed: int | None = None
@@ -84,6 +86,14 @@ class Scenario:
                 f"drone.a_max = {self.drone.a_max:g}: expected at most {BULLET_A_MAX:g} m/s^2 with physics bullet, "
                 "whose rotors have no more to steer with",
                 path=("drone", "a_max"),
+            )
+        blown, wind = self.drone.drag * self.wind.speed, self.wind
+        most = min(self.drone.a_max, self.drone.v_max / self.drone.lag)
+        if blown > most:
+            raise ModelError(
+                f"wind.speed = {wind.speed:g}: it accelerates the drone by {blown:g} m/s^2, and the drone has at most "
+                f"{most:g} against it",
+                path=("wind", "speed"),
             )
         if isinstance(task, Ball) and 2.0 * task.radius >= self.drone.height:
             raise ModelError(
