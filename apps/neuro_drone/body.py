@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan, cos, exp, hypot, sin
+from math import atan, copysign, cos, exp, hypot, sin
 from typing import Protocol
 
 from neuro_drone.geometry import Pose
@@ -30,10 +30,15 @@ class Body(Protocol):
     pose: Pose
     velocity: tuple[float, float]
 
-    def reset(self, x: float, y: float, yaw: float, right: float = 0.0, forward: float = 0.0) -> None:
-        """Be at a place, m, with a heading, rad, level and with a velocity in the frame of the heading, m/s."""
+    def reset(
+        self, x: float, y: float, yaw: float, right: float = 0.0, forward: float = 0.0, z: float | None = None
+    ) -> None:
+        """Be at a place, m, with a heading, rad, level and with a velocity in the frame of the heading, m/s.
 
-    def step(self, right: float, forward: float, turn: float, seconds: float) -> None:
+        Without z it is at the drone's own height. There is no wind and no load.
+        """
+
+    def step(self, right: float, forward: float, turn: float, seconds: float, climb: float | None = None) -> None:
         """Follow a command for some time.
 
         Args:
@@ -41,6 +46,7 @@ class Body(Protocol):
             forward: velocity along the heading, m/s.
             turn: rate of turning clockwise seen from above, rad/s.
             seconds: how long.
+            climb: velocity upwards, m/s; None holds the height.
         """
 
     def feel(self, wind: tuple[float, float], load: float) -> None:
@@ -65,7 +71,8 @@ class Kinematic:
     Wind accelerates it by drag times its speed. Nothing in the controller of velocity makes up for that (it has no
     integral term), so that the velocity goes to the command plus lag times drag times the wind; the largest
     acceleration is that of both together. The drag of the body's own flight is part of the lag. With a load the same
-    thrust does less: lag grows, and the largest acceleration falls, as the mass.
+    thrust does less: lag grows, and the largest acceleration falls, as the mass; and a body that is told how to climb
+    sinks, as fast as the controller takes it to make up for the weight. One that holds its height holds it exactly.
 
     Args:
         drone: height, lag, largest acceleration and drag.
@@ -76,26 +83,37 @@ class Kinematic:
         self._drift = drone.lag * drone.drag
         self.pose = Pose(0.0, 0.0, drone.height)
         self.velocity = (0.0, 0.0)
-        self.rate = 0.0
+        self.rate = self.climb = 0.0
         self.feel(CALM, 0.0)
 
-    def reset(self, x: float, y: float, yaw: float, right: float = 0.0, forward: float = 0.0) -> None:
+    def reset(
+        self, x: float, y: float, yaw: float, right: float = 0.0, forward: float = 0.0, z: float | None = None
+    ) -> None:
         """See `Body`."""
         pose, c, s = self.pose, cos(yaw), sin(yaw)
         pose.x, pose.y, pose.z, pose.yaw, pose.pitch, pose.roll = x, y, self.height, yaw, 0.0, 0.0
+        if z is not None:
+            pose.z = z
         self.velocity = (forward * c + right * s, forward * s - right * c)
-        self.rate = 0.0
+        self.rate = self.climb = 0.0
         self.feel(CALM, 0.0)
 
     def feel(self, wind: tuple[float, float], load: float) -> None:
         """See `Body`."""
         self.heavier = 1.0 + load / MASS
         self.drift = self._drift * wind[0], self._drift * wind[1]
+        self.sink = self.lag * GRAVITY * (self.heavier - 1.0)
 
-    def step(self, right: float, forward: float, turn: float, seconds: float) -> None:
+    def step(self, right: float, forward: float, turn: float, seconds: float, climb: float | None = None) -> None:
         """See `Body`."""
         pose, lag, a_max = self.pose, self.lag * self.heavier, self.a_max / self.heavier
         fall = exp(-seconds / lag)
+        if climb is not None:
+            wanted = climb - self.sink
+            off = wanted - self.climb
+            left, gap = _towards(abs(off), a_max, lag, seconds, fall)
+            self.climb = wanted - copysign(left, off)
+            pose.z += wanted * seconds - copysign(gap, off)
         middle = pose.yaw
         if turn or self.rate:
             behind = self.rate + turn  # the rate is counter-clockwise, the command clockwise

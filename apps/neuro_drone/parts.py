@@ -33,15 +33,23 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Ball(Part):
-    """A ball that rolls round a closed Bezier curve through a star of four branches; the drone moves in x and y only.
+    """A ball that goes round a closed Bezier curve through a star of four branches; on the ground unless it rises.
 
     Attributes:
         lap: length of the curve, m.
         speed: of the ball, m/s.
         radius: m.
         brightness: share of full scale.
+        axes: 2, the drone moves in x and y only; or 3, it also climbs and sinks, to see the ball as tall as `tall`.
+        tall: of three axes: how tall the ball's picture shall be, px.
+        rise: how far it goes up slowly and comes down again, m.
+        rise_time: that takes so long, s.
+        bounce: how high it jumps, m; how long a jump takes follows from gravity.
+        swell: its radius grows and shrinks by this share.
+        swell_time: that takes so long, s.
 
-    Source: thesis, figure 63 (0.075 m/s) and section 7.3.7 (13 px in the picture, which sets the radius).
+    Source: thesis, figure 63 (0.075 m/s) and section 7.3.7 (13 px in the picture, which sets the radius; "to avoid
+        being too close or too far from the target").
     """
 
     _place = "task.ball"
@@ -50,6 +58,13 @@ class Ball(Part):
     speed: float = range_of(0.075, above=0.0, at_most=20.0, unit="m/s")
     radius: float = range_of(0.17, above=0.0, at_most=10.0, unit="m")
     brightness: float = range_of(0.2, at_least=0.0, at_most=1.0)
+    axes: int = range_of(2, at_least=2, at_most=3)
+    tall: float = range_of(13.0, at_least=2.0, at_most=64.0, unit="px")
+    rise: float = range_of(0.0, at_least=0.0, at_most=100.0, unit="m")
+    rise_time: float = range_of(20.0, at_least=0.1, at_most=10_000.0, unit="s")
+    bounce: float = range_of(0.0, at_least=0.0, at_most=10.0, unit="m")
+    swell: float = range_of(0.0, at_least=0.0, at_most=0.9)
+    swell_time: float = range_of(20.0, at_least=0.1, at_most=10_000.0, unit="s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +146,9 @@ class Drone(Part):
         physics: kinematic or bullet.
         height: above the ground, m.
         v_max: speed that an action of 1 asks for, m/s.
+        climb_max: speed upwards that an action of 1 asks for, m/s.
         yaw_max: rate of turning that an action of 1 asks for, rad/s.
+        spin: over a ball, rate at which it is turned anticlockwise whatever the actions, rad/s.
         lag: time constant of the speed, s.
         a_max: largest acceleration, m/s^2.
         drag: acceleration by a wind of 1 m/s, 1/s.
@@ -146,7 +163,9 @@ class Drone(Part):
     physics: str = one_of("kinematic", "kinematic", "bullet")
     height: float = range_of(2.4, above=0.0, at_most=1000.0, unit="m")
     v_max: float = range_of(2.0, above=0.0, at_most=20.0, unit="m/s")
+    climb_max: float = range_of(1.0, above=0.0, at_most=20.0, unit="m/s")
     yaw_max: float = range_of(0.8, above=0.0, at_most=10.0, unit="rad/s")
+    spin: float = range_of(0.0, at_least=-3.0, at_most=3.0, unit="rad/s")
     lag: float = range_of(0.2, at_least=0.01, at_most=10.0, unit="s")
     a_max: float = range_of(3.0, above=0.0, at_most=30.0, unit="m/s^2")
     drag: float = range_of(0.4, at_least=0.0, at_most=10.0, unit="1/s")
