@@ -65,6 +65,13 @@ CASES = {
         "B60",
         {"wind": {"speed": 5, "towards": 0, "turning": 3, "gust": 1, "since": SINCE}},
     ),
+    "load": Case(
+        "0.2 kg taken up at 40 s by a drone of 0.716 kg that climbs",
+        "B60-height",
+        {"load": {"mass": 0.2, "since": SINCE}},
+        axis=2,
+        unit="px of the ball's height",
+    ),
 }
 
 
@@ -115,20 +122,20 @@ def flown(case: Case, pilot: Callable[[], Controller], learns: float) -> Floats:
 
 
 def one_lap(env: DroneEnv, case: Case, controller: Controller, start: Start, index: int, learns: float) -> Floats:
-    """The error after each step of a lap; not a number once the target is lost."""
+    """The error after each step of a lap; once the target is lost it stays as it was."""
     info = begin(env, start, index)
     controller.begin()
     seconds = env.scenario.step / 1000.0
     steps = round(env.scenario.task.lap / env.scenario.task.speed / seconds)
-    track = np.full(steps, np.nan)
-    lost = over = False
+    track, lost = np.zeros(steps), False
     for step in range(steps):
-        if lost or over:
+        if lost:
+            track[step:] = track[step - 1]
             break
         if learns and step == round(min(learns, 1e6) / seconds):
             controller = controller.frozen()
             controller.begin()
-        _, _, lost, over, info = env.step(controller.act(info["counts"], info))
+        _, _, lost, _, info = env.step(controller.act(info["counts"], info))
         controller.learn(info)
         track[step] = info["error_px"] if case.axis is None else abs(info["error"][case.axis])
     return track

@@ -107,11 +107,11 @@ class Scenario:
         """Refuse a ball that reaches the height of the drone."""
         top = 2.0 * ball.radius * (1.0 + ball.swell) + ball.rise + ball.bounce
         if top >= self.drone.height:
-            word, reaches = ("radius", "") if top == 2.0 * ball.radius else ("rise", f", which reaches {top:g} m")
+            reaches = f": it reaches {top:g} m" if top > 2.0 * ball.radius else ""
             raise ModelError(
-                f"task.ball.{word} = {getattr(ball, word):g}: expected a ball below the drone{reaches}, whose height "
-                f"is {self.drone.height:g} m",
-                path=("task", "ball", word),
+                f"task.ball.radius = {ball.radius:g}: expected a ball below the drone, whose height is "
+                f"{self.drone.height:g} m{reaches}",
+                path=("task", "ball", "radius"),
             )
 
     @property
