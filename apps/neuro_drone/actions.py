@@ -36,15 +36,13 @@ def continuous(action: Any, axes: int = 2) -> Commands:
     Raises:
         ModelError: not so many finite numbers.
     """
-    expected = f"expected {COUNTS[axes]} numbers in [-1, 1]"
     try:
         said = [float(one) for one in (action.tolist() if isinstance(action, np.ndarray) else action)]
     except (TypeError, ValueError):
         said = []
-    if len(said) != axes:
-        raise ModelError(f"action {_shown(action)}: {expected}")
-    if not all(map(isfinite, said)):
-        raise ModelError(f"action [{', '.join(f'{one:g}' for one in said)}]: {expected}")
+    if len(said) != axes or not all(map(isfinite, said)):
+        shown = f"[{', '.join(f'{one:g}' for one in said)}]" if len(said) == axes else _shown(action)
+        raise ModelError(f"action {shown}: expected {COUNTS[axes]} numbers in [-1, 1]")
     return tuple([max(-1.0, min(1.0, one)) for one in said])
 
 

@@ -43,7 +43,8 @@ class BallTask:
     - after the first tenth the aim was, on average, at most 3/4 as far from the ball as that of a camera that stands
       over the middle of the star,
     - of three axes: the ball's picture was, after the first tenth, on average at most 15 % taller or less tall than
-      wanted. It is also lost where it is twice as tall, or half.
+      wanted. It is also lost where it is twice as tall, or half; the reward is the mean of that of the place and that
+      of the size.
 
     So a camera that stands still does not score, wherever it is (the third), nor does one that flies at a pace of its
     own: on average over the ball's places it is never nearer than one in the middle (the last). What keeps the ball's
@@ -147,30 +148,25 @@ class BallTask:
         if aim is None:
             aim = inf, inf
         self._aims.append((self.way, *aim))
-        scaled = (max(-1.0, min(1.0, du / 64.0)), max(-1.0, min(1.0, dv / 64.0)))
-        judged = Judged((u, v), (du, dv), scaled, error, 1.0 - error / E_MAX, min(progress, 1.0), lost, False, False)
+        errors: tuple[float, ...] = (du, dv)
+        scaled: tuple[float, ...] = (max(-1.0, min(1.0, du / 64.0)), max(-1.0, min(1.0, dv / 64.0)))
+        reward = 1.0 - error / E_MAX
         if self.ball.axes == 3:
-            judged = self._with_size(judged, view)
+            tall, wanted = view.tall(*self._place), self.ball.tall
+            off = min(tall, TALLEST * wanted) - wanted
+            errors, scaled = (du, dv, off), (*scaled, off / wanted)
+            reward = 0.5 * (reward + 1.0 - abs(off) / wanted)
+            lost = lost or not self._right_size(tall)
         if progress > 0.1:
             self._sum += error
             self._away += hypot(aim[0] - x, aim[1] - y)
-            self._off += abs(judged.scaled[-1])
+            self._off += abs(scaled[-1])
             self._count += 1
         done = progress >= 1.0 - 1e-9
-        lap = done and not judged.lost and self._follows()
-        return judged._replace(reward=0.0 if judged.lost else judged.reward, done=done, lap=lap)
-
-    def _with_size(self, judged: Judged, view: View) -> Judged:
-        """What is judged of three axes: the reward is the mean of that of the place and that of the size."""
-        tall, wanted = view.tall(*self._place), self.ball.tall
-        off = min(tall, TALLEST * wanted) - wanted
-        reward = 0.5 * (judged.reward + 1.0 - abs(off) / wanted)
-        return judged._replace(
-            error=(*judged.error, off),
-            scaled=(*judged.scaled, off / wanted),
-            reward=reward,
-            lost=judged.lost or not self._right_size(tall),
-        )
+        lap = done and not lost and self._follows()
+        if lost:
+            reward = 0.0
+        return Judged((u, v), errors, scaled, error, reward, min(progress, 1.0), lost, done, lap)
 
     def _follows(self) -> bool:
         near = self._away <= NEARER * self._standing * self._count

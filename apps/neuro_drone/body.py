@@ -6,15 +6,9 @@ from math import atan, copysign, cos, exp, hypot, sin
 from typing import Protocol
 
 from neuro_drone.geometry import Pose
-from neuro_drone.scenario import Drone
+from neuro_drone.parts import GRAVITY, MASS, Drone
 
 __all__ = ["GRAVITY", "MASS", "Body", "Kinematic"]
-
-GRAVITY = 9.81
-"""m/s^2."""
-
-MASS = 0.716
-"""Of the drone without a load, kg. Source: rotors_simulator, see `neuro_drone.bullet`."""
 
 CALM = (0.0, 0.0)
 

@@ -9,9 +9,9 @@ from weakref import finalize
 
 from neuro import ModelError
 from neuro.apps import install
-from neuro_drone.body import CALM, GRAVITY, MASS, Kinematic
+from neuro_drone.body import CALM, Kinematic
 from neuro_drone.geometry import Pose
-from neuro_drone.scenario import Drone
+from neuro_drone.parts import GRAVITY, MASS, Drone
 
 __all__ = ["Bullet"]
 
@@ -21,7 +21,7 @@ INERTIA = (0.007, 0.007, 0.012)
 ARM = 0.17
 DRAG_TO_THRUST = 0.016
 MOST_THRUST = 8.54858e-06 * 838.0**2
-"""kg m^2, m, m, N of one rotor: an AscTec Hummingbird, as is `neuro_drone.body.MASS`.
+"""kg m^2, m, m, N of one rotor: an AscTec Hummingbird, as is `neuro_drone.parts.MASS`.
 
 Source: rotors_simulator, rotors_description/urdf/hummingbird.xacro (body and four rotors; rotors in front, left, behind
 and right of the middle, those in front and behind turn clockwise).

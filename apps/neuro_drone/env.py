@@ -131,8 +131,9 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             raise ModelError("step: no episode is under way: call reset first")
         a, b, *up = self._commands(action)
         drone, task, weather = self.scenario.drone, self.task, self.weather
-        weather.step(self._seconds)
-        self.body.feel(weather.wind, weather.load)
+        if not weather.still:
+            weather.step(self._seconds)
+            self.body.feel(weather.wind, weather.load)
         if task.turns:
             self.body.step(a * drone.v_max, task.forward, b * drone.yaw_max, self._seconds)
         else:

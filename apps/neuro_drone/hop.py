@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from math import cos, pi, sin, sqrt
 
-from neuro_drone.body import GRAVITY
-from neuro_drone.parts import Ball
+from neuro_drone.parts import GRAVITY, Ball
 
 __all__ = ["hop"]
 

@@ -7,7 +7,13 @@ from typing import Any
 
 from neuro.apps import Quantity, check_fields
 
-__all__ = ["Ball", "Camera", "Drone", "Ground", "Line", "Load", "Part", "Wind", "one_of", "range_of"]
+__all__ = ["GRAVITY", "MASS", "Ball", "Camera", "Drone", "Ground", "Line", "Load", "Part", "Wind", "one_of", "range_of"]
+
+GRAVITY = 9.81
+"""m/s^2."""
+
+MASS = 0.716
+"""Of the drone without a load, kg. Source: rotors_simulator, see `neuro_drone.bullet`."""
 
 
 def range_of(default: float, unit: str = "", **bounds: Any) -> Any:

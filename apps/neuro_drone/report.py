@@ -146,10 +146,29 @@ def list_scenarios() -> None:
         size = f"lap {task.lap:g} m" if isinstance(task, Ball) else f"sides {task.side:g} m"
         ground = f"texture {world.ground.texture:g}" if world.ground.texture else "plain"
         shake = f"{world.camera.shake:g}" if world.camera.shake else "-"
-        row = (name, world.kind, f"{world.step:g}", f"{world.camera.tilt:g}", size, f"{task.speed:g}", ground, shake)
-        rows.append((*row, world.drone.physics))
-    columns = ("name", "task", ">step, ms", ">tilt, degrees", ">size", ">speed, m/s", "ground", ">shake", "physics")
-    console().print(table(columns, rows))
+        row = (
+            name,
+            world.kind,
+            str(world.axes),
+            f"{world.step:g}",
+            f"{world.camera.tilt:g}",
+            size,
+            f"{task.speed:g}",
+            ground,
+            shake,
+        )
+        rows.append((*row, in_flight(world), world.drone.physics))
+    columns = ("name", "task", ">axes", ">step, ms", ">tilt, degrees", ">size", ">speed, m/s", "ground", ">shake")
+    console().print(table((*columns, "in flight", "physics"), rows))
+
+
+def in_flight(world: Scenario) -> str:
+    """What changes during a lap, by the scenario's words."""
+    there: dict[str, float] = {"wind": world.wind.speed or world.wind.gust, "load": world.load.mass}
+    there["spin"] = world.drone.spin
+    if isinstance(world.task, Ball):
+        there |= {word: getattr(world.task, word) for word in ("rise", "bounce", "swell")}
+    return ", ".join(word for word, value in there.items() if value) or "-"
 
 
 def list_controllers() -> None:

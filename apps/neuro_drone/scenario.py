@@ -10,7 +10,7 @@ from typing import Any
 
 from neuro import ModelError
 from neuro.apps import Node, Quantity, Where, about, check, check_fields, mistake, plain, read, unknown, words
-from neuro_drone.parts import Ball, Camera, Drone, Ground, Line, Load, Part, Wind, range_of
+from neuro_drone.parts import GRAVITY, MASS, Ball, Camera, Drone, Ground, Line, Load, Part, Wind, range_of
 
 __all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Load", "Scenario", "Wind", "errors", "load"]
 
@@ -98,6 +98,7 @@ class Scenario:
             )
         if isinstance(task, Ball):
             self._below(task)
+            self._carried(task)
         elif self.drone.spin:
             raise ModelError(
                 f"drone.spin = {self.drone.spin:g}: expected 0 along a line, where actions turn", path=("drone", "spin")
@@ -112,6 +113,16 @@ class Scenario:
                 f"task.ball.radius = {ball.radius:g}: expected a ball below the drone, whose height is "
                 f"{self.drone.height:g} m{reaches}",
                 path=("task", "ball", "radius"),
+            )
+
+    def _carried(self, ball: Ball) -> None:
+        """Refuse a load with which a drone that climbs cannot keep its height."""
+        sinks = self.drone.lag * GRAVITY * abs(self.load.mass) / MASS
+        if ball.axes == 3 and sinks > self.drone.climb_max:
+            raise ModelError(
+                f"load.mass = {self.load.mass:g}: the drone sinks or rises by {sinks:.3g} m/s, and climb_max is "
+                f"{self.drone.climb_max:g}",
+                path=("load", "mass"),
             )
 
     @property

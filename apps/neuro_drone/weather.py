@@ -25,12 +25,14 @@ class Weather:
         load: of the scenario.
 
     Attributes:
+        still: whether nothing ever changes.
         wind: x and y in the world, m/s, of the step that was begun last.
         load: kg, of that step.
     """
 
     def __init__(self, wind: Wind, load: Load) -> None:
         self._wind, self._load = wind, load
+        self.still = not (wind.speed or wind.gust or load.mass)
         self.reset(0)
 
     def reset(self, seed: int) -> None:

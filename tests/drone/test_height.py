@@ -9,13 +9,14 @@ from hypothesis import strategies as st
 
 from neuro import ModelError
 from neuro_drone.actions import ACTIONS
-from neuro_drone.body import GRAVITY, MASS, Kinematic
+from neuro_drone.body import GRAVITY, Kinematic
 from neuro_drone.bullet import Bullet
 from neuro_drone.controllers import make
 from neuro_drone.controllers.fields import pattern
 from neuro_drone.env import DroneEnv
 from neuro_drone.evaluate import Start, begin, fly_lap, grid, try_out
 from neuro_drone.geometry import Pose, View
+from neuro_drone.parts import MASS
 from neuro_drone.pictures import weight_maps
 from neuro_drone.report import axes
 from neuro_drone.scenario import Drone, load

@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from neuro import ModelError
-from neuro_drone.body import GRAVITY, MASS, Kinematic
+from neuro_drone.body import GRAVITY, Kinematic
 from neuro_drone.bullet import HEIGHT_GAINS, Bullet
 from neuro_drone.env import DroneEnv
+from neuro_drone.parts import MASS
 from neuro_drone.scenario import Drone, Load, Wind, load
 from neuro_drone.weather import Weather
 
@@ -139,3 +140,10 @@ def test_wind_that_is_too_strong():
     assert str(error.value) == (
         "wind.speed = 8: it accelerates the drone by 3.2 m/s^2, and the drone has at most 3 against it"
     )
+
+
+def test_a_load_that_is_too_heavy():
+    assert load("B60", load={"mass": 0.5}).load.mass == 0.5  # it holds its height
+    with pytest.raises(ModelError) as error:
+        load("B60-height", load={"mass": 0.5})
+    assert str(error.value) == "load.mass = 0.5: the drone sinks or rises by 1.37 m/s, and climb_max is 1"

@@ -67,5 +67,5 @@ def pattern(scenario: Scenario, shape: str) -> npt.NDArray[np.float64]:
     axes = [RIGHT, second]
     if scenario.axes == 3 and isinstance(scenario.task, Ball):
         axes.append(AWAY - 0.5 * scenario.task.tall / UNIT)
-    all_ = np.stack([one.ravel() for one in axes], axis=1)
-    return np.sign(all_) if shape == "sign" else all_ / np.abs(all_).max(axis=0)
+    wished = np.stack([one.ravel() for one in axes], axis=1)
+    return np.sign(wished) if shape == "sign" else wished / np.abs(wished).max(axis=0)

@@ -25,7 +25,7 @@ __all__ = ["Spiking", "SpikingSettings"]
 Floats = npt.NDArray[np.float64]
 CELLS, MOTORS = "cells", "motors"
 WAY = "a larger eta and a shorter tau_c let the network learn there"
-SIDES = np.array((1.0, -1.0))  # of each axis: the positive motor, the negative one
+SIDES = (1.0, -1.0)  # of each axis: the positive motor, the negative one
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,8 @@ class Spiking:
         self.sim = _compile(run, settings, seed)
         if settings.start != "equal":
             self._start_from(pattern(scenario, settings.start))
-        self._factor = each_axis("gain", settings.gain, scenario.axes) / _most_spikes(net, scenario.step)
+        gains = each_axis("gain", settings.gain, scenario.axes)
+        self._factor = (gains / _most_spikes(net, scenario.step)).tolist()
 
     def _start_from(self, wished: Floats) -> None:
         name = f"{CELLS}_{MOTORS}"
@@ -127,14 +128,16 @@ class Spiking:
         sim.run(self._scenario.step)
         ids = sim.spikes(MOTORS, since=begin)[1]
         sim.forget(before=sim.time)
-        fired = np.bincount(ids, minlength=2 * self._scenario.axes)
-        return np.clip(self._factor * (fired[0::2] - fired[1::2]), -1.0, 1.0)
+        fired = np.bincount(ids, minlength=2 * self._scenario.axes).tolist()
+        pairs = zip(self._factor, fired[0::2], fired[1::2], strict=True)
+        return np.array([max(-1.0, min(1.0, factor * (a - b))) for factor, a, b in pairs])
 
     def learn(self, info: Mapping[str, Any]) -> None:
         """Set the dopamine of the next step."""
         if self._signals:
             eta = self._settings.eta / (1.0 + self.sim.time / self._settings.settle)
-            dopamine = np.outer(eta * info["supervised_error"], SIDES).ravel()
+            errors = info["supervised_error"].tolist()
+            dopamine = np.array([side * eta * error for error in errors for side in SIDES])
             for name in self._signals:
                 self.sim.signal(name, dopamine)
 
