@@ -108,8 +108,8 @@ CASES = {
 }
 
 
-def flown(case: Case, pilot: Callable[[], Controller], learns: float) -> Floats:
-    """The error after each step, mean of all starts.
+def flown(case: Case, pilot: Callable[[], Controller], learns: float) -> dict[str, Any]:
+    """The error after each step, mean of all starts, and from how many the ball was lost.
 
     Args:
         case: the change.
@@ -117,13 +117,15 @@ def flown(case: Case, pilot: Callable[[], Controller], learns: float) -> Floats:
         learns: until when, s.
     """
     env = DroneEnv(load(case.world, **case.change))
-    tracks = [one_lap(env, case, pilot(), start, index, learns) for index, start in enumerate(STARTS)]
+    laps = [one_lap(env, case, pilot(), start, index, learns) for index, start in enumerate(STARTS)]
     env.close()
-    return np.mean(tracks, axis=0)
+    return {"error": np.mean([track for track, _ in laps], axis=0).tolist(), "lost": sum(lost for _, lost in laps)}
 
 
-def one_lap(env: DroneEnv, case: Case, controller: Controller, start: Start, index: int, learns: float) -> Floats:
-    """The error after each step of a lap; once the target is lost it stays as it was."""
+def one_lap(
+    env: DroneEnv, case: Case, controller: Controller, start: Start, index: int, learns: float
+) -> tuple[Floats, bool]:
+    """The error after each step of a lap, and whether the ball was lost: from then on the error stays as it was."""
     info = begin(env, start, index)
     controller.begin()
     seconds = env.scenario.step / 1000.0
@@ -139,15 +141,15 @@ def one_lap(env: DroneEnv, case: Case, controller: Controller, start: Start, ind
         _, _, lost, _, info = env.step(controller.act(info["counts"], info))
         controller.learn(info)
         track[step] = info["error_px"] if case.axis is None else abs(info["error"][case.axis])
-    return track
+    return track, lost
 
 
-def measured(name: str, seed: int, folder: Path) -> dict[str, list[float]]:
+def measured(name: str, seed: int, folder: Path) -> dict[str, dict[str, Any]]:
     """Errors along time of all ways with a seed; flown if the file is not there."""
     case, file = CASES[name], folder / f"{name} {seed}.json"
     if file.exists():
         return json.loads(file.read_text())
-    told: dict[str, list[float]] = {}
+    told: dict[str, dict[str, Any]] = {}
     for way in case.ways:
         if way.trained:
             out = folder / f"{case.world} {way.trained} {seed}.h5"
@@ -157,8 +159,8 @@ def measured(name: str, seed: int, folder: Path) -> dict[str, list[float]]:
             pilot = bound(way.controller, case)
         else:
             continue
-        told[way.name] = flown(case, pilot, way.learns).tolist()
-        print(name, seed, way.name, f"{np.mean(told[way.name][-600:]):.2f}", flush=True)
+        told[way.name] = flown(case, pilot, way.learns)
+        print(name, seed, way.name, f"{told[way.name]['error'][-1]:.2f}", told[way.name]["lost"], flush=True)
     unfinished = file.with_suffix(".part")
     unfinished.write_text(json.dumps(told))
     unfinished.replace(file)
@@ -176,17 +178,26 @@ def bound(name: str, case: Case) -> Callable[[], Controller]:
     return lambda: make(name, load(case.world, **case.change))
 
 
-def table(found: Mapping[str, Mapping[str, Floats]]) -> str:
+Runs = list[dict[str, Any]]
+"""What `measured` has of a way, of each seed."""
+
+
+def table(found: Mapping[str, Mapping[str, Runs]]) -> str:
     """Mean errors in each phase, mean and standard deviation over seeds, Markdown."""
-    lines = [f"| change | way | {' | '.join(PHASES)} |", "| --- " * (2 + len(PHASES)) + "|"]
+    lines = [f"| change | way | {' | '.join(PHASES)} | lost |", "| --- " * (3 + len(PHASES)) + "|"]
     for name, ways in found.items():
-        for way, tracks in ways.items():
-            seconds = load(CASES[name].world).step / 1000.0
-            cells = [
-                spread(tracks[:, round(a / seconds) : round(b / seconds)].mean(axis=1)) for a, b in PHASES.values()
-            ]
+        rate = 1000.0 / load(CASES[name].world).step
+        for way, runs in ways.items():
+            tracks = errors(runs)
+            cells = [spread(tracks[:, round(a * rate) : round(b * rate)].mean(axis=1)) for a, b in PHASES.values()]
+            cells.append(f"{sum(run['lost'] for run in runs)} of {len(STARTS) * len(runs)}")
             lines.append(f"| {CASES[name].title}, {CASES[name].unit} | {way} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
+
+
+def errors(runs: Runs) -> Floats:
+    """Errors along time, (seeds, steps)."""
+    return np.array([run["error"] for run in runs])
 
 
 def spread(values: Floats) -> str:
@@ -194,7 +205,7 @@ def spread(values: Floats) -> str:
     return f"{values.mean():.2f}" + (f" ± {values.std(ddof=1):.2f}" if len(values) > 1 else "")
 
 
-def figure(found: Mapping[str, Mapping[str, Floats]], file: Path) -> None:
+def figure(found: Mapping[str, Mapping[str, Runs]], file: Path) -> None:
     """Error over time, a panel for each change."""
     from matplotlib.figure import Figure
 
@@ -204,7 +215,9 @@ def figure(found: Mapping[str, Mapping[str, Floats]], file: Path) -> None:
         case = CASES[name]
         seconds = load(case.world).step / 1000.0
         for way in NETWORK:
-            tracks = np.array([np.convolve(one, np.full(SMOOTH, 1.0 / SMOOTH), "valid") for one in ways[way.name]])
+            tracks = np.array(
+                [np.convolve(one, np.full(SMOOTH, 1.0 / SMOOTH), "valid") for one in errors(ways[way.name])]
+            )
             time = (np.arange(tracks.shape[1]) + SMOOTH) * seconds
             mean, sd = tracks.mean(axis=0), tracks.std(axis=0, ddof=1) if len(tracks) > 1 else 0.0
             axes.fill_between(time, mean - sd, mean + sd, color=way.colour, alpha=0.2, lw=0)
@@ -229,7 +242,7 @@ def main() -> None:
     options.add_argument("--cases", choices=CASES, nargs="+", default=list(CASES))
     asked = options.parse_args()
     asked.out.mkdir(parents=True, exist_ok=True)
-    found: dict[str, dict[str, Floats]] = {}
+    found: dict[str, dict[str, Runs]] = {}
     for name in asked.cases:
         each = [measured(name, seed, asked.out) for seed in range(asked.seeds)]
         found[name] = {

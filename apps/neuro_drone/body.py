@@ -66,7 +66,7 @@ class Kinematic:
     integral term), so that the velocity goes to the command plus lag times drag times the wind; the largest
     acceleration is that of both together. The drag of the body's own flight is part of the lag. With a load the same
     thrust does less: lag grows, and the largest acceleration falls, as the mass; and a body that is told how to climb
-    sinks, as fast as the controller takes it to make up for the weight. One that holds its height holds it exactly.
+    sinks at the speed at which the controller's thrust makes up for the weight. One that holds its height holds it.
 
     Args:
         drone: height, lag, largest acceleration and drag.
