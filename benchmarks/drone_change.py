@@ -191,7 +191,7 @@ def table(found: Mapping[str, Mapping[str, Runs]]) -> str:
             tracks = errors(runs)
             cells = [spread(tracks[:, round(a * rate) : round(b * rate)].mean(axis=1)) for a, b in PHASES.values()]
             cells.append(f"{sum(run['lost'] for run in runs)} of {len(STARTS) * len(runs)}")
-            lines.append(f"| {CASES[name].title}, {CASES[name].unit} | {way} | {' | '.join(cells)} |")
+            lines.append(f"| {CASES[name].title} | {way} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
@@ -219,6 +219,8 @@ def figure(found: Mapping[str, Mapping[str, Runs]], file: Path) -> None:
                 [np.convolve(one, np.full(SMOOTH, 1.0 / SMOOTH), "valid") for one in errors(ways[way.name])]
             )
             time = (np.arange(tracks.shape[1]) + SMOOTH) * seconds
+            if way.learns == AGAIN:  # up to then it is the one that goes on learning
+                tracks, time = tracks[:, time >= AGAIN], time[time >= AGAIN]
             mean, sd = tracks.mean(axis=0), tracks.std(axis=0, ddof=1) if len(tracks) > 1 else 0.0
             axes.fill_between(time, mean - sd, mean + sd, color=way.colour, alpha=0.2, lw=0)
             axes.plot(time, mean, color=way.colour, lw=1.3, label=way.name)
@@ -227,8 +229,8 @@ def figure(found: Mapping[str, Mapping[str, Runs]], file: Path) -> None:
         axes.set_title(case.title, loc="left", fontsize=10)
         axes.set_ylabel(f"error, {case.unit}")
         axes.set_ylim(bottom=0.0)
-        axes.set_xlim(0.0, tracks.shape[1] * seconds)
-    panels[0].legend(loc="upper left", fontsize=8, frameon=False)
+        axes.set_xlim(0.0, 100.0)
+    panels[0].legend(loc="upper right", fontsize=8, frameon=False, ncols=len(NETWORK))
     panels[-1].set_xlabel("time, s")
     fig.tight_layout()
     fig.savefig(file)
