@@ -13,6 +13,7 @@ from neuro.apps import Registry
 from neuro_models import path as network_path
 from neuro_recognise.method import Learnt
 from neuro_recognise.settings import Part, setting
+from neuro_recognise.shown import Ints
 
 __all__ = ["FOLLOWS", "Inputs", "Labelled", "Layer", "RemusLayer", "from_text", "taught", "to_text"]
 
@@ -90,6 +91,10 @@ class Layer(Part):
             sim: is taught.
             seen: how many frames it has been taught, in all epochs.
         """
+
+    def decided(self, results: neuro.TrialResults) -> Ints:
+        """(frames,) the class that was decided for while it was taught, -1 for none."""
+        return results.label
 
     def also(self, sim: neuro.Simulation) -> dict[str, Any]:
         """What has been learnt beside weights, as arrays by name."""

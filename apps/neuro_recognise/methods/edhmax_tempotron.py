@@ -15,10 +15,13 @@ from neuro_recognise.methods.framewise import ORDERS, Framewise
 from neuro_recognise.pools import LocalMaximum, Pool
 from neuro_recognise.segmenters import Segmenter, Ses
 from neuro_recognise.settings import part, setting
+from neuro_recognise.shown import Ints
 
 CODE = "github BEJ97/MK-Tempotron, top_onN_MNIST.m"
 RISE = 4.0
 """tau_m / tau_syn, as in that code."""
+OUT_OF_REACH = 1e6
+"""mV, of potentials of about 1."""
 FRONT_END_OF_REMUS = {"segmenter": "msd", "bank": "gabors", "pool": "max", "encoder": "log_latency", "first": 150}
 
 
@@ -47,8 +50,13 @@ class TempotronLayer(Labelled):
         }  # fmt: skip
 
     def begin(self, sim: neuro.Simulation, epoch: int, shares: Sequence[float]) -> None:
-        """Let the step decay."""
+        """Let the step decay, and nobody decide: each neuron is taught by itself."""
+        sim.set("cells", V_th=OUT_OF_REACH)
         sim.set("c1_cells", lambda_=self.step * self.step_decay**epoch)
+
+    def decided(self, results: neuro.TrialResults) -> Ints:
+        """The class of the largest potential."""
+        return results.potential.argmax(axis=1) // self.per_class
 
     def settled(self, net: neuro.Network, learnt: Learnt) -> neuro.Network:
         """With weights that stay: without bounds, chips could not teach them."""

@@ -164,7 +164,7 @@ class Framewise(Method):
             )
             sim.forget(before=sim.time)
             done += len(results)
-            right += 0 if wanted is None else int(np.count_nonzero(results.label == wanted))
+            right += 0 if wanted is None else int(np.count_nonzero(self.layer.decided(results) == wanted))
             share = None if wanted is None else right / done
             course.report(Progress(f"epoch {epoch + 1} of {self.epochs}", done, len(frames), share))
         return right / len(frames) if self.layer.supervised else float("nan")
