@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from neuro.apps import TARGETS, Backend, Seed, Set, Target, assignments
+from neuro.apps import TARGETS, Backend, Seed, Set, Target, assignments, whole
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
@@ -19,6 +19,17 @@ if TYPE_CHECKING:
 app = typer.Typer(
     name="recognise", help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
 )
+
+
+def folds(text: str) -> int:
+    """A whole number >= 2."""
+    return whole(text, 2)
+
+
+def seeds(text: str) -> int:
+    """A whole number >= 1."""
+    return whole(text, 1)
+
 
 MethodName = Annotated[str, typer.Argument(metavar="METHOD", help="See 'neuro recognise list'.")]
 Data = Annotated[Path, typer.Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5 data set.")]
@@ -107,6 +118,44 @@ def predict(
 
 
 @app.command()
+def compare(
+    data: Data,
+    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Results and pages.")] = Path("compared"),
+    method: Annotated[
+        list[str],
+        typer.Option("--method", metavar="NAME", help="Only this one, 'hats:poker' with settings; may be repeated."),
+    ] = [],  # noqa: B006
+    part: Part = "Train",
+    without: Annotated[
+        list[str],
+        typer.Option("--without", metavar="PATTERN", help="Leave out names like '*i.aedat'; may be repeated."),
+    ] = [],  # noqa: B006
+    folds: Annotated[int, typer.Option("--folds", metavar="N", parser=folds, help="Each is tested once.")] = 5,
+    seeds: Annotated[int, typer.Option("--seeds", metavar="N", parser=seeds, help="Folds and trainings anew.")] = 1,
+    target: Target = TARGETS,
+) -> None:
+    """Train and test all methods on the same folds: accuracy, time, joules on each chip, as a table and a page.
+
+    What is in the folder already is not done again.
+    """
+    from neuro_recognise.bars import Bar
+    from neuro_recognise.compare import Plan, contestants
+    from neuro_recognise.compare import compare as side_by_side
+    from neuro_recognise.compare_report import show, write
+
+    plan = Plan(contestants(method), folds, tuple(range(seeds)), tuple(target), out)
+    try:
+        with Bar() as bar:
+            found = side_by_side(_but(_recordings(data, part), without), plan, bar.show)
+    except KeyboardInterrupt:
+        typer.echo("interrupted: the same command goes on where it was", err=True)
+        raise typer.Exit(130) from None
+    show(found, plan)
+    for file in write(found, plan, data.name):
+        typer.echo(file)
+
+
+@app.command()
 def energy(
     model: ModelFile,
     data: Data,
@@ -143,6 +192,14 @@ def show(
     report.describe(trained)
     if out is not None:
         report.write_pictures(trained, out)
+
+
+def _but(found: Recordings, patterns: list[str]) -> Recordings:
+    """The recordings whose names fit no pattern."""
+    from fnmatch import fnmatchcase
+
+    kept = [k for k, item in enumerate(found) if not any(fnmatchcase(item.name, pattern) for pattern in patterns)]
+    return found.take(kept)
 
 
 def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -> Recordings:

@@ -11,7 +11,7 @@ from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from neuro_recognise.evaluate import Evaluation
+from neuro_recognise.evaluate import Evaluation, wilson
 from neuro_recognise.shown import Floats
 
 INK, PAPER, TILE, GREY, BLUE, ORANGE = "#17263c", "#ffffff", "#f6f7f9", "#8a94a3", "#0072B2", "#D55E00"
@@ -51,6 +51,35 @@ def confusion(evaluation: Evaluation, by: str = "") -> Figure:
         f"{evaluation.accuracy:.1%} of {evaluation.n} right{told}\n", loc="left", fontsize=12.5, color=INK, pad=8
     )
     axis.text(0, 1.02, f"95 % interval {low:.1%} to {high:.1%}", transform=axis.transAxes, fontsize=9.5, color=GREY)
+    return figure
+
+
+def accuracies(found: Sequence[tuple[str, Sequence[Evaluation]]]) -> Figure:
+    """Accuracy of each method, a dot a seed, over the 95 % interval of the mean; the best at the top.
+
+    Args:
+        found: names with an evaluation for each seed.
+    """
+    ordered = sorted(found, key=lambda pair: np.mean([one.accuracy for one in pair[1]]))
+    figure = Figure(figsize=(7.6, 0.9 + 0.36 * len(ordered)), dpi=140, layout="constrained", facecolor=PAPER)
+    axis = figure.subplots()
+    for row, (_, each) in enumerate(ordered):
+        shares = [one.accuracy for one in each]
+        low, high = wilson(round(float(np.mean(shares)) * each[0].n), each[0].n)
+        axis.plot([100 * low, 100 * high], [row, row], color="#cfe3f1", lw=9, solid_capstyle="butt", zorder=1)
+        axis.plot(100 * np.array(shares), np.full(len(shares), row), "o", color=BLUE, ms=5, zorder=2)
+        axis.annotate(
+            f"{100 * np.mean(shares):.1f}", (100 * high, row), (5, 0), textcoords="offset points", va="center",
+            color=INK, fontsize=9,
+        )  # fmt: skip
+    axis.set_yticks(range(len(ordered)), [name for name, _ in ordered])
+    axis.set_xlim(right=min(axis.get_xlim()[1] + 2.0, 104.0))
+    axis.set_ylim(-0.6, len(ordered) - 0.4)
+    axis.tick_params(colors=INK, length=0)
+    axis.set_xlabel("recordings decided rightly, %", color=INK)
+    axis.spines[["top", "right", "left"]].set_visible(False)
+    axis.grid(axis="x", color="#e9ecf1", linewidth=0.8)
+    axis.set_axisbelow(True)
     return figure
 
 

@@ -26,7 +26,7 @@ def epochs(text: str) -> int:
     return whole(text, 1)
 
 
-Data = Annotated[Path, typer.Option("--data", metavar="FOLDER", help="Recordings, a folder or zip.")]
+Data = Annotated[Path, typer.Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5.")]
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A model, as 'train' writes it.")]
 Epochs = Annotated[int | None, typer.Option("--epochs", metavar="N", parser=epochs, help="Instead of the settings'.")]
 SettingsName = Annotated[str, typer.Option("--settings", metavar="NAME", help="best, thesis or poker.")]
@@ -150,6 +150,10 @@ def _present_names(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -> Recordings:
+    from neuro import ModelError
     from neuro.events import recordings
 
-    return recordings(path, part=part, classes=classes)
+    found = recordings(path, part=part, classes=classes)
+    if found.layout == "recording":
+        raise ModelError(f"{path}: is one recording of unknown class, expected a folder, zip or HDF5 file")
+    return found

@@ -111,8 +111,8 @@ class local_winners(Competition):
     reach the threshold in one step the largest V_m - V_th wins first; a tie is drawn. Who is silenced goes on to add
     up its input.
 
-    Source: Masquelier & Thorpe, PLoS Comput. Biol. 3:e31, 2007 (`per_map: 1`); Mosca, MSc thesis, 2020, section 6.2.7
-    (any number).
+    Source: Masquelier & Thorpe, PLoS Comput. Biol. 3:e31, 2007, with `per_map` 1. Any number finds several objects,
+    each by a neuron in whose field it is (Mosca, MSc thesis, 2020, section 6.2.7).
     """
 
     radius: int = quantity(doc="rows and columns around a winner that are silenced", kind="integer", at_least=0)
@@ -192,7 +192,7 @@ class Trials(Choice):
     stop: str = quantity(
         "at_decision",
         "",
-        "at the end, or when no more may be decided",
+        "as soon as nobody can decide any more, or after the full duration",
         kind="word",
         words=("at_decision", "full"),
     )

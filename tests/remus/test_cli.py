@@ -119,6 +119,10 @@ def test_thesis_settings_on_another_backend(neuro, folder):
     [
         ("train --data nowhere", "nowhere: no such folder, zip or HDF5 file"),
         (
+            "train --data {folder}/Train/lying/1.bin",
+            "{folder}/Train/lying/1.bin: is one recording of unknown class, expected a folder, zip or HDF5 file",
+        ),
+        (
             "train --data {folder} --settings good",
             "unknown settings of method 'remus' 'good'\n  hint: known: best, poker, thesis",
         ),
