@@ -5,6 +5,7 @@
              python, numpy and numba
 /classes     names of the classes
 /learnt      arrays and texts by name, as the method gives them
+/early       what decisions while events arrive need, where it was learnt: see `neuro_recognise.early`
 ```
 """
 
@@ -24,10 +25,13 @@ import numpy as np
 import neuro
 from neuro.apps import Checkpoint, check_output, hdf5, unknown
 from neuro.events import EventFileError, Events, Recordings
+from neuro_recognise.early import Early, part_of
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, choose
 from neuro_recognise.methods import METHODS
 from neuro_recognise.observations import observe, observed
-from neuro_recognise.shown import Floats, Ints, Shown
+from neuro_recognise.session import WINDOW_MS, Session
+from neuro_recognise.shown import Floats, Ints, Shown, unlabelled
+from neuro_recognise.stopping import stopping_rule
 
 __all__ = ["FORMAT", "Recogniser", "fit", "method_of"]
 
@@ -61,12 +65,14 @@ class Recogniser:
         classes: names.
         learnt: arrays and texts by name.
         training: what it was trained on and with: seed, backend, number and hash of the recordings.
+        early: what decisions while events arrive need; None where it was not learnt (see `learn_early`).
     """
 
     method: Method
     classes: tuple[str, ...]
     learnt: Learnt
     training: Mapping[str, Any] = field(default_factory=dict)
+    early: Early | None = None
 
     def scores(self, recordings: Recordings | Iterable[Events] | Events, backend: str = "event") -> Floats:
         """What speaks for each class.
@@ -96,7 +102,8 @@ class Recogniser:
             times_ms: from its first event on, ascending.
 
         Returns:
-            (times, classes), as of `scores`; what comes after a time has no influence on its row.
+            (times, classes), as of `scores`; what comes after a time has no influence on its row. Where beginnings
+            were learnt apart (see `learn_early`), that of a beginning is asked.
 
         Raises:
             ModelError: the times run back, or the recording does not fit the method.
@@ -104,8 +111,55 @@ class Recogniser:
         times = np.asarray(times_ms, float)
         if times.ndim != 1 or not np.isfinite(times).all() or np.any(np.diff(times) < 0):
             raise neuro.ModelError(f"times_ms = {list(times_ms)}: expected times in ascending order, ms")
-        evidence = self.method.observe_until(recording, [round(1000.0 * t) for t in times])
-        return self.method.answer(self.learnt, _unlabelled(evidence, self.classes)).scores
+        times_us = [round(1000.0 * t) for t in times]
+        evidence = self.method.observe_until(recording, times_us)
+        if self.early is None or not self.early.learnt:
+            return self.method.answer(self.learnt, unlabelled(evidence, self.classes)).scores
+        rows = [
+            self.method.answer(self.learnt_at(time), unlabelled([one], self.classes)).scores
+            for time, one in zip(times_us, evidence, strict=True)
+        ]
+        return np.concatenate(rows) if rows else np.zeros((0, len(self.classes)))
+
+    def learnt_at(self, after_us: int) -> Learnt:
+        """What is asked after so much of a recording, us."""
+        return self.early.at(after_us) or self.learnt if self.early else self.learnt
+
+    def session(
+        self,
+        *,
+        every_ms: float = 10.0,
+        allow: float | None = None,
+        window_ms: float | None = None,
+        gap_ms: float | None = None,
+        backend: str = "event",
+    ) -> Session:
+        """Decide while the events of a stream arrive.
+
+        Args:
+            every_ms: from moment to moment.
+            allow: share of wrong decisions at which `Decision.settled` says that it can be stopped; needs `early`.
+            window_ms: after so long all is forgotten, and the next event begins anew; None takes the length of the
+                longest recording that `early` was learnt from, else 1000 ms.
+            gap_ms: likewise after a pause without events; None for no such pause.
+            backend: runs networks.
+
+        Raises:
+            ModelError: a time is not above 0, or the allowed error cannot be met.
+        """
+        seen = self.early.held.times_us[-1] / 1000.0 if self.early else WINDOW_MS
+        told = {"every_ms": every_ms, "window_ms": seen if window_ms is None else window_ms, "gap_ms": gap_ms}
+        every, window, gap = (_microseconds(name, value) for name, value in told.items())
+        rule = None if allow is None else stopping_rule(self._early().held, allow)
+        return Session(self, every or 1, window or 1, gap, rule, backend)
+
+    def _early(self) -> Early:
+        if self.early is None:
+            raise neuro.ModelError(
+                "the recogniser has not learnt when it may stop",
+                hint="learn_early, or 'neuro recognise early MODEL --data FOLDER'",
+            )
+        return self.early
 
     def answer(self, recordings: Recordings | Iterable[Events] | Events, backend: str = "event") -> Answer:
         """Scores, those of other votes, and what it took to find them. Arguments and errors as of `scores`."""
@@ -133,6 +187,8 @@ class Recogniser:
             group = file.create_group("learnt")
             for name, part in self.learnt.items():
                 group[name] = part
+            if self.early is not None:
+                self.early.write(file.create_group("early"))
 
     @classmethod
     def load(cls, path: Path) -> Recogniser:
@@ -144,8 +200,9 @@ class Recogniser:
         with hdf5.reading(path, FORMAT) as file:
             method = method_of(str(file.attrs["method"])).from_words(json.loads(file.attrs["settings"]))
             classes = tuple(file["classes"].asstr()[:].tolist())
-            learnt = {name: _part(data) for name, data in file["learnt"].items()}
-            return cls(method, classes, learnt, json.loads(file.attrs["training"]))
+            learnt = {name: part_of(data) for name, data in file["learnt"].items()}
+            early = Early.read(file["early"]) if "early" in file else None
+            return cls(method, classes, learnt, json.loads(file.attrs["training"]), early)
 
 
 def fit(
@@ -249,12 +306,17 @@ def _digest(data: Recordings) -> str:
     return hashlib.blake2b(data.fingerprint().encode(), digest_size=16).hexdigest()
 
 
-def _unlabelled(evidence: list[Any], classes: tuple[str, ...]) -> Shown:
-    return Shown(evidence, np.full(len(evidence), -1, np.int64), tuple(map(str, range(len(evidence)))), classes)
+def _microseconds(name: str, value: float | None) -> int | None:
+    """A time in ms as whole us.
 
-
-def _part(data: Any) -> Any:
-    return data.asstr()[()] if data.dtype.kind == "O" else data[()]
+    Raises:
+        ModelError: it is none above 0.
+    """
+    if value is None:
+        return None
+    if not np.isfinite(value) or round(1000.0 * value) < 1:
+        raise neuro.ModelError(f"{name} = {value:g}: expected a time above 0 ms")
+    return round(1000.0 * value)
 
 
 def _versions() -> dict[str, str]:

@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Self
 
+import numpy as np
+
 from neuro.events import Events, representations
 from neuro_recognise.methods.descriptor import Descriptor
+from neuro_recognise.observers import Growing, Grows, Observer
 from neuro_recognise.settings import setting
 from neuro_recognise.shown import Floats
 
@@ -30,10 +33,17 @@ class Hats(Descriptor):
         settled = super().fitting(size)
         return settled if self.cell else replace(settled, cell=max(1, round(max(settled.size) / 5)))
 
-    def describe(self, events: Events) -> Floats:
-        """The histograms of all cells, (rows, columns, 2, side, side), in a row."""
+    def grown(self) -> Grows:
+        """The histograms of all cells, (rows, columns, 2, side, side), of no events yet."""
         tau_us = round(1000.0 * self.tau)
-        found: Floats = representations.hats(
-            events, cell=self.cell, radius=self.radius, window_us=tau_us, tau_us=tau_us
-        )
-        return found.ravel()
+        return representations.Hats(self.size, cell=self.cell, radius=self.radius, window_us=tau_us, tau_us=tau_us)
+
+    def describe(self, events: Events) -> Floats:
+        """The histograms of all cells in a row."""
+        grown = self.grown()
+        grown.add(events)
+        return grown.histograms().ravel().astype(np.float64)
+
+    def observer(self) -> Observer:
+        """Sums and counts that grow."""
+        return Growing(self, self.grown())

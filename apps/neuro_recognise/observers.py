@@ -1,0 +1,101 @@
+"""Seeing a recording grow: events go in part after part, and what they show comes out whenever it is asked for."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.events import Events
+from neuro_recognise.shown import Evidence
+
+if TYPE_CHECKING:
+    from neuro_recognise.method import Method
+
+__all__ = ["Growing", "Grows", "Observer", "Whole"]
+
+
+class Observer(ABC):
+    """Sees one recording grow."""
+
+    @abstractmethod
+    def add(self, events: Events) -> None:
+        """Take in the next events."""
+
+    @abstractmethod
+    def evidence(self) -> Evidence:
+        """What `Method.observe` gives of all events so far, to the bit.
+
+        Raises:
+            ModelError: they do not fit the method.
+        """
+
+
+class Whole(Observer):
+    """Keeps the events and observes all of them anew: right for every method.
+
+    Args:
+        method: whose `observe` is asked.
+    """
+
+    def __init__(self, method: Method) -> None:
+        self._observe: Callable[[Events], Evidence] = method.observe
+        self._size = method.size
+        self._parts: list[Events] = []
+
+    def add(self, events: Events) -> None:
+        """Keep the next events."""
+        if len(events):
+            self._parts.append(events)
+
+    def evidence(self) -> Evidence:
+        """Observe what was kept."""
+        if len(self._parts) != 1:
+            self._parts = [_joined(self._parts, self._size)]
+        return self._observe(self._parts[0])
+
+
+class Grows(Protocol):
+    """A description that grows event by event."""
+
+    def add(self, events: Events) -> None:
+        """Take in the next events."""
+
+    def histograms(self) -> npt.NDArray[np.floating]:
+        """The description of all events so far."""
+
+
+class Growing(Observer):
+    """Sees by a description that grows, so that a moment costs what came since the last, not all that came.
+
+    Args:
+        method: says what lies inside of its field.
+        description: without events yet; its values are the evidence "vector".
+    """
+
+    def __init__(self, method: Method, description: Grows) -> None:
+        self._method, self._description = method, description
+        self._outside = self._total = 0
+
+    def add(self, events: Events) -> None:
+        """Describe the next events."""
+        within = self._method.within(events)
+        self._total += len(events)
+        self._outside += len(events) - len(within)
+        self._description.add(within)
+
+    def evidence(self) -> Evidence:
+        """The description as a vector."""
+        self._method.check_outside(self._outside, self._total)
+        return {"vector": self._description.histograms().ravel().astype(np.float32)}
+
+
+def _joined(parts: list[Events], size: tuple[int, int]) -> Events:
+    """Parts of one recording as one; of none an empty one of this size."""
+    kinds = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.uint8}
+    empty = {name: np.zeros(0, kind) for name, kind in kinds.items()}
+    arrays = [np.concatenate([empty[name], *(getattr(part, name) for part in parts)]) for name in kinds]
+    return Events(arrays[0], arrays[1], arrays[2], arrays[3], parts[0].sensor_size if parts else size)
