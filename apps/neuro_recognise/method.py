@@ -215,7 +215,7 @@ class Method(Settings):
 
     def observer(self) -> Observer:
         """What sees a recording grow; a method that need not look at all events again has its own."""
-        return Whole(self)
+        return Whole(self.observe, self.size)
 
     def views(self, events: Events, learnt: Learnt) -> Sequence[View]:
         """What this method makes of a recording on the way, by time, for `neuro recognise watch`; none by default.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -12,10 +12,7 @@ import numpy.typing as npt
 from neuro.events import Events
 from neuro_recognise.shown import Evidence
 
-if TYPE_CHECKING:
-    from neuro_recognise.method import Method
-
-__all__ = ["Growing", "Grows", "Observer", "Whole"]
+__all__ = ["Field", "Growing", "Grows", "Observer", "Whole"]
 
 
 class Observer(ABC):
@@ -38,12 +35,12 @@ class Whole(Observer):
     """Keeps the events and observes all of them anew: right for every method.
 
     Args:
-        method: whose `observe` is asked.
+        observe: `Method.observe`.
+        size: of the field, for a recording without events.
     """
 
-    def __init__(self, method: Method) -> None:
-        self._observe: Callable[[Events], Evidence] = method.observe
-        self._size = method.size
+    def __init__(self, observe: Callable[[Events], Evidence], size: tuple[int, int]) -> None:
+        self._observe, self._size = observe, size
         self._parts: list[Events] = []
 
     def add(self, events: Events) -> None:
@@ -56,6 +53,16 @@ class Whole(Observer):
         if len(self._parts) != 1:
             self._parts = [_joined(self._parts, self._size)]
         return self._observe(self._parts[0])
+
+
+class Field(Protocol):
+    """A part of the sensor that is looked at: every `Method`."""
+
+    def within(self, events: Events) -> Events:
+        """The events inside of it."""
+
+    def check_outside(self, outside: int, total: int) -> None:
+        """Refuse a recording of which too much lies outside."""
 
 
 class Grows(Protocol):
@@ -72,24 +79,24 @@ class Growing(Observer):
     """Sees by a description that grows, so that a moment costs what came since the last, not all that came.
 
     Args:
-        method: says what lies inside of its field.
+        field: what is looked at.
         description: without events yet; its values are the evidence "vector".
     """
 
-    def __init__(self, method: Method, description: Grows) -> None:
-        self._method, self._description = method, description
+    def __init__(self, field: Field, description: Grows) -> None:
+        self._field, self._description = field, description
         self._outside = self._total = 0
 
     def add(self, events: Events) -> None:
         """Describe the next events."""
-        within = self._method.within(events)
+        within = self._field.within(events)
         self._total += len(events)
         self._outside += len(events) - len(within)
         self._description.add(within)
 
     def evidence(self) -> Evidence:
         """The description as a vector."""
-        self._method.check_outside(self._outside, self._total)
+        self._field.check_outside(self._outside, self._total)
         return {"vector": self._description.histograms().ravel().astype(np.float32)}
 
 

@@ -30,7 +30,7 @@ from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, cho
 from neuro_recognise.methods import METHODS
 from neuro_recognise.observations import observe, observed
 from neuro_recognise.session import WINDOW_MS, Session
-from neuro_recognise.shown import Floats, Ints, Shown, unlabelled
+from neuro_recognise.shown import Evidence, Floats, Ints, Shown, unlabelled
 from neuro_recognise.stopping import stopping_rule
 
 __all__ = ["FORMAT", "Recogniser", "fit", "method_of"]
@@ -94,12 +94,13 @@ class Recogniser:
         """The class of each recording, an index into `classes`; -1 where nothing speaks for any. Errors as `scores`."""
         return choose(self.scores(recordings, backend))
 
-    def scores_at(self, recording: Events, times_ms: Sequence[float]) -> Floats:
+    def scores_at(self, recording: Events, times_ms: Sequence[float], backend: str = "event") -> Floats:
         """What speaks for each class after the first milliseconds of a recording.
 
         Args:
             recording: its events.
             times_ms: from its first event on, ascending.
+            backend: runs networks.
 
         Returns:
             (times, classes), as of `scores`; what comes after a time has no influence on its row. Where beginnings
@@ -114,12 +115,9 @@ class Recogniser:
         times_us = [round(1000.0 * t) for t in times]
         evidence = self.method.observe_until(recording, times_us)
         if self.early is None or not self.early.learnt:
-            return self.method.answer(self.learnt, unlabelled(evidence, self.classes)).scores
-        rows = [
-            self.method.answer(self.learnt_at(time), unlabelled([one], self.classes)).scores
-            for time, one in zip(times_us, evidence, strict=True)
-        ]
-        return np.concatenate(rows) if rows else np.zeros((0, len(self.classes)))
+            return self.method.answer(self.learnt, unlabelled(evidence, self.classes), backend).scores
+        rows = [self._asked(backend)(time, one) for time, one in zip(times_us, evidence, strict=True)]
+        return np.array(rows).reshape(-1, len(self.classes))
 
     def learnt_at(self, after_us: int) -> Learnt:
         """What is asked after so much of a recording, us."""
@@ -148,10 +146,22 @@ class Recogniser:
             ModelError: a time is not above 0, or the allowed error cannot be met.
         """
         seen = self.early.held.times_us[-1] / 1000.0 if self.early else WINDOW_MS
-        told = {"every_ms": every_ms, "window_ms": seen if window_ms is None else window_ms, "gap_ms": gap_ms}
-        every, window, gap = (_microseconds(name, value) for name, value in told.items())
+        every = _microseconds("every_ms", every_ms)
+        window = _microseconds("window_ms", seen if window_ms is None else window_ms)
+        gap = None if gap_ms is None else _microseconds("gap_ms", gap_ms)
         rule = None if allow is None else stopping_rule(self._early().held, allow)
-        return Session(self, every or 1, window or 1, gap, rule, backend)
+        held = self.early.held if self.early else None
+        return Session(self.method.observer, self._asked(backend), every, window, gap, held, rule)
+
+    def _asked(self, backend: str) -> Callable[[int, Evidence], Floats]:
+        """A function of a time after the first event, us, and what was seen until then, that gives the scores."""
+
+        def ask(after_us: int, evidence: Evidence) -> Floats:
+            shown = unlabelled([evidence], self.classes)
+            scores: Floats = self.method.answer(self.learnt_at(after_us), shown, backend).scores[0]
+            return scores
+
+        return ask
 
     def _early(self) -> Early:
         if self.early is None:
@@ -306,14 +316,12 @@ def _digest(data: Recordings) -> str:
     return hashlib.blake2b(data.fingerprint().encode(), digest_size=16).hexdigest()
 
 
-def _microseconds(name: str, value: float | None) -> int | None:
+def _microseconds(name: str, value: float) -> int:
     """A time in ms as whole us.
 
     Raises:
         ModelError: it is none above 0.
     """
-    if value is None:
-        return None
     if not np.isfinite(value) or round(1000.0 * value) < 1:
         raise neuro.ModelError(f"{name} = {value:g}: expected a time above 0 ms")
     return round(1000.0 * value)

@@ -8,19 +8,17 @@ the events of its stretch.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from neuro import ModelError
 from neuro.events import Events
 from neuro_recognise.method import SILENT, choose
-from neuro_recognise.shown import Floats, unlabelled
-from neuro_recognise.stopping import Rule, margins
-
-if TYPE_CHECKING:
-    from neuro_recognise.recogniser import Recogniser
+from neuro_recognise.observers import Observer
+from neuro_recognise.shown import Evidence, Floats
+from neuro_recognise.stopping import Held, Rule, margins
 
 __all__ = ["WINDOW_MS", "Decision", "Session"]
 
@@ -56,24 +54,26 @@ class Session:
     """Decides every few ms; made by `Recogniser.session`.
 
     Args:
-        recogniser: what was learnt.
+        observer: gives what sees a stretch grow.
+        ask: gives the scores, (classes,), for the evidence of a time after the first event of a stretch, us.
         every_us: from moment to moment, from the first event of a stretch on.
         window_us: the longest stretch.
         gap_us: a pause without events that ends a stretch; None for none.
+        held: how good held-out decisions were; None where that is not known.
         rule: says when the allowed error is met; None where it is not asked.
-        backend: runs networks.
     """
 
     def __init__(
         self,
-        recogniser: Recogniser,
+        observer: Callable[[], Observer],
+        ask: Callable[[int, Evidence], Floats],
         every_us: int,
         window_us: int,
         gap_us: int | None = None,
+        held: Held | None = None,
         rule: Rule | None = None,
-        backend: str = "event",
     ) -> None:
-        self._recogniser, self._rule, self._backend = recogniser, rule, backend
+        self._make, self._ask, self._held, self._rule = observer, ask, held, rule
         self._every, self._window, self._gap = every_us, window_us, gap_us
         self._clock: int | None = None
         self.reset()
@@ -84,7 +84,7 @@ class Session:
         self._last = 0
         self._next = self._every
         self._settled = False
-        self._observer = self._recogniser.method.observer()
+        self._observer = self._make()
 
     def feed(self, events: Events, until_us: int | None = None) -> list[Decision]:
         """Take in the next events of the stream.
@@ -182,11 +182,9 @@ class Session:
 
     def _decide(self, after_us: int) -> Decision:
         assert self._begin is not None
-        made, rule = self._recogniser, self._rule
-        shown = unlabelled([self._observer.evidence()], made.classes)
-        scores = made.method.answer(made.learnt_at(after_us), shown, self._backend).scores
-        label, margin = int(choose(scores)[0]), float(margins(scores)[0])
-        held = made.early.held if made.early else None
-        wrong = held.error(after_us, margin) if held and label != SILENT else float("nan")
-        self._settled = self._settled or (rule is not None and rule.met(wrong))
-        return Decision(self._begin + after_us, after_us / 1000.0, label, scores[0], margin, 1.0 - wrong, self._settled)
+        scores = self._ask(after_us, self._observer.evidence())
+        label, margin = int(choose(scores[None])[0]), float(margins(scores))
+        wrong = float("nan") if label == SILENT or self._held is None else self._held.error(after_us, margin)
+        self._settled = self._settled or (self._rule is not None and self._rule.met(wrong))
+        when = self._begin + after_us
+        return Decision(when, after_us / 1000.0, label, scores, margin, 1.0 - wrong, self._settled)
