@@ -50,9 +50,9 @@ class Whole(Observer):
 
     def evidence(self) -> Evidence:
         """Observe what was kept."""
-        if len(self._parts) != 1:
-            self._parts = [_joined(self._parts, self._size)]
-        return self._observe(self._parts[0])
+        seen = _joined(self._parts, self._size)
+        self._parts = [seen] if len(seen) else []
+        return self._observe(seen)
 
 
 class Field(Protocol):
@@ -102,6 +102,8 @@ class Growing(Observer):
 
 def _joined(parts: list[Events], size: tuple[int, int]) -> Events:
     """Parts of one recording as one; of none an empty one of this size."""
+    if len(parts) == 1:
+        return parts[0]
     kinds = {"t": np.int64, "x": np.uint16, "y": np.uint16, "p": np.uint8}
     empty = {name: np.zeros(0, kind) for name, kind in kinds.items()}
     arrays = [np.concatenate([empty[name], *(getattr(part, name) for part in parts)]) for name in kinds]

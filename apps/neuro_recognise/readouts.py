@@ -130,7 +130,7 @@ class Ridge(Readout):
         else:
             inner = scaled.T @ scaled + self.penalty * np.eye(x.shape[1])
             weights = np.linalg.solve(inner, scaled.T @ (wanted - level))
-        weights = weights.T / spread
+        weights = np.ascontiguousarray(weights.T / spread)  # in a file's order, so that what is read scores to the bit
         there = np.isin(np.arange(classes), labels)
         return {"weights": weights, "thresholds": np.where(there, level - weights @ middle, -np.inf)}
 

@@ -99,14 +99,16 @@ def show_early(recogniser: Recogniser) -> None:
     chosen = np.unique(np.geomspace(1, len(held.times_us), min(10, len(held.times_us))).round().astype(int)) - 1
     rows = [(f"{held.times_us[k] / 1000:g} ms", f"{held.right[:, k].mean():.1%}") for k in chosen]
     out = console()
-    out.print(table((">after", ">right"), rows, title=f"{len(held.right)} recordings, each held out once"))
+    out.print(f"{len(held.right)} recordings, each held out once")
+    out.print(table((">after", ">right"), rows))
     rules = []
     for allowed in ALLOWED:
         with suppress(ModelError):
             rule = stopping_rule(held, allowed)
             rules.append((f"{allowed:.1%}", f"{rule.mean_ms:.0f} ms", f"{rule.error:.1%}"))
     if rules:
-        out.print(table((">--allow", ">decided after", ">wrong"), rules, title="mean of the same recordings"))
+        out.print("what an allowed error would have cost these recordings, in the mean")
+        out.print(table((">--allow", ">decided after", ">wrong"), rules))
 
 
 def write_confusion(tried: Tried, folder: Path) -> None:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from neuro import ModelError
 from neuro_recognise.shown import Floats, Ints
 
-__all__ = ["Held", "Rule", "margins", "stopping_rule"]
+__all__ = ["Held", "Rule", "margins", "stopped", "stopping_rule"]
 
 LEVELS = 60
 """Levels that are tried, up to three times the allowed error: those who stop late are wrong less often than the level
@@ -58,7 +58,7 @@ class Held:
             NaN before the first moment, and where nothing was held out.
         """
         moment = int(np.searchsorted(self.times_us, after_us, "right")) - 1
-        if moment < 0:
+        if moment < 0 or np.isnan(margin):
             return float("nan")
         from_margin, share = self._curves[moment]
         place = max(0, int(np.searchsorted(from_margin, margin, "right")) - 1)
@@ -133,13 +133,18 @@ def stopping_rule(held: Held, allowed: float) -> Rule:
     return min(fitting, key=lambda rule: rule.mean_ms, default=_tried(held, errors, allowed, -1.0))
 
 
-def stopped(held: Held, errors: Floats, level: float) -> Ints:
-    """(recordings,) the moment at which each is decided: the first that meets the level, else the last."""
+def stopped(errors: Floats, level: float) -> Ints:
+    """(recordings,) the moment at which each is decided: the first that meets the level, else the last.
+
+    Args:
+        errors: (recordings, moments) `Held.error` of each decision.
+        level: at or below which is stopped.
+    """
     met = errors <= level
     return np.where(met.any(axis=1), met.argmax(axis=1), met.shape[1] - 1)
 
 
 def _tried(held: Held, errors: Floats, allowed: float, level: float) -> Rule:
-    at = stopped(held, errors, level)
+    at = stopped(errors, level)
     error = 1.0 - float(held.right[np.arange(len(at)), at].mean())
     return Rule(allowed, float(level), error, float(held.times_us[at].mean()) / 1000.0)
