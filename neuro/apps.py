@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from neuro.chips.pricing.energy import number, quantity, sourced
     from neuro.cli.energy import TARGETS, Target
     from neuro.cli.options import Backend, Seed, Set, assignments, whole
+    from neuro.compare import html
     from neuro.core import hdf5
     from neuro.core.checks import check, check_fields
     from neuro.core.errors import Where, unknown
@@ -56,6 +57,7 @@ _HOMES = {
         "Where",
         "unknown",
     ),
+    "neuro.compare.html": (),
     "neuro.core.hdf5": (),
     "neuro.core.extension": ("extensions", "run_extensions"),
     "neuro.core.extras": ("install",),
@@ -116,6 +118,7 @@ __all__ = [
     "console",
     "extensions",
     "hdf5",
+    "html",
     "inner",
     "install",
     "kernel",

@@ -1,5 +1,7 @@
 """Delays that learn: what a spike takes, what the backends give, and inputs that come to arrive together."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -239,12 +241,20 @@ def test_what_a_rule_of_ones_own_must_have():
     class no_delay(neuro.stddp):
         states = ()
 
+    teaching = neuro.r_stddp.arithmetic
+
+    class of_weights(neuro.r_stddp):
+        arithmetic = SimpleNamespace(
+            __name__="own", constants=teaching.constants, teach=teaching.teach, settle=teaching.teach
+        )
+
     for model, told in (
         (no_range, "expected a subclass of DelayRule, which says how far a delay may go"),
         (
             no_delay,
             "changes delays: expected learns 'pairs' or 'trials', no dopamine, first state 'delay'",
         ),
+        (of_weights, "changes delays: expected no function 'settle', which is for weights"),
     ):
         with pytest.raises(TypeError, match=told):
             complete(model)

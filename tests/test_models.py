@@ -18,7 +18,7 @@ V_M, NOTE = State("V_m", "mV", "membrane potential"), State("note", "", "somethi
 
 
 def arithmetic(of=iaf_psc_exp.arithmetic, **changed):
-    names = ("constants", "step", "fire", "quiet", "on_pre", "on_post", "advance", "teach", "encourage")
+    names = ("constants", "step", "fire", "quiet", "on_pre", "on_post", "advance", "teach", "settle", "encourage")
     found = {name: getattr(of, name) for name in names if hasattr(of, name)} | changed
     return SimpleNamespace(__name__="mine", **{name: f for name, f in found.items() if f is not None})
 
@@ -103,6 +103,10 @@ def test_a_neuron_has_at_most_twenty_numeric_parameters():
         (
             rule(base=r_stdp, arithmetic=arithmetic(of=r_stdp.arithmetic, encourage=stdp.arithmetic.on_pre)),
             "'encourage' takes 5 arguments: expected 2",
+        ),
+        (
+            rule(base=r_stdp, arithmetic=arithmetic(of=r_stdp.arithmetic, settle=stdp.arithmetic.on_pre)),
+            "'settle' takes 5 arguments: expected 4",
         ),
         (
             rule(modulated=True),

@@ -32,6 +32,8 @@ class Cleaner(Part):
 class Plain(Cleaner):
     """All events stay."""
 
+    source = "what all methods but those with a filter do"
+
     def begun(self, sensor_size: tuple[int, int]) -> Callable[[Events], Events]:
         """Each part as it is."""
         return lambda events: events

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from neuro.apps import Backend, Seed, Set, assignments
+from neuro.apps import TARGETS, Backend, Seed, Set, Target, assignments, whole
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
@@ -19,6 +19,17 @@ if TYPE_CHECKING:
 app = typer.Typer(
     name="recognise", help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
 )
+
+
+def folds(text: str) -> int:
+    """A whole number >= 2."""
+    return whole(text, 2)
+
+
+def seeds(text: str) -> int:
+    """A whole number >= 1."""
+    return whole(text, 1)
+
 
 MethodName = Annotated[str, typer.Argument(metavar="METHOD", help="See 'neuro recognise list'.")]
 Data = Annotated[Path, typer.Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5 data set.")]
@@ -154,6 +165,79 @@ def watch(
 
     told = watch(Recogniser.load(model), recording, out, allow, backend)
     typer.echo(f"{out}: {told}")
+
+
+@app.command()
+def compare(
+    data: Data,
+    out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Results and pages.")] = Path("compared"),
+    method: Annotated[
+        list[str],
+        typer.Option("--method", metavar="NAME", help="Only this one, 'hats:poker' with settings; may be repeated."),
+    ] = [],  # noqa: B006
+    part: Part = "Train",
+    folds: Annotated[int, typer.Option("--folds", metavar="N", parser=folds, help="Each is tested once.")] = 5,
+    seeds: Annotated[int, typer.Option("--seeds", metavar="N", parser=seeds, help="Folds and trainings anew.")] = 1,
+    target: Target = TARGETS,
+) -> None:
+    """Train and test all methods on the same folds: accuracy, time, joules on each chip, as a table and a page.
+
+    What is in the folder already is not done again.
+    """
+    from neuro_recognise.bars import Bar
+    from neuro_recognise.compare import Plan, contestants
+    from neuro_recognise.compare import compare as side_by_side
+    from neuro_recognise.compare_report import show, write
+
+    plan = Plan(contestants(method), folds, tuple(range(seeds)), tuple(target), out)
+    try:
+        with Bar() as bar:
+            found = side_by_side(_recordings(data, part), plan, bar.show)
+    except KeyboardInterrupt:
+        typer.echo("interrupted: the same command goes on where it was", err=True)
+        raise typer.Exit(130) from None
+    show(found, plan)
+    for file in write(found, plan, data.name):
+        typer.echo(file)
+
+
+@app.command()
+def energy(
+    model: ModelFile,
+    data: Data,
+    part: Part = "Test",
+    target: Target = TARGETS,
+    json: Json = False,
+    backend: Backend = "event",
+) -> None:
+    """Show recordings to a network and print what one of them takes on chips: joules, time, and the sources."""
+    from neuro_recognise import energy
+    from neuro_recognise.recogniser import Recogniser
+    from neuro_recognise.tried import try_out
+
+    trained = Recogniser.load(model)
+    energy.check_targets(trained, target)
+    tried = try_out(trained, _recordings(data, part, trained.classes), backend)
+    priced = energy.bills(tried, target)
+    if json:
+        typer.echo(energy.words(trained, tried, priced))
+    else:
+        energy.show(trained, tried, priced)
+
+
+@app.command()
+def show(
+    model: ModelFile,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write pictures there.")] = None,
+) -> None:
+    """Show what a recogniser was trained with; with --out draw what it has learnt."""
+    from neuro_recognise import report
+    from neuro_recognise.recogniser import Recogniser
+
+    trained = Recogniser.load(model)
+    report.describe(trained)
+    if out is not None:
+        report.write_pictures(trained, out)
 
 
 def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -> Recordings:

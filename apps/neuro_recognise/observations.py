@@ -69,8 +69,7 @@ def observe(method: Method, data: Recordings, *, cache: Path | None = None, repo
             parts.append(_Kept(file, wanted))
         if report:
             report(first + wanted, len(data))
-    labels = np.array([item.label for item in data], np.int64)
-    return Shown(_Joined(parts), labels, tuple(item.name for item in data), data.classes)
+    return Shown(_Joined(parts), data.labels, tuple(item.name for item in data), data.classes)
 
 
 def _computed(method: Method, data: Recordings, first: int, n: int, report: Report | None) -> list[Evidence]:

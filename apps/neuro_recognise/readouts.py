@@ -48,31 +48,41 @@ class Readout(Part):
 
 @dataclass(frozen=True)
 class Svm(Readout):
-    """A linear support vector machine, one class against the others, on standardised values."""
+    """A linear support vector machine, one class against the others."""
 
     source = "Cortes and Vapnik, Machine Learning 20:273, 1995; LinearSVC of scikit-learn (liblinear)"
 
     C: float = setting(0.01, "", "weight of errors against a wide margin", "chosen inside one training split", above=0)
-    standardise: bool = setting(True, "", "whether each value is brought to mean 0 and deviation 1 first", "usual")
+    scale: str = setting(
+        "standard", "", "standard: values to mean 0, deviation 1; length: vectors to length 1; none", "usual",
+        words=("standard", "length", "none"),
+    )  # fmt: skip
 
     def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
-        """Learn weights and thresholds; `x` may be a sparse matrix where it is not standardised."""
+        """Learn weights and thresholds; `x` may be a sparse matrix where it is not scaled."""
         svm = _learner("LinearSVC")
-        middle, spread = _scale(x) if self.standardise else (np.zeros(1), np.ones(1))
+        middle, spread = _scale(x) if self.scale == "standard" else (np.zeros(1), np.ones(1))
         made = svm(C=self.C, dual="auto", random_state=course.seed)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that it did not converge: the machine is used as it is
-            made.fit((x - middle) / spread if self.standardise else x, labels)
+            made.fit((x - middle) / spread if self.scale == "standard" else self._scaled(x), labels)
         weights, thresholds = _all_classes(made, classes)
-        # the planes of plain values, so that nothing has to be scaled to ask
-        shift = weights @ (middle / spread) if self.standardise else 0.0
+        # the planes of plain values, so that nothing has to be standardised to ask
+        shift = weights @ (middle / spread) if self.scale == "standard" else 0.0
         return {"weights": weights / spread, "thresholds": thresholds - shift}
 
     def scores(self, learnt: Learnt, x: Array) -> Floats:
         """Distances from the planes, in units of the margin."""
         m = _arrays(learnt)
-        found: Floats = x @ m["weights"].T + m["thresholds"]
+        found: Floats = self._scaled(x) @ m["weights"].T + m["thresholds"]
         return found
+
+    def _scaled(self, x: Array) -> Array:
+        """Vectors of length 1, if that is wanted; a vector of zeros stays."""
+        if self.scale != "length":
+            return x
+        length = np.sqrt((x**2).sum(axis=1, keepdims=True))
+        return np.divide(x, length, out=np.zeros_like(x), where=length > 0)
 
 
 @dataclass(frozen=True)

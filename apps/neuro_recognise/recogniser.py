@@ -25,6 +25,7 @@ import numpy as np
 import neuro
 from neuro.apps import Checkpoint, check_output, hdf5, unknown
 from neuro.events import EventFileError, Events, Recordings
+from neuro.events.dataset import UNKNOWN
 from neuro_recognise.early import Early, part_of
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, choose
 from neuro_recognise.methods import METHODS
@@ -33,7 +34,7 @@ from neuro_recognise.session import WINDOW_MS, Session
 from neuro_recognise.shown import Evidence, Floats, Ints, Shown, unlabelled
 from neuro_recognise.stopping import stopping_rule
 
-__all__ = ["FORMAT", "Recogniser", "fit", "method_of"]
+__all__ = ["FORMAT", "Recogniser", "fit", "learn", "method_of", "settled"]
 
 FORMAT = "neuro recogniser 1"
 Tell = Callable[[Progress], None]
@@ -244,12 +245,23 @@ def fit(
         ModelError: a setting is wrong, there is nothing to learn, or `out` belongs to another training.
         EventFileError: a recording is damaged or does not fit.
     """
-    told = method if isinstance(method, Method) else method_of(method)
-    _enough(data)
-    settled = told.fitting(_size(data))
+    fixed = settled(method if isinstance(method, Method) else method_of(method), data)
     tell: Tell = report or (lambda progress: None)
-    shown = observe(settled, data, cache=cache, report=lambda done, n: tell(Progress("looking at recordings", done, n)))
-    return learn(settled, shown, _digest(data), seed=seed, backend=backend, out=out, report=tell)
+    shown = observe(fixed, data, cache=cache, report=lambda done, n: tell(Progress("looking at recordings", done, n)))
+    return learn(fixed, shown, _digest(data), seed=seed, backend=backend, out=out, report=tell)
+
+
+def settled(method: Method, data: Recordings) -> Method:
+    """A method with everything decided that follows from the recordings to learn from.
+
+    Raises:
+        EventFileError: there are none, or all are of one class.
+    """
+    there = set(data.labels.tolist()) - {UNKNOWN}
+    if len(there) < 2:
+        only = f"only the class '{data.classes[there.pop()]}'" if there else "no recordings with a class"
+        raise EventFileError(data.path, f"has {only}: expected recordings of at least two classes")
+    return method.fitting(data.sensor_size(setting="--set size=[WIDTH, HEIGHT]"))
 
 
 def learn(
@@ -279,7 +291,7 @@ def learn(
     training = {"seed": seed, "backend": backend, "data": digest, "recordings": len(shown)}
     if out is None:
         return Recogniser(method, shown.classes, method.fit(shown, Course(seed, backend, None, report)), training)
-    told = {"method": method.called(), "settings": method.as_words(), **training}
+    told = {"method": method.called(), "settings": method.fixed(), **training}
     checkpoint = Checkpoint(out, "neuro recogniser training 1", told)
     if (made := _made(out, method, training)) is None:
         check_output(out, hdf5.kind(FORMAT))
@@ -297,19 +309,6 @@ def _made(out: Path, method: Method, training: Mapping[str, Any]) -> Recogniser 
     there = Recogniser.load(out)
     same = there.method.as_words() == method.as_words() and type(there.method) is type(method)
     return there if same and dict(there.training) == training else None
-
-
-def _enough(data: Recordings) -> None:
-    """Refuse data from which nothing can be told apart."""
-    there = {item.label for item in data}
-    if len(there) < 2:
-        only = f"only the class '{data.classes[there.pop()]}'" if there else "no recordings"
-        raise EventFileError(data.path, f"has {only}: expected recordings of at least two classes")
-
-
-def _size(data: Recordings) -> tuple[int, int]:
-    """Width and height of the sensor, px."""
-    return data[0].load().sensor_size
 
 
 def _digest(data: Recordings) -> str:

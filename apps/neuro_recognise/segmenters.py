@@ -30,6 +30,18 @@ class Segmenter(Part):
             (segments + 1,) segment i is ``[bounds[i], bounds[i + 1])``.
         """
 
+    def complete_at(self, t: Ints, bounds: Ints) -> Ints:
+        """When each segment is known to be complete.
+
+        Args:
+            t: (n,) times, us, ascending.
+            bounds: of the segments.
+
+        Returns:
+            (segments,) us, the time of the event that tells it.
+        """
+        return t[bounds[1:] - 1]
+
 
 @dataclass(frozen=True)
 class Msd(Segmenter):
@@ -58,6 +70,10 @@ class Hes(Segmenter):
     def bounds(self, t: Ints) -> Ints:
         """What comes after the last whole window belongs to none."""
         return segmentation.time_segments(t, window_us=max(1, round(1000.0 * self.window)))
+
+    def complete_at(self, t: Ints, bounds: Ints) -> Ints:
+        """At the first event after the window."""
+        return t[bounds[1:]]
 
 
 @dataclass(frozen=True)

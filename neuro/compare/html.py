@@ -4,12 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
+from pathlib import Path
+from string import Template
+
+_FOLDER = Path(__file__).parent
 
 
 class Html(str):
     """Text that is HTML or SVG already."""
 
     __slots__ = ()
+
+
+def page(generator: str, title: str, parts: Iterable[object]) -> str:
+    """A page that needs nothing else: no script, no font, no network.
+
+    Args:
+        generator: the command that makes it, by which the file is known.
+        title: of the window.
+        parts: what it contains.
+    """
+    template = Template((_FOLDER / "page.html").read_text("utf-8"))
+    style = (_FOLDER / "page.css").read_text("utf-8").strip()
+    return template.substitute(generator=generator, title=tag("title", title), style=style, body=join(parts))
 
 
 def tag(name: str, *parts: object, **attributes: object) -> Html:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
-from string import Template
 
 from neuro.chips.known import chip
 from neuro.chips.pricing.energy import quantity
 from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.compare import cells
+from neuro.compare import cells, html
 from neuro.compare.bars import learnt, weights
 from neuro.compare.chipmap import chip_map
 from neuro.compare.energybars import joules
@@ -19,7 +17,6 @@ from neuro.compare.result import Comparison, Run
 from neuro.core.outputs import sealed
 from neuro.core.version import VERSION
 
-_FOLDER = Path(__file__).parent
 PAGE = sealed("a page of 'neuro compare'", '<meta name="generator" content="neuro compare">', "<!-- digest {} -->")
 
 DISTANCE = (
@@ -48,10 +45,7 @@ def page(comparison: Comparison) -> str:
         *_remarks(comparison),
         tag("footer", f"Written by neuro {VERSION} (neuro compare)."),
     )
-    template = Template((_FOLDER / "report.html").read_text("utf-8"))
-    style = (_FOLDER / "report.css").read_text("utf-8").strip()
-    title = tag("title", f"{comparison.network}: a comparison of backends")
-    return template.substitute(title=title, style=style, body=join(parts))
+    return html.page("neuro compare", f"{comparison.network}: a comparison of backends", parts)
 
 
 def _head(comparison: Comparison) -> Html:

@@ -3,10 +3,9 @@ import pickle
 import random
 import zipfile
 
-import h5py
 import pytest
 
-from neuro.events import EventFileError, recordings
+from neuro.events import Dataset, EventFileError, recordings
 
 EVENT = bytes([1, 2, 128, 0, 9])
 
@@ -89,10 +88,13 @@ def test_messages(tmp_path):
     write(tmp_path / "npy", "cl/1.npy", "he/notes", "README.md")
     assert told(tmp_path / "npy") == f"{expected} (there are only .md, .npy){hint}"
     assert told(tmp_path / "none") == "no such folder, zip or HDF5 file"
-    write(tmp_path, "a.bin", "b.tar.gz")
+    write(tmp_path, "a.bin", "b.tar.gz", "c.what")
     expected = "is no folder, zip or HDF5 file, expected one with recordings"
-    assert told(tmp_path / "a.bin") == expected
     assert told(tmp_path / "b.tar.gz") == f"{expected}; unpack it first"
+    assert told(tmp_path / "c.what").startswith("unknown kind of event file, expected one of: ROS")
+    with pytest.raises(EventFileError) as error:
+        Dataset(tmp_path / "a.bin")
+    assert str(error.value) == f"{tmp_path}/a.bin: {expected}"
     expected = "a.bin lies in no class folder (is this one? then give the one above it), and there is no MANIFEST.csv "
     assert told(tmp_path) == f"{expected}with the columns file, label, class"
 
@@ -102,12 +104,6 @@ def test_archives_come_in_archives(folder, tmp_path):
     zipped(folder).rename(write(tmp_path / "outer", "README.md") / "Train.zip")
     expected = "no recordings, but Train.zip: unpack it first, or give its name if it is a zip"
     assert told(tmp_path / "outer") == told(zipped(tmp_path / "outer")) == expected
-
-
-def test_hdf5_is_for_data_sets(tmp_path):
-    with h5py.File(tmp_path / "x.h5", "w"):
-        pass
-    assert told(tmp_path / "x.h5") == "is HDF5, expected a folder or zip; neuro.events.Dataset reads it"
 
 
 def test_a_part_may_be_a_must(folder):

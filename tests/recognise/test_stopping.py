@@ -87,7 +87,7 @@ def test_what_a_rule_refuses():
         "allow = 0.2: 33.3% of the 9 held-out recordings are decided wrongly even at their end\n"
         "  hint: allow at least 0.334"
     )
-    with pytest.raises(neuro.ModelError, match="^allow = 1: expected a share of recordings between 0 and 1$"):
+    with pytest.raises(neuro.ModelError, match=r"^allow = 1: expected a share of recordings between 0 and 1$"):
         stopping_rule(held, 1)
 
 

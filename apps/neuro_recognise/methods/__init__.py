@@ -5,9 +5,11 @@ from __future__ import annotations
 from neuro_recognise.method import METHODS
 from neuro_recognise.methods.boe import Boe
 from neuro_recognise.methods.hats import Hats
+from neuro_recognise.methods.hots import Hots
+from neuro_recognise.methods.remus import Remus
 from neuro_recognise.methods.tar_hats import TarHats
 
 __all__ = ["METHODS"]
 
-for _method in (Boe, Hats, TarHats):
+for _method in (Remus, Boe, Hats, Hots, TarHats):
     METHODS.add(_method)

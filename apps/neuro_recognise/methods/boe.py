@@ -38,7 +38,7 @@ class Boe(Method):
 
     cleaner: Cleaner = part(Cleaner, Plain())
     segmenter: Segmenter = part(Segmenter, Msd())
-    readout: Readout = part(Readout, Svm(C=1.0, standardise=False))
+    readout: Readout = part(Readout, Svm(C=1.0, scale="none"))
 
     def observing(self) -> Mapping[str, Any]:
         """All but the readout."""
@@ -55,6 +55,7 @@ class Boe(Method):
         shares, recording = self._shares(shown)
         n = shares.shape[0]
         special = np.log(n / np.maximum(np.bincount(shares.indices, minlength=shares.shape[1]), 1))
+        special /= np.sqrt(shares.multiply(special).power(2).sum() / n) or 1.0  # segments of length 1: C is of these
         weighed = shares.multiply(special).tocsr()
         taught = self.readout.fit(weighed, shown.labels[recording], len(shown.classes), course)
         return {"speciality": special, **taught}

@@ -12,7 +12,8 @@ from neuro.events import Events, representations
 from neuro_recognise.method import Learnt
 from neuro_recognise.methods.descriptor import Descriptor
 from neuro_recognise.observers import Growing, Grows, Observer
-from neuro_recognise.settings import setting
+from neuro_recognise.readouts import Readout, Svm
+from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Floats
 from neuro_recognise.views import Pictures, View
 
@@ -28,11 +29,15 @@ class Hats(Descriptor):
     source = "Sironi et al., CVPR 2018, section 4"
     presets = {"poker": {"cell": 12, "tau": 10.0}}
 
-    cell: int = setting(0, "px", "side of a cell; 0: a fifth of the larger side", "best of 5, 7, 9 on N-MNIST's 34 px")
+    cell: int = setting(
+        0, "px", "side of a cell; 0: a fifth of the larger side", "best of 5, 7, 9 on N-MNIST's 34 px", at_least=0
+    )
     radius: int = setting(3, "px", "of an event's surroundings", "the paper's for N-CARS", at_least=0)
     tau: float = setting(
         100.0, "ms", "decay of what is remembered, and how long it is", "the paper's for N-CARS", above=0
     )
+
+    readout: Readout = part(Readout, Svm(C=10.0, scale="length"))
 
     def fitting(self, size: tuple[int, int]) -> Self:
         """Cells that follow from the field."""

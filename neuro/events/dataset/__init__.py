@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from neuro.events.dataset._dataset import Dataset
+from neuro.events.dataset._find import recordings
 from neuro.events.dataset._layouts import LAYOUTS, Layout
-from neuro.events.dataset._recordings import Recording, Recordings, recordings
-from neuro.events.dataset._sample import Sample
+from neuro.events.dataset._recording import Recording
+from neuro.events.dataset._recordings import Recordings
+from neuro.events.dataset._sample import UNKNOWN, Sample
 from neuro.events.dataset._store import Stored
 
-__all__ = ["LAYOUTS", "Dataset", "Layout", "Recording", "Recordings", "Sample", "Stored", "recordings"]
+__all__ = ["LAYOUTS", "UNKNOWN", "Dataset", "Layout", "Recording", "Recordings", "Sample", "Stored", "recordings"]

@@ -15,7 +15,7 @@ from neuro.core.errors import ModelError, unknown
 from neuro.core.paths import file_path
 from neuro.events._events import Events
 from neuro.events.dataset._files import is_hdf5
-from neuro.events.dataset._recordings import recordings
+from neuro.events.dataset._labelled import labelled
 from neuro.events.dataset._sample import Kept, Sample
 from neuro.events.dataset._store import Report, Stored, store
 from neuro.events.dataset._stored import stored_samples
@@ -80,7 +80,7 @@ class Dataset(Sequence[tuple[Any, int]]):
             self.classes, self.samples = stored_samples(self.path, classes)
             self.layout = "hdf5"
         else:
-            found = recordings(path, part=part, classes=classes, layout=layout, ending=ending, whole=False)
+            found = labelled(self.path, part, classes, layout, ending, whole=False)
             self.classes, self.samples, self.layout = found.classes, tuple(found), found.layout
 
     def _with(self, **changed: Any) -> Self:

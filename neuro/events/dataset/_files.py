@@ -49,8 +49,6 @@ def files_of(where: str) -> Files:
         raise EventFileError(where, "no such folder, zip or HDF5 file")
     if not path.is_file():
         raise EventFileError(where, "is neither file nor folder, expected a folder, zip or HDF5 file")
-    if is_hdf5(where):
-        raise EventFileError(where, "is HDF5, expected a folder or zip; neuro.events.Dataset reads it")
     try:
         archive = _Zip(where)
         return {name: archive.reader(name) for name in archive.names() if not _hidden(name)}

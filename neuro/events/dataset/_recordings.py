@@ -1,70 +1,44 @@
-"""Labelled recordings in a folder or zip: found, sorted, and loaded one at a time."""
+"""A sorted sequence of recordings, and what a recogniser needs of it: labels, parts of it, folds, the sensor."""
 
 from __future__ import annotations
 
 import hashlib
-import os
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+import warnings
+from collections.abc import Iterator, Sequence
 from typing import overload
 
-from neuro.core.paths import file_path
-from neuro.events._events import Events
-from neuro.events.dataset._files import files_of, natural
-from neuro.events.dataset._item import Item
-from neuro.events.dataset._layouts import Layout, is_part, layout_of
-from neuro.events.errors import EventFileError
-from neuro.events.files import load
+import numpy as np
+import numpy.typing as npt
+
+from neuro.core.errors import ModelError
+from neuro.events import _arguments
+from neuro.events.dataset._sample import UNKNOWN, Sample
+from neuro.events.errors import EventFileWarning
+
+Ints = npt.NDArray[np.int64]
 
 
-@dataclass(frozen=True, slots=True)
-class Recording:
-    """One recording that can be loaded.
-
-    Attributes:
-        name: path inside the folder or zip, with ``/``; of a part of a file, with ``#`` and its number.
-        path: the folder or zip with the name behind it, for messages.
-        label: index of its class in `Recordings.classes`.
-        read: gives the bytes of the file.
-        span_us: of a file with several recordings, the first us of this one and the one after its last.
-        sensor_size: width and height that its data set is known for, px.
-    """
-
-    name: str
-    path: str
-    label: int
-    read: Callable[[], bytes]
-    span_us: tuple[int, int] | None = None
-    sensor_size: tuple[int, int] | None = None
-
-    def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
-        """The events; arguments and errors as of `neuro.events.load`."""
-        size = sensor_size or self.sensor_size
-        events = load(self.read(), name=self.path, sensor_size=size, sort=sort, strict=strict)
-        return events if self.span_us is None else events.between(*self.span_us)
-
-
-class Recordings(Sequence[Recording]):
-    """A sorted sequence of recordings.
+class Recordings(Sequence[Sample]):
+    """A sorted sequence of recordings, each read when it is asked for.
 
     Attributes:
-        path: the folder or zip.
+        path: the folder, zip or file.
         classes: class names; the label of a recording is an index into them.
-        layout: name of the layout, see `neuro.events.dataset.LAYOUTS`.
+        layout: name of the layout, see `neuro.events.dataset.LAYOUTS`; ``"hdf5"`` for an HDF5 file of recordings,
+            ``"recording"`` for a single one.
     """
 
-    def __init__(self, path: str, items: Sequence[Recording], classes: Sequence[str], layout: str = "") -> None:
+    def __init__(self, path: str, items: Sequence[Sample], classes: Sequence[str], layout: str = "") -> None:
         self.path = path
         self.classes = tuple(classes)
         self.layout = layout
         self._items = tuple(items)
 
     @overload
-    def __getitem__(self, index: int) -> Recording: ...
+    def __getitem__(self, index: int) -> Sample: ...
     @overload
     def __getitem__(self, index: slice) -> Recordings: ...
-    def __getitem__(self, index: int | slice) -> Recording | Recordings:
+    def __getitem__(self, index: int | slice) -> Sample | Recordings:
         if isinstance(index, slice):
             return Recordings(self.path, self._items[index], self.classes, self.layout)
         return self._items[index]
@@ -72,14 +46,104 @@ class Recordings(Sequence[Recording]):
     def __len__(self) -> int:
         return len(self._items)
 
-    def __iter__(self) -> Iterator[Recording]:
+    def __iter__(self) -> Iterator[Sample]:
         return iter(self._items)
 
     def __repr__(self) -> str:
         return f"<Recordings {len(self)} of {len(self.classes)} classes in {self.path}>"
 
+    @property
+    def labels(self) -> Ints:
+        """(recordings,) int64, the label of each; `neuro.events.dataset.UNKNOWN`, -1, where nothing tells the class."""
+        return np.array([item.label for item in self], np.int64)
+
+    def take(self, indices: npt.ArrayLike) -> Recordings:
+        """Some of the recordings, in the order given.
+
+        Args:
+            indices: (n,) whole numbers; below 0 they count from the end.
+
+        Raises:
+            ModelError: they are something else (a mask needs `numpy.flatnonzero`), or there is no such recording.
+        """
+        chosen = np.asarray(indices)
+        if chosen.ndim != 1 or (chosen.size and chosen.dtype.kind not in "iu"):
+            hint = "numpy.flatnonzero(mask) gives the indices of a mask" if chosen.dtype == bool else ""
+            raise ModelError(f"take({indices!r:.60}): expected indices, whole numbers in one axis", hint=hint)
+        for k in chosen[(chosen < -len(self)) | (chosen >= len(self))][:1]:
+            raise ModelError(f"take: index {k}, expected {-len(self)} to {len(self) - 1}: {self!r}")
+        return Recordings(self.path, [self._items[k] for k in chosen.astype(np.int64)], self.classes, self.layout)
+
+    def folds(self, n: int, *, seed: int) -> list[tuple[Ints, Ints]]:
+        """Divide the recordings for cross-validation, with the same share of each class in every fold.
+
+        Args:
+            n: number of folds, >= 2.
+            seed: which recordings lie in which fold, >= 0.
+
+        Returns:
+            For each fold the indices to learn from and those to test on, both ascending. Each recording is tested on
+            once; sizes of folds, and numbers of a class in them, differ by at most one.
+
+        Raises:
+            ModelError: a class has fewer recordings than there are folds, or a recording no class.
+        """
+        n, labels = _arguments.whole("n", n, 2), self.labels
+        for label, count in zip(*np.unique(labels, return_counts=True), strict=True):
+            if label == UNKNOWN:
+                raise ModelError(f"folds({n}): the class of {self._first(label)} is unknown, expected one for each")
+            if count < n:
+                has = f"class '{self.classes[label]}' has {count} recording{'s' if count > 1 else ''}"
+                hint = "one of each class lies in every fold"
+                raise ModelError(f"folds({n}): {has}, expected at least {n}", hint=hint)
+        rng = np.random.default_rng([_arguments.whole("seed", seed, 0), 7])
+        order = np.concatenate([rng.permutation(np.flatnonzero(labels == k)) for k in np.unique(labels)] or [labels])
+        fold = np.empty(len(self), np.int64)
+        fold[order] = np.arange(len(self)) % n
+        return [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in range(n)]
+
+    def _first(self, label: int) -> str:
+        return next(item.path for item in self if item.label == label)
+
+    def sensor_size(self, *, setting: str = "sensor_size=(width, height), or --sensor WxH") -> tuple[int, int]:
+        """Width and height of the field that holds all recordings, px: the largest that any has.
+
+        Files that tell their sensor are opened for it, others read. A warning says where sensors differ, and where
+        none is told: then the field is what events reach, and other recordings of the same camera may not fit.
+
+        Args:
+            setting: what users set to have another, as the warning calls it.
+
+        Raises:
+            EventFileError: a recording is damaged.
+            ModelError: there is no recording.
+        """
+        if not self:
+            raise ModelError(f"{self!r}: has no recording, expected at least one to find the sensor")
+        found = [(*item.sensor(), item.name) for item in self]
+        width, height = (max(size[axis] for size, _, _ in found) for axis in (0, 1))
+        sizes = {size: name for size, told, name in reversed(found) if told}
+        untold = [name for _, told, name in found if not told]
+        what = ""
+        if untold:
+            what = f"{len(untold)} of {len(found)} recordings do not tell their sensor, such as {untold[0]}"
+        elif len(sizes) > 1:
+            (small, first), (large, last) = min(sizes.items()), max(sizes.items())
+            what = f"sensors differ, such as {_by(small)} of {first} and {_by(large)} of {last}"
+        if what:
+            text = f"{self.path}: {what}: {_by((width, height))} is taken, which holds all; {setting} gives another"
+            warnings.warn(text, EventFileWarning, stacklevel=2)
+        return width, height
+
     def fingerprint(self) -> str:
-        """SHA-256 over classes, names, labels and contents: equal for equal data, wherever it lies."""
+        """SHA-256 over classes, names, labels and contents: equal for equal data, wherever it lies.
+
+        All recordings are read, one at a time. An HDF5 file differs from the folder that it was made of, since its
+        recordings have other names.
+
+        Raises:
+            EventFileError: a recording cannot be read.
+        """
         digest = hashlib.sha256(repr(self.classes).encode())
         for item in self:
             data = item.read()
@@ -88,71 +152,5 @@ class Recordings(Sequence[Recording]):
         return digest.hexdigest()
 
 
-def recordings(
-    path: str | os.PathLike[str],
-    *,
-    part: str | None = None,
-    classes: Sequence[str] | None = None,
-    layout: str | None = None,
-    ending: str | None = None,
-    whole: bool = True,
-) -> Recordings:
-    """Find the labelled recordings of a folder or zip.
-
-    The layouts of well-known data sets are recognised, see `neuro.events.dataset.LAYOUTS`. In any other, the class of
-    a file is the name of the folder it lies in, at any depth (``Train/<digit>/<index>.bin``), and files without class
-    folders need a ``MANIFEST.csv`` beside them with the columns file, label, class.
-
-    Args:
-        path: the folder or zip.
-        part: of data with parts, such as ``Train`` and ``Test``, only this one; upper and lower case are the same.
-        classes: class names in the order of their labels, of the data trained on for example; None
-            takes those found: folders by name (numbers by value), those of a manifest by its labels.
-        layout: name of the layout; None finds it.
-        ending: only files whose names end so, such as ``bin``.
-        whole: whether data without parts stands for any part; if not, only ``Train`` and its like stand for themselves.
-
-    Returns:
-        The recordings, sorted by name (numbers by value).
-
-    Raises:
-        EventFileError: no such path, no recording in it, a class that ``classes`` lacks, a wrong manifest.
-        ModelError: `path` is no name of a file.
-    """
-    file_path(path, "path")
-    where = os.fspath(path)
-    files = files_of(where)
-    if ending is not None:
-        tail = f".{ending.lower().lstrip('.')}"
-        files = {name: read for name, read in files.items() if name.lower().endswith((tail, ".csv", ".txt"))}
-    chosen = layout_of(where, files, layout)
-    items = [item for item in chosen.find(where, files) if ending is None or item.file.lower().endswith(tail)]
-    if not items:
-        raise EventFileError(where, f"no recordings with names that end in {tail}")
-    classes_in_order = list(dict.fromkeys(item.label for item in items))
-    items = _of_part(where, chosen, sorted(items, key=lambda item: natural(item.name)), part, whole)
-    present = {item.label for item in items}
-    found = [c for c in classes_in_order if c in present]
-    if classes is None:
-        classes = found
-    if missing := [c for c in found if c not in classes]:
-        raise EventFileError(where, f"class {missing[0]!r} is new, expected one of {', '.join(classes)}")
-    index = {c: k for k, c in enumerate(classes)}
-    size = chosen.sensor_size
-    made = [Recording(i.name, f"{where}/{i.name}", index[i.label], files[i.file], i.span_us, size) for i in items]
-    return Recordings(where, made, classes, chosen.name)
-
-
-def _of_part(where: str, layout: Layout, items: list[Item], part: str | None, whole: bool) -> list[Item]:
-    """The items of a part."""
-    if part is None:
-        return items
-    wanted = part.lower()
-    inside = [item for item in items if layout.in_part(item, wanted)]
-    if inside:
-        return inside
-    if any(layout.in_part(item, name) for item in items for name in ("train", "test")):
-        raise EventFileError(where, f"no recordings in a folder {part!r}")
-    if whole or is_part(Path(where).resolve().stem, wanted):
-        return items
-    raise EventFileError(where, f"has no parts, expected one named {part!r}; split() divides it")
+def _by(size: tuple[int, int]) -> str:
+    return f"{size[0]}x{size[1]}"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,28 +57,52 @@ class StoredSample:
         name: ``class/sample``.
         path: the file with the name behind it, for messages.
         label: index of its class.
-        number: in the data set that the file was made of; by name in a file of another library.
     """
 
     name: str
     path: str
     label: int
-    number: int
+    _place: int
     _file: _File
+
+    @property
+    def number(self) -> int:
+        """Its number in the data set that the file was made of; by name in a file of another library."""
+        return int(self._file.file[self.name].attrs.get(NUMBER, self._place))
 
     def load(self, *, sensor_size: tuple[int, int] | None = None, sort: bool = False, strict: bool = True) -> Events:
         """The events; arguments and errors as of `neuro.events.load`. Samples have no damage that could be left out."""
-        from neuro.events.formats import Damage
         from neuro.events.formats.hdf5 import read_sample
 
-        try:
+        with self._told():
             events = read_sample(self._file.file[self.name])
             if sensor_size is None or sensor_size == events.sensor_size:
                 return events
             return Events(events.t, events.x, events.y, events.p, sensor_size, events.metadata)
-        except Damage as damage:
+
+    def read(self) -> bytes:
+        """Sensor and events as bytes; see `Sample`."""
+        events = self.load()
+        return repr(events.sensor_size).encode() + events.records().tobytes()
+
+    def sensor(self) -> tuple[tuple[int, int], bool]:
+        """Width and height, and whether they are told; see `Sample`."""
+        from neuro.events.formats.hdf5 import sample_size
+
+        with self._told():
+            size = sample_size(self._file.file[self.name])
+        return (size, True) if size else (self.load().sensor_size, False)
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """Tell what is wrong with the sample as an `EventFileError` that names it; the file is closed then."""
+        from neuro.events.formats import Damage
+
+        try:
+            yield
+        except (Damage, EventFileError) as error:
             self._file.close()
-            raise EventFileError(self.path, damage.what, damage.offset) from None
+            raise EventFileError(self.path, error.what, error.offset) from None
         except (OSError, KeyError, ValueError) as error:
             self._file.close()
             raise EventFileError(self.path, " ".join(str(error).split())) from None
@@ -101,25 +126,46 @@ def stored_samples(path: str, classes: Sequence[str] | None = None) -> tuple[tup
         raise
 
 
+def holds_samples(path: str) -> bool:
+    """Whether an HDF5 file is a data set; if not, it may be a recording.
+
+    Raises:
+        EventFileError: it is no whole HDF5 file.
+    """
+    holder = _File(path)
+    try:
+        return any(True for _ in _names(holder.file))
+    finally:
+        holder.close()
+
+
+def _names(file: Any) -> Iterator[tuple[str, str]]:
+    """Class and name of each sample."""
+    import h5py
+
+    if "CD/events" in file:  # Prophesee's place for the events of a recording, see `neuro.events.formats.hdf5`
+        return
+    own = CLASSES in file.attrs  # then all are samples; to open each of 10,000 takes seconds
+    for group in sorted((name for name in file if isinstance(file.get(name), h5py.Group)), key=natural):
+        members = file[group]
+        yield from ((group, name) for name in sorted(members, key=natural) if own or _has_rows(members.get(name)))
+
+
 def _listed(
     holder: _File, path: str, classes: Sequence[str] | None
 ) -> tuple[tuple[str, ...], tuple[StoredSample, ...]]:
-    import h5py
-
     file = holder.file
-    groups = sorted((name for name in file if isinstance(file.get(name), h5py.Group)), key=natural)
-    names = [(group, name) for group in groups for name in sorted(file[group], key=natural)]
-    names = [pair for pair in names if _has_rows(file.get("/".join(pair)))]
+    names = list(_names(file))
     if not names:
         raise EventFileError(path, "holds no samples, expected /<class>/<sample> with rows ts, x, y, p")
+    groups = list(dict.fromkeys(group for group, _ in names))
     known = tuple(classes if classes is not None else _told(file, groups))
     if missing := [group for group in groups if group not in known]:
         raise EventFileError(path, f"class {missing[0]!r} is new, expected one of {', '.join(known)}")
-    samples = []
-    for k, (group, name) in enumerate(names):
-        inside = f"{group}/{name}"
-        number = int(file[inside].attrs.get(NUMBER, k))
-        samples.append(StoredSample(inside, f"{path}/{inside}", known.index(group), number, holder))
+    samples = (
+        StoredSample(f"{group}/{name}", f"{path}/{group}/{name}", known.index(group), k, holder)
+        for k, (group, name) in enumerate(names)
+    )
     return known, tuple(samples)
 
 

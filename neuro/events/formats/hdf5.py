@@ -119,6 +119,18 @@ def read_sample(dataset: Any) -> Events:
         raise EventFileError(place, damage.what, damage.offset) from None
 
 
+def sample_size(dataset: Any) -> Size | None:
+    """Width and height that a sample tells, None where it does not.
+
+    Args:
+        dataset: as for `read_sample`.
+
+    Raises:
+        Damage: they are impossible, or may be height and width.
+    """
+    return size_of(attributes(dataset, heaps=False))
+
+
 def _calibration(node: Any) -> dict[str, Any]:
     """The sensor beside M3ED's columns: ``calib/resolution``, width and height."""
     resolution = node.get("calib/resolution") if hasattr(node, "get") else None
@@ -128,4 +140,4 @@ def _calibration(node: Any) -> dict[str, Any]:
 HDF5 = Format("hdf5", "HDF5", (".h5", ".hdf5"), lambda head: head.startswith(MAGIC), Hdf5, write, inside=Hdf5)
 """Read and written."""
 
-__all__ = ["HDF5", "Hdf5", "read_sample", "write", "write_sample"]
+__all__ = ["HDF5", "Hdf5", "read_sample", "sample_size", "write", "write_sample"]

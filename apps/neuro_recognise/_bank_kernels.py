@@ -1,5 +1,5 @@
 # mypy: ignore-errors
-"""Compiled loops of `neuro_remus.frontend`."""
+"""Compiled loops of `neuro_recognise.banks`."""
 
 import numpy as np
 
@@ -7,14 +7,15 @@ from neuro.apps import allocating
 
 
 @allocating
-def c1_responses(x, y, bounds, bank, sizes, height, width, out):
-    """S1 and C1 of every pseudo-frame of a recording.
+def largest_responses(x, y, bounds, bank, sizes, height, width, cell, out):
+    """What filters answer to every frame of a recording, of each cell of pixels the largest, at least 0.
 
     A frame has far fewer pixels with events than pixels, so each such pixel adds its count times the
     (turned) filter to the response; this is the 'same' convolution with zeros outside of the frame.
 
     x, y: uint16[n], inside the frame; bounds: int64[frames + 1]; bank: float64[scales, orientations,
-    side, side]; sizes: int64[scales]; out: float64[frames, scales, orientations, height // 2, width // 2].
+    side, side]; sizes: int64[scales]; cell: side of a cell, px; out: float64[frames, scales, orientations,
+    height // cell, width // cell].
     """
     side = bank.shape[2]
     half = side // 2
@@ -44,9 +45,10 @@ def c1_responses(x, y, bounds, bank, sizes, height, width, out):
                             to[columns[k] + j] += value * taps[side - 1 - j]
                 for i in range(out.shape[3]):
                     for j in range(out.shape[4]):
-                        a, b = half + 2 * i, half + 2 * j
-                        best = max(response[a, b], response[a, b + 1])
-                        best = max(best, max(response[a + 1, b], response[a + 1, b + 1]))
-                        out[frame, s, o, i, j] = max(best, 0.0)
+                        best = 0.0
+                        for a in range(half + cell * i, half + cell * (i + 1)):
+                            for b in range(half + cell * j, half + cell * (j + 1)):
+                                best = max(best, response[a, b])
+                        out[frame, s, o, i, j] = best
         for k in range(active):
             count[rows[k], columns[k]] = 0

@@ -1,0 +1,248 @@
+"""Methods side by side on one data set: every fold trained and tested, kept in a folder, and told as a table.
+
+FOLDER/METHOD-SEED-FOLD.json    decisions and times of a fold; what is there is not done again
+FOLDER/table.md, compare.html   all that is there
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neuro import ModelError
+from neuro.apps import Unwritable, check_output, make_folder, sealed, write_text
+from neuro.events import EventFileError, Recordings
+from neuro_recognise.evaluate import Evaluation, evaluate
+from neuro_recognise.method import METHODS, Answer, Method, Progress, choose
+from neuro_recognise.observations import observe
+from neuro_recognise.recogniser import learn, method_of, settled
+from neuro_recognise.shown import Ints, Shown
+
+__all__ = ["Compared", "Contestant", "Plan", "compare", "contestants"]
+
+FORMAT = "neuro recognise fold 1"
+RESULT = sealed("a result of 'neuro recognise compare'", f'"format": "{FORMAT}"', ', "digest": "{}"')
+TIMED = 20
+"""Recordings that are looked at anew to tell how long that takes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contestant:
+    """A method with its settings.
+
+    Attributes:
+        name: in the table: the method's and what differs from its defaults.
+        method: with its settings.
+    """
+
+    name: str
+    method: Method
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is to be compared.
+
+    Attributes:
+        contestants: rows of the table.
+        folds: of each seed.
+        seeds: of folds and trainings.
+        targets: chips and processors for which networks are priced.
+        folder: where results are kept.
+    """
+
+    contestants: tuple[Contestant, ...]
+    folds: int
+    seeds: tuple[int, ...]
+    targets: tuple[str, ...]
+    folder: Path
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compared:
+    """What came of a method.
+
+    Attributes:
+        contestant: the method.
+        of_seeds: an evaluation of all recordings for each seed, each by what was learnt from the other folds.
+        votes: likewise by other ways of reading, by name.
+        observe_ms: to look at a recording.
+        train_s: to learn from the other folds, mean of the folds.
+        answer_ms: to decide on what was looked at, a recording.
+        bills: by target what a recording takes on it, or why it cannot be priced, as plain data.
+        refused: why it could not be run at all, "" if it could.
+    """
+
+    contestant: Contestant
+    of_seeds: tuple[Evaluation, ...] = ()
+    votes: Mapping[str, tuple[Evaluation, ...]] | None = None
+    observe_ms: float = float("nan")
+    train_s: float = float("nan")
+    answer_ms: float = float("nan")
+    bills: Mapping[str, Any] | None = None
+    refused: str = ""
+
+    @property
+    def accuracy(self) -> float:
+        """Mean over the seeds; NaN where it could not be run."""
+        return float(np.mean([one.accuracy for one in self.of_seeds])) if self.of_seeds else float("nan")
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation between the seeds; NaN of a single one."""
+        found = [one.accuracy for one in self.of_seeds]
+        return float(np.std(found, ddof=1)) if len(found) > 1 else float("nan")
+
+
+def contestants(names: Sequence[str] = ()) -> tuple[Contestant, ...]:
+    """Methods by name.
+
+    Args:
+        names: a method's, or with one of its presets, ``hats:poker``; all methods if there are none.
+
+    Raises:
+        ModelError: there is no such method or preset.
+    """
+    asked = (name.partition(":") for name in names or METHODS)
+    return tuple(Contestant(name + colon + preset, method_of(name, preset)) for name, colon, preset in asked)
+
+
+def compare(data: Recordings, plan: Plan, report: Callable[[Progress], None]) -> list[Compared]:
+    """Train and test all; what is in the folder already is not done again.
+
+    Args:
+        data: labelled recordings.
+        plan: what to compare.
+        report: is told the progress.
+
+    Returns:
+        What came of each method, in the order of the plan.
+
+    Raises:
+        EventFileError: a recording is damaged.
+        ModelError: a file in the folder is not ours, or there are too few recordings.
+    """
+    make_folder(plan.folder)
+    digest = data.fingerprint()[:32]
+    return [_compared(data, digest, one, plan, report) for one in plan.contestants]
+
+
+def _compared(
+    data: Recordings, digest: str, contestant: Contestant, plan: Plan, report: Callable[[Progress], None]
+) -> Compared:
+    """One method; one that cannot be run, as its extra is missing or the recordings do not suit it, says so."""
+    name = contestant.name
+    method = settled(contestant.method, data)
+    try:
+        shown = observe(method, data, report=lambda done, n: report(Progress(f"{name}: looking", done, n)))
+        told = [
+            _fold(Contestant(name, method), shown, digest, (seed, k), parts, plan, report)
+            for seed in plan.seeds
+            for k, parts in enumerate(data.folds(plan.folds, seed=seed))
+        ]
+    except (EventFileError, Unwritable):
+        raise
+    except ModelError as error:
+        return Compared(contestant, refused=str(error).partition("\n")[0])
+    return _summary(contestant, told, shown, plan, _observing_ms(method, data))
+
+
+def _fold(
+    contestant: Contestant,
+    shown: Shown,
+    digest: str,
+    which: tuple[int, int],
+    parts: tuple[Ints, Ints],
+    plan: Plan,
+    report: Callable[[Progress], None],
+) -> dict[str, Any]:
+    """Train and test one fold, unless its result is there; gives it as plain data."""
+    (seed, fold), (others, mine) = which, parts
+    file = plan.folder / f"{contestant.name.replace('/', '_')}-{seed}-{fold}.json"
+    of: dict[str, Any] = {
+        "method": contestant.method.called(),
+        "settings": contestant.method.as_words(),
+        "data": digest,
+    }
+    of |= {"seed": seed, "fold": fold, "folds": plan.folds, "targets": list(plan.targets)}
+    kept = _read(file)
+    if kept.get("of") == json.loads(json.dumps(of)):
+        return kept
+    check_output(file, RESULT)
+    name = f"{contestant.name}, seed {seed}, fold {fold + 1} of {plan.folds}"
+
+    def tell(progress: Progress) -> None:
+        report(Progress(f"{name}: {progress.what}", progress.done, progress.total, progress.right))
+
+    began = time.process_time()
+    made = learn(contestant.method, shown.take(others), digest, seed=seed, report=tell)
+    trained = time.process_time()
+    answer = made.method.answer(made.learnt, shown.take(mine))
+    ended = time.process_time()
+    kept = {"format": FORMAT, "of": of, "tested": mine.tolist(), "decided": choose(answer.scores).tolist()}
+    kept |= {"votes": {vote: choose(scores).tolist() for vote, scores in answer.votes.items()}}
+    kept |= {"train_s": trained - began, "answer_ms": 1000.0 * (ended - trained) / len(mine)}
+    kept |= {"bills": _bills(answer, len(mine), plan.targets)}
+    write_text(file, json.dumps(kept, indent=1), RESULT)
+    return kept
+
+
+def _bills(answer: Answer, recordings: int, targets: Iterable[str]) -> dict[str, Any]:
+    """By target joules and seconds of a recording, or why it cannot be priced; nothing without a network."""
+    bills: dict[str, Any] = {}
+    if answer.run is not None:
+        sim, counted = answer.run
+        for target in targets:
+            try:
+                bills[target] = sim.energy(target, of=counted).per(recordings, "recording").as_dict()
+            except ModelError as error:
+                bills[target] = {"refused": str(error).partition("\n")[0]}
+    return bills
+
+
+def _observing_ms(method: Method, data: Recordings) -> float:
+    """How long a recording is looked at, measured anew on some, after one that compiles what is needed."""
+    events = [item.load() for item in data[:TIMED]]
+    method.observe(events[0])
+    began = time.process_time()
+    for one in events:
+        method.observe(one)
+    return 1000.0 * (time.process_time() - began) / len(events)
+
+
+def _summary(
+    contestant: Contestant, told: Sequence[Mapping[str, Any]], shown: Shown, plan: Plan, observe_ms: float
+) -> Compared:
+    """What came of all folds."""
+    seeds = [[one for one in told if one["of"]["seed"] == seed] for seed in plan.seeds]
+
+    def of_seed(parts: Sequence[Mapping[str, Any]], vote: str = "") -> Evaluation:
+        decided = np.full(len(shown), -1, np.int64)
+        for part in parts:
+            decided[part["tested"]] = part["votes"][vote] if vote else part["decided"]
+        return evaluate(decided, shown.labels, shown.classes)
+
+    return Compared(
+        contestant,
+        tuple(of_seed(parts) for parts in seeds),
+        {vote: tuple(of_seed(parts, vote) for parts in seeds) for vote in told[0]["votes"]},
+        observe_ms,
+        float(np.mean([one["train_s"] for one in told])),
+        float(np.mean([one["answer_ms"] for one in told])),
+        told[0]["bills"],
+    )
+
+
+def _read(file: Path) -> dict[str, Any]:
+    """A result; empty if there is none or it is damaged."""
+    try:
+        told = json.loads(file.read_text("utf-8"))
+    except (FileNotFoundError, ValueError):
+        return {}
+    return told if isinstance(told, dict) else {}

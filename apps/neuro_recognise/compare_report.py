@@ -1,0 +1,122 @@
+"""A comparison of methods as a table, as Markdown and as a page."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from neuro.apps import console, html, quantity, sealed, table, write_text
+from neuro_recognise.compare import Compared, Plan
+from neuro_recognise.evaluate import wilson
+from neuro_recognise.pictures import accuracies, confusion
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["show", "write"]
+
+PAGE = sealed(
+    "a page of 'neuro recognise compare'",
+    '<meta name="generator" content="neuro recognise compare">',
+    "<!-- digest {} -->",
+)
+TABLE = sealed("a table of 'neuro recognise compare'", "<!-- neuro recognise compare -->", "<!-- digest {} -->")
+HEAD = ("method", ">accuracy", ">95 % interval", "other votes", ">look, ms", ">train, s", ">decide, ms")
+ABOUT = (
+    "Accuracy is that of all recordings, each decided by what was learnt from the other folds; after it the deviation "
+    "between seeds. The interval is Wilson's, of one seed's recordings. Times are of one core: to look at a recording, "
+    "to learn from the other folds, to decide on a recording that was looked at."
+)
+BILL = (
+    "Joules of a recording: what the network does, and what the chip takes while it does; the host that turns events "
+    "into its input is not in the bill. Counts times published figures."
+)
+
+
+def show(found: Sequence[Compared], plan: Plan) -> None:
+    """Print the table."""
+    out = console()
+    out.print(table(HEAD, map(_row, found)))
+    if bills := list(_bills(found)):
+        out.print(table(("method", *(f">{target}" for target in plan.targets)), bills, title="joules of a recording"))
+    for one in found:
+        if one.refused:
+            print(f"- {one.contestant.name}: {one.refused}")
+
+
+def write(found: Sequence[Compared], plan: Plan, data: str) -> tuple[Path, Path]:
+    """Write the table and the page into the folder.
+
+    Args:
+        found: of each method.
+        plan: what was compared.
+        data: what on, for the title.
+
+    Returns:
+        The files.
+    """
+    markdown, page = plan.folder / "table.md", plan.folder / "compare.html"
+    rows = [[name.lstrip(">") for name in HEAD], ["---"] * len(HEAD), *map(_row, found)]
+    lines = "".join(f"| {' | '.join(row)} |\n" for row in rows)
+    write_text(markdown, f"<!-- neuro recognise compare -->\n\n{lines}", TABLE)
+    write_text(page, html.page("neuro recognise compare", f"Recognisers on {data}", _parts(found, plan, data)), PAGE)
+    return markdown, page
+
+
+def _parts(found: Sequence[Compared], plan: Plan, data: str) -> Iterator[Any]:
+    tag, n = html.tag, found[0].of_seeds[0].n if found and found[0].of_seeds else 0
+    yield tag("h1", "Recognisers side by side")
+    seeds = f"{len(plan.seeds)} seed" + ("s" if len(plan.seeds) > 1 else "")
+    yield tag("p", f"{n} recordings of {data}, {plan.folds} folds, {seeds}.", class_="lead")
+    if ran := [one for one in found if one.of_seeds]:
+        yield _picture(accuracies([(one.contestant.name, one.of_seeds) for one in ran]), "accuracy of each method")
+    yield html.table(HEAD, map(_row, found))
+    yield tag("p", ABOUT)
+    if bills := list(_bills(found)):
+        yield tag("h2", "Joules of a recording")
+        yield html.table(("method", *(f">{target}" for target in plan.targets)), bills)
+        yield tag("p", BILL)
+    if refused := [one for one in found if one.refused]:
+        yield tag("h2", "What could not be run")
+        yield tag("ul", *(tag("li", f"{one.contestant.name}: {one.refused}") for one in refused))
+    yield tag("h2", "What is taken for what")
+    for one in ran:
+        yield tag("h3", f"{one.contestant.name}: {one.contestant.method.title}")
+        yield _picture(confusion(one.of_seeds[0]), f"confusion of {one.contestant.name}, seed {plan.seeds[0]}")
+
+
+def _row(one: Compared) -> tuple[str, ...]:
+    if not one.of_seeds:
+        return (one.contestant.name, "not run", *[""] * (len(HEAD) - 2))
+    spread = "" if np.isnan(one.spread) else f" ± {100 * one.spread:.1f}"
+    n = one.of_seeds[0].n
+    low, high = wilson(round(one.accuracy * n), n)
+    votes = {vote: np.mean([found.accuracy for found in each]) for vote, each in (one.votes or {}).items()}
+    told = ", ".join(f"{vote} {100 * share:.1f}" for vote, share in votes.items())
+    shares = (f"{100 * one.accuracy:.1f}{spread} %", f"{100 * low:.0f} - {100 * high:.0f}", told or "-")
+    return one.contestant.name, *shares, *(f"{took:.2g}" for took in (one.observe_ms, one.train_s, one.answer_ms))
+
+
+def _bills(found: Sequence[Compared]) -> Iterator[tuple[str, ...]]:
+    """Of each network the joules on each target; a refusal in its place."""
+    for one in found:
+        if one.bills:
+            yield one.contestant.name, *map(_joules, one.bills.values())
+
+
+def _joules(bill: Any) -> str:
+    return "refused" if "refused" in bill else quantity(bill["total_j"], "J")
+
+
+def _picture(figure: Figure, label: str) -> Any:
+    """A picture inside the page."""
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format="png", metadata={"Software": "neuro"})
+    data = base64.b64encode(drawn.getvalue()).decode()
+    width = f"{figure.get_size_inches()[0] * 96:.0f}"
+    return html.tag("figure", html.tag("img", src=f"data:image/png;base64,{data}", alt=label, width=width))

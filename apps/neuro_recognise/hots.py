@@ -1,0 +1,291 @@
+"""HOTS: a hierarchy of time surfaces whose prototypes are learnt online.
+
+An event i sees in the neighbourhood of radius R round it, for each channel p and place u, how long ago the last event
+there was: ``S_i(u, p) = exp(-(t_i - T_i(u, p)) / tau)``, 0 where there was none. It is given to the
+closest of N prototypes, ``k_i``, and goes on to the next layer as an event of channel ``k_i``. Layer l + 1 has
+``R K_R``, ``tau K_tau`` and ``N K_N`` (eq. 119 of the thesis). A histogram counts the prototypes of the last layer,
+and `neuro_recognise.histograms` has the paper's distances between histograms.
+
+Source: Lagorce et al., "HOTS: A Hierarchy of Event-Based Time-Surfaces for Pattern Recognition", IEEE TPAMI 39:1346,
+2017; thesis lines 2211-2280 with algorithm 13.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro import ModelError
+from neuro.apps import Quantity, check, check_fields
+from neuro.events import Events
+
+Floats: TypeAlias = npt.NDArray[np.float64]
+Ints: TypeAlias = npt.NDArray[np.int64]
+Report: TypeAlias = Callable[["Layers", int, int], None]
+
+
+def _value(default: Any, unit: str = "", **bounds: Any) -> Any:
+    return field(default=default, metadata={"quantity": Quantity(unit=unit, **bounds)})
+
+
+def _count(default: int) -> Any:
+    return _value(default, kind="integer", at_least=1)
+
+
+@dataclass(frozen=True)
+class Hots:
+    """Settings of the hierarchy; the defaults are the paper's for letters and digits.
+
+    Attributes:
+        layers: their number.
+        radius: R of the first layer, px.
+        tau: time constant of the first layer, ms.
+        centres: number of prototypes N of the first layer.
+        radius_factor: K_R, from layer to layer.
+        tau_factor: K_tau.
+        centres_factor: K_N.
+        polarity: whether ON and OFF are two channels of the first layer, else one.
+        first: prototypes begin as the surfaces of events: the ``"first"`` ones, as in algorithm 13, or ones that are
+            ``"drawn"`` by the seed from all events of up to 100 recordings.
+        rate: of ``alpha = rate / (1 + p_k / slow)``, p_k the wins of a prototype; algorithm 13.
+        slow: of the same.
+
+    Source of the defaults: github SpikeAI/HOTS, which replicates the paper: N 4, 8, 16; R 2, 4, 8; tau 10, 100, 1000
+    ms. The thesis (2280) has about 1 s for the last layer.
+
+    Raises:
+        ModelError: a value is out of bounds.
+    """
+
+    layers: int = _count(3)
+    radius: int = _count(2)
+    tau: float = _value(10.0, "ms", above=0)
+    centres: int = _count(4)
+    radius_factor: int = _count(2)
+    tau_factor: float = _value(10.0, above=0)
+    centres_factor: int = _count(2)
+    polarity: bool = _value(True, kind="boolean")
+    first: str = _value("first", kind="word", words=("first", "drawn"))
+    rate: float = _value(0.01, above=0, below=1)
+    slow: float = _value(20000.0, above=0)
+
+    def __post_init__(self) -> None:
+        check_fields(self, "hots")
+
+    def radius_of(self, layer: int) -> int:
+        """Radius of a layer, px; layers count from 0."""
+        return int(self.radius * self.radius_factor**layer)
+
+    def tau_of(self, layer: int) -> float:
+        """Time constant of a layer, us."""
+        return 1000.0 * self.tau * self.tau_factor**layer
+
+    def centres_of(self, layer: int) -> int:
+        """Number of prototypes of a layer."""
+        return int(self.centres * self.centres_factor**layer)
+
+    def channels_of(self, layer: int) -> int:
+        """Channels of the events that a layer sees."""
+        return self.centres_of(layer - 1) if layer else 2 if self.polarity else 1
+
+
+WHOLE = Quantity(kind="integer", at_least=0)
+
+SAMPLED = 100
+"""Recordings from which prototypes are drawn to begin with."""
+
+
+class Layers:
+    """The layers with what they have learnt.
+
+    Layers are learnt one after the other, each from all recordings in an order that the seed decides, while those
+    below it stay as they are. The same recordings, settings and seed give the same prototypes to the last bit, also
+    where the training went on from a `state`.
+
+    Args:
+        settings: of the hierarchy.
+        sensor_size: width and height of the field, px; events of recordings lie in it.
+        seed: of the order of recordings and of the first prototypes, >= 0.
+
+    Attributes:
+        centres: of each layer that was begun, (rows, columns, channels, prototypes) of the neighbourhood.
+        wins: of each layer that was begun, (prototypes,) int64, p_k.
+        learnt: layers that are learnt.
+        seen: recordings from which the layer that is being learnt has learnt.
+    """
+
+    def __init__(self, settings: Hots, sensor_size: tuple[int, int], *, seed: int = 0) -> None:
+        self.settings = settings
+        self.sensor_size = sensor_size
+        self.seed = check(WHOLE, seed, "seed")
+        self.centres: list[Floats] = []
+        self.wins: list[Ints] = []
+        self.learnt = 0
+        self.seen = 0
+
+    def learn(self, recordings: Sequence[Events], report: Report | None = None) -> None:
+        """Learn what is not learnt yet.
+
+        Args:
+            recordings: the same ones in every call; a sequence that loads each when it is asked for will do.
+            report: called after each recording with the layers, whose `state` may be kept, the steps done and all
+                steps: layers times recordings.
+
+        Raises:
+            ModelError: there are too few events for the prototypes to begin with, or an event is off the field.
+        """
+        n = len(recordings)
+        while self.learnt < self.settings.layers:
+            layer = self.learnt
+            order = np.random.default_rng([self.seed, layer]).permutation(n).tolist()
+            if len(self.centres) == layer:
+                self._begin(recordings, order)
+            for k in order[self.seen :]:
+                self._teach(recordings[k])
+                self.seen += 1
+                if report:
+                    report(self, layer * n + self.seen, self.settings.layers * n)
+            self.learnt, self.seen = layer + 1, 0
+
+    def features(self, events: Events, *, cell: int = 0, layer: int | None = None) -> Ints:
+        """How often each prototype was the closest.
+
+        Args:
+            events: a recording.
+            cell: side of the squares of the field that are counted each by itself, px; 0: the whole field, as in the
+                paper.
+            layer: whose prototypes, from 0; None: the last one's.
+
+        Returns:
+            (rows, columns, prototypes), of the whole field (1, 1, prototypes).
+
+        Raises:
+            ModelError: the layers are not learnt, an event is off the field, or `cell` is no whole number >= 0.
+        """
+        from neuro_recognise._hots_kernels import count
+
+        last = self.settings.layers - 1 if layer is None else layer
+        if not 0 <= last < self.learnt:
+            raise ModelError(f"layer {last}: {self.learnt} of {self.settings.layers} layers are learnt")
+        side = check(WHOLE, cell, "cell") or max(self.sensor_size)
+        columns, rows = (-(-length // side) for length in self.sensor_size)
+        out = np.zeros((rows * columns, self.settings.centres_of(last)), np.int64)
+        count(events.x, events.y, self._channels(events, last + 1), side, columns, out)
+        return out.reshape(rows, columns, -1)
+
+    def assigned(self, events: Events, layer: int) -> Ints:
+        """The closest prototype of a learnt layer for each event, (events,) int64; layers count from 0."""
+        return self._channels(events, layer + 1)
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """What was learnt so far as arrays by name, for a file; settings and field are not among them."""
+        kept: dict[str, npt.NDArray[Any]] = {"place": np.array([self.learnt, self.seen, self.seed], np.int64)}
+        for k, (centres, wins) in enumerate(zip(self.centres, self.wins, strict=True)):
+            kept |= {f"centres_{k}": centres.copy(), f"wins_{k}": wins.copy()}
+        return kept
+
+    @classmethod
+    def from_state(cls, settings: Hots, sensor_size: tuple[int, int], state: Mapping[str, npt.NDArray[Any]]) -> Layers:
+        """The layers of a state; `learn` goes on with it to the same bits.
+
+        Args:
+            settings: with which the state was learnt.
+            sensor_size: likewise.
+            state: as `state` gave it.
+
+        Raises:
+            ModelError: the state is of other settings.
+        """
+        learnt, seen, seed = (int(number) for number in state["place"])
+        layers = cls(settings, sensor_size, seed=seed)
+        layers.learnt, layers.seen = learnt, seen
+        for k in range(sum(name.startswith("centres_") for name in state)):
+            centres = np.array(state[f"centres_{k}"], np.float64)
+            if centres.shape != layers._shape(k):
+                raise ModelError(f"prototypes of layer {k} are {centres.shape}, expected {layers._shape(k)}")
+            layers.centres.append(centres)
+            layers.wins.append(np.array(state[f"wins_{k}"], np.int64))
+        return layers
+
+    def _shape(self, layer: int) -> tuple[int, int, int, int]:
+        side = 2 * self.settings.radius_of(layer) + 1
+        return side, side, self.settings.channels_of(layer), self.settings.centres_of(layer)
+
+    def _map(self, layer: int) -> Floats:
+        """An empty map of the last events with a border as wide as the radius, flat."""
+        width, height = self.sensor_size
+        border = 2 * self.settings.radius_of(layer)
+        return np.zeros((height + border) * (width + border) * self.settings.channels_of(layer))
+
+    def _begin(self, recordings: Sequence[Events], order: Sequence[int]) -> None:
+        """Give the next layer its first prototypes: surfaces of events."""
+        layer, n = len(self.centres), self.settings.centres_of(len(self.centres))
+        looked = order[:SAMPLED] if self.settings.first == "drawn" else order
+        lengths: list[int] = []
+        for k in looked:
+            lengths.append(len(recordings[k]))
+            if self.settings.first == "first" and sum(lengths) >= n:
+                break
+        if sum(lengths) < n:
+            raise ModelError(f"{sum(lengths)} events for the {n} prototypes of layer {layer}, expected one for each")
+        chosen = np.arange(n)
+        if self.settings.first == "drawn":
+            rng = np.random.default_rng([self.seed, layer, 1])
+            chosen = np.sort(rng.choice(sum(lengths), n, replace=False))
+        found, before = [], 0
+        for k, length in zip(looked, lengths, strict=False):
+            mine = chosen[(chosen >= before) & (chosen < before + length)] - before
+            if mine.size:
+                found.append(self._surfaces(recordings[k], layer, mine))
+            before += length
+        self.centres.append(np.concatenate(found, axis=1).reshape(self._shape(layer)))
+        self.wins.append(np.ones(n, np.int64))
+
+    def _surfaces(self, events: Events, layer: int, wanted: Ints) -> Floats:
+        """(numbers of a surface, wanted events) of a layer."""
+        from neuro_recognise._hots_kernels import surfaces
+
+        s, shape = self.settings, self._shape(layer)
+        out = np.empty((int(np.prod(shape[:3])), len(wanted)))
+        surfaces(
+            events.t, events.x, events.y, self._channels(events, layer), self._map(layer), self.sensor_size[0],
+            s.radius_of(layer), shape[2], s.tau_of(layer), wanted, out,
+        )  # fmt: skip
+        return out
+
+    def _teach(self, events: Events) -> None:
+        """Let the layer that is being learnt learn from a recording."""
+        from neuro_recognise._hots_kernels import learn
+
+        s, layer = self.settings, self.learnt
+        centres = self.centres[layer].reshape(-1, s.centres_of(layer))
+        learn(
+            events.t, events.x, events.y, self._channels(events, layer), self._map(layer), self.sensor_size[0],
+            s.radius_of(layer), s.channels_of(layer), s.tau_of(layer), centres, (centres**2).sum(axis=0),
+            np.empty(s.centres_of(layer)), self.wins[layer], s.rate, s.slow,
+        )  # fmt: skip
+
+    def _channels(self, events: Events, layers: int) -> Ints:
+        """The channel of each event behind some layers that do not learn."""
+        from neuro_recognise._hots_kernels import find
+
+        width, height = self.sensor_size
+        if len(events) and (int(events.x.max()) >= width or int(events.y.max()) >= height):
+            raise ModelError(f"{events!r}: an event is off the field of {width}x{height}, expected all inside")
+        s = self.settings
+        channel = events.p.astype(np.int64) if s.polarity else np.zeros(len(events), np.int64)
+        for layer in range(layers):
+            centres, border, out = self.centres[layer], 2 * s.radius_of(layer), np.empty(len(events), np.int64)
+            seen = np.zeros(height * width * s.channels_of(layer))
+            products = np.zeros((height + border) * (width + border) * s.centres_of(layer))
+            turned = np.ascontiguousarray(centres[::-1, ::-1].transpose(2, 0, 1, 3)).reshape(s.channels_of(layer), -1)
+            find(
+                events.t, events.x, events.y, channel, seen, products, width, s.radius_of(layer),
+                s.channels_of(layer), s.tau_of(layer), turned, (centres**2).sum(axis=(0, 1, 2)), out,
+            )  # fmt: skip
+            channel = out
+        return channel

@@ -1,0 +1,123 @@
+"""HOTS: histograms of time-surface prototypes that are learnt online, layer upon layer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, overload
+
+import numpy as np
+
+from neuro.events import Events
+from neuro_recognise.hots import Hots as Settings
+from neuro_recognise.hots import Layers
+from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
+from neuro_recognise.readouts import Readout, Svm
+from neuro_recognise.settings import part, setting
+from neuro_recognise.shown import Evidence, Floats, Shown
+
+PAPER = "github SpikeAI/HOTS, which replicates the paper for letters and digits"
+EVERY = 50
+"""Recordings between two states that are kept."""
+
+
+@dataclass(frozen=True)
+class Hots(Method):
+    """Events are given to the prototype that their surroundings resemble; how often each was is a recording's sign."""
+
+    title = "hierarchy of time surfaces"
+    source = "Lagorce et al., IEEE TPAMI 39:1346, 2017; thesis lines 2211-2280"
+    needs = "recognise"
+
+    layers: int = setting(3, "", "number of layers", PAPER, at_least=1)
+    radius: int = setting(2, "px", "of the first layer's surroundings", PAPER, at_least=1)
+    tau: float = setting(10.0, "ms", "time constant of the first layer", PAPER, above=0)
+    centres: int = setting(4, "", "prototypes of the first layer", PAPER, at_least=1)
+    radius_factor: int = setting(2, "", "radius from layer to layer", PAPER, at_least=1)
+    tau_factor: float = setting(10.0, "", "time constant from layer to layer", PAPER, above=0)
+    centres_factor: int = setting(2, "", "prototypes from layer to layer", PAPER, at_least=1)
+    polarity: bool = setting(True, "", "whether ON and OFF are told apart", PAPER)
+    first: str = setting(
+        "first", "", "prototypes begin as the first surfaces, or as drawn ones", "thesis algorithm 13",
+        words=("first", "drawn"),
+    )  # fmt: skip
+    learn_from: int = setting(
+        0, "", "recordings to learn prototypes from, drawn; 0: all", "the paper's are few", at_least=0
+    )
+    cell: int = setting(
+        0, "px", "side of squares that are counted each by itself; 0: the whole field", "the paper", at_least=0
+    )
+    readout: Readout = part(Readout, Svm(C=1.0, scale="length"))
+
+    def observing(self) -> Mapping[str, Any]:
+        """The field alone: what is looked at are events."""
+        return {"size": list(self.size)}
+
+    def observe(self, events: Events) -> Evidence:
+        """The events inside the field."""
+        seen = self.inside(events)
+        return {"t": seen.t - (seen.t[0] if len(seen) else 0), "x": seen.x, "y": seen.y, "p": seen.p}
+
+    def fit(self, shown: Shown, course: Course) -> Learnt:
+        """Learn prototypes layer by layer, then teach the readout."""
+        layers = self._taught(shown, course)
+        x = self._histograms(layers, shown)
+        return {**layers.state(), **self.readout.fit(x, shown.labels, len(shown.classes), course)}
+
+    def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
+        """Ask the readout; a recording without events is silent."""
+        kept = {name: part for name, part in learnt.items() if not isinstance(part, str)}
+        x = self._histograms(Layers.from_state(self._settings(), self.size, kept), shown)
+        return Answer(np.where(x.any(axis=1)[:, None], self.readout.scores(learnt, x), np.nan))
+
+    def _settings(self) -> Settings:
+        return Settings(
+            self.layers, self.radius, self.tau, self.centres, self.radius_factor, self.tau_factor, self.centres_factor,
+            self.polarity, self.first,
+        )  # fmt: skip
+
+    def _taught(self, shown: Shown, course: Course) -> Layers:
+        kept = course.resume()
+        layers = Layers(self._settings(), self.size, seed=course.seed)
+        if kept:
+            layers = Layers.from_state(self._settings(), self.size, kept["layers"])
+        chosen = np.arange(len(shown))
+        if 0 < self.learn_from < len(shown):
+            chosen = np.sort(np.random.default_rng([course.seed, 3]).permutation(len(shown))[: self.learn_from])
+
+        def tell(reached: Layers, done: int, total: int) -> None:
+            if done % EVERY == 0 or done == total:
+                course.keep(layers=reached.state())
+            course.report(Progress("learning prototypes", done, total))
+
+        layers.learn(_Recordings(self, shown.take(chosen)), tell)
+        return layers
+
+    def _histograms(self, layers: Layers, shown: Shown) -> Floats:
+        """(recordings, cells and prototypes) shares of a recording's events."""
+        found: Floats = np.stack(
+            [layers.features(events, cell=self.cell).ravel() for events in _Recordings(self, shown)]
+        ).astype(np.float64)
+        return found / np.maximum(found.sum(axis=1, keepdims=True), 1.0)
+
+
+class _Recordings(Sequence[Events]):
+    """Evidence as events again, one recording at a time."""
+
+    def __init__(self, method: Hots, shown: Shown) -> None:
+        self._size, self._shown = method.size, shown
+
+    def __len__(self) -> int:
+        return len(self._shown)
+
+    @overload
+    def __getitem__(self, index: int) -> Events: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[Events]: ...
+    def __getitem__(self, index: int | slice) -> Events | Sequence[Events]:
+        if isinstance(index, slice):
+            return [self[k] for k in range(*index.indices(len(self)))]
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        one = self._shown.evidence[index]
+        return Events(one["t"], one["x"], one["y"], one["p"], self._size)

@@ -1,0 +1,102 @@
+import json
+import re
+
+import pytest
+from matplotlib.image import imread
+
+from neuro.events import save
+from neuro_recognise.method import METHODS
+
+
+def test_list_names_all_methods_and_their_settings(neuro):
+    code, out, _ = neuro("list")
+    assert code == 0
+    assert all(name in out for name in METHODS)
+    code, out, _ = neuro("list", "tar_hats")
+    assert code == 0
+    assert "cleaner.theta" in out
+    assert "thesis figure 85" in out
+    assert "--settings poker: cell=12, tau=10.0" in out
+    code, _, err = neuro("list", "hots1")
+    assert (code, err.splitlines()[0]) == (2, "error: unknown method 'hots1'")
+
+
+def test_train_test_predict(neuro, folder, tmp_path):
+    code, out, _ = neuro("train", "hats", "--data", folder, "--set", "cell=9", "--out", "m.h5")
+    assert (code, out) == (0, "m.h5: hats for 3 classes, learnt from 24 recordings\n")
+    code, out, _ = neuro("test", "m.h5", "--data", folder, "--json", "--out", "pictures")
+    told = json.loads(out.partition("\n")[2])
+    assert (code, told["method"], told["n"], told["silent"]) == (0, "hats", 9, 1)
+    assert told["accuracy"] == 8 / 9
+    assert imread(tmp_path / "pictures" / "confusion.png").ndim == 3
+    code, out, _ = neuro("test", "m.h5", "--data", folder, "--part", "Train")
+    assert (code, "100.0%" in out) == (0, True)
+    files = sorted((folder / "Test").glob("*/*.bin"))
+    code, out, _ = neuro("predict", "m.h5", *files, "--json")
+    said = json.loads(out)
+    assert code == 0
+    assert [one["class"] for one in said] == [None if f.name == "32.bin" else f.parent.name for f in files]
+    assert all(0 < one["decided_ms"] <= one["length_ms"] for one in said if one["class"])
+    code, out, _ = neuro("predict", "m.h5", files[0])
+    assert re.search(rf"{files[0].parent.name}\s+\d+ of \d+ ms", out.replace(str(files[0]), ""))
+
+
+@pytest.mark.parametrize("ending", ["aedat", "npz", "csv", "dat", "raw"])
+def test_files_of_any_format_are_predicted(neuro, folder, tmp_path, ending):
+    from neuro.events import load
+
+    neuro("train", "hats", "--data", folder, "--out", "m.h5")
+    file = next((folder / "Test" / "lying").glob("*.bin"))
+    save(load(file), tmp_path / f"one.{ending}")
+    code, out, _ = neuro("predict", "m.h5", f"one.{ending}", "--json")
+    assert (code, json.loads(out)[0]["class"]) == (0, "lying")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("train", "hats", "--data", "nowhere"), "nowhere: no such folder, zip or HDF5 file"),
+        (("train", "hat", "--data", "{folder}"), "unknown method 'hat'\n  hint: did you mean 'hats'?"),
+        (("train", "hats", "--data", "{folder}", "--settings", "x"), "unknown settings of method 'hats' 'x'"),
+        (("test", "nothing.h5", "--data", "{folder}"), "nothing.h5: no such file"),
+        (("predict", "nothing.h5", "one.bin"), "nothing.h5: no such file"),
+    ],
+)
+def test_mistakes_are_told_in_one_message(neuro, folder, words, told):
+    code, out, err = neuro(*(word.format(folder=folder) for word in words))
+    assert (code, out) == (2, "")
+    assert err.startswith(f"error: {told}")
+    assert "Traceback" not in err
+
+
+def test_compare_keeps_what_is_done(neuro, folder, tmp_path):
+    words = ("compare", "--data", folder, "--folds", 2, "--method", "hats", "--method", "boe:tar", "--out", "all")
+    code, out, _ = neuro(*words)
+    assert code == 0
+    assert out.splitlines()[-2:] == ["all/table.md", "all/compare.html"]
+    rows = (tmp_path / "all" / "table.md").read_text().splitlines()
+    assert rows[2].startswith("| method | accuracy | 95 % interval |")
+    assert [row.split(" | ")[0] for row in rows[4:]] == ["| hats", "| boe:tar"]
+    page = (tmp_path / "all" / "compare.html").read_text()
+    assert page.count("data:image/png;base64") == 3
+    assert "24 recordings" in page
+    files = sorted((tmp_path / "all").glob("*.json"))
+    assert [file.name for file in files] == [f"{name}-0-{k}.json" for name in ("boe:tar", "hats") for k in (0, 1)]
+    told = json.loads(files[2].read_text())
+    assert (len(told["tested"]), len(told["decided"])) == (12, 12)
+    before = {file: file.stat().st_mtime_ns for file in files}
+    files[0].unlink()
+    assert neuro(*words)[0] == 0
+    again = {file: file.stat().st_mtime_ns for file in files}
+    assert [again[file] == before[file] for file in files] == [False, True, True, True]
+    files[1].write_text("{}")
+    code, _, err = neuro(*words)
+    assert (code, "boe:tar-0-1.json" in err) == (2, True)
+
+
+def test_a_method_that_cannot_be_run_is_a_row_of_the_table(neuro, folder, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "sklearn", None)
+    code, out, _ = neuro("compare", "--data", folder, "--folds", 2, "--method", "hats", "--out", "all")
+    assert code == 0
+    assert "not run" in out
+    assert "- hats: this readout is trained by scikit-learn, which is not installed" in out
