@@ -19,7 +19,7 @@ from neuro.events import Recordings, recordings
 from neuro_recognise.learn_early import learn_early
 from neuro_recognise.method import METHODS
 from neuro_recognise.pictures import GREY, INK, PAPER
-from neuro_recognise.recogniser import Recogniser, method_of
+from neuro_recognise.recogniser import Recogniser, method_of, settled
 from neuro_recognise.stopping import Held, stopped, stopping_rule
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -66,7 +66,7 @@ def measured(case: str, data: Recordings, asked: argparse.Namespace) -> Held:
             if str(kept["told"]) == told:
                 return Held(kept["times_us"], kept["margins"], kept["right"])
     name, *settings = case.split()
-    method = method_of(name, values=assignments(settings)).fitting(data[0].load().sensor_size)
+    method = settled(method_of(name, values=assignments(settings)), data)
     recogniser = Recogniser(method, data.classes, {}, {"seed": asked.seed})
     checkpoint = Checkpoint(file, "neuro recognise time 1", {"case": told})
     made = learn_early(recogniser, data, every_ms=asked.every, folds=asked.folds, checkpoint=checkpoint)

@@ -18,11 +18,13 @@ from neuro_recognise.early import Early
 from neuro_recognise.method import Course, Learnt, Progress, choose
 from neuro_recognise.observations import observe
 from neuro_recognise.recogniser import Recogniser, Tell
-from neuro_recognise.shown import Array, Floats, Ints, Shown, unlabelled
+from neuro_recognise.shown import Array, Floats, Ints, unlabelled
 from neuro_recognise.stopping import Held, margins
 
-__all__ = ["learn_early", "stratified"]
+__all__ = ["learn_early", "moments"]
 
+AT_ONCE = 40
+"""Recordings whose beginnings are asked about together."""
 MOST = 200
 """Moments; more would mean an interval far below what changes decisions."""
 
@@ -52,17 +54,14 @@ def learn_early(
         The same with `early`.
 
     Raises:
-        ModelError: too many moments, fewer recordings than folds, or other classes.
+        ModelError: too many moments, a class with fewer recordings than folds, or other classes.
         EventFileError: a recording is damaged or does not fit the method.
     """
     if data.classes != recogniser.classes:
         raise ModelError(f"the recordings are of {list(data.classes)}, expected {list(recogniser.classes)}")
-    if not 2 <= folds <= len(data):
-        raise ModelError(f"folds = {folds}: expected 2 to {len(data)}, the number of recordings")
     times = moments(data, every_ms)
-    labels = np.array([item.label for item in data], np.int64)
     seed = int(recogniser.training.get("seed", 0))
-    work = _Work(recogniser, data, times, labels, stratified(labels, folds, seed), seed)
+    work = _Work(recogniser, data, times, data.folds(folds, seed=seed), seed)
     by_moment = recogniser.method.by_moment
     steps, step = (len(times), work.moment) if by_moment else (folds, work.fold_of_wholes)
     kept = checkpoint.resume() if checkpoint else {}
@@ -78,15 +77,6 @@ def learn_early(
             checkpoint.keep(done=np.array(k + 1), margins=found, right=right, learnt=learnt)
     report(Progress("deciding on recordings held out", steps, steps))
     return replace(recogniser, early=Early(Held(times, found, right), _by_moment(learnt, steps) if by_moment else ()))
-
-
-def stratified(labels: Ints, folds: int, seed: int) -> Ints:
-    """A fold for each recording, each class spread evenly."""
-    rng = np.random.default_rng([seed, 7])
-    order = np.concatenate([rng.permutation(np.flatnonzero(labels == label)) for label in np.unique(labels)])
-    fold = np.empty(len(labels), np.int64)
-    fold[order] = np.arange(len(labels)) % folds
-    return fold
 
 
 def moments(data: Recordings, every_ms: float) -> Ints:
@@ -123,36 +113,33 @@ class _Work:
     recogniser: Recogniser
     data: Recordings
     times: Ints
-    labels: Ints
-    fold: Ints
+    folds: list[tuple[Ints, Ints]]
     seed: int
 
     def moment(self, k: int) -> _Step:
         """A moment: learn beginnings so long, of the other folds for each fold, and then of all."""
         method, time = self.recogniser.method, int(self.times[k])
         evidence = [method.observe_until(item.load(), [time])[0] for item in self.data]
-        shown = replace(unlabelled(evidence, self.recogniser.classes), labels=self.labels)
+        shown = replace(unlabelled(evidence, self.recogniser.classes), labels=self.data.labels)
         scores = np.full((len(shown), len(shown.classes)), np.nan)
-        for fold in np.unique(self.fold):
-            held = np.flatnonzero(self.fold == fold)
-            scores[held] = method.answer(self._learn(shown, fold), shown.take(held)).scores
+        for others, held in self.folds:
+            scores[held] = method.answer(method.fit(shown.take(others), Course(self.seed)), shown.take(held)).scores
         learnt = method.fit(shown, Course(self.seed))
-        return _Step((slice(None), k), scores, choose(scores) == self.labels, learnt)
+        return _Step((slice(None), k), scores, choose(scores) == self.data.labels, learnt)
 
     def fold_of_wholes(self, k: int) -> _Step:
         """A fold: learn the other folds' recordings as wholes, and ask about the beginnings of its own."""
         method = self.recogniser.method
-        learnt = self._learn(observe(method, self.data), k)
-        held = np.flatnonzero(self.fold == k)
+        others, held = self.folds[k]
+        learnt = method.fit(observe(method, self.data).take(others), Course(self.seed))
         scores = np.empty((len(held), len(self.times), len(self.recogniser.classes)))
-        for row, index in enumerate(held.tolist()):
-            evidence = method.observe_until(self.data[index].load(), self.times.tolist())
-            scores[row] = method.answer(learnt, unlabelled(evidence, self.recogniser.classes)).scores
-        right = choose(scores.reshape(-1, scores.shape[2])).reshape(scores.shape[:2]) == self.labels[held, None]
+        for first in range(0, len(held), AT_ONCE):
+            rows = held[first : first + AT_ONCE].tolist()
+            evidence = [one for k in rows for one in method.observe_until(self.data[k].load(), self.times.tolist())]
+            found = method.answer(learnt, unlabelled(evidence, self.recogniser.classes)).scores
+            scores[first : first + len(rows)] = found.reshape(len(rows), *scores.shape[1:])
+        right = choose(scores.reshape(-1, scores.shape[2])).reshape(scores.shape[:2]) == self.data.labels[held, None]
         return _Step((held, slice(None)), scores, right, {})
-
-    def _learn(self, shown: Shown, without: int) -> Learnt:
-        return self.recogniser.method.fit(shown.take(np.flatnonzero(self.fold != without)), Course(self.seed))
 
 
 def _by_moment(kept: Mapping[str, Array], moments: int) -> tuple[Learnt, ...]:

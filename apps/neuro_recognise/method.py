@@ -224,12 +224,13 @@ class Method(Settings):
         """What sees a recording grow; a method that need not look at all events again has its own."""
         return Whole(self.observe, self.size)
 
-    def views(self, events: Events, learnt: Learnt) -> Sequence[View]:
+    def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
         """What this method makes of a recording on the way, by time, for `neuro recognise watch`; none by default.
 
         Args:
-            events: the recording.
+            events: the recording, at least one event.
             learnt: by `fit`.
+            classes: names.
         """
         return ()
 

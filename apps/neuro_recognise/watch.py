@@ -69,7 +69,7 @@ def watch(
         first = int(events.t[0])
         seen = events[: int(np.searchsorted(events.t, first + round(1000 * LONGEST_MS), "right"))]
         said = decisions(recogniser, seen, allow, backend)
-        views = recogniser.method.views(seen, recogniser.learnt)
+        views = recogniser.method.views(seen, recogniser.learnt, recogniser.classes)
         part.write_text(PAGE.seal(page(recogniser, recording.name, seen, said, views, allow)), "utf-8")
     return told(recogniser, said, allow)
 

@@ -36,7 +36,4 @@ def test_the_network_follows_the_front_end_and_the_classes(settings):
 def test_an_unknown_network():
     with pytest.raises(neuro.ModelError) as error:
         path("resnet")
-    assert (
-        str(error.value)
-        == "unknown network 'resnet': expected one of dopamine_conditioning, drone, masquelier_thorpe, mozafari, must, remus"
-    )
+    assert str(error.value) == "unknown network 'resnet': expected one of dopamine_conditioning, drone, masquelier_thorpe, mozafari, must, remus"

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 
 import neuro
 from neuro.events import Events
-from neuro_recognise.method import METHODS
+from neuro_recognise.method import METHODS, choose
 from neuro_recognise.methods.boe import Boe
 from neuro_recognise.observations import observed
 from neuro_recognise.recogniser import learn, method_of
@@ -77,7 +77,12 @@ def test_decisions_do_not_depend_on_how_the_stream_is_cut(name, request, cuts, e
     same(found + parts.end(), expected)
 
 
-@pytest.mark.parametrize("name", ["hats", "boe"])
+@pytest.fixture(scope="module")
+def remus():
+    return trained("remus", epochs=2, threshold=40.0, theta=8.0, field=5)
+
+
+@pytest.mark.parametrize("name", ["hats", "boe", "remus"])
 @pytest.mark.parametrize("window", [25.0, 500.0])
 def test_decisions_are_those_of_scores_at_for_the_events_of_their_stretch(name, window, request):
     recogniser, stream = request.getfixturevalue(name), together(STREAM)
@@ -91,8 +96,9 @@ def test_decisions_are_those_of_scores_at_for_the_events_of_their_stretch(name, 
         own = [one for one in said if begin <= one.at_us < stop]
         expected = recogniser.scores_at(stretch, [one.after_ms for one in own])
         np.testing.assert_allclose([one.scores for one in own], expected, rtol=1e-12)
-        assert [one.label for one in own] == expected.argmax(1).tolist()
-    assert [recogniser.predict(one)[0] for one in STREAM] == [0, 1, 2]
+        assert [one.label for one in own] == choose(expected).tolist()
+    if name != "remus":
+        assert [recogniser.predict(one)[0] for one in STREAM] == [0, 1, 2]
 
 
 @pytest.mark.parametrize("name", sorted(METHODS))

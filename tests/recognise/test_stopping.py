@@ -12,7 +12,7 @@ import neuro
 from neuro.apps import Checkpoint
 from neuro.events import Events, recordings, save
 from neuro_recognise.cli import app
-from neuro_recognise.learn_early import learn_early, moments, stratified
+from neuro_recognise.learn_early import learn_early, moments
 from neuro_recognise.method import Course
 from neuro_recognise.observations import observed
 from neuro_recognise.predicted import predict_files
@@ -136,13 +136,13 @@ def test_all_recordings_are_held_out_once(early, data):
 
 def test_held_out_means_learnt_from_the_others(early, data):
     method, held = early.method, early.early.held
-    fold = stratified(np.array([item.label for item in data]), 3, 0)
-    others, chosen = [k for k in range(24) if fold[k] != fold[5]], 5
+    chosen = 5
+    others = next(train for train, test in data.folds(3, seed=0) if chosen in test)
     moment = 4 if method.by_moment else 10
     until = [item.load() for item in data]
     if method.by_moment:
         until = [one[: np.searchsorted(one.t, one.t[0] + held.times_us[moment], "right")] for one in until]
-    shown = replace(observed(method, until, data.classes), labels=np.array([item.label for item in data]))
+    shown = replace(observed(method, until, data.classes), labels=data.labels)
     learnt = method.fit(shown.take(others), Course(0))
     scores = method.answer(learnt, shown.take([chosen])).scores
     assert margins(scores)[0] == pytest.approx(held.margins[chosen, moment], rel=1e-9)
@@ -195,8 +195,11 @@ def test_after_a_kill_it_goes_on_to_the_same_bits(early, data, tmp_path):
             "every_ms = 0.01: expected at least 0.111 ms, for at most 200 moments in the 22.12 ms of the longest "
             "recording",
         ),
-        ({"folds": 1}, "folds = 1: expected 2 to 24, the number of recordings"),
-        ({"folds": 25}, "folds = 25: expected 2 to 24, the number of recordings"),
+        (
+            {"folds": 13},
+            "folds(13): class 'lying' has 12 recordings, expected at least 13\n"
+            "  hint: one of each class lies in every fold",
+        ),
     ],
 )
 def test_what_learning_refuses(early, data, options, message):

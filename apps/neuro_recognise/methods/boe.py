@@ -69,7 +69,7 @@ class Boe(Method):
         segments = np.bincount(recording, minlength=len(shown))[:, None]
         return Answer(np.divide(sums, segments, out=np.full_like(sums, np.nan), where=segments > 0))
 
-    def views(self, events: Events, learnt: Learnt) -> Sequence[View]:
+    def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
         """The events of each segment, from its end on."""
         (seen, bounds), (width, height) = self._cut(events), self.size
         images = np.zeros((len(bounds) - 1, height, width), np.int64)

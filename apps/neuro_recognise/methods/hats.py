@@ -59,7 +59,7 @@ class Hats(Descriptor):
         """Sums and counts that grow."""
         return Growing(self, self.grown())
 
-    def views(self, events: Events, learnt: Learnt) -> Sequence[View]:
+    def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
         """The histograms of all cells beside each other, of both polarities together, every 10 ms."""
         times = VIEW_US * np.arange(1, 1 + -(-int(events.t[-1] - events.t[0]) // VIEW_US))
         grown, images, begin = self.grown(), [], 0
