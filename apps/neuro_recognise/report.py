@@ -33,9 +33,9 @@ def show_methods() -> None:
         runs = "network" if method.spikes else "no network"
         needs = f"{runs}; extra {method.needs}" if method.needs else runs
         measured = ", ".join(f"{what} {share}" for what, share in method.measured.items())
-        rows.append((name, method.title, needs, measured or "-", method.source))
+        rows.append((name, f"{method.title}\n{method.source}", needs, measured or "-"))
     out = console()
-    out.print(table(("method", "what", "needs", "measured", "source"), rows))
+    out.print(table(("method", "what, and where from", "needs", "measured"), rows))
     if any(method.needs for method in METHODS.values()):
         print(f"the extra recognise, by which support vector machines are trained: {install('recognise')}")
 
