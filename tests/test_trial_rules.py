@@ -128,6 +128,21 @@ def test_a_wrong_tempotron_is_taught_at_its_spike_and_the_right_one_up_to_it(bac
     assert taught(pair(rule, weights, backend, tau_m=20.0, stop=stop), [1]) == [0.5, 0.2, 0.5, 0.9]
 
 
+@FLOATS
+def test_tempotrons_that_are_taught_alone(backend):
+    """While nobody decides, each neuron on the wrong side of `alone` is taught at its own largest V_m."""
+    rule = tempotron(lambda_=0.1, tau_m=20.0, tau_s=0.0, alone=0.5)
+    early = 0.1 * np.exp(-5.0 / 20.0)
+    for weight, label, sign, mistaken in ((0.4, 0, -1, 1), (0.2, 1, 1, 1), (0.4, 1, -1, 0), (0.2, 0, 1, 0)):
+        sim = pair(rule, [[weight, weight], [weight, weight]], backend, tau_m=20.0)
+        sim.set("maps", V_th=1e6)
+        expected = np.full((2, 2), weight)
+        expected[:, mistaken] += (sign * early, sign * 0.1)
+        assert taught(sim, [label]) == expected.ravel().tolist()
+    decided = pair(rule, [[0.5, 0.2], [0.5, 0.9]], backend, tau_m=20.0)
+    assert taught(decided, [0]) == [0.5 + early, 0.2 - early, 0.6, 0.8]  # as without
+
+
 def test_the_kernel_of_the_tempotron_is_a_potential_whose_largest_value_is_1():
     rule = tempotron(lambda_=1.0, tau_m=15.0, tau_s=3.75)
     c = np.zeros(rule.width)

@@ -70,16 +70,17 @@ def test_the_first_table_of_the_page_has_each_rule():
     assert [name for name in RULES if f"`{name}`" not in wanted] == []
 
 
-@pytest.mark.parametrize("group", GROUPS, ids=lambda group: group.__name__)
-def test_the_page_has_each_group_and_where_it_runs(group):
+@pytest.mark.parametrize("name", list(GROUPS))
+def test_the_page_has_each_group_and_where_it_runs(name):
     net = neuro.Network("where", resolution=1.0)
-    net.population("cells", 2, neuro.iaf_psc_delta())
-    net.group("one", group(of="cells"))
-    assert told("choose-a-model.md").get(group.__name__) == runs_on(net), "docs/how-to/choose-a-model.md says else"
+    net.population("cells", (2, 1, 1), neuro.iaf_psc_delta())
+    more = {"radius": 1} if name == "local_winners" else {}
+    net.group("one", GROUPS[name](of="cells", **more))
+    assert told("choose-a-model.md").get(name) == runs_on(net), "docs/how-to/choose-a-model.md says else"
 
 
 def test_the_pages_have_nothing_else():
-    assert set(told("choose-a-model.md")) == {part.__name__ for part in (*NEURONS, *NATIVE, *GROUPS)}
+    assert set(told("choose-a-model.md")) == {model.__name__ for model in (*NEURONS, *NATIVE)} | set(GROUPS)
     assert set(told("choose-a-synapse-rule.md")) == set(RULES)
 
 

@@ -15,7 +15,7 @@ from neuro_recognise.gabor import gabor_bank
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Floats, Ints
 
-__all__ = ["Bank", "Gabors"]
+__all__ = ["Bank", "Gabors", "LeakyGabors"]
 
 TABLE_2 = "thesis table 2, line 2350"
 
@@ -81,4 +81,38 @@ class Gabors(Bank):
         return out
 
 
-Bank.known = Registry("bank", (Gabors,))
+@dataclass(frozen=True)
+class LeakyGabors(Bank):
+    """Gabor filters that each event adds to, whose responses leak to 0 at a constant rate and are never reset."""
+
+    source = "Zhao et al., IEEE TNNLS 26:1963, 2015, section III-A; MK-Tempotron, zb_filters2.m, conv_integNoFire.m"
+
+    gamma: float = setting(0.3, "", "aspect ratio; less than 1 is longer along the bar", TABLE_2, above=0)
+    leak: float = setting(0.01, "1/ms", "of a response", "MK-Tempotron: 1e-8/ns on N-MNIST", at_least=0)
+    signed: bool = setting(False, "", "whether OFF events subtract", "chosen on training recordings")
+
+    @classmethod
+    def called(cls) -> str:
+        """``leaky_gabors``."""
+        return "leaky_gabors"
+
+    @cached_property
+    def filters(self) -> Floats:
+        """(scales, orientations, side, side), round and smoothed."""
+        return gabor_bank(
+            self.sizes, self.sigmas, self.wavelengths, self.gamma, self.orientations, circular=True, smooth=True
+        )
+
+    def responses(self, events: Events, bounds: Ints, side: int) -> Floats:
+        """Absolute values at the end of each frame; frames before have left their rest."""
+        from neuro_recognise._bank_kernels import leaky_responses
+
+        width, height = events.sensor_size
+        out = np.empty((len(bounds) - 1, len(self.sizes), len(self.orientations), height // side, width // side))
+        sizes, sign = np.array(self.sizes, np.int64), np.where(self.signed & (events.p == 0), -1.0, 1.0)
+        times = (events.t, events.x, events.y, sign)
+        leaky_responses(*times, bounds, self.filters, sizes, height, width, self.leak / 1000.0, side, out)
+        return out
+
+
+Bank.known = Registry("bank", (Gabors, LeakyGabors))

@@ -85,9 +85,13 @@ def _parts(found: Sequence[Compared], plan: Plan, data: str) -> Iterator[Any]:
         yield tag("h2", "What could not be run")
         yield tag("ul", *(tag("li", f"{one.contestant.name}: {one.refused}") for one in refused))
     yield tag("h2", "What is taken for what")
-    for one in ran:
-        yield tag("h3", f"{one.contestant.name}: {one.contestant.method.title}")
-        yield _picture(confusion(one.of_seeds[0]), f"confusion of {one.contestant.name}, seed {plan.seeds[0]}")
+    yield tag("div", *(_card(one, plan.seeds[0]) for one in ran), class_="cards")
+
+
+def _card(one: Compared, seed: int) -> Any:
+    """The confusion of a method under its name."""
+    picture = _picture(confusion(one.of_seeds[0]), f"confusion of {one.contestant.name}, seed {seed}")
+    return html.tag("div", html.tag("h3", one.contestant.name), html.tag("p", one.contestant.method.title), picture)
 
 
 def _row(one: Compared) -> tuple[str, ...]:
@@ -118,5 +122,5 @@ def _picture(figure: Figure, label: str) -> Any:
     drawn = io.BytesIO()
     figure.savefig(drawn, format="png", metadata={"Software": "neuro"})
     data = base64.b64encode(drawn.getvalue()).decode()
-    width = f"{figure.get_size_inches()[0] * 96:.0f}"
-    return html.tag("figure", html.tag("img", src=f"data:image/png;base64,{data}", alt=label, width=width))
+    style = f"width:{figure.get_size_inches()[0] * 96:.0f}px;max-width:100%"
+    return html.tag("figure", html.tag("img", src=f"data:image/png;base64,{data}", alt=label, style=style))

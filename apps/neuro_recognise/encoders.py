@@ -13,8 +13,9 @@ from neuro_recognise.method import Learnt
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats, Ints
 
-__all__ = ["Encoder", "LogLatency"]
+__all__ = ["Encoder", "Latency", "LogLatency"]
 
+CODE = "github BEJ97/MK-Tempotron, top_onN_MNIST.m"
 TICKS = "16, 32 or 64 ticks of a window decide equally well on N-MNIST: docs/how-to/remus.md"
 
 
@@ -102,10 +103,45 @@ class LogLatency(Encoder):
         return found
 
 
+@dataclass(frozen=True)
+class Latency(Encoder):
+    """A spike of each scale, orientation and place, at 1 - response / largest response of all that was learnt from."""
+
+    source = "Zhao et al., IEEE TNNLS 26:1963, 2015; MK-Tempotron, myC1respToSpk.m"
+
+    first: int = setting(300, "", "how many spikes of a frame are kept, the first ones; 0: all", CODE, at_least=0)
+
+    def channels(self, scales: int, orientations: int) -> int:
+        """All filters."""
+        return scales * orientations
+
+    def encode(self, responses: Floats) -> tuple[Array, Ints, Ints]:
+        """Codes are responses; equal ones are in the order of their ids."""
+        flat = responses.reshape(len(responses), int(np.prod(responses.shape[1:])))
+        frame, ids = np.nonzero(flat > 0)
+        strength = flat[frame, ids]
+        order = np.lexsort((ids, -strength, frame))
+        lengths = np.bincount(frame, minlength=len(flat)).astype(np.int64)
+        if self.first:
+            order = order[_rank(lengths) < self.first]
+            lengths = np.minimum(lengths, self.first)
+        return strength[order].astype(np.float32), ids[order].astype(np.int64), lengths
+
+    def learn(self, codes: Array) -> dict[str, Array]:
+        """The largest response."""
+        return {"largest": np.array(codes.max())}
+
+    def times(self, codes: Array, learnt: Learnt) -> Floats:
+        """What is as large as the largest comes at 0."""
+        weak = 1.0 - np.minimum(codes / np.asarray(learnt["largest"], float), 1.0)
+        found: Floats = np.minimum(weak * self.window // self.resolution, self.last) * self.resolution
+        return found
+
+
 def _rank(lengths: Ints) -> Ints:
     """Of each spike: how many of its frame come before it."""
     starts = np.cumsum(lengths) - lengths
     return np.arange(int(lengths.sum())) - np.repeat(starts, lengths)
 
 
-Encoder.known = Registry("encoder", (LogLatency,))
+Encoder.known = Registry("encoder", (LogLatency, Latency))

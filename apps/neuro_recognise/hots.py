@@ -94,7 +94,7 @@ class Hots:
 
 
 WHOLE = Quantity(kind="integer", at_least=0)
-
+"""What a seed or a side may be."""
 SAMPLED = 100
 """Recordings from which prototypes are drawn to begin with."""
 
@@ -169,16 +169,24 @@ class Layers:
         from neuro_recognise._hots_kernels import count
 
         last = self.settings.layers - 1 if layer is None else layer
-        if not 0 <= last < self.learnt:
-            raise ModelError(f"layer {last}: {self.learnt} of {self.settings.layers} layers are learnt")
         side = check(WHOLE, cell, "cell") or max(self.sensor_size)
         columns, rows = (-(-length // side) for length in self.sensor_size)
         out = np.zeros((rows * columns, self.settings.centres_of(last)), np.int64)
-        count(events.x, events.y, self._channels(events, last + 1), side, columns, out)
+        count(events.x, events.y, self.assigned(events, last), side, columns, out)
         return out.reshape(rows, columns, -1)
 
     def assigned(self, events: Events, layer: int) -> Ints:
-        """The closest prototype of a learnt layer for each event, (events,) int64; layers count from 0."""
+        """The closest prototype for each event, (events,) int64.
+
+        Args:
+            events: a recording.
+            layer: whose prototypes, from 0.
+
+        Raises:
+            ModelError: the layer is not learnt, or an event is off the field.
+        """
+        if not 0 <= layer < self.learnt:
+            raise ModelError(f"layer {layer}: {self.learnt} of {self.settings.layers} layers are learnt")
         return self._channels(events, layer + 1)
 
     def state(self) -> dict[str, npt.NDArray[Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -11,9 +11,11 @@ from typing import Any, ClassVar
 import neuro
 from neuro.apps import Registry
 from neuro_models import path as network_path
+from neuro_recognise.method import Learnt
 from neuro_recognise.settings import Part, setting
+from neuro_recognise.shown import Ints
 
-__all__ = ["FOLLOWS", "Inputs", "Layer", "RemusLayer", "from_text", "taught", "to_text"]
+__all__ = ["FOLLOWS", "Inputs", "Labelled", "Layer", "RemusLayer", "from_text", "taught", "to_text"]
 
 TABLE_3 = "thesis table 3, lines 2450-2463"
 BEST = "benchmarks/remus_folds.py"
@@ -43,13 +45,15 @@ class Layer(Part):
     Class attributes:
         file: the network, in `neuro_models`.
         teaching: fields that are no parameters of the network.
+        supervised: whether maps have classes, which it learns by; else it learns without labels.
+        batch: frames that are shown between two calls of `pace`.
     """
 
     kind = "network"
     file: ClassVar[str]
     teaching: ClassVar[tuple[str, ...]] = ()
-
-    per_class: int = setting(1, "", "maps of each class", at_least=1)
+    supervised: ClassVar[bool] = True
+    batch: ClassVar[int] = 1000
 
     @classmethod
     def called(cls) -> str:
@@ -62,11 +66,14 @@ class Layer(Part):
         Raises:
             ModelError: a value is out of the network's bounds.
         """
-        channels, rows, columns = inputs.shape
         values = {name: value for name, value in self.as_words().items() if name not in self.teaching}
-        values |= {"orientations": channels, "rows": rows, "columns": columns, "maps": classes * self.per_class}
-        values |= {"window": inputs.window, "resolution": inputs.resolution}
-        return neuro.load(network_path(self.file), params=values)
+        return neuro.load(network_path(self.file), params=values | self.following(inputs, classes))
+
+    def following(self, inputs: Inputs, classes: int) -> dict[str, Any]:
+        """Parameters that follow from the input and the classes."""
+        channels, rows, columns = inputs.shape
+        words = {"orientations": channels, "rows": rows, "columns": columns}
+        return words | {"window": inputs.window, "resolution": inputs.resolution}
 
     def begin(self, sim: neuro.Simulation, epoch: int, shares: Sequence[float]) -> None:
         """What is done before each epoch.
@@ -77,9 +84,40 @@ class Layer(Part):
             shares: of the frames that were decided rightly, in each epoch before.
         """
 
+    def pace(self, sim: neuro.Simulation, seen: int) -> None:
+        """What is done before each batch of frames.
+
+        Args:
+            sim: is taught.
+            seen: how many frames it has been taught, in all epochs.
+        """
+
+    def decided(self, results: neuro.TrialResults) -> Ints:
+        """(frames,) the class that was decided for while it was taught, -1 for none."""
+        return results.label
+
+    def also(self, sim: neuro.Simulation) -> dict[str, Any]:
+        """What has been learnt beside weights, as arrays by name."""
+        return {}
+
+    def settled(self, net: neuro.Network, learnt: Learnt) -> neuro.Network:
+        """The network that is asked, once it has its weights."""
+        return net
+
 
 @dataclass(frozen=True)
-class RemusLayer(Layer):
+class Labelled(Layer):
+    """Base of networks in which each class has equally many maps, one after the other."""
+
+    per_class: int = setting(1, "", "maps of each class", at_least=1)
+
+    def following(self, inputs: Inputs, classes: int) -> dict[str, Any]:
+        """Also the number of maps."""
+        return super().following(inputs, classes) | {"maps": classes * self.per_class}
+
+
+@dataclass(frozen=True)
+class RemusLayer(Labelled):
     """Grids of neurons without leak that share a kernel; the first to fire names the class and is rewarded for it."""
 
     source = "thesis 6.2.4, table 3; what it leaves open is told in models/neuro_models/remus.yaml"
@@ -127,11 +165,8 @@ def to_text(net: neuro.Network) -> str:
         return (Path(folder) / "network.yaml").read_text("utf-8")
 
 
-def from_text(text: str, weights: Mapping[str, Any]) -> neuro.Network:
-    """The network that a YAML text describes, with weights by the names of projections.
-
-    Its parts have no places, as there is no file to look into.
-    """
+def from_text(text: str) -> neuro.Network:
+    """The network that a YAML text describes; its parts have no places, as there is no file to look into."""
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "network.yaml").write_text(text, "utf-8")
         net = neuro.load(Path(folder) / "network.yaml")
@@ -139,6 +174,4 @@ def from_text(text: str, weights: Mapping[str, Any]) -> neuro.Network:
     for group in parts:
         group.update({name: replace(part, origin=None) for name, part in group.items()})
     net.trials_origin = None
-    for name, weight in weights.items():
-        net.projections[name] = replace(net.projections[name], weight=weight)
     return net

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from neuro.apps import Registry
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Floats
 
-__all__ = ["Max", "Pool"]
+__all__ = ["LocalMaximum", "Max", "Pool"]
 
 
 @dataclass(frozen=True)
@@ -21,8 +24,13 @@ class Pool(Part):
     side: int = setting(2, "px", "of the cells", "thesis 6.2.2, line 2366", at_least=1)
 
     @abstractmethod
-    def passed(self, responses: Floats) -> Floats:
-        """Responses that are passed on, the others 0; (frames, scales, orientations, rows, columns) as given."""
+    def passed(self, responses: Floats, sizes: Sequence[int]) -> Floats:
+        """Responses that are passed on, the others 0.
+
+        Args:
+            responses: (frames, scales, orientations, rows, columns) of cells.
+            sizes: sides of the filters of each scale, px.
+        """
 
 
 @dataclass(frozen=True)
@@ -31,9 +39,34 @@ class Max(Pool):
 
     source = "thesis 6.2.2, lines 2363-2370"
 
-    def passed(self, responses: Floats) -> Floats:
+    def passed(self, responses: Floats, sizes: Sequence[int]) -> Floats:
         """All of them."""
         return responses
 
 
-Pool.known = Registry("pool", (Max,))
+@dataclass(frozen=True)
+class LocalMaximum(Pool):
+    """Responses that are the largest under their filter."""
+
+    source = "Zhao et al., IEEE TNNLS 26:1963, 2015, section III-A"
+
+    side: int = setting(1, "px", "of the cells", "none in the paper", at_least=1)
+    least: float = setting(0.2, "", "below which none is passed on", "MK-Tempotron, top_onN_MNIST.m", at_least=0)
+
+    @classmethod
+    def called(cls) -> str:
+        """``local_maximum``."""
+        return "local_maximum"
+
+    def passed(self, responses: Floats, sizes: Sequence[int]) -> Floats:
+        """Those at least `least` that no other of their orientation and scale exceeds, half a filter around."""
+        from scipy.ndimage import maximum_filter
+
+        highest = np.empty_like(responses)
+        for scale, size in enumerate(sizes):
+            around = 2 * (size // 2 // self.side) + 1
+            highest[:, scale] = maximum_filter(responses[:, scale], (1, 1, around, around), mode="constant")
+        return np.where((responses >= self.least) & (responses == highest), responses, 0.0)
+
+
+Pool.known = Registry("pool", (Max, LocalMaximum))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass
 
+import numpy as np
+
 from neuro.apps import Registry
 from neuro.events import segmentation
 from neuro_recognise.settings import Part, setting
@@ -100,9 +102,20 @@ class Ses(Segmenter):
         20.0, "ms", "decay of the potential; it rises four times as fast", "MK-Tempotron's code", above=0
     )
 
+    threshold: float = setting(
+        0.0, "", "a peak is above it; in potentials of single events", "0: all peaks; MK-Tempotron has 603", at_least=0
+    )
+
     def bounds(self, t: Ints) -> Ints:
         """From peak to peak; whether one is the highest is known `search` later only."""
-        return segmentation.peak_segments(t, round(1000.0 * self.search), tau_us=1000.0 * self.tau)
+        return segmentation.peak_segments(
+            t, round(1000.0 * self.search), tau_us=1000.0 * self.tau, threshold=self.threshold
+        )
+
+    def complete_at(self, t: Ints, bounds: Ints) -> Ints:
+        """At the first event that is more than `search` after the peak, or at the last of all."""
+        later = np.searchsorted(t, t[bounds[1:] - 1] + round(1000.0 * self.search), "right")
+        return t[np.minimum(later, len(t) - 1)]
 
 
 Segmenter.known = Registry("segmenter", (Msd, Hes, Counts, Ses))

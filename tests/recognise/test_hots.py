@@ -193,6 +193,8 @@ def test_mistakes_are_told(learnt):
     with pytest.raises(ModelError) as error:
         fresh.features(drawn(0))
     assert str(error.value) == "layer 1: 0 of 2 layers are learnt"
+    with pytest.raises(ModelError, match=r"^layer 2: 2 of 2 layers are learnt$"):
+        learnt.assigned(drawn(0), 2)
     with pytest.raises(ModelError) as error:
         fresh.learn([drawn(0, 2)])
     assert str(error.value) == "2 events for the 3 prototypes of layer 0, expected one for each"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -15,7 +15,7 @@ import numpy as np
 
 import neuro
 from neuro import ModelError
-from neuro.events import Events
+from neuro.events import Events, representations
 from neuro_recognise.banks import Bank, Gabors
 from neuro_recognise.encoders import Encoder, LogLatency
 from neuro_recognise.frames import Frames, ended_by
@@ -24,7 +24,8 @@ from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
 from neuro_recognise.pools import Max, Pool
 from neuro_recognise.segmenters import Msd, Segmenter
 from neuro_recognise.settings import part, setting
-from neuro_recognise.shown import Array, Evidence, Ints, Shown
+from neuro_recognise.shown import Array, Evidence, Floats, Ints, Shown, unlabelled
+from neuro_recognise.views import Pictures, Trials, View
 from neuro_recognise.votes import VOTES, votes
 
 if TYPE_CHECKING:
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Framewise"]
 
-BATCH = 1000
-"""Frames that are shown between two reports; the result does not depend on it."""
 ORDERS = ("recordings", "frames")
 
 
@@ -60,8 +59,8 @@ class Framewise(Method):
     encoder: Encoder = part(Encoder, LogLatency())
     layer: Layer = part(Layer, RemusLayer())
     epochs: int = setting(8, "", "how often all recordings are shown", "learning has settled by then", at_least=1)
-    order: str = setting("recordings", "", "what is shuffled in each epoch", "", words=ORDERS)
-    vote: str = setting("potentials", "", "how frames decide", "", words=VOTES)
+    order: str = setting("recordings", "", "what is shuffled in each epoch", "thesis section 6.2.5", words=ORDERS)
+    vote: str = setting("potentials", "", "how frames decide", "docs/how-to/recognise.md; majority: 2431", words=VOTES)
 
     def changed(self, values: Mapping[str, Any]) -> Self:
         """Settings with some values changed; see `Settings.changed`.
@@ -70,7 +69,7 @@ class Framewise(Method):
             ModelError: also where a value follows from others.
         """
         for name in values:
-            if name in FOLLOWS:
+            if name in FOLLOWS and not self.layer.takes(name):
                 raise ModelError(f"'{name}' cannot be set: it follows from {FOLLOWS[name]}")
         return super().changed(values)
 
@@ -108,7 +107,8 @@ class Framewise(Method):
         first = int(events.t[0]) if len(events) else 0
         seen = self.inside(events)
         bounds = self.segmenter.bounds(seen.t)
-        codes, ids, lengths = self.encoder.encode(self.pool.passed(self.bank.responses(seen, bounds, self.pool.side)))
+        responses = self.bank.responses(seen, bounds, self.pool.side)
+        codes, ids, lengths = self.encoder.encode(self.pool.passed(responses, self.bank.sizes))
         ends = self.segmenter.complete_at(seen.t, bounds) - first
         return {"codes": codes, "ids": ids.astype(np.uint32), "lengths": lengths, "ends": ends}
 
@@ -141,8 +141,14 @@ class Framewise(Method):
             self.layer.begin(sim, epoch, shares)
             shares.append(self._epoch(sim, frames, shown.labels, told, epoch, course))
             course.keep(history=np.array(shares), state=_state(sim))
-        weights = {name: sim.weights(name) for name in taught(net)}
-        return {"network": to_text(net), "history": np.array(shares), "seed": np.array(course.seed), **told, **weights}
+        learnt: dict[str, Array | str] = {name: sim.weights(name) for name in taught(net)}
+        learnt |= {"network": to_text(net), "history": np.array(shares), "seed": np.array(course.seed)}
+        learnt |= told | self.layer.also(sim)
+        return {**learnt, **self.afterwards(learnt, shown, course)}
+
+    def afterwards(self, learnt: Learnt, shown: Shown, course: Course) -> Learnt:
+        """What is learnt once the network has, from what it answers to the same recordings; more arrays by name."""
+        return {}
 
     def _epoch(
         self, sim: neuro.Simulation, frames: Frames, labels: Ints, told: Learnt, epoch: int, course: Course
@@ -150,22 +156,26 @@ class Framewise(Method):
         """Show all recordings once; return the share of frames decided rightly."""
         done, right = 0, 0
         rng = np.random.default_rng([course.seed, epoch])
-        for batch in _batches(frames, len(labels), self.order, rng):
-            wanted = labels[batch.recording]
+        for batch in _batches(frames, len(labels), self.order, self.layer.batch, rng):
+            self.layer.pace(sim, epoch * len(frames) + done)
+            wanted = labels[batch.recording] if self.layer.supervised else None
             times = self.encoder.times(batch.codes, told)
             results = sim.trials(
                 times, batch.ids, batch.offsets, labels=wanted, learn=True, samples=batch.recording, epoch=epoch
             )
             sim.forget(before=sim.time)
             done += len(results)
-            right += int(np.count_nonzero(results.label == wanted))
-            course.report(Progress(f"epoch {epoch + 1} of {self.epochs}", done, len(frames), right / done))
-        return right / len(frames)
+            right += 0 if wanted is None else int(np.count_nonzero(self.layer.decided(results) == wanted))
+            share = None if wanted is None else right / done
+            course.report(Progress(f"epoch {epoch + 1} of {self.epochs}", done, len(frames), share))
+        return right / len(frames) if self.layer.supervised else float("nan")
 
     def network(self, learnt: Learnt) -> neuro.Network:
         """The network with what it has learnt."""
-        net = from_text(str(learnt["network"]), {})
-        return from_text(str(learnt["network"]), {name: learnt[name] for name in taught(net)})
+        net = from_text(str(learnt["network"]))
+        for name in taught(net):
+            net.projections[name] = replace(net.projections[name], weight=learnt[name])
+        return self.layer.settled(net, learnt)
 
     def simulation(self, learnt: Learnt, backend: str = "event") -> neuro.Simulation:
         """The learnt network, ready to be shown recordings."""
@@ -182,26 +192,50 @@ class Framewise(Method):
         """By each vote; a recording without frames is silent."""
         sim = self.simulation(learnt, backend)
         results, frames = self.present(sim, learnt, shown)
-        found = votes(results, frames.recording, len(shown), len(shown.classes))
+        found = self.votes(learnt, results, frames, shown)
         return Answer(found[self.vote], found, (sim, results))
+
+    def votes(self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Shown) -> Mapping[str, Floats]:
+        """What speaks for each class, (recordings, classes), by each way of letting frames decide."""
+        return votes(results, frames.recording, len(shown), len(shown.classes))
+
+    def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
+        """The events of each frame, and the spikes that the network is shown, with who wins."""
+        seen, evidence = self.inside(events), self.observe(events)
+        at_ms = evidence["ends"] / 1000.0
+        if not len(at_ms):
+            return []
+        bounds = self.segmenter.bounds(seen.t)
+        results, frames = self.present(self.simulation(learnt), learnt, unlabelled([evidence], tuple(classes)))
+        told = tuple(
+            f"neuron {neuron} wins for {classes[label]}" if label >= 0 else "none wins"
+            for neuron, label in zip(results.winner.tolist(), results.label.tolist(), strict=True)
+        )
+        times, size = self.encoder.times(frames.codes, learnt), int(np.prod(self.inputs.shape))
+        return [
+            Pictures("Frame", at_ms, representations.event_frame(seen, polarity="ignored", segments=bounds)),
+            Trials("Its spikes", at_ms, self.encoder.window, size, frames.offsets, times, frames.ids, told),
+        ]
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
         """How the learning went."""
         from neuro_recognise.pictures import history
 
+        if not self.layer.supervised:
+            return {}
         return {"learning": history(np.asarray(learnt["history"]), len(classes))}
 
 
-def _batches(frames: Frames, recordings: int, order: str, rng: np.random.Generator) -> Iterator[Frames]:
-    """All frames in a new order, `BATCH` at a time."""
+def _batches(frames: Frames, recordings: int, order: str, size: int, rng: np.random.Generator) -> Iterator[Frames]:
+    """All frames in a new order, so many at a time."""
     if order == "frames":
         turn = rng.permutation(len(frames))
     else:
         place = np.empty(recordings, np.int64)
         place[rng.permutation(recordings)] = np.arange(recordings)
         turn = np.argsort(place[frames.recording], kind="stable")
-    for first in range(0, len(turn), BATCH):
-        yield frames.take(turn[first : first + BATCH])
+    for first in range(0, len(turn), size):
+        yield frames.take(turn[first : first + size])
 
 
 def _state(sim: neuro.Simulation) -> Array:

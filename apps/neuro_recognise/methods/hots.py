@@ -28,6 +28,10 @@ class Hots(Method):
     title = "hierarchy of time surfaces"
     source = "Lagorce et al., IEEE TPAMI 39:1346, 2017; thesis lines 2211-2280"
     needs = "recognise"
+    presets = {
+        "cells": {"layers": 1, "centres": 64, "tau": 30.0, "cell": 7},
+        "poker": {"size": [35, 35], "layers": 1, "centres": 32, "tau": 2.0, "cell": 12},
+    }
 
     layers: int = setting(3, "", "number of layers", PAPER, at_least=1)
     radius: int = setting(2, "px", "of the first layer's surroundings", PAPER, at_least=1)
@@ -47,7 +51,7 @@ class Hots(Method):
     cell: int = setting(
         0, "px", "side of squares that are counted each by itself; 0: the whole field", "the paper", at_least=0
     )
-    readout: Readout = part(Readout, Svm(C=1.0, scale="length"))
+    readout: Readout = part(Readout, Svm())
 
     def observing(self) -> Mapping[str, Any]:
         """The field alone: what is looked at are events."""

@@ -70,9 +70,10 @@ class Recordings(Sequence[Sample]):
         if chosen.ndim != 1 or (chosen.size and chosen.dtype.kind not in "iu"):
             hint = "numpy.flatnonzero(mask) gives the indices of a mask" if chosen.dtype == bool else ""
             raise ModelError(f"take({indices!r:.60}): expected indices, whole numbers in one axis", hint=hint)
-        for k in chosen[(chosen < -len(self)) | (chosen >= len(self))][:1]:
-            raise ModelError(f"take: index {k}, expected {-len(self)} to {len(self) - 1}: {self!r}")
-        return Recordings(self.path, [self._items[k] for k in chosen.astype(np.int64)], self.classes, self.layout)
+        absent = chosen[(chosen < -len(self)) | (chosen >= len(self))]
+        if absent.size:
+            raise ModelError(f"take: index {absent[0]}, expected {-len(self)} to {len(self) - 1}: {self!r}")
+        return Recordings(self.path, [self._items[int(k)] for k in chosen], self.classes, self.layout)
 
     def folds(self, n: int, *, seed: int) -> list[tuple[Ints, Ints]]:
         """Divide the recordings for cross-validation, with the same share of each class in every fold.
@@ -88,22 +89,23 @@ class Recordings(Sequence[Sample]):
         Raises:
             ModelError: a class has fewer recordings than there are folds, or a recording no class.
         """
-        n, labels = _arguments.whole("n", n, 2), self.labels
-        for label, count in zip(*np.unique(labels, return_counts=True), strict=True):
-            if label == UNKNOWN:
-                raise ModelError(f"folds({n}): the class of {self._first(label)} is unknown, expected one for each")
-            if count < n:
-                has = f"class '{self.classes[label]}' has {count} recording{'s' if count > 1 else ''}"
-                hint = "one of each class lies in every fold"
-                raise ModelError(f"folds({n}): {has}, expected at least {n}", hint=hint)
-        rng = np.random.default_rng([_arguments.whole("seed", seed, 0), 7])
+        n, seed, labels = _arguments.whole("n", n, 2), _arguments.whole("seed", seed, 0), self.labels
+        self._check_folds(n, labels)
+        rng = np.random.default_rng([seed, 7])
         order = np.concatenate([rng.permutation(np.flatnonzero(labels == k)) for k in np.unique(labels)] or [labels])
         fold = np.empty(len(self), np.int64)
         fold[order] = np.arange(len(self)) % n
         return [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in range(n)]
 
-    def _first(self, label: int) -> str:
-        return next(item.path for item in self if item.label == label)
+    def _check_folds(self, n: int, labels: Ints) -> None:
+        for label, count in zip(*np.unique(labels, return_counts=True), strict=True):
+            if label == UNKNOWN:
+                first = next(item.path for item in self if item.label == UNKNOWN)
+                raise ModelError(f"folds({n}): the class of {first} is unknown, expected one for each")
+            if count < n:
+                has = f"class '{self.classes[label]}' has {count} recording{'s' if count > 1 else ''}"
+                hint = "one of each class lies in every fold"
+                raise ModelError(f"folds({n}): {has}, expected at least {n}", hint=hint)
 
     def sensor_size(self, *, setting: str = "sensor_size=(width, height), or --sensor WxH") -> tuple[int, int]:
         """Width and height of the field that holds all recordings, px: the largest that any has.
@@ -122,15 +124,7 @@ class Recordings(Sequence[Sample]):
             raise ModelError(f"{self!r}: has no recording, expected at least one to find the sensor")
         found = [(*item.sensor(), item.name) for item in self]
         width, height = (max(size[axis] for size, _, _ in found) for axis in (0, 1))
-        sizes = {size: name for size, told, name in reversed(found) if told}
-        untold = [name for _, told, name in found if not told]
-        what = ""
-        if untold:
-            what = f"{len(untold)} of {len(found)} recordings do not tell their sensor, such as {untold[0]}"
-        elif len(sizes) > 1:
-            (small, first), (large, last) = min(sizes.items()), max(sizes.items())
-            what = f"sensors differ, such as {_by(small)} of {first} and {_by(large)} of {last}"
-        if what:
+        if what := _doubt(found):
             text = f"{self.path}: {what}: {_by((width, height))} is taken, which holds all; {setting} gives another"
             warnings.warn(text, EventFileWarning, stacklevel=2)
         return width, height
@@ -150,6 +144,18 @@ class Recordings(Sequence[Sample]):
             digest.update(f"\0{item.name}\0{item.label}\0{len(data)}\0".encode())
             digest.update(data)
         return digest.hexdigest()
+
+
+def _doubt(found: Sequence[tuple[tuple[int, int], bool, str]]) -> str:
+    """Why the largest sensor may not be what was recorded with; sizes, whether they are told, and names."""
+    untold = [name for _, told, name in found if not told]
+    if untold:
+        return f"{len(untold)} of {len(found)} recordings do not tell their sensor, such as {untold[0]}"
+    names = {size: name for size, _, name in reversed(found)}
+    if len(names) == 1:
+        return ""
+    (small, first), (large, last) = min(names.items()), max(names.items())
+    return f"sensors differ, such as {_by(small)} of {first} and {_by(large)} of {last}"
 
 
 def _by(size: tuple[int, int]) -> str:

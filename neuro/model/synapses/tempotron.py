@@ -7,6 +7,8 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from neuro.core.quantities import quantity
 from neuro.model.synapses.base import Synapse, check_below
 from neuro.model.synapses.lessons import Lesson, TrialEnd
@@ -25,8 +27,12 @@ class tempotron(Synapse):
     t_max at its spike. The one that should have fired is, in a wrong or silent trial, the neuron of the right label
     with the largest V_m up to the decision; t_max is the tick of it.
 
-    Source: Guetig & Sompolinsky, Nat. Neurosci. 9:420, 2006. There each neuron is taught by itself; here one neuron of
-    a group fires at most, so that of the others none erred by firing.
+    With `alone`, each neuron is taught by itself, as in the paper: in a trial in which nobody decides (V_th is set out
+    of reach while learning), all neurons of the right label should have reached `alone`, and no others; t_max is the
+    tick of a neuron's largest V_m. Where somebody decides, it is as without.
+
+    Source: Guetig & Sompolinsky, Nat. Neurosci. 9:420, 2006. Without `alone`, one neuron of a group fires at most, so
+    that of the others none erred by firing.
     """
 
     equation: ClassVar[str] = "dw = +-lambda K(t_max - t_i) after a mistake, K(t) = V0 (exp(-t/tau_m) - exp(-t/tau_s))"
@@ -39,6 +45,7 @@ class tempotron(Synapse):
     tau_s: float = quantity(3.75, "ms", "time constant of the synaptic current", at_least=0)
     Wmin: float = quantity(-INF, "", "smallest weight, in the unit of the weight", infinite=True)
     Wmax: float = quantity(INF, "", "largest weight, in the unit of the weight", infinite=True)
+    alone: float = quantity(INF, "mV", "V_m that each neuron is taught by itself to reach, or not", infinite=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -47,6 +54,8 @@ class tempotron(Synapse):
 
     def lessons(self, end: TrialEnd) -> list[Lesson]:
         """After a mistake the neuron that decided, and the one that should have."""
+        if end.winner < 0 and self.alone < INF:
+            return self._lessons_alone(end)
         if end.hit:
             return []
         told = [Lesson(end.winner, end.tick, -1.0)] if end.winner >= 0 else []
@@ -54,6 +63,16 @@ class tempotron(Synapse):
         if neuron >= 0:
             told.append(Lesson(neuron, tick, 1.0))
         return told
+
+    def _lessons_alone(self, end: TrialEnd) -> list[Lesson]:
+        """Each neuron that did not reach what it should have, or did what it should not."""
+        assert end.peak is not None
+        assert end.peak_tick is not None
+        per_map = len(end.peak) // len(end.silenced)
+        wanted = np.repeat(np.isin(np.arange(len(end.silenced)), end.maps), per_map)
+        erred = np.flatnonzero(np.repeat(~end.silenced, per_map) & ((end.peak >= self.alone) != wanted))
+        signs = np.where(wanted[erred], 1.0, -1.0)
+        return list(map(Lesson, erred.tolist(), end.peak_tick[erred].tolist(), signs.tolist()))
 
 
 STEP, TAU_M, TAU_S, W_MIN, W_MAX = range(5)
