@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-
-import numpy as np
+from typing import ClassVar
 
 from neuro.apps import Registry
 from neuro.events import segmentation
@@ -17,9 +16,14 @@ __all__ = ["Counts", "Hes", "Msd", "Segmenter", "Ses"]
 
 @dataclass(frozen=True)
 class Segmenter(Part):
-    """Base of the segmenters."""
+    """Base of the segmenters.
+
+    Class attributes:
+        tentative: whether the last segment of a beginning may end elsewhere once more is seen.
+    """
 
     kind = "segmenter"
+    tentative: ClassVar[bool] = False
 
     @abstractmethod
     def bounds(self, t: Ints) -> Ints:
@@ -95,6 +99,8 @@ class Counts(Segmenter):
 class Ses(Segmenter):
     """Segments round the peaks of a leaky neuron's potential: soft segmentation."""
 
+    tentative = True
+
     source = "Zhao et al., IEEE TNNLS 26:1963, 2015; thesis section 6.1.1, lines 2165-2176"
 
     search: float = setting(15.0, "ms", "how far a peak is the highest on both sides", "MK-Tempotron's code", above=0)
@@ -111,11 +117,6 @@ class Ses(Segmenter):
         return segmentation.peak_segments(
             t, round(1000.0 * self.search), tau_us=1000.0 * self.tau, threshold=self.threshold
         )
-
-    def complete_at(self, t: Ints, bounds: Ints) -> Ints:
-        """At the first event that is more than `search` after the peak, or at the last of all."""
-        later = np.searchsorted(t, t[bounds[1:] - 1] + round(1000.0 * self.search), "right")
-        return t[np.minimum(later, len(t) - 1)]
 
 
 Segmenter.known = Registry("segmenter", (Msd, Hes, Counts, Ses))

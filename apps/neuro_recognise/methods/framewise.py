@@ -113,7 +113,9 @@ class Framewise(Method):
         return {"codes": codes, "ids": ids.astype(np.uint32), "lengths": lengths, "ends": ends}
 
     def observe_until(self, events: Events, times_us: Sequence[int]) -> list[Evidence]:
-        """The frames that were complete by then."""
+        """The frames that were complete by then; where the last may end elsewhere later, each beginning by itself."""
+        if self.segmenter.tentative:
+            return super().observe_until(events, times_us)
         whole = self.observe(events)
         return [ended_by(whole, us) for us in times_us]
 
