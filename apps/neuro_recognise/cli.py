@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from neuro.apps import Backend, Seed, Set, assignments
+from neuro_recognise.detection.commands import add_commands
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
@@ -104,6 +105,9 @@ def predict(
 
     trained = Recogniser.load(model)
     report.show_predicted(trained, predict_files(trained, recordings, backend), json)
+
+
+add_commands(app)
 
 
 def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -> Recordings:

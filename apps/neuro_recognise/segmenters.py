@@ -30,6 +30,10 @@ class Segmenter(Part):
             (segments + 1,) segment i is ``[bounds[i], bounds[i + 1])``.
         """
 
+    @abstractmethod
+    def cutter(self) -> segmentation.Cutter:
+        """The same with a memory, for recordings that come in parts."""
+
 
 @dataclass(frozen=True)
 class Msd(Segmenter):
@@ -43,6 +47,10 @@ class Msd(Segmenter):
     def bounds(self, t: Ints) -> Ints:
         """What comes after the last whole segment belongs to none."""
         return segmentation.msd_segments(t, tau=self.tau, threshold=self.threshold)
+
+    def cutter(self) -> segmentation.Cutter:
+        """A detector of motion symbols."""
+        return segmentation.MSD(self.tau, self.threshold)
 
 
 @dataclass(frozen=True)
@@ -59,6 +67,10 @@ class Hes(Segmenter):
         """What comes after the last whole window belongs to none."""
         return segmentation.time_segments(t, window_us=max(1, round(1000.0 * self.window)))
 
+    def cutter(self) -> segmentation.Cutter:
+        """A clock."""
+        return segmentation.TimeWindows(max(1, round(1000.0 * self.window)))
+
 
 @dataclass(frozen=True)
 class Counts(Segmenter):
@@ -71,6 +83,10 @@ class Counts(Segmenter):
     def bounds(self, t: Ints) -> Ints:
         """What comes after the last whole segment belongs to none."""
         return segmentation.count_segments(t, count=self.count)
+
+    def cutter(self) -> segmentation.Cutter:
+        """A counter."""
+        return segmentation.Counts(self.count)
 
 
 @dataclass(frozen=True)
@@ -87,6 +103,10 @@ class Ses(Segmenter):
     def bounds(self, t: Ints) -> Ints:
         """From peak to peak; whether one is the highest is known `search` later only."""
         return segmentation.peak_segments(t, round(1000.0 * self.search), tau_us=1000.0 * self.tau)
+
+    def cutter(self) -> segmentation.Cutter:
+        """A finder of peaks."""
+        return segmentation.Peaks(round(1000.0 * self.search), tau_us=1000.0 * self.tau)
 
 
 Segmenter.known = Registry("segmenter", (Msd, Hes, Counts, Ses))
