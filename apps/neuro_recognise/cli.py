@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from neuro.apps import Backend, Seed, Set, assignments
-from neuro_recognise.detection.commands import add_commands
+from neuro_recognise.detection_commands import add_commands
 
 if TYPE_CHECKING:
     from neuro.events import Recordings

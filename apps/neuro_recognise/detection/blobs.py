@@ -28,8 +28,8 @@ class Blob:
 
     def with_(self, other: Blob) -> Blob:
         """Both as one."""
-        pairs = ((self.x, other.x), (self.y, other.y), (self.weight, other.weight))
-        return Blob(*(np.concatenate(pair) for pair in pairs))
+        x, y = np.concatenate((self.x, other.x)), np.concatenate((self.y, other.y))
+        return Blob(x, y, np.concatenate((self.weight, other.weight)))
 
     def gap(self, other: Blob) -> float:
         """How far the boxes are apart, px; negative where they overlap."""

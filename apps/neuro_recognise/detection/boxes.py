@@ -64,8 +64,9 @@ class Boxes:
     def of(cls, rows: Iterable[tuple[int, int, int, int, float, Sequence[float]]]) -> Boxes:
         """From rows: start, stop, identity, label, score, box."""
         columns: Any = list(zip(*rows, strict=True)) or [()] * 6
-        whole = (np.array(column, np.int64) for column in columns[:4])
-        return cls(*whole, np.array(columns[4], float), np.array(columns[5], float).reshape(-1, 4))
+        start, stop, identity, label = (np.array(column, np.int64) for column in columns[:4])
+        score, box = (np.array(column, float) for column in columns[4:])
+        return cls(start, stop, identity, label, score, box.reshape(-1, 4))
 
     def __len__(self) -> int:
         """The number of boxes."""

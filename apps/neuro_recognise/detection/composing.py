@@ -17,7 +17,7 @@ from neuro import ModelError
 from neuro.events import Events, filters
 from neuro_recognise.detection.boxes import Boxes
 from neuro_recognise.settings import Settings, setting
-from neuro_recognise.shown import Floats, Ints
+from neuro_recognise.shown import Floats
 
 __all__ = ["Scene", "Scenery", "compose"]
 
@@ -44,7 +44,7 @@ class Scenery(Settings):
     speed: float = setting(
         10.0, "px/s", "of an object's path, in any direction", "in 2 s about as far as a digit is large", at_least=0
     )
-    noise: float = setting(1.0, "Hz", "background events of a pixel", "room for three digits of 23 px", at_least=0)
+    noise: float = setting(1.0, "Hz", "background events of a pixel", "a quiet sensor's", at_least=0)
     length: float = setting(300.0, "ms", "of a scene", "that of a recording of N-MNIST", at_least=1)
     slice: float = setting(
         100.0, "ms", "of time, in each of which an object has a box", "a saccade of N-MNIST", at_least=1
@@ -115,9 +115,9 @@ class _Object:
     start: Floats
     velocity: Floats
 
-    def at(self, t: Ints) -> Floats:
+    def at(self, t: Floats) -> Floats:
         """(n, 4) the box at some times, us."""
-        middle = self.start + self.velocity * np.asarray(t, float)[:, None]
+        middle = self.start + self.velocity * t[:, None]
         half = (self.box[2:] - self.box[:2]) / 2.0
         return np.concatenate([middle - half, middle + half], axis=1)
 

@@ -125,8 +125,6 @@ def _row(one: Seen, scores: Floats) -> tuple[int, int, int, int, float, Sequence
 
 
 def _sureness(scores: Floats) -> float:
-    """How far the best class is before the next, in units of how far it is before the last; 0 where none is known."""
+    """How far the best class is before the next, in units of the recogniser's scores; 0 where none is known."""
     known = np.sort(scores[~np.isnan(scores)])
-    if len(known) < 2 or known[-1] == known[0]:
-        return 0.0
-    return float((known[-1] - known[-2]) / (known[-1] - known[0]))
+    return float(known[-1] - known[-2]) if len(known) > 1 else 0.0

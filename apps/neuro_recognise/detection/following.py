@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,6 +15,7 @@ from neuro_recognise.detection.proposals import CHOSEN, Proposals, Region
 from neuro_recognise.detection.tracks import Tracking, Tracks
 from neuro_recognise.segmenters import Hes, Segmenter
 from neuro_recognise.settings import Settings, part, setting
+from neuro_recognise.shown import Ints
 
 __all__ = ["Detecting", "Piece", "Seen", "View", "pieces"]
 
@@ -126,14 +127,13 @@ class View:
         if self._held and len(left := together(self._held)):
             yield left
 
-    def _until(self, cuts: Sequence[int] | np.ndarray[tuple[int], np.dtype[np.int64]]) -> Iterator[Events]:
+    def _until(self, cuts: Ints) -> Iterator[Events]:
         if not len(cuts):
             return
-        whole, begin = together(self._held), self._cut
-        self._cut = int(cuts[-1])
-        self._held = [whole[self._cut - begin :]]
-        for start, stop in zip((begin, *cuts[:-1]), cuts, strict=True):
-            yield whole[int(start) - begin : int(stop) - begin]
+        whole, ends = together(self._held), (cuts - self._cut).tolist()
+        self._cut, self._held = int(cuts[-1]), [whole[ends[-1] :]]
+        for start, stop in zip([0, *ends[:-1]], ends, strict=True):
+            yield whole[start:stop]
 
     def look(self, segment: Events) -> list[Seen]:
         """The objects in a segment."""

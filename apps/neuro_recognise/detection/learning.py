@@ -39,7 +39,12 @@ def crops(scene: Scene, settings: Detecting, size: tuple[int, int]) -> Iterator[
 
 
 def write_crops(
-    folder: Path, scenes: Scenes, settings: Detecting, report: Callable[[int, int], None] = lambda done, total: None
+    folder: Path,
+    scenes: Scenes,
+    settings: Detecting,
+    *,
+    before: str = "",
+    report: Callable[[int, int], None] = lambda done, total: None,
 ) -> int:
     """Write crops of all scenes, in folders named as their classes; the same call goes on where it was.
 
@@ -47,6 +52,7 @@ def write_crops(
         folder: made if it is not there.
         scenes: with true boxes.
         settings: how objects are found.
+        before: stands before the names of files, so that several data sets of scenes fit into one folder.
         report: is told how many scenes are done, and of how many.
 
     Returns:
@@ -61,7 +67,7 @@ def write_crops(
     written = 0
     for done, scene in enumerate(scenes, 1):
         for k, (label, events) in enumerate(crops(scene, settings, size)):
-            save(events, folder / scenes.classes[label] / f"{scene.name}-{k}.npz", replace=True)
+            save(events, folder / scenes.classes[label] / f"{before}{scene.name}-{k}.npz", replace=True)
             written += 1
         report(done, len(scenes))
     return written

@@ -118,7 +118,7 @@ def _words(boxes: Boxes, k: int, classes: Sequence[str]) -> dict[str, Any]:
         "identity": int(boxes.identity[k]),
         "class": None if boxes.label[k] == UNKNOWN else classes[boxes.label[k]],
         "score": float(boxes.score[k]),
-        "box": boxes.box[k].tolist(),
+        "box": boxes.box[k].round(2).tolist(),
     }
 
 

@@ -19,7 +19,7 @@ from typing import overload
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import Kind, Unwritable, make_folder, write_text
+from neuro.apps import Kind, make_folder, write_text
 from neuro.events import Recordings, load, save
 from neuro_recognise.detection.boxes import read_boxes, write_boxes
 from neuro_recognise.detection.composing import Scene, Scenery, compose
@@ -174,15 +174,12 @@ def _tell(folder: Path, data: Recordings, scenery: Scenery, count: int, seed: in
         "data": data.fingerprint(),
         "recordings": [data[int(k)].name for k in chosen],
     }
-    if not about.exists():
-        write_text(about, json.dumps(told, indent=1) + "\n", ABOUT_KIND)
-    elif not _is_ours(about):
-        raise Unwritable(about, f"exists and is not {ABOUT_KIND.what}: expected a new folder")
-    else:
+    if about.exists() and _is_ours(about) and any(_boxes_of(folder, k).exists() for k in range(count)):
         there = json.loads(about.read_text())
         other = [name for name in told if there.get(name) != told[name]]
         if other:
             raise ModelError(f"{folder}: has scenes with another {other[0]}", hint="take a new folder")
+    write_text(about, json.dumps(told, indent=1) + "\n", ABOUT_KIND)
 
 
 def _write(folder: Path, k: int, scene: Scene, classes: Sequence[str]) -> None:

@@ -41,7 +41,8 @@ def scenes(
 ) -> None:
     """Compose scenes of several moving objects from recordings of one each, with true boxes; resumable.
 
-    Of objects further settings are objects, gap, speed, slice, support and percentile, e.g. --set objects=[1,1].
+    By --set: objects (fewest and most, as objects=[1,1]), gap and speed, and slice, support and percentile, by which
+    true boxes are measured.
     """
     import numpy as np
 
@@ -81,7 +82,11 @@ def crops(
     settings = Detecting().changed(assignments(set))
     with Bar() as bar:
         n = write_crops(
-            out, Scenes(scenes), settings, lambda done, total: bar.show(Progress("cutting out objects", done, total))
+            out,
+            Scenes(scenes),
+            settings,
+            before=f"{scenes.resolve().name}-",
+            report=lambda done, total: bar.show(Progress("cutting out objects", done, total)),
         )
     typer.echo(f"{out}: {n} recordings")
 
