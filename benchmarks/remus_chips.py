@@ -16,16 +16,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from remus_folds import FILES, SHARED, stratified
+from remus_folds import FIELD, FILES, SHARED, stratified
 
 from neuro import ApproximationWarning
 from neuro.cli.options import assignments
 from neuro.events import recordings
-from neuro_remus.decide import decisions, present
-from neuro_remus.features import Spikes, c1_spikes
-from neuro_remus.model import Model
-from neuro_remus.settings import SETTINGS, VOTES, Settings
-from neuro_remus.train import train
+from neuro_recognise.frames import Frames
+from neuro_recognise.method import choose
+from neuro_recognise.methods.remus import Remus
+from neuro_recognise.observations import observe
+from neuro_recognise.recogniser import Recogniser, learn
+from neuro_recognise.shown import Shown
+from neuro_recognise.votes import VOTES, votes
 
 BACKENDS = ["event", "loihi", "spinnaker"]
 """The first one is what the others are compared with."""
@@ -38,52 +40,55 @@ def main() -> None:
     """Measure and print."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--data", type=Path, default=SHARED / FILES["nmnist"], help="recordings")
-    options.add_argument("--settings", choices=SETTINGS, default="best")
+    options.add_argument("--settings", choices=("best", "thesis"), default="best")
     options.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
     options.add_argument("--folds", type=int, default=1, help="1: show what was learnt from")
     options.add_argument("--seed", type=int, default=0)
     options.add_argument("--json", action="store_true")
     asked = options.parse_args()
     warnings.simplefilter("ignore", ApproximationWarning)
-    settings = SETTINGS[asked.settings].changed(assignments(asked.set))
-    spikes = c1_spikes(recordings(asked.data), settings.front)
+    method = Remus().preset(asked.settings).changed(assignments(asked.set)).fitting(FIELD)
+    shown = observe(method, recordings(asked.data))
     found: dict[str, list[Found]] = {backend: [] for backend in BACKENDS}
-    for model, part in shown(spikes, settings, asked.seed, asked.folds):
+    for made, part in models(shown, method, asked.seed, asked.folds):
         for backend in BACKENDS:
-            found[backend].append(decided(model, part, backend))
-    report = {"settings": asked.settings, "recordings": len(spikes), "frames": len(spikes.sample), "folds": asked.folds}
+            found[backend].append(decided(made, part, backend))
+    report = {"settings": asked.settings, "recordings": len(shown), "frames": len(Frames.of(shown))}
+    report |= {"folds": asked.folds}
     rows = {backend: compared(joined(found[backend]), joined(found[BACKENDS[0]])) for backend in BACKENDS}
     for backend, row in rows.items():
-        learning = settings.changed({"epochs": 1})
-        row["learn_ms_a_frame"] = 1e3 * learning_time(spikes, learning, backend)
+        learning = method.changed({"epochs": 1})
+        row["learn_ms_a_frame"] = 1e3 * learning_time(shown, learning, backend)
         if not asked.json:
             print(f"{backend:10}" + ", ".join(f"{name} {value:.4g}" for name, value in row.items()), flush=True)
     if asked.json:
         print(json.dumps(report | {"backends": rows}, indent=1))
 
 
-def shown(spikes: Spikes, settings: Settings, seed: int, folds: int) -> Iterator[tuple[Model, Spikes]]:
-    """Models, and the recordings to show to each."""
+def models(shown: Shown, method: Remus, seed: int, folds: int) -> Iterator[tuple[Recogniser, Shown]]:
+    """Recognisers, and the recordings to show to each."""
     if folds == 1:
-        yield train(spikes, settings, seed=seed), spikes
+        yield learn(method, shown, "all", seed=seed), shown
         return
-    fold = stratified(spikes.labels, folds, seed)
+    fold = stratified(shown.labels, folds, seed)
     for k in range(folds):
-        model = train(spikes.take(np.flatnonzero(fold != k)), settings, seed=seed)
-        yield model, spikes.take(np.flatnonzero(fold == k))
+        made = learn(method, shown.take(np.flatnonzero(fold != k)), f"fold {k}", seed=seed)
+        yield made, shown.take(np.flatnonzero(fold == k))
 
 
-def decided(model: Model, spikes: Spikes, backend: str) -> Found:
+def decided(made: Recogniser, shown: Shown, backend: str) -> Found:
     """What a backend decides: of frames label, winner and step, of recordings the votes and whether they are right."""
-    sim = model.simulation(backend)
-    present(sim, spikes.take([0]))  # compiles
+    method = made.method
+    assert isinstance(method, Remus)
+    sim = method.simulation(made.learnt, backend)
+    method.present(sim, made.learnt, shown.take([0]))  # compiles
     began = time.process_time()
-    trials = present(sim, spikes)
+    trials, frames = method.present(sim, made.learnt, shown)
     seconds = time.process_time() - began
-    by = decisions(trials, spikes)
+    by = votes(trials, frames.recording, len(shown), len(shown.classes))
     found = dict(zip(FRAMES, (trials.label, trials.winner, trials.step), strict=True))
-    found |= {vote: by.by(vote) for vote in VOTES}
-    found |= {f"{vote}_right": by.by(vote) == spikes.labels for vote in VOTES}
+    found |= {vote: choose(by[vote]) for vote in VOTES}
+    found |= {f"{vote}_right": choose(by[vote]) == shown.labels for vote in VOTES}
     return found | {"seconds": np.array([seconds])}
 
 
@@ -99,13 +104,13 @@ def compared(mine: Found, first: Found) -> dict[str, float]:
     return same | right | {"decide_ms_a_frame": 1e3 * float(mine["seconds"].sum()) / len(mine["frame_label"])}
 
 
-def learning_time(spikes: Spikes, settings: Settings, backend: str) -> float:
+def learning_time(shown: Shown, method: Remus, backend: str) -> float:
     """Seconds of one core for a frame of one epoch, over a fifth of the recordings."""
-    part = spikes.take(range(0, len(spikes), 5))
-    train(part.take(range(2)), settings, backend=backend)  # compiles
+    part = shown.take(range(0, len(shown), 5))
+    learn(method, part.take(range(2)), "two", backend=backend)  # compiles
     began = time.process_time()
-    train(part, settings, backend=backend)
-    return (time.process_time() - began) / len(part.sample)
+    learn(method, part, "a fifth", backend=backend)
+    return (time.process_time() - began) / len(Frames.of(part))
 
 
 if __name__ == "__main__":

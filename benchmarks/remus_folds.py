@@ -17,16 +17,18 @@ from numpy.typing import NDArray
 from neuro.cli.options import assignments
 from neuro.events import recordings
 from neuro_recognise.evaluate import wilson
-from neuro_remus.decide import decide
-from neuro_remus.features import Spikes, c1_spikes
-from neuro_remus.settings import SETTINGS, VOTES, Settings
-from neuro_remus.train import train
+from neuro_recognise.method import choose
+from neuro_recognise.methods.remus import Remus
+from neuro_recognise.observations import observe
+from neuro_recognise.recogniser import learn
+from neuro_recognise.shown import Shown
+from neuro_recognise.votes import VOTES
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 POKER = "poker_dvs/poker_dvs_shared_aedat2.zip"
 FILES = {"nmnist": "nmnist/nmnist_train1000_bin.zip", "poker": POKER, "poker-upright": POKER}
-POKER_THETA = 30.0
-"""Pips are smaller than digits, so fewer spikes make one."""
+FIELD = (34, 34)
+"""px; the pips are crops from a sensor of 128 x 128 px."""
 
 
 def main() -> None:
@@ -34,30 +36,30 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("case", choices=FILES)
     options.add_argument("--data", type=Path, help="recordings, if not those of ../shared")
-    options.add_argument("--settings", choices=SETTINGS, default="best")
+    options.add_argument("--settings", choices=("best", "thesis"), default="best")
     options.add_argument("--set", action="append", default=[], metavar="NAME=VALUE")
     options.add_argument("--seeds", type=int, default=3)
     options.add_argument("--folds", type=int, default=5)
     options.add_argument("--backend", default="event", help="trains and tests")
     options.add_argument("--json", action="store_true")
     asked = options.parse_args()
-    poker = {"theta": POKER_THETA} if asked.case.startswith("poker") else {}
-    settings = SETTINGS[asked.settings].changed(poker | assignments(asked.set))
-    spikes = c1_spikes(recordings(asked.data or SHARED / FILES[asked.case]), settings.front)
-    upright = np.array([not Path(name).stem.endswith("i") for name in spikes.names])
+    poker = Remus.presets["poker"] if asked.case.startswith("poker") else {}
+    method = Remus().preset(asked.settings).changed({**poker, **assignments(asked.set)}).fitting(FIELD)
+    shown = observe(method, recordings(asked.data or SHARED / FILES[asked.case]))
+    upright = np.array([not Path(name).stem.endswith("i") for name in shown.names])
     if asked.case == "poker-upright":
-        spikes, upright = spikes.take(np.flatnonzero(upright)), upright[upright]
+        shown, upright = shown.take(np.flatnonzero(upright)), upright[upright]
     began, right = time.process_time(), []
     for seed in range(asked.seeds):
-        right.append(cross_validate(spikes, settings, seed, asked.folds, asked.backend))
+        right.append(cross_validate(shown, method, seed, asked.folds, asked.backend))
         if not asked.json:
             print(f"seed {seed}: " + ", ".join(f"{v} {r.mean():.2%}" for v, r in right[-1].items()), flush=True)
-    report = {"case": asked.case, "settings": asked.settings, "set": asked.set, "recordings": len(spikes)}
+    report = {"case": asked.case, "settings": asked.settings, "set": asked.set, "recordings": len(shown)}
     report |= {"backend": asked.backend, "folds": asked.folds, "seeds": asked.seeds}
     report |= {"cpu_s": round(time.process_time() - began, 1)}
     for vote in VOTES:
         all_of_them = np.array([found[vote] for found in right])
-        low, high = wilson(round(all_of_them.mean() * len(spikes)), len(spikes))
+        low, high = wilson(round(all_of_them.mean() * len(shown)), len(shown))
         report[vote] = {
             "mean": all_of_them.mean(),
             "of_seeds": all_of_them.mean(axis=1).tolist(),
@@ -73,18 +75,17 @@ def main() -> None:
 
 
 def cross_validate(
-    spikes: Spikes, settings: Settings, seed: int, folds: int, backend: str = "event"
+    shown: Shown, method: Remus, seed: int, folds: int, backend: str = "event"
 ) -> dict[str, NDArray[np.bool_]]:
     """Which recordings are decided rightly, by each vote, when learnt from the other folds."""
-    fold = stratified(spikes.labels, folds, seed)
-    right = {vote: np.zeros(len(spikes), bool) for vote in VOTES}
+    fold = stratified(shown.labels, folds, seed)
+    right = {vote: np.zeros(len(shown), bool) for vote in VOTES}
     for k in range(folds):
         held_out = np.flatnonzero(fold == k)
-        model = train(spikes.take(np.flatnonzero(fold != k)), settings, seed=seed, backend=backend)
-        part = spikes.take(held_out)
-        decisions = decide(model.simulation(backend), part)
-        for vote in VOTES:
-            right[vote][held_out] = decisions.by(vote) == part.labels
+        made = learn(method, shown.take(np.flatnonzero(fold != k)), f"fold {k}", seed=seed, backend=backend)
+        part = shown.take(held_out)
+        for vote, scores in method.answer(made.learnt, part, backend).votes.items():
+            right[vote][held_out] = choose(scores) == part.labels
     return right
 
 

@@ -6,10 +6,9 @@ from pathlib import Path
 import pytest
 
 from neuro.events import recordings
-from neuro_remus.features import c1_spikes
-from neuro_remus.frontend import FrontEnd
-from neuro_remus.settings import SETTINGS
-from neuro_remus.train import train
+from neuro_recognise.methods.remus import Remus
+from neuro_recognise.observations import observe
+from neuro_recognise.recogniser import learn
 
 RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "data" / "nmnist" / "nmnist_train1000_bin.zip"
 
@@ -23,14 +22,14 @@ def data():
 
 @pytest.mark.parametrize(("per_class", "aim"), [(2, "at most 4"), (8, "at most 12")])
 def test_training(benchmark, figure, data, tmp_path_factory, per_class, aim):
-    spikes = c1_spikes(data, cache=tmp_path_factory.getbasetemp(), progress=False)
-    settings = SETTINGS["thesis"].changed({"per_class": per_class})
-    train(spikes.take(range(2)), settings)
+    method = Remus().preset("thesis").changed({"per_class": per_class}).fitting((34, 34))
+    shown = observe(method, data, cache=tmp_path_factory.getbasetemp())
+    learn(method, shown.take(range(2)), "two")
     cpu = []
 
     def work():
         began = time.process_time()
-        train(spikes, settings)
+        learn(method, shown, "all")
         cpu.append(time.process_time() - began)
 
     benchmark.pedantic(work, rounds=2)
@@ -39,7 +38,7 @@ def test_training(benchmark, figure, data, tmp_path_factory, per_class, aim):
 
 
 def test_front_end(benchmark, figure, data):
-    front, events = FrontEnd(), [item.load() for item in data[:50]]
-    front.spikes(events[0])
-    benchmark.pedantic(lambda: [front.spikes(e) for e in events], rounds=3)
+    front, events = Remus().fitting((34, 34)), [item.load() for item in data[:50]]
+    front.observe(events[0])
+    benchmark.pedantic(lambda: [front.observe(e) for e in events], rounds=3)
     figure("front end of a recording", benchmark.stats.stats.min / len(events) * 1e3, "ms", "at most 10")

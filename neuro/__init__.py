@@ -39,7 +39,7 @@ if TYPE_CHECKING:
         spinnaker_lif,
         srm0,
     )
-    from neuro.model.parts import Trials, dropout, labels, reward, winner_take_all
+    from neuro.model.parts import Trials, dropout, labels, local_winners, reward, winner_take_all
     from neuro.model.rules import (
         all_to_all,
         fixed_indegree,
@@ -56,6 +56,7 @@ if TYPE_CHECKING:
         loihi_static,
         mozafari,
         mstdpet,
+        normalised_stdp,
         r_stddp,
         r_stdp,
         static,
@@ -115,7 +116,7 @@ _HOMES = {
         "spinnaker_lif",
         "srm0",
     ),
-    "neuro.model.parts": ("Trials", "dropout", "labels", "reward", "winner_take_all"),
+    "neuro.model.parts": ("Trials", "dropout", "labels", "local_winners", "reward", "winner_take_all"),
     "neuro.model.rules": (
         "all_to_all",
         "fixed_indegree",
@@ -132,6 +133,7 @@ _HOMES = {
         "hedonistic",
         "mozafari",
         "mstdpet",
+        "normalised_stdp",
         "r_stddp",
         "r_stdp",
         "static",
@@ -199,6 +201,7 @@ __all__ = [
     "izhikevich",
     "labels",
     "load",
+    "local_winners",
     "lognormal",
     "loihi_learning",
     "loihi_lif",
@@ -208,6 +211,7 @@ __all__ = [
     "mstdpet",
     "normal",
     "normalise",
+    "normalised_stdp",
     "one_to_one",
     "pairs",
     "pairwise_bernoulli",

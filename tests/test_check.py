@@ -389,7 +389,7 @@ MISTAKES: dict[str, tuple[Callable[[Network], object], str, str]] = {
     ),
     "trials without an output": (
         lambda net: net.trials(input="sheet", duration=10.0),
-        "trials: 0 winner_take_all groups and no labels: expected labels that name the output",
+        "trials: 0 groups and no labels: expected labels that name the output",
         "",
     ),
     "trials that decide at each step": (

@@ -86,7 +86,10 @@ def test_no_circle():
         pytest.fail(" -> ".join(error.args[1]))
 
 
-@pytest.mark.parametrize("module", [name for name in MODULES if name.startswith(("neuro_drone", "neuro_remus"))])
+APPS = ("neuro_drone", "neuro_recognise", "neuro_remus")
+
+
+@pytest.mark.parametrize("module", [name for name in MODULES if name.startswith(APPS)])
 def test_apps_use_public_names(module):
     for other, name in imports(module):
         if other.split(".")[0] == "neuro":

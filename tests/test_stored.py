@@ -9,7 +9,7 @@ import neuro
 from neuro.files import results
 from neuro_drone.evaluate import Start, try_out
 from neuro_drone.model import Model as DroneModel
-from neuro_remus.model import Model as RemusModel
+from neuro_remus.stored import load as load_remus
 
 STORED = Path(__file__).parent / "stored"
 
@@ -61,6 +61,9 @@ def test_a_drone_flies_as_it_did():
 
 
 def test_a_recogniser():
-    model = RemusModel.load(STORED / "remus.h5")
-    assert model.classes == ("a", "b", "c")
-    assert model.simulation().weights("c1_s2").shape == model.kernels.shape
+    made = load_remus(STORED / "remus.h5")
+    assert made.classes == ("a", "b", "c")
+    weights = made.method.simulation(made.learnt).weights("c1_s2")
+    assert np.array_equal(weights, made.learnt["c1_s2"])
+    assert len(weights) == 3 * made.method.layer.per_class
+    assert made.method.inputs.shape[0] == weights.shape[1]

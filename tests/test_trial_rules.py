@@ -15,9 +15,11 @@ from neuro import (
     iaf_psc_delta,
     mozafari,
     normal,
+    normalised_stdp,
     r_stdp,
     spike_generator,
     tempotron,
+    uniform,
     winner_take_all,
 )
 from neuro.core.errors import ModelError
@@ -57,6 +59,39 @@ def test_first_spikes_teach_who_decided_without_labels(backend):
     assert taught(sim, None) == [bent(0.9, 0.1), 0.2, bent(0.7, -0.05), 0.2]
     sim = pair(rule, [[0.3, 0.2], [0.3, 0.2]], backend, labels=None)
     assert taught(sim, None) == [0.3, 0.2, 0.3, 0.2]
+
+
+@FLOATS
+def test_a_sum_of_weights_is_held(backend):
+    """Of the neuron that decided only; what would pass Wmax is cut, and silence changes nothing."""
+    rule = normalised_stdp(A_plus=0.1, A_minus=-0.05, total=1.2)
+    sim = pair(rule, [[0.9, 0.2], [0.4, 0.2]], backend, labels=None)
+    grown, shrunk = 0.9 + 0.1 * 0.1, 0.4 - 0.05 * 0.4
+    scale = 1.2 / (grown + shrunk)
+    assert taught(sim, None) == [grown * scale, 0.2, shrunk * scale, 0.2]
+    assert sim.counts().learning_updates == 2
+    rule = normalised_stdp(A_plus=0.1, A_minus=-0.05, total=1.9)
+    sim = pair(rule, [[0.9, 0.2], [0.4, 0.2]], backend, labels=None)
+    assert taught(sim, None) == [1.0, 0.2, shrunk * 1.9 / (grown + shrunk), 0.2]
+    sim = pair(normalised_stdp(total=1.0), [[0.3, 0.2], [0.3, 0.2]], backend, labels=None)
+    assert taught(sim, None) == [0.3, 0.2, 0.3, 0.2]
+
+
+@pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning")
+@pytest.mark.parametrize("backend", ["loihi", "spinnaker"])
+def test_a_sum_of_weights_is_held_in_words_of_a_chip(backend):
+    net = Network("sums", resolution=1.0)
+    net.population("input", 40, spike_generator())
+    net.population("maps", (3, 1), iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=4.0))
+    net.connect("input", "maps", all_to_all(), normalised_stdp(total=10.0), weight=uniform(low=0.2, high=0.6), name="w")
+    net.group("choice", winner_take_all(of="maps"))
+    net.trials(input="input", duration=20.0)
+    sim = neuro.compile(net, backend, seed=1)
+    rng = np.random.default_rng(1)
+    times, ids = rng.integers(0, 15, 600).astype(float), np.concatenate([rng.permutation(40)[:20] for _ in range(30)])
+    winner = sim.trials(times, ids, np.arange(31) * 20, learn=True).winner
+    sums = sim.weights("w")[2].reshape(40, 3).sum(axis=0)
+    assert sums[np.unique(winner[winner >= 0])] == pytest.approx(10.0, abs=0.15)
 
 
 @FLOATS
@@ -122,6 +157,7 @@ def test_time_constants_of_the_tempotron():
         r_stdp(epsilon=0.01),
         mozafari(Ar_plus=0.1, hits=0.5),
         first_spike_stdp(A_plus=0.1, A_minus=-0.05),
+        normalised_stdp(total=30.0),
         tempotron(lambda_=0.1),
     ],
     ids=lambda rule: rule.name,

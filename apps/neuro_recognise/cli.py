@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from neuro.apps import Backend, Seed, Set, assignments
+from neuro.apps import TARGETS, Backend, Seed, Set, Target, assignments
 from neuro_recognise.detection_commands import add_commands
 
 if TYPE_CHECKING:
@@ -105,6 +105,45 @@ def predict(
 
     trained = Recogniser.load(model)
     report.show_predicted(trained, predict_files(trained, recordings, backend), json)
+
+
+@app.command()
+def energy(
+    model: ModelFile,
+    data: Data,
+    part: Part = "Test",
+    target: Target = TARGETS,
+    json: Json = False,
+    backend: Backend = "event",
+) -> None:
+    """Show recordings to a network and print what one of them takes on chips: joules, time, and the sources."""
+    from neuro_recognise import energy
+    from neuro_recognise.recogniser import Recogniser
+    from neuro_recognise.tried import try_out
+
+    trained = Recogniser.load(model)
+    energy.check_targets(trained, target)
+    tried = try_out(trained, _recordings(data, part, trained.classes), backend)
+    priced = energy.bills(tried, target)
+    if json:
+        typer.echo(energy.words(trained, tried, priced))
+    else:
+        energy.show(trained, tried, priced)
+
+
+@app.command()
+def show(
+    model: ModelFile,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write pictures there.")] = None,
+) -> None:
+    """Show what a recogniser was trained with; with --out draw what it has learnt."""
+    from neuro_recognise import report
+    from neuro_recognise.recogniser import Recogniser
+
+    trained = Recogniser.load(model)
+    report.describe(trained)
+    if out is not None:
+        report.write_pictures(trained, out)
 
 
 add_commands(app)

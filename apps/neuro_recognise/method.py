@@ -21,6 +21,8 @@ from neuro_recognise.settings import Settings, setting
 from neuro_recognise.shown import Array, Evidence, Floats, Ints, Shown
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     import neuro
     from neuro.apps import Checkpoint
 
@@ -87,12 +89,13 @@ class Answer:
         scores: (recordings, classes), the larger, the more speaks for a class; NaN in all of a row where nothing
             speaks for any.
         votes: the same by other ways of reading the same evidence, by name; `scores` are among them.
-        run: the simulation that networks ran on and what it counted, for bills; None without a network.
+        run: the simulation that networks ran on, and its trials, None where it ran without; for bills. None without a
+            network.
     """
 
     scores: Floats
     votes: Mapping[str, Floats] = field(default_factory=dict)
-    run: tuple[neuro.Simulation, Any] | None = None
+    run: tuple[neuro.Simulation, neuro.TrialResults | None] | None = None
 
 
 @dataclass(frozen=True)
@@ -168,6 +171,10 @@ class Method(Settings):
         left = events[within] if outside else events
         return Events(left.t, left.x, left.y, left.p, (width, height))
 
+    def fixed(self) -> Mapping[str, Any]:
+        """The settings that a training under way cannot change, as plain data."""
+        return self.as_words()
+
     @abstractmethod
     def observing(self) -> Mapping[str, Any]:
         """The settings that `observe` depends on, as plain data: equal ones give the same evidence."""
@@ -211,6 +218,10 @@ class Method(Settings):
     def network(self, learnt: Learnt) -> neuro.Network | None:
         """The learnt network, None for a method without."""
         return None
+
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+        """What was learnt, as pictures by name; none where there is nothing to see."""
+        return {}
 
 
 def choose(scores: Floats) -> Ints:

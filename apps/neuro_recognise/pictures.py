@@ -1,15 +1,25 @@
-"""Pictures of how well something is recognised."""
+"""Pictures of what was learnt and of how it decides."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
-from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from neuro_recognise.evaluate import Evaluation
+from neuro_recognise.shown import Floats
 
-INK, PAPER, GREY, BLUE, ORANGE = "#17263c", "#ffffff", "#8a94a3", "#0072B2", "#D55E00"
+INK, PAPER, TILE, GREY, BLUE, ORANGE = "#17263c", "#ffffff", "#f6f7f9", "#8a94a3", "#0072B2", "#D55E00"
+BARS = ("#0072B2", "#009E73", "#D55E00", "#7B4FA3")
 SHADES = LinearSegmentedColormap.from_list("blue", (PAPER, "#cfe3f1", BLUE, "#08304f"))
+FAINTEST = 0.08
+MOST_COLUMNS = 10
+TILE_IN, HEAD_IN = 1.3, 0.95
 
 
 def confusion(evaluation: Evaluation, by: str = "") -> Figure:
@@ -41,4 +51,79 @@ def confusion(evaluation: Evaluation, by: str = "") -> Figure:
         f"{evaluation.accuracy:.1%} of {evaluation.n} right{told}\n", loc="left", fontsize=12.5, color=INK, pad=8
     )
     axis.text(0, 1.02, f"95 % interval {low:.1%} to {high:.1%}", transform=axis.transAxes, fontsize=9.5, color=GREY)
+    return figure
+
+
+def prototypes(kernels: Floats, classes: Sequence[str], orientations: Sequence[float]) -> Figure:
+    """The learnt grids, one column a class: at each place of the kernel a bar for each orientation.
+
+    A bar runs as its Gabor filter prefers it, and its opacity is the weight; colours tell orientations apart.
+
+    Args:
+        kernels: (maps, orientations, rows, columns) weights; each class has equally many maps, one after the other.
+        classes: names.
+        orientations: degrees.
+
+    Source: thesis figures 50-52.
+    """
+    per_class = len(kernels) // len(classes)
+    across = min(len(classes), MOST_COLUMNS)
+    down = -(-len(classes) // across) * per_class
+    figure = Figure(figsize=(max(0.1 + TILE_IN * across, 4.4), HEAD_IN + TILE_IN * down), dpi=120, facecolor=PAPER)
+    width, height = figure.get_size_inches()
+    figure.text(0.1 / width, 1 - 0.22 / height, "What the grids have learnt", fontsize=14, color=INK, va="center")
+    about = f"{per_class} a class; the opacity of a bar is the weight of its orientation at its place"
+    figure.text(0.1 / width, 1 - 0.46 / height, about, fontsize=9, color=GREY, va="center")
+    tiles = figure.subplots(
+        down, across, squeeze=False,
+        gridspec_kw={"left": 0.1 / width, "right": (0.1 + TILE_IN * across - 0.08) / width, "wspace": 0.06,
+                     "top": 1 - HEAD_IN / height, "bottom": 0.1 / height, "hspace": 0.06},
+    )  # fmt: skip
+    for axis in tiles.flat:
+        axis.set_axis_off()
+    for k, kernel in enumerate(kernels):
+        label, version = divmod(k, per_class)
+        axis = tiles[label // across * per_class + version, label % across]
+        _bars(axis, kernel, orientations)
+        if version == 0:
+            axis.set_title(classes[label], fontsize=15, color=INK, pad=4)
+    return figure
+
+
+def _bars(axis: Axes, kernel: Floats, orientations: Sequence[float]) -> None:
+    """One kernel, (orientations, rows, columns), as oriented bars; angle 0 is vertical, y points down."""
+    rows, columns = kernel.shape[1:]
+    y, x = (c.ravel() for c in np.mgrid[:rows, :columns])
+    for weight, angle, colour in zip(kernel, np.deg2rad(orientations), _colours(len(kernel)), strict=True):
+        reach = 0.48 * np.array([-np.sin(angle), np.cos(angle)])
+        middle = np.stack([x, y], axis=1)
+        seen = weight.ravel() >= FAINTEST
+        ends = np.stack([middle - reach, middle + reach], axis=1)[seen]
+        shades = [(*to_rgb(colour), opacity) for opacity in np.clip(weight.ravel()[seen], 0.0, 1.0)]
+        axis.add_collection(LineCollection(list(ends), colors=shades, linewidths=1.5, capstyle="round"))
+    axis.set(xlim=(-0.9, columns - 0.1), ylim=(rows - 0.1, -0.9), aspect="equal")
+    axis.add_patch(Rectangle((0, 0), 1, 1, transform=axis.transAxes, color=TILE, zorder=-1))
+
+
+def _colours(n: int) -> list[str]:
+    return [BARS[k % len(BARS)] for k in range(n)]
+
+
+def history(shares: Floats, classes: int) -> Figure:
+    """Share of frames decided rightly while learning, epoch by epoch."""
+    epochs = np.arange(1, len(shares) + 1)
+    figure = Figure(figsize=(5.6, 3.3), dpi=140, layout="constrained", facecolor=PAPER)
+    axis = figure.subplots()
+    axis.plot(epochs, 100 * shares, "o-", color=BLUE, lw=2, ms=5)
+    axis.axhline(100 / classes, color=GREY, lw=1, ls=(0, (4, 3)))
+    axis.text(epochs[-1], 100 / classes + 1.5, "chance", color=GREY, ha="right", fontsize=9)
+    axis.annotate(
+        f"{shares[-1]:.1%}", (epochs[-1], 100 * shares[-1]), (0, 7), textcoords="offset points",
+        ha="center", color=INK, fontsize=9.5,
+    )  # fmt: skip
+    axis.set(ylim=(0, 105), xlabel="epoch", xticks=epochs[:: -(-len(epochs) // 12)])
+    axis.set_title("Frames decided rightly while learning (%)", loc="left", fontsize=11.5, color=INK)
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.tick_params(colors=INK)
+    axis.grid(axis="y", color="#e9ecf1", linewidth=0.8)
     return figure

@@ -212,7 +212,7 @@ def learn(
     training = {"seed": seed, "backend": backend, "data": digest, "recordings": len(shown)}
     if out is None:
         return Recogniser(method, shown.classes, method.fit(shown, Course(seed, backend, None, report)), training)
-    told = {"method": method.called(), "settings": method.as_words(), **training}
+    told = {"method": method.called(), "settings": method.fixed(), **training}
     checkpoint = Checkpoint(out, "neuro recogniser training 1", told)
     if (made := _made(out, method, training)) is None:
         check_output(out, hdf5.kind(FORMAT))

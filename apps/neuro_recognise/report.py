@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from neuro.apps import console, install, number, table, write_picture
 from neuro_recognise.evaluate import Evaluation
@@ -11,6 +12,9 @@ from neuro_recognise.method import METHODS, SILENT
 from neuro_recognise.predicted import Predicted
 from neuro_recognise.recogniser import Recogniser, method_of
 from neuro_recognise.tried import Tried
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FORMAT = "neuro recognise figures 1"
 
@@ -48,6 +52,15 @@ def learnt(recogniser: Recogniser) -> str:
     """One line about a training."""
     told = f"{recogniser.method.called()} for {len(recogniser.classes)} classes"
     return f"{told}, learnt from {recogniser.training['recordings']} recordings"
+
+
+def describe(recogniser: Recogniser) -> None:
+    """Print what a recogniser was trained with."""
+    rows = [("classes", ", ".join(recogniser.classes)), *recogniser.training.items()]
+    rows += [(row.name, _shown(row.value)) for row in recogniser.method.rows()]
+    out = console()
+    out.print(learnt(recogniser))
+    out.print(table(("what", "value"), rows))
 
 
 def figures(recogniser: Recogniser, tried: Tried) -> str:
@@ -88,9 +101,21 @@ def write_confusion(tried: Tried, folder: Path) -> None:
     """Draw the confusion of the recogniser's own decisions."""
     from neuro_recognise.pictures import confusion
 
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / "confusion.png"
-    write_picture(file, confusion(tried.own))
+    _save(confusion(tried.own), folder / "confusion.png")
+
+
+def write_pictures(recogniser: Recogniser, folder: Path) -> None:
+    """Draw what was learnt; of methods without anything to see a line says so."""
+    drawn = recogniser.method.pictures(recogniser.learnt, recogniser.classes)
+    for name, figure in drawn.items():
+        _save(figure, folder / f"{name}.png")
+    if not drawn:
+        print(f"of what method '{recogniser.method.called()}' has learnt there are no pictures")
+
+
+def _save(figure: Figure, file: Path) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_picture(file, figure)
     print(file)
 
 

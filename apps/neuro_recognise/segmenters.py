@@ -5,6 +5,8 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass
 
+import numpy as np
+
 from neuro.apps import Registry
 from neuro.events import segmentation
 from neuro_recognise.settings import Part, setting
@@ -33,6 +35,18 @@ class Segmenter(Part):
     @abstractmethod
     def cutter(self) -> segmentation.Cutter:
         """The same with a memory, for recordings that come in parts."""
+
+    def complete_at(self, t: Ints, bounds: Ints) -> Ints:
+        """When each segment is known to be complete.
+
+        Args:
+            t: (n,) times, us, ascending.
+            bounds: of the segments.
+
+        Returns:
+            (segments,) us, the time of the event that tells it.
+        """
+        return t[bounds[1:] - 1]
 
 
 @dataclass(frozen=True)
@@ -71,6 +85,10 @@ class Hes(Segmenter):
         """A clock."""
         return segmentation.TimeWindows(max(1, round(1000.0 * self.window)))
 
+    def complete_at(self, t: Ints, bounds: Ints) -> Ints:
+        """At the first event after the window."""
+        return t[bounds[1:]]
+
 
 @dataclass(frozen=True)
 class Counts(Segmenter):
@@ -100,13 +118,24 @@ class Ses(Segmenter):
         20.0, "ms", "decay of the potential; it rises four times as fast", "MK-Tempotron's code", above=0
     )
 
+    threshold: float = setting(
+        0.0, "", "a peak is above it; in potentials of single events", "0: all peaks; MK-Tempotron has 603", at_least=0
+    )
+
     def bounds(self, t: Ints) -> Ints:
         """From peak to peak; whether one is the highest is known `search` later only."""
-        return segmentation.peak_segments(t, round(1000.0 * self.search), tau_us=1000.0 * self.tau)
+        return segmentation.peak_segments(
+            t, round(1000.0 * self.search), tau_us=1000.0 * self.tau, threshold=self.threshold
+        )
 
     def cutter(self) -> segmentation.Cutter:
         """A finder of peaks."""
-        return segmentation.Peaks(round(1000.0 * self.search), tau_us=1000.0 * self.tau)
+        return segmentation.Peaks(round(1000.0 * self.search), tau_us=1000.0 * self.tau, threshold=self.threshold)
+
+    def complete_at(self, t: Ints, bounds: Ints) -> Ints:
+        """At the first event that is more than `search` after the peak, or at the last of all."""
+        later = np.searchsorted(t, t[bounds[1:] - 1] + round(1000.0 * self.search), "right")
+        return t[np.minimum(later, len(t) - 1)]
 
 
 Segmenter.known = Registry("segmenter", (Msd, Hes, Counts, Ses))

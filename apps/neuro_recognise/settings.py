@@ -123,7 +123,8 @@ class Settings:
         if len(having) > 1:
             raise ModelError(f"'{name}' could mean {' or '.join(f'{h}.{name}' for h in having)}: expected one of these")
         if not having:
-            raise unknown(f"setting of {self.place()}", name, [row.name for row in self.rows()])
+            known = [row.name if dot else row.name.rpartition(".")[2] for row in self.rows()]
+            raise unknown(f"setting of {self.place()}", name, known)
         return having[0], name
 
     def takes(self, name: str) -> bool:

@@ -1,13 +1,13 @@
-"""Learn to recognise objects from event-camera recordings (ReMuS).
+"""Learn to recognise objects from event-camera recordings (ReMuS): 'neuro recognise' with this method.
 
-Recordings are a folder or zip of class folders with .bin or .aedat files; of one with folders Train and Test the right
-half is taken.
+Recordings are a folder or zip of class folders in any readable format, or an HDF5 data set; of one with folders Train
+and Test the right half is taken.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -29,7 +29,8 @@ def epochs(text: str) -> int:
 Data = Annotated[Path, typer.Option("--data", metavar="FOLDER", help="Recordings, a folder or zip.")]
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A model, as 'train' writes it.")]
 Epochs = Annotated[int | None, typer.Option("--epochs", metavar="N", parser=epochs, help="Instead of the settings'.")]
-SettingsName = Annotated[str, typer.Option("--settings", metavar="NAME", help="thesis or best.")]
+SettingsName = Annotated[str, typer.Option("--settings", metavar="NAME", help="best, thesis or poker.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
 
 
 @app.command()
@@ -43,43 +44,42 @@ def train(
     set: Set = [],  # noqa: B006
 ) -> None:
     """Train on recordings; after a kill the same command goes on where it was."""
-    from neuro_remus.features import c1_spikes
-    from neuro_remus.report import Bar, learnt, named
-    from neuro_remus.train import train as teach
+    from neuro_recognise.bars import Bar
+    from neuro_recognise.recogniser import fit, method_of
+    from neuro_recognise.report import learnt
 
-    values = assignments(set) | ({} if epochs is None else {"epochs": epochs})
-    chosen = named(settings).changed(values)
-    spikes = c1_spikes(_recordings(data, "Train"), chosen.front)
+    values = _present_names(assignments(set)) | ({} if epochs is None else {"epochs": epochs})
+    method = method_of("remus", settings, values)
     try:
         with Bar() as bar:
-            model = teach(spikes, chosen, seed=seed, backend=backend, out=out, report=bar.show)
+            made = fit(_recordings(data, "Train"), method, seed=seed, backend=backend, out=out, report=bar.show)
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on after the last whole epoch", err=True)
         raise typer.Exit(130) from None
-    typer.echo(f"{out}: {learnt(model)}")
+    typer.echo(f"{out}: {learnt(made)}")
 
 
 @app.command("test")
 def try_model(
     model: ModelFile,
     data: Data,
-    json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
+    json: Json = False,
     out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write a picture there.")] = None,
     backend: Backend = "event",
 ) -> None:
     """Test a model on recordings: accuracy, its 95 % interval, and the confusion of the classes."""
-    from neuro_remus.model import Model
-    from neuro_remus.report import figures, show, write_confusion
-    from neuro_remus.tried import try_out
+    from neuro_recognise import report
+    from neuro_recognise.tried import try_out
+    from neuro_remus.stored import load
 
-    trained = Model.load(model)
+    trained = load(model)
     tried = try_out(trained, _recordings(data, "Test", trained.classes), backend)
     if out is not None:
-        write_confusion(trained, tried, out)
+        report.write_confusion(tried, out)
     if json:
-        typer.echo(figures(trained, tried))
+        typer.echo(report.figures(trained, tried))
     else:
-        show(trained, tried)
+        report.show(trained, tried)
 
 
 @app.command()
@@ -87,24 +87,22 @@ def energy(
     model: ModelFile,
     data: Data,
     target: Target = TARGETS,
-    json: Annotated[bool, typer.Option("--json", help="Print the bills as JSON.")] = False,
+    json: Json = False,
     backend: Backend = "event",
 ) -> None:
     """Show recordings to a model and print what one of them takes on chips: joules, time, and the sources."""
-    from neuro_remus.energy import bills, show, words
-    from neuro_remus.model import Model
-    from neuro_remus.tried import try_out
+    from neuro_recognise import energy
+    from neuro_recognise.tried import try_out
+    from neuro_remus.stored import load
 
-    trained = Model.load(model)
-    sim = trained.simulation(backend)
-    for name in target:
-        sim.energy(name)  # what cannot be priced is told before anything is run
-    tried = try_out(trained, _recordings(data, "Test", trained.classes), sim)
-    priced = bills(tried, target)
+    trained = load(model)
+    energy.check_targets(trained, target)
+    tried = try_out(trained, _recordings(data, "Test", trained.classes), backend)
+    priced = energy.bills(tried, target)
     if json:
-        typer.echo(words(trained, tried, priced))
+        typer.echo(energy.words(trained, tried, priced))
     else:
-        show(trained, tried, priced)
+        energy.show(trained, tried, priced)
 
 
 @app.command()
@@ -113,13 +111,13 @@ def show(
     out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write pictures there.")] = None,
 ) -> None:
     """Show what a model was trained with; with --out draw what it has learnt."""
-    from neuro_remus.model import Model
-    from neuro_remus.report import describe, write_pictures
+    from neuro_recognise import report
+    from neuro_remus.stored import load
 
-    trained = Model.load(model)
-    describe(trained)
+    trained = load(model)
+    report.describe(trained)
     if out is not None:
-        write_pictures(trained, out)
+        report.write_pictures(trained, out)
 
 
 @app.command()
@@ -138,6 +136,17 @@ def demo(
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on where it was", err=True)
         raise typer.Exit(130) from None
+
+
+def _present_names(values: dict[str, Any]) -> dict[str, Any]:
+    """The values, unless one has a name of version 0.1.0."""
+    from neuro import ModelError
+    from neuro_remus.stored import RENAMED
+
+    for name in values:
+        if name in RENAMED:
+            raise ModelError(f"unknown setting '{name}'", hint=f"it is called '{RENAMED[name]}' now")
+    return values
 
 
 def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -> Recordings:

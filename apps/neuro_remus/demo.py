@@ -7,16 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from neuro.apps import TARGETS, make_folder, write_text
+from neuro.apps import TARGETS, make_folder, sealed, write_text
 from neuro.events import Recordings, recordings
-from neuro_remus import energy, report
-from neuro_remus.features import c1_spikes
+from neuro_recognise import energy, report
+from neuro_recognise.bars import Bar
+from neuro_recognise.recogniser import fit
+from neuro_recognise.tried import try_out
 from neuro_remus.saccades import make_dataset
-from neuro_remus.settings import SETTINGS
-from neuro_remus.train import train
-from neuro_remus.tried import try_out
 
 N_TRAIN, N_TEST = 1500, 500
+FIGURES = sealed("the figures of 'neuro remus demo'", f'"format": "{report.FORMAT}"', ', "digest": "{}"')
+BILLS = sealed("the bills of 'neuro remus demo'", f'"format": "{energy.FORMAT}"', ', "digest": "{}"')
 
 
 def run(data: Path | None, out: Path, seed: int) -> None:
@@ -37,20 +38,19 @@ def run(data: Path | None, out: Path, seed: int) -> None:
         data = make_dataset(out / "recordings", N_TRAIN, N_TEST, seed)
     learning, unseen = halves(data, seed)
     print(f"learning from {len(learning)} recordings of {len(learning.classes)} classes")
-    spikes = c1_spikes(learning, cache=out / "c1")
-    with report.Bar() as bar:
-        model = train(spikes, SETTINGS["best"], seed=seed, out=out / "model.h5", report=bar.show)
-    print(f"{out / 'model.h5'}: {report.learnt(model)}\n\ntesting on {len(unseen)} recordings that it has never seen\n")
-    tried = try_out(model, unseen)
-    report.show(model, tried)
-    write_text(out / "results.json", report.figures(model, tried) + "\n", report.FIGURES)
+    with Bar() as bar:
+        made = fit(learning, "remus", seed=seed, out=out / "model.h5", cache=out / "c1", report=bar.show)
+    print(f"{out / 'model.h5'}: {report.learnt(made)}\n\ntesting on {len(unseen)} recordings that it has never seen\n")
+    tried = try_out(made, unseen)
+    report.show(made, tried)
+    write_text(out / "results.json", report.figures(made, tried) + "\n", FIGURES)
     print(out / "results.json")
-    report.write_confusion(model, tried, out)
-    report.write_pictures(model, out)
+    report.write_confusion(tried, out)
+    report.write_pictures(made, out)
     priced = energy.bills(tried, TARGETS)
-    write_text(out / "energy.json", energy.words(model, tried, priced) + "\n", energy.BILLS)
+    write_text(out / "energy.json", energy.words(made, tried, priced) + "\n", BILLS)
     print(f"{out / 'energy.json'}\n", flush=True)
-    energy.show(model, tried, priced)
+    energy.show(made, tried, priced)
     print(f"\ndone in {time.perf_counter() - began:.0f} s")
 
 

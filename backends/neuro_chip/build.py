@@ -62,9 +62,24 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
     for k, group in enumerate(program.groups):
         a["groups"][k, : t.DECIDED] = group.population, group.first_to_fire, 0, t.NONE
         a["pops"][group.population, t.GROUP] = k
+    _local_winners(a, program)
     for k, part in enumerate(fixed.populations):
         write_registers(a, fixed, k, part)
     return a
+
+
+def _local_winners(a: Arrays, program: Program) -> None:
+    """Groups with several winners, and room for who wins."""
+    n = len(program.groups)
+    local = [group.local for group in program.groups]
+    a["local"] = np.full((n, 5), t.NONE, dtype=np.int64)
+    a["standing"] = np.zeros((n, 2), dtype=np.int64)
+    a["map_wins"] = np.zeros((n, max((part.maps for part in local if part), default=0)), dtype=np.int64)
+    a["won"] = np.zeros((a["v"].size if any(local) else 0, 2), dtype=np.int64)
+    for k, part in enumerate(local):
+        if part is not None:
+            a["local"][k] = part.radius, part.per_map, part.maps, part.rows, part.columns
+            a["standing"][k, t.OPEN] = part.maps * part.rows * part.columns
 
 
 def _keys(program: Program, purpose: str, names: list[str]) -> NDArray[np.uint64]:

@@ -9,6 +9,7 @@ from neuro.kernels.draws import poisson_by_sum, step_word, uniform
 from neuro.kernels.jit import inner, kernel
 from neuro_chip.deliver import send
 from neuro_chip.families.dispatch import update
+from neuro_chip.local_winners import settle_locally
 from neuro_chip.tables import (
     ARRIVED,
     BEGIN,
@@ -25,10 +26,12 @@ from neuro_chip.tables import (
     LISTED,
     MERGED,
     POISSON,
+    RADIUS,
     RECORD,
     RECORDED,
     RELAY,
     RING,
+    SILENCED,
     SLOTS,
     START,
     STEP,
@@ -44,6 +47,7 @@ Net = namedtuple(
     "ring arrived arrived_all "  # input to come
     "v u g_inh hold "  # states
     "keep_u keep_v threshold bias v_reset refractory v_rest r_m exc_decay exc_init inh_decay inh_init "  # registers
+    "local standing map_wins won "  # groups with several winners
     "fired muted first events spikes active native potential "
     "emitted emitted_times keys group_keys mean nothing "
     "list_steps list_ids list_times cursor "
@@ -123,6 +127,9 @@ def fire(net, i):
 def settle(net, pop, row, step):
     """Of the candidates of a group the largest margin fires; of equal ones the larger draw, then the smaller id."""
     group = row[GROUP]
+    if net.local[group, RADIUS] >= 0:
+        settle_locally(net, row, step)
+        return
     lo, hi = row[BEGIN], row[END]
     best = -1
     best_margin, best_draw = np.int64(0), -1.0
@@ -162,7 +169,7 @@ def advance_neurons(net, pop, row, step):
             settle(net, pop, row, step)
         for i in range(row[BEGIN], row[END]):
             if net.fired[i]:
-                if net.muted[i]:
+                if net.muted[i] & SILENCED:
                     net.fired[i] = 0
                     continue
                 fire(net, i)
@@ -229,5 +236,5 @@ def advance(net, end):
                 advance_neurons(net, pop, row, step)
         net.clock[STEP] = step
         group = net.clock[STOP_GROUP]
-        if group >= 0 and net.groups[group, WINNER] >= 0:
+        if group >= 0 and net.groups[group, CLOSED]:
             return

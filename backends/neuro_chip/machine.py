@@ -31,6 +31,8 @@ _CLEARED = (
     *("events", "spikes", "active", "native"),
 )
 _LIVE = (*_CLEARED, "emitted", "emitted_times", "groups", "clock", "potential", "mean", "nothing")
+_WON = ("muted", "standing", "map_wins")
+"""Kept of networks in which several neurons of a group may win."""
 _STORED = {"arrived": "heard", "arrived_all": "heard_all"}
 """Words of saved states where they are not those of the arrays: states of earlier versions stay readable."""
 
@@ -64,6 +66,7 @@ class Machine:
         self.currents = Currents(self.program)
         self.record = Record()
         self._warned: set[str] = set()
+        self._live = _LIVE + (_WON if any(group.local for group in self.program.groups) else ())
         for k, part in enumerate(self.program.populations):
             write_states(self.arrays, k, fixed.populations[k])
             if part.kind == "poisson":
@@ -102,7 +105,7 @@ class Machine:
                 n = int(clock[t.RECORDED])
                 self.record.take(*(self.arrays[name][:n] for name in ("rec_steps", "rec_ids", "rec_times")))
                 clock[t.RECORDED] = 0
-            if group >= 0 and self.arrays["groups"][group, t.WINNER] >= 0:
+            if group >= 0 and self.arrays["groups"][group, t.CLOSED]:
                 break
         clock[t.STOP_GROUP] = t.NONE
 
@@ -143,8 +146,21 @@ class Machine:
         return "lower its weights or its input"
 
     def open_groups(self) -> None:
-        """No group has decided."""
-        self.arrays["groups"][:, t.CLOSED], self.arrays["groups"][:, t.WINNER] = 0, t.NONE
+        """No group has decided, and whoever was silenced by a winner may fire."""
+        a = self.arrays
+        a["groups"][:, t.CLOSED], a["groups"][:, t.WINNER] = 0, t.NONE
+        a["muted"] &= t.SILENCED
+        a["map_wins"][:] = 0
+        self.count_open()
+        a["standing"][:, t.WINS] = 0
+
+    def count_open(self) -> None:
+        """How many of each group with several winners may still win."""
+        for k, group in enumerate(self.program.groups):
+            if group.local is not None:
+                self.arrays["standing"][k, t.OPEN] = np.count_nonzero(
+                    self.arrays["muted"][self.slice(group.population)] == 0
+                )
 
     def start_anew(self, weights: bool) -> None:
         """Back to step 0 and the initial states, and to the initial weights if asked."""
@@ -175,7 +191,7 @@ class Machine:
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs."""
         return {
-            **{f"live.{_STORED.get(name, name)}": self.arrays[name].copy() for name in _LIVE},
+            **{f"live.{_STORED.get(name, name)}": self.arrays[name].copy() for name in self._live},
             **self.record.snapshot(),
             **self.listed.snapshot(),
             **self.currents.snapshot(),
@@ -190,7 +206,7 @@ class Machine:
         self.weights.take(self.cells.restore(arrays))
         for k in range(len(self.program.populations)):
             write_registers(self.arrays, self.fixed, k, self.cells.fixed[k])
-        for name in _LIVE:
+        for name in self._live:
             self.arrays[name][:] = arrays[f"live.{_STORED.get(name, name)}"]
         self.record.restore(arrays)
         self.listed.restore(arrays, self.step)

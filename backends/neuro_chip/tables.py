@@ -56,6 +56,15 @@ ONE_TO_ONE, DENSE, CSR, GRID = range(4)
 # groups
 POPULATION, FIRST_TO_FIRE, CLOSED, WINNER, DECIDED, GROUP_COLUMNS = range(6)
 
+# groups with several winners; RADIUS is NONE for others
+RADIUS, PER_MAP, LOCAL_MAPS, LOCAL_ROWS, LOCAL_COLUMNS = range(5)
+
+# how they stand: how many may still win, and have won
+OPEN, WINS = range(2)
+
+# why a neuron must not fire: it is left out of a trial, silenced by a winner, or has won
+SILENCED, BLOCKED, WON = 1, 2, 4
+
 # the clock
 STEP, RECORDED, EMITTED, STOP_GROUP, CLOCK_COLUMNS = range(5)
 

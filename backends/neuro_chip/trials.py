@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.chips.loihi.learning_rules import FRACTIONS
 from neuro.chips.quantising.fixed import FixedProjection
 from neuro.core import keyed_random
 from neuro.core.clock import NEVER
-from neuro.program.backend import Outcome, Trial
+from neuro.program.backend import Outcome, Trial, Wins
 from neuro.program.program import Floats, Ints, Projection
 from neuro_chip import host
 from neuro_chip import tables as t
@@ -49,23 +50,42 @@ class Trials:
         machine.listed.replace(section.input, began + 1 + trial.ticks, trial.ids, began)
         machine.bind()
         peak = self._advance(trial.peaks)
-        a["muted"][self._output] = 0
+        a["muted"][self._output] &= ~np.uint8(t.SILENCED)
+        machine.count_open()
         winner, decided = int(a["groups"][group, t.WINNER]), int(a["groups"][group, t.DECIDED]) - began - 1
-        source = a["potential"] if winner >= 0 else a["v"]
-        volt = machine.cells.state(section.output, "V_m", {"v": source[self._output]})
+        volt = machine.cells.state(section.output, "V_m", {"v": self._decisive()})
         by_map = volt.reshape(section.maps, self._per_map)
         best = by_map.argmax(axis=1) + np.arange(section.maps) * self._per_map
         machine.check_overflows()
         if peak is not None and winner >= 0:
             peak[0][winner], peak[1][winner] = np.inf, decided
         ticks = machine.step - began
-        return Outcome(winner, decided if winner >= 0 else -1, by_map.max(axis=1), best, ticks, *(peak or ()))
+        values, when = peak or (None, None)
+        decided = decided if winner >= 0 else -1
+        return Outcome(winner, decided, by_map.max(axis=1), best, ticks, values, when, self._wins())
+
+    def _decisive(self) -> NDArray[np.int32]:
+        """The voltages of the output at the decision; with several winners of each map at its own; or at the end."""
+        a, group = self._machine.arrays, self._section.group
+        decided = a["groups"][group, t.WINNER] >= 0
+        if self._machine.program.groups[group].local is not None:
+            decided = np.repeat(a["map_wins"][group, : self._section.maps] > 0, self._per_map)
+        volt: NDArray[np.int32] = np.where(decided, a["potential"][self._output], a["v"][self._output])
+        return volt
+
+    def _wins(self) -> Wins | None:
+        """All who have won, where several may."""
+        a, group = self._machine.arrays, self._section.group
+        if self._machine.program.groups[group].local is None:
+            return None
+        won = a["won"][self._output][: a["standing"][group, t.WINS]]
+        return Wins(won[:, 0].copy(), won[:, 1] - self._began - 1)
 
     def _advance(self, peaks: bool) -> tuple[Floats, Ints] | None:
         """Run to the end of a trial; with `peaks` the host reads the voltages after each tick up to the decision."""
         machine, section = self._machine, self._section
         found = self._follow() if peaks else None
-        decided = machine.arrays["groups"][section.group, t.WINNER] >= 0
+        decided = machine.arrays["groups"][section.group, t.CLOSED] == 1
         if not (decided and section.stop_at_decision):
             machine.advance_to(self._began + section.duration, section.group if section.stop_at_decision else t.NONE)
         return found
@@ -89,9 +109,9 @@ class Trials:
         machine, a = self._machine, self._machine.arrays
         a["ring"][:], a["arrived"][:], a["arrived_all"][:] = 0, 0, 0
         a["clock"][t.EMITTED] = 0
+        a["muted"][self._output] = np.repeat(trial.silenced, self._per_map)
         machine.open_groups()
         a["first"][:] = NEVER
-        a["muted"][self._output] = np.repeat(trial.silenced, self._per_map)
         cells = machine.cells.fixed[self._section.output]
         states = {each for name in self._section.reset for each in machine.cells.names(self._section.output, name)}
         registers = {name: 0 for state in states for name in _REGISTERS[state] if name in STATES}
@@ -137,6 +157,13 @@ class Trials:
             weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
             slots, since, lesson, rule, key, self.changes,
         )  # fmt: skip
+        if (settle := getattr(part.synapse.arithmetic, "settle", None)) is not None:
+            total = float(weights.mantissas[projection][slots].sum() * float(wires.step[0]))
+            self.changes += 1
+            host.teacher(settle)(
+                weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
+                slots, since, total, rule, key, self.changes,
+            )  # fmt: skip
         weights.write(projection)
 
     def _delays_of(self, projection: int, slots: Ints) -> Ints:

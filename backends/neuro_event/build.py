@@ -162,6 +162,7 @@ def _groups(a: Arrays) -> None:
     )
     for k, g in enumerate(groups):
         a.net["groups"][k] = (g.population, int(g.first_to_fire), 0, -1, -1)
+    _local_winners(a)
     trials = a.program.trials
     maps = trials.maps if trials else 1
     a.net["potential"] = np.zeros(maps)
@@ -173,3 +174,25 @@ def _groups(a: Arrays) -> None:
         a.net["map_of"] = a.places[trials.output].outside // (output.size // maps)
         fresh = [s.name in trials.reset or (s.hidden and "V_m" in trials.reset) for s in type(output.model).states]
         a.net["resets"] = np.flatnonzero(fresh).astype(np.int64)
+
+
+def _local_winners(a: Arrays) -> None:
+    """Where the maps, rows and columns of groups with several winners lie among the internal places."""
+    groups = a.program.groups
+    rows = max(1, len(groups))
+    a.net["local"] = np.full((rows, t.LOCAL_COLUMNS), t.NONE, dtype=np.int64)
+    a.net["standing"] = np.zeros((rows, 2), dtype=np.int64)
+    maps = max((a.program.populations[group.population].shape[0] for group in groups), default=1)
+    a.net["map_wins"] = np.zeros((rows, maps), dtype=np.int64)
+    a.net["won"] = np.zeros((1, 2), dtype=np.int64)
+    for k, group in enumerate(groups):
+        if (local := group.local) is None:
+            continue
+        maps_innermost = a.places[group.population].inside is not None
+        places = local.rows * local.columns
+        steps = (1, local.maps) if maps_innermost else (places, 1)
+        a.net["local"][k] = (local.radius, local.per_map, local.maps, local.rows, local.columns, *steps)
+        a.net["standing"][k, t.OPEN] = local.maps * places
+    trials = a.program.trials
+    if trials and groups[trials.group].local is not None:
+        a.net["won"] = np.zeros((a.program.populations[trials.output].size, 2), dtype=np.int64)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
-from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
+from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial, Wins
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program, Trials
 from neuro_event import build, late, layout, lazy, learning, loop, projections, reading, rewards, snapshot, sources
@@ -142,14 +142,20 @@ class EventEngine:
         self._trial_start, self._step = start, start + ticks
         inside, decided = (int(net["groups"][spec.group, column]) for column in (t.WINNER, t.DECIDED))
         winner, tick = (int(net["order"][inside]), decided - start - 1) if inside >= 0 else (-1, -1)
-        found = () if peaks is None else peaks.found(winner, tick)
-        return Outcome(winner, tick, net["potential"].copy(), net["order"][net["best"]], ticks, *found)
+        peak, peak_tick = (None, None) if peaks is None else peaks.found(winner, tick)
+        wins = None if self._program.groups[spec.group].local is None else self._wins(spec.group)
+        return Outcome(winner, tick, net["potential"].copy(), net["order"][net["best"]], ticks, peak, peak_tick, wins)
+
+    def _wins(self, group: int) -> Wins:
+        """All who have won in the trial."""
+        won = self._a.net["won"][: self._a.net["standing"][group, t.WINS]]
+        return Wins(self._a.net["order"][won[:, 0]], won[:, 1] - self._trial_start - 1)
 
     def _run_trial(self, spec: Trials, peaks: Peaks | None) -> int:
         """Run a trial that has begun, up to the decision step by step if peaks are followed; return its ticks."""
         step, last = self._step + 1, self._step + 1 + spec.duration
-        groups = self._a.net["groups"]
-        while step < last and not (spec.stop_at_decision and groups[spec.group, t.WINNER] >= 0):
+        groups, closed = self._a.net["groups"], self._a.net["closed"]
+        while step < last and not (spec.stop_at_decision and closed[spec.group]):
             end = last if peaks is None else step + 1
             reached = loop.run_trial(
                 self._view, spec.group, step, end, spec.stop_at_decision, self._a.reach, self._program.resolution
@@ -178,9 +184,14 @@ class EventEngine:
                 self._view, projection, c, *bounds, first, moment, local, lesson, h
             )
             return
+        where = (first, moment, neuron, local)
         self._trial_updates[projection] += rewards.teacher(arithmetic.teach)(
-            self._view, projection, c, first, moment, neuron, local, lesson, h
+            self._view, projection, c, *where, lesson, h
         )
+        if (settle := getattr(arithmetic, "settle", None)) is not None:
+            total = np.zeros(1)
+            rewards.teacher(rewards.added)(self._view, projection, total, *where, 0.0, h)
+            rewards.teacher(settle)(self._view, projection, c, *where, float(total[0]), h)
 
     def encourage(self, projection: int, maps: Ints) -> None:
         """Apply the rule's `encourage` to every weight of the given maps."""

@@ -7,7 +7,7 @@
 from neuro.kernels.jit import inner, kernel
 from neuro_event.deliver import log_delivery
 from neuro_event.generators import add_counts, draw_poisson, let_emit, list_spikes
-from neuro_event.groups import settle, weigh_maps
+from neuro_event.groups import admit_all, open_groups, settle, weigh_maps
 from neuro_event.neurons import step_neurons, wake
 from neuro_event.plastic import learn_step
 from neuro_event.tables import (
@@ -29,6 +29,7 @@ from neuro_event.tables import (
     LISTED,
     NEURON,
     POISSON,
+    RADIUS,
     WINNER,
 )
 from neuro_event.views import net_of
@@ -146,11 +147,11 @@ def finish(view, thread, last, h):
 
 @kernel
 def begin_trial(view, pop, group, start, h):
-    """Drop what is under way after step `start`, open the group, and reset its population."""
+    """Drop what is under way after step `start`, open the groups, and reset the population of the trials' own."""
     net = net_of(view)
     row = net.pops[pop]
     drop_all(view, start)
-    net.closed[group] = 0
+    open_groups(view)
     net.groups[group, IN_TRIAL] = 1
     net.groups[group, WINNER] = -1
     for block in range(row[FIRST_BLOCK], row[LAST_BLOCK]):
@@ -171,17 +172,19 @@ def run_trial(view, group, first, last, at_decision, reach, h):
             return step
         for thread in range(net.edges.shape[0] - 1):
             advance(view, thread, step, step + 1, h)
-        if at_decision and net.groups[group, WINNER] >= 0:
+        if at_decision and net.closed[group] == 1:
             return step + 1
     return last
 
 
 @kernel
 def end_trial(view, pop, group, end, h):
-    """Weigh the maps if there was no decision, and finish step `end`."""
+    """Weigh the maps without a decision, let all neurons fire that nobody silenced, and finish step `end`."""
     net = net_of(view)
-    if net.groups[group, WINNER] < 0:
-        weigh_maps(view, 0, net.pops[pop], end, h)
+    row = net.pops[pop]
+    if net.groups[group, WINNER] < 0 or net.local[group, RADIUS] >= 0:
+        weigh_maps(view, 0, row, end, h)
+    admit_all(view, row)
     for thread in range(net.edges.shape[0] - 1):
         act_at_emission(view, thread, end - 1, end, h)
     net.groups[group, IN_TRIAL] = 0

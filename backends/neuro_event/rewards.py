@@ -93,6 +93,12 @@ def teacher(teach):
     return learn
 
 
+def added(w, since, lesson, c):
+    """Add a weight to the sum in `c`, and leave it."""
+    c[0] += w
+    return w
+
+
 @cache
 def grower(encourage):
     """The pass over every weight of the chosen maps, compiled for a rule's `encourage`; it returns how many."""

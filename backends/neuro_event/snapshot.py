@@ -12,10 +12,10 @@ from neuro_event import projections
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 
-_GIVEN = {"edges", "rows", "targets", "delays", "order", "map_of", "initial", "resets", "keys", "group_keys"}
+_GIVEN = {"edges", "rows", "targets", "delays", "order", "map_of", "initial", "resets", "keys", "group_keys", "local"}
 VIEWS = {"x", "bits", "awake_groups", "due_groups", "fired_words", "traces"}
 """Arrays that show others in another way."""
-_EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws"}
+_EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws", "won"}
 _REBUILT = {"incoming", "at_emission", "list_steps", "list_ids", "list_counts", "cursor"}
 _FIXED = _GIVEN | VIEWS | _EMPTY | _REBUILT
 """Arrays that a snapshot leaves out: they follow from the program, or hold nothing between two runs."""

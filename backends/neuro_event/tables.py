@@ -102,3 +102,12 @@ DONE, DONE_DOPAMINE, HORIZON, OVERRUN = range(4)
 
 # groups
 FIRST_TO_FIRE, IN_TRIAL, WINNER, DECIDED = range(1, 5)
+
+# groups with several winners; RADIUS is NONE for others
+RADIUS, PER_MAP, GROUP_MAPS, GROUP_ROWS, GROUP_COLUMNS, NEXT_MAP, NEXT_PLACE, LOCAL_COLUMNS = range(8)
+
+# how they stand
+OPEN, WINS = range(2)
+
+# why a neuron must not fire: it is left out of a trial, silenced by a winner, or has won
+SILENCED, BLOCKED, WON = 1, 2, 4

@@ -42,7 +42,7 @@ buf f8 1           the memory of x, then the rings
 current f8 1       external current of the present step, pA
 fired u1 1         how often each reached threshold in the present step
 fired_words u8 1   the same memory, eight neurons at a time
-muted u1 1         who must not fire
+muted u1 1         who must not fire, and why: bits of `tables`
 events i8 1        spike events of each neuron
 spikes i8 1        with their multiplicity
 active i8 2        (threads, populations) neuron-steps with an arrival or a spike
@@ -82,7 +82,11 @@ found i8 2         who of a group reached threshold
 found_arrived u1 2
 groups i8 2        columns of `tables`, a row per group
 group_keys u8 1
-closed u1 1        whether a group has decided
+closed u1 1        whether no neuron of a group may fire any more
+local i8 2         of groups with several winners, columns of `tables`, a row per group
+standing i8 2      how many of each of these may still win, and have won in this trial
+map_wins i8 2      (groups, maps) how often each of their maps has won
+won i8 2           (neurons of the trials' output, 2) who has won in this trial, in order, and the step
 clock i8 2         (threads, columns of `tables`)
 map_of i8 1        map of each neuron of the trials' output
 potential f8 1     largest V_m of each map

@@ -23,7 +23,9 @@ UNSUPPORTED: dict[str, str] = {
     "initial_states": _CURRENTS,
     "states_and_parameters_change": _CURRENTS,
     "stdp_changes": _RULE,
-    **dict.fromkeys(("best_of_each_step", "first_to_fire", "exact_best_of_each_step"), _GROUP),
+    **dict.fromkeys(
+        ("best_of_each_step", "first_to_fire", "exact_best_of_each_step", "local_winners_without_trials"), _GROUP
+    ),
     **dict.fromkeys((f"{law}_of_fixed_weights" for law in (*_LAWS, *_SAVING)), _GROUP),
     **dict.fromkeys((f"{law}_of_fixed_weights" for law in ("cutting_does_not_matter", "probes_do_not_matter")), _GROUP),
     **dict.fromkeys((*_LAWS, *(f"{law}_of_learning" for law in _LAWS)), _RULE),
@@ -36,6 +38,8 @@ UNSUPPORTED: dict[str, str] = {
             *("rewarded_learning_with_delays", "rewarded_learning_from_a_layer", "states_that_go_on"),
             *("learning_without_labels", "learning_at_the_peak"),
             *("exact_decisions", "exact_full_trials", "exact_rewards", "exact_rescue", "exact_growth"),
+            *("exact_local_winners", "exact_local_winners_to_the_last"),
+            *("local_winners_learn", "local_winners_are_rewarded"),
             *("saved_trials_continue", "cutting_a_batch_does_not_matter"),
         ),
         _TRIALS,

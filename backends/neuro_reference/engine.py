@@ -13,6 +13,7 @@ from neuro.model.synapses.delays import DELAY
 from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference import snapshots
+from neuro_reference.course import Course
 from neuro_reference.net import Net
 
 
@@ -45,28 +46,17 @@ class ReferenceEngine:
         net.silenced[section.output] = np.repeat(trial.silenced, per_map)
         output.start_trial(section.reset)
         self._first = [np.full(cells.size, NEVER) for cells in net.cells]
-        winner = decided = -1
-        peak, peak_tick = np.full(output.size, -np.inf), np.zeros(output.size, dtype=np.int64)
-        potential = net.potentials[section.output][0]
+        course = Course(section.maps, output.size, section.group in net.local)
         tick = 0
         for tick in range(section.duration):
             net.advance(trial.ids[trial.ticks == tick])
             for first, ids in zip(self._first, net.ids, strict=True):
                 first[ids] = np.minimum(first[ids], tick)
-            if winner < 0:
-                potential = net.potentials[section.output][0]
-                higher = potential > peak
-                peak[higher], peak_tick[higher] = potential[higher], tick
-                if len(net.ids[section.output]):
-                    winner, decided = int(net.ids[section.output][0]), tick
-                    if section.stop_at_decision:
-                        break
+            course.take(tick, net.potentials[section.output][0], net.won[section.group])
+            if section.stop_at_decision and net.closed[section.group]:
+                break
         net.silenced[section.output][:] = False
-        by_map = potential.reshape(section.maps, per_map)
-        best = by_map.argmax(axis=1) + np.arange(section.maps) * per_map
-        if winner >= 0:
-            peak[winner], peak_tick[winner] = np.inf, decided
-        return Outcome(winner, decided, by_map.max(axis=1), best, tick + 1, peak, peak_tick)
+        return course.outcome(tick + 1)
 
     def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
         """Apply the rule's `teach` to the inputs of one neuron."""
@@ -80,6 +70,10 @@ class ReferenceEngine:
         values, places = (wires.late, inputs) if wires.part.synapse.delays else (wires.weights, wires.slot[inputs])
         for place, time in zip(places, since, strict=True):
             values[place] = teach(values[place], time, lesson, self._rule(projection))
+        if (settle := getattr(wires.part.synapse.arithmetic, "settle", None)) is not None:
+            total = np.sum(values[places])
+            for place, time in zip(places, since, strict=True):
+                values[place] = settle(values[place], time, total, self._rule(projection))
         self.net.trial_updates[projection] += len(inputs)
 
     def encourage(self, projection: int, maps: Ints) -> None:

@@ -11,6 +11,7 @@ from neuro.core import keyed_random
 from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference.cells import Cells
+from neuro_reference.local import LocalWinners
 from neuro_reference.pairs import Pairs
 from neuro_reference.record import Record
 from neuro_reference.wires import Wires
@@ -27,7 +28,9 @@ class Net:
         step: the last finished step.
         ids, multiplicity: what each population emitted in that step; it teaches and sets out when the next begins.
         potentials: the first state of each population in that step, before spikes reset it.
-        closed: whether each group has decided.
+        closed: whether no neuron of each group may fire any more.
+        won: who fired of each group in that step, the best first.
+        local: of the groups with several winners, who is silenced, by group.
         silenced: neurons of each population that must not fire.
         rules: numbers of the rules for trials, by projection.
         trial_updates: weights changed at the end of trials, for each projection.
@@ -47,6 +50,7 @@ class Net:
         self.rules = {i: w.part.synapse.vector() for i, w in enumerate(self.wires) if w.part.synapse.learns == "trials"}
         self.records = [Record(p.size, p.records) for p in program.populations]
         self.ties = [keyed_random.key(program.seed, "tie", group.name) for group in program.groups]
+        self.local = {k: LocalWinners(g.local) for k, g in enumerate(program.groups) if g.local is not None}
         self.silenced = [np.zeros(p.size, dtype=bool) for p in program.populations]
         self.trial_updates: Ints = np.zeros(len(self.wires), dtype=np.int64)
         self.potentials: list[Floats] = [c.states[:1].copy() for c in self.cells]
@@ -60,6 +64,9 @@ class Net:
         self.ids: list[Ints] = [NOBODY for _ in self.cells]
         self.multiplicity: list[Ints] = [NOBODY for _ in self.cells]
         self.closed: Bools = np.zeros(len(self.program.groups), dtype=bool)
+        self.won: list[Ints] = [NOBODY for _ in self.program.groups]
+        for local in self.local.values():
+            local.open()
 
     def advance(self, presented: Ints = NOBODY) -> None:
         """One step.
@@ -129,21 +136,26 @@ class Net:
         return np.zeros(cells.size, dtype=np.uint8)
 
     def _decide(self, index: int, reached: list[Counts], step: int) -> None:
-        """Of the candidates of a group leave the best, if it may still decide."""
+        """Of the candidates of a group leave those that win, if it may still decide."""
         group = self.program.groups[index]
         cells = self.cells[group.population]
         candidates = np.flatnonzero((reached[group.population] > 0) & ~self.silenced[group.population])
         reached[group.population][:] = 0
+        self.won[index] = NOBODY
         if self.closed[index] or not len(candidates):
             return
         above = cells.states[0, candidates] - cells.constants[candidates, 0]
         drawn = keyed_random.uniform(self.ties[index], step, candidates)
-        best = candidates[np.lexsort((candidates, -drawn, -above))[0]]
-        reached[group.population][best] = 1
-        if group.first_to_fire:
+        ranked = candidates[np.lexsort((candidates, -drawn, -above))]
+        local = self.local.get(index)
+        self.won[index] = ranked[:1] if local is None else local.enter(ranked)
+        reached[group.population][self.won[index]] = 1
+        if local is not None:
+            self.closed[index] = np.all(local.blocked | self.silenced[group.population])
+        elif group.first_to_fire:
             self.closed[index] = True
         else:
-            cells.fire(candidates[candidates != best])
+            cells.fire(np.sort(ranked[1:]))
 
     def _emit(self, index: int, step: int, reached: Counts, x: Floats, presented: Ints) -> None:
         """What one population emits; neurons that spike are reset."""

@@ -68,6 +68,8 @@ def _parts(net: Net) -> Iterator[tuple[str, Any]]:
     for label, parts in (("cells", net.cells), ("wires", net.wires), ("records", net.records)):
         for index, part in enumerate(parts):
             yield f"{label}/{index}", part
+    for index, local in net.local.items():
+        yield f"local/{index}", local
     for number, pairs in net.pairs.items():
         yield f"pairs/{number}", pairs
         yield f"pairs/{number}/pre", pairs.pre

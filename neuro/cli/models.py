@@ -37,7 +37,7 @@ def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
     from neuro.coding.codes import CHOICES
     from neuro.model.distributions import DISTRIBUTIONS
     from neuro.model.neurons import MODELS, Generator
-    from neuro.model.parts import dropout, labels, reward, winner_take_all
+    from neuro.model.parts import GROUPS, dropout, labels, reward
     from neuro.model.rules import RULES
     from neuro.model.synapses import SYNAPSES
 
@@ -49,7 +49,7 @@ def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
         "Connection rules": RULES,
         "Distributions": DISTRIBUTIONS,
         "Codes": CHOICES,
-        "Groups and trials": {part.__name__: part for part in (winner_take_all, labels, reward, dropout)},
+        "Groups and trials": GROUPS | {part.__name__: part for part in (labels, reward, dropout)},
     }
 
 

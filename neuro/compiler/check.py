@@ -17,7 +17,7 @@ from neuro.core.registry import Registry
 from neuro.model.distributions import Distribution
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS, Model, Neuron, dc_generator, poisson_generator, spike_generator
-from neuro.model.parts import Group, Population, Probe, Projection, Signal
+from neuro.model.parts import Group, Population, Probe, Projection, Signal, local_winners
 from neuro.model.rules import grid
 from neuro.model.synapses import SYNAPSES, Modulated, static
 from neuro.program.program import Floats
@@ -46,7 +46,7 @@ def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
     for projection in net.projections.values():
         _check_ends(net, projection)
         _check_synapse(net, projection, shapes)
-    _check_groups(net)
+    _check_groups(net, shapes)
     _check_probes(net, clock)
 
 
@@ -220,19 +220,21 @@ def _check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: 
         )
 
 
-def _check_groups(net: Network) -> None:
+def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:
     members: dict[str, str] = {}
     for part in net.groups.values():
         of = part.choice.of
         if of not in net.populations:
             error = unknown("population", of, net.populations)
-            refuse(part, f"winner_take_all.of: {error.message}", error.hint)
+            refuse(part, f"{part.choice.name}.of: {error.message}", error.hint)
         model = net.populations[of].model
         if "V_m" not in recordable(net.populations[of]) or "V_th" not in model.quantities():
-            refuse(part, f"winner_take_all of '{of}', a {model.name}: expected neurons with V_m and V_th")
+            refuse(part, f"{part.choice.name} of '{of}', a {model.name}: expected neurons with V_m and V_th")
         if isinstance(model, Neuron) and model.resets_in_step:
-            told = f"winner_take_all of '{of}', a {model.name}, which resets itself before a group can choose"
+            told = f"{part.choice.name} of '{of}', a {model.name}, which resets itself before a group can choose"
             refuse(part, f"{told}: expected neurons that a group resets")
+        if isinstance(part.choice, local_winners) and len(shapes[of]) != 3:
+            refuse(part, f"local_winners of '{of}' of shape {list(shapes[of])}: expected (maps, rows, columns)")
         if of in members:
             refuse(part, f"'{of}' is already in group '{members[of]}': expected one group for each population")
         members[of] = part.name

@@ -11,7 +11,7 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, nearest, unknown
 from neuro.model.network import Network
 from neuro.model.neurons import spike_generator
-from neuro.model.parts import Trials
+from neuro.model.parts import Group, Trials, local_winners, winner_take_all
 from neuro.model.parts import dropout as Dropout
 from neuro.model.parts import labels as Labels
 from neuro.model.parts import reward as Reward
@@ -46,7 +46,7 @@ def resolve_trials(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> r
         )
     dropout: Dropout | None = section.dropout
     _check_reset(net, output, section)
-    _check_learners(net, output, labels)
+    _check_learners(net, output, labels, list(net.groups.values())[group])
     return resolved.Trials(
         input=names.index(_input(net, section)),
         output=names.index(output),
@@ -96,14 +96,14 @@ def _output(net: Network, section: Trials) -> str:
         return str(next(iter(said.values())))
     members = [group.choice.of for group in net.groups.values()]
     if len(members) != 1:
-        _refuse(net, f"{len(members)} winner_take_all groups and no labels: expected labels that name the output")
+        _refuse(net, f"{len(members)} groups and no labels: expected labels that name the output")
     return members[0]
 
 
 def _group(net: Network, output: str) -> int:
     for index, group in enumerate(net.groups.values()):
         if group.choice.of == output:
-            if not group.choice.first_to_fire:
+            if isinstance(group.choice, winner_take_all) and not group.choice.first_to_fire:
                 _refuse(net, f"group '{group.name}' decides at each step: expected first_to_fire: true")
             return index
     _refuse(net, f"no group decides in '{output}'", f"add a group winner_take_all of '{output}'")
@@ -126,12 +126,15 @@ def _check_reset(net: Network, output: str, section: Trials) -> None:
             _refuse(net, f"reset: '{output}' has no state '{state}'", nearest(state, known))
 
 
-def _check_learners(net: Network, output: str, labels: Labels | None) -> None:
+def _check_learners(net: Network, output: str, labels: Labels | None, group: Group) -> None:
     for part in net.projections.values():
         if part.synapse.learns != "trials":
             continue
         what = f"projection '{part.name}': {part.synapse.name}"
         if part.target != output:
             raise ModelError(f"{what} onto '{part.target}': expected '{output}', which decides", where=part.origin)
+        if part.synapse.peaks and isinstance(group.choice, local_winners):
+            told = f"{what} teaches by the largest V_m up to the one decision, and group '{group.name}' has several"
+            raise ModelError(f"{told}: expected winner_take_all", where=part.origin)
         if labels is None and part.synapse.supervised:
             _refuse(net, f"{part.synapse.name} of '{part.name}' needs 'labels', as rewards depend on them")

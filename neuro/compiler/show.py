@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER, Clock
 from neuro.model.network import Network
-from neuro.program.program import Floats, Population, Program, Projection, Trials
+from neuro.program.program import Floats, Group, Population, Program, Projection, Trials
 
 _LISTED = 8
 
@@ -106,13 +106,19 @@ def _rest(program: Program, clock: Clock) -> Iterator[tuple[str, str, str, str]]
     for signal in program.signals:
         yield "signal", signal.name, name[signal.target], "one value for each neuron"
     for group in program.groups:
-        what = "the first to fire" if group.first_to_fire else "the best of each step"
-        yield "group", group.name, name[group.population], f"winner_take_all: {what}"
+        yield "group", group.name, name[group.population], _group_text(group)
     for probe in program.probes:
         every = "" if probe.record == "spikes" else f" every {clock.ms(probe.every):g} ms"
         yield "probe", probe.name, name[probe.population], probe.record + every
     if program.trials is not None:
         yield "trials", "", name[program.trials.output], _trials_text(program.trials, name, clock)
+
+
+def _group_text(group: Group) -> str:
+    if group.local is None:
+        return "winner_take_all: " + ("the first to fire" if group.first_to_fire else "the best of each step")
+    wins = f", {group.local.per_map} a map" if group.local.per_map else ""
+    return f"local_winners: radius {group.local.radius}{wins}"
 
 
 def _trials_text(trials: Trials, name: list[str], clock: Clock) -> str:
@@ -131,7 +137,8 @@ def _lines(program: Program) -> Iterator[str]:
     for number, signal in enumerate(program.signals):
         yield f"signal {number} {signal.name}: to population {signal.target}"
     for number, group in enumerate(program.groups):
-        yield f"group {number} {group.name}: population {group.population}, first_to_fire {group.first_to_fire}"
+        how = _group_text(group) if group.local else f"first_to_fire {group.first_to_fire}"
+        yield f"group {number} {group.name}: population {group.population}, {how}"
     for number, probe in enumerate(program.probes):
         yield f"probe {number} {probe.name}: population {probe.population}, {probe.record}, every {probe.every} steps"
     if program.trials is not None:

@@ -18,6 +18,7 @@ from neuro.model.parts import (
     RESOLUTION,
     SHAPE,
     WEIGHT,
+    Competition,
     Description,
     Group,
     Part,
@@ -26,7 +27,6 @@ from neuro.model.parts import (
     Projection,
     Signal,
     Trials,
-    winner_take_all,
 )
 from neuro.model.rules import Rule
 from neuro.model.synapses import Synapse, static
@@ -130,9 +130,9 @@ class Network(Description):
         """Add a signal: one value per neuron of `to`, set while running by `sim.signal`."""
         return self._add(self.signals, Signal(name, self._name_of(to, f"signal '{name}'", "to"), self._where()))
 
-    def group(self, name: str, choice: winner_take_all) -> Group:
+    def group(self, name: str, choice: Competition) -> Group:
         """Add a group, e.g. `net.group("choice", neuro.winner_take_all(of="s2"))`."""
-        self._expect(choice, winner_take_all, f"group '{name}'", "a group such as neuro.winner_take_all(of='out')")
+        self._expect(choice, Competition, f"group '{name}'", "a group such as neuro.winner_take_all(of='out')")
         return self._add(self.groups, Group(name, choice, self._where()))
 
     def probe(self, name: str, of: Population | str, record: str = "spikes", *, every: float | None = None) -> Probe:

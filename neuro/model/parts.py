@@ -83,7 +83,15 @@ class Signal(Part):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class winner_take_all(Choice):
+class Competition(Choice):
+    """How neurons of a population act together; base of what a group may be."""
+
+    kind: ClassVar[str] = "group"
+    of: str = quantity(doc="the population", kind="name")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class winner_take_all(Competition):
     """One neuron of a population decides.
 
     With `first_to_fire` the first spike silences all others until the next trial or reset; without, only
@@ -91,9 +99,28 @@ class winner_take_all(Choice):
     wins; a tie is drawn.
     """
 
-    kind: ClassVar[str] = "group"
-    of: str = quantity(doc="the population", kind="name")
     first_to_fire: bool = quantity(True, "", "decide once instead of at each step", kind="boolean")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class local_winners(Competition):
+    """Several neurons of a population of shape (maps, rows, columns) decide, each for what is near it.
+
+    Who fires wins, and silences until the next trial or reset all neurons of all maps whose row and column are both at
+    most `radius` from its own, itself with them, and its whole map once that has won `per_map` times. Of those that
+    reach the threshold in one step the largest V_m - V_th wins first; a tie is drawn. Who is silenced goes on to add
+    up its input.
+
+    Source: Masquelier & Thorpe, PLoS Comput. Biol. 3:e31, 2007 (`per_map: 1`); Mosca, MSc thesis, 2020, section 6.2.7
+    (any number).
+    """
+
+    radius: int = quantity(doc="rows and columns around a winner that are silenced", kind="integer", at_least=0)
+    per_map: int | None = quantity(None, "", "wins of each map; any number if not given", kind="integer", at_least=1)
+
+
+GROUPS: dict[str, type[Competition]] = {"winner_take_all": winner_take_all, "local_winners": local_winners}
+"""How the neurons of a group may decide, by name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +128,7 @@ class Group(Part):
     """Neurons that act together."""
 
     word: ClassVar[str] = "group"
-    choice: winner_take_all
+    choice: Competition
     origin: Where | None = None
 
 
@@ -162,7 +189,13 @@ class Trials(Choice):
     word: ClassVar[str] = "trials"
     input: str = quantity(doc="the spike_generator that receives the trials' spikes", kind="name")
     duration: float = quantity(doc="length of a trial", unit="ms", above=0)
-    stop: str = quantity("at_decision", "", "when a trial ends", kind="word", words=("at_decision", "full"))
+    stop: str = quantity(
+        "at_decision",
+        "",
+        "at the end, or when no more may be decided",
+        kind="word",
+        words=("at_decision", "full"),
+    )
     labels: Any = quantity(None, "", "what the maps stand for", kind="part", part=labels)
     reward: Any = quantity(None, "", "the reward by outcome", kind="part", part=reward)
     dropout: Any = quantity(None, "", "maps left out while learning", kind="part", part=dropout)

@@ -66,18 +66,28 @@ class Trial:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Wins:
+    """The neurons that won in a trial, in the order in which they did, and the tick of each."""
+
+    neurons: Ints
+    ticks: Ints
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
     """How a trial ended.
 
     Attributes:
-        winner: the neuron that decided, or -1.
+        winner: the neuron that decided, of several the first, or -1.
         tick: the tick of the decision, or -1.
-        potential: largest V_m of each map at the decision (before the reset) or at the end, shape (maps,).
+        potential: largest V_m of each map at the decision, of several at its own first (before the reset), or at the
+            end, shape (maps,).
         best: the neuron of each map that has it, shape (maps,).
         ticks: ticks that were run.
         peak: if asked for, the largest V_m of each neuron of the output up to the decision, shape (neurons,); infinite
             for the winner.
         peak_tick: the first tick at which it had it; for the winner the decision.
+        wins: all who won, where several may.
     """
 
     winner: int
@@ -87,6 +97,7 @@ class Outcome:
     ticks: int
     peak: Floats | None = None
     peak_tick: Ints | None = None
+    wins: Wins | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -152,12 +152,34 @@ class Signal:
 
 
 @dataclass(frozen=True, slots=True)
+class Local:
+    """How far a winner silences the neurons around it, in a population of some maps, rows and columns.
+
+    Attributes:
+        radius: rows and columns.
+        per_map: wins after which a map is silent; 0 for any number.
+    """
+
+    radius: int
+    per_map: int
+    maps: int
+    rows: int
+    columns: int
+
+
+@dataclass(frozen=True, slots=True)
 class Group:
-    """A winner-take-all population."""
+    """Neurons of a population that compete.
+
+    Attributes:
+        first_to_fire: whether who wins silences others until the next trial or reset, instead of in its step only.
+        local: whom a winner silences; None: all.
+    """
 
     name: str
     population: int
     first_to_fire: bool
+    local: Local | None
     origin: Where | None
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,14 +14,29 @@ from neuro.core.checks import numbers
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.model.synapses import Growth, Lesson, Synapse, TrialEnd
-from neuro.program.backend import Engine, EngineCounts, Outcome, Trial
+from neuro.program.backend import Engine, EngineCounts, Outcome, Trial, Wins
 from neuro.program.counts import Counts, Tally, difference
 from neuro.program.program import Floats, Ints, Program
 from neuro.run.settable import neuron_ids
 
 Bools = NDArray[np.bool_]
 _CHUNK = 1 << 24
-_NO_MAPS: Ints = np.zeros(0, dtype=np.int64)
+_NOBODY: Ints = np.zeros(0, dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class AllWins:
+    """All neurons that won in the trials of a batch, trial after trial, in the order in which they did.
+
+    Attributes:
+        neurons: who, shape (wins,).
+        steps: the tick of each, from 0.
+        offsets: trial i has the wins `offsets[i] : offsets[i + 1]`, shape (trials + 1,).
+    """
+
+    neurons: Ints
+    steps: Ints
+    offsets: Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +44,11 @@ class TrialResults:
     """How the trials of a batch ended, one entry for each.
 
     Attributes:
-        winner: the neuron that decided, or -1.
+        winner: the neuron that decided, of several the first, or -1.
         label: the label of its map (the map itself where the network has no labels), or -1.
         step: the tick of the decision, from 0, or -1.
-        potential: the largest V_m of each map at the decision, or at the end, shape (trials, maps).
+        potential: the largest V_m of each map at the decision, with `local_winners` at its own first, or at the end
+            where it made none, shape (trials, maps).
         ticks: ticks that were run.
     """
 
@@ -41,9 +57,22 @@ class TrialResults:
     step: Ints
     potential: Floats
     ticks: Ints
+    _wins: tuple[Wins, ...] | None
     _tally: Tally
     _before: EngineCounts
     _after: EngineCounts
+
+    @cached_property
+    def wins(self) -> AllWins:
+        """All who won, where several may; else those that decided."""
+        if self._wins is None:
+            decided = self.winner >= 0
+            return AllWins(self.winner[decided], self.step[decided], np.append(0, np.cumsum(decided)))
+        neurons, ticks = ([getattr(each, name) for each in self._wins] for name in ("neurons", "ticks"))
+        none = [_NOBODY]
+        return AllWins(
+            np.concatenate(neurons or none), np.concatenate(ticks or none), np.cumsum([0, *map(len, neurons)])
+        )
 
     @cached_property
     def counts(self) -> Counts:
@@ -88,6 +117,7 @@ class TrialLoop:
         self.growing = {q for q, rule in taught if hasattr(rule.arithmetic, "encourage")}
         self.supervised = not taught or any(rule.supervised for _, rule in taught)
         self.peaks = any(rule.peaks for _, rule in taught)
+        self.several = program.groups[section.group].local is not None
         self.key = keyed_random.key(program.seed, "dropout", output.name)
         self.start_anew()
 
@@ -122,6 +152,7 @@ class TrialLoop:
         peaks = learn and self.peaks
         winner, step, ran = (np.full(n, -1, dtype=np.int64) for _ in range(3))
         potential = np.empty((n, self.section.maps))
+        wins: list[Wins] = []
         before = self.engine.counts()
         present, quiet, bounds = self.engine.present, silenced[0] if len(silenced) else None, ends.tolist()
         for i in range(n):
@@ -129,17 +160,21 @@ class TrialLoop:
             mute = silenced[i] if learn else quiet
             outcome = present(Trial(ticks[a:b], neurons[a:b], mute, peaks))  # type: ignore[arg-type]
             winner[i], step[i], ran[i], potential[i] = outcome.winner, outcome.tick, outcome.ticks, outcome.potential
+            if outcome.wins is not None:
+                wins.append(outcome.wins)
             if learn:
-                self._teach(self._end(outcome, -1 if right is None else int(right[i]), mute))  # type: ignore[arg-type]
+                for each in _one_by_one(outcome):
+                    self._teach(self._end(each, -1 if right is None else int(right[i]), mute))  # type: ignore[arg-type]
+        several = tuple(wins) if self.several else None
         label = np.where(winner >= 0, winner // self.per_label_neurons, -1)
-        return TrialResults(winner, label, step, potential, ran, self.tally, before, self.engine.counts())
+        return TrialResults(winner, label, step, potential, ran, several, self.tally, before, self.engine.counts())
 
     def _end(self, outcome: Outcome, right: int, silenced: Bools) -> TrialEnd:
         """What the rules see of a trial."""
         decided = outcome.winner >= 0
         hit = decided and outcome.winner // self.per_label_neurons == right
         reward = self.section.reward[0 if hit else 1] if decided and right >= 0 else 0.0
-        maps = self.maps_of[right] if right >= 0 else _NO_MAPS
+        maps = self.maps_of[right] if right >= 0 else _NOBODY
         return TrialEnd(
             outcome.winner, outcome.tick, outcome.ticks, right, hit, reward, maps, silenced,
             outcome.potential, outcome.best, outcome.peak, outcome.peak_tick,
@@ -267,3 +302,11 @@ class TrialLoop:
         counted = self.seen + np.cumsum(new) - 1
         self.seen += int(new.sum())
         return counted
+
+
+def _one_by_one(outcome: Outcome) -> Iterable[Outcome]:
+    """An outcome as if only the first winner had been, then the second, and so on."""
+    if outcome.wins is None or len(outcome.wins.neurons) < 2:
+        return (outcome,)
+    won = zip(outcome.wins.neurons.tolist(), outcome.wins.ticks.tolist(), strict=True)
+    return [replace(outcome, winner=neuron, tick=tick) for neuron, tick in won]

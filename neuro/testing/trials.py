@@ -51,6 +51,7 @@ def told(results: TrialResults, name: str = "trials") -> Found:
         f"{name}: step": results.step,
         f"{name}: ticks": results.ticks,
         f"{name}: potential": results.potential,
+        f"{name}: wins": np.concatenate([results.wins.neurons, results.wins.steps, results.wins.offsets]),
         f"{name}: counts": np.array([counts.steps, counts.spikes, counts.synaptic_ops, counts.learning_updates]),
     }
 

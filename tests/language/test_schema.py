@@ -94,6 +94,7 @@ def test_the_networks_of_this_repository(validator, path):
         ("synapse: r_stdp", "synapse: {static: {w: 1}}"),
         ("reward: {to: b}", "reward: b"),
         ("winner_take_all: {of: b}", "winner_take_all: {}"),
+        ("winner_take_all: {of: b}", "local_winners: {of: b, radius: -1}"),
         ("duration: 5.0, ", ""),
         ("stop: full", "stop: never"),
         ("p: 0.5", "p: 1.0"),

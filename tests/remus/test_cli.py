@@ -43,11 +43,12 @@ def neuro(monkeypatch, tmp_path, capsys):
 
 def test_train_test_show(neuro, folder, tmp_path):
     code, out, err = neuro("train", "--data", folder, "--epochs", 3, "--set", "theta=40", "--set", "per_class=2")
-    assert (code, err.count("of the frames right")) == (0, 3)
-    assert out.startswith("model.h5: 4 grids for 2 classes, learnt from 16 recordings in 3 epochs; ")
+    assert (code, err.count("% right")) == (0, 3)
+    assert out == "model.h5: remus for 2 classes, learnt from 16 recordings\n"
     code, out, _ = neuro("test", "model.h5", "--data", folder, "--json", "--out", "pictures")
     figures = json.loads(out.partition("\n")[2])
-    assert (code, figures["n"], figures["classes"], figures["vote"]) == (0, 8, ["lying", "upright"], "potentials")
+    assert (code, figures["n"], figures["classes"], figures["method"]) == (0, 8, ["lying", "upright"], "remus")
+    assert figures["accuracy"] == figures["votes"]["potentials"]["accuracy"]
     assert figures["accuracy"] == 7 / 8
     assert figures["silent"] == 1
     assert figures["confusion"] == [[3, 0, 1], [0, 4, 0]]
@@ -58,7 +59,8 @@ def test_train_test_show(neuro, folder, tmp_path):
     assert "87.5%" in out
     code, out, _ = neuro("show", "model.h5", "--out", "pictures")
     assert code == 0
-    assert "network: theta" in out
+    assert " layer.theta " in out
+    assert " 40.0 " in out
     for name, least in (("prototypes", (300, 400)), ("learning", (300, 600)), ("confusion", (300, 300))):
         image = imread(tmp_path / "pictures" / f"{name}.png")
         assert all(side >= limit for side, limit in zip(image.shape, least, strict=False))
@@ -116,19 +118,26 @@ def test_thesis_settings_on_another_backend(neuro, folder):
     ("words", "message"),
     [
         ("train --data nowhere", "nowhere: no such folder, zip or HDF5 file"),
-        ("train --data {folder} --settings good", "unknown settings 'good': expected thesis or best"),
+        (
+            "train --data {folder} --settings good",
+            "unknown settings of method 'remus' 'good'\n  hint: known: best, poker, thesis",
+        ),
         ("train --data {folder} --set maps=3", "'maps' cannot be set: it follows from the classes and per_class"),
         (
-            "train --data {folder} --set tau_msd=-1",
-            "tau_msd = -1: expected a number > 0",
+            "train --data {folder} --set tau=-1",
+            "segmenter 'msd': tau = -1: expected a number > 0 s",
+        ),
+        (
+            "train --data {folder} --set tau_msd=1",
+            "unknown setting 'tau_msd'\n  hint: it is called 'tau' now",
         ),
         (
             "train --data {folder} --epochs 0",
             "Invalid value for '--epochs': '0': expected a whole number >= 1\n  hint: see 'neuro remus train --help'",
         ),
-        ("test model.h5 --data {folder}", "model.h5: no such file: expected a neuro remus model 1"),
-        ("energy model.h5 --data {folder}", "model.h5: no such file: expected a neuro remus model 1"),
-        ("show {folder}/Train/lying/1.bin", "{folder}/Train/lying/1.bin: not a neuro remus model 1"),
+        ("test model.h5 --data {folder}", "model.h5: no such file: expected a neuro recogniser 1"),
+        ("energy model.h5 --data {folder}", "model.h5: no such file: expected a neuro recogniser 1"),
+        ("show {folder}/Train/lying/1.bin", "{folder}/Train/lying/1.bin: not a neuro recogniser 1"),
         (
             "train --data {folder} --out no/model.h5 --epochs 1",
             "no/model.h5: cannot be written: No such file or directory",
@@ -144,7 +153,7 @@ def test_mistakes(neuro, folder, words, message):
 def test_a_parameter_that_is_none(neuro, folder):
     code, _, err = neuro("train", "--data", folder, "--set", "thet=3")
     assert code == 2
-    assert "unknown parameter 'thet'" in err
+    assert "unknown setting of method 'remus' 'thet'" in err
     assert "did you mean 'theta'?" in err
 
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from neuro.events import EventFileError, load, recordings
+from neuro_recognise.segmenters import Msd
 from neuro_remus.digits import RESOURCE, mnist_5k
-from neuro_remus.frontend import FrontEnd
 from neuro_remus.saccades import Saccades, make_dataset
 
 
@@ -74,7 +74,7 @@ def test_made_recordings_look_like_nmnist(shared):
         assert np.mean([e.p.mean() for e in sets]) == pytest.approx(0.5, abs=tolerance)
         assert all(290_000 < e.t[-1] < 340_000 for e in sets)
         assert all(e.sensor_size == (34, 34) for e in sets)
-    frames = [np.mean([len(FrontEnd().frames(e)[1]) - 1 for e in sets]) for sets in (made, real)]
+    frames = [np.mean([len(Msd().bounds(e.t)) - 1 for e in sets]) for sets in (made, real)]
     assert frames[0] == pytest.approx(frames[1], rel=0.2)
     gaps = [np.median(np.concatenate([pixel_gaps(e) for e in sets])) for sets in (made, real)]
     assert gaps[0] == pytest.approx(gaps[1], rel=0.2)

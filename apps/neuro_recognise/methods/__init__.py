@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from neuro_recognise.method import METHODS
 from neuro_recognise.methods.boe import Boe
+from neuro_recognise.methods.edhmax_tempotron import EdhmaxTempotron
 from neuro_recognise.methods.hats import Hats
+from neuro_recognise.methods.masquelier_thorpe import MasquelierThorpe
+from neuro_recognise.methods.mozafari import Mozafari
+from neuro_recognise.methods.must import Must
+from neuro_recognise.methods.remus import Remus
 from neuro_recognise.methods.tar_hats import TarHats
 
 __all__ = ["METHODS"]
 
-for _method in (Boe, Hats, TarHats):
+for _method in (Boe, EdhmaxTempotron, Hats, MasquelierThorpe, Mozafari, Must, Remus, TarHats):
     METHODS.add(_method)

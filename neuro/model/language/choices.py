@@ -16,7 +16,7 @@ from neuro.model.language.files import array
 from neuro.model.language.nodes import about, found, mistake, plain, words
 from neuro.model.language.reader import Node
 from neuro.model.neurons import MODELS
-from neuro.model.parts import winner_take_all
+from neuro.model.parts import GROUPS
 from neuro.model.rules import RULES
 from neuro.model.synapses import SYNAPSES
 
@@ -24,7 +24,7 @@ TABLES: dict[str, Mapping[str, type[Choice]]] = {
     "model": MODELS,
     "rule": RULES,
     "synapse": SYNAPSES,
-    "group": {"winner_take_all": winner_take_all},
+    "group": GROUPS,
     "distribution": DISTRIBUTIONS,
     "code": CHOICES,
 }

@@ -4,7 +4,7 @@ import numpy as np
 
 from neuro.core.registry import Registry
 from neuro.model.arithmetic import check_functions, fill
-from neuro.model.synapses.base import FUNCTIONS, K_MINUS, K_PLUS, TEACHING, Synapse, Trace
+from neuro.model.synapses.base import FUNCTIONS, K_MINUS, K_PLUS, MORE_TEACHING, TEACHING, Synapse, Trace
 from neuro.model.synapses.delays import DelayRule
 from neuro.model.synapses.first_spike_stdp import first_spike_stdp
 from neuro.model.synapses.hedonistic import hedonistic
@@ -14,6 +14,7 @@ from neuro.model.synapses.loihi_static import loihi_static
 from neuro.model.synapses.modulated import Modulated
 from neuro.model.synapses.mozafari import mozafari
 from neuro.model.synapses.mstdpet import mstdpet
+from neuro.model.synapses.normalised_stdp import normalised_stdp
 from neuro.model.synapses.r_stddp import r_stddp
 from neuro.model.synapses.r_stdp import r_stdp
 from neuro.model.synapses.static import static
@@ -57,8 +58,10 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         check_functions(told, model, functions | ({"sent": 3} if hasattr(model.arithmetic, "sent") else {}))
         _check_constants(told, model)
     if model.learns == "trials":
-        grows = hasattr(model.arithmetic, "encourage")
-        check_functions(told, model, {**TEACHING, **({"encourage": 2} if grows else {})})
+        more = {name: count for name, count in MORE_TEACHING.items() if hasattr(model.arithmetic, name)}
+        check_functions(told, model, {**TEACHING, **more})
+        if model.delays and "settle" in more:
+            raise TypeError(f"{told} changes delays: expected no function 'settle', which is for weights")
         _check_constants(told, model)
     return model
 
@@ -93,7 +96,7 @@ SYNAPSES: Registry[type[Synapse]] = Registry(
         *(static, tsodyks2),
         *(stdp, stdp_nn_symm, stdp_nn_restr, stdp_nn_pre_centered, stdp_literal, stdp_pl_hom, stdp_triplet),
         *(vogels_sprekeler, stdp_dopa, mstdpet, td_ltp, td_moves, hedonistic, stddp),
-        *(r_stdp, r_stddp, mozafari, first_spike_stdp, tempotron),
+        *(r_stdp, r_stddp, mozafari, first_spike_stdp, normalised_stdp, tempotron),
         *(loihi_static, loihi_learning),
     ),
     takes=lambda part: isinstance(part, type) and issubclass(part, Synapse),
@@ -119,6 +122,7 @@ __all__ = [
     "loihi_static",
     "mozafari",
     "mstdpet",
+    "normalised_stdp",
     "r_stddp",
     "r_stdp",
     "static",

@@ -21,6 +21,8 @@ A rule for trials says in its method `lessons` whom the end of a trial teaches (
                                               ms from the arrival of the input's first spike to the moment of the
                                               lesson, negative after it, -inf without a spike; of a rule with `delays`
                                               not the weight but the delay in ms, now and new
+    settle(w, since, total, c)                new weight after all inputs of the neuron were taught and have the sum
+                                              `total`; only where the rule has it
     encourage(w, c)                           new weight of an input of maps that grow; only where lessons name some
 """
 
@@ -44,6 +46,8 @@ FUNCTIONS = {"constants": 3, "on_post": 5, "on_pre": 5}
 """The functions of a pairwise rule and how many arguments each takes."""
 TEACHING = {"constants": 3, "teach": 4}
 """Those of a rule for trials."""
+MORE_TEACHING = {"settle": 4, "encourage": 2}
+"""Those that it may have beside."""
 
 
 def weight(y: Any, e: int, c: Any) -> Any:
@@ -105,7 +109,7 @@ class Synapse(Choice):
     peaks: ClassVar[bool] = False
     states: ClassVar[tuple[State, ...]] = ()
     width: ClassVar[int] = 20
-    arithmetic: ClassVar[OfModule] = OfModule(("on_post", "on_pre", "advance", "teach", "encourage"))
+    arithmetic: ClassVar[OfModule] = OfModule(("on_post", "on_pre", "advance", "teach", "settle", "encourage"))
 
     @classmethod
     def identity(cls) -> str:

@@ -39,7 +39,7 @@ class Growth(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class TrialEnd:
-    """How a trial that is learnt from ended.
+    """How a trial that is learnt from ended. Where several neurons won, a rule sees one after the other.
 
     Attributes:
         winner: the neuron that decided, or -1.
@@ -50,7 +50,8 @@ class TrialEnd:
         reward: what the section `trials` gives for this outcome; 0 in silence and where no label is known.
         maps: the maps of the right label.
         silenced: the maps that dropout silenced, shape (maps,).
-        potential: largest V_m of each map at the decision (before the reset) or at the end, shape (maps,).
+        potential: largest V_m of each map at the decision, of several at its own first (before the reset), or at the
+            end, shape (maps,).
         best: the neuron of each map that has it, shape (maps,).
         peak: for rules with `peaks`, the largest V_m of each neuron of the output up to the decision, shape (neurons,);
             infinite for the neuron that decided.

@@ -16,6 +16,8 @@ def gabor_bank(
     orientations: Sequence[float],
     *,
     literal: bool = False,
+    circular: bool = False,
+    smooth: bool = False,
 ) -> npt.NDArray[np.float64]:
     """Make one filter per scale and orientation.
 
@@ -31,6 +33,8 @@ def gabor_bank(
         orientations: degrees.
         literal: keep the values of the formula; else each filter has zero mean and unit L2 norm, so
             that an even area excites none and all scales answer alike.
+        circular: 0 where farther from the middle than half a side, before the mean is taken.
+        smooth: each filter blurred by a box of 3 x 3 px, as if the picture was.
 
     Returns:
         (scales, orientations, side, side) with side the largest size; smaller filters lie in the
@@ -50,8 +54,18 @@ def gabor_bank(
             along = -x * np.sin(angle) + y * np.cos(angle)
             g = np.exp(-(across**2 + gamma**2 * along**2) / (2 * sigma**2))
             g *= np.cos(2 * np.pi * across / wavelength)
+            if circular:
+                g[np.hypot(x, y) > size / 2] = 0.0
             if not literal:
                 g -= g.mean()
                 g /= np.linalg.norm(g)
-            bank[s, o, inner, inner] = g
+            bank[s, o, inner, inner] = _blurred(g) if smooth else g
     return bank
+
+
+def _blurred(filter: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """The mean of each place and its eight neighbours, 0 outside."""
+    wide = np.pad(filter, 1)
+    rows, columns = filter.shape
+    near = [wide[i : i + rows, j : j + columns] for i in range(3) for j in range(3)]
+    return np.mean(near, axis=0, dtype=np.float64)

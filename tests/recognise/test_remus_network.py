@@ -4,8 +4,8 @@ import pytest
 
 import neuro
 from neuro_models import names, path
-from neuro_remus.model import network_of
-from neuro_remus.settings import SETTINGS
+from neuro_recognise.layers import Inputs
+from neuro_recognise.methods.remus import Remus
 
 
 def test_remus_is_the_thesis():
@@ -21,12 +21,13 @@ def test_remus_is_the_thesis():
     )
     assert net.trials_section.labels.maps_per_label == 2
     assert (net.trials_section.dropout.p, net.trials_section.dropout.decay) == (0.25, 0.7)
-    assert net == network_of(SETTINGS["thesis"], classes=10)
+    assert net == Remus().preset("thesis").layer.network(Inputs((4, 17, 17), 64.0, 1.0), classes=10)
 
 
-@pytest.mark.parametrize("settings", SETTINGS)
+@pytest.mark.parametrize("settings", Remus.presets)
 def test_the_network_follows_the_front_end_and_the_classes(settings):
-    net = network_of(SETTINGS[settings].changed({"size": [40, 30], "orientations": [0, 60, 120]}), classes=3)
+    method = Remus().preset(settings).changed({"size": [40, 30], "orientations": [0, 60, 120]})
+    net = method.layer.network(method.inputs, classes=3)
     assert net.populations["c1"].shape == (3, 15, 20)
     assert net.populations["s2"].shape[0] == 3 * net.trials_section.labels.maps_per_label
     assert neuro.compile(net).weights("c1_s2").shape[1:] == (3, 11, 11)
@@ -35,4 +36,4 @@ def test_the_network_follows_the_front_end_and_the_classes(settings):
 def test_an_unknown_network():
     with pytest.raises(neuro.ModelError) as error:
         path("resnet")
-    assert str(error.value) == "unknown network 'resnet': expected one of dopamine_conditioning, drone, remus"
+    assert str(error.value) == "unknown network 'resnet': expected one of " + ", ".join(names())

@@ -5,12 +5,14 @@ import json
 import numpy as np
 import pytest
 
+import neuro
+from neuro_recognise.energy import FRONT_END, bills, check_targets, counted, notes, show, words
 from neuro_recognise.evaluate import evaluate
-from neuro_remus.decide import decisions, present
-from neuro_remus.energy import FRONT_END, bills, counted, notes, show, words
-from neuro_remus.settings import VOTES
-from neuro_remus.train import train
-from neuro_remus.tried import Tried
+from neuro_recognise.frames import Frames
+from neuro_recognise.method import choose
+from neuro_recognise.methods.hats import Hats
+from neuro_recognise.recogniser import Recogniser
+from neuro_recognise.tried import Tried
 
 TARGETS = ("loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu")
 NEURONS = 6 * 2 * 2
@@ -19,28 +21,36 @@ MACS = NEURONS * 4 * 7 * 7
 
 
 @pytest.fixture(scope="module")
-def model(letters, small):
+def model(letters, small, train):
     return train(letters, small, seed=1)
+
+
+def tried_on(model, shown, backend="event"):
+    answer = model.method.answer(model.learnt, shown, backend)
+    votes = {name: evaluate(choose(scores), shown.labels, shown.classes) for name, scores in answer.votes.items()}
+    return Tried(evaluate(choose(answer.scores), shown.labels, shown.classes), votes, answer)
 
 
 @pytest.fixture(scope="module")
 def tried(letters, model):
-    sim = model.simulation()
-    present(sim, letters.take([0, 1]))  # what was shown before is not in the bill
-    trials = present(sim, letters)
-    decided = decisions(trials, letters)
-    votes = {vote: evaluate(decided.by(vote), letters.labels, letters.classes) for vote in VOTES}
-    return Tried(votes, sim, trials, len(letters))
+    return tried_on(model, letters)
 
 
 def test_counts_of_a_recording(letters, small, tried):
     told = counted(tried)
-    ticks = tried.trials.ticks
-    in_time = letters.times < np.repeat(ticks, np.diff(letters.offsets))
+    frames, ticks = Frames.of(letters), tried.answer.run[1].ticks
+    in_time = frames.codes < np.repeat(ticks, np.diff(frames.offsets))
     assert told["frames"] * 26 == 72
     assert told["steps"] * 26 == ticks.sum()
     assert told["input_spikes"] * 26 == in_time.sum()
     assert told["neuron_updates"] * 26 == pytest.approx(NEURONS * ticks.sum())
+
+
+def test_a_batch_is_priced_without_what_was_shown_before(letters, model, tried):
+    sim = model.method.simulation(model.learnt)
+    model.method.present(sim, model.learnt, letters.take([0, 1]))
+    trials, _ = model.method.present(sim, model.learnt, letters)
+    assert sim.energy("loihi", of=trials).per(26, "recording") == bills(tried, ["loihi"])[0]
 
 
 def test_a_bill_by_hand(tried):
@@ -61,20 +71,17 @@ def test_a_bill_by_hand(tried):
 
 def test_the_bill_does_not_depend_on_the_backend(letters, model):
     part = letters.take(range(3))
-    told = []
-    for backend in ("event", "reference"):
-        sim = model.simulation(backend)
-        told.append(bills(Tried({}, sim, present(sim, part), 3), ["loihi"])[0])
+    told = [bills(tried_on(model, part, backend), ["loihi"])[0] for backend in ("event", "reference")]
     assert told[0] == told[1]
 
 
 def test_words(model, tried):
     told = json.loads(words(model, tried, bills(tried, ("loihi", "gpu"))))
     assert list(told) == [
-        "format", "backend", "vote", "accuracy", "interval", "recordings", "per_recording", "bills", "notes",
+        "format", "method", "backend", "accuracy", "interval", "recordings", "per_recording", "bills", "notes",
     ]  # fmt: skip
-    assert (told["backend"], told["vote"], told["recordings"]) == ("event", "majority", 26)
-    assert told["accuracy"] == tried.votes["majority"].accuracy
+    assert (told["backend"], told["method"], told["recordings"]) == ("event", "remus", 26)
+    assert told["accuracy"] == tried.own.accuracy == tried.votes["majority"].accuracy
     assert told["per_recording"] == counted(tried)
     assert [bill["target"] for bill in told["bills"]] == ["loihi", "gpu"]
     for bill in told["bills"]:
@@ -86,7 +93,7 @@ def test_words(model, tried):
 def test_dense_once_a_frame(tried):
     gpu = bills(tried, ["gpu"])
     joules = 72 / 26 * MACS * 0.3e-9
-    steps = tried.trials.ticks.sum() / 72
+    steps = tried.answer.run[1].ticks.sum() / 72
     assert notes(tried, gpu) == [
         FRONT_END,
         f"dense layers once a frame, not in each of its {steps:.4g} steps: gpu {joules * 1e6:.4g} uJ",
@@ -97,11 +104,11 @@ def test_dense_once_a_frame(tried):
 def test_table(model, tried, capsys):
     show(model, tried, bills(tried, TARGETS))
     text = capsys.readouterr().out
-    own = tried.votes["majority"]
+    own = tried.own
     low, high = own.interval
     assert " ".join(text.split()).startswith(
         f"energy per recording; {own.accuracy:.1%} of 26 right (95 % interval {low:.1%} - {high:.1%}) "
-        "by majority on event target what "
+        "by remus on event target what "
     )
     rows = {line.split()[0]: line for line in text.splitlines() if line.strip().startswith(TARGETS)}
     assert tuple(rows) == TARGETS
@@ -111,3 +118,11 @@ def test_table(model, tried, capsys):
     assert "- loihi: synaptic_op 23.6 pJ: Davies et al., IEEE Micro 38(1):82, 2018, Table 2 (minimum; " in text
     assert "- cpu, gpu: neuron updates, learning and static power are not in the sums\n" in text
     assert f"- {FRONT_END}\n" in text
+
+
+def test_what_is_no_network_has_no_bill():
+    with pytest.raises(neuro.ModelError) as caught:
+        check_targets(Recogniser(Hats(), ("a", "b"), {}), ["loihi"])
+    assert str(caught.value) == (
+        "method 'hats' is no network: expected one that chips can run\n  hint: neuro recognise list"
+    )

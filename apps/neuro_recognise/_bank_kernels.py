@@ -1,0 +1,98 @@
+# mypy: ignore-errors
+"""Compiled loops of `neuro_recognise.banks`."""
+
+import numpy as np
+
+from neuro.apps import allocating, inner
+
+
+@allocating
+def largest_responses(x, y, bounds, bank, sizes, height, width, cell, out):
+    """What filters answer to every frame of a recording, of each cell of pixels the largest, at least 0.
+
+    A frame has far fewer pixels with events than pixels, so each such pixel adds its count times the
+    (turned) filter to the response; this is the 'same' convolution with zeros outside of the frame.
+
+    x, y: uint16[n], inside the frame; bounds: int64[frames + 1]; bank: float64[scales, orientations,
+    side, side]; sizes: int64[scales]; cell: side of a cell, px; out: float64[frames, scales, orientations,
+    height // cell, width // cell].
+    """
+    side = bank.shape[2]
+    half = side // 2
+    count = np.zeros((height, width), np.int64)
+    rows = np.empty(height * width, np.int64)
+    columns = np.empty(height * width, np.int64)
+    response = np.empty((height + 2 * half, width + 2 * half))
+    for frame in range(out.shape[0]):
+        active = 0
+        for k in range(bounds[frame], bounds[frame + 1]):
+            if count[y[k], x[k]] == 0:
+                rows[active] = y[k]
+                columns[active] = x[k]
+                active += 1
+            count[y[k], x[k]] += 1
+        for s in range(bank.shape[0]):
+            first = (side - sizes[s]) // 2
+            last = first + sizes[s]
+            for o in range(bank.shape[1]):
+                response[:] = 0.0
+                for k in range(active):
+                    value = float(count[rows[k], columns[k]])
+                    for i in range(first, last):
+                        to = response[rows[k] + i]
+                        taps = bank[s, o, side - 1 - i]
+                        for j in range(first, last):
+                            to[columns[k] + j] += value * taps[side - 1 - j]
+                for i in range(out.shape[3]):
+                    for j in range(out.shape[4]):
+                        best = 0.0
+                        for a in range(half + cell * i, half + cell * (i + 1)):
+                            for b in range(half + cell * j, half + cell * (j + 1)):
+                                best = max(best, response[a, b])
+                        out[frame, s, o, i, j] = best
+        for k in range(active):
+            count[rows[k], columns[k]] = 0
+
+
+@allocating
+def leaky_responses(t, x, y, sign, bounds, bank, sizes, height, width, leak, cell, out):
+    """Responses that leak to 0 at a constant rate, at the end of each frame; of each cell the largest absolute value.
+
+    A response is brought up to date where an event reaches it, and everywhere at the end of a frame.
+
+    t: int64[n], us; x, y: uint16[n], inside the frame; sign: float64[n], by which an event counts; bounds:
+    int64[frames + 1]; bank: float64[scales, orientations, side, side]; sizes: int64[scales]; leak: per us; cell: side
+    of a cell, px; out: float64[frames, scales, orientations, height // cell, width // cell].
+    """
+    side = bank.shape[2]
+    half = side // 2
+    response = np.zeros((bank.shape[0], bank.shape[1], height, width))
+    since = np.zeros((bank.shape[0], height, width), np.int64)
+    for frame in range(out.shape[0]):
+        for k in range(bounds[frame], bounds[frame + 1]):
+            for s in range(bank.shape[0]):
+                reach = sizes[s] // 2
+                for i in range(max(0, y[k] - reach), min(height, y[k] + reach + 1)):
+                    for j in range(max(0, x[k] - reach), min(width, x[k] + reach + 1)):
+                        leaked = leak * (t[k] - since[s, i, j])
+                        since[s, i, j] = t[k]
+                        for o in range(bank.shape[1]):
+                            tap = bank[s, o, half + i - y[k], half + j - x[k]]
+                            response[s, o, i, j] = _leaked(response[s, o, i, j], leaked) + sign[k] * tap
+        last = t[bounds[frame + 1] - 1]
+        for s in range(bank.shape[0]):
+            for o in range(bank.shape[1]):
+                for i in range(out.shape[3]):
+                    for j in range(out.shape[4]):
+                        best = 0.0
+                        for a in range(cell * i, cell * (i + 1)):
+                            for b in range(cell * j, cell * (j + 1)):
+                                now = abs(_leaked(response[s, o, a, b], leak * (last - since[s, a, b])))
+                                best = max(best, now)
+                        out[frame, s, o, i, j] = best
+
+
+@inner
+def _leaked(v, amount):
+    """A response that is nearer to 0 by an amount."""
+    return max(v - amount, 0.0) if v > 0.0 else min(v + amount, 0.0)

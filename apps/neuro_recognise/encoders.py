@@ -1,0 +1,147 @@
+"""From responses to spikes: the stronger, the earlier."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from neuro.apps import Registry
+from neuro.coding import log_intensity_to_latency
+from neuro_recognise.method import Learnt
+from neuro_recognise.settings import Part, setting
+from neuro_recognise.shown import Array, Floats, Ints
+
+__all__ = ["Encoder", "Latency", "LogLatency"]
+
+CODE = "github BEJ97/MK-Tempotron, top_onN_MNIST.m"
+TICKS = "16, 32 or 64 ticks of a window decide equally well on N-MNIST: docs/how-to/remus.md"
+
+
+@dataclass(frozen=True)
+class Encoder(Part):
+    """Base of the encoders.
+
+    What a recording shows are codes; times follow from these and from what was learnt of all recordings.
+    """
+
+    kind = "encoder"
+
+    window: float = setting(64.0, "ms", "length of the code", TICKS, above=0)
+    resolution: float = setting(1.0, "ms", "grid of the spike times", TICKS, above=0)
+
+    @property
+    def last(self) -> int:
+        """The last tick of the window."""
+        return int(np.ceil(self.window / self.resolution)) - 1
+
+    @abstractmethod
+    def channels(self, scales: int, orientations: int) -> int:
+        """How many spikes can come from a place: the ids' first axis; the others are rows and columns."""
+
+    @abstractmethod
+    def encode(self, responses: Floats) -> tuple[Array, Ints, Ints]:
+        """The spikes of each frame.
+
+        Args:
+            responses: (frames, scales, orientations, rows, columns).
+
+        Returns:
+            (spikes,) codes; (spikes,) ids; (frames,) number of spikes of each. Those of a frame are in the order of
+            their times.
+        """
+
+    def learn(self, codes: Array) -> dict[str, Array]:
+        """What times depend on beside a code, by name, from the codes of all recordings to learn from."""
+        return {}
+
+    @abstractmethod
+    def times(self, codes: Array, learnt: Learnt) -> Floats:
+        """(spikes,) ms from the start of the frame, on the grid of `resolution` in [0, window)."""
+
+
+@dataclass(frozen=True)
+class LogLatency(Encoder):
+    """A spike of each orientation and place, that of the strongest scale, by the logarithm of its response."""
+
+    source = "thesis 6.2.3, eq. 15, lines 2371-2395"
+
+    min_response: float = setting(
+        0.1, "", "share of the frame's largest response below which none spikes", "ours; r_min of eq. 15 is open",
+        above=0, below=1,
+    )  # fmt: skip
+    first: int = setting(0, "", "how many spikes of a frame are kept, the first ones; 0: all", "thesis", at_least=0)
+
+    @classmethod
+    def called(cls) -> str:
+        """``log_latency``."""
+        return "log_latency"
+
+    def channels(self, scales: int, orientations: int) -> int:
+        """The orientations."""
+        return orientations
+
+    def encode(self, responses: Floats) -> tuple[Array, Ints, Ints]:
+        """Codes are ticks; equal ones are in the order of their ids."""
+        fused = responses.max(axis=1).reshape(len(responses), int(np.prod(responses.shape[2:])))
+        peak = fused.max(axis=1, initial=0.0)
+        relative = np.divide(fused, peak[:, None], out=np.zeros_like(fused), where=peak[:, None] > 0)
+        frame, ids = np.nonzero(relative >= self.min_response)
+        latency = log_intensity_to_latency(relative[frame, ids], self.min_response, 1.0, self.window)
+        ticks = np.minimum(latency // self.resolution, self.last).astype(np.int64)
+        order = np.argsort(frame * (self.last + 1) + ticks, kind="stable")
+        lengths = np.bincount(frame, minlength=len(peak)).astype(np.int64)
+        if self.first:
+            order = order[_rank(lengths) < self.first]
+            lengths = np.minimum(lengths, self.first)
+        return ticks[order].astype(np.uint16), ids[order].astype(np.int64), lengths
+
+    def times(self, codes: Array, learnt: Learnt) -> Floats:
+        """Ticks of the grid."""
+        found: Floats = codes * self.resolution
+        return found
+
+
+@dataclass(frozen=True)
+class Latency(Encoder):
+    """A spike of each scale, orientation and place, at 1 - response / largest response of all that was learnt from."""
+
+    source = "Zhao et al., IEEE TNNLS 26:1963, 2015; MK-Tempotron, myC1respToSpk.m"
+
+    first: int = setting(300, "", "how many spikes of a frame are kept, the first ones; 0: all", CODE, at_least=0)
+
+    def channels(self, scales: int, orientations: int) -> int:
+        """All filters."""
+        return scales * orientations
+
+    def encode(self, responses: Floats) -> tuple[Array, Ints, Ints]:
+        """Codes are responses; equal ones are in the order of their ids."""
+        flat = responses.reshape(len(responses), int(np.prod(responses.shape[1:])))
+        frame, ids = np.nonzero(flat > 0)
+        strength = flat[frame, ids]
+        order = np.lexsort((ids, -strength, frame))
+        lengths = np.bincount(frame, minlength=len(flat)).astype(np.int64)
+        if self.first:
+            order = order[_rank(lengths) < self.first]
+            lengths = np.minimum(lengths, self.first)
+        return strength[order].astype(np.float32), ids[order].astype(np.int64), lengths
+
+    def learn(self, codes: Array) -> dict[str, Array]:
+        """The largest response."""
+        return {"largest": np.array(codes.max())}
+
+    def times(self, codes: Array, learnt: Learnt) -> Floats:
+        """What is as large as the largest comes at 0."""
+        weak = 1.0 - np.minimum(codes / np.asarray(learnt["largest"], float), 1.0)
+        found: Floats = np.minimum(weak * self.window // self.resolution, self.last) * self.resolution
+        return found
+
+
+def _rank(lengths: Ints) -> Ints:
+    """Of each spike: how many of its frame come before it."""
+    starts = np.cumsum(lengths) - lengths
+    return np.arange(int(lengths.sum())) - np.repeat(starts, lengths)
+
+
+Encoder.known = Registry("encoder", (LogLatency, Latency))

@@ -1,0 +1,232 @@
+"""Methods that cut a recording into frames, make spikes of each, and show these to a network as trials.
+
+A training is epochs over all frames, kept after each, so that it can go on after a kill.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+import neuro
+from neuro import ModelError
+from neuro.events import Events
+from neuro_recognise.banks import Bank, Gabors
+from neuro_recognise.encoders import Encoder, LogLatency
+from neuro_recognise.frames import Frames, ended_by
+from neuro_recognise.layers import FOLLOWS, Inputs, Layer, RemusLayer, from_text, taught, to_text
+from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
+from neuro_recognise.pools import Max, Pool
+from neuro_recognise.segmenters import Msd, Segmenter
+from neuro_recognise.settings import part, setting
+from neuro_recognise.shown import Array, Evidence, Floats, Ints, Shown
+from neuro_recognise.votes import VOTES, votes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Framewise"]
+
+ORDERS = ("recordings", "frames")
+
+
+@dataclass(frozen=True)
+class Framewise(Method):
+    """Base of these methods.
+
+    Attributes:
+        segmenter: cuts a recording into frames.
+        bank: filters each frame.
+        pool: passes responses on.
+        encoder: makes spikes of them.
+        layer: the network that is shown these and learns.
+        epochs: how often all recordings are shown.
+        order: what is shuffled in each epoch, whole recordings or all their frames.
+        vote: how the frames of a recording decide, see `neuro_recognise.votes`.
+    """
+
+    spikes = True
+
+    segmenter: Segmenter = part(Segmenter, Msd())
+    bank: Bank = part(Bank, Gabors())
+    pool: Pool = part(Pool, Max())
+    encoder: Encoder = part(Encoder, LogLatency())
+    layer: Layer = part(Layer, RemusLayer())
+    epochs: int = setting(8, "", "how often all recordings are shown", "learning has settled by then", at_least=1)
+    order: str = setting("recordings", "", "what is shuffled in each epoch", "", words=ORDERS)
+    vote: str = setting("potentials", "", "how frames decide", "", words=VOTES)
+
+    def changed(self, values: Mapping[str, Any]) -> Self:
+        """Settings with some values changed; see `Settings.changed`.
+
+        Raises:
+            ModelError: also where a value follows from others.
+        """
+        for name in values:
+            if name in FOLLOWS and not self.layer.takes(name):
+                raise ModelError(f"'{name}' cannot be set: it follows from {FOLLOWS[name]}")
+        return super().changed(values)
+
+    def fitting(self, size: tuple[int, int]) -> Self:
+        """With the sensor's size; refused where a cell is larger."""
+        settled = super().fitting(size)
+        if min(settled.size) < self.pool.side:
+            raise ModelError(f"size = {list(settled.size)}: expected at least {self.pool.side} px each, a cell")
+        return settled
+
+    def fixed(self) -> Mapping[str, Any]:
+        """All but the number of epochs: more may be asked for."""
+        return {name: value for name, value in self.as_words().items() if name != "epochs"}
+
+    @property
+    def inputs(self) -> Inputs:
+        """What the network is shown."""
+        width, height = self.size
+        channels = self.encoder.channels(len(self.bank.sizes), len(self.bank.orientations))
+        shape = (channels, height // self.pool.side, width // self.pool.side)
+        return Inputs(shape, self.encoder.window, self.encoder.resolution)
+
+    def observing(self) -> Mapping[str, Any]:
+        """The field, and the parts before the network."""
+        looks = ("size", "segmenter", "bank", "pool", "encoder")
+        return {name: value for name, value in self.as_words().items() if name in looks}
+
+    def observe(self, events: Events) -> Evidence:
+        """The spikes of each frame.
+
+        Returns:
+            ``codes`` and ``ids`` (spikes,); ``lengths`` (frames,) their number; ``ends`` (frames,) when a frame is
+            known to be complete, us after the first event.
+        """
+        first = int(events.t[0]) if len(events) else 0
+        seen = self.inside(events)
+        bounds = self.segmenter.bounds(seen.t)
+        responses = self.bank.responses(seen, bounds, self.pool.side)
+        codes, ids, lengths = self.encoder.encode(self.pool.passed(responses, self.bank.sizes))
+        ends = self.segmenter.complete_at(seen.t, bounds) - first
+        return {"codes": codes, "ids": ids.astype(np.uint32), "lengths": lengths, "ends": ends}
+
+    def observe_until(self, events: Events, times_us: Sequence[int]) -> list[Evidence]:
+        """The frames that were complete by then."""
+        whole = self.observe(events)
+        return [ended_by(whole, us) for us in times_us]
+
+    def fit(self, shown: Shown, course: Course) -> Learnt:
+        """Teach the network.
+
+        Returns:
+            ``network`` before learning as YAML text, weights by the name of their projection, ``history`` (epochs,) the
+            share of frames that were decided rightly in each, ``seed``, and what the encoder learnt.
+
+        Raises:
+            ModelError: a value is out of the network's bounds, or there is nothing to learn from.
+        """
+        frames = Frames.of(shown)
+        if not len(frames):
+            raise ModelError("no recording is long enough for a frame: expected some to learn from")
+        net = self.layer.network(self.inputs, len(shown.classes))
+        told = self.encoder.learn(frames.codes)
+        sim = neuro.compile(net, backend=course.backend, seed=course.seed)
+        shares: list[float] = []
+        if found := course.resume():
+            shares = found["history"].tolist()
+            _restore(sim, found["state"])
+        for epoch in range(len(shares), self.epochs):
+            self.layer.begin(sim, epoch, shares)
+            shares.append(self._epoch(sim, frames, shown.labels, told, epoch, course))
+            course.keep(history=np.array(shares), state=_state(sim))
+        learnt: dict[str, Array | str] = {name: sim.weights(name) for name in taught(net)}
+        learnt |= {"network": to_text(net), "history": np.array(shares), "seed": np.array(course.seed)}
+        learnt |= told | self.layer.also(sim)
+        return {**learnt, **self.afterwards(learnt, shown, course)}
+
+    def afterwards(self, learnt: Learnt, shown: Shown, course: Course) -> Learnt:
+        """What is learnt once the network has, from what it answers to the same recordings; more arrays by name."""
+        return {}
+
+    def _epoch(
+        self, sim: neuro.Simulation, frames: Frames, labels: Ints, told: Learnt, epoch: int, course: Course
+    ) -> float:
+        """Show all recordings once; return the share of frames decided rightly."""
+        done, right = 0, 0
+        rng = np.random.default_rng([course.seed, epoch])
+        for batch in _batches(frames, len(labels), self.order, self.layer.batch, rng):
+            self.layer.pace(sim, epoch * len(frames) + done)
+            wanted = labels[batch.recording] if self.layer.supervised else None
+            times = self.encoder.times(batch.codes, told)
+            results = sim.trials(
+                times, batch.ids, batch.offsets, labels=wanted, learn=True, samples=batch.recording, epoch=epoch
+            )
+            sim.forget(before=sim.time)
+            done += len(results)
+            right += 0 if wanted is None else int(np.count_nonzero(results.label == wanted))
+            share = None if wanted is None else right / done
+            course.report(Progress(f"epoch {epoch + 1} of {self.epochs}", done, len(frames), share))
+        return right / len(frames) if self.layer.supervised else float("nan")
+
+    def network(self, learnt: Learnt) -> neuro.Network:
+        """The network with what it has learnt."""
+        net = from_text(str(learnt["network"]))
+        for name in taught(net):
+            net.projections[name] = replace(net.projections[name], weight=learnt[name])
+        return self.layer.settled(net, learnt)
+
+    def simulation(self, learnt: Learnt, backend: str = "event") -> neuro.Simulation:
+        """The learnt network, ready to be shown recordings."""
+        return neuro.compile(self.network(learnt), backend=backend, seed=int(learnt["seed"]))
+
+    def present(self, sim: neuro.Simulation, learnt: Learnt, shown: Shown) -> tuple[neuro.TrialResults, Frames]:
+        """Show all frames of recordings without teaching: how each ended, and the frames."""
+        frames = Frames.of(shown)
+        results = sim.trials(self.encoder.times(frames.codes, learnt), frames.ids, frames.offsets)
+        sim.forget(before=sim.time)
+        return results, frames
+
+    def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
+        """By each vote; a recording without frames is silent."""
+        sim = self.simulation(learnt, backend)
+        results, frames = self.present(sim, learnt, shown)
+        found = self.votes(learnt, results, frames, shown)
+        return Answer(found[self.vote], found, (sim, results))
+
+    def votes(self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Shown) -> Mapping[str, Floats]:
+        """What speaks for each class, (recordings, classes), by each way of letting frames decide."""
+        return votes(results, frames.recording, len(shown), len(shown.classes))
+
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+        """How the learning went."""
+        from neuro_recognise.pictures import history
+
+        if not self.layer.supervised:
+            return {}
+        return {"learning": history(np.asarray(learnt["history"]), len(classes))}
+
+
+def _batches(frames: Frames, recordings: int, order: str, size: int, rng: np.random.Generator) -> Iterator[Frames]:
+    """All frames in a new order, so many at a time."""
+    if order == "frames":
+        turn = rng.permutation(len(frames))
+    else:
+        place = np.empty(recordings, np.int64)
+        place[rng.permutation(recordings)] = np.arange(recordings)
+        turn = np.argsort(place[frames.recording], kind="stable")
+    for first in range(0, len(turn), size):
+        yield frames.take(turn[first : first + size])
+
+
+def _state(sim: neuro.Simulation) -> Array:
+    """The file that `Simulation.save` writes, as bytes."""
+    with tempfile.TemporaryDirectory() as folder:
+        sim.save(Path(folder) / "state.h5")
+        return np.fromfile(Path(folder) / "state.h5", np.uint8)
+
+
+def _restore(sim: neuro.Simulation, state: Array) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        state.tofile(Path(folder) / "state.h5")
+        sim.restore(Path(folder) / "state.h5")

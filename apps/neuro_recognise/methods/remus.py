@@ -1,0 +1,47 @@
+"""ReMuS: grids of neurons that learn prototypes of objects by reward, and the first to fire names the class."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from neuro_recognise.method import Learnt
+from neuro_recognise.methods.framewise import ORDERS, Framewise
+from neuro_recognise.settings import setting
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+THESIS = {
+    "per_class": 2,
+    "rescue": False,
+    "dropout": 0.25,
+    "decay": 0.7,
+    "order": "recordings",
+    "vote": "majority",
+}
+"""Where the thesis differs: table 3, lines 2450-2463; majority is line 2431."""
+
+
+@dataclass(frozen=True)
+class Remus(Framewise):
+    """Pseudo-frames of a motion symbol detector, Gabor filters, log I2L, and a layer that learns by reward."""
+
+    title = "reward-modulated STDP on the first spikes of pseudo-frames"
+    source = "Mosca, MSc thesis, 2020, section 6.2"
+    presets = {"best": {}, "thesis": THESIS, "poker": {"theta": 30.0, "size": [34, 34]}}
+    measured = {"N-MNIST": "91.4 %", "POKER-DVS": "98.5 %"}
+
+    order: str = setting(
+        "frames", "", "what is shuffled in each epoch", "benchmarks/remus_folds.py; thesis: recordings", words=ORDERS
+    )
+
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+        """The kernels, and how the learning went."""
+        from neuro_recognise.pictures import prototypes
+
+        drawn = {"prototypes": prototypes(np.asarray(learnt["c1_s2"]), classes, self.bank.orientations)}
+        return {**drawn, **super().pictures(learnt, classes)}

@@ -1,0 +1,236 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import convolve2d
+
+from neuro.coding import log_intensity_to_latency
+from neuro.events import EventFileError, Events, recordings, save
+from neuro_recognise.banks import Gabors
+from neuro_recognise.encoders import LogLatency
+from neuro_recognise.frames import Frames, ended_by
+from neuro_recognise.gabor import gabor_bank
+from neuro_recognise.methods.remus import Remus
+from neuro_recognise.observations import observe
+
+FRONT = Remus().fitting((34, 34))
+
+
+def responses(events, front=FRONT):
+    seen = front.inside(events)
+    return front.bank.responses(seen, front.segmenter.bounds(seen.t), front.pool.side)
+
+
+def spikes(events, front=FRONT):
+    """Times, ids and offsets of a recording's frames."""
+    seen = front.observe(events)
+    offsets = np.concatenate(([0], np.cumsum(seen["lengths"])))
+    return front.encoder.times(seen["codes"], {}), seen["ids"].astype(np.int64), offsets
+
+
+def random_events(n=2000, seed=0, size=(34, 34), low=0):
+    rng = np.random.default_rng(seed)
+    t = np.sort(rng.integers(0, 100_000, n))
+    x, y = (np.clip(rng.normal(side / 2, side / 6, n), low, side - 1).astype(int) for side in size)
+    return Events(t, x, y, rng.integers(0, 2, n), size)
+
+
+def bar(angle, n=400):
+    """Events on a line through the middle; 0 is vertical, 45 falls to the left (y points down)."""
+    r = np.random.default_rng(1).uniform(-10, 10, n)
+    x, y = 17 - np.sin(np.deg2rad(angle)) * r, 17 + np.cos(np.deg2rad(angle)) * r
+    return Events(np.arange(n), np.rint(x).astype(int), np.rint(y).astype(int), np.ones(n, int), (34, 34))
+
+
+def test_bank_is_normal():
+    bank = Gabors().filters
+    assert bank.shape == (4, 4, 9, 9)
+    np.testing.assert_allclose(bank.sum((2, 3)), 0, atol=1e-12)
+    np.testing.assert_allclose((bank**2).sum((2, 3)), 1)
+    np.testing.assert_allclose(bank, bank[:, :, ::-1, ::-1])  # even, so turning it changes nothing
+    np.testing.assert_allclose(bank[:, 0], bank[:, 2].transpose(0, 2, 1), atol=1e-12)
+    assert (bank[0, :, :3] == 0).all()
+
+
+def test_literal_gabor_is_the_equation():
+    bank = gabor_bank([5], [2.0], [2.5], 0.3, [45.0], literal=True)
+    x, y, c = 1, -2, np.sqrt(0.5)
+    across, along = c * x + c * y, -c * x + c * y
+    g = np.exp(-(across**2 + 0.09 * along**2) / 8) * np.cos(2 * np.pi * across / 2.5)
+    assert bank[0, 0, 2 + y, 2 + x] == pytest.approx(g)
+
+
+def test_responses_are_convolve_rectify_pool():
+    events = random_events()
+    bounds = FRONT.segmenter.bounds(events.t)
+    got = responses(events)
+    assert got.shape == (len(bounds) - 1, 4, 4, 17, 17)
+    for f in range(len(got)):
+        image = np.zeros((34, 34))
+        np.add.at(image, (events.y[bounds[f] : bounds[f + 1]], events.x[bounds[f] : bounds[f + 1]]), 1)
+        for s in range(4):
+            for o in range(4):
+                response = np.maximum(convolve2d(image, FRONT.bank.filters[s, o], mode="same"), 0)
+                pooled = response.reshape(17, 2, 17, 2).max((1, 3))
+                np.testing.assert_allclose(got[f, s, o], pooled, atol=1e-10)
+
+
+def test_spikes_are_the_code_of_the_strongest_scale():
+    events = random_events(seed=2)
+    times, ids, offsets = spikes(events)
+    assert (times.dtype, offsets.dtype) == ("f8", "i8")
+    for f, response in enumerate(responses(events)):
+        fused = response.max(0).ravel() / response.max()
+        expected = {
+            int(i): min(np.floor(log_intensity_to_latency(fused[i], 0.1, 1.0, 64.0)), 63.0)
+            for i in np.flatnonzero(fused >= 0.1)
+        }
+        part = slice(offsets[f], offsets[f + 1])
+        assert dict(zip(ids[part].tolist(), times[part].tolist(), strict=True)) == expected
+        order = list(zip(times[part], ids[part], strict=True))
+        assert order == sorted(order)
+        assert times[part][0] == 0.0
+
+
+@given(st.integers(0, 2**32), st.integers(0, 1500), st.sampled_from([0.5, 1.0, 3.0]))
+@settings(max_examples=25, deadline=None)
+def test_any_recording(seed, n, resolution):
+    times, ids, offsets = spikes(random_events(n, seed), FRONT.changed({"resolution": resolution}))
+    assert offsets[0] == 0
+    assert offsets[-1] == len(times) == len(ids)
+    assert (np.diff(offsets) > 0).all()
+    assert ((times >= 0) & (times < 64)).all()
+    np.testing.assert_array_equal(times / resolution, np.rint(times / resolution))
+    assert ((ids >= 0) & (ids < 4 * 17 * 17)).all()
+
+
+@pytest.mark.parametrize(("orientation", "angle"), [(0, 0.0), (1, 45.0), (2, 90.0), (3, 135.0)])
+def test_orientations(orientation, angle):
+    found = responses(bar(angle), FRONT.changed({"threshold": 100.0}))[0]
+    assert found.max((0, 2, 3)).argmax() == orientation
+
+
+def test_polarity_does_not_matter():
+    events = random_events()
+    other = Events(events.t, events.x, events.y, 1 - events.p, events.sensor_size)
+    for a, b in zip(spikes(events), spikes(other), strict=True):
+        assert np.array_equal(a, b)
+
+
+def test_a_few_events_outside_are_left_out():
+    events = random_events(size=(35, 35))
+    assert (events.x < 35).all()
+    inside = events[(events.x < 34) & (events.y < 34)]
+    for a, b in zip(spikes(events), spikes(inside), strict=True):
+        assert np.array_equal(a, b)
+    with pytest.raises(ValueError) as error:  # noqa: PT011 (the text is compared below)
+        FRONT.observe(random_events(10, size=(128, 128), low=40))
+    assert str(error.value) == (
+        "10 of 10 events lie outside of the 34x34 field that is looked at, expected at most 5%\n"
+        "  hint: crop the recording round the object first, or train with a larger 'size'"
+    )
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for k in range(4):
+        path = tmp_path / "set" / str(k % 2) / f"{k}.bin"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save(random_events(500 * k, seed=k), path)
+    return tmp_path / "set"
+
+
+def same(a, b):
+    arrays = all(
+        np.array_equal(one[name], other[name])
+        for one, other in zip(a.evidence, b.evidence, strict=True)
+        for name in ("codes", "ids", "lengths", "ends")
+    )
+    return arrays and np.array_equal(a.labels, b.labels) and (a.names, a.classes) == (b.names, b.classes)
+
+
+def test_spikes_are_kept(folder, tmp_path, monkeypatch):
+    data, cache = recordings(folder), tmp_path / "cache"
+    shown = observe(FRONT, data, cache=cache)
+    frames = Frames.of(shown)
+    assert len(shown) == 4
+    assert shown.labels.tolist() == [0, 0, 1, 1]
+    assert shown.names == ("0/0.bin", "0/2.bin", "1/1.bin", "1/3.bin")
+    assert len(frames.offsets) == len(frames) + 1
+    assert set(frames.recording.tolist()) == {1, 3}  # the others are too short for a frame
+    assert [file.suffix for file in cache.rglob("*") if file.is_file()] == [".h5"]
+    with monkeypatch.context() as m:
+        m.setattr(Remus, "observe", lambda *_: pytest.fail("computed again"))
+        assert same(observe(FRONT.changed({"theta": 20.0, "epochs": 1}), data, cache=cache), shown)
+    next(cache.rglob("*.h5")).write_bytes(b"half a file")
+    assert same(observe(FRONT, data, cache=cache), shown)
+    observe(FRONT.changed({"min_response": 0.2}), data, cache=cache)
+    assert len(list(cache.rglob("*.h5"))) == 2
+
+
+def test_take(folder, tmp_path):
+    data = recordings(folder)
+    shown = observe(FRONT, data, cache=tmp_path / "cache")
+    part = shown.take([3, 1])
+    assert part.names == ("1/3.bin", "0/2.bin")
+    assert part.labels.tolist() == [1, 0]
+    frames = Frames.of(part)
+    times, ids, offsets = spikes(data[3].load())
+    n = len(offsets) - 1
+    assert frames.recording.tolist() == [0] * n + [1] * (len(frames) - n)
+    assert np.array_equal(frames.offsets[: n + 1], offsets)
+    assert np.array_equal(frames.codes[: offsets[-1]], times)
+    assert np.array_equal(frames.ids[: offsets[-1]], ids)
+    turned = frames.take(np.arange(len(frames))[::-1])
+    assert np.array_equal(turned.codes[-len(times) :][-offsets[1] :], times[: offsets[1]])
+    assert np.array_equal(turned.recording, frames.recording[::-1])
+    assert same(shown.take(range(4)), shown)
+    assert len(Frames.of(shown.take([]))) == 0
+
+
+@pytest.mark.parametrize("segmenter", ["msd", "hes", "counts", "ses"])
+def test_what_has_been_shown_until_a_time(segmenter):
+    """Frames that are cut off a whole recording are those of its beginning alone."""
+    front = FRONT.changed({"segmenter": segmenter})
+    events = random_events(4000, seed=3)
+    times = [0, 20_000, 50_000, 70_001, 10**6]
+    for us, found in zip(times, front.observe_until(events, times), strict=True):
+        alone = front.observe(events[: int(np.searchsorted(events.t, events.t[0] + us, "right"))])
+        if segmenter == "ses":  # at the end of a recording its last peak counts
+            alone = ended_by(alone, int(found["ends"][-1]) if len(found["ends"]) else -1)
+        for name in ("codes", "ids", "lengths", "ends"):
+            assert np.array_equal(found[name], alone[name])
+    assert len(found["lengths"])
+
+
+def test_the_first_spikes_of_a_frame():
+    every, few = (FRONT.changed({"first": n}).observe(random_events()) for n in (0, 20))
+    starts = np.cumsum(every["lengths"]) - every["lengths"]
+    assert (few["lengths"] == 20).all()
+    assert (every["lengths"] > 20).all()
+    for name in ("codes", "ids"):
+        kept = np.concatenate([every[name][a : a + 20] for a in starts])
+        assert np.array_equal(few[name], kept)
+
+
+def test_an_encoder_of_few_ticks():
+    assert LogLatency(window=16.0, resolution=0.5).last == 31
+
+
+def test_features_name_the_recording(tmp_path):
+    (tmp_path / "set" / "a").mkdir(parents=True)
+    save(random_events(10, size=(128, 128), low=40), tmp_path / "set" / "a" / "1.bin")
+    with pytest.raises(EventFileError) as error:
+        observe(FRONT, recordings(tmp_path / "set"), cache=tmp_path / "cache")
+    assert str(error.value).startswith(f"{tmp_path}/set/a/1.bin: 10 of 10 events lie outside of the 34x34 field")
+
+
+def test_real_recordings(shared):
+    data = recordings(shared / "data" / "nmnist" / "nmnist_train1000_bin.zip")
+    frames, counts = [], []
+    for item in data[::20]:
+        lengths = FRONT.observe(item.load())["lengths"]
+        frames.append(len(lengths))
+        counts.append(lengths.mean())
+    assert 17 < np.mean(frames) < 22
+    assert 350 < np.mean(counts) < 480
