@@ -27,7 +27,8 @@ from neuro_recognise.recogniser import method_of
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 DATA = SHARED / "nmnist" / "nmnist_train1000_bin.zip"
 PLAIN = Scenery()
-LONG = {"length": 2000.0}
+LONG = {"length": 2000.0, "sensor": (160, 120)}
+"""In 2 s objects go 20 px, for which the small sensor has too little room."""
 CASES = {
     "apart": PLAIN,
     "touching": replace(PLAIN, touching=True),

@@ -36,6 +36,15 @@ def drawn(name, seed, n=3000):
     return Events(t, x[of] + shift[0], y[of] + shift[1], rng.integers(2, size=n), (FIELD, FIELD))
 
 
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory):
+    """What is computed of recordings is not kept among the user's."""
+    path = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("platformdirs.user_cache_path", lambda name: path)
+        yield
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("shapes")
