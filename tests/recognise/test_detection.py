@@ -1,5 +1,7 @@
 """Detection of several objects: scenes, places, tracks, and a detector, on recordings of drawn shapes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -230,7 +232,7 @@ def test_a_broken_object_is_one():
     left, _, right, _ = made.boxes.box[0]
     middle = (left + right) / 2
     events = made.events[abs(made.events.x - middle) > 2.0]
-    broken = regions(type(made)("broken", events, made.boxes), Proposals())
+    broken = regions(replace(made, events=events), Proposals())
     assert len(broken) == 1
     assert iou(made.boxes.box[:1], broken[0].box[None])[0, 0] > 0.7
 
@@ -339,7 +341,8 @@ def test_larger_objects_by_a_pyramid(recogniser):
     there = Boxes(*(getattr(made.boxes, n) for n in ("start", "stop", "identity", "label", "score")),
                   2 * made.boxes.box)  # fmt: skip
     settings = Detecting().changed({"scales": [1.0, 2.0]})
-    for start, found in in_pictures(there, Detector(recogniser, settings).detect(larger)):
+    twice = replace(made, events=larger, boxes=there)
+    for start, found in in_pictures(twice, Detector(recogniser, settings).detect(larger)):
         assert len(found) == 2
         assert (iou(start.box, found.box).max(axis=1) > 0.6).all()
         assert found.label[iou(start.box, found.box).argmax(axis=1)].tolist() == start.label.tolist()

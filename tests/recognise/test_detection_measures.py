@@ -131,3 +131,4 @@ def test_boxes_of_shorter_spans_are_averaged_by_time():
     np.testing.assert_allclose(now.box, [[7, 0, 17, 10], [5, 5, 6, 6]])
     assert now.label.tolist() == [2, 0]
     assert len(found.within(200, 300)) == 0
+    assert len(found.within(195, 300)) == 0  # 5 of 100 us are no share

@@ -28,6 +28,8 @@ __all__ = ["COLUMNS", "TABLE", "Boxes", "iou", "read_boxes", "suppressed", "writ
 COLUMNS = ("start_us", "stop_us", "identity", "class", "score", "left", "top", "right", "bottom")
 """Of the file."""
 
+JUST = 0.1
+"""Share of the shorter of two spans; what shares less time is of another span."""
 UNKNOWN = -1
 """The label of a box for whose object nothing speaks for any class."""
 
@@ -83,12 +85,14 @@ class Boxes:
     def within(self, start: int, stop: int) -> Boxes:
         """One box for each identity that is there between two times, us: the mean of its boxes, by shared time.
 
-        Label and score are those of the box that shares the most time.
+        Label and score are those of the box that shares the most time. A box whose span only just reaches over an end
+        does not count.
         """
         shared = np.minimum(self.stop, stop) - np.maximum(self.start, start)
+        there = shared > JUST * np.minimum(self.stop - self.start, stop - start)
         rows = []
-        for who in np.unique(self.identity[shared > 0]):
-            of = np.flatnonzero((self.identity == who) & (shared > 0))
+        for who in np.unique(self.identity[there]):
+            of = np.flatnonzero((self.identity == who) & there)
             most = of[shared[of].argmax()]
             box = np.average(self.box[of], axis=0, weights=shared[of])
             rows.append((start, stop, int(who), int(self.label[most]), float(self.score[most]), box.tolist()))

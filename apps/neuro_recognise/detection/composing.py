@@ -92,11 +92,13 @@ class Scene:
         name: of the scene.
         events: of all.
         boxes: the true ones; identities count the objects.
+        slices: start and stop of the slices of time in which boxes are measured, us.
     """
 
     name: str
     events: Events
     boxes: Boxes
+    slices: Sequence[tuple[int, int]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,7 +152,7 @@ def compose(
         for who, (events, label) in enumerate(zip(moved, labels, strict=True))
         if (box := _box(_supported(events, scenery).between(start, stop), scenery)) is not None
     ]
-    return Scene(name, _with_noise(_merged(moved, scenery), scenery, rng), Boxes.of(rows))
+    return Scene(name, _with_noise(_merged(moved, scenery), scenery, rng), Boxes.of(rows), scenery.slices())
 
 
 def _supported(events: Events, scenery: Scenery) -> Events:

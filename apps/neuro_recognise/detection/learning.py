@@ -46,7 +46,7 @@ def write_crops(
     before: str = "",
     report: Callable[[int, int], None] = lambda done, total: None,
 ) -> int:
-    """Write crops of all scenes, in folders named as their classes; the same call goes on where it was.
+    """Write crops of all scenes, in folders named as their classes; the same call writes the same files.
 
     Args:
         folder: made if it is not there.

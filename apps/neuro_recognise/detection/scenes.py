@@ -81,7 +81,8 @@ class Scenes(Sequence[Scene]):
             return [self[k] for k in range(*index.indices(len(self)))]
         k = range(self._count)[index]
         events = load(_events_of(self._folder, k))
-        return Scene(_name(k), events, read_boxes(_boxes_of(self._folder, k), self.classes))
+        boxes = read_boxes(_boxes_of(self._folder, k), self.classes)
+        return Scene(_name(k), events, boxes, self.scenery.slices())
 
     def __iter__(self) -> Iterator[Scene]:
         return (self[k] for k in range(self._count))

@@ -65,7 +65,7 @@ def try_out(detector: Detector, scenes: Iterable[Scene], report: Callable[[int],
         began = time.process_time()
         found = detector.detect(scene.events)
         ms.append(1000.0 * (time.process_time() - began))
-        pictures = in_pictures(scene.boxes, found)
+        pictures = in_pictures(scene, found)
         pairs += pictures
         switches.append(identity_switches(pictures))
         report(done)
@@ -75,9 +75,7 @@ def try_out(detector: Detector, scenes: Iterable[Scene], report: Callable[[int],
     return Tried(len(ms), average, held, float(np.median(ms[1:] or ms)) if ms else float("nan"))
 
 
-def in_pictures(there: Boxes, found: Boxes) -> list[tuple[Boxes, Boxes]]:
-    """True boxes and those that were found, for each slice in which there are true ones."""
-    return [
-        (there[(there.start == start) & (there.stop == stop)], found.within(int(start), int(stop)))
-        for start, stop in there.spans()
-    ]
+def in_pictures(scene: Scene, found: Boxes) -> list[tuple[Boxes, Boxes]]:
+    """True boxes and those that were found, for each slice of a scene."""
+    there = scene.boxes
+    return [(there[there.start == start], found.within(start, stop)) for start, stop in scene.slices]
