@@ -316,6 +316,16 @@ def test_a_stream_gives_what_the_recording_gives(recogniser, settings):
     assert len(stream.finish()) == 0
 
 
+def test_a_stream_forgets_what_is_gone(recogniser):
+    stream = Detector(recogniser)
+    first, second = scene(0, n=1).events, scene(1, n=1).events
+    stream.feed(first)
+    later = Events(second.t + 2_000_000, second.x, second.y, second.p, second.sensor_size)
+    found = stream.feed(later)
+    assert len(np.unique(found.identity)) == 2
+    assert len(stream._known) == 1
+
+
 def test_a_stream_has_one_sensor(recogniser):
     stream = Detector(recogniser)
     stream.feed(scene(0, n=1).events)

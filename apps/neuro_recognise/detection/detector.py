@@ -83,6 +83,8 @@ class Detector:
             for one, piece, scores in zip(seen, held, self._scores(held), strict=True):
                 self._known[one.number].judge(piece, scores)
                 rows.append(_row(one, self._known[one.number].total))
+            live = view.live
+            self._known = {number: known for number, known in self._known.items() if number in live}
         return Boxes.of(rows)
 
     def _scores(self, found: Sequence[Piece]) -> Floats:

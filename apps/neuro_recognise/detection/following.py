@@ -109,6 +109,11 @@ class View:
         self._counts, self._counted = np.zeros(sensor[::-1]), 0
         self._tracks = Tracks(settings.tracking)
 
+    @property
+    def live(self) -> set[int]:
+        """Identities of the objects that may still be seen again."""
+        return {track.number for track in self._tracks.live}
+
     def segments(self, events: Events) -> Iterator[Events]:
         """Those that the next events complete.
 

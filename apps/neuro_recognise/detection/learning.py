@@ -1,8 +1,8 @@
 """What a recogniser learns from so that it knows what a detector shows it: crops out of scenes, with their classes.
 
 A crop lacks the noise round an object, has some of the background and of its neighbours, and moves otherwise than a
-recording of one object in the middle of the field. HATS that learnt from whole recordings is right about 63 % of crops
-of which it is right about 92 % when it learnt from crops.
+recording of one object in the middle of the field: HATS finds half as many objects by their class when it learnt from
+whole recordings (docs/how-to/detect-objects.md).
 """
 
 from __future__ import annotations
