@@ -14,6 +14,7 @@ from neuro_recognise.detection.crops import crop
 from neuro_recognise.detection.following import View, pieces
 from neuro_recognise.detection.learning import write_crops
 from neuro_recognise.detection.proposals import Proposals, Region
+from neuro_recognise.detection.report import check_classes
 from neuro_recognise.detection.scenes import fold_of
 from neuro_recognise.detection.tracks import Tracking, Tracks
 from neuro_recognise.detection.trial import in_pictures, try_out
@@ -161,6 +162,18 @@ def test_a_folder_has_scenes_of_one_kind(folder, tmp_path):
     with pytest.raises(ModelError) as error:
         Scenes(folder)
     assert str(error.value) == f"{folder}: no scenes, expected a folder that 'neuro recognise scenes' filled"
+
+
+def test_scenes_need_recordings_and_known_classes(folder, tmp_path):
+    data = recordings(folder)
+    with pytest.raises(ModelError) as error:
+        write_scenes(tmp_path / "s", data, Scenery(), 1, chosen=np.array([0, 9]))
+    assert str(error.value) == "scenes of up to 3 objects from 2 recordings: too few"
+    scenes = write_scenes(tmp_path / "s", data, Scenery(), 1)
+    check_classes(("cross", "ring"), scenes)
+    with pytest.raises(ModelError) as error:
+        check_classes(("ring", "star"), scenes)
+    assert str(error.value) == "the scenes have classes cross, ring, expected those of the recogniser: ring, star"
 
 
 def test_folds_divide_the_classes():
