@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from neuro.apps import TARGETS, Backend, Seed, Set, Target, assignments, whole
+from neuro_recognise.detection_commands import add_commands
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
@@ -242,6 +243,9 @@ def show(
     report.describe(trained)
     if out is not None:
         report.write_pictures(trained, out)
+
+
+add_commands(app)
 
 
 def _but(found: Recordings, patterns: list[str]) -> Recordings:
