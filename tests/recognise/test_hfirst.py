@@ -18,9 +18,9 @@ from neuro_recognise.hfirst import (
     network,
     s2_alone,
     s2_heard,
+    scores,
     templates,
 )
-from neuro_recognise.hfirst.decisions import scores
 from neuro_recognise.hfirst.network import _without_noise
 
 SMALL = HFirst(size=(14, 11))

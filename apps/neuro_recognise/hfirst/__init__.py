@@ -1,6 +1,6 @@
 """HFirst: the network `hfirst`, what turns a recording into its input, its templates and its decisions."""
 
-from neuro_recognise.hfirst.decisions import READINGS, decide
+from neuro_recognise.hfirst.decisions import READINGS, decide, scores
 from neuro_recognise.hfirst.network import Heard, Spikes, c1_spikes, network, s2_alone, s2_heard
 from neuro_recognise.hfirst.settings import HFirst
 from neuro_recognise.hfirst.templates import c1_counts, templates
@@ -16,5 +16,6 @@ __all__ = [
     "network",
     "s2_alone",
     "s2_heard",
+    "scores",
     "templates",
 ]
