@@ -109,7 +109,11 @@ class Ses(Segmenter):
     )
 
     threshold: float = setting(
-        0.0, "", "a peak is above it; in potentials of single events", "0: all peaks; MK-Tempotron has 603", at_least=0
+        0.0,
+        "",
+        "a peak is above it; in potentials of single events",
+        "0: all; EDHMAX: 200, chosen on training recordings; MK-Tempotron: 603",
+        at_least=0,
     )
 
     def bounds(self, t: Ints) -> Ints:

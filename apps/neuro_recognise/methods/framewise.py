@@ -58,8 +58,8 @@ class Framewise(Method):
     encoder: Encoder = part(Encoder, LogLatency())
     layer: Layer = part(Layer, RemusLayer())
     epochs: int = setting(8, "", "how often all recordings are shown", "learning has settled by then", at_least=1)
-    order: str = setting("recordings", "", "what is shuffled in each epoch", "", words=ORDERS)
-    vote: str = setting("potentials", "", "how frames decide", "", words=VOTES)
+    order: str = setting("recordings", "", "what is shuffled in each epoch", "thesis", words=ORDERS)
+    vote: str = setting("potentials", "", "how frames decide", "potentials beat majority on N-MNIST", words=VOTES)
 
     def changed(self, values: Mapping[str, Any]) -> Self:
         """Settings with some values changed; see `Settings.changed`.
