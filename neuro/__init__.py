@@ -39,7 +39,7 @@ if TYPE_CHECKING:
         spinnaker_lif,
         srm0,
     )
-    from neuro.model.parts import Trials, dropout, labels, local_winners, reward, winner_take_all
+    from neuro.model.parts import Trials, dropout, labels, lateral_reset, local_winners, reward, winner_take_all
     from neuro.model.rules import (
         all_to_all,
         fixed_indegree,
@@ -116,7 +116,15 @@ _HOMES = {
         "spinnaker_lif",
         "srm0",
     ),
-    "neuro.model.parts": ("Trials", "dropout", "labels", "local_winners", "reward", "winner_take_all"),
+    "neuro.model.parts": (
+        "Trials",
+        "dropout",
+        "labels",
+        "lateral_reset",
+        "local_winners",
+        "reward",
+        "winner_take_all",
+    ),
     "neuro.model.rules": (
         "all_to_all",
         "fixed_indegree",
@@ -200,6 +208,7 @@ __all__ = [
     "iaf_psc_exp_adaptive_threshold",
     "izhikevich",
     "labels",
+    "lateral_reset",
     "load",
     "local_winners",
     "lognormal",

@@ -14,6 +14,7 @@ from neuro import (
     grid,
     iaf_psc_delta,
     iaf_psc_exp,
+    lateral_reset,
     one_to_one,
     pairs,
     parrot_neuron,
@@ -262,14 +263,13 @@ MISTAKES: dict[str, tuple[Callable[[Network], object], str, str]] = {
     ),
     "auto without a grid": (
         population(iaf_psc_exp(), shape=(2, "auto", "auto")),
-        "population 'extra': shape [2, 'auto', 'auto']: 'auto' needs exactly one grid projection onto it, found none",
+        "population 'extra': shape [2, 'auto', 'auto']: 'auto' needs a grid projection onto it, found none",
         "write the numbers",
     ),
     "auto with two grids": (
         lambda net: net.connect("sheet", "maps", grid(kernel=[2, 2]), name="p"),
-        "population 'maps': shape [4, 'auto', 'auto']: 'auto' needs exactly one grid projection onto it, "
-        "found 's2', 'p'",
-        "write the numbers",
+        "projection 'p': grid onto 'maps' of shape [4, 3, 4]: expected [maps, 4, 5]",
+        "give 'maps' the shape [maps, auto, auto], and all grids onto it one size",
     ),
     "auto maps": (
         lambda net: (
@@ -299,9 +299,16 @@ MISTAKES: dict[str, tuple[Callable[[Network], object], str, str]] = {
     ),
     "grid from a line": (
         connect("noise", "maps", grid(kernel=[3, 3])),
-        "population 'maps': shape [4, 'auto', 'auto']: 'auto' needs exactly one grid projection onto it, "
-        "found 's2', 'p'",
-        "write the numbers",
+        "projection 'p': grid from 'noise' of shape [4]: expected [height, width] or [channels, height, width]",
+        "",
+    ),
+    "maps that channels do not share evenly": (
+        lambda net: (
+            net.population("flat", (7, "auto", "auto"), iaf_psc_exp()),
+            net.connect("maps", "flat", grid(kernel=[2, 2], padding="same", depthwise=True), name="p"),
+        ),
+        "projection 'p': depthwise grid from 4 channels onto 7 maps of 'flat': expected a multiple of 4",
+        "",
     ),
     "grid from a row": (
         lambda net: (
@@ -317,7 +324,7 @@ MISTAKES: dict[str, tuple[Callable[[Network], object], str, str]] = {
             net.connect("sheet", "flat", grid(kernel=[3, 3]), name="p"),
         ),
         "projection 'p': grid onto 'flat' of shape [1, 2, 2]: expected [maps, 3, 4]",
-        "give 'flat' the shape [maps, auto, auto]",
+        "give 'flat' the shape [maps, auto, auto], and all grids onto it one size",
     ),
     "group of an unknown population": (
         lambda net: net.group("choice", winner_take_all(of="cell")),
@@ -327,6 +334,16 @@ MISTAKES: dict[str, tuple[Callable[[Network], object], str, str]] = {
     "group of parrots": (
         lambda net: net.group("choice", winner_take_all(of="parrots")),
         "group 'choice': winner_take_all of 'parrots', a parrot_neuron: expected neurons with V_m and V_th",
+        "",
+    ),
+    "rivals along an axis that is not there": (
+        lambda net: net.group("choice", lateral_reset(of="maps", axis=3)),
+        "group 'choice': lateral_reset.axis = 3 of 'maps', whose shape is [4, 3, 4]: expected at most 2",
+        "",
+    ),
+    "rivals that reset themselves": (
+        lambda net: net.group("choice", lateral_reset(of="parrots")),
+        "group 'choice': lateral_reset of 'parrots', a parrot_neuron: expected neurons with V_m and V_th",
         "",
     ),
     "two groups of one population": (

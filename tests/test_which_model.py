@@ -8,6 +8,7 @@ import pytest
 import neuro
 from neuro.compiler import compile_network
 from neuro.model.neurons import NATIVE, NEURONS
+from neuro.model.parts import GROUPS
 from neuro.model.synapses import SYNAPSES
 from neuro.program.backend import find
 from neuro_nest.tables import NODES
@@ -69,8 +70,17 @@ def test_the_first_table_of_the_page_has_each_rule():
     assert [name for name in RULES if f"`{name}`" not in wanted] == []
 
 
+@pytest.mark.parametrize("name", list(GROUPS))
+def test_the_page_has_each_group_and_where_it_runs(name):
+    net = neuro.Network("where", resolution=1.0)
+    net.population("cells", (2, 1, 1), neuro.iaf_psc_delta())
+    more = {"radius": 1} if name == "local_winners" else {}
+    net.group("one", GROUPS[name](of="cells", **more))
+    assert told("choose-a-model.md").get(name) == runs_on(net), "docs/how-to/choose-a-model.md says else"
+
+
 def test_the_pages_have_nothing_else():
-    assert set(told("choose-a-model.md")) == {model.__name__ for model in (*NEURONS, *NATIVE)}
+    assert set(told("choose-a-model.md")) == {model.__name__ for model in (*NEURONS, *NATIVE)} | set(GROUPS)
     assert set(told("choose-a-synapse-rule.md")) == set(RULES)
 
 

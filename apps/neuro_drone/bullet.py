@@ -9,20 +9,19 @@ from weakref import finalize
 
 from neuro import ModelError
 from neuro.apps import install
-from neuro_drone.body import GRAVITY, Kinematic
+from neuro_drone.body import CALM, Kinematic
 from neuro_drone.geometry import Pose
-from neuro_drone.scenario import Drone
+from neuro_drone.parts import GRAVITY, MASS, Drone
 
 __all__ = ["Bullet"]
 
 Vector = tuple[float, float, float]
 
-MASS = 0.716
 INERTIA = (0.007, 0.007, 0.012)
 ARM = 0.17
 DRAG_TO_THRUST = 0.016
 MOST_THRUST = 8.54858e-06 * 838.0**2
-"""kg, kg m^2, m, m, N of one rotor: an AscTec Hummingbird.
+"""kg m^2, m, m, N of one rotor: an AscTec Hummingbird, as is `neuro_drone.parts.MASS`.
 
 Source: rotors_simulator, rotors_description/urdf/hummingbird.xacro (body and four rotors; rotors in front, left, behind
 and right of the middle, those in front and behind turn clockwise).
@@ -40,10 +39,15 @@ class Bullet:
 
     What it shall do is what `Kinematic` does; the wanted acceleration is that of this reference plus a share of what is
     missing in speed, never more than a_max. The thrust is turned there by an attitude controller of second order with
-    critical damping, and the four rotors give what they can between 0 and their largest thrust. Height is held.
+    critical damping, and the four rotors give what they can between 0 and their largest thrust. Height is held, or
+    follows that of the reference.
+
+    Wind is a force on the body, and a load is mass at its middle; the controller allows for neither. `Kinematic` drifts
+    in the wind as a proportional controller of velocity does, and here the thrust leaves that drift as it is; height,
+    held in proportion too, sinks with a load until the thrust is enough.
 
     Args:
-        drone: height, lag and largest acceleration.
+        drone: height, lag, largest acceleration and drag.
 
     Raises:
         ModelError: PyBullet is not installed.
@@ -54,7 +58,8 @@ class Bullet:
 
     def __init__(self, drone: Drone) -> None:
         self._p = _pybullet()
-        self.a_max, self.height = drone.a_max, drone.height
+        self.a_max = drone.a_max
+        self._drag, self._load = MASS * drone.drag, 0.0
         self.reference = Kinematic(drone)
         self.pose = Pose(0.0, 0.0, drone.height)
         self.velocity = (0.0, 0.0)
@@ -75,14 +80,30 @@ class Bullet:
         )  # fmt: skip
         self._substep = 0.0
 
-    def reset(self, x: float, y: float, yaw: float, right: float = 0.0, forward: float = 0.0) -> None:
+    def reset(
+        self, x: float, y: float, yaw: float, right: float = 0.0, forward: float = 0.0, z: float | None = None
+    ) -> None:
         """See `Body`; opens a closed body again."""
         if not self._closed.alive:
             self._connect()
-        self.reference.reset(x, y, yaw, right, forward)
+        self.reference.reset(x, y, yaw, right, forward, z)
+        self.feel(CALM, 0.0)
         level = (0.0, 0.0, sin(0.5 * yaw), cos(0.5 * yaw))
         self.pose.yaw = yaw
-        self._put((x, y, self.height), level, (*self.reference.velocity, 0.0), (0.0, 0.0, 0.0))
+        self._put((x, y, self.reference.pose.z), level, (*self.reference.velocity, 0.0), (0.0, 0.0, 0.0))
+
+    def feel(self, wind: tuple[float, float], load: float) -> None:
+        """See `Body`."""
+        self.reference.feel(wind, load)
+        self._force = (self._drag * wind[0], self._drag * wind[1], 0.0)
+        if load != self._load:
+            self._load = load
+            self._weigh()
+
+    def _weigh(self) -> None:
+        """Give the body the mass that it has with its load."""
+        mass, at = MASS + self._load, {"physicsClientId": self._client}
+        self._p.changeDynamics(self._body, -1, mass=mass, localInertiaDiagonal=INERTIA, **at)
 
     def _put(self, place: Vector, turned: tuple[float, ...], velocity: Vector, spin: Vector) -> None:
         """Put the body at a place, turned by a quaternion, with its speeds."""
@@ -91,7 +112,7 @@ class Bullet:
         self._p.resetBaseVelocity(self._body, velocity, spin, **at)
         self._read()
 
-    def step(self, right: float, forward: float, turn: float, seconds: float) -> None:
+    def step(self, right: float, forward: float, turn: float, seconds: float, climb: float | None = None) -> None:
         """See `Body`."""
         p, client = self._p, self._client
         n = ceil(seconds / SUBSTEP - 1e-9)
@@ -100,20 +121,33 @@ class Bullet:
             p.setTimeStep(substep, physicsClientId=client)
             self._substep = substep
         for _ in range(n):
-            before, rate = self.reference.velocity, self.reference.rate
-            self.reference.step(right, forward, turn, substep)
+            before, rate, rising = self.reference.velocity, self.reference.rate, self.reference.climb
+            self.reference.step(right, forward, turn, substep, climb)
             after = self.reference.velocity
-            wanted = (after[0] - before[0]) / substep, (after[1] - before[1]) / substep
-            thrust, torque = self._control(*wanted, (self.reference.rate - rate) / substep, before)
+            ax, ay = self._thrust_for((after[0] - before[0]) / substep, (after[1] - before[1]) / substep)
+            az = 0.0 if climb is None else self._lift_for((self.reference.climb - rising) / substep)
+            thrust, torque = self._control(ax, ay, az, (self.reference.rate - rate) / substep, before)
             p.applyExternalForce(self._body, -1, (0.0, 0.0, thrust), (0.0, 0.0, 0.0), p.LINK_FRAME, client)
             p.applyExternalTorque(self._body, -1, torque, p.LINK_FRAME, client)
+            p.applyExternalForce(self._body, -1, self._force, self._place, p.WORLD_FRAME, client)
             p.stepSimulation(client)
             self._read()
+
+    def _thrust_for(self, ax: float, ay: float) -> tuple[float, float]:
+        """What of the reference's acceleration is thrust's, for a body without load, m/s^2."""
+        heavier, (fx, fy, _) = self.reference.heavier, self._force
+        return ax * heavier - fx / MASS, ay * heavier - fy / MASS
+
+    def _lift_for(self, az: float) -> float:
+        """The same for its acceleration upwards, beside what holds a body without load."""
+        heavier = self.reference.heavier
+        return az * heavier + GRAVITY * (heavier - 1.0)
 
     def __getstate__(self) -> dict[str, Any]:
         """For copies and for other processes: where the body is, since PyBullet's world itself cannot be copied."""
         place = (self._place, self._turned, (*self.velocity, self._climb), self._spin)
-        kept = {name: getattr(self, name) for name in ("a_max", "height", "reference", "pose", "velocity")}
+        names = ("a_max", "reference", "pose", "velocity", "_drag", "_force", "_load")
+        kept = {name: getattr(self, name) for name in names}
         return kept | {"_there": place, "_open": self._closed.alive}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -122,6 +156,7 @@ class Bullet:
             if name not in ("_there", "_open"):
                 setattr(self, name, value)
         self._connect()
+        self._weigh()
         place, turned, velocity, spin = state["_there"]
         self._put(place, turned, velocity, spin)
         if not state["_open"]:
@@ -147,7 +182,9 @@ class Bullet:
         yaw = atan2(self._front[1], self._front[0])
         pose.yaw += (yaw - pose.yaw + pi) % (2.0 * pi) - pi
 
-    def _control(self, ax: float, ay: float, spin_up: float, speed: tuple[float, float]) -> tuple[float, Vector]:
+    def _control(
+        self, ax: float, ay: float, az: float, spin_up: float, speed: tuple[float, float]
+    ) -> tuple[float, Vector]:
         """Thrust, N, and torque in the body's frame, N m, towards accelerations, a speed and the heading."""
         yaw = self.reference.pose.yaw
         ax += SPEED_GAIN * (speed[0] - self.velocity[0])
@@ -156,7 +193,8 @@ class Bullet:
         if size > self.a_max:
             ax, ay = ax * self.a_max / size, ay * self.a_max / size
         stiff, damped = HEIGHT_GAINS
-        az = GRAVITY + stiff * (self.height - self.pose.z) - damped * self._climb
+        reference = self.reference
+        az += GRAVITY + stiff * (reference.pose.z - self.pose.z) - damped * (self._climb - reference.climb)
         thrust = MASS * _dot((ax, ay, az), self._up)
         size = sqrt(ax * ax + ay * ay + az * az)
         up = (ax / size, ay / size, az / size)

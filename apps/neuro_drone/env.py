@@ -20,9 +20,10 @@ from neuro_drone.body import Body
 from neuro_drone.eye import Eye
 from neuro_drone.geometry import View
 from neuro_drone.line import LineTask
-from neuro_drone.scenario import Ball, Scenario, load, pair
+from neuro_drone.scenario import Ball, Scenario, errors, load
 from neuro_drone.scene import Scene
 from neuro_drone.tasks import Judged, Task
+from neuro_drone.weather import Weather
 
 __all__ = ["ACTIONS", "DroneEnv"]
 
@@ -38,21 +39,23 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         scenario: a `Scenario`, the name of one, or a YAML file.
         observation: counts (events in 8 x 8 cells), binary (whether there were any), or frame (128 x 128 x 1, each
             pixel's last event: 255 brighter, 0 darker, 128 none).
-        actions: continuous (two numbers in [-1, 1]) or discrete (one of nine, see
-            `neuro_drone.actions.ACTIONS`).
+        actions: continuous (two numbers in [-1, 1], three where the drone climbs) or discrete (one of nine, see
+            `neuro_drone.actions.ACTIONS`, or of the eleven of `SPACE`).
         render_mode: rgb_array or None.
         **changes: of the scenario, see `neuro_drone.scenario.load`.
 
-    Actions are in the directions of the picture. Ball: right and down the picture (backwards), times v_max. Line:
-    right, times v_max, and turn right, times yaw_max, while the drone flies forward. Values beyond 1 are taken for 1.
+    Actions are in the directions of the picture. Ball: right and down the picture (backwards), times v_max, and of
+    three axes up, times climb_max. Line: right, times v_max, and turn right, times yaw_max, while the drone flies
+    forward. Values beyond 1 are taken for 1.
 
     ``reset(options={"start": (a, b), "direction": 1})`` sets the error at the beginning, in the units of
     ``info["error"]``, and the direction of the line; what is not given is drawn.
 
     ``info`` holds: events (`neuro.events.Events` of the step), counts ((8, 8) int64), target (column, row, px), error
-    (signed, two numbers: px and px, line px and degrees), error_px, supervised_error ((2,) float64, the error as a
-    share of the largest: a supervised signal, not the reward), reward and lost (as `step` returns them), progress
-    (0 to 1), lap (True where a lap ended that counts).
+    (signed, a number an axis: px and px, then px of the ball's height in the picture; line px and degrees), error_px
+    (of the first two), supervised_error ((axes,) float64, the error as a share of the largest: a supervised signal,
+    not the reward), reward and lost (as `step` returns them), progress (0 to 1), lap (True where a lap ended that
+    counts).
 
     A camera that shakes is judged by where it would look without.
 
@@ -81,7 +84,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         self.observation, self.render_mode = observation, render_mode
         self.metadata = {**self.metadata, "render_fps": round(1000.0 / scenario.step)}
         self.observation_space = _space(observation)
-        self.action_space, self._commands = model(actions)
+        self.action_space, self._commands = model(actions, scenario.axes)
         camera, drone = scenario.camera, scenario.drone
         level = View(fov=camera.fov, tilt=camera.tilt)
         self.task: Task
@@ -90,6 +93,7 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         else:
             self.task = LineTask(scenario.task, level, drone.height)
         self.body: Body = body_of(drone)
+        self.weather = Weather(scenario.wind, scenario.load)
         self.eye = Eye(scenario, seed=0)
         # what is judged is where the camera would look without its shake
         self._shakes = camera.shake > 0.0
@@ -111,10 +115,12 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         if seed is None and self._np_random is None:
             seed = self.scenario.seed
         super().reset(seed=seed)
-        start, direction = _wishes(options or {}, self.task)
-        x, y, yaw = self.task.reset(self.np_random, start or self.scenario.start, direction)
-        self.body.reset(x, y, yaw, forward=self.task.forward)
-        self.eye.reset(int(self.np_random.integers(2**31)))
+        start, direction = _wishes(options or {}, self.task, self.scenario.axes)
+        pose = self.task.reset(self.np_random, start or self.scenario.start, direction)
+        self.body.reset(pose.x, pose.y, pose.yaw, forward=self.task.forward, z=pose.z)
+        noise = int(self.np_random.integers(2**31))
+        self.eye.reset(noise)
+        self.weather.reset(noise)
         self._t_us, self._running = 0, True
         observation, info, _ = self._look(self.task.scene())
         return observation, info
@@ -123,12 +129,16 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         """One step of control; see the class."""
         if not self._running:
             raise ModelError("step: no episode is under way: call reset first")
-        a, b = self._commands(action)
-        drone, task = self.scenario.drone, self.task
+        a, b, *up = self._commands(action)
+        drone, task, weather = self.scenario.drone, self.task, self.weather
+        if not weather.still:
+            weather.step(self._seconds)
+            self.body.feel(weather.wind, weather.load)
         if task.turns:
             self.body.step(a * drone.v_max, task.forward, b * drone.yaw_max, self._seconds)
         else:
-            self.body.step(a * drone.v_max, -b * drone.v_max, 0.0, self._seconds)
+            climb = up[0] * drone.climb_max if up else None
+            self.body.step(a * drone.v_max, -b * drone.v_max, -drone.spin, self._seconds, climb)
         self._t_us += self._step_us
         seen, info, judged = self._look(task.advance(self._seconds))
         terminated, truncated = judged.lost, judged.done and not judged.lost
@@ -194,7 +204,7 @@ def _space(observation: str) -> gymnasium.Space[Any]:
     return gymnasium.spaces.Box(0, MOST_EVENTS, (CELLS, CELLS), np.int64)
 
 
-def _wishes(options: Mapping[str, Any], task: Task) -> tuple[tuple[float, float] | None, int]:
+def _wishes(options: Mapping[str, Any], task: Task, axes: int) -> tuple[tuple[float, ...] | None, int]:
     """Start and direction that a reset asks for."""
     known = ("start", "direction") if task.turns else ("start",)
     for word in options:
@@ -204,7 +214,7 @@ def _wishes(options: Mapping[str, Any], task: Task) -> tuple[tuple[float, float]
     if direction not in (-1, 0, 1):
         raise ModelError(f"option direction = {direction!r}: expected 1, -1 or 0")
     start = options.get("start")
-    return None if start is None else pair("option start", start), int(direction)
+    return None if start is None else errors("option start", start, axes), int(direction)
 
 
 def _one_of(name: str, value: object, known: tuple[object, ...]) -> None:

@@ -13,7 +13,7 @@ from neuro import ModelError
 from neuro_drone.controllers import Controller
 from neuro_drone.env import DroneEnv
 from neuro_drone.model import Model
-from neuro_drone.parts import Line
+from neuro_drone.parts import Ball, Line
 from neuro_drone.scenario import Scenario
 
 __all__ = ["Lap", "Start", "Tried", "begin", "fly_lap", "grid", "try_out"]
@@ -27,11 +27,11 @@ class Start:
     """Where a lap begins.
 
     Attributes:
-        error: on both axes: ball px and px, line px and degrees.
+        error: on each axis: ball px and px, and px of its height in the picture; line px and degrees.
         direction: of the line, 1 anticlockwise or -1 clockwise; 0 for a ball.
     """
 
-    error: tuple[float, float]
+    error: tuple[float, ...]
     direction: int = 0
 
     def options(self) -> dict[str, Any]:
@@ -47,18 +47,18 @@ class Lap:
         start: of it.
         steps: that were flown.
         error_px: mean distance of the ball from the aim (thesis, eq. 130), or of the line from the middle.
-        signed: mean error on both axes, as the thesis prints it: errors of both signs cancel.
-        absolute: mean absolute error on both axes.
+        signed: mean error on each axis, as the thesis prints it: errors of both signs cancel.
+        absolute: mean absolute error on each axis.
         lap: whether a lap was completed that counts.
         lost: whether the target was lost.
-        track: (steps, 2), error after each step, in the units of `Start.error`.
+        track: (steps, axes), error after each step, in the units of `Start.error`.
     """
 
     start: Start
     steps: int
     error_px: float
-    signed: tuple[float, float]
-    absolute: tuple[float, float]
+    signed: tuple[float, ...]
+    absolute: tuple[float, ...]
     lap: bool
     lost: bool
     track: npt.NDArray[np.float64] = field(repr=False)
@@ -105,13 +105,13 @@ class Tried:
         return float(np.mean([one.error_px for one in self.each]))
 
     @property
-    def signed(self) -> tuple[float, float]:
-        """Mean signed error on both axes."""
+    def signed(self) -> tuple[float, ...]:
+        """Mean signed error on each axis."""
         return _means([one.signed for one in self.each])
 
     @property
-    def absolute(self) -> tuple[float, float]:
-        """Mean absolute error on both axes."""
+    def absolute(self) -> tuple[float, ...]:
+        """Mean absolute error on each axis."""
         return _means([one.absolute for one in self.each])
 
     def as_words(self) -> dict[str, Any]:
@@ -130,6 +130,8 @@ class Tried:
 def grid(scenario: Scenario, n: int = 5, spread: float | tuple[float, float] | None = None) -> tuple[Start, ...]:
     """Starts on a grid round the aim; those of a line alternate in direction.
 
+    Where the drone climbs, the ball is in turn 30 % too small, as tall as wanted and 30 % too tall.
+
     Args:
         scenario: of a ball or a line.
         n: starts on a side.
@@ -145,7 +147,10 @@ def grid(scenario: Scenario, n: int = 5, spread: float | tuple[float, float] | N
     if not (0 <= a < np.inf and 0 <= b < np.inf):
         raise ModelError(f"spread = {spread}: expected numbers >= 0")
     places = np.linspace(-1.0, 1.0, n).tolist() if n > 1 else [0.0]
-    errors = [(a * x, b * y) for y in places for x in places]
+    errors: list[tuple[float, ...]] = [(a * x, b * y) for y in places for x in places]
+    if isinstance(scenario.task, Ball) and scenario.task.axes == 3:
+        tall = (0.3 * scenario.task.tall, -0.3 * scenario.task.tall, 0.0)
+        errors = [(*error, tall[i % 3]) for i, error in enumerate(errors)]
     return tuple(Start(error, (1 - 2 * (i % 2)) if line else 0) for i, error in enumerate(errors))
 
 
@@ -212,6 +217,5 @@ def fly_lap(env: DroneEnv, controller: Controller, start: Start, index: int = 0)
     return Lap(start, len(track), far / len(track), _means(errors), _means(absolute), bool(info["lap"]), lost, errors)
 
 
-def _means(values: Any) -> tuple[float, float]:
-    a, b = np.mean(values, axis=0).tolist()
-    return a, b
+def _means(values: Any) -> tuple[float, ...]:
+    return tuple(np.mean(values, axis=0).tolist())

@@ -47,11 +47,15 @@ class Flight:
         start: where it began.
         path: (m, 2) the target's way, m.
         poses: (n, 3) place and heading of the drone, m and rad.
+        heights: (n,) of the drone, m.
+        winds: (n, 2) in which it flew to there, m/s.
+        loads: (n,) that it carried, kg.
         footprints: (n, 4, 2) corners of what the camera sees of the ground, clockwise from the far left, m.
         balls: (n, 2) the ball's place, m; empty for a line.
+        talls: (n,) how tall its picture is, px; 0 for a line.
         targets: (n, 2) column and row of the target in the picture, px.
         errors: (n,) px.
-        actions: (n, 2); that of the start is 0.
+        actions: (n, axes); that of the start is 0.
         counts: (n, 8, 8) events of the fields.
         events: (n,) of each step, in x, y and p.
         x, y, p: column, row and polarity of all events.
@@ -65,8 +69,12 @@ class Flight:
     start: Start
     path: npt.NDArray[np.float64]
     poses: npt.NDArray[np.float64]
+    heights: npt.NDArray[np.float64]
+    winds: npt.NDArray[np.float64]
+    loads: npt.NDArray[np.float64]
     footprints: npt.NDArray[np.float64]
     balls: npt.NDArray[np.float64]
+    talls: npt.NDArray[np.float64]
     targets: npt.NDArray[np.float64]
     errors: npt.NDArray[np.float64]
     actions: npt.NDArray[np.float64]
@@ -126,15 +134,13 @@ def fly(model: Model, start: Start, backend: str = "event") -> Flight:
     pilot, env = listening(model, backend), DroneEnv(model.scenario)
     info = begin(env, start)
     pilot.begin()
-    names = ("poses", "footprints", "balls", "targets", "errors", "actions", "counts")
-    kept: dict[str, list[Any]] = {name: [] for name in names}
+    kept: dict[str, list[Any]] = {}
     seen: list[neuro.events.Events] = []
-    action, over = np.zeros(2), False
+    action, over = np.zeros(model.scenario.axes), False
     while True:
-        scene, pose = env.task.scene(), env.body.pose
-        where = ((pose.x, pose.y, pose.yaw), footprint(env.view), scene.ball and scene.ball[:2], info["target"])
-        for name, value in zip(names, (*where, info["error_px"], action, info["counts"]), strict=True):
-            kept[name].append(value)
+        told = {"targets": info["target"], "errors": info["error_px"], "actions": action, "counts": info["counts"]}
+        for name, value in (_where(env) | told).items():
+            kept.setdefault(name, []).append(value)
         seen.append(info["events"])
         if over:
             break
@@ -160,6 +166,20 @@ def fly(model: Model, start: Start, backend: str = "event") -> Flight:
         **rows,
         **columns,
     )
+
+
+def _where(env: DroneEnv) -> dict[str, Any]:
+    """How the world is now, by the names of `Flight`."""
+    ball, pose, weather = env.task.scene().ball, env.body.pose, env.weather
+    return {
+        "poses": (pose.x, pose.y, pose.yaw),
+        "heights": pose.z,
+        "winds": weather.wind,
+        "loads": weather.load,
+        "footprints": footprint(env.view),
+        "balls": ball and ball[:2],
+        "talls": env.view.tall(*ball) if ball else 0.0,
+    }
 
 
 def footprint(view: View) -> list[tuple[float, float]]:

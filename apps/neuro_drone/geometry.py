@@ -7,7 +7,7 @@ has y on its left. Picture: x to the right, y downwards, px; centres of pixels a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import cos, inf, radians, sin, tan
+from math import cos, inf, radians, sin, sqrt, tan
 
 import numpy as np
 import numpy.typing as npt
@@ -105,6 +105,33 @@ class View:
         u = self.middle + f * (x * right[0] + y * right[1] + z * right[2])
         v = self.middle + f * (x * down[0] + y * down[1] + z * down[2])
         return u, v, depth
+
+    def tall(self, x: float, y: float, z: float, radius: float) -> float:
+        """How tall a ball's picture is, px: from its highest to its lowest row.
+
+        Returns:
+            The height; infinite where the ball is not wholly in front of the camera.
+        """
+        _, down, forward, (px, py, pz) = self._rows
+        x, y, z = x - px, y - py, z - pz
+        depth = x * forward[0] + y * forward[1] + z * forward[2]
+        if depth <= radius:
+            return inf
+        b = x * down[0] + y * down[1] + z * down[2]
+        # The planes through the camera that touch the ball and hold the direction to the right meet the picture there.
+        return 2.0 * self.focal * radius * sqrt(b * b + depth * depth - radius * radius) / (depth**2 - radius**2)
+
+    def depth_of(self, v: float, radius: float, tall: float) -> float:
+        """How far along the optical axis a ball is whose middle is in a row and whose picture is so tall, m.
+
+        Args:
+            v: row, px.
+            radius: m.
+            tall: see there, px.
+        """
+        slant, wide = ((v - self.middle) / self.focal) ** 2 + 1.0, 2.0 * self.focal * radius / tall
+        half = radius**2 + 0.5 * wide**2 * slant
+        return sqrt(half + sqrt(half * half - radius**4 - (wide * radius) ** 2))
 
     def ray(self, u: float, v: float) -> tuple[float, float, float]:
         """Direction in the world of what a pixel sees, of length 1 along the optical axis."""

@@ -59,13 +59,11 @@ class LineTask:
         self._last = (0.0, 0.0)
         self.way = self.time = 0.0
 
-    def reset(
-        self, rng: np.random.Generator, start: tuple[float, float] | None = None, direction: int = 0
-    ) -> tuple[float, float, float]:
+    def reset(self, rng: np.random.Generator, start: tuple[float, ...] | None = None, direction: int = 0) -> Pose:
         """See `Task`; the start is in px and degrees, at the middle of the first side."""
         drawn = (int(rng.integers(2)) * 2 - 1, *rng.uniform(-1.0, 1.0, 2).tolist())
         direction = direction or self.line.direction or drawn[0]
-        du, lean = (drawn[1] * SPREAD_PX, drawn[2] * SPREAD_DEGREES) if start is None else start
+        du, lean = (drawn[1] * SPREAD_PX, drawn[2] * SPREAD_DEGREES) if start is None else start[:2]
         self._begin(direction)
         place = self._start(AIM + du, radians(lean)) if abs(lean) < 90.0 else None
         if place is None:
@@ -73,11 +71,12 @@ class LineTask:
                 f"start [{du:g} px, {lean:g} degrees]: expected a column of the picture and a lean within 90 degrees"
             )
         x, y, yaw = place
+        pose = Pose(x, y, self.height, yaw)
         if start is not None:
-            self.view.look(Pose(x, y, self.height, yaw))
+            self.view.look(pose)
             if abs(self._crossing(self.view)[0] - AIM - du) > 1e-3:
                 raise ModelError(f"start [{du:g} px, {lean:g} degrees]: there another side of the hexagon is nearer")
-        return x, y, yaw
+        return pose
 
     def _start(self, u: float, lean: float) -> tuple[float, float, float] | None:
         """The pose whose picture of the middle of the first side crosses row 63 at `u` with a lean."""

@@ -7,7 +7,13 @@ from typing import Any
 
 from neuro.apps import Quantity, check_fields
 
-__all__ = ["Ball", "Camera", "Drone", "Ground", "Line", "Part", "one_of", "range_of"]
+__all__ = ["GRAVITY", "MASS", "Ball", "Camera", "Drone", "Ground", "Line", "Load", "Part", "Wind", "one_of", "range_of"]
+
+GRAVITY = 9.81
+"""m/s^2."""
+
+MASS = 0.716
+"""Of the drone without a load, kg. Source: rotors_simulator, see `neuro_drone.bullet`."""
 
 
 def range_of(default: float, unit: str = "", **bounds: Any) -> Any:
@@ -33,15 +39,23 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Ball(Part):
-    """A ball that rolls round a closed Bezier curve through a star of four branches; the drone moves in x and y only.
+    """A ball that goes round a closed Bezier curve through a star of four branches; on the ground unless it rises.
 
     Attributes:
         lap: length of the curve, m.
         speed: of the ball, m/s.
         radius: m.
         brightness: share of full scale.
+        axes: 2, the drone moves in x and y only; or 3, it also climbs and sinks, to see the ball as tall as `tall`.
+        tall: of three axes: how tall the ball's picture shall be, px.
+        rise: how far it goes up slowly and comes down again, m.
+        rise_time: that takes so long, s.
+        bounce: how high it jumps, m; how long a jump takes follows from gravity.
+        swell: its radius grows and shrinks by this share.
+        swell_time: that takes so long, s.
 
-    Source: thesis, figure 63 (0.075 m/s) and section 7.3.7 (13 px in the picture, which sets the radius).
+    Source: thesis, figure 63 (0.075 m/s) and section 7.3.7 (13 px in the picture, which sets the radius; "to avoid
+        being too close or too far from the target").
     """
 
     _place = "task.ball"
@@ -50,6 +64,13 @@ class Ball(Part):
     speed: float = range_of(0.075, above=0.0, at_most=20.0, unit="m/s")
     radius: float = range_of(0.17, above=0.0, at_most=10.0, unit="m")
     brightness: float = range_of(0.2, at_least=0.0, at_most=1.0)
+    axes: int = range_of(2, at_least=2, at_most=3)
+    tall: float = range_of(13.0, at_least=2.0, at_most=64.0, unit="px")
+    rise: float = range_of(0.0, at_least=0.0, at_most=100.0, unit="m")
+    rise_time: float = range_of(20.0, at_least=0.1, at_most=10_000.0, unit="s")
+    bounce: float = range_of(0.0, at_least=0.0, at_most=10.0, unit="m")
+    swell: float = range_of(0.0, at_least=0.0, at_most=0.9)
+    swell_time: float = range_of(20.0, at_least=0.1, at_most=10_000.0, unit="s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,11 +152,16 @@ class Drone(Part):
         physics: kinematic or bullet.
         height: above the ground, m.
         v_max: speed that an action of 1 asks for, m/s.
+        climb_max: speed upwards that an action of 1 asks for, m/s.
         yaw_max: rate of turning that an action of 1 asks for, rad/s.
+        spin: over a ball, rate at which it is turned anticlockwise whatever the actions, rad/s.
         lag: time constant of the speed, s.
         a_max: largest acceleration, m/s^2.
+        drag: acceleration by a wind of 1 m/s, 1/s.
 
-    Source: thesis, figure 63 (2.4 m); the others are measured choices, see docs/how-to/drone.md.
+    Source: thesis, figure 63 (2.4 m); drag: Faessler, Franchi, Scaramuzza, "Differential flatness of quadrotor
+        dynamics subject to rotor drag", IEEE RA-L 3(2), 2018 (about 0.5 forward and 0.4 sideways); the others are
+        measured choices, see docs/how-to/drone.md.
     """
 
     _place = "drone"
@@ -143,6 +169,53 @@ class Drone(Part):
     physics: str = one_of("kinematic", "kinematic", "bullet")
     height: float = range_of(2.4, above=0.0, at_most=1000.0, unit="m")
     v_max: float = range_of(2.0, above=0.0, at_most=20.0, unit="m/s")
+    climb_max: float = range_of(1.0, above=0.0, at_most=20.0, unit="m/s")
     yaw_max: float = range_of(0.8, above=0.0, at_most=10.0, unit="rad/s")
+    spin: float = range_of(0.0, at_least=-3.0, at_most=3.0, unit="rad/s")
     lag: float = range_of(0.2, at_least=0.01, at_most=10.0, unit="s")
     a_max: float = range_of(3.0, above=0.0, at_most=30.0, unit="m/s^2")
+    drag: float = range_of(0.4, at_least=0.0, at_most=10.0, unit="1/s")
+
+
+@dataclass(frozen=True, slots=True)
+class Wind(Part):
+    """Level wind, the same everywhere.
+
+    Attributes:
+        speed: m/s, without gusts.
+        towards: where it blows to, degrees counter-clockwise from x.
+        turning: by how much that changes in a second, degrees/s, once it blows.
+        gust: standard deviation of what gusts add on each axis, m/s.
+        gust_time: time constant of the gusts, s.
+        since: when it begins to blow, s after the start of an episode.
+
+    Source: gusts are noise through a filter of first order, as the longitudinal ones of the Dryden spectra of
+        MIL-F-8785C, section 3.7, which for 3 m, the lowest that it tells of, and 5 m/s has 0.2 times the speed and
+        4.6 s.
+    """
+
+    _place = "wind"
+
+    speed: float = range_of(0.0, at_least=0.0, at_most=20.0, unit="m/s")
+    towards: float = range_of(90.0, at_least=-360.0, at_most=360.0, unit="degrees")
+    turning: float = range_of(0.0, at_least=-180.0, at_most=180.0, unit="degrees/s")
+    gust: float = range_of(0.0, at_least=0.0, at_most=10.0, unit="m/s")
+    gust_time: float = range_of(4.6, at_least=0.01, at_most=1000.0, unit="s")
+    since: float = range_of(0.0, at_least=0.0, at_most=100_000.0, unit="s")
+
+
+@dataclass(frozen=True, slots=True)
+class Load(Part):
+    """What the drone takes up, or drops, in flight; its controller goes on as if it had not.
+
+    Attributes:
+        mass: taken up, kg; negative where it is dropped. The drone has 0.716 kg.
+        since: when, s after the start of an episode.
+
+    Source: Ascending Technologies' data sheet of the Hummingbird has a largest load of 0.2 kg.
+    """
+
+    _place = "load"
+
+    mass: float = range_of(0.0, at_least=-0.5, at_most=1.0, unit="kg")
+    since: float = range_of(0.0, at_least=0.0, at_most=100_000.0, unit="s")

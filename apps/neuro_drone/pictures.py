@@ -11,19 +11,32 @@ from neuro_drone.controllers import Learner
 from neuro_drone.evaluate import Tried
 from neuro_drone.geometry import AIM
 from neuro_drone.model import Model
+from neuro_drone.scenario import Scenario
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["density", "training", "weight_maps", "weights"]
+__all__ = ["density", "motors", "training", "weight_maps", "weights"]
 
 INK, SOFT, BLUE, RED = "#1c1f24", "#8a919c", "#0072b2", "#d55e00"
 DPI = 150
 WINDOW = 25
 """Episodes of the running median."""
 
-NAMES = {"ball": ("right", "left", "backwards", "forward"), "line": ("right", "left", "turn right", "turn left")}
+NAMES = {
+    "ball": ("right", "left", "backwards", "forward", "up", "down"),
+    "line": ("right", "left", "turn right", "turn left"),
+}
 """What a spike of each motor asks for: the positive and the negative one of each axis."""
+
+
+def motors(scenario: Scenario) -> tuple[str, ...]:
+    """The names of the motors, see `NAMES`.
+
+    Args:
+        scenario: that is flown.
+    """
+    return NAMES[scenario.kind][: 2 * scenario.axes]
 
 
 def density(model: Model, tried: Tried) -> Figure:
@@ -105,16 +118,16 @@ def weight_maps(model: Model) -> dict[str, npt.NDArray[np.float64]]:
     """The weights of each motor, where its fields are in the picture.
 
     Args:
-        model: any; only a spiking network between 64 cells and 4 motors, or a read-out of 64 fields, has maps.
+        model: any; only a spiking network between 64 cells and its motors, or a read-out of 64 fields, has maps.
 
     Returns:
         (8, 8) by name, empty if there are none: of a network by what the motor asks for, of LMS by axis.
     """
     pilot = model.learner()
     learnt = pilot.learnt() if isinstance(pilot, Learner) else {}
-    names = NAMES[model.scenario.kind]
-    if "cells_motors" in learnt and learnt["cells_motors"].size == 256:
-        maps = np.asarray(learnt["cells_motors"], float).reshape(64, 4).T
+    names = motors(model.scenario)
+    if "cells_motors" in learnt and learnt["cells_motors"].size == 64 * len(names):
+        maps = np.asarray(learnt["cells_motors"], float).reshape(64, -1).T
         return {name: one.reshape(8, 8) for name, one in zip(names, maps, strict=True)}
     if model.controller == "lms":
         return {name: one.reshape(8, 8) for name, one in zip(names[::2], learnt["weights"], strict=True)}

@@ -15,12 +15,12 @@ from neuro_drone.compare import Summary
 from neuro_drone.controllers import CONTROLLERS
 from neuro_drone.evaluate import Tried
 from neuro_drone.model import Model
-from neuro_drone.scenario import NAMES, Ball, load
+from neuro_drone.scenario import NAMES, Ball, Scenario, load
 
 MARK = "<!-- neuro drone compare -->"
 TABLE = sealed("a table of 'neuro drone compare'", MARK, "<!-- digest {} -->")
-AXES = {"ball": ("right, px", "down, px"), "line": ("right, px", "lean, degrees")}
-"""What the error on each axis is."""
+AXES = {"ball": ("right, px", "down, px", "taller, px"), "line": ("right, px", "lean, degrees")}
+"""What the error on each axis is; the third of a ball where the drone climbs."""
 
 
 def named(model: Model) -> str:
@@ -46,28 +46,41 @@ def figures(model: Model, tried: Tried) -> str:
     words = tried.as_words()
     about = {"controller": model.controller, "scenario": model.scenario.name, "steps": model.steps, "seed": model.seed}
     each = words.pop("each")
-    return json.dumps({**words, **about, "axes": list(AXES[model.scenario.kind]), "per_start": each}, indent=1)
+    return json.dumps({**words, **about, "axes": list(axes(model.scenario)), "per_start": each}, indent=1)
+
+
+def axes(scenario: Scenario) -> tuple[str, ...]:
+    """What the error on each axis is, with its unit."""
+    return AXES[scenario.kind][: scenario.axes]
 
 
 def show(model: Model, tried: Tried) -> None:
     """Print a row for each start, and the means."""
-    first, second = AXES[model.scenario.kind]
+    names = axes(model.scenario)
     line = model.scenario.kind == "line"
-    columns = ("start", *(("way",) if line else ()), ">steps", ">error, px", f">|{first}|", f">|{second}|", "lap")
+    columns = ("start", *(("way",) if line else ()), ">steps", ">error, px", *(f">|{name}|" for name in names), "lap")
     rows: list[tuple[object, ...]] = []
     for one in tried.each:
-        a, b = one.start.error
         way = (("left" if one.start.direction > 0 else "right"),) if line else ()
         came = "yes" if one.lap else "lost" if one.lost else "no"
-        rows.append((f"{a:g}, {b:g}", *way, one.steps, *(f"{e:.2f}" for e in (one.error_px, *one.absolute)), came))
+        rows.append(
+            (
+                ", ".join(f"{e:g}" for e in one.start.error),
+                *way,
+                one.steps,
+                *(f"{e:.2f}" for e in (one.error_px, *one.absolute)),
+                came,
+            )
+        )
     mean = (f"{e:.2f}" for e in (tried.error_px, *tried.absolute))
     steps = round(sum(one.steps for one in tried.each) / tried.starts)
     rows.append(("mean", *(("",) if line else ()), steps, *mean, f"{tried.laps} of {tried.starts}"))
     out = console()
     out.print(table(columns, rows, title=f"{named(model)}; {_how(tried)}"))
+    signed = ", ".join(f"{name} {value:.2f}" for name, value in zip(names, tried.signed, strict=True))
     out.print(
         f"{tried.laps} of {tried.starts} laps, {tried.error_px:.2f} px; signed means, which hide errors of both signs: "
-        f"{first} {tried.signed[0]:.2f}, {second} {tried.signed[1]:.2f}"
+        f"{signed}"
     )
 
 
@@ -103,9 +116,9 @@ def show_comparison(summaries: Sequence[Summary]) -> None:
     name = summaries[0].row.scenario.name
     out = console()
     out.print(table(columns, rows, title=f"{name}: weights frozen, no dopamine; mean ± sd over seeds"))
-    axes = " and ".join(AXES[summaries[0].row.scenario.kind])
+    told = " and ".join(axes(summaries[0].row.scenario))
     out.print(
-        f"absolute and signed: mean errors ({axes}); signed as the thesis prints them, where errors of both signs "
+        f"absolute and signed: mean errors ({told}); signed as the thesis prints them, where errors of both signs "
         "cancel.\nlearning on: dopamine itself steers, so that this figure is not what was learnt."
     )
 
@@ -133,10 +146,29 @@ def list_scenarios() -> None:
         size = f"lap {task.lap:g} m" if isinstance(task, Ball) else f"sides {task.side:g} m"
         ground = f"texture {world.ground.texture:g}" if world.ground.texture else "plain"
         shake = f"{world.camera.shake:g}" if world.camera.shake else "-"
-        row = (name, world.kind, f"{world.step:g}", f"{world.camera.tilt:g}", size, f"{task.speed:g}", ground, shake)
-        rows.append((*row, world.drone.physics))
-    columns = ("name", "task", ">step, ms", ">tilt, degrees", ">size", ">speed, m/s", "ground", ">shake", "physics")
-    console().print(table(columns, rows))
+        row = (
+            name,
+            world.kind,
+            str(world.axes),
+            f"{world.step:g}",
+            f"{world.camera.tilt:g}",
+            size,
+            f"{task.speed:g}",
+            ground,
+            shake,
+        )
+        rows.append((*row, in_flight(world), world.drone.physics))
+    columns = ("name", "task", ">axes", ">step, ms", ">tilt, degrees", ">size", ">speed, m/s", "ground", ">shake")
+    console().print(table((*columns, "in flight", "physics"), rows))
+
+
+def in_flight(world: Scenario) -> str:
+    """What changes during a lap, by the scenario's words."""
+    there: dict[str, float] = {"wind": world.wind.speed or world.wind.gust, "load": world.load.mass}
+    there["spin"] = world.drone.spin
+    if isinstance(world.task, Ball):
+        there |= {word: getattr(world.task, word) for word in ("rise", "bounce", "swell")}
+    return ", ".join(word for word, value in there.items() if value) or "-"
 
 
 def list_controllers() -> None:

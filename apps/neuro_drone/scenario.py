@@ -10,9 +10,9 @@ from typing import Any
 
 from neuro import ModelError
 from neuro.apps import Node, Quantity, Where, about, check, check_fields, mistake, plain, read, unknown, words
-from neuro_drone.parts import Ball, Camera, Drone, Ground, Line, Part, range_of
+from neuro_drone.parts import GRAVITY, MASS, Ball, Camera, Drone, Ground, Line, Load, Part, Wind, range_of
 
-__all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Scenario", "load", "pair"]
+__all__ = ["NAMES", "Ball", "Camera", "Drone", "Ground", "Line", "Load", "Scenario", "Wind", "errors", "load"]
 
 FOLDER = Path(__file__).parent / "scenarios"
 NAMES = tuple(sorted(file.stem for file in FOLDER.glob("*.yaml")))
@@ -25,7 +25,7 @@ BULLET_A_MAX = 8.0
 SEED = Quantity(whole=True, at_least=0)
 ERROR = Quantity(at_least=-180, at_most=180)
 """Of an axis at the beginning, px or degrees."""
-PARTS: dict[str, type[Part]] = {"camera": Camera, "ground": Ground, "drone": Drone}
+PARTS: dict[str, type[Part]] = {"camera": Camera, "ground": Ground, "drone": Drone, "wind": Wind, "load": Load}
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +36,10 @@ class Scenario:
         name: what it is called.
         step: between two actions, ms.
         task: what is followed.
-        camera, ground, drone: of the world.
+        camera, ground, drone, wind, load: of the world.
         light: factor on all brightness.
-        start: error on both axes at the beginning of each episode, ball px and px, line px and degrees; None draws it.
+        start: error on each axis at the beginning of each episode, ball px and px, line px and degrees; None draws it.
+            Of three axes the third may be left out, it is then 0.
         seed: of the first episode when `reset` is given none; None takes one from the machine.
 
     Raises:
@@ -51,8 +52,10 @@ class Scenario:
     camera: Camera = field(default_factory=Camera)
     ground: Ground = field(default_factory=Ground)
     drone: Drone = field(default_factory=Drone)
+    wind: Wind = field(default_factory=Wind)
+    load: Load = field(default_factory=Load)
     light: float = range_of(1.0, at_least=0.001, at_most=1000.0)
-    start: tuple[float, float] | None = None
+    start: tuple[float, ...] | None = None
     seed: int | None = None
 
     def __post_init__(self) -> None:
@@ -62,7 +65,7 @@ class Scenario:
         if not isclose(self.step * 1000.0, round(self.step * 1000.0), rel_tol=1e-12):
             raise ModelError(f"step = {self.step!r}: expected whole microseconds", path=("step",))
         if self.start is not None:
-            object.__setattr__(self, "start", pair("start", self.start))
+            object.__setattr__(self, "start", errors("start", self.start, self.axes))
         if self.seed is not None:
             check(SEED, self.seed, "seed")
             object.__setattr__(self, "seed", int(self.seed))
@@ -85,17 +88,52 @@ class Scenario:
                 "whose rotors have no more to steer with",
                 path=("drone", "a_max"),
             )
-        if isinstance(task, Ball) and 2.0 * task.radius >= self.drone.height:
+        blown, wind = self.drone.drag * self.wind.speed, self.wind
+        most = min(self.drone.a_max, self.drone.v_max / self.drone.lag)
+        if blown > most:
             raise ModelError(
-                f"task.ball.radius = {task.radius:g}: expected a ball below the drone, whose height is "
-                f"{self.drone.height:g} m",
+                f"wind.speed = {wind.speed:g}: it accelerates the drone by {blown:g} m/s^2, and the drone has at most "
+                f"{most:g} against it",
+                path=("wind", "speed"),
+            )
+        if isinstance(task, Ball):
+            self._below(task)
+            self._carried(task)
+        elif self.drone.spin:
+            raise ModelError(
+                f"drone.spin = {self.drone.spin:g}: expected 0 along a line, where actions turn", path=("drone", "spin")
+            )
+
+    def _below(self, ball: Ball) -> None:
+        """Refuse a ball that reaches the height of the drone."""
+        top = 2.0 * ball.radius * (1.0 + ball.swell) + ball.rise + ball.bounce
+        if top >= self.drone.height:
+            reaches = f": it reaches {top:g} m" if top > 2.0 * ball.radius else ""
+            raise ModelError(
+                f"task.ball.radius = {ball.radius:g}: expected a ball below the drone, whose height is "
+                f"{self.drone.height:g} m{reaches}",
                 path=("task", "ball", "radius"),
+            )
+
+    def _carried(self, ball: Ball) -> None:
+        """Refuse a load with which a drone that climbs cannot keep its height."""
+        sinks = self.drone.lag * GRAVITY * abs(self.load.mass) / MASS
+        if ball.axes == 3 and sinks > self.drone.climb_max:
+            raise ModelError(
+                f"load.mass = {self.load.mass:g}: the drone sinks or rises by {sinks:.3g} m/s, and climb_max is "
+                f"{self.drone.climb_max:g}",
+                path=("load", "mass"),
             )
 
     @property
     def kind(self) -> str:
         """Of the task: ball or line."""
         return "ball" if isinstance(self.task, Ball) else "line"
+
+    @property
+    def axes(self) -> int:
+        """Actions, and errors that go with them."""
+        return self.task.axes if isinstance(self.task, Ball) else 2
 
     def as_words(self) -> dict[str, Any]:
         """All values as plain data in the grammar of the YAML files; what is None is left out."""
@@ -197,21 +235,24 @@ def _node(value: Any) -> Node:
     return Node(value, NOWHERE, NOWHERE)
 
 
-def pair(what: str, value: Any) -> tuple[float, float]:
-    """The error on both axes at the beginning of an episode.
+def errors(what: str, value: Any, axes: int) -> tuple[float, ...]:
+    """The error on each axis at the beginning of an episode.
 
     Args:
         what: its name, for messages.
-        value: two numbers.
+        value: two numbers, or one for each axis.
+        axes: how many there are.
 
     Raises:
         ModelError: it is not.
     """
     value = value.tolist() if hasattr(value, "tolist") else value
-    if not isinstance(value, (list, tuple)) or len(value) != 2:
-        raise ModelError(f"{what} = {value!r}: expected two numbers, the error on both axes", path=("start",))
-    first, second = (check(ERROR, one, what) for one in value)
-    return first, second
+    if not isinstance(value, (list, tuple)) or len(value) not in (2, axes):
+        expected = (
+            "two numbers, the error on both axes" if axes == 2 else "two or three numbers, the error on each axis"
+        )
+        raise ModelError(f"{what} = {value!r}: expected {expected}", path=("start",))
+    return tuple(check(ERROR, one, what) for one in value)
 
 
 def _merge(said: dict[str, Any], changes: Mapping[str, Any]) -> None:

@@ -17,9 +17,9 @@ FARTHEST = 64.5
 """Largest error that is still in the picture, px: from the aim to the right or the lower border."""
 
 
-def border(error: tuple[float, float]) -> tuple[float, float]:
+def border(error: tuple[float, ...]) -> tuple[float, float]:
     """Column and row just out of the picture on the side where a target was, px; for one that no pixel looks at."""
-    u, v = error
+    u, v = error[:2]
     return AIM + copysign(FARTHEST, u), AIM + copysign(FARTHEST, v)
 
 
@@ -28,8 +28,8 @@ class Judged(NamedTuple):
 
     Attributes:
         target: column and row of the target, px; of one that no pixel can look at, at the border on its last side.
-        error: signed, on both axes: ball px and px, line px and degrees.
-        scaled: the error as a share of the largest, on both axes.
+        error: signed, on each axis: ball px and px, and of three axes px by which it is too tall; line px and degrees.
+        scaled: the error as a share of the largest, on each axis; of the third of what is wanted.
         error_px: ball: distance of the target from the aim; line: distance to the side, px.
         reward: 1 - e / e_max, 0 to 1.
         progress: share of the lap, 0 to 1.
@@ -39,8 +39,8 @@ class Judged(NamedTuple):
     """
 
     target: tuple[float, float]
-    error: tuple[float, float]
-    scaled: tuple[float, float]
+    error: tuple[float, ...]
+    scaled: tuple[float, ...]
     error_px: float
     reward: float
     progress: float
@@ -62,18 +62,16 @@ class Task(Protocol):
     turns: bool
     path: Path
 
-    def reset(
-        self, rng: np.random.Generator, start: tuple[float, float] | None = None, direction: int = 0
-    ) -> tuple[float, float, float]:
+    def reset(self, rng: np.random.Generator, start: tuple[float, ...] | None = None, direction: int = 0) -> Pose:
         """Begin an episode.
 
         Args:
             rng: of what is not given.
-            start: error on both axes at the beginning, in the units of `Judged.error`; None draws one.
+            start: error on each axis at the beginning, in the units of `Judged.error`; None draws one.
             direction: 1 anticlockwise, -1 clockwise, 0 as the scenario says.
 
         Returns:
-            x and y of the drone, m, and its heading, rad.
+            Where the drone is, level.
 
         Raises:
             ModelError: no place of the drone gives this start.

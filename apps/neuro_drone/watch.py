@@ -21,7 +21,7 @@ from neuro_drone.evaluate import Start
 from neuro_drone.flight import Flight, Spikes, fly
 from neuro_drone.model import Model
 from neuro_drone.parts import Ball, Line
-from neuro_drone.pictures import NAMES
+from neuro_drone.pictures import motors
 
 __all__ = ["page", "watch"]
 
@@ -89,13 +89,13 @@ def _data(flight: Flight, thinned: int) -> dict[str, Any]:
     world = flight.model.scenario
     ends = np.concatenate(([0], np.cumsum(flight.events)))
     packed = (flight.x.astype(int) | flight.y.astype(int) << 7 | flight.p.astype(int) << 14)[::thinned]
-    names = ("poses", "footprints", "balls", "targets", "errors", "actions")
+    names = ("poses", "heights", "winds", "loads", "footprints", "balls", "talls", "targets", "errors", "actions")
     return {
-        "step": world.step, "steps": len(flight.errors) - 1, "motors": NAMES[world.kind],
+        "step": world.step, "steps": len(flight.errors) - 1, "motors": motors(world),
         "ball": world.task.radius if isinstance(world.task, Ball) else 0,
         "width": world.task.width if isinstance(world.task, Line) else 0,
         "path": _base64(flight.path[:: max(1, len(flight.path) // POINTS)], "<f4"),
-        **{name: _base64(np.nan_to_num(getattr(flight, name)), "<f4") for name in names},
+        **{name: _base64(np.nan_to_num(getattr(flight, name), posinf=0.0), "<f4") for name in names},
         "counts": _base64(np.minimum(flight.counts, 65535), "<u2"),
         "events": _base64(packed, "<u2"), "first": _base64(-(-ends // thinned), "<u4"),
         "spikes": [_spikes(one) for one in flight.spikes],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from neuro.apps import Registry
@@ -19,8 +20,12 @@ class Cleaner(Part):
     kind = "cleaner"
 
     @abstractmethod
+    def begun(self, sensor_size: tuple[int, int]) -> Callable[[Events], Events]:
+        """A function that takes a recording part after part and gives what is left of each part."""
+
     def clean(self, events: Events) -> Events:
-        """The events that are left."""
+        """The events of a recording that are left."""
+        return self.begun(events.sensor_size)(events)
 
 
 @dataclass(frozen=True)
@@ -29,9 +34,9 @@ class Plain(Cleaner):
 
     source = "what all methods but those with a filter do"
 
-    def clean(self, events: Events) -> Events:
-        """The same."""
-        return events
+    def begun(self, sensor_size: tuple[int, int]) -> Callable[[Events], Events]:
+        """Each part as it is."""
+        return lambda events: events
 
 
 @dataclass(frozen=True)
@@ -44,10 +49,9 @@ class Tar(Cleaner):
     theta: float = setting(2.4, "events", "activity that must be exceeded", "thesis figure 85", above=0)
     radius: int = setting(1, "px", "of the neighbourhood", "thesis figure 85", at_least=0)
 
-    def clean(self, events: Events) -> Events:
+    def begun(self, sensor_size: tuple[int, int]) -> Callable[[Events], Events]:
         """Those whose surroundings were active shortly before."""
-        sieve = filters.TAR(events.sensor_size, tau=self.tau, theta=self.theta, radius=self.radius)
-        return sieve.apply(events)
+        return filters.TAR(sensor_size, tau=self.tau, theta=self.theta, radius=self.radius)
 
 
 Cleaner.known = Registry("cleaner", (Plain, Tar))

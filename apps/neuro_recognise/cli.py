@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from neuro.apps import TARGETS, Backend, Seed, Set, Target, assignments, whole
+from neuro_recognise.detection_commands import add_commands
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
@@ -35,6 +36,10 @@ MethodName = Annotated[str, typer.Argument(metavar="METHOD", help="See 'neuro re
 Data = Annotated[Path, typer.Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5 data set.")]
 Part = Annotated[str, typer.Option("--part", metavar="NAME", help="Of recordings in parts, such as Train and Test.")]
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A recogniser, as 'train' writes it.")]
+Allow = Annotated[
+    float | None,
+    typer.Option("--allow", metavar="SHARE", help="Decide as soon as no larger share is wrong; learnt by 'early'."),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
 
 
@@ -105,6 +110,7 @@ def try_model(
 def predict(
     model: ModelFile,
     recordings: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Files of any readable format.")],
+    allow: Allow = None,
     json: Json = False,
     backend: Backend = "event",
 ) -> None:
@@ -114,7 +120,56 @@ def predict(
     from neuro_recognise.recogniser import Recogniser
 
     trained = Recogniser.load(model)
-    report.show_predicted(trained, predict_files(trained, recordings, backend), json)
+    report.show_predicted(trained, predict_files(trained, recordings, backend, allow), json)
+
+
+@app.command()
+def early(
+    model: ModelFile,
+    data: Data,
+    part: Part = "Train",
+    every: Annotated[float, typer.Option("--every", metavar="MS", help="From moment to moment.")] = 10.0,
+    folds: Annotated[int, typer.Option("--folds", help="Of recordings that are held out, one after the other.")] = 5,
+) -> None:
+    """Learn from recordings when a recogniser may decide before they end, and add that to its file.
+
+    After a kill the same command goes on where it was.
+    """
+    from neuro.apps import Checkpoint
+    from neuro_recognise import report
+    from neuro_recognise.bars import Bar
+    from neuro_recognise.learn_early import learn_early
+    from neuro_recognise.recogniser import Recogniser
+
+    trained = Recogniser.load(model)
+    chosen = _recordings(data, part, trained.classes)
+    told = {"method": trained.method.as_words(), **trained.training, "every": every, "folds": folds}
+    checkpoint = Checkpoint(model, "neuro recogniser early 1", told | {"early data": chosen.fingerprint()})
+    try:
+        with Bar() as bar:
+            made = learn_early(trained, chosen, every_ms=every, folds=folds, checkpoint=checkpoint, report=bar.show)
+    except KeyboardInterrupt:
+        typer.echo("interrupted: the same command goes on where it was", err=True)
+        raise typer.Exit(130) from None
+    made.save(model)
+    checkpoint.remove()
+    report.show_early(made)
+
+
+@app.command()
+def watch(
+    model: ModelFile,
+    recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A file of any readable format.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The page to write.")] = Path("recognise.html"),
+    allow: Allow = None,
+    backend: Backend = "event",
+) -> None:
+    """Write a page that plays a recording: events, what the method looks at, scores, and when it is decided."""
+    from neuro_recognise.recogniser import Recogniser
+    from neuro_recognise.watch import watch
+
+    told = watch(Recogniser.load(model), recording, out, allow, backend)
+    typer.echo(f"{out}: {told}")
 
 
 @app.command()
@@ -192,6 +247,9 @@ def show(
     report.describe(trained)
     if out is not None:
         report.write_pictures(trained, out)
+
+
+add_commands(app)
 
 
 def _but(found: Recordings, patterns: list[str]) -> Recordings:

@@ -17,6 +17,7 @@ import numpy as np
 from neuro import ModelError
 from neuro.apps import Registry, unknown
 from neuro.events import Events
+from neuro_recognise.observers import Observer, Whole
 from neuro_recognise.settings import Settings, setting
 from neuro_recognise.shown import Array, Evidence, Floats, Ints, Shown
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
     import neuro
     from neuro.apps import Checkpoint
+    from neuro_recognise.views import View
 
 __all__ = ["METHODS", "SILENT", "Answer", "Course", "Learnt", "Method", "Progress", "choose"]
 
@@ -110,6 +112,8 @@ class Method(Settings):
         source: where it is described.
         needs: an extra that training needs, "" for none.
         spikes: whether it is a spiking network, which has a bill on chips.
+        by_moment: whether beginnings of recordings have to be learnt apart to decide early, since what is seen of a
+            beginning differs from what is seen of the whole.
         presets: other settings by name, as values that differ; the first, without a name, are the defaults.
         measured: accuracy by data set, as text with the command in docs/how-to/recognise.md.
     """
@@ -118,6 +122,7 @@ class Method(Settings):
     source: ClassVar[str]
     needs: ClassVar[str] = ""
     spikes: ClassVar[bool] = False
+    by_moment: ClassVar[bool] = False
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     measured: ClassVar[Mapping[str, str]] = {}
 
@@ -157,19 +162,31 @@ class Method(Settings):
         Raises:
             ModelError: more than 5 % of the events lie outside of it.
         """
+        left = self.within(events)
+        self.check_outside(len(events) - len(left), len(events))
+        return left
+
+    def within(self, events: Events) -> Events:
+        """The events inside the field, as of a sensor of its size, however many that are."""
         width, height = self.size
         if events.sensor_size == self.size:
             return events
-        within = (events.x < width) & (events.y < height)
-        outside = len(events) - int(np.count_nonzero(within))
-        if outside > MAX_OUTSIDE * len(events):
+        left = events[(events.x < width) & (events.y < height)]
+        return Events(left.t, left.x, left.y, left.p, (width, height))
+
+    def check_outside(self, outside: int, total: int) -> None:
+        """Refuse a recording of which too much lies outside of the field.
+
+        Raises:
+            ModelError: it is more than 5 % of the events.
+        """
+        width, height = self.size
+        if outside > MAX_OUTSIDE * total:
             raise ModelError(
-                f"{outside} of {len(events)} events lie outside of the {width}x{height} field that is "
+                f"{outside} of {total} events lie outside of the {width}x{height} field that is "
                 f"looked at, expected at most {MAX_OUTSIDE:.0%}",
                 hint="crop the recording round the object first, or train with a larger 'size'",
             )
-        left = events[within] if outside else events
-        return Events(left.t, left.x, left.y, left.p, (width, height))
 
     def fixed(self) -> Mapping[str, Any]:
         """The settings that a training under way cannot change, as plain data."""
@@ -194,8 +211,28 @@ class Method(Settings):
             events: the recording.
             times_us: how long each beginning is from the first event on, us, ascending.
         """
-        first = int(events.t[0]) if len(events) else 0
-        return [self.observe(events[: int(np.searchsorted(events.t, first + t, "right"))]) for t in times_us]
+        first, begin = int(events.t[0]) if len(events) else 0, 0
+        observer, found = self.observer(), []
+        for time in times_us:
+            end = int(np.searchsorted(events.t, first + time, "right"))
+            observer.add(events[begin:end])
+            found.append(observer.evidence())
+            begin = end
+        return found
+
+    def observer(self) -> Observer:
+        """What sees a recording grow; a method that need not look at all events again has its own."""
+        return Whole(self.observe, self.size)
+
+    def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
+        """What this method makes of a recording on the way, by time, for `neuro recognise watch`; none by default.
+
+        Args:
+            events: the recording, at least one event.
+            learnt: by `fit`.
+            classes: names.
+        """
+        return ()
 
     @abstractmethod
     def fit(self, shown: Shown, course: Course) -> Learnt:

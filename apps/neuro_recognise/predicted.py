@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 
-from neuro.events import load
+from neuro.events import Events, load
 from neuro_recognise.method import SILENT, choose
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.shown import Floats
@@ -16,7 +17,7 @@ from neuro_recognise.shown import Floats
 __all__ = ["Predicted", "predict_files"]
 
 MOMENTS = 20
-"""Times at which a recording is asked about, evenly spread over it."""
+"""Times at which a recording is asked about where no moments were learnt, evenly spread over it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,8 +28,10 @@ class Predicted:
         path: the file.
         label: index of the class, -1 for none.
         scores: (classes,) what speaks for each.
-        decided_ms: from the first event on, after which the decision did not change any more; NaN without one.
+        decided_ms: from the first event on. With an allowed error: when it was met, else the end. Without: the first
+            moment from which on the decision was always the one on the whole recording. NaN without a decision.
         length_ms: of the recording.
+        settled: whether an allowed error was met.
     """
 
     path: str
@@ -36,26 +39,66 @@ class Predicted:
     scores: Floats
     decided_ms: float
     length_ms: float
+    settled: bool = False
 
 
-def predict_files(recogniser: Recogniser, files: Iterable[Path], backend: str = "event") -> list[Predicted]:
+def predict_files(
+    recogniser: Recogniser, files: Iterable[Path], backend: str = "event", allow: float | None = None
+) -> list[Predicted]:
     """Decide on files, each a recording.
+
+    Args:
+        recogniser: what was learnt.
+        files: recordings.
+        backend: runs networks.
+        allow: share of wrong decisions: each recording is decided on as soon as this is met, and what comes later is
+            not looked at. None decides on the whole.
 
     Raises:
         EventFileError: a file is damaged, or no recording.
-        ModelError: it does not fit the recogniser; the message tells the file.
+        ModelError: it does not fit the recogniser, or the allowed error cannot be met.
     """
-    return [_predict(recogniser, file, backend) for file in files]
+    return [
+        _whole(recogniser, file, backend) if allow is None else _early(recogniser, file, backend, allow)
+        for file in files
+    ]
 
 
-def _predict(recogniser: Recogniser, file: Path, backend: str) -> Predicted:
+def _whole(recogniser: Recogniser, file: Path, backend: str) -> Predicted:
     events = load(file)
-    length = (int(events.t[-1]) - int(events.t[0])) / 1000.0 if len(events) else 0.0
-    times = np.linspace(0.0, length, MOMENTS + 1)[1:]
-    at = recogniser.scores_at(events, times.tolist())
-    labels = choose(at)
-    final = int(labels[-1])
-    changed = np.flatnonzero(labels != final)
-    since = 0 if not changed.size else int(changed[-1]) + 1
-    decided = float("nan") if final == SILENT else float(times[since])
-    return Predicted(str(file), final, at[-1], decided, length)
+    length = _length(events)
+    scores = recogniser.scores(events, backend)
+    label = int(choose(scores)[0])
+    if label == SILENT:
+        return Predicted(str(file), label, scores[0], float("nan"), length)
+    times = _moments(recogniser, length)
+    other = np.flatnonzero(choose(recogniser.scores_at(events, times.tolist(), backend)) != label)
+    since = int(other[-1]) + 1 if other.size else 0
+    return Predicted(str(file), label, scores[0], float(times[since]) if since < len(times) else length, length)
+
+
+def _early(recogniser: Recogniser, file: Path, backend: str, allow: float) -> Predicted:
+    events = load(file)
+    length = _length(events)
+    early = recogniser.early
+    every = early.held.times_us[0] / 1000.0 if early else 1.0
+    session = recogniser.session(every_ms=every, allow=allow, window_ms=length + every, backend=backend)
+    scores = np.full(len(recogniser.classes), np.nan)
+    for decision in chain(session.feed(events), session.end()):
+        scores = decision.scores
+        if decision.settled:
+            return Predicted(str(file), decision.label, scores, decision.after_ms, length, settled=True)
+    label = int(choose(scores[None])[0])
+    return Predicted(str(file), label, scores, float("nan") if label == SILENT else length, length)
+
+
+def _moments(recogniser: Recogniser, length: float) -> Floats:
+    """When a recording is asked about, ms: the moments that were learnt, else some evenly spread, and the end."""
+    if recogniser.early is None:
+        return np.linspace(0.0, length, MOMENTS + 1)[1:]
+    learnt = recogniser.early.held.times_us / 1000.0
+    return np.append(learnt[learnt < length], length)
+
+
+def _length(events: Events) -> float:
+    return (int(events.t[-1]) - int(events.t[0])) / 1000.0 if len(events) else 0.0

@@ -1,4 +1,4 @@
-"""From a vector of numbers to classes: linear and RBF support vector machines, and the nearest class.
+"""From a vector of numbers to classes: linear and RBF support vector machines, least squares, and the nearest class.
 
 scikit-learn trains the machines; what they learnt is arrays, and scores are computed from these without it.
 """
@@ -18,7 +18,7 @@ from neuro_recognise.method import Course, Learnt
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats, Ints
 
-__all__ = ["Nearest", "Rbf", "Readout", "Svm"]
+__all__ = ["Nearest", "Rbf", "Readout", "Ridge", "Svm"]
 
 
 @dataclass(frozen=True)
@@ -119,6 +119,39 @@ class Rbf(Readout):
 
 
 @dataclass(frozen=True)
+class Ridge(Readout):
+    """Linear least squares with a penalty, one class against the others, on standardised values; quick to learn."""
+
+    source = "Rifkin and Klautau, JMLR 5:101, 2004, section 3.2 (regularised least squares classification)"
+
+    penalty: float = setting(
+        1000.0, "", "weight of small weights against small errors", "best of 300, 1000, 3000 on N-MNIST", above=0
+    )
+
+    def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
+        """Solve for weights in closed form, in the smaller of the two spaces."""
+        middle, spread = _scale(x)
+        scaled = (x - middle) / spread
+        wanted = np.where(labels[:, None] == np.arange(classes), 1.0, -1.0)
+        level = wanted.mean(axis=0)
+        if len(x) <= x.shape[1]:
+            inner = scaled @ scaled.T + self.penalty * np.eye(len(x))
+            weights = scaled.T @ np.linalg.solve(inner, wanted - level)
+        else:
+            inner = scaled.T @ scaled + self.penalty * np.eye(x.shape[1])
+            weights = np.linalg.solve(inner, scaled.T @ (wanted - level))
+        weights = np.ascontiguousarray(weights.T / spread)  # in a file's order, so that what is read scores to the bit
+        there = np.isin(np.arange(classes), labels)
+        return {"weights": weights, "thresholds": np.where(there, level - weights @ middle, -np.inf)}
+
+    def scores(self, learnt: Learnt, x: Array) -> Floats:
+        """Values from about -1 to about 1."""
+        m = _arrays(learnt)
+        found: Floats = x @ m["weights"].T + m["thresholds"]
+        return found
+
+
+@dataclass(frozen=True)
 class Nearest(Readout):
     """The class whose mean is nearest."""
 
@@ -137,7 +170,7 @@ class Nearest(Readout):
         return -np.stack([np.sqrt(((x - mean) ** 2).sum(axis=1)) for mean in means], axis=1)
 
 
-Readout.known = Registry("readout", (Svm, Rbf, Nearest))
+Readout.known = Registry("readout", (Svm, Rbf, Ridge, Nearest))
 
 
 def _scale(x: Array) -> tuple[Floats, Floats]:

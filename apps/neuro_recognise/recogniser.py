@@ -5,6 +5,7 @@
              python, numpy and numba
 /classes     names of the classes
 /learnt      arrays and texts by name, as the method gives them
+/early       what decisions while events arrive need, where it was learnt: see `neuro_recognise.early`
 ```
 """
 
@@ -25,10 +26,13 @@ import neuro
 from neuro.apps import Checkpoint, check_output, hdf5, unknown
 from neuro.events import EventFileError, Events, Recordings
 from neuro.events.dataset import UNKNOWN
+from neuro_recognise.early import Early, part_of
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, choose
 from neuro_recognise.methods import METHODS
 from neuro_recognise.observations import observe, observed
-from neuro_recognise.shown import Floats, Ints, Shown
+from neuro_recognise.session import WINDOW_MS, Session
+from neuro_recognise.shown import Evidence, Floats, Ints, Shown, unlabelled
+from neuro_recognise.stopping import stopping_rule
 
 __all__ = ["FORMAT", "Recogniser", "fit", "learn", "method_of", "settled"]
 
@@ -62,12 +66,14 @@ class Recogniser:
         classes: names.
         learnt: arrays and texts by name.
         training: what it was trained on and with: seed, backend, number and hash of the recordings.
+        early: what decisions while events arrive need; None where it was not learnt (see `learn_early`).
     """
 
     method: Method
     classes: tuple[str, ...]
     learnt: Learnt
     training: Mapping[str, Any] = field(default_factory=dict)
+    early: Early | None = None
 
     def scores(self, recordings: Recordings | Iterable[Events] | Events, backend: str = "event") -> Floats:
         """What speaks for each class.
@@ -89,15 +95,17 @@ class Recogniser:
         """The class of each recording, an index into `classes`; -1 where nothing speaks for any. Errors as `scores`."""
         return choose(self.scores(recordings, backend))
 
-    def scores_at(self, recording: Events, times_ms: Sequence[float]) -> Floats:
+    def scores_at(self, recording: Events, times_ms: Sequence[float], backend: str = "event") -> Floats:
         """What speaks for each class after the first milliseconds of a recording.
 
         Args:
             recording: its events.
             times_ms: from its first event on, ascending.
+            backend: runs networks.
 
         Returns:
-            (times, classes), as of `scores`; what comes after a time has no influence on its row.
+            (times, classes), as of `scores`; what comes after a time has no influence on its row. Where beginnings
+            were learnt apart (see `learn_early`), that of a beginning is asked.
 
         Raises:
             ModelError: the times run back, or the recording does not fit the method.
@@ -105,8 +113,64 @@ class Recogniser:
         times = np.asarray(times_ms, float)
         if times.ndim != 1 or not np.isfinite(times).all() or np.any(np.diff(times) < 0):
             raise neuro.ModelError(f"times_ms = {list(times_ms)}: expected times in ascending order, ms")
-        evidence = self.method.observe_until(recording, [round(1000.0 * t) for t in times])
-        return self.method.answer(self.learnt, _unlabelled(evidence, self.classes)).scores
+        times_us = [round(1000.0 * t) for t in times]
+        evidence = self.method.observe_until(recording, times_us)
+        if self.early is None or not self.early.learnt:
+            return self.method.answer(self.learnt, unlabelled(evidence, self.classes), backend).scores
+        rows = [self._asked(backend)(time, one) for time, one in zip(times_us, evidence, strict=True)]
+        return np.array(rows).reshape(-1, len(self.classes))
+
+    def learnt_at(self, after_us: int) -> Learnt:
+        """What is asked after so much of a recording, us."""
+        return self.early.at(after_us) or self.learnt if self.early else self.learnt
+
+    def session(
+        self,
+        *,
+        every_ms: float = 10.0,
+        allow: float | None = None,
+        window_ms: float | None = None,
+        gap_ms: float | None = None,
+        backend: str = "event",
+    ) -> Session:
+        """Decide while the events of a stream arrive.
+
+        Args:
+            every_ms: from moment to moment.
+            allow: share of wrong decisions at which `Decision.settled` says that it can be stopped; needs `early`.
+            window_ms: after so long all is forgotten, and the next event begins anew; None takes the length of the
+                longest recording that `early` was learnt from, else 1000 ms.
+            gap_ms: likewise after a pause without events; None for no such pause.
+            backend: runs networks.
+
+        Raises:
+            ModelError: a time is not above 0, or the allowed error cannot be met.
+        """
+        seen = self.early.held.times_us[-1] / 1000.0 if self.early else WINDOW_MS
+        every = _microseconds("every_ms", every_ms)
+        window = _microseconds("window_ms", seen if window_ms is None else window_ms)
+        gap = None if gap_ms is None else _microseconds("gap_ms", gap_ms)
+        rule = None if allow is None else stopping_rule(self._early().held, allow)
+        held = self.early.held if self.early else None
+        return Session(self.method.observer, self._asked(backend), every, window, gap, held, rule)
+
+    def _asked(self, backend: str) -> Callable[[int, Evidence], Floats]:
+        """A function of a time after the first event, us, and what was seen until then, that gives the scores."""
+
+        def ask(after_us: int, evidence: Evidence) -> Floats:
+            shown = unlabelled([evidence], self.classes)
+            scores: Floats = self.method.answer(self.learnt_at(after_us), shown, backend).scores[0]
+            return scores
+
+        return ask
+
+    def _early(self) -> Early:
+        if self.early is None:
+            raise neuro.ModelError(
+                "the recogniser has not learnt when it may stop",
+                hint="learn_early, or 'neuro recognise early MODEL --data FOLDER'",
+            )
+        return self.early
 
     def answer(self, recordings: Recordings | Iterable[Events] | Events, backend: str = "event") -> Answer:
         """Scores, those of other votes, and what it took to find them. Arguments and errors as of `scores`."""
@@ -134,6 +198,8 @@ class Recogniser:
             group = file.create_group("learnt")
             for name, part in self.learnt.items():
                 group[name] = part
+            if self.early is not None:
+                self.early.write(file.create_group("early"))
 
     @classmethod
     def load(cls, path: Path) -> Recogniser:
@@ -145,8 +211,9 @@ class Recogniser:
         with hdf5.reading(path, FORMAT) as file:
             method = method_of(str(file.attrs["method"])).from_words(json.loads(file.attrs["settings"]))
             classes = tuple(file["classes"].asstr()[:].tolist())
-            learnt = {name: _part(data) for name, data in file["learnt"].items()}
-            return cls(method, classes, learnt, json.loads(file.attrs["training"]))
+            learnt = {name: part_of(data) for name, data in file["learnt"].items()}
+            early = Early.read(file["early"]) if "early" in file else None
+            return cls(method, classes, learnt, json.loads(file.attrs["training"]), early)
 
 
 def fit(
@@ -248,12 +315,15 @@ def _digest(data: Recordings) -> str:
     return hashlib.blake2b(data.fingerprint().encode(), digest_size=16).hexdigest()
 
 
-def _unlabelled(evidence: list[Any], classes: tuple[str, ...]) -> Shown:
-    return Shown(evidence, np.full(len(evidence), -1, np.int64), tuple(map(str, range(len(evidence)))), classes)
+def _microseconds(name: str, value: float) -> int:
+    """A time in ms as whole us.
 
-
-def _part(data: Any) -> Any:
-    return data.asstr()[()] if data.dtype.kind == "O" else data[()]
+    Raises:
+        ModelError: it is none above 0.
+    """
+    if not np.isfinite(value) or round(1000.0 * value) < 1:
+        raise neuro.ModelError(f"{name} = {value:g}: expected a time above 0 ms")
+    return round(1000.0 * value)
 
 
 def _versions() -> dict[str, str]:

@@ -3,32 +3,38 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from neuro import ModelError
 from neuro.apps import console, install, number, table, write_picture
 from neuro_recognise.evaluate import Evaluation
 from neuro_recognise.method import METHODS, SILENT
 from neuro_recognise.predicted import Predicted
 from neuro_recognise.recogniser import Recogniser, method_of
+from neuro_recognise.stopping import stopping_rule
 from neuro_recognise.tried import Tried
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FORMAT = "neuro recognise figures 1"
+ALLOWED = (0.01, 0.02, 0.05, 0.075, 0.1, 0.15, 0.2)
+"""Shares of wrong decisions that are shown."""
 
 
 def show_methods() -> None:
     """Print all methods."""
     rows = []
     for name, method in METHODS.items():
-        runs = "network" if method.spikes else "no network"
-        needs = f"{runs}; extra {method.needs}" if method.needs else runs
-        measured = ", ".join(f"{what} {share}" for what, share in method.measured.items())
-        rows.append((name, method.title, needs, measured or "-", method.source))
+        runs = "a network" if method.spikes else "-"
+        measured = "\n".join(f"{what} {share}" for what, share in method.measured.items())
+        rows.append((name, f"{method.title}\n{method.source}", runs, method.needs or "-", measured or "-"))
     out = console()
-    out.print(table(("method", "what", "needs", "measured", "source"), rows))
+    out.print(table(("method", "what, and where from", "runs", "extra", "measured"), rows))
     if any(method.needs for method in METHODS.values()):
         print(f"the extra recognise, by which support vector machines are trained: {install('recognise')}")
 
@@ -97,6 +103,26 @@ def show_predicted(recogniser: Recogniser, predicted: list[Predicted], as_json: 
     console().print(table(("recording", "class", ">decided after", "scores"), rows))
 
 
+def show_early(recogniser: Recogniser) -> None:
+    """Print how held-out recordings were decided moment by moment, and what an allowed error costs in time."""
+    if recogniser.early is None:
+        return
+    held = recogniser.early.held
+    chosen = np.unique(np.geomspace(1, len(held.times_us), min(10, len(held.times_us))).round().astype(int)) - 1
+    rows = [(f"{held.times_us[k] / 1000:g} ms", f"{held.right[:, k].mean():.1%}") for k in chosen]
+    out = console()
+    out.print(f"{len(held.right)} recordings, each held out once")
+    out.print(table((">after", ">right"), rows))
+    rules = []
+    for allowed in ALLOWED:
+        with suppress(ModelError):
+            rule = stopping_rule(held, allowed)
+            rules.append((f"{allowed:.1%}", f"{rule.mean_ms:.0f} ms", f"{rule.error:.1%}"))
+    if rules:
+        out.print("what an allowed error would have cost these recordings, in the mean")
+        out.print(table((">--allow", ">decided after", ">wrong"), rules))
+
+
 def write_confusion(tried: Tried, folder: Path) -> None:
     """Draw the confusion of the recogniser's own decisions."""
     from neuro_recognise.pictures import confusion
@@ -126,6 +152,7 @@ def _words(recogniser: Recogniser, one: Predicted) -> dict[str, object]:
         "class": None if silent else recogniser.classes[one.label],
         "decided_ms": None if silent else one.decided_ms,
         "length_ms": one.length_ms,
+        "settled": one.settled,
         "scores": None if silent else dict(zip(recogniser.classes, one.scores.tolist(), strict=True)),
     }
 

@@ -36,6 +36,10 @@ class Segmenter(Part):
             (segments + 1,) segment i is ``[bounds[i], bounds[i + 1])``.
         """
 
+    @abstractmethod
+    def cutter(self) -> segmentation.Cutter:
+        """The same with a memory, for recordings that come in parts."""
+
     def complete_at(self, t: Ints, bounds: Ints) -> Ints:
         """When each segment is known to be complete.
 
@@ -62,6 +66,10 @@ class Msd(Segmenter):
         """What comes after the last whole segment belongs to none."""
         return segmentation.msd_segments(t, tau=self.tau, threshold=self.threshold)
 
+    def cutter(self) -> segmentation.Cutter:
+        """A detector of motion symbols."""
+        return segmentation.MSD(self.tau, self.threshold)
+
 
 @dataclass(frozen=True)
 class Hes(Segmenter):
@@ -76,6 +84,10 @@ class Hes(Segmenter):
     def bounds(self, t: Ints) -> Ints:
         """What comes after the last whole window belongs to none."""
         return segmentation.time_segments(t, window_us=max(1, round(1000.0 * self.window)))
+
+    def cutter(self) -> segmentation.Cutter:
+        """A clock."""
+        return segmentation.TimeWindows(max(1, round(1000.0 * self.window)))
 
     def complete_at(self, t: Ints, bounds: Ints) -> Ints:
         """At the first event after the window."""
@@ -93,6 +105,10 @@ class Counts(Segmenter):
     def bounds(self, t: Ints) -> Ints:
         """What comes after the last whole segment belongs to none."""
         return segmentation.count_segments(t, count=self.count)
+
+    def cutter(self) -> segmentation.Cutter:
+        """A counter."""
+        return segmentation.Counts(self.count)
 
 
 @dataclass(frozen=True)
@@ -116,6 +132,10 @@ class Ses(Segmenter):
         return segmentation.peak_segments(
             t, round(1000.0 * self.search), tau_us=1000.0 * self.tau, threshold=self.threshold
         )
+
+    def cutter(self) -> segmentation.Cutter:
+        """A finder of peaks."""
+        return segmentation.Peaks(round(1000.0 * self.search), tau_us=1000.0 * self.tau, threshold=self.threshold)
 
 
 Segmenter.known = Registry("segmenter", (Msd, Hes, Counts, Ses))

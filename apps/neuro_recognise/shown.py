@@ -9,7 +9,7 @@ from typing import Any, TypeAlias, overload
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Array", "Evidence", "Floats", "Ints", "Ragged", "Shown"]
+__all__ = ["Array", "Evidence", "Floats", "Ints", "Ragged", "Shown", "unlabelled"]
 
 Array: TypeAlias = npt.NDArray[Any]
 Floats: TypeAlias = npt.NDArray[np.float64]
@@ -68,6 +68,11 @@ class Shown:
     def stacked(self, name: str) -> Array:
         """One array of all recordings that is equally large for all, (recordings, ...), in memory."""
         return np.stack([one[name] for one in self.evidence])
+
+
+def unlabelled(evidence: Sequence[Evidence], classes: tuple[str, ...]) -> Shown:
+    """What recordings show whose classes are not known."""
+    return Shown(evidence, np.full(len(evidence), -1, np.int64), tuple(map(str, range(len(evidence)))), classes)
 
 
 class _Taken(Sequence[Evidence]):

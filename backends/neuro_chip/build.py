@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from neuro.chips.quantising.fixed import FixedPopulation
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core import keyed_random
 from neuro.core.clock import NEVER
+from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Program, Projection
 from neuro_chip import tables as t
 from neuro_chip.families.every import NUMBERS, family_of
@@ -58,28 +60,33 @@ def arrays_of(fixed: FixedProgram) -> Arrays:
         a[name] = np.zeros(room, dtype=np.int64)
     a["clock"] = np.zeros(t.CLOCK_COLUMNS, dtype=np.int64)
     a["clock"][t.STOP_GROUP] = t.NONE
-    a["groups"] = np.zeros((len(program.groups), t.GROUP_COLUMNS), dtype=np.int64)
-    for k, group in enumerate(program.groups):
-        a["groups"][k, : t.DECIDED] = group.population, group.first_to_fire, 0, t.NONE
-        a["pops"][group.population, t.GROUP] = k
-    _local_winners(a, program)
+    _groups(a, program)
     for k, part in enumerate(fixed.populations):
         write_registers(a, fixed, k, part)
     return a
 
 
-def _local_winners(a: Arrays, program: Program) -> None:
-    """Groups with several winners, and room for who wins."""
-    n = len(program.groups)
-    local = [group.local for group in program.groups]
+def _groups(a: Arrays, program: Program) -> None:
+    """How the neurons of each group compete, and room for who wins."""
+    n, shapes = len(program.groups), [program.populations[group.population].shape for group in program.groups]
+    several = any(group.choice.several for group in program.groups)
+    a["groups"] = np.zeros((n, t.GROUP_COLUMNS), dtype=np.int64)
+    a["groups"][:, t.WINNER] = t.NONE
     a["local"] = np.full((n, 5), t.NONE, dtype=np.int64)
     a["standing"] = np.zeros((n, 2), dtype=np.int64)
-    a["map_wins"] = np.zeros((n, max((part.maps for part in local if part), default=0)), dtype=np.int64)
-    a["won"] = np.zeros((a["v"].size if any(local) else 0, 2), dtype=np.int64)
-    for k, part in enumerate(local):
-        if part is not None:
-            a["local"][k] = part.radius, part.per_map, part.maps, part.rows, part.columns
-            a["standing"][k, t.OPEN] = part.maps * part.rows * part.columns
+    a["map_wins"] = np.zeros((n, max((shape[0] for shape in shapes), default=0)), dtype=np.int64)
+    a["won"] = np.zeros((a["v"].size if several else 0, 2), dtype=np.int64)
+    for k, (group, shape) in enumerate(zip(program.groups, shapes, strict=True)):
+        a["pops"][group.population, t.GROUP] = k
+        a["groups"][k, t.POPULATION] = group.population
+        match group.choice:
+            case winner_take_all(first_to_fire=once):
+                a["groups"][k, t.FIRST_TO_FIRE] = once
+            case lateral_reset(axis=axis):
+                a["groups"][k, [t.RIVALS, t.APART]] = shape[axis], math.prod(shape[axis + 1 :])
+            case local_winners(radius=radius, per_map=per_map):
+                a["local"][k] = radius, per_map or 0, *shape
+                a["standing"][k, t.OPEN] = math.prod(shape)
 
 
 def _keys(program: Program, purpose: str, names: list[str]) -> NDArray[np.uint64]:
@@ -188,9 +195,10 @@ def _grid(row: NDArray[np.int64], part: Projection) -> None:
     g = part.grid
     if g is None:
         return
-    row[[t.CHANNELS, t.CHANNEL_HEIGHT, t.CHANNEL_WIDTH]] = g.channels, g.height, g.width
-    row[[t.MAPS, t.ROWS, t.COLUMNS]] = g.maps, g.rows, g.columns
-    row[[t.KERNEL_HEIGHT, t.KERNEL_WIDTH, t.STRIDE, t.PADDING]] = g.kernel_height, g.kernel_width, g.stride, g.padding
+    row[[t.CHANNEL_HEIGHT, t.CHANNEL_WIDTH]] = g.height, g.width
+    row[[t.ROWS, t.COLUMNS]] = g.rows, g.columns
+    row[[t.DEPTH, t.KERNEL_HEIGHT, t.KERNEL_WIDTH]] = g.kernels[1:]
+    row[[t.STRIDE, t.TOP, t.LEFT, t.REACH]] = g.stride, g.top, g.left, g.reach
 
 
 def write_registers(a: Arrays, fixed: FixedProgram, k: int, part: FixedPopulation) -> None:

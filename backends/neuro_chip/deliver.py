@@ -9,21 +9,21 @@ from neuro_chip.tables import (
     BEGIN,
     CHANNEL_HEIGHT,
     CHANNEL_WIDTH,
-    CHANNELS,
     COLUMNS,
     CSR,
     DENSE,
+    DEPTH,
     END,
     KERNEL_HEIGHT,
     KERNEL_WIDTH,
     LAG,
     LAG_STRIDE,
     LAYOUT,
-    MAPS,
+    LEFT,
     NEGATIVE,
     ONE_TO_ONE,
-    PADDING,
     POSITIVE,
+    REACH,
     RECEPTORS,
     RING,
     ROW,
@@ -32,6 +32,7 @@ from neuro_chip.tables import (
     STRIDE,
     SYNAPSE,
     TARGET,
+    TOP,
     WORD,
     WORD_STRIDE,
 )
@@ -142,15 +143,16 @@ def send_grid(net, row, target, i, times, step, below, capped):
     """Add a shared kernel: every place of every map whose kernel covers the source."""
     sheet = row[CHANNEL_HEIGHT] * row[CHANNEL_WIDTH]
     channel, rest = i // sheet, i % sheet
-    y, x = rest // row[CHANNEL_WIDTH] + row[PADDING], rest % row[CHANNEL_WIDTH] + row[PADDING]
+    first = channel // row[DEPTH] * row[REACH]  # of the maps that the channel reaches
+    y, x = rest // row[CHANNEL_WIDTH] + row[TOP], rest % row[CHANNEL_WIDTH] + row[LEFT]
     height, width, stride = row[KERNEL_HEIGHT], row[KERNEL_WIDTH], row[STRIDE]
     # the first and the last place whose kernel covers the line: ceil((y - height + 1) / stride) and y / stride
     r_first, r_last = max(0, -((height - 1 - y) // stride)), min(row[ROWS] - 1, y // stride)
     c_first, c_last = max(0, -((width - 1 - x) // stride)), min(row[COLUMNS] - 1, x // stride)
     n = target[END] - target[BEGIN]
     slot = (step + net.lags[row[LAG]]) & (target[SLOTS] - 1)
-    for m in range(row[MAPS]):
-        kernel = row[WORD] + (m * row[CHANNELS] + channel) * height * width * row[WORD_STRIDE]
+    for m in range(first, first + row[REACH]):
+        kernel = row[WORD] + (m * row[DEPTH] + channel % row[DEPTH]) * height * width * row[WORD_STRIDE]
         for r in range(r_first, r_last + 1):
             line = kernel + (y - r * stride) * width * row[WORD_STRIDE]
             base = target[RING] + slot * n + (m * row[ROWS] + r) * row[COLUMNS]

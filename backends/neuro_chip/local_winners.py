@@ -1,10 +1,8 @@
 """Groups with several winners, each of which silences what is near it: the host decides them for the chip."""
 
 # mypy: ignore-errors
-import numpy as np
-
-from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.jit import inner
+from neuro_chip.groups import choose
 from neuro_chip.tables import (
     BEGIN,
     BLOCKED,
@@ -28,32 +26,14 @@ from neuro_chip.tables import (
 def settle_locally(net, row, step):
     """Of the candidates of a group leave those that win, the best first."""
     group, lo, hi = row[GROUP], row[BEGIN], row[END]
-    for i in range(lo, hi):
-        net.fired[i] = net.fired[i] and not net.muted[i]
-    best = next_winner(net, row, step)
+    best = choose(net, row, lo, hi, 1, step)
     while best >= 0:
         win(net, row, best, step)
-        best = next_winner(net, row, step)
+        best = choose(net, row, lo, hi, 1, step)
     for i in range(lo, hi):
         if net.fired[i] and not net.muted[i] & WON:
             net.fired[i] = 0
     net.groups[group, CLOSED] = net.standing[group, OPEN] == 0
-
-
-@inner
-def next_winner(net, row, step):
-    """The candidate that may win of the largest margin; of equal ones the larger draw, then the smaller id; or -1."""
-    best = -1
-    best_margin, best_draw = np.int64(0), -1.0
-    base = step_word(net.group_keys[row[GROUP]], step)
-    for i in range(row[BEGIN], row[END]):
-        if not net.fired[i] or net.muted[i]:
-            continue
-        margin = np.int64(net.v[i]) - np.int64(net.threshold[i])
-        draw = uniform(base, i - row[BEGIN])
-        if best < 0 or margin > best_margin or (margin == best_margin and draw > best_draw):
-            best, best_margin, best_draw = i, margin, draw
-    return best
 
 
 @inner

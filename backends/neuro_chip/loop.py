@@ -9,6 +9,7 @@ from neuro.kernels.draws import poisson_by_sum, step_word, uniform
 from neuro.kernels.jit import inner, kernel
 from neuro_chip.deliver import send
 from neuro_chip.families.dispatch import update
+from neuro_chip.groups import fire, settle_one, settle_rivals
 from neuro_chip.local_winners import settle_locally
 from neuro_chip.tables import (
     ARRIVED,
@@ -16,10 +17,8 @@ from neuro_chip.tables import (
     BINARY,
     CLOSED,
     CURRENT,
-    DECIDED,
     EMITTED,
     END,
-    FIRST_TO_FIRE,
     GROUP,
     KIND,
     LATE,
@@ -31,13 +30,13 @@ from neuro_chip.tables import (
     RECORDED,
     RELAY,
     RING,
+    RIVALS,
     SILENCED,
     SLOTS,
     START,
     STEP,
     STOP,
     STOP_GROUP,
-    WINNER,
 )
 
 Net = namedtuple(
@@ -117,45 +116,17 @@ def count_active(net, pop, row, step):
 
 
 @inner
-def fire(net, i):
-    """Reset a neuron that spiked."""
-    net.v[i] = net.v_reset[i]
-    net.hold[i] = net.refractory[i]
-
-
-@inner
-def settle(net, pop, row, step):
-    """Of the candidates of a group the largest margin fires; of equal ones the larger draw, then the smaller id."""
-    group = row[GROUP]
+def decide(net, row, step):
+    """Of the candidates of a group leave those that fire; reset who loses by it."""
+    group, closed = row[GROUP], net.groups[row[GROUP], CLOSED]
+    for i in range(row[BEGIN], row[END]):
+        net.fired[i] = net.fired[i] and not net.muted[i] and not closed
     if net.local[group, RADIUS] >= 0:
         settle_locally(net, row, step)
-        return
-    lo, hi = row[BEGIN], row[END]
-    best = -1
-    best_margin, best_draw = np.int64(0), -1.0
-    base = step_word(net.group_keys[group], step)
-    for i in range(lo, hi):
-        if not net.fired[i] or net.muted[i] or net.groups[group, CLOSED]:
-            net.fired[i] = 0
-            continue
-        margin = np.int64(net.v[i]) - np.int64(net.threshold[i])  # of two numbers of 32 bits: it may take 33
-        draw = uniform(base, i - lo)
-        if best < 0 or margin > best_margin or (margin == best_margin and draw > best_draw):
-            best, best_margin, best_draw = i, margin, draw
-    if best < 0:
-        return
-    if net.groups[group, WINNER] < 0:
-        net.groups[group, WINNER] = best - lo
-        net.groups[group, DECIDED] = step
-        for i in range(lo, hi):
-            net.potential[i] = net.v[i]
-    for i in range(lo, hi):
-        if net.fired[i] and i != best:
-            net.fired[i] = 0
-            if not net.groups[group, FIRST_TO_FIRE]:
-                fire(net, i)
-    if net.groups[group, FIRST_TO_FIRE]:
-        net.groups[group, CLOSED] = 1
+    elif net.groups[group, RIVALS] > 0:
+        settle_rivals(net, row, step)
+    else:
+        settle_one(net, row, step)
 
 
 @inner
@@ -166,7 +137,7 @@ def advance_neurons(net, pop, row, step):
     else:
         update(net, pop, row, step)
         if row[GROUP] >= 0:
-            settle(net, pop, row, step)
+            decide(net, row, step)
         for i in range(row[BEGIN], row[END]):
             if net.fired[i]:
                 if net.muted[i] & SILENCED:

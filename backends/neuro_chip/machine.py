@@ -66,7 +66,7 @@ class Machine:
         self.currents = Currents(self.program)
         self.record = Record()
         self._warned: set[str] = set()
-        self._live = _LIVE + (_WON if any(group.local for group in self.program.groups) else ())
+        self._live = _LIVE + (_WON if any(group.choice.several for group in self.program.groups) else ())
         for k, part in enumerate(self.program.populations):
             write_states(self.arrays, k, fixed.populations[k])
             if part.kind == "poisson":
@@ -157,7 +157,7 @@ class Machine:
     def count_open(self) -> None:
         """How many of each group with several winners may still win."""
         for k, group in enumerate(self.program.groups):
-            if group.local is not None:
+            if group.choice.several:
                 self.arrays["standing"][k, t.OPEN] = np.count_nonzero(
                     self.arrays["muted"][self.slice(group.population)] == 0
                 )

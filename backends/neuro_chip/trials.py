@@ -68,7 +68,7 @@ class Trials:
         """The voltages of the output at the decision; with several winners of each map at its own; or at the end."""
         a, group = self._machine.arrays, self._section.group
         decided = a["groups"][group, t.WINNER] >= 0
-        if self._machine.program.groups[group].local is not None:
+        if self._machine.program.groups[group].choice.several:
             decided = np.repeat(a["map_wins"][group, : self._section.maps] > 0, self._per_map)
         volt: NDArray[np.int32] = np.where(decided, a["potential"][self._output], a["v"][self._output])
         return volt
@@ -76,7 +76,7 @@ class Trials:
     def _wins(self) -> Wins | None:
         """All who have won, where several may."""
         a, group = self._machine.arrays, self._section.group
-        if self._machine.program.groups[group].local is None:
+        if not self._machine.program.groups[group].choice.several:
             return None
         won = a["won"][self._output][: a["standing"][group, t.WINS]]
         return Wins(won[:, 0].copy(), won[:, 1] - self._began - 1)
@@ -215,9 +215,10 @@ def _under_kernel(part: Projection, neuron: int) -> tuple[Ints, Ints]:
     assert g is not None
     m, rest = divmod(neuron, g.rows * g.columns)
     r, c = divmod(rest, g.columns)
-    k, i, j = np.meshgrid(np.arange(g.channels), np.arange(g.kernel_height), np.arange(g.kernel_width), indexing="ij")
-    y, x = r * g.stride + i - g.padding, c * g.stride + j - g.padding
+    _, depth, height, width = g.kernels
+    k, i, j = np.indices((depth, height, width))
+    y, x = r * g.stride + i - g.top, c * g.stride + j - g.left
     inside = (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
-    source = ((k * g.height + y) * g.width + x)[inside]
-    slot = (((m * g.channels + k) * g.kernel_height + i) * g.kernel_width + j)[inside]
+    source = (((k + m // g.reach) * g.height + y) * g.width + x)[inside]
+    slot = (((m * depth + k) * height + i) * width + j)[inside]
     return source.astype(np.int64), slot.astype(np.int64)

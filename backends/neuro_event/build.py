@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from neuro.core import keyed_random
 from neuro.model.neurons import Generator, Neuron
+from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Floats, Program
 from neuro_event import layout
 from neuro_event import tables as t
@@ -155,14 +157,16 @@ def _logs(a: Arrays) -> None:
 
 def _groups(a: Arrays) -> None:
     groups = a.program.groups
-    a.net["groups"] = np.full((max(1, len(groups)), 5), t.NONE, dtype=np.int64)
+    a.net["groups"] = np.full((max(1, len(groups)), t.GROUP_COLUMNS), t.NONE, dtype=np.int64)
     a.net["closed"] = np.zeros(max(1, len(groups)), dtype=np.uint8)
     a.net["group_keys"] = np.array(
         [keyed_random.key(a.program.seed, "tie", g.name) for g in groups] or [0], dtype=np.uint64
     )
     for k, g in enumerate(groups):
-        a.net["groups"][k] = (g.population, int(g.first_to_fire), 0, -1, -1)
+        once = isinstance(g.choice, winner_take_all) and g.choice.first_to_fire
+        a.net["groups"][k] = (g.population, once, 0, t.NONE, t.NONE, 0, 0)
     _local_winners(a)
+    _rivals(a)
     trials = a.program.trials
     maps = trials.maps if trials else 1
     a.net["potential"] = np.zeros(maps)
@@ -180,19 +184,28 @@ def _local_winners(a: Arrays) -> None:
     """Where the maps, rows and columns of groups with several winners lie among the internal places."""
     groups = a.program.groups
     rows = max(1, len(groups))
-    a.net["local"] = np.full((rows, t.LOCAL_COLUMNS), t.NONE, dtype=np.int64)
+    a.net["local"] = np.full((rows, t.LOCAL_ENTRIES), t.NONE, dtype=np.int64)
     a.net["standing"] = np.zeros((rows, 2), dtype=np.int64)
     maps = max((a.program.populations[group.population].shape[0] for group in groups), default=1)
     a.net["map_wins"] = np.zeros((rows, maps), dtype=np.int64)
     a.net["won"] = np.zeros((1, 2), dtype=np.int64)
     for k, group in enumerate(groups):
-        if (local := group.local) is None:
+        if not isinstance(choice := group.choice, local_winners):
             continue
-        maps_innermost = a.places[group.population].inside is not None
-        places = local.rows * local.columns
-        steps = (1, local.maps) if maps_innermost else (places, 1)
-        a.net["local"][k] = (local.radius, local.per_map, local.maps, local.rows, local.columns, *steps)
-        a.net["standing"][k, t.OPEN] = local.maps * places
+        place, shape = a.places[group.population], a.program.populations[group.population].shape
+        next_map, _, next_place = place.steps(shape)
+        a.net["local"][k] = (choice.radius, choice.per_map or 0, *shape, next_map, next_place)
+        a.net["standing"][k, t.OPEN] = math.prod(shape)
     trials = a.program.trials
-    if trials and groups[trials.group].local is not None:
+    if trials and groups[trials.group].choice.several:
         a.net["won"] = np.zeros((a.program.populations[trials.output].size, 2), dtype=np.int64)
+
+
+def _rivals(a: Arrays) -> None:
+    """How many neurons compete in groups in which a spike resets others, how far apart they lie, and room for them."""
+    for k, group in enumerate(a.program.groups):
+        if isinstance(choice := group.choice, lateral_reset):
+            place, shape = a.places[group.population], a.program.populations[group.population].shape
+            a.net["groups"][k, [t.RIVALS, t.APART]] = shape[choice.axis], place.steps(shape)[choice.axis]
+    most = max(1, int(a.net["groups"][:, t.RIVALS].max()))
+    a.net["rivals"] = np.zeros((a.net["edges"].size - 1, most), dtype=np.int64)

@@ -13,24 +13,25 @@ from neuro_event.tables import (
     BLOCK,
     CHANNEL_HEIGHT,
     CHANNEL_WIDTH,
+    CHANNELS_INSIDE,
     COLUMNS,
     CSR,
     DELAY,
     DELAY_STRIDE,
     DENSE,
+    DEPTH,
     END,
     FIRST_BLOCK,
     KERNEL_HEIGHT,
     KERNEL_WIDTH,
     LAST_BLOCK,
     LAYOUT,
-    MAP_STEP,
+    LEFT,
     MAPS,
     MIXED,
     NEGATIVE,
     ONE_TO_ONE,
-    PADDING,
-    PLACE_STEP,
+    REACH,
     RECEPTOR,
     RECEPTORS,
     RING,
@@ -43,6 +44,7 @@ from neuro_event.tables import (
     STRIDE,
     SYNAPSE,
     TARGET,
+    TOP,
     WAKE_ALL,
     WEIGHT,
     WEIGHT_STRIDE,
@@ -117,33 +119,40 @@ def csr_delayed(view, row, source_id, m, step, thread, receptors, mark, slots):
 
 
 @inner
-def grid_add(row, source, m, weights, buf, out, apart):
-    """A shared kernel, kept with the maps innermost: add it round one source neuron.
+def grid_add(row, source, m, weights, lo, hi, buf, out, apart, due, mark):
+    """A shared kernel, kept with the maps innermost: add it to those of lo:hi round one source, and mark their blocks.
 
     Negative weights go `apart` places further, to the second receptor; 0 where all go to one.
     """
-    height, width = row[CHANNEL_HEIGHT], row[CHANNEL_WIDTH]
-    maps, rows, columns = row[MAPS], row[ROWS], row[COLUMNS]
-    channel = source // (height * width)
-    y = source // width % height + row[PADDING]
-    x = source % width + row[PADDING]
+    width, sheet = row[CHANNEL_WIDTH], row[CHANNEL_HEIGHT] * row[CHANNEL_WIDTH]
+    maps, rows, columns, reach = row[MAPS], row[ROWS], row[COLUMNS], row[REACH]
+    inside = row[CHANNELS_INSIDE]
+    channel, pixel = (source % inside, source // inside) if inside > 0 else (source // sheet, source % sheet)
+    y, x = pixel // width + row[TOP], pixel % width + row[LEFT]
     stride = row[STRIDE]
+    first_map, channel = channel // row[DEPTH] * reach, channel % row[DEPTH]
+    first, last = max(0, (x - row[KERNEL_WIDTH]) // stride + 1), min(columns, x // stride + 1)
     for r in range(max(0, (y - row[KERNEL_HEIGHT]) // stride + 1), min(rows, y // stride + 1)):
-        for c in range(max(0, (x - row[KERNEL_WIDTH]) // stride + 1), min(columns, x // stride + 1)):
+        line = r * columns * maps + first_map
+        if mark >= 0:
+            begin, end = max(lo, line + first * maps), min(hi, line + (last - 1) * maps + reach)
+            if begin < end:
+                due[mark + (begin >> _BLOCK) : mark + ((end - 1) >> _BLOCK) + 1] = 1
+        for c in range(first, last):
             place = (channel * row[KERNEL_HEIGHT] + y - r * stride) * row[KERNEL_WIDTH] + x - c * stride
-            w = row[WEIGHT] + place * maps
-            o = out + (r * columns + c) * row[PLACE_STEP]
+            target = line + c * maps
+            begin, end = max(lo, target), min(hi, target + reach)
+            if begin >= end:
+                continue
+            w = row[WEIGHT] + place * maps + first_map + begin - target
             if apart != 0:
-                for k in range(maps):
+                for k in range(end - begin):
                     weight = weights[w + k] * m
-                    buf[o + k * row[MAP_STEP] + (apart if weight < 0.0 else 0)] += weight
-            elif row[MAP_STEP] == 1:
-                to, some = buf[o : o + maps], weights[w : w + maps]
+                    buf[out + begin + k + (apart if weight < 0.0 else 0)] += weight
+            else:
+                to, some = buf[out + begin : out + end], weights[w : w + end - begin]
                 for k in range(some.size):
                     to[k] += some[k] * m
-            else:
-                for k in range(maps):
-                    buf[o + k * row[MAP_STEP]] += weights[w + k] * m
 
 
 @inner
@@ -187,9 +196,10 @@ def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between,
             if mark >= 0:
                 net.due[mark + (source_id >> _BLOCK)] = 1
     elif row[SIGN] == MIXED and receptors == 2:
-        grid_add(row, source_id, m, weights, buf, out, between)
+        grid_add(row, source_id, m, weights, lo, hi, buf, out, between, net.due, mark)
     else:
-        grid_add(row, source_id, m, weights, buf, out + (between if row[SIGN] == NEGATIVE and receptors == 2 else 0), 0)
+        o = out + (between if row[SIGN] == NEGATIVE and receptors == 2 else 0)
+        grid_add(row, source_id, m, weights, lo, hi, buf, o, 0, net.due, mark)
 
 
 @inner

@@ -143,7 +143,7 @@ class EventEngine:
         inside, decided = (int(net["groups"][spec.group, column]) for column in (t.WINNER, t.DECIDED))
         winner, tick = (int(net["order"][inside]), decided - start - 1) if inside >= 0 else (-1, -1)
         peak, peak_tick = (None, None) if peaks is None else peaks.found(winner, tick)
-        wins = None if self._program.groups[spec.group].local is None else self._wins(spec.group)
+        wins = self._wins(spec.group) if self._program.groups[spec.group].choice.several else None
         return Outcome(winner, tick, net["potential"].copy(), net["order"][net["best"]], ticks, peak, peak_tick, wins)
 
     def _wins(self, group: int) -> Wins:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -50,17 +51,21 @@ class Place:
         """One value per neuron, from internal places to ids."""
         return values if self.inside is None else values[self.inside]
 
+    def steps(self, shape: tuple[int, ...]) -> tuple[int, ...]:
+        """How far apart inside those of a population of a shape lie that are next to each other along each axis."""
+        steps = [math.prod(shape[axis + 1 :]) for axis in range(len(shape))]
+        return tuple(steps) if self.inside is None else (1, *(shape[0] * step for step in steps[1:]))
+
 
 def places(program: Program) -> list[Place]:
     """Lay the populations side by side."""
-    sources_of_grids = {p.source for p in program.projections if p.grid is not None}
     grids = {p.target: p.grid for p in program.projections if p.grid is not None}
     found, at = [], 0
     for index, population in enumerate(program.populations):
         outside = np.arange(population.size, dtype=np.int64)
         inside = None
         grid = grids.get(index)
-        if grid is not None and index not in sources_of_grids:
+        if grid is not None:
             outside = np.ascontiguousarray(outside.reshape(grid.maps, grid.rows * grid.columns).T).ravel()
             inside = np.empty_like(outside)
             inside[outside] = np.arange(population.size)
@@ -145,8 +150,7 @@ def synapses(program: Program, index: int, where: list[Place]) -> Synapses:
     permuted = source.inside is not None or target.inside is not None
     if p.layout == "grid":
         assert p.grid is not None
-        g = p.grid
-        k = np.arange(p.size, dtype=np.int64).reshape(g.maps, g.channels * g.kernel_height * g.kernel_width)
+        k = np.arange(p.size, dtype=np.int64).reshape(p.grid.maps, -1)
         return Synapses(t.GRID, _NO_INTS, _NO_TARGETS, np.ascontiguousarray(k.T).ravel())
     plain = not (permuted or own_delays(p) or learns_pairs(p))
     if plain and p.layout in ("dense", "one_to_one"):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.program.program import Floats, Ints
+from neuro.program.program import Floats, Grid, Ints, Projection
 from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
@@ -47,8 +47,7 @@ def add_projections(a: Arrays) -> None:
         delays.append(delay.astype(np.int32))
         n_delays += delay.size
         blocks = a.net["pops"][p.target, t.LAST_BLOCK] - a.net["pops"][p.target, t.FIRST_BLOCK]
-        fan_out = s.targets.size / max(1, s.row_ends.size - 1)
-        row[t.WAKE_ALL] = int(s.layout in (t.DENSE, t.GRID) or (s.layout == t.CSR and fan_out > 2 * blocks))
+        row[t.WAKE_ALL] = int(s.layout == t.DENSE or _blocks_reached(p, s) > blocks)
         row[t.DENSE_COUNTS] = 0
         if q in a.plastic_of or row[t.DELAY_STRIDE] == 1:
             longest = p.delay_range(program.resolution)[1]
@@ -58,7 +57,7 @@ def add_projections(a: Arrays) -> None:
         else:
             row[t.LAG] = int(delay[0]) if delay.size else 1
         if p.grid is not None:
-            _grid_columns(row, p.grid, a.places[p.target].inside is not None)
+            _grid_columns(row, p.grid, a.places[p.source].inside is not None)
     a.net["projections"] = table
     a.net["rows"] = _joined(rows, np.int64)
     a.net["targets"] = _joined(targets, np.int32)
@@ -67,6 +66,14 @@ def add_projections(a: Arrays) -> None:
     a.net["at_emission"] = np.array(at_emission, dtype=np.int64)
     set_buffer(a, np.full(ring, -0.0))
     list_incoming(a)
+
+
+def _blocks_reached(p: Projection, s: layout.Synapses) -> float:
+    """About how many marks tell of the blocks that a spike reaches."""
+    if p.grid is not None:
+        rows, columns = (-(-n // p.grid.stride) for n in (p.grid.kernel_height, p.grid.kernel_width))
+        return min(rows, p.grid.rows) * (1 + min(columns, p.grid.columns) * p.grid.maps / t.BLOCK)
+    return s.targets.size / max(1, s.row_ends.size - 1) / 2 if s.layout == t.CSR else 0.0
 
 
 def internal_weights(a: Arrays, q: int) -> Floats:
@@ -114,12 +121,12 @@ def set_buffer(a: Arrays, buf: Floats) -> None:
     a.net["bits"] = a.net["x"].view(np.int64)
 
 
-def _grid_columns(row: Ints, g: Any, permuted: bool) -> None:
+def _grid_columns(row: Ints, g: Grid, source_permuted: bool) -> None:
     row[t.CHANNEL_HEIGHT], row[t.CHANNEL_WIDTH] = g.height, g.width
     row[t.MAPS], row[t.ROWS], row[t.COLUMNS] = g.maps, g.rows, g.columns
-    row[t.KERNEL_HEIGHT], row[t.KERNEL_WIDTH] = g.kernel_height, g.kernel_width
-    row[t.STRIDE], row[t.PADDING] = g.stride, g.padding
-    row[t.MAP_STEP], row[t.PLACE_STEP] = (1, g.maps) if permuted else (g.rows * g.columns, 1)
+    row[t.DEPTH], row[t.KERNEL_HEIGHT], row[t.KERNEL_WIDTH] = g.kernels[1:]
+    row[t.STRIDE], row[t.TOP], row[t.LEFT], row[t.REACH] = g.stride, g.top, g.left, g.reach
+    row[t.CHANNELS_INSIDE] = g.channels if source_permuted else 0
 
 
 def _joined(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:

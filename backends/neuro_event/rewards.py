@@ -33,6 +33,15 @@ def since(first, delay, moment, h):
     return -math.inf if first == NEVER else (moment - first - delay) * h
 
 
+@inner
+def source_place(row, channel, y, x):
+    """The internal place of a neuron in the source of a grid."""
+    pixel = y * row[t.CHANNEL_WIDTH] + x
+    inside = row[t.CHANNELS_INSIDE]
+    sheet = row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH]
+    return pixel * inside + channel if inside > 0 else channel * sheet + pixel
+
+
 @cache
 def teacher(teach):
     """The pass over the inputs of one neuron, compiled for a rule's `teach`.
@@ -53,15 +62,17 @@ def teacher(teach):
         if row[t.LAYOUT] == t.GRID:
             columns, maps = row[t.COLUMNS], row[t.MAPS]
             at = neuron // (row[t.ROWS] * columns)
-            r = neuron // columns % row[t.ROWS] * row[t.STRIDE] - row[t.PADDING]
-            s = neuron % columns * row[t.STRIDE] - row[t.PADDING]
+            r = neuron // columns % row[t.ROWS] * row[t.STRIDE] - row[t.TOP]
+            s = neuron % columns * row[t.STRIDE] - row[t.LEFT]
             height, width = row[t.CHANNEL_HEIGHT], row[t.CHANNEL_WIDTH]
-            for channel in range(n_source // (height * width)):
+            first_channel = at // row[t.REACH]
+            for channel in range(row[t.DEPTH]):
                 for i in range(row[t.KERNEL_HEIGHT]):
                     for j in range(row[t.KERNEL_WIDTH]):
                         if not (0 <= r + i < height and 0 <= s + j < width):
                             continue
-                        came = since(first[(channel * height + r + i) * width + s + j], delay, moment, h)
+                        source = source_place(row, first_channel + channel, r + i, s + j)
+                        came = since(first[source], delay, moment, h)
                         place = (channel * row[t.KERNEL_HEIGHT] + i) * row[t.KERNEL_WIDTH] + j
                         e = row[t.WEIGHT] + place * maps + at
                         w[e] = rule(w[e], came, lesson, c)
@@ -112,10 +123,7 @@ def grower(encourage):
         changed = 0
         if row[t.LAYOUT] == t.GRID:
             maps = row[t.MAPS]
-            n = row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH]
-            source = net.pops[row[t.SOURCE]]
-            n *= (source[t.END] - source[t.BEGIN]) // (row[t.CHANNEL_HEIGHT] * row[t.CHANNEL_WIDTH])
-            for place in range(n):
+            for place in range(row[t.DEPTH] * row[t.KERNEL_HEIGHT] * row[t.KERNEL_WIDTH]):
                 for m in range(maps):
                     if chosen[m]:
                         e = row[t.WEIGHT] + place * maps + m

@@ -80,6 +80,7 @@ rec_counts i4 2
 rec_at i8 2         (threads, a cache line)
 found i8 2         who of a group reached threshold
 found_arrived u1 2
+rivals i8 2        those of them of which one fires, a row per thread
 groups i8 2        columns of `tables`, a row per group
 group_keys u8 1
 closed u1 1        whether no neuron of a group may fire any more

@@ -42,7 +42,7 @@ def _of_network(program: Program) -> Iterator[Problem]:
             f"resolution = {program.resolution:g} ms", "NEST's clock ticks in 0.001 ms", "use a multiple of it", None
         )
     for group in program.groups:
-        yield _refused(f"group '{group.name}'", "NEST has no winner-take-all", ELSEWHERE, group)
+        yield _refused(f"group '{group.name}'", f"NEST has no {group.choice.noun}", ELSEWHERE, group)
     if program.trials is not None:
         yield _refused("trials", "NEST cannot drop what is under way", ELSEWHERE, program.trials)
     for probe in program.probes:

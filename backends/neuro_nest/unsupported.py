@@ -6,6 +6,7 @@ _NO_LEAK = "without leak NEST's propagator of a current is no number"
 _CURRENTS = "NEST neither shows nor sets synaptic currents between steps"
 _TRIALS = "NEST has no trials"
 _GROUP = "NEST has no winner-take-all"
+_RIVALS = "NEST has no lateral reset"
 _RULE = "NEST's stdp_synapse applies changed numbers and weights to post spikes from before, too"
 _STATE = "NEST cannot write or read its state"
 _MOMENT = "NEST brings synapses under dopamine up to date at the moments of deliver_interval only"
@@ -23,9 +24,9 @@ UNSUPPORTED: dict[str, str] = {
     "initial_states": _CURRENTS,
     "states_and_parameters_change": _CURRENTS,
     "stdp_changes": _RULE,
-    **dict.fromkeys(
-        ("best_of_each_step", "first_to_fire", "exact_best_of_each_step", "local_winners_without_trials"), _GROUP
-    ),
+    **dict.fromkeys(("best_of_each_step", "first_to_fire", "exact_best_of_each_step"), _GROUP),
+    "local_winners_without_trials": "NEST has no competition",
+    **dict.fromkeys(("first_along_an_axis", "maps_that_reset_each_other", "exact_lateral_reset"), _RIVALS),
     **dict.fromkeys((f"{law}_of_fixed_weights" for law in (*_LAWS, *_SAVING)), _GROUP),
     **dict.fromkeys((f"{law}_of_fixed_weights" for law in ("cutting_does_not_matter", "probes_do_not_matter")), _GROUP),
     **dict.fromkeys((*_LAWS, *(f"{law}_of_learning" for law in _LAWS)), _RULE),
@@ -35,6 +36,7 @@ UNSUPPORTED: dict[str, str] = {
         (
             *("trials_decide", "trials_run_to_their_end", "silent_trials", "rewarded_learning", "rescued_learning"),
             *("dropout_of_each_trial", "rewarded_learning_with_padding", "rewarded_learning_of_all_pairs"),
+            *("rewarded_learning_by_channel",),
             *("rewarded_learning_with_delays", "rewarded_learning_from_a_layer", "states_that_go_on"),
             *("learning_without_labels", "learning_at_the_peak"),
             *("exact_decisions", "exact_full_trials", "exact_rewards", "exact_rescue", "exact_growth"),

@@ -7,7 +7,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.program.program import Ints, Local
+from neuro.model.parts import local_winners
+from neuro.program.program import Ints
 
 Bools = NDArray[np.bool_]
 
@@ -22,15 +23,15 @@ class LocalWinners:
 
     kept: ClassVar[tuple[str, ...]] = ("blocked", "wins")
 
-    def __init__(self, local: Local) -> None:
-        self._local = local
-        self._map, self._row, self._column = np.indices((local.maps, local.rows, local.columns)).reshape(3, -1)
+    def __init__(self, choice: local_winners, shape: tuple[int, ...]) -> None:
+        self._choice, self._maps = choice, shape[0]
+        self._map, self._row, self._column = np.indices(shape).reshape(3, -1)
         self.open()
 
     def open(self) -> None:
         """Nobody has won."""
         self.blocked: Bools = np.zeros(self._map.size, dtype=bool)
-        self.wins: Ints = np.zeros(self._local.maps, dtype=np.int64)
+        self.wins: Ints = np.zeros(self._maps, dtype=np.int64)
 
     def enter(self, ranked: Ints) -> Ints:
         """Those that win of some candidates, the best first; each silences what is near it."""
@@ -39,10 +40,10 @@ class LocalWinners:
     def _win(self, neuron: int) -> bool:
         if self.blocked[neuron]:
             return False
-        row, column, radius = self._row[neuron], self._column[neuron], self._local.radius
+        row, column, radius = self._row[neuron], self._column[neuron], self._choice.radius
         self.blocked |= (abs(self._row - row) <= radius) & (abs(self._column - column) <= radius)
         own = self._map[neuron]
         self.wins[own] += 1
-        if self.wins[own] == self._local.per_map:
+        if self.wins[own] == self._choice.per_map:
             self.blocked |= self._map == own
         return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from neuro.core import keyed_random
 from neuro.model.neurons import Neuron
+from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference.cells import Cells
 from neuro_reference.local import LocalWinners
@@ -31,6 +33,8 @@ class Net:
         closed: whether no neuron of each group may fire any more.
         won: who fired of each group in that step, the best first.
         local: of the groups with several winners, who is silenced, by group.
+        rivals: of the groups in which a spike resets others, a number of each neuron, the same for those of which one
+            fires, by group.
         silenced: neurons of each population that must not fire.
         rules: numbers of the rules for trials, by projection.
         trial_updates: weights changed at the end of trials, for each projection.
@@ -50,7 +54,16 @@ class Net:
         self.rules = {i: w.part.synapse.vector() for i, w in enumerate(self.wires) if w.part.synapse.learns == "trials"}
         self.records = [Record(p.size, p.records) for p in program.populations]
         self.ties = [keyed_random.key(program.seed, "tie", group.name) for group in program.groups]
-        self.local = {k: LocalWinners(g.local) for k, g in enumerate(program.groups) if g.local is not None}
+        self.local = {
+            k: LocalWinners(g.choice, program.populations[g.population].shape)
+            for k, g in enumerate(program.groups)
+            if isinstance(g.choice, local_winners)
+        }
+        self.rivals = {
+            k: rivals(program.populations[g.population].shape, g.choice.axis)
+            for k, g in enumerate(program.groups)
+            if isinstance(g.choice, lateral_reset)
+        }
         self.silenced = [np.zeros(p.size, dtype=bool) for p in program.populations]
         self.trial_updates: Ints = np.zeros(len(self.wires), dtype=np.int64)
         self.potentials: list[Floats] = [c.states[:1].copy() for c in self.cells]
@@ -136,7 +149,7 @@ class Net:
         return np.zeros(cells.size, dtype=np.uint8)
 
     def _decide(self, index: int, reached: list[Counts], step: int) -> None:
-        """Of the candidates of a group leave those that win, if it may still decide."""
+        """Of the candidates of a group leave those that win, if it may still decide; reset who loses by it."""
         group = self.program.groups[index]
         cells = self.cells[group.population]
         candidates = np.flatnonzero((reached[group.population] > 0) & ~self.silenced[group.population])
@@ -147,15 +160,24 @@ class Net:
         above = cells.states[0, candidates] - cells.constants[candidates, 0]
         drawn = keyed_random.uniform(self.ties[index], step, candidates)
         ranked = candidates[np.lexsort((candidates, -drawn, -above))]
-        local = self.local.get(index)
-        self.won[index] = ranked[:1] if local is None else local.enter(ranked)
+        self.won[index], lost = self._winners(index, ranked)
         reached[group.population][self.won[index]] = 1
-        if local is not None:
-            self.closed[index] = np.all(local.blocked | self.silenced[group.population])
-        elif group.first_to_fire:
-            self.closed[index] = True
-        else:
-            cells.fire(np.sort(ranked[1:]))
+        cells.fire(lost)
+
+    def _winners(self, index: int, ranked: Ints) -> tuple[Ints, Ints]:
+        """Who of the candidates of a group, the best first, wins, and who is reset without a spike, by id."""
+        if index in self.local:
+            local = self.local[index]
+            won = local.enter(ranked)
+            self.closed[index] = np.all(local.blocked | self.silenced[self.program.groups[index].population])
+            return won, NOBODY
+        if index in self.rivals:
+            place = self.rivals[index]
+            won = ranked[np.sort(np.unique(place[ranked], return_index=True)[1])]
+            return won, np.setdiff1d(np.flatnonzero(np.isin(place, place[won])), won)
+        choice = self.program.groups[index].choice
+        self.closed[index] = isinstance(choice, winner_take_all) and choice.first_to_fire
+        return ranked[:1], NOBODY if self.closed[index] else np.sort(ranked[1:])
 
     def _emit(self, index: int, step: int, reached: Counts, x: Floats, presented: Ints) -> None:
         """What one population emits; neurons that spike are reset."""
@@ -178,3 +200,9 @@ class Net:
         if self.cells[index].part.kind == "neuron":
             heard[self.ids[index]] = True
             record.active += int(heard.sum())
+
+
+def rivals(shape: tuple[int, ...], axis: int) -> Ints:
+    """A number of each neuron, the same for those that differ along an axis only."""
+    first = np.arange(math.prod(shape)).reshape(shape).take([0], axis=axis)
+    return np.broadcast_to(first, shape).ravel()

@@ -17,7 +17,7 @@ from neuro.core.registry import Registry
 from neuro.model.distributions import Distribution
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS, Model, Neuron, dc_generator, poisson_generator, spike_generator
-from neuro.model.parts import Group, Population, Probe, Projection, Signal, local_winners
+from neuro.model.parts import Group, Population, Probe, Projection, Signal
 from neuro.model.rules import grid
 from neuro.model.synapses import SYNAPSES, Modulated, static
 from neuro.program.program import Floats
@@ -223,18 +223,18 @@ def _check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: 
 def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:
     members: dict[str, str] = {}
     for part in net.groups.values():
-        of = part.choice.of
+        of, kind = part.choice.of, part.choice.name
         if of not in net.populations:
             error = unknown("population", of, net.populations)
-            refuse(part, f"{part.choice.name}.of: {error.message}", error.hint)
+            refuse(part, f"{kind}.of: {error.message}", error.hint)
         model = net.populations[of].model
         if "V_m" not in recordable(net.populations[of]) or "V_th" not in model.quantities():
-            refuse(part, f"{part.choice.name} of '{of}', a {model.name}: expected neurons with V_m and V_th")
+            refuse(part, f"{kind} of '{of}', a {model.name}: expected neurons with V_m and V_th")
         if isinstance(model, Neuron) and model.resets_in_step:
-            told = f"{part.choice.name} of '{of}', a {model.name}, which resets itself before a group can choose"
+            told = f"{kind} of '{of}', a {model.name}, which resets itself before a group can choose"
             refuse(part, f"{told}: expected neurons that a group resets")
-        if isinstance(part.choice, local_winners) and len(shapes[of]) != 3:
-            refuse(part, f"local_winners of '{of}' of shape {list(shapes[of])}: expected (maps, rows, columns)")
+        if problem := part.choice.misfit(shapes[of]):
+            refuse(part, problem)
         if of in members:
             refuse(part, f"'{of}' is already in group '{members[of]}': expected one group for each population")
         members[of] = part.name

@@ -11,7 +11,7 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, nearest, unknown
 from neuro.model.network import Network
 from neuro.model.neurons import spike_generator
-from neuro.model.parts import Group, Trials, local_winners, winner_take_all
+from neuro.model.parts import Group, Trials, winner_take_all
 from neuro.model.parts import dropout as Dropout
 from neuro.model.parts import labels as Labels
 from neuro.model.parts import reward as Reward
@@ -94,7 +94,7 @@ def _output(net: Network, section: Trials) -> str:
         _refuse(net, f"labels of '{said['labels']}' but dropout of '{said['dropout']}': expected one population")
     if said:
         return str(next(iter(said.values())))
-    members = [group.choice.of for group in net.groups.values()]
+    members = [group.choice.of for group in net.groups.values() if group.choice.decides]
     if len(members) != 1:
         _refuse(net, f"{len(members)} groups and no labels: expected labels that name the output")
     return members[0]
@@ -102,7 +102,7 @@ def _output(net: Network, section: Trials) -> str:
 
 def _group(net: Network, output: str) -> int:
     for index, group in enumerate(net.groups.values()):
-        if group.choice.of == output:
+        if group.choice.of == output and group.choice.decides:
             if isinstance(group.choice, winner_take_all) and not group.choice.first_to_fire:
                 _refuse(net, f"group '{group.name}' decides at each step: expected first_to_fire: true")
             return index
@@ -133,7 +133,7 @@ def _check_learners(net: Network, output: str, labels: Labels | None, group: Gro
         what = f"projection '{part.name}': {part.synapse.name}"
         if part.target != output:
             raise ModelError(f"{what} onto '{part.target}': expected '{output}', which decides", where=part.origin)
-        if part.synapse.peaks and isinstance(group.choice, local_winners):
+        if part.synapse.peaks and group.choice.several:
             told = f"{what} teaches by the largest V_m up to the one decision, and group '{group.name}' has several"
             raise ModelError(f"{told}: expected winner_take_all", where=part.origin)
         if labels is None and part.synapse.supervised:

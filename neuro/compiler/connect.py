@@ -87,7 +87,7 @@ def connect(
             return _listed(rule.pre, rule.post, n_pre, n_post, "pairs")
         case grid():
             assert sizes is not None
-            shape = (sizes.maps, sizes.channels, sizes.kernel_height, sizes.kernel_width)
+            shape = sizes.kernels
             n = int(np.prod(shape))
             return Connections("grid", n, listed=(shape, (n,), *(((shape[0], *shape[2:]),) if shape[1] == 1 else ())))
     return _listed(*_own_pairs(rule, source, target, same, rng), n_pre, n_post, rule.name)

@@ -23,7 +23,7 @@ from neuro.core.keyed_random import generator
 from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS, Neuron, dc_generator, poisson_generator, spike_generator
-from neuro.model.parts import Group, Population, Projection, local_winners, winner_take_all
+from neuro.model.parts import Population, Projection
 from neuro.model.rules import RULES, grid
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated
 from neuro.program import program as resolved
@@ -58,7 +58,7 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
         populations=populations,
         projections=projections,
         signals=tuple(resolved.Signal(s.name, names.index(s.to), s.origin) for s in net.signals.values()),
-        groups=tuple(_group(part, names.index(part.choice.of), shapes) for part in net.groups.values()),
+        groups=tuple(resolved.Group(g.name, names.index(g.choice.of), g.choice, g.origin) for g in net.groups.values()),
         probes=tuple(
             resolved.Probe(
                 p.name, names.index(p.of), p.record, 1 if p.every is None else clock.step(p.every, "every"), p.origin
@@ -67,15 +67,6 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
         ),
         trials=trials,
     )
-
-
-def _group(part: Group, population: int, shapes: Mapping[str, Shape]) -> resolved.Group:
-    choice = part.choice
-    if isinstance(choice, local_winners):
-        local = resolved.Local(choice.radius, choice.per_map or 0, *shapes[choice.of])
-        return resolved.Group(part.name, population, True, local, part.origin)
-    assert isinstance(choice, winner_take_all)
-    return resolved.Group(part.name, population, choice.first_to_fire, None, part.origin)
 
 
 def _delays(part: resolved.Projection, resolution: float) -> tuple[int, ...]:

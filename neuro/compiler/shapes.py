@@ -1,4 +1,4 @@
-"""Shapes of populations: sizes that are `auto` follow from the one grid projection onto the population."""
+"""Shapes of populations: sizes that are `auto` follow from the grids onto the population."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def resolve_shapes(net: Network) -> dict[str, Shape]:
     """The shape of every population, with `auto` resolved along chains of grids.
 
     Raises:
-        ModelError: an `auto` has no grid projection that decides it, or several.
+        ModelError: an `auto` has no grid projection that decides it.
     """
     shapes: dict[str, Shape] = {}
     for name in net.populations:
@@ -47,7 +47,13 @@ def grid_of(part: Projection, shapes: Mapping[str, Shape]) -> Grid:
             f"projection '{part.name}': grid onto '{part.target}' of shape {list(target)}: "
             f"expected [maps, {rows}, {columns}]",
             where=part.origin,
-            hint=f"give '{part.target}' the shape [maps, auto, auto]",
+            hint=f"give '{part.target}' the shape [maps, auto, auto], and all grids onto it one size",
+        )
+    if rule.depthwise and target[0] % channels:
+        raise ModelError(
+            f"projection '{part.name}': depthwise grid from {channels} channels onto {target[0]} maps of "
+            f"'{part.target}': expected a multiple of {channels}",
+            where=part.origin,
         )
     return Grid(
         channels=channels,
@@ -59,8 +65,17 @@ def grid_of(part: Projection, shapes: Mapping[str, Shape]) -> Grid:
         kernel_height=rule.kernel[0],
         kernel_width=rule.kernel[1],
         stride=rule.stride,
-        padding=rule.padding,
+        top=_before(rule, 0, height),
+        left=_before(rule, 1, width),
+        depthwise=rule.depthwise,
     )
+
+
+def _before(rule: grid, axis: int, length: int) -> int:
+    """Lines of the border before the source."""
+    if isinstance(rule.padding, int):
+        return rule.padding
+    return max(0, (math.ceil(length / rule.stride) - 1) * rule.stride + rule.kernel[axis] - length) // 2
 
 
 def _shape(net: Network, name: str, known: dict[str, Shape], under_way: tuple[str, ...]) -> Shape:
@@ -74,10 +89,9 @@ def _shape(net: Network, name: str, known: dict[str, Shape], under_way: tuple[st
     if name in under_way:
         raise ModelError(f"{what}: its grids form a circle: expected numbers in one shape of it", where=part.origin)
     deciding = [p for p in net.projections.values() if p.target == name and isinstance(p.rule, grid)]
-    if len(deciding) != 1:
-        found = ", ".join(f"'{p.name}'" for p in deciding) or "none"
+    if not deciding:
         raise ModelError(
-            f"{what}: 'auto' needs exactly one grid projection onto it, found {found}",
+            f"{what}: 'auto' needs a grid projection onto it, found none",
             where=part.origin,
             hint="write the numbers",
         )
@@ -106,6 +120,8 @@ def _sheet(part: Projection, source: Shape) -> Shape:
 def _outcome(part: Projection, height: int, width: int) -> tuple[int, int]:
     rule = part.rule
     assert isinstance(rule, grid)
+    if not isinstance(rule.padding, int):
+        return math.ceil(height / rule.stride), math.ceil(width / rule.stride)
     high, wide = (n + 2 * rule.padding for n in (height, width))
     if rule.kernel[0] > high or rule.kernel[1] > wide:
         raise ModelError(

@@ -115,10 +115,7 @@ def _rest(program: Program, clock: Clock) -> Iterator[tuple[str, str, str, str]]
 
 
 def _group_text(group: Group) -> str:
-    if group.local is None:
-        return "winner_take_all: " + ("the first to fire" if group.first_to_fire else "the best of each step")
-    wins = f", {group.local.per_map} a map" if group.local.per_map else ""
-    return f"local_winners: radius {group.local.radius}{wins}"
+    return f"{group.choice.name}: {group.choice.told()}"
 
 
 def _trials_text(trials: Trials, name: list[str], clock: Clock) -> str:
@@ -137,8 +134,7 @@ def _lines(program: Program) -> Iterator[str]:
     for number, signal in enumerate(program.signals):
         yield f"signal {number} {signal.name}: to population {signal.target}"
     for number, group in enumerate(program.groups):
-        how = _group_text(group) if group.local else f"first_to_fire {group.first_to_fire}"
-        yield f"group {number} {group.name}: population {group.population}, {how}"
+        yield f"group {number} {group.name}: population {group.population}, {_group_text(group)}"
     for number, probe in enumerate(program.probes):
         yield f"probe {number} {probe.name}: population {probe.population}, {probe.record}, every {probe.every} steps"
     if program.trials is not None:
@@ -166,7 +162,9 @@ def _projection_lines(number: int, part: Projection) -> Iterator[str]:
     if part.grid is not None:
         g = part.grid
         yield f"  from {g.channels} x {g.height} x {g.width} to {g.maps} x {g.rows} x {g.columns}"
-        yield f"  kernel {g.kernel_height} x {g.kernel_width}, stride {g.stride}, padding {g.padding}"
+        border = f"{g.top}" if g.top == g.left else f"{g.top} x {g.left}"
+        kind = ", depthwise" if g.depthwise else ""
+        yield f"  kernel {g.kernel_height} x {g.kernel_width}, stride {g.stride}, padding {border}{kind}"
     yield f"  weight = {summary(part.weight)}"
     yield f"  delay = {summary(part.delay)} steps"
     if part.receptor is not None:

@@ -74,7 +74,7 @@ def _hint(q: Quantity, value: Any) -> str:
         return f"write {value.called()}(...)"
     if not isinstance(value, str):
         return ""
-    if q.kind == "word":
+    if q.kind == "word" or (q.kind == "integer" and q.words):
         return nearest(value, q.words)
     if q.kind == "boolean":
         return f"write {_BOOLEANS[value.lower()]}" if value.lower() in _BOOLEANS else ""
@@ -203,7 +203,9 @@ def _is_whole(value: Any) -> bool:
     return is_number(value) and abs(value) <= LARGEST and float(value) == int(value)
 
 
-def _integer(q: Quantity, value: Any, what: str) -> int:
+def _integer(q: Quantity, value: Any, what: str) -> int | str:
+    if isinstance(value, str) and value in q.words:
+        return value
     if not _is_whole(value) or not _within(q, float(value)):
         raise wrong(q, value, what)
     return int(value)

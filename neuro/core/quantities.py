@@ -25,7 +25,7 @@ class Quantity:
         whole: whether a number, and every element of an array, must be a whole one.
         arrays: whether one value per element (an array or a distribution) is accepted.
         optional: whether it may be left out for good (None).
-        words: the accepted words of kind "word", and those accepted beside numbers in a "shape".
+        words: the accepted words of kind "word", and those accepted beside numbers by "integer" and "shape".
         part: the class of kind "part", a `Choice`.
     """
 
@@ -75,7 +75,7 @@ class Quantity:
         if self.nonzero:
             bounds.append("other than 0")
         text = " ".join([noun, " and ".join(bounds)]) if bounds else noun
-        if self.kind == "shape" and self.words:
+        if self.words:
             text += " or " + " or ".join(self.words)
         unit = f" {self.unit}" if self.unit and self.kind == "number" else ""
         return text + unit

@@ -198,7 +198,7 @@ class Network(Description):
             raise unknown("population", name, self.populations, path=(role,)).at(self._where(), what)
         return name
 
-    def _expect(self, value: object, kind: type, what: str, expected: str) -> None:
+    def _expect(self, value: object, kind: type | tuple[type, ...], what: str, expected: str) -> None:
         if isinstance(value, type) and issubclass(value, kind):
             message, hint = f"{value.__name__} is a class", f"write {value.__name__}()"
         elif not isinstance(value, kind):

@@ -13,6 +13,9 @@ from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
 from neuro.core.registry import Registry
 
+SAME = "same"
+"""The padding that keeps the size of a sheet."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rule(Choice):
@@ -100,12 +103,15 @@ class grid(Rule):
 
     The source has the shape (channels, height, width) or (height, width), the target (maps, rows, columns).
     Target (m, r, c) is reached from channel k, row r stride + i - padding, column c stride + j - padding with
-    the weight kernel[m, k, i, j]; the target's rows and columns may be `auto`.
+    the weight kernel[m, k, i, j]; the target's rows and columns may be `auto`. With padding `same` they are those of
+    the source divided by the stride, rounded up, and the border is spread evenly, an odd line of it at the end. With
+    `depthwise` each map is reached from one channel only, as many maps from each in order, with kernel[m, 0, i, j].
     """
 
     kernel: tuple[int, ...] = quantity(doc="height and width", kind="shape", at_least=1)
     stride: int = quantity(1, "", "step of the kernel", kind="integer", at_least=1)
-    padding: int = quantity(0, "", "silent border round the source", kind="integer", at_least=0)
+    padding: int | str = quantity(0, "", "silent border round the source", kind="integer", at_least=0, words=(SAME,))
+    depthwise: bool = quantity(False, "", "whether a map is reached from one channel only", kind="boolean")
 
     def __post_init__(self) -> None:
         super().__post_init__()

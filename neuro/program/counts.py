@@ -159,12 +159,12 @@ def difference(after: EngineCounts, before: EngineCounts) -> EngineCounts:
 def _grid_fan_out(g: Grid) -> Ints:
     """Targets of every source of a grid: those whose kernel covers it."""
 
-    def covering(length: int, kernel: int, places: int) -> Ints:
-        offset = np.arange(length)[:, None] + g.padding - np.arange(places)[None, :] * g.stride
+    def covering(length: int, before: int, kernel: int, places: int) -> Ints:
+        offset = np.arange(length)[:, None] + before - np.arange(places)[None, :] * g.stride
         covered: Ints = ((offset >= 0) & (offset < kernel)).sum(axis=1)
         return covered
 
-    rows = covering(g.height, g.kernel_height, g.rows)
-    columns = covering(g.width, g.kernel_width, g.columns)
-    sheet: Ints = np.outer(rows, columns).reshape(-1) * g.maps
+    rows = covering(g.height, g.top, g.kernel_height, g.rows)
+    columns = covering(g.width, g.left, g.kernel_width, g.columns)
+    sheet: Ints = np.outer(rows, columns).reshape(-1) * g.reach
     return np.tile(sheet, g.channels)

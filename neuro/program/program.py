@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import Where
 from neuro.model.neurons import Model
+from neuro.model.parts import Competition
 from neuro.model.synapses import DelayRule, Synapse
 
 Floats = NDArray[np.float64]
@@ -55,7 +56,12 @@ def drawn_for(population: Population) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Sizes of a shared-kernel projection: source (channels, height, width), target (maps, rows, columns)."""
+    """Sizes of a shared-kernel projection: source (channels, height, width), target (maps, rows, columns).
+
+    Attributes:
+        top, left: lines of the silent border above and left of the source; what it needs below and right follows.
+        depthwise: whether map m is reached from channel m // (maps / channels) only.
+    """
 
     channels: int
     height: int
@@ -66,7 +72,19 @@ class Grid:
     kernel_height: int
     kernel_width: int
     stride: int
-    padding: int
+    top: int
+    left: int
+    depthwise: bool
+
+    @property
+    def kernels(self) -> tuple[int, int, int, int]:
+        """Shape of the weights: maps, the channels that reach each, height and width."""
+        return self.maps, 1 if self.depthwise else self.channels, self.kernel_height, self.kernel_width
+
+    @property
+    def reach(self) -> int:
+        """Maps that a channel reaches."""
+        return self.maps // self.channels if self.depthwise else self.maps
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,34 +170,12 @@ class Signal:
 
 
 @dataclass(frozen=True, slots=True)
-class Local:
-    """How far a winner silences the neurons around it, in a population of some maps, rows and columns.
-
-    Attributes:
-        radius: rows and columns.
-        per_map: wins after which a map is silent; 0 for any number.
-    """
-
-    radius: int
-    per_map: int
-    maps: int
-    rows: int
-    columns: int
-
-
-@dataclass(frozen=True, slots=True)
 class Group:
-    """Neurons of a population that compete.
-
-    Attributes:
-        first_to_fire: whether who wins silences others until the next trial or reset, instead of in its step only.
-        local: whom a winner silences; None: all.
-    """
+    """Neurons of a population that compete, and how."""
 
     name: str
     population: int
-    first_to_fire: bool
-    local: Local | None
+    choice: Competition
     origin: Where | None
 
 
@@ -272,19 +268,12 @@ class Program:
 
 def _spelt_out(g: Grid) -> tuple[Ints, Ints, Ints]:
     """Source, target and weight of every synapse of a grid, sorted by source, then target."""
-    m, r, c, k, i, j = np.meshgrid(
-        np.arange(g.maps),
-        np.arange(g.rows),
-        np.arange(g.columns),
-        np.arange(g.channels),
-        np.arange(g.kernel_height),
-        np.arange(g.kernel_width),
-        indexing="ij",
-    )
-    y, x = r * g.stride + i - g.padding, c * g.stride + j - g.padding
+    maps, depth, height, width = g.kernels
+    m, r, c, k, i, j = np.indices((maps, g.rows, g.columns, depth, height, width))
+    y, x = r * g.stride + i - g.top, c * g.stride + j - g.left
     inside = (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
-    source = ((k * g.height + y) * g.width + x)[inside]
+    source = (((k + m // g.reach) * g.height + y) * g.width + x)[inside]
     target = ((m * g.rows + r) * g.columns + c)[inside]
-    slot = (((m * g.channels + k) * g.kernel_height + i) * g.kernel_width + j)[inside]
+    slot = (((m * depth + k) * height + i) * width + j)[inside]
     order = np.lexsort((target, source))
     return source[order], target[order], slot[order]

@@ -78,9 +78,8 @@ def _projection(
         sizes = (program.populations[resolved.source].size, program.populations[resolved.target].size)
         shape = lambda values: _one_or_all(values, sizes)  # noqa: E731
     elif isinstance(rule, grid) and resolved.grid is not None:
-        g = resolved.grid
-        kernels = (g.maps, g.channels, g.kernel_height, g.kernel_width)
-        return replace(part, synapse=synapse, weight=weight.reshape(kernels), delay=float(delay[0]))
+        kernels = weight.reshape(resolved.grid.kernels)
+        return replace(part, synapse=synapse, weight=kernels, delay=float(delay[0]))
     elif not isinstance(rule, one_to_one):
         pre, post = program.connections(index)
         rule = pairs(pre=pre, post=post)

@@ -199,8 +199,7 @@ def new_weights(part: Projection, rule: Synapse, weights: ArrayLike) -> Floats:
     array = np.asarray(given, dtype=np.float64)
     shapes: list[tuple[int, ...]] = [(part.size,)]
     if part.grid is not None:
-        g = part.grid
-        shapes.append((g.maps, g.channels, g.kernel_height, g.kernel_width))
+        shapes.append(part.grid.kernels)
     if array.ndim and array.shape not in shapes:
         raise ModelError(
             f"weights of '{part.name}': an array of shape {list(array.shape)}: "

@@ -261,7 +261,7 @@ class Simulation:
         weight = self._weights(index)
         g = self.program.projections[index].grid
         if g is not None:
-            return weight.reshape(g.maps, g.channels, g.kernel_height, g.kernel_width)
+            return weight.reshape(g.kernels)
         pre, post = self._connections(index)
         return pre, post, weight
 

@@ -117,7 +117,7 @@ class TrialLoop:
         self.growing = {q for q, rule in taught if hasattr(rule.arithmetic, "encourage")}
         self.supervised = not taught or any(rule.supervised for _, rule in taught)
         self.peaks = any(rule.peaks for _, rule in taught)
-        self.several = program.groups[section.group].local is not None
+        self.several = program.groups[section.group].choice.several
         self.key = keyed_random.key(program.seed, "dropout", output.name)
         self.start_anew()
 

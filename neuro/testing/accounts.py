@@ -58,8 +58,10 @@ def _synapses(sim: Simulation, index: int) -> tuple[Ints, Ints, Ints]:
 
 def _under_kernels(g: Grid) -> tuple[Ints, Ints]:
     """Source and target of every place of every kernel that lies on the source."""
-    places = np.indices((g.maps, g.rows, g.columns, g.channels, g.kernel_height, g.kernel_width)).reshape(6, -1)
-    m, r, c, k, i, j = places
-    y, x = r * g.stride + i - g.padding, c * g.stride + j - g.padding
+    maps, depth, height, width = g.kernels
+    m, r, c, k, i, j = np.indices((maps, g.rows, g.columns, depth, height, width)).reshape(6, -1)
+    y, x = r * g.stride + i - g.top, c * g.stride + j - g.left
     inside = (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
+    if g.depthwise:
+        k = m * g.channels // g.maps
     return ((k * g.height + y) * g.width + x)[inside], ((m * g.rows + r) * g.columns + c)[inside]

@@ -108,6 +108,19 @@ def rule_grid_of_one_channel(start: Start) -> Found:
 
 
 @case
+def rule_grid_by_channel(start: Start) -> Found:
+    """Depthwise grids of the same size: two maps of each channel, then each map pooled by itself."""
+    net = network(1.0)
+    net.population("sheet", (2, 6, 7), poisson_generator(rate=60.0))
+    net.population("maps", (4, "auto", "auto"), iaf_psc_exp(tau_syn_in=4.0))
+    net.population("pooled", (4, "auto", "auto"), iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=2.0))
+    kernels = normal(mean=300.0, std=300.0)
+    net.connect("sheet", "maps", grid(kernel=(3, 4), padding="same", depthwise=True), weight=kernels, delay=2.0)
+    net.connect("maps", "pooled", grid(kernel=(4, 4), stride=4, padding="same", depthwise=True), weight=1.0)
+    return after(start, net)
+
+
+@case
 def drawn_weights(start: Start) -> Found:
     """Weights drawn lognormally, clipped; delays drawn and rounded to at least one step."""
     net = connected(fixed_indegree(n=5))

@@ -94,6 +94,20 @@ def exact_grid(start: Start) -> Found:
 
 @integers_too
 @case
+def exact_depthwise(start: Start) -> Found:
+    """Kernels of whole weights that each see one channel, with borders of unequal width, and pooling map by map."""
+    net = network(1.0)
+    net.population("sheet", (2, 6, 7), spike_generator(spike_times=times(84, 0.06)))
+    net.population("maps", (4, "auto", "auto"), cell(V_th=7.0, t_ref=1.0))
+    net.population("pooled", (4, "auto", "auto"), cell(V_th=2.0, t_ref=5.0))
+    kernels = whole(-1, 4, (4, 1, 3, 4))
+    net.connect("sheet", "maps", grid(kernel=(3, 4), padding="same", depthwise=True), weight=kernels, delay=3.0)
+    net.connect("maps", "pooled", grid(kernel=(4, 2), stride=4, padding="same", depthwise=True), weight=2.0)
+    return after(start, net, 150.0)
+
+
+@integers_too
+@case
 def exact_delays(start: Start) -> Found:
     """Every delay from 1 to 60 steps: a spike acts then, and neither earlier nor later."""
     net = network(1.0)

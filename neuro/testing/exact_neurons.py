@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from neuro.model.neurons import dc_generator, iaf_psc_exp, poisson_generator, spike_generator
-from neuro.model.parts import winner_take_all
+from neuro.model.parts import lateral_reset, winner_take_all
 from neuro.model.rules import all_to_all, one_to_one, pairs
 from neuro.model.synapses import stdp
 from neuro.testing.case import Found, Start, after, case, integers_too, network, observe
-from neuro.testing.exact import cell, driven, whole
+from neuro.testing.exact import cell, driven, times, whole
 
 HALVED = float(1.0 / np.log(2.0))
 """Time constant in ms with which half is left after 1 ms."""
@@ -90,6 +90,21 @@ def exact_best_of_each_step(start: Start) -> Found:
     net.connect("source", "cells", one_to_one(), weight=whole(0, 2, 8), name="own")
     net.group("choice", winner_take_all(of="cells", first_to_fire=False))
     return after(start, net, 150.0)
+
+
+@integers_too
+@case
+def exact_lateral_reset(start: Start) -> Found:
+    """lateral_reset along each axis, with ties: a spike resets its rivals and holds them."""
+    found: Found = {}
+    for axis in range(3):
+        net = network(1.0)
+        net.population("source", 8, spike_generator(spike_times=times(8, 0.1)))
+        net.population("cells", (2, 3, 4), cell(V_th=6.0, t_ref=3.0))
+        net.connect("source", "cells", all_to_all(), weight=whole(-1, 2, (8, 24)))
+        net.group("one", lateral_reset(of="cells", axis=axis))
+        found |= {f"axis {axis}: {name}": values for name, values in after(start, net, 150.0).items()}
+    return found
 
 
 @integers_too

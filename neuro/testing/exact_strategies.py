@@ -6,6 +6,7 @@ a step. Needs the package hypothesis, which only tests install.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from neuro.model.distributions import uniform
 from neuro.model.network import Network
 from neuro.model.neurons import parrot_neuron, spike_generator
-from neuro.model.parts import winner_take_all
+from neuro.model.parts import lateral_reset, winner_take_all
 from neuro.model.rules import Rule, all_to_all, fixed_indegree, fixed_outdegree, grid, one_to_one, pairs
 from neuro.testing.exact import cell
 
@@ -48,9 +49,17 @@ def exact_networks(draw: st.DrawFn, largest: int = 7) -> Network:
     if draw(st.booleans()):
         _add_grid(draw, net)
     if draw(st.booleans()):
-        of, first = draw(st.sampled_from(cells)), draw(st.booleans())
-        net.group("choice", winner_take_all(of=of, first_to_fire=first))
+        net.group("choice", draw(groups(net, [*cells, *(["maps"] if "maps" in net.populations else [])])))
     return net
+
+
+def groups(net: Network, names: list[str]) -> st.SearchStrategy[Any]:
+    """A group of any kind, of one of some populations."""
+    axes = [(name, axis) for name in names for axis in range(len(net.populations[name].shape))]
+    return st.one_of(
+        st.builds(winner_take_all, of=st.sampled_from(names), first_to_fire=st.booleans()),
+        st.sampled_from(axes).map(lambda one: lateral_reset(of=one[0], axis=one[1])),
+    )
 
 
 @st.composite
@@ -114,7 +123,9 @@ def _add_grid(draw: st.DrawFn, net: Network) -> None:
     net.population("sheet", (channels, height, width), spike_generator(spike_times=times))
     net.population("maps", (2, "auto", "auto"), draw(_cells(net)))
     size = (draw(st.integers(1, 3)), draw(st.integers(1, 3)))
-    rule = grid(kernel=size, stride=draw(st.integers(1, 2)), padding=draw(st.integers(0, min(size) - 1)))
-    weight = draw(_weight(2 * channels * size[0] * size[1]))
-    shaped = np.reshape(weight, (2, channels, *size)) if np.size(weight) > 1 else weight
+    padding = draw(st.one_of(st.integers(0, min(size) - 1), st.just("same")))
+    rule = grid(kernel=size, stride=draw(st.integers(1, 2)), padding=padding, depthwise=draw(st.booleans()))
+    shape = (2, 1 if rule.depthwise else channels, *size)
+    weight = draw(_weight(math.prod(shape)))
+    shaped = np.reshape(weight, shape) if np.size(weight) > 1 else weight
     net.connect("sheet", "maps", rule, weight=shaped, delay=draw(st.integers(1, LONGEST)) * h, name="kernels")

@@ -17,10 +17,11 @@ from neuro.model.neurons import (
     poisson_generator,
     spike_generator,
 )
-from neuro.model.parts import winner_take_all
+from neuro.model.parts import lateral_reset, winner_take_all
 from neuro.model.rules import (
     all_to_all,
     fixed_indegree,
+    grid,
     one_to_one,
 )
 from neuro.testing.case import Found, Start, after, case, integers_too, network, observe
@@ -232,6 +233,38 @@ def first_to_fire(start: Start) -> Found:
     sim.reset()
     sim.run(10.0)
     return found | {f"after reset: {name}": values for name, values in observe(sim).items()}
+
+
+@case
+def first_along_an_axis(start: Start) -> Found:
+    """lateral_reset along each axis: a spike resets its rivals and holds them, also those that rest."""
+    found: Found = {}
+    for axis in range(3):
+        net = network(1.0)
+        net.population("noise", (3, 5, 7), poisson_generator(rate=160.0))
+        net.population("cells", (3, 5, 7), iaf_psc_delta(tau_m=50.0, E_L=0.0, V_reset=-1.0, V_th=3.0, t_ref=4.0))
+        net.connect("noise", "cells", one_to_one(), weight=1.0)
+        net.group("one", lateral_reset(of="cells", axis=axis))
+        net.probe("V_m", "cells", "V_m")
+        found |= {f"axis {axis}: {name}": values for name, values in after(start, net, 100.0).items()}
+    return found
+
+
+@case
+def maps_that_reset_each_other(start: Start) -> Found:
+    """lateral_reset among maps of a grid that rest for long, with ties and a map that is a source of another grid."""
+    net = network(1.0)
+    trains = [[1.0, 2.0, 60.0, 61.0, 62.0, 63.0]] * 20 + [[62.0]] * 22
+    net.population("sheet", (6, 7), spike_generator(spike_times=trains))
+    net.population("maps", (3, "auto", "auto"), iaf_psc_delta(tau_m=20.0, E_L=0.0, V_reset=0.0, V_th=5.0, t_ref=1.0))
+    net.population("top", (2, "auto", "auto"), iaf_psc_delta(tau_m=20.0, E_L=0.0, V_reset=0.0, V_th=2.0))
+    kernels = np.ones((3, 1, 3, 3))
+    kernels[2] = np.arange(9.0).reshape(3, 3) / 8.0
+    net.connect("sheet", "maps", grid(kernel=(3, 3)), weight=kernels)
+    net.connect("maps", "top", grid(kernel=(2, 2)), weight=1.5)
+    net.group("one", lateral_reset(of="maps", axis=0))
+    net.probe("V_m", "maps", "V_m")
+    return after(start, net, 80.0)
 
 
 # calls

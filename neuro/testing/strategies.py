@@ -23,7 +23,6 @@ from neuro.model.neurons import (
     poisson_generator,
     spike_generator,
 )
-from neuro.model.parts import winner_take_all
 from neuro.model.rules import (
     Rule,
     all_to_all,
@@ -34,6 +33,7 @@ from neuro.model.rules import (
     pairwise_bernoulli,
 )
 from neuro.model.synapses import Synapse, static, stdp, stdp_dopa
+from neuro.testing.exact_strategies import groups
 
 _WEIGHT = {"iaf_psc_delta": 4.0, "izhikevich": 6.0, "parrot_neuron": 1.0}
 _CURRENT = {"iaf_psc_delta": 500.0, "izhikevich": 8.0}
@@ -161,5 +161,4 @@ def _add_group(draw: st.DrawFn, net: Network, cells: list[str]) -> None:
     able = [name for name in cells if net.populations[name].model.states]
     wanted = draw(st.booleans())
     if able and wanted:
-        of, first = draw(st.sampled_from(able)), draw(st.booleans())
-        net.group("choice", winner_take_all(of=of, first_to_fire=first))
+        net.group("choice", draw(groups(net, able)))

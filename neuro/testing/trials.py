@@ -124,6 +124,23 @@ def rewarded_learning_with_padding(start: Start) -> Found:
 
 
 @case
+def rewarded_learning_by_channel(start: Start) -> Found:
+    """r_stdp on kernels that each see one of the maps between the input and them."""
+    net = network(1.0)
+    cells = iaf_psc_delta(tau_m=INF, E_L=0.0, V_reset=0.0, V_th=2.0)
+    net.population("sheet", (2, 6, 6), spike_generator())
+    net.population("between", (3, "auto", "auto"), cells)
+    net.population("maps", (6, "auto", "auto"), cells)
+    net.connect("sheet", "between", grid(kernel=(3, 3)), weight=uniform(low=0.3, high=0.8))
+    drawn = uniform(low=0.4, high=0.9)
+    rule = grid(kernel=(2, 2), padding="same", depthwise=True)
+    net.connect("between", "maps", rule, r_stdp(epsilon=0.002), weight=drawn, name="s2")
+    net.group("choice", winner_take_all(of="maps"))
+    net.trials(input="sheet", labels={"of": "maps", "maps_per_label": 2}, reset=["V_m"], duration=20.0)
+    return taught(start, net)
+
+
+@case
 def rewarded_learning_of_all_pairs(start: Start) -> Found:
     """r_stdp where every pair has a weight, with bounds of its own."""
     return taught(start, recogniser(r_stdp(Wmin=-0.2, Wmax=1.4, rescue=True), all_to_all()))

@@ -143,12 +143,12 @@ def test_lms_goes_on_from_its_state():
         (
             "oracle",
             {"gain": 0.0},
-            "controller 'oracle': gain = 0: expected a number > 0 or a list of two, one an axis",
+            "controller 'oracle': gain = 0: expected a number > 0 or a list of two or three, one an axis",
         ),
         (
             "centroid",
             {"gain": [1.0]},
-            "controller 'centroid': gain = [1]: expected a number > 0 or a list of two, one an axis",
+            "controller 'centroid': gain = [1]: expected a number > 0 or a list of two or three, one an axis",
         ),
         ("lms", {"mu": True}, "controller 'lms': mu = true: expected a number >= 0"),
         ("lms", {"mu": float("nan")}, "controller 'lms': mu = .nan: expected a finite number >= 0"),

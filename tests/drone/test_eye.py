@@ -11,6 +11,7 @@ from neuro import ModelError
 from neuro.events import DVS
 from neuro_drone.eye import SKY, Eye, pixels
 from neuro_drone.geometry import Pose, View
+from neuro_drone.hop import hop
 from neuro_drone.scenario import Ball, Camera, Ground, Line, Scenario
 from neuro_drone.scene import Scene
 
@@ -77,6 +78,17 @@ def test_ball_and_horizon_are_exact(camera, pose, place, radius, seed):
     ball = (x, y, radius, radius)
     eye.draw(pose, Scene(ball=ball))
     check_pixels(eye, lambda ray: on_ball(eye.view, ball, ray), np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("time", [0.3, 7.1, 12.5])
+def test_a_ball_in_the_air_is_exact(time):
+    ball = Ball(radius=0.3, bounce=0.3, rise=0.6, swell=0.4, brightness=0.0)
+    eye = Eye(Scenario(task=ball, ground=Ground(brightness=1.0)))
+    up, radius = hop(ball, time)
+    place = (1.5, 0.1, up, radius)
+    eye.draw(Pose(0.2, 0.0, 2.4, 0.1), Scene(place))
+    assert eye.image.min() == 0.0
+    check_pixels(eye, lambda ray: on_ball(eye.view, place, ray), np.random.default_rng(0))
 
 
 @given(cameras, poses, st.floats(0.02, 0.5), st.integers(0, 1000))

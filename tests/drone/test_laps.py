@@ -27,8 +27,8 @@ def begin(scenario, start=None, direction=0, seed=0):
     kind = BallTask if scenario.kind == "ball" else LineTask
     task = kind(scenario.task, View(fov=camera.fov, tilt=camera.tilt), scenario.drone.height)
     body = Kinematic(scenario.drone)
-    x, y, yaw = task.reset(np.random.default_rng(seed), start, direction)
-    body.reset(x, y, yaw, forward=task.forward)
+    pose = task.reset(np.random.default_rng(seed), start, direction)
+    body.reset(pose.x, pose.y, pose.yaw, forward=task.forward)
     view.look(body.pose)
     return task, body, view, task.judge(view, body.pose)
 

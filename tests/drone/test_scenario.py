@@ -18,7 +18,8 @@ def told(make):
 
 
 def test_the_scenarios_that_come_along():
-    assert NAMES == ("A30", "A60", "B30", "B60", "B60-shake", "B60-texture", "C60", "line")
+    variants = [f"B60-{what}" for what in ("bounce", "height", "rise", "shake", "spin", "texture", "wind")]
+    assert ("A30", "A60", "B30", "B60", *variants, "C60", "line") == NAMES
     assert load("B60") == Scenario()
     assert load("A30") == Scenario("A30", 20.0, Ball(lap=3.0, radius=0.27), Camera(tilt=30.0))
     assert load("C60").task == Ball(lap=15.0, speed=0.375)

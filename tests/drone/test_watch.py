@@ -62,6 +62,25 @@ def test_all_is_in_step(flight):
     assert np.array_equal(np.sign(fired[0::2] - fired[1::2]), np.sign(flight.actions[3]))
 
 
+def test_a_flight_in_the_wind_that_climbs():
+    changes = {"task.ball.lap": 0.6, "task.ball.speed": 0.06, "load.mass": 0.05, "load.since": 5.0}
+    flight = fly(
+        train(load("B60-height", wind={"speed": 3, "since": 2.5}, **changes), "static"), Start((0.0, 0.0, 8.0))
+    )
+    data = data_of(page(flight))
+    winds, loads, talls = (column(data, name, "<f4") for name in ("winds", "loads", "talls"))
+    assert (winds[: 2 * 51] == 0.0).all()
+    assert winds[2 * 51 + 1 :: 2] == pytest.approx(3.0)
+    assert (loads[:101] == 0.0).all()
+    assert loads[101:] == pytest.approx(0.05)
+    assert talls[0] == pytest.approx(48.0)
+    assert column(data, "heights", "<f4") == pytest.approx(flight.heights, abs=1e-5)
+    assert np.ptp(flight.heights) > 0.1
+    assert flight.actions.shape == (201, 3)
+    assert data["motors"] == ["right", "left", "backwards", "forward", "up", "down"]
+    assert [s["size"] for s in data["spikes"]] == [64, 6]
+
+
 def test_the_page_holds_it(flight):
     text = page(flight)
     data = data_of(text)

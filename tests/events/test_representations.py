@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from itertools import pairwise
 from types import SimpleNamespace
 
 import hypothesis.strategies as st
@@ -12,6 +13,7 @@ from hypothesis import given, settings
 from neuro.core.extras import install
 from neuro.events import Events, load
 from neuro.events.representations import (
+    Hats,
     binary_frame,
     event_frame,
     event_spike_tensor,
@@ -198,6 +200,32 @@ def test_hats_forgets_to_exactly_nothing():
     events = Events(t, np.arange(41) % 2, [0] * 41, [1] * 41, (2, 1))
     options = {"cell": 2, "radius": 1, "window_us": 100, "tau_us": 37.0, "normalise": "none", "dtype": np.float64}
     assert np.array_equal(hats(events, **options), hats(events[:40], **options))
+
+
+@given(
+    cuts=st.lists(st.integers(0, 600), max_size=40),
+    window=st.sampled_from([1, 90, 900, 60_000]),
+    tau=st.sampled_from([20.0, 5_000.0]),
+)
+@settings(max_examples=60, deadline=None)
+def test_hats_grow_to_the_same_bits_however_the_recording_is_cut(cuts, window, tau):
+    events = random(600, length=20_000)
+    options = {"cell": 4, "radius": 2, "window_us": window, "tau_us": tau, "itself": True}
+    grown = Hats(events.sensor_size, **options)
+    for begin, end in pairwise([0, *sorted(cuts), 600]):
+        grown.add(events[begin:end])
+        expected = hats(events[:end], dtype=np.float64, **options)
+        assert np.array_equal(grown.histograms(np.float64), expected)
+
+
+def test_hats_hold_no_more_than_their_window():
+    grown = Hats((8, 8), cell=4, window_us=1000)
+    for part in range(50):
+        grown.add(Events(np.arange(100) * 10 + part * 1000, np.arange(100) % 8, [3] * 100, [1] * 100, (8, 8)))
+    grown.add(Events([60_000], [0], [0], [1], (8, 8)))
+    assert len(grown._held) <= 102
+    grown.add(Events([90_000], [0], [0], [1], (8, 8)))
+    assert len(grown._held) == 2
 
 
 def test_a_real_recording(shared):

@@ -79,7 +79,8 @@ def values(q, names):
         case "delay":
             return st.floats(0.1, 10.0)
         case "integer":
-            return st.integers(int(q.at_least or 0), int(1000 if q.at_most is None else q.at_most))
+            whole = st.integers(int(q.at_least or 0), int(1000 if q.at_most is None else q.at_most))
+            return whole | st.sampled_from(q.words) if q.words else whole
         case "boolean":
             return st.booleans()
         case "word":
@@ -161,7 +162,7 @@ def networks(draw):
         delay = draw(values(neuro.model.parts.DELAY, names))
         net.connect(draw(population), draw(population), rule, synapse, weight=weight, delay=delay, name=name)
     for name in draw(st.lists(NAMES, max_size=1)):
-        net.group(name, draw(choices(neuro.winner_take_all, names)))
+        net.group(name, draw(choices(draw(st.sampled_from(list(neuro.model.parts.GROUPS.values()))), names)))
     if draw(st.booleans()):
         net.trials(**draw(words(Trials, names)))
     for name in draw(st.lists(NAMES, max_size=2, unique=True)):

@@ -90,6 +90,9 @@ def test_a_group():
     net = driven(neuro.iaf_psc_delta())
     net.group("choice", neuro.winner_take_all(of="cells"))
     assert refusal(net) == "here: group 'choice': NEST has no winner-take-all\n  hint: backend 'event' runs it"
+    net = driven(neuro.iaf_psc_delta())
+    net.group("first", neuro.lateral_reset(of="cells"))
+    assert refusal(net) == "here: group 'first': NEST has no lateral reset\n  hint: backend 'event' runs it"
 
 
 def test_a_current_without_leak():

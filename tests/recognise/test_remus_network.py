@@ -36,4 +36,5 @@ def test_the_network_follows_the_front_end_and_the_classes(settings):
 def test_an_unknown_network():
     with pytest.raises(neuro.ModelError) as error:
         path("resnet")
-    assert str(error.value).startswith("unknown network 'resnet': expected one of dopamine_conditioning, drone, ")
+    assert str(error.value) == f"unknown network 'resnet': expected one of {', '.join(names())}"
+    assert {"masquelier_thorpe", "mozafari", "must", "remus"} <= set(names())

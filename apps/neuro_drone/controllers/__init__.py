@@ -13,8 +13,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from neuro import ModelError
 from neuro.apps import unknown
 from neuro_drone.controllers.agents import DDPG, DQN, DDPGSettings, DQNSettings
+from neuro_drone.controllers.deep import Deep
 from neuro_drone.controllers.lms import LMS, LMSSettings
 from neuro_drone.controllers.settings import changed, plain
 from neuro_drone.controllers.simple import Centroid, Gain, Nothing, NothingSettings, Oracle
@@ -39,7 +41,7 @@ class Controller(Protocol):
             info: what the environment told beside them; only the oracle looks at it.
 
         Returns:
-            (2,) in [-1, 1]: to the right and down the picture; of a line to the right and turn right.
+            (axes,) in [-1, 1]: to the right and down the picture, and up; of a line to the right and turn right.
         """
 
     def learn(self, info: Mapping[str, Any]) -> None:
@@ -114,6 +116,15 @@ LINE: dict[Any, dict[str, Any]] = {
 from differences between rows, hence their equal say and more spikes."""
 
 
+HEIGHT: dict[Any, dict[str, Any]] = {
+    Oracle: {"gain": 4.0},
+    Centroid: {"gain": (8.0, 2.0, 1.0)},
+    Spiking: {"axes": 3},
+}
+"""Defaults that differ for a drone that also climbs: who climbs sees the ball further down, and who flies forward
+sees it taller, so that both axes swing with gains that suit one. The network has six motors."""
+
+
 def make(name: str, scenario: Scenario, seed: int = 0, settings: Mapping[str, Any] | None = None) -> Controller:
     """A controller, before learning.
 
@@ -126,7 +137,10 @@ def make(name: str, scenario: Scenario, seed: int = 0, settings: Mapping[str, An
     Raises:
         ModelError: there is no such controller or setting, or a value is out of its bounds.
     """
-    return kind_of(name).maker(scenario, seed, _settings(name, scenario, settings or {}))
+    kind = kind_of(name)
+    if scenario.axes == 3 and isinstance(kind.maker, type) and issubclass(kind.maker, Deep):
+        raise ModelError(f"controller '{name}' has two axes: expected a scenario with task.ball.axes = 2")
+    return kind.maker(scenario, seed, _settings(name, scenario, settings or {}))
 
 
 def settings_of(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -147,8 +161,11 @@ def settings_of(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> d
 
 def _settings(name: str, scenario: Scenario, settings: Mapping[str, Any]) -> Any:
     kind = kind_of(name)
-    own = LINE.get(kind.maker, {}) if isinstance(scenario.task, Line) else {}
-    return changed(kind.settings, {**own, **settings}, f"controller '{name}'")
+    own = LINE if isinstance(scenario.task, Line) else HEIGHT if scenario.axes == 3 else {}
+    defaults = dict(own.get(kind.maker, {}))
+    if "network" in settings:
+        defaults.pop("axes", None)  # a network of the user's own has the motors that it has
+    return changed(kind.settings, {**defaults, **settings}, f"controller '{name}'")
 
 
 def kind_of(name: str) -> Kind:

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro_drone.geometry import AIM
-from neuro_drone.parts import Line
+from neuro_drone.parts import Ball, Line
 from neuro_drone.scenario import Scenario
 
-__all__ = ["DOWN", "RIGHT", "UNIT", "pattern", "shares"]
+__all__ = ["AWAY", "DOWN", "RIGHT", "UNIT", "pattern", "shares"]
 
 UNIT = 64.0
 """Pixels that an error of 1 stands for: half of the picture."""
@@ -21,6 +21,9 @@ RIGHT: npt.NDArray[np.float64] = np.tile(_MIDDLES, (8, 1))
 """(8, 8), how far the middle of each field lies to the right of the aim, in units of 64 px."""
 DOWN: npt.NDArray[np.float64] = np.ascontiguousarray(RIGHT.T)
 """(8, 8), how far it lies below it."""
+
+AWAY: npt.NDArray[np.float64] = np.hypot(RIGHT, DOWN)
+"""(8, 8), how far it lies from the aim."""
 
 
 def shares(counts: npt.NDArray[Any], coding: str) -> npt.NDArray[np.float64]:
@@ -50,15 +53,19 @@ def pattern(scenario: Scenario, shape: str) -> npt.NDArray[np.float64]:
     """How strongly each field speaks for the positive direction of each axis, as a person would set it.
 
     Args:
-        scenario: of a ball, whose axes are right and down; or of a line, whose second axis is its lean: what is
-            right above the aim or left below it leans to the right.
+        scenario: of a ball, whose axes are right and down, and the third its size: what is farther from the aim than
+            the outline of a ball as tall as wanted speaks for up; or of a line, whose second axis is its lean: what
+            is right above the aim or left below it leans to the right.
         shape: sign (by the side only) or linear (in the distance).
 
     Returns:
-        (64, 2), in [-1, 1].
+        (64, axes), in [-1, 1].
 
     Source: thesis, section 7.3.8 ("static weights set with human knowledge"), which prints no values.
     """
     second = -RIGHT * DOWN if isinstance(scenario.task, Line) else DOWN
-    both = np.stack((RIGHT.ravel(), second.ravel()), axis=1)
-    return np.sign(both) if shape == "sign" else both / np.abs(both).max(axis=0)
+    axes = [RIGHT, second]
+    if scenario.axes == 3 and isinstance(scenario.task, Ball):
+        axes.append(AWAY - 0.5 * scenario.task.tall / UNIT)
+    wished = np.stack([one.ravel() for one in axes], axis=1)
+    return np.sign(wished) if shape == "sign" else wished / np.abs(wished).max(axis=0)

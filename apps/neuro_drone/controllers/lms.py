@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro_drone.controllers.fields import shares
-from neuro_drone.controllers.settings import choice, number, numbers
+from neuro_drone.controllers.settings import choice, each_axis, number, numbers
 from neuro_drone.controllers.simple import Fixed
 from neuro_drone.scenario import Scenario
 
@@ -29,7 +29,7 @@ class LMSSettings:
         coding: shares, rows or peaks, see `fields.shares`.
     """
 
-    gain: float | tuple[float, float] = numbers(8.0, above=0)
+    gain: float | tuple[float, ...] = numbers(8.0, above=0)
     mu: float = number(0.02, at_least=0)
     coding: str = choice("shares", "shares", "rows", "peaks")
 
@@ -45,8 +45,8 @@ class LMS(Fixed):
     def __init__(self, scenario: Scenario, seed: int, settings: LMSSettings, learns: bool = True) -> None:
         self._settings, self._learns = settings, learns
         self._new = (scenario, seed)
-        self._gain = np.broadcast_to(np.asarray(settings.gain), 2)
-        self._weights = np.zeros((2, 64))
+        self._gain = each_axis("gain", settings.gain, scenario.axes)
+        self._weights = np.zeros((scenario.axes, 64))
         self._shares = np.zeros(64)
 
     def begin(self) -> None:
@@ -67,7 +67,7 @@ class LMS(Fixed):
             self._weights += np.outer(self._settings.mu / power * missing, x)
 
     def learnt(self) -> dict[str, npt.NDArray[Any]]:
-        """The weights, (2, 64)."""
+        """The weights, (axes, 64)."""
         return {"weights": self._weights.copy()}
 
     def state(self) -> dict[str, npt.NDArray[Any]]:

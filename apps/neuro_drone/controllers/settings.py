@@ -6,10 +6,13 @@ from collections.abc import Mapping
 from dataclasses import Field, field, fields, replace
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from neuro import ModelError, Network
 from neuro.apps import Quantity, check, unknown
 
-__all__ = ["changed", "choice", "number", "numbers", "plain", "share", "unknown", "whole"]
+__all__ = ["changed", "choice", "each_axis", "number", "numbers", "plain", "share", "unknown", "whole"]
 
 REST = "parameters"
 """The field that takes up names that are no fields, where a dataclass has it."""
@@ -21,8 +24,24 @@ def number(default: float, **bounds: Any) -> Any:
 
 
 def numbers(default: float, **bounds: Any) -> Any:
-    """A field for a number for both axes, or a list of one for each."""
+    """A field for a number for all axes, or a list of one for each."""
     return field(default=default, metadata={"quantity": Quantity(**bounds), "axes": True})
+
+
+def each_axis(name: str, value: float | tuple[float, ...], axes: int) -> npt.NDArray[np.float64]:
+    """What `numbers` tells for each axis, (axes,).
+
+    Args:
+        name: of the setting, for messages.
+        value: of it.
+        axes: of the scenario.
+
+    Raises:
+        ModelError: it is a list, and not of one for each.
+    """
+    if isinstance(value, tuple) and len(value) != axes:
+        raise ModelError(f"{name} = {list(value)}: expected a number or a list of {axes}, one an axis")
+    return np.broadcast_to(np.asarray(value, float), axes)
 
 
 def share(default: float) -> Any:
@@ -74,9 +93,9 @@ def _checked(setting: Field[Any], value: Any, whose: str) -> Any:
         return value
     if "axes" not in setting.metadata:
         return check(q, value, what)
-    if isinstance(value, (list, tuple)) and len(value) == 2:
+    if isinstance(value, (list, tuple)) and len(value) in (2, 3):
         return tuple(check(q, part, f"{what}[{k}]") for k, part in enumerate(value))
     try:
         return check(q, value, what)
     except ModelError as error:
-        raise ModelError(f"{error.message} or a list of two, one an axis", hint=error.hint) from None
+        raise ModelError(f"{error.message} or a list of two or three, one an axis", hint=error.hint) from None

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import atan, pi
+from math import atan, pi, sqrt
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from neuro_drone.controllers.fields import DOWN, RIGHT
-from neuro_drone.controllers.settings import numbers
-from neuro_drone.parts import Line
+from neuro_drone.controllers.fields import DOWN, RIGHT, UNIT
+from neuro_drone.controllers.settings import each_axis, numbers
+from neuro_drone.parts import Ball, Line
 from neuro_drone.scenario import Scenario
 
 __all__ = ["Centroid", "Gain", "Nothing", "NothingSettings", "Oracle"]
 
 Floats = npt.NDArray[np.float64]
 _X, _Y = RIGHT.ravel(), DOWN.ravel()
+FIELD = 16.0 / UNIT
+"""Side of a field; events anywhere in it spread by a twelfth of its square on each axis."""
 
 
 class Fixed:
@@ -40,7 +42,7 @@ class Nothing(Fixed):
     """Never moves; what it scores, a world gives for free."""
 
     def __init__(self, scenario: Scenario, seed: int, settings: NothingSettings) -> None:
-        self._action = np.zeros(2)
+        self._action = np.zeros(scenario.axes)
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
         """No action."""
@@ -52,17 +54,18 @@ class Gain:
     """What a proportional controller is told.
 
     Attributes:
-        gain: action by error, where an error of 1 is half of the picture (64 px), of a line's lean 90 degrees.
+        gain: action by error, where an error of 1 is half of the picture (64 px), of a line's lean 90 degrees, of a
+            ball's size as much as it shall have.
     """
 
-    gain: float | tuple[float, float] = numbers(8.0, above=0)
+    gain: float | tuple[float, ...] = numbers(8.0, above=0)
 
 
 class Oracle(Fixed):
     """In proportion to the true error, which no camera tells; it bounds what the others can reach."""
 
     def __init__(self, scenario: Scenario, seed: int, settings: Gain) -> None:
-        self._gain = np.broadcast_to(np.asarray(settings.gain), 2)
+        self._gain = each_axis("gain", settings.gain, scenario.axes)
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
         """The action of a proportional controller."""
@@ -71,20 +74,32 @@ class Oracle(Fixed):
 
 
 class Centroid(Fixed):
-    """In proportion to the mean place of the events, of a line to the straight line that fits them best."""
+    """In proportion to the mean place of the events, of a line to the straight line that fits them best.
+
+    Of a ball on three axes it takes the events' distances from their mean place for those of the ball's outline.
+    """
 
     def __init__(self, scenario: Scenario, seed: int, settings: Gain) -> None:
-        self._gain = np.broadcast_to(np.asarray(settings.gain), 2)
-        self._line = isinstance(scenario.task, Line)
+        self._gain = each_axis("gain", settings.gain, scenario.axes)
+        self._axes, self._line = scenario.axes, isinstance(scenario.task, Line)
+        self._tall = scenario.task.tall / UNIT if isinstance(scenario.task, Ball) else 1.0
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
         """The action of a proportional controller on what the counts tell; none where there are no events."""
         n = counts.ravel()
         total = n.sum()
         if total == 0:
-            return np.zeros(2)
+            return np.zeros(self._axes)
         found = _fit(n) if self._line else np.array((n @ _X, n @ _Y)) / total
+        if self._axes == 3:
+            found = np.append(found, _tall(n / total, found) / self._tall - 1.0)
         return np.clip(self._gain * found, -1.0, 1.0)
+
+
+def _tall(shares: npt.NDArray[Any], middle: Floats) -> float:
+    """How tall the circle is whose outline has its events in these fields, in units of 64 px."""
+    around = float(shares @ (_X**2 + _Y**2) - middle @ middle)
+    return 2.0 * sqrt(max(0.0, around - 2.0 * FIELD**2 / 12.0))
 
 
 def _fit(n: npt.NDArray[Any]) -> Floats:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 import neuro
 from neuro_drone.controllers.fields import pattern, shares
-from neuro_drone.controllers.settings import choice, number, numbers
+from neuro_drone.controllers.settings import choice, each_axis, number, numbers
 from neuro_drone.scenario import Scenario
 from neuro_models import names
 from neuro_models import path as network_path
@@ -25,7 +25,7 @@ __all__ = ["Spiking", "SpikingSettings"]
 Floats = npt.NDArray[np.float64]
 CELLS, MOTORS = "cells", "motors"
 WAY = "a larger eta and a shorter tau_c let the network learn there"
-SIDES = np.array((1.0, -1.0, 1.0, -1.0))  # of each axis: the positive motor, the negative one
+SIDES = (1.0, -1.0)  # of each axis: the positive motor, the negative one
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class SpikingSettings:
     network: str | neuro.Network = "drone"
     eta: float = number(0.1)
     settle: float = number(500_000.0, above=0)
-    gain: float | tuple[float, float] = numbers(2.0, above=0)
+    gain: float | tuple[float, ...] = numbers(2.0, above=0)
     coding: str = choice("shares", "shares", "rows", "peaks", "counts")
     total: float = number(400.0, above=0)
     rate: float = number(20.0, above=0)
@@ -92,17 +92,18 @@ class Spiking:
 
     def __init__(self, scenario: Scenario, seed: int, settings: SpikingSettings) -> None:
         self._scenario, self._seed, self._settings = scenario, seed, settings
-        self.net = net = _load(settings)
+        self.net = net = _load(settings, scenario.axes)
         self._signals = [s.name for s in net.signals.values() if s.to == MOTORS] if settings.learns else []
         run = net if settings.learns else static(net)
         self.sim = _compile(run, settings, seed)
         if settings.start != "equal":
             self._start_from(pattern(scenario, settings.start))
-        self._factor = (np.broadcast_to(settings.gain, 2) / _most_spikes(net, scenario.step)).tolist()
+        gains = each_axis("gain", settings.gain, scenario.axes)
+        self._factor = (gains / _most_spikes(net, scenario.step)).tolist()
 
     def _start_from(self, wished: Floats) -> None:
         name = f"{CELLS}_{MOTORS}"
-        weights = self._settings.strength * (1.0 + np.repeat(wished, 2, axis=1) * SIDES).ravel()
+        weights = self._settings.strength * (1.0 + wished[:, :, None] * SIDES).ravel()
         projection = {p.name: p for p in self.sim.program.projections}.get(name)
         if projection is None or projection.size != weights.size:
             raise neuro.ModelError(
@@ -127,16 +128,16 @@ class Spiking:
         sim.run(self._scenario.step)
         ids = sim.spikes(MOTORS, since=begin)[1]
         sim.forget(before=sim.time)
-        a, b, c, d = np.bincount(ids, minlength=4).tolist()
-        right, down = self._factor
-        return np.array((max(-1.0, min(1.0, right * (a - b))), max(-1.0, min(1.0, down * (c - d)))))
+        fired = np.bincount(ids, minlength=2 * self._scenario.axes).tolist()
+        pairs = zip(self._factor, fired[0::2], fired[1::2], strict=True)
+        return np.array([max(-1.0, min(1.0, factor * (a - b))) for factor, a, b in pairs])
 
     def learn(self, info: Mapping[str, Any]) -> None:
         """Set the dopamine of the next step."""
         if self._signals:
             eta = self._settings.eta / (1.0 + self.sim.time / self._settings.settle)
-            a, b = info["supervised_error"].tolist()
-            dopamine = np.array((eta * a, -eta * a, eta * b, -eta * b))
+            errors = info["supervised_error"].tolist()
+            dopamine = np.array([side * eta * error for error in errors for side in SIDES])
             for name in self._signals:
                 self.sim.signal(name, dopamine)
 
@@ -184,13 +185,13 @@ def _values(weights: Any) -> npt.NDArray[Any]:
     return np.asarray(weights[2] if isinstance(weights, tuple) else weights)
 
 
-def _load(settings: SpikingSettings) -> neuro.Network:
+def _load(settings: SpikingSettings, axes: int) -> neuro.Network:
     """The network, if it has what a controller needs."""
     net = settings.network
     if not isinstance(net, neuro.Network):
         file = network_path(net) if net in names() else Path(net)
         net = neuro.load(file, params=settings.parameters)
-    for name, size, what in ((CELLS, 64, "one a field of the picture"), (MOTORS, 4, "two an axis")):
+    for name, size, what in ((CELLS, 64, "one a field of the picture"), (MOTORS, 2 * axes, "two an axis")):
         found = net.populations.get(name)
         if found is None or prod(n for n in found.shape if isinstance(n, int)) != size:
             has = "none" if found is None else f"one of shape {list(found.shape)}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,8 @@ from neuro_recognise.method import Answer, Course, Learnt, Method
 from neuro_recognise.readouts import Readout, Svm
 from neuro_recognise.segmenters import Msd, Segmenter
 from neuro_recognise.settings import part
-from neuro_recognise.shown import Evidence, Floats, Shown
+from neuro_recognise.shown import Evidence, Floats, Ints, Shown
+from neuro_recognise.views import Pictures, View
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -45,10 +46,7 @@ class Boe(Method):
 
     def observe(self, events: Events) -> Evidence:
         """The pixel of each event, and how many events each segment has; a recording too short for one is one."""
-        seen = self.cleaner.clean(self.inside(events))
-        bounds = self.segmenter.bounds(seen.t)
-        if len(bounds) == 1 and len(seen):
-            bounds = np.array([0, len(seen)])
+        seen, bounds = self._cut(events)
         pixels = (seen.y.astype(np.int64) * self.size[0] + seen.x)[bounds[0] : bounds[-1]]
         return {"pixels": pixels.astype(np.uint32), "lengths": np.diff(bounds)}
 
@@ -70,6 +68,21 @@ class Boe(Method):
         np.add.at(sums, recording, of_segments)
         segments = np.bincount(recording, minlength=len(shown))[:, None]
         return Answer(np.divide(sums, segments, out=np.full_like(sums, np.nan), where=segments > 0))
+
+    def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
+        """The events of each segment, from its end on."""
+        (seen, bounds), (width, height) = self._cut(events), self.size
+        images = np.zeros((len(bounds) - 1, height, width), np.int64)
+        for image, begin, end in zip(images, bounds[:-1], bounds[1:], strict=True):
+            np.add.at(image, (seen.y[begin:end], seen.x[begin:end]), 1)
+        at_ms = (seen.t[bounds[1:] - 1] - events.t[0]) / 1000.0
+        return [Pictures("Segments", at_ms, images)]
+
+    def _cut(self, events: Events) -> tuple[Events, Ints]:
+        """The events that are left of a recording, and the bounds of its segments; one too short for one is one."""
+        seen = self.cleaner.clean(self.inside(events))
+        bounds = self.segmenter.bounds(seen.t)
+        return seen, np.array([0, len(seen)]) if len(bounds) == 1 and len(seen) else bounds
 
     def _shares(self, shown: Shown) -> tuple[csr_matrix, Any]:
         """(segments, pixels) share of each segment's events; and (segments,) the recording of each."""

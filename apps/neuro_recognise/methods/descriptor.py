@@ -27,6 +27,7 @@ class Descriptor(Method):
     """
 
     needs = "recognise"
+    by_moment = True
 
     readout: Readout = part(Readout, Svm())
 

@@ -15,7 +15,7 @@ import numpy as np
 
 import neuro
 from neuro import ModelError
-from neuro.events import Events
+from neuro.events import Events, representations
 from neuro_recognise.banks import Bank, Gabors
 from neuro_recognise.encoders import Encoder, LogLatency
 from neuro_recognise.frames import Frames, ended_by
@@ -24,7 +24,8 @@ from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
 from neuro_recognise.pools import Max, Pool
 from neuro_recognise.segmenters import Msd, Segmenter
 from neuro_recognise.settings import part, setting
-from neuro_recognise.shown import Array, Evidence, Floats, Ints, Shown
+from neuro_recognise.shown import Array, Evidence, Floats, Ints, Shown, unlabelled
+from neuro_recognise.views import Pictures, Trials, View
 from neuro_recognise.votes import VOTES, votes
 
 if TYPE_CHECKING:
@@ -58,8 +59,8 @@ class Framewise(Method):
     encoder: Encoder = part(Encoder, LogLatency())
     layer: Layer = part(Layer, RemusLayer())
     epochs: int = setting(8, "", "how often all recordings are shown", "learning has settled by then", at_least=1)
-    order: str = setting("recordings", "", "what is shuffled in each epoch", "thesis", words=ORDERS)
-    vote: str = setting("potentials", "", "how frames decide", "potentials beat majority on N-MNIST", words=VOTES)
+    order: str = setting("recordings", "", "what is shuffled in each epoch", "thesis section 6.2.5", words=ORDERS)
+    vote: str = setting("potentials", "", "how frames decide", "docs/how-to/recognise.md; majority: 2431", words=VOTES)
 
     def changed(self, values: Mapping[str, Any]) -> Self:
         """Settings with some values changed; see `Settings.changed`.
@@ -199,6 +200,25 @@ class Framewise(Method):
     def votes(self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Shown) -> Mapping[str, Floats]:
         """What speaks for each class, (recordings, classes), by each way of letting frames decide."""
         return votes(results, frames.recording, len(shown), len(shown.classes))
+
+    def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
+        """The events of each frame, and the spikes that the network is shown, with who wins."""
+        seen, evidence = self.inside(events), self.observe(events)
+        at_ms = evidence["ends"] / 1000.0
+        if not len(at_ms):
+            return []
+        bounds = self.segmenter.bounds(seen.t)
+        results, frames = self.present(self.simulation(learnt), learnt, unlabelled([evidence], tuple(classes)))
+        named = [f" for {name}" for name in classes] if self.layer.supervised else [""] * results.potential.shape[1]
+        told = tuple(
+            f"neuron {neuron} wins{named[label]}" if label >= 0 else "none wins"
+            for neuron, label in zip(results.winner.tolist(), results.label.tolist(), strict=True)
+        )
+        times, size = self.encoder.times(frames.codes, learnt), int(np.prod(self.inputs.shape))
+        return [
+            Pictures("Frame", at_ms, representations.event_frame(seen, polarity="ignored", segments=bounds)),
+            Trials("Its spikes", at_ms, self.encoder.window, size, frames.offsets, times, frames.ids, told),
+        ]
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
         """How the learning went."""

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
+import numpy as np
+
 from neuro.events import Events, representations
+from neuro_recognise.method import Learnt
 from neuro_recognise.methods.descriptor import Descriptor
+from neuro_recognise.observers import Growing, Grows, Observer
 from neuro_recognise.readouts import Readout, Svm
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Floats
+from neuro_recognise.views import Pictures, View
+
+VIEW_US = 10_000
+"""us; from picture to picture of what is seen."""
 
 
 @dataclass(frozen=True)
@@ -35,10 +44,29 @@ class Hats(Descriptor):
         settled = super().fitting(size)
         return settled if self.cell else replace(settled, cell=max(1, round(max(settled.size) / 5)))
 
-    def describe(self, events: Events) -> Floats:
-        """The histograms of all cells, (rows, columns, 2, side, side), in a row."""
+    def grown(self) -> Grows:
+        """The histograms of all cells, (rows, columns, 2, side, side), of no events yet."""
         tau_us = round(1000.0 * self.tau)
-        found: Floats = representations.hats(
-            events, cell=self.cell, radius=self.radius, window_us=tau_us, tau_us=tau_us
-        )
-        return found.ravel()
+        return representations.Hats(self.size, cell=self.cell, radius=self.radius, window_us=tau_us, tau_us=tau_us)
+
+    def describe(self, events: Events) -> Floats:
+        """The histograms of all cells in a row."""
+        grown = self.grown()
+        grown.add(events)
+        return grown.histograms().ravel().astype(np.float64)
+
+    def observer(self) -> Observer:
+        """Sums and counts that grow."""
+        return Growing(self, self.grown())
+
+    def views(self, events: Events, learnt: Learnt, classes: Sequence[str]) -> Sequence[View]:
+        """The histograms of all cells beside each other, of both polarities together, every 10 ms."""
+        times = VIEW_US * np.arange(1, 1 + -(-int(events.t[-1] - events.t[0]) // VIEW_US))
+        grown, images, begin = self.grown(), [], 0
+        for end in np.searchsorted(events.t, events.t[0] + times, "right").tolist():
+            grown.add(self.within(events[begin:end]))
+            begin = end
+            cells = grown.histograms().sum(axis=2)
+            rows, columns, side, _ = cells.shape
+            images.append(cells.transpose(0, 2, 1, 3).reshape(rows * side, columns * side))
+        return [Pictures("What it sees", times / 1000.0, np.array(images))] if images else []

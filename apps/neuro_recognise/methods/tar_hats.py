@@ -9,6 +9,7 @@ import numpy as np
 from neuro.events import Events
 from neuro_recognise.cleaners import Cleaner, Tar
 from neuro_recognise.methods.hats import Hats
+from neuro_recognise.observers import Grows
 from neuro_recognise.settings import part
 from neuro_recognise.shown import Floats
 
@@ -30,15 +31,30 @@ class TarHats(Hats):
         """``tar_hats``."""
         return "tar_hats"
 
-    def describe(self, events: Events) -> Floats:
-        """The histograms of all cells, (rows, columns, 2, side, side), in a row."""
+    def grown(self) -> Grows:
+        """The histograms of all cells, (rows, columns, 2, side, side), of no events yet."""
+        return _LastSurfaces(self)
+
+
+class _LastSurfaces:
+    """What events see of the last events round them, averaged over cells, growing event by event."""
+
+    def __init__(self, method: TarHats) -> None:
+        (width, height), cell, side = method.size, method.cell, 2 * method.radius + 1
+        rows, columns = -(-height // cell), -(-width // cell)
+        self._cell, self._tau_us, self._sieve = cell, 1000.0 * method.tau, method.cleaner.begun(method.size)
+        self._last = np.full((2, height + side - 1, width + side - 1), NEVER)
+        self._sums, self._counts = np.zeros((rows, columns, 2, side, side)), np.zeros((rows, columns), np.int64)
+
+    def add(self, events: Events) -> None:
+        """Take in what the filter leaves of the next events."""
         from neuro_recognise.methods._surface_kernels import last_surfaces
 
-        left = self.cleaner.clean(events)
-        (width, height), side = self.size, 2 * self.radius + 1
-        rows, columns = -(-height // self.cell), -(-width // self.cell)
-        sums, counts = np.zeros((rows, columns, 2, side, side)), np.zeros((rows, columns), np.int64)
-        last = np.full((2, height + side - 1, width + side - 1), NEVER)
-        last_surfaces(left.t, left.x, left.y, left.p, self.cell, 1000.0 * self.tau, last, sums, counts)
-        found: Floats = (sums / np.maximum(counts, 1)[:, :, None, None, None]).ravel()
-        return found
+        left = self._sieve(events)
+        state = (self._last, self._sums, self._counts)
+        last_surfaces(left.t, left.x, left.y, left.p, self._cell, self._tau_us, *state)
+
+    def histograms(self) -> Floats:
+        """Means over the events of each cell."""
+        means: Floats = self._sums / np.maximum(self._counts, 1)[:, :, None, None, None]
+        return means

@@ -49,14 +49,15 @@ def _csr_fan_out(part: Projection, counts: Ints) -> Ints:
 
 def _grid_fan_out(g: Grid, counts: Ints) -> Ints:
     """A source meets each weight of its channel once for every place of the kernel that puts it there."""
-    kernels = counts.reshape(g.maps, g.channels, g.kernel_height, g.kernel_width).sum(axis=0)
-    rows = _meets(g.height, g.kernel_height, g.rows, g)
-    columns = _meets(g.width, g.kernel_width, g.columns, g)
+    of_maps = counts.reshape(-1, g.reach, *g.kernels[1:])  # of a depthwise grid by channel
+    kernels = of_maps.sum(axis=1).reshape(g.channels, g.kernel_height, g.kernel_width)
+    rows = _meets(g.height, g.top, g.kernel_height, g.rows, g.stride)
+    columns = _meets(g.width, g.left, g.kernel_width, g.columns, g.stride)
     return np.asarray(np.einsum("yk,ckl,xl->cyx", rows, kernels, columns).reshape(-1))
 
 
-def _meets(length: int, kernel: int, places: int, g: Grid) -> NDArray[np.int64]:
+def _meets(length: int, before: int, kernel: int, places: int, stride: int) -> NDArray[np.int64]:
     """Whether the kernel has a place at which its line k lies on line y, shape (length, kernel)."""
-    offset = np.arange(length)[:, None] + g.padding - np.arange(kernel)[None, :]
-    place, rest = np.divmod(offset, g.stride)
+    offset = np.arange(length)[:, None] + before - np.arange(kernel)[None, :]
+    place, rest = np.divmod(offset, stride)
     return np.asarray((rest == 0) & (place >= 0) & (place < places), dtype=np.int64)

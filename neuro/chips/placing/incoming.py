@@ -80,17 +80,18 @@ def ends_of(program: Program, index: int) -> tuple[Ints, Ints]:
 
 
 def _grid_ends(g: Grid) -> tuple[Ints, Ints]:
-    """A neuron at (row, column) sees the kernel's window of every channel, as far as it lies inside; all maps alike."""
-    y = _window(g.rows, g.kernel_height, g)[:, None, None, :, None]
-    x = _window(g.columns, g.kernel_width, g)[None, :, None, None, :]
-    channel = np.arange(g.channels)[None, None, :, None, None]
+    """A neuron at (row, column) sees the kernel's window of its channels, as far as it lies inside; all maps alike."""
+    y = _window(g.rows, g.top, g.kernel_height, g.stride)[:, None, None, :, None]
+    x = _window(g.columns, g.left, g.kernel_width, g.stride)[None, :, None, None, :]
+    channel = np.arange(g.kernels[1])[None, None, :, None, None]
     inside = (channel >= 0) & (y >= 0) & (y < g.height) & (x >= 0) & (x < g.width)
     place = np.arange(g.rows * g.columns).reshape(g.rows, g.columns, 1, 1, 1)
     source = ((channel * g.height + y) * g.width + x)[inside]
     target = np.broadcast_to(place, inside.shape)[inside]
-    maps = np.arange(g.maps)[:, None] * (g.rows * g.columns)
-    return np.tile(source, g.maps), (target + maps).reshape(-1)
+    maps = np.arange(g.maps)[:, None]
+    first = maps // g.reach * (g.height * g.width)
+    return (source + first).reshape(-1), (target + maps * (g.rows * g.columns)).reshape(-1)
 
 
-def _window(places: int, kernel: int, g: Grid) -> Ints:
-    return np.asarray(np.arange(places)[:, None] * g.stride - g.padding + np.arange(kernel), dtype=np.int64)
+def _window(places: int, before: int, kernel: int, stride: int) -> Ints:
+    return np.asarray(np.arange(places)[:, None] * stride - before + np.arange(kernel), dtype=np.int64)

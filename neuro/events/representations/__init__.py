@@ -23,7 +23,7 @@ from typing import Any
 
 from neuro.core.registry import Registry
 from neuro.events.representations.frames import binary_frame, event_frame
-from neuro.events.representations.hats import hats
+from neuro.events.representations.hats import Hats, hats
 from neuro.events.representations.leaky_surface import LeakySurface, leaky_surface
 from neuro.events.representations.spike_tensor import event_spike_tensor
 from neuro.events.representations.time_surface import TimeSurface, time_surface
@@ -38,6 +38,7 @@ REPRESENTATIONS: Registry[Callable[..., Any]] = Registry(
 
 __all__ = [
     "REPRESENTATIONS",
+    "Hats",
     "LeakySurface",
     "TimeSurface",
     "binary_frame",

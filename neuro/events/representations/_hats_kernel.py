@@ -10,13 +10,55 @@ set to exactly 0.
 from math import exp
 
 from neuro.events.representations._surface_kernel import passed
-from neuro.kernels.jit import kernel
+from neuro.kernels.jit import inner, kernel
 
 FURTHEST = 30.0
 
 
+@inner
+def leave(now, t, x, y, constants, oldest, reference, here, filled, following):
+    """Take events that have left the window out of the memory of a cell; returns the oldest that stays, -1 for none."""
+    cell, radius, window, tau, _ = constants
+    while oldest >= 0 and passed(t[oldest], now) > window:
+        i, j = y[oldest] % cell + radius, x[oldest] % cell + radius
+        filled[i, j] -= 1
+        here[i, j] = here[i, j] - exp((t[oldest] - reference) / tau) if filled[i, j] else 0.0
+        oldest = following[oldest]
+    return oldest
+
+
 @kernel
-def histograms(t, x, y, p, constants, memory, inside, queues, following, sums, counts):
+def forget(t, x, y, constants, memory, inside, queues, following):
+    """Take out of all cells what has left the window by the last event; arguments as of `histograms`.
+
+    No later event would find it either, and a cell changes at its own events only, so nothing else becomes different.
+    Events are numbered anew from the first that is still remembered, whose old number is returned.
+    """
+    n = t.shape[0]
+    first = n
+    rows, columns = queues.shape[1:3]
+    for r in range(rows):
+        for c in range(columns):
+            for q in range(2):
+                reference, here, filled = queues[2, r, c, q], memory[r, c, q], inside[r, c, q]
+                oldest = leave(t[n - 1], t, x, y, constants, queues[0, r, c, q], reference, here, filled, following)
+                queues[0, r, c, q] = oldest
+                if oldest >= 0:
+                    first = min(first, oldest)
+    for r in range(rows):
+        for c in range(columns):
+            for q in range(2):
+                if queues[0, r, c, q] >= 0:
+                    queues[0, r, c, q] -= first
+                    queues[1, r, c, q] -= first
+    for k in range(first, n):
+        if following[k] >= 0:
+            following[k] -= first
+    return first
+
+
+@kernel
+def histograms(t, x, y, p, begin, constants, memory, inside, queues, following, sums, counts):
     """Sum the time surfaces of all events.
 
     Args:
@@ -24,28 +66,25 @@ def histograms(t, x, y, p, constants, memory, inside, queues, following, sums, c
         x: (n,) uint16.
         y: (n,) uint16.
         p: (n,) uint8.
+        begin: how many of the events were seen before and are in the memory.
         constants: side of a cell, radius, window, tau, and what an event adds to its own surface.
         memory: (rows, columns, 2, cell + 2 radius, cell + 2 radius) float64, 0: with a margin that stays 0.
         inside: int32 of that shape, 0.
         queues: (3, rows, columns, 2) int64, -1.
-        following: (n,) int64.
+        following: (n,) int64, of those seen before the next of its cell and polarity, -1 for none; filled.
         sums: (rows, columns, 2, size, size) float64, 0; filled.
         counts: (rows, columns, 2) int64, 0; filled.
     """
-    cell, radius, window, tau, own = constants
+    cell, radius, _, tau, own = constants
     size = 2 * radius + 1
-    for k in range(t.shape[0]):
+    for k in range(begin, t.shape[0]):
         now = t[k]
         r, c, q = y[k] // cell, x[k] // cell, p[k]
         here, filled = memory[r, c, q], inside[r, c, q]
         oldest, newest, reference = queues[0, r, c, q], queues[1, r, c, q], queues[2, r, c, q]
         if counts[r, c, q] == 0:
             reference = now
-        while oldest >= 0 and passed(t[oldest], now) > window:
-            i, j = y[oldest] % cell + radius, x[oldest] % cell + radius
-            filled[i, j] -= 1
-            here[i, j] = here[i, j] - exp((t[oldest] - reference) / tau) if filled[i, j] else 0.0
-            oldest = following[oldest]
+        oldest = leave(now, t, x, y, constants, oldest, reference, here, filled, following)
         if passed(reference, now) / tau > FURTHEST:
             scale = exp(-passed(reference, now) / tau)
             for i in range(here.shape[0]):

@@ -9,9 +9,85 @@ import numpy.typing as npt
 
 from neuro.events._arguments import choice, positive, whole
 from neuro.events._events import Events
+from neuro.events.parts import together
 from neuro.events.representations._common import Representation, given, real
 
 Normalise = Literal["cell", "polarity", "none"]
+
+
+class Hats:
+    """Averaged time surfaces that grow event by event, in bounded memory; for recordings that come in parts.
+
+    Parts, cut anywhere, give to the bit what the whole gives.
+
+    Args:
+        sensor_size: width and height, px.
+        cell, radius, window_us, tau_us, itself, normalise: see `hats`.
+
+    Raises:
+        ModelError: an argument is wrong; the message says which.
+    """
+
+    def __init__(
+        self,
+        sensor_size: tuple[int, int],
+        *,
+        cell: int = 10,
+        radius: int = 3,
+        window_us: int = 100_000,
+        tau_us: float = 1e9,
+        itself: bool = False,
+        normalise: Normalise = "cell",
+    ) -> None:
+        cell, radius = whole("cell", cell), whole("radius", radius, least=0)
+        window_us, tau_us = whole("window_us", window_us), positive("tau_us", tau_us, "us")
+        self._by = choice("normalise", normalise, ("cell", "polarity", "none"))
+        self._constants = (cell, radius, window_us, tau_us, 1.0 if itself else 0.0)
+        width, height = sensor_size
+        rows, columns, size = -(-height // cell), -(-width // cell), 2 * radius + 1
+        padded = cell + 2 * radius
+        self._sums = np.zeros((rows, columns, 2, size, size))
+        self._counts = np.zeros((rows, columns, 2), np.int64)
+        self._memory = np.zeros((rows, columns, 2, padded, padded))
+        self._inside = np.zeros(self._memory.shape, np.int32)
+        self._queues = np.full((3, rows, columns, 2), -1, np.int64)  # oldest and newest event, reference time
+        self._held: Events | None = None  # those of the window, whose numbers the queues tell
+        self._following = np.empty(0, np.int64)
+
+    def add(self, events: Events) -> None:
+        """Take in the next events."""
+        from neuro.events.representations._hats_kernel import histograms
+
+        if not len(events):
+            return
+        old = self._forget() if self._held is not None else 0
+        seen = together([self._held, events]) if self._held is not None else events
+        following = np.concatenate([self._following, np.empty(len(events), np.int64)])
+        state = (self._memory, self._inside, self._queues, following, self._sums, self._counts)
+        histograms(seen.t, seen.x, seen.y, seen.p, old, self._constants, *state)
+        self._held, self._following = seen, following
+
+    def _forget(self) -> int:
+        """Drop what has left the window; returns how many events are still held."""
+        from neuro.events.representations._hats_kernel import forget
+
+        assert self._held is not None
+        held = self._held
+        state = (self._memory, self._inside, self._queues, self._following)
+        first = forget(held.t, held.x, held.y, self._constants, *state)
+        self._held, self._following = held[first:], self._following[first:]
+        return len(self._following)
+
+    def histograms(self, dtype: npt.DTypeLike = np.float32) -> npt.NDArray[np.floating]:
+        """What `hats` gives of all events so far.
+
+        Args:
+            dtype: float32 or float64.
+        """
+        counts = self._counts
+        by = {"cell": counts.sum(2, keepdims=True), "polarity": counts, "none": np.ones_like(counts)}[self._by]
+        out: npt.NDArray[np.floating] = self._sums / np.maximum(by, 1)[..., None, None]
+        return out.astype(real(dtype))
 
 
 def hats(
@@ -56,22 +132,14 @@ def hats(
 
     Source: Sironi et al., HATS, CVPR 2018, section 4 and algorithm 1; the defaults are theirs for N-CARS.
     """
-    from neuro.events.representations._hats_kernel import histograms
-
-    cell, radius = whole("cell", cell), whole("radius", radius, least=0)
-    window_us, tau_us = whole("window_us", window_us), positive("tau_us", tau_us, "us")
-    choice("normalise", normalise, ("cell", "polarity", "none"))
-    width, height = events.sensor_size
-    rows, columns, size = -(-height // cell), -(-width // cell), 2 * radius + 1
-    padded = cell + 2 * radius
-    sums = np.zeros((rows, columns, 2, size, size))
-    counts = np.zeros((rows, columns, 2), np.int64)
-    memory = np.zeros((rows, columns, 2, padded, padded))
-    inside = np.zeros(memory.shape, np.int32)
-    queues = np.full((3, rows, columns, 2), -1, np.int64)  # oldest and newest remembered event, reference time
-    following = np.empty(len(events), np.int64)
-    constants = (cell, radius, window_us, tau_us, 1.0 if itself else 0.0)
-    histograms(events.t, events.x, events.y, events.p, constants, memory, inside, queues, following, sums, counts)
-    by = {"cell": counts.sum(2, keepdims=True), "polarity": counts, "none": np.ones_like(counts)}[normalise]
-    out = sums / np.maximum(by, 1)[..., None, None]
-    return given(out.astype(real(dtype)), as_torch)
+    grown = Hats(
+        events.sensor_size,
+        cell=cell,
+        radius=radius,
+        window_us=window_us,
+        tau_us=tau_us,
+        itself=itself,
+        normalise=normalise,
+    )
+    grown.add(events)
+    return given(grown.histograms(dtype), as_torch)

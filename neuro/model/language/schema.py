@@ -234,7 +234,7 @@ def _accepted(q: Quantity) -> list[Schema]:
         case "delay":
             return [{"type": "number", "exclusiveMinimum": 0}, _PARAMETER]
         case "integer":
-            return [integer, _PARAMETER]
+            return [integer, *({"const": word} for word in q.words), _PARAMETER]
         case "boolean":
             return [{"type": "boolean"}, _PARAMETER]
         case "word":

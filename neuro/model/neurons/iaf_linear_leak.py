@@ -72,8 +72,27 @@ def leaked(v, e_l, leak, push):
     return e_l + left * (max(above, 0.0) + min(below, 0.0))
 
 
+def driven(c, i_0, lo, hi):
+    """Whether a current acts on any of some neurons."""
+    some = 0
+    for i in range(lo, hi):
+        some |= c[I_E] + i_0[i] != 0.0
+    return some != 0
+
+
 def step(s, c, x, i_0, lo, hi, fired):
     """One step: V, then the input, then the threshold."""
+    if not driven(c, i_0, lo, hi):  # as below, without a branch for each neuron
+        e_l, leak, v_th = c[E_L], c[LEAK], c[V_TH]
+        for i in range(lo, hi):
+            held, v = s[REFRACTORY, i], s[V_M, i]
+            down, up = v - leak, v + leak
+            left = (down if down > e_l else e_l) if v > e_l else (up if up < e_l else e_l)
+            v = left + x[0, i] if held == 0.0 else v
+            s[V_M, i] = v
+            s[REFRACTORY, i] = 0.0 if held == 0.0 else held - 1.0
+            fired[i] = v >= v_th
+        return
     for i in range(lo, hi):
         if s[REFRACTORY, i] == 0.0:
             s[V_M, i] = leaked(s[V_M, i], c[E_L], c[LEAK], c[PER_PA] * (c[I_E] + i_0[i])) + x[0, i]

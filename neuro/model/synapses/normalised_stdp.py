@@ -21,7 +21,7 @@ class normalised_stdp(Synapse):
     each neuron stands.
 
     Source: the bounds, of which each slows down what moves towards it, Rubin et al., Phys. Rev. Lett. 86:364, 2001; the
-    sum, Diehl & Cook, Front. Comput. Neurosci. 9:99, 2015. The rates are this project's, for first spikes.
+    sum, which is theirs for 784 inputs, Diehl & Cook, Front. Comput. Neurosci. 9:99, 2015. The rates are ours.
     """
 
     equation: ClassVar[str] = "dw = A_plus (1 - w) or A_minus w by whether the input came; w *= total / sum w"
@@ -33,7 +33,7 @@ class normalised_stdp(Synapse):
 
     A_plus: float = quantity(0.05, "", "rate where the input came before the decision", at_least=0, at_most=1)
     A_minus: float = quantity(-0.01, "", "rate elsewhere", at_least=-1, at_most=0)
-    total: float = quantity(doc="sum of the weights of a neuron, in the unit of the weight", above=0)
+    total: float = quantity(78.0, "", "sum of the weights of a neuron, in the unit of the weight", above=0)
     Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", at_least=0)
     Wmax: float = quantity(1.0, "", "largest weight, in the unit of the weight")
 

@@ -1,0 +1,45 @@
+"""Reading layer S2: which class a recording is, and how sure that is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from neuro import ModelError
+from neuro_recognise.hfirst.network import Floats, Heard
+
+READINGS = ("hard", "soft", "potentials")
+
+
+def scores(heard: Heard, reading: str = "hard") -> Floats:
+    """A number for each class, the larger the likelier.
+
+    Args:
+        heard: from `s2_heard`.
+        reading: "hard": spikes of the class; "soft": its share of all spikes; "potentials": V_m summed over the C1
+            spikes, mV.
+
+    Raises:
+        ModelError: there is no such reading.
+    """
+    if reading not in READINGS:
+        raise ModelError(f"reading = {reading!r}: expected one of {', '.join(READINGS)}")
+    if reading == "potentials":
+        return np.asarray(heard.potentials.sum(axis=0))
+    counts = np.bincount(heard.spikes.ids, minlength=heard.potentials.shape[1]).astype(np.float64)
+    return counts / max(1.0, counts.sum()) if reading == "soft" else counts
+
+
+def decide(heard: Heard, reading: str = "hard") -> int:
+    """The class of a recording, -1 if S2 heard nothing.
+
+    Of classes with equal scores, as all have if S2 is silent, the one with the largest summed potential is taken: the
+    authors' code takes the first.
+
+    Args:
+        heard: from `s2_heard`.
+        reading: see `scores`.
+    """
+    found = scores(heard, reading)
+    if not len(heard.potentials):
+        return -1
+    return int(np.lexsort((scores(heard, "potentials"), found))[-1])

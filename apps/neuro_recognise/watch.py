@@ -1,0 +1,161 @@
+"""A recording and what a recogniser makes of it as one page for a browser: events, views, scores, the decision.
+
+All data lie in the page as base64 of little-endian arrays, so it needs nothing else; no screen is needed to make it.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Sequence
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from neuro import ModelError
+from neuro.apps import output, sealed
+from neuro.events import Events, load
+from neuro_recognise.method import SILENT
+from neuro_recognise.recogniser import Recogniser
+from neuro_recognise.session import Decision
+from neuro_recognise.views import Pictures, Trials, View
+
+__all__ = ["decisions", "page", "watch"]
+
+MOST = 1_000_000
+"""Events, and spikes of a view, of a page; of more an even choice is shown."""
+LONGEST_MS = 4000.0
+"""Of a recording; what comes later is not shown, since time is counted in ms from the first event."""
+POINTS = 60
+"""Moments of a page where nothing was learnt of moments."""
+
+PAGE = sealed(
+    "a page of 'neuro recognise watch'",
+    '<meta name="generator" content="neuro recognise watch">',
+    "<!-- digest {} -->",
+)
+
+
+def watch(
+    recogniser: Recogniser, recording: Path, out: Path, allow: float | None = None, backend: str = "event"
+) -> str:
+    """Write the page of a recording.
+
+    Args:
+        recogniser: what was learnt.
+        recording: a file of any readable format.
+        out: the page.
+        allow: share of wrong decisions for which it is told when it could be stopped.
+        backend: runs networks.
+
+    Returns:
+        What came of it, in a few words.
+
+    Raises:
+        ModelError: the page is not called .html or cannot be written, the allowed error cannot be met, or the
+            recording is empty or does not fit.
+        EventFileError: the recording is damaged.
+    """
+    if out.suffix.lower() not in (".html", ".htm"):
+        raise ModelError(f"{out}: what is watched is a page for a browser: expected a name that ends in .html")
+    with output(out, PAGE) as part:
+        events = load(recording)
+        if not len(events):
+            raise ModelError(f"{recording}: the recording has no events: nothing to watch")
+        first = int(events.t[0])
+        seen = events[: int(np.searchsorted(events.t, first + round(1000 * LONGEST_MS), "right"))]
+        said = decisions(recogniser, seen, allow, backend)
+        views = recogniser.method.views(seen, recogniser.learnt, recogniser.classes)
+        part.write_text(PAGE.seal(page(recogniser, recording.name, seen, said, views, allow)), "utf-8")
+    return told(recogniser, said, allow)
+
+
+def decisions(recogniser: Recogniser, events: Events, allow: float | None, backend: str) -> list[Decision]:
+    """What is decided of a recording while it goes on: at the moments that were learnt, else at 60."""
+    length_ms = max(1.0, (int(events.t[-1]) - int(events.t[0])) / 1000.0)
+    every_ms = recogniser.early.held.times_us[0] / 1000.0 if recogniser.early else length_ms / POINTS
+    session = recogniser.session(every_ms=every_ms, allow=allow, window_ms=length_ms + every_ms, backend=backend)
+    return session.feed(events) + session.end()
+
+
+def told(recogniser: Recogniser, said: Sequence[Decision], allow: float | None) -> str:
+    """What is decided, and when."""
+    stop = next((one for one in said if one.settled), None)
+    one = stop or said[-1]
+    name = "silent" if one.label == SILENT else recogniser.classes[one.label]
+    if stop is not None:
+        return f"{name}, settled after {stop.after_ms:.0f} of {said[-1].after_ms:.0f} ms for an error of {allow:.1%}"
+    return f"{name}, after all {said[-1].after_ms:.0f} ms"
+
+
+def page(
+    recogniser: Recogniser,
+    title: str,
+    events: Events,
+    said: Sequence[Decision],
+    views: Sequence[View] = (),
+    allow: float | None = None,
+) -> str:
+    """The page as text.
+
+    Args:
+        recogniser: what decided.
+        title: what to call the recording.
+        events: at least one.
+        said: the decisions, at least one.
+        views: what the method makes of the recording.
+        allow: the allowed error, None where none was asked.
+    """
+    thinned = -(-len(events) // MOST)
+    width, height = events.sensor_size
+    about = [told(recogniser, said, allow), recogniser.method.title, f"{len(events):,} events, {width}×{height} px"]
+    about += [f"one of every {thinned} events is shown"] if thinned > 1 else []
+    template = Template(files("neuro_recognise").joinpath("watch.html").read_text("utf-8"))
+    data = _data(recogniser, events[:: max(1, thinned)], said, views)
+    return template.substitute(
+        title=escape(f"{title} by {recogniser.method.called()}"),
+        told=escape(" · ".join(about)),
+        data=json.dumps(data).replace("<", "\\u003c"),
+    )
+
+
+def _data(recogniser: Recogniser, events: Events, said: Sequence[Decision], views: Sequence[View]) -> dict[str, Any]:
+    stop = next((k for k, one in enumerate(said) if one.settled), -1)
+    scores = np.stack([one.scores for one in said])
+    return {
+        "width": events.sensor_size[0], "height": events.sensor_size[1],
+        "t": _base64(events.t - events.t[0], "<u4"), "x": _base64(events.x, "<u2"), "y": _base64(events.y, "<u2"),
+        "p": _base64(events.p, "u1"),
+        "classes": list(recogniser.classes), "at": _base64([one.after_ms for one in said], "<f4"),
+        "scores": _base64(scores, "<f4"), "labels": [one.label for one in said],
+        "confidence": _base64([one.confidence for one in said], "<f4"), "stop": stop,
+        "views": [_view(one) for one in views],
+    }  # fmt: skip
+
+
+def _view(view: View) -> dict[str, Any]:
+    words = {"name": view.name, "at": _base64(view.at_ms, "<f4"), "told": list(view.told)}
+    if isinstance(view, Pictures):
+        return words | _pictures(view)
+    return words | _trials(view)
+
+
+def _pictures(view: Pictures) -> dict[str, Any]:
+    most = float(view.images.max(initial=0.0)) or 1.0
+    shades = np.clip(np.rint(255.0 * view.images / most), 0, 255)
+    return {"rows": view.images.shape[1], "columns": view.images.shape[2], "images": _base64(shades, "u1")}
+
+
+def _trials(view: Trials) -> dict[str, Any]:
+    every = max(1, -(-len(view.times) // MOST))
+    ends = -(-view.offsets // every)
+    times, ids = _base64(view.times[::every], "<f4"), _base64(view.ids[::every], "<u4")
+    return {"size": view.size, "length": view.length_ms, "ends": _base64(ends, "<u4"), "times": times, "ids": ids}
+
+
+def _base64(values: Any, kind: str) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode("ascii")

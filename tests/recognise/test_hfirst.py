@@ -1,0 +1,236 @@
+"""HFirst: the network beside the authors' rules event by event, its templates, readings and settings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import neuro
+import neuro_models
+from neuro.events import Events, recordings
+from neuro_recognise.hfirst import (
+    Heard,
+    HFirst,
+    Spikes,
+    c1_counts,
+    c1_spikes,
+    decide,
+    network,
+    s2_alone,
+    s2_heard,
+    scores,
+    templates,
+)
+from neuro_recognise.hfirst.network import _without_noise
+
+SMALL = HFirst(size=(14, 11))
+
+
+def bar(n=700, seed=4, settings=SMALL):
+    """Events of both polarities round a bar that moves and turns, one at a time, at whole steps of the network."""
+    rng = np.random.default_rng(seed)
+    width, height = settings.size
+    steps = np.cumsum(rng.integers(1, 4, n))
+    angle = 0.5 + steps / steps[-1] * 2.0
+    along, across = rng.uniform(-5.0, 5.0, n), rng.normal(0.0, 0.6, n)
+    x = np.clip(width / 2 + along * np.cos(angle) - across * np.sin(angle), 0, width - 1)
+    y = np.clip(height / 2 + along * np.sin(angle) + across * np.cos(angle), 0, height - 1)
+    t = np.rint(steps * settings.resolution * 1000.0).astype(np.int64)
+    return Events(t, x.astype(np.int64), y.astype(np.int64), (across > 0.0).astype(np.int64), settings.size)
+
+
+class Sheet:
+    """Neurons at places of which the first to fire resets all others at its place: S1, or S2 as a single place."""
+
+    def __init__(self, shape, threshold, leak, t_ref):
+        self.v, self.threshold, self.leak, self.t_ref = np.zeros(shape), threshold, leak, t_ref
+        self.updated, self.fired = np.zeros(shape[1:]), np.full(shape[1:], -np.inf)
+
+    def add(self, t, where, weights):
+        """Add weights (neurons of a place, *places) at the places `where`; return the winners (neuron, *place)."""
+        free = t - self.fired[where] > self.t_ref + 1e-9
+        leaked = self.leak * (t - self.updated[where])
+        v = self.v[:, *where]
+        v = np.where(free, np.sign(v) * np.maximum(np.abs(v) - leaked, 0.0) + weights, v)
+        self.updated[where] = np.where(free, t, self.updated[where])
+        reached = free & (v.max(axis=0) >= self.threshold)
+        found = [(int(v[:, *place].argmax()), *place) for place in np.argwhere(reached)]
+        self.v[:, *where] = np.where(reached, 0.0, v)
+        self.fired[where] = np.where(reached, t, self.fired[where])
+        return found
+
+
+def c1_by_events(settings, events):
+    """C1 spikes, event by event: times in ms since the first event, and neurons."""
+    width, height = settings.size
+    half = settings.field // 2
+    shape = settings.shape
+    before = [max(0, n * settings.pool - length) // 2 for n, length in zip(shape[1:], (height, width), strict=True)]
+    layers = {
+        p: Sheet((shape[0], height, width), settings.s1_threshold, settings.s1_leak, settings.t_ref) for p in (0, 1)
+    }
+    heard = np.full(shape, -np.inf)
+    times, ids = [], []
+    for event in events.records():
+        t, x, y = (event["t"] - events.t[0]) / 1000.0, int(event["x"]), int(event["y"])
+        rows = slice(max(0, y - half), min(height, y + half + 1))
+        columns = slice(max(0, x - half), min(width, x + half + 1))
+        i = half + y - np.arange(rows.start, rows.stop)
+        j = half + x - np.arange(columns.start, columns.stop)
+        fired = layers[int(event["p"])].add(t, (rows, columns), settings.gabors[:, i[:, None], j])
+        for orientation, r, c in sorted(fired):
+            cell = (
+                orientation,
+                (rows.start + r + before[0]) // settings.pool,
+                (columns.start + c + before[1]) // settings.pool,
+            )
+            if t - heard[cell] > settings.t_ref + 1e-9:
+                heard[cell] = t
+                times.append(t)
+                ids.append(np.ravel_multi_index(cell, shape))
+    return np.array(times), np.array(ids)
+
+
+@pytest.fixture(scope="module")
+def sim():
+    return neuro.compile(network(SMALL, 3))
+
+
+@pytest.fixture(scope="module")
+def of_bars(sim):
+    """C1 spikes of some recordings."""
+    return [c1_spikes(sim, SMALL, bar(seed=seed)) for seed in range(4)]
+
+
+def in_order(times, ids):
+    order = np.lexsort((ids, np.rint(times * 1e6)))
+    return times[order], ids[order]
+
+
+def test_c1_spikes_are_those_of_the_rules_event_by_event(sim):
+    recording = bar()
+    found = c1_spikes(sim, SMALL, recording)
+    times, ids = in_order(*c1_by_events(SMALL, _without_noise(recording, SMALL)))
+    assert ids.size > 30
+    np.testing.assert_array_equal(found.ids, ids)
+    np.testing.assert_allclose(found.times, times + 3 * SMALL.resolution, atol=1e-9)
+
+
+def test_a_recording_at_its_own_times_gives_the_spikes_of_the_rules(shared):
+    """The first 15 ms of N-MNIST in steps of 1 us: no two events of one polarity share a step."""
+    settings = HFirst(resolution=0.001)
+    recording = recordings(shared / "data" / "nmnist" / "nmnist_train1000_bin.zip")[0].load()
+    recording = recording[recording.t < recording.t[0] + 45_000]
+    kept = _without_noise(recording, settings)
+    found = c1_spikes(neuro.compile(network(settings, 10)), settings, recording)
+    times, ids = in_order(*c1_by_events(settings, kept))
+    assert ids.size > 30
+    np.testing.assert_array_equal(found.ids, ids)
+    np.testing.assert_allclose(found.times, times + 0.003, atol=1e-9)
+
+
+def test_each_recording_starts_anew(sim):
+    first = c1_spikes(sim, SMALL, bar())
+    c1_spikes(sim, SMALL, bar(seed=9))
+    again = c1_spikes(sim, SMALL, bar())
+    np.testing.assert_array_equal(first.times, again.times)
+    np.testing.assert_array_equal(first.ids, again.ids)
+
+
+def test_a_recording_of_noise_has_no_spikes(sim):
+    nothing = c1_spikes(sim, SMALL, bar(n=1))
+    assert nothing.times.size == nothing.ids.size == 0
+
+
+def test_an_event_outside_of_the_camera_is_refused(sim):
+    with pytest.raises(neuro.ModelError) as error:
+        c1_spikes(sim, SMALL, bar(settings=replace(SMALL, size=(30, 11))))
+    assert str(error.value).startswith("an event at (")
+    assert str(error.value).endswith("expected a sensor of at most 14 x 11 px\n  hint: set size")
+
+
+def test_s2_alone_is_the_s2_of_the_network(of_bars):
+    learnt = templates(SMALL, c1_counts(SMALL, of_bars), [0, 1, 2, 0], 3) + np.arange(3.0)[:, None]
+    whole = neuro.compile(network(SMALL, 3))
+    whole.set_weights("c1_s2", learnt.T.ravel())
+    c1 = c1_spikes(whole, SMALL, bar())
+    times, ids = whole.spikes("s2")
+    heard = s2_heard(neuro.compile(s2_alone(SMALL, learnt)), SMALL, c1)
+    assert ids.size > 3
+    np.testing.assert_array_equal(heard.spikes.ids, ids)
+    np.testing.assert_allclose(heard.spikes.times, times, atol=1e-9)
+
+
+def test_s2_does_what_the_rules_say(of_bars):
+    learnt = templates(SMALL, c1_counts(SMALL, of_bars), [0, 1, 2, 0], 3) + np.arange(3.0)[:, None]
+    heard = s2_heard(neuro.compile(s2_alone(SMALL, learnt)), SMALL, of_bars[1])
+    place = Sheet((3, 1), SMALL.s2_threshold, SMALL.s2_leak, SMALL.t_ref)
+    fired = []
+    moments, moment_of = np.unique(np.rint(of_bars[1].times * 1e6), return_inverse=True)
+    for k, moment in enumerate(moments):
+        came = learnt[:, of_bars[1].ids[moment_of == k]].sum(axis=1)
+        fired += [winner for winner, _ in place.add(moment / 1e6, (slice(0, 1),), came[:, None])]
+        np.testing.assert_allclose(heard.potentials[np.flatnonzero(moment_of == k)[0]], place.v[:, 0], atol=1e-9)
+    assert len(fired) > 3
+    assert fired == heard.spikes.ids.tolist()
+
+
+def test_orientations_of_a_cell_may_reset_each_other(of_bars):
+    settings = replace(SMALL, c1_resets=True)
+    fewer = c1_spikes(neuro.compile(network(settings, 3)), settings, bar(seed=0))
+    assert 0 < fewer.ids.size < of_bars[0].ids.size
+    cells = fewer.ids % np.prod(settings.shape[1:])
+    for cell in np.unique(cells):
+        assert np.all(np.diff(fewer.times[cells == cell]) > settings.t_ref)
+
+
+def test_templates_are_counts_at_a_norm_of_100():
+    settings = HFirst(size=(4, 4), orientations=4)
+    counts = np.array([[300, 0, 1, 400], [0, 0, 0, 0], [0, 2, 0, 0], [0, 2, 0, 0]])
+    found = templates(settings, counts, [0, 1, 2, 2], 4)
+    np.testing.assert_allclose(found[0], [60.0, -1.0, -1.0, 80.0], atol=1e-3)
+    np.testing.assert_array_equal(found[[1, 3]], -1.0)
+    np.testing.assert_array_equal(found[2], [-1.0, 100.0, -1.0, -1.0])
+
+
+def test_readings():
+    heard = Heard(Spikes(np.arange(4.0), np.array([2, 1, 2, 0])), np.array([[1.0, 9.0, 3.0], [0.0, 5.0, 2.0]]))
+    np.testing.assert_array_equal(scores(heard, "hard"), [1, 1, 2])
+    np.testing.assert_array_equal(scores(heard, "soft"), [0.25, 0.25, 0.5])
+    np.testing.assert_array_equal(scores(heard, "potentials"), [1.0, 14.0, 5.0])
+    assert [decide(heard, reading) for reading in ("hard", "soft", "potentials")] == [2, 2, 1]
+    even = heard._replace(spikes=Spikes(np.arange(2.0), np.array([0, 2])))
+    assert [decide(even, reading) for reading in ("hard", "soft", "potentials")] == [2, 2, 1]
+    silent = heard._replace(spikes=Spikes(np.zeros(0), np.zeros(0, dtype=np.int64)))
+    assert [decide(silent, reading) for reading in ("hard", "soft", "potentials")] == [1, 1, 1]
+    with pytest.raises(neuro.ModelError, match=r"^reading = 'loud': expected one of hard, soft, potentials$"):
+        decide(heard, "loud")
+
+
+def test_s2_that_hears_nothing_is_silent():
+    nothing = Spikes(np.zeros(0), np.zeros(0, dtype=np.int64))
+    heard = s2_heard(neuro.compile(s2_alone(SMALL, np.ones((3, np.prod(SMALL.shape))))), SMALL, nothing)
+    assert heard.potentials.shape == (0, 3)
+    assert decide(heard, "potentials") == decide(heard) == -1
+
+
+def test_the_file_has_the_values_of_the_settings():
+    ours, theirs = network(HFirst(), 10), neuro.load(neuro_models.path("hfirst"))
+    for name in ("on_s1", "off_s1"):
+        kernels = ours.projections.pop(name).weight, theirs.projections.pop(name).weight
+        np.testing.assert_allclose(*kernels, atol=0.0005)
+    assert ours == theirs
+
+
+def test_pips_are_told_apart(shared):
+    """Upright pips of POKER-DVS, every third to test; 90 % in five folds."""
+    settings = HFirst(size=(35, 35))
+    found = [r for r in recordings(shared / "data" / "poker_dvs" / "poker_dvs_shared_aedat2.zip") if "i." not in r.name]
+    sim = neuro.compile(network(settings, 4))
+    c1 = [c1_spikes(sim, settings, one.load()) for one in found]
+    labels = np.array([one.label for one in found])
+    train = np.arange(len(found)) % 3 != 0
+    learnt = templates(settings, c1_counts(settings, c1)[train], labels[train], 4)
+    s2 = neuro.compile(s2_alone(settings, learnt))
+    right = [decide(s2_heard(s2, settings, c1[k]), "potentials") == labels[k] for k in np.flatnonzero(~train)]
+    assert np.mean(right) >= 0.75

@@ -1,0 +1,245 @@
+"""When to stop: bounds from held-out decisions, rules for an allowed error, learning them, and their place in files."""
+
+from dataclasses import replace
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from typer.testing import CliRunner
+
+import neuro
+from neuro.apps import Checkpoint
+from neuro.events import Events, recordings, save
+from neuro_recognise.cli import app
+from neuro_recognise.learn_early import learn_early, moments
+from neuro_recognise.method import Course
+from neuro_recognise.observations import observed
+from neuro_recognise.predicted import predict_files
+from neuro_recognise.recogniser import Recogniser, fit, method_of
+from neuro_recognise.stopping import Held, margins, stopped, stopping_rule
+
+N, K = 30, 4
+NAN = float("nan")
+
+
+def held_of(rows):
+    """Held-out decisions of rows of (margin, right) for each moment."""
+    table = np.array(rows, float)
+    return Held(1000 * np.arange(1, table.shape[1] + 1), table[..., 0], table[..., 1] > 0)
+
+
+HELD = st.lists(
+    st.lists(st.tuples(st.integers(0, 9) | st.just(NAN), st.integers(0, 1)), min_size=K, max_size=K),
+    min_size=1,
+    max_size=N,
+).map(held_of)
+
+
+def test_margins():
+    scores = np.array([[1.0, 4.0, 2.5], [NAN, NAN, NAN], [NAN, 2.0, 1.0], [-1.0, -1.0, -3.0]])
+    assert np.array_equal(margins(scores), [1.5, NAN, 1.0, 0.0], equal_nan=True)
+    assert np.array_equal(margins(scores[:2, :1] + 2), [0.0, NAN], equal_nan=True)
+
+
+def test_the_error_of_a_margin_is_that_of_all_as_large():
+    held = held_of([[(m, right)] for m, right in [(1, 0), (2, 1), (3, 0), (4, 1), (4, 1), (5, 1), (NAN, 0)]])
+    assert [held.error(1000, m) for m in (1, 2, 3, 4, 5, 9)] == [2 / 6, 1 / 5, 1 / 5, 0, 0, 0]
+    assert [held.error(1500, m) for m in (0.5, 1.5)] == [2 / 6, 2 / 6]
+    assert np.isnan([held.error(999, 5), held.error(1000, NAN)]).all()
+
+
+@given(HELD)
+@settings(max_examples=50, deadline=None)
+def test_errors_fall_with_the_margin_and_are_those_of_each_decision(held):
+    errors = held.errors(held.margins)
+    for k, time in enumerate(held.times_us):
+        order = np.argsort(held.margins[:, k])
+        own = [held.error(time, m) for m in held.margins[:, k]]
+        assert np.array_equal(own, errors[:, k], equal_nan=True)
+        there = errors[order, k][~np.isnan(held.margins[order, k])]
+        assert (np.diff(there) <= 0).all()
+
+
+@given(HELD, st.sampled_from([0.05, 0.2, 0.5, 0.9]))
+@settings(max_examples=50, deadline=None)
+def test_a_rule_keeps_what_is_allowed_and_more_is_sooner(held, allowed):
+    at_end = 1 - held.right[:, -1].mean()
+    if at_end > allowed:
+        with pytest.raises(neuro.ModelError, match="even at their end"):
+            stopping_rule(held, allowed)
+        return
+    rule = stopping_rule(held, allowed)
+    at = stopped(held.errors(held.margins), rule.level)
+    assert rule.error == 1 - held.right[np.arange(len(at)), at].mean() <= allowed
+    assert rule.mean_ms == held.times_us[at].mean() / 1000
+    for level in np.linspace(0, 3 * allowed, 61):
+        other = stopped(held.errors(held.margins), level)
+        if 1 - held.right[np.arange(len(at)), other].mean() <= allowed:
+            assert held.times_us[other].mean() / 1000 >= rule.mean_ms
+
+
+def test_what_a_rule_refuses():
+    held = held_of([[(1, k > 2)] for k in range(9)])
+    with pytest.raises(neuro.ModelError) as error:
+        stopping_rule(held, 0.2)
+    assert str(error.value) == (
+        "allow = 0.2: 33.3% of the 9 held-out recordings are decided wrongly even at their end\n"
+        "  hint: allow at least 0.334"
+    )
+    with pytest.raises(neuro.ModelError, match=r"^allow = 1: expected a share of recordings between 0 and 1$"):
+        stopping_rule(held, 1)
+
+
+def bar(label, seed):
+    """A bar that stands or lies, with more noise at the beginning."""
+    rng = np.random.default_rng([seed, label])
+    t = np.sort(rng.integers(0, 20_000 + 200 * seed, 300))
+    along, across = rng.integers(0, 34, 300), 15 + rng.integers(0, 3, 300)
+    x, y = (across, along) if label else (along, across)
+    noise = rng.random(300) < 0.9 - t / 25_000
+    return Events(t, np.where(noise, along, x), np.where(noise, rng.integers(0, 34, 300), y), t % 2, (34, 34))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("bars")
+    for label, name in enumerate(("lying", "standing")):
+        (made / name).mkdir()
+        for seed in range(12):
+            save(bar(label, seed), made / name / f"{seed:02d}.bin")
+    return made
+
+
+@pytest.fixture(scope="module")
+def data(folder):
+    return recordings(folder)
+
+
+METHODS = {"hats": {"readout": "ridge", "radius": 1}, "boe": {"threshold": 40.0}}
+
+
+@pytest.fixture(scope="module", params=METHODS)
+def early(request, data, tmp_path_factory):
+    cache = tmp_path_factory.mktemp("cache")
+    method = method_of(request.param, values=METHODS[request.param])
+    return learn_early(fit(data, method, cache=cache), data, every_ms=2.0, folds=3)
+
+
+def test_all_recordings_are_held_out_once(early, data):
+    held = early.early.held
+    assert held.times_us.tolist() == list(range(2000, 26_000, 2000))
+    assert held.margins.shape == held.right.shape == (24, 12)
+    assert held.right[:, -1].mean() > 0.85 > held.right[:, 0].mean()
+    assert len(early.early.learnt) == (12 if early.method.by_moment else 0)
+
+
+def test_held_out_means_learnt_from_the_others(early, data):
+    method, held = early.method, early.early.held
+    chosen = 5
+    others = next(train for train, test in data.folds(3, seed=0) if chosen in test)
+    moment = 4 if method.by_moment else 10
+    until = [item.load() for item in data]
+    if method.by_moment:
+        until = [one[: np.searchsorted(one.t, one.t[0] + held.times_us[moment], "right")] for one in until]
+    shown = replace(observed(method, until, data.classes), labels=data.labels)
+    learnt = method.fit(shown.take(others), Course(0))
+    scores = method.answer(learnt, shown.take([chosen])).scores
+    assert margins(scores)[0] == pytest.approx(held.margins[chosen, moment], rel=1e-9)
+
+
+def test_the_file_has_it(early, tmp_path):
+    early.save(tmp_path / "m.h5")
+    there = Recogniser.load(tmp_path / "m.h5")
+    for name in ("times_us", "margins", "right"):
+        assert np.array_equal(getattr(there.early.held, name), getattr(early.early.held, name), equal_nan=True)
+    times = [1.0, 5.0, 12.0, 30.0]
+    assert np.array_equal(there.scores_at(bar(0, 3), times), early.scores_at(bar(0, 3), times), equal_nan=True)
+    assert len(there.early.learnt) == len(early.early.learnt)
+
+
+def test_a_session_stops_where_the_rule_says(early, data):
+    rule = stopping_rule(early.early.held, 0.2)
+    session = early.session(every_ms=2.0, allow=0.2)
+    said = session.feed(data[3].load())
+    wrong = [early.early.held.error(one.at_us - said[0].at_us + 2000, one.margin) for one in said]
+    met = np.cumsum([rule.met(one) for one in wrong]) > 0
+    assert met.any()
+    assert [one.settled for one in said] == met.tolist()
+    assert [one.confidence for one in said] == pytest.approx([1 - one for one in wrong], nan_ok=True)
+
+
+def test_after_a_kill_it_goes_on_to_the_same_bits(early, data, tmp_path):
+    def kill(progress):
+        if progress.done == 2:
+            raise KeyboardInterrupt
+
+    asked = {"every_ms": 2.0, "folds": 3, "checkpoint": Checkpoint(tmp_path / "m.h5", "test 1", {})}
+    with pytest.raises(KeyboardInterrupt):
+        learn_early(early, data, **asked, report=kill)
+    done = []
+    again = learn_early(early, data, **asked, report=lambda progress: done.append(progress.done))
+    assert done[0] == 2
+    assert np.array_equal(again.early.held.margins, early.early.held.margins, equal_nan=True)
+    assert np.array_equal(again.early.held.right, early.early.held.right)
+    for one, other in zip(again.early.learnt, early.early.learnt, strict=True):
+        assert one.keys() == other.keys()
+        assert all(np.array_equal(one[name], other[name]) for name in one)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"every_ms": 0.01},
+            "every_ms = 0.01: expected at least 0.111 ms, for at most 200 moments in the 22.12 ms of the longest "
+            "recording",
+        ),
+        (
+            {"folds": 13},
+            "folds(13): class 'lying' has 12 recordings, expected at least 13\n"
+            "  hint: one of each class lies in every fold",
+        ),
+    ],
+)
+def test_what_learning_refuses(early, data, options, message):
+    longest = max(int(item.load().t[-1] - item.load().t[0]) for item in data) / 1000
+    with pytest.raises(neuro.ModelError) as error:
+        learn_early(early, data, **options)
+    assert str(error.value) == message.replace("22.12", f"{longest:g}")
+    assert len(moments(data, 0.2)) <= 200
+
+
+def test_predicting_tells_when_it_was_decided(early, folder):
+    files = sorted(folder.glob("*/*.bin"))
+    wholes, soon = predict_files(early, files), predict_files(early, files, allow=0.2)
+    assert not any(one.settled for one in wholes)
+    for file, whole in zip(files, wholes, strict=True):
+        events = neuro.events.load(file)
+        assert whole.label == early.predict(events)[0]
+        learnt = early.early.held.times_us / 1000
+        after = learnt[(learnt >= whole.decided_ms) & (learnt < whole.length_ms)].tolist()
+        assert (early.scores_at(events, after).argmax(1) == whole.label).all()
+    assert sum(one.settled for one in soon) > 12
+    assert np.mean([one.decided_ms for one in soon]) < np.mean([one.length_ms for one in soon])
+    assert all(one.decided_ms in early.early.held.times_us / 1000 for one in soon if one.settled)
+    right = [(one.label == 1) == ("standing" in one.path) for one in soon]
+    assert np.mean(right) >= 0.8
+
+
+def test_commands(data, folder, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    model = tmp_path / "m.h5"
+    fit(data, method_of("hats", values=METHODS["hats"]), out=model, cache=tmp_path / "c")
+    run = CliRunner()
+    file = str(folder / "lying" / "03.bin")
+    refused = run.invoke(app, ["predict", str(model), file, "--allow", "0.2"])
+    assert str(refused.exception).startswith("the recogniser has not learnt when it may stop")
+    learnt = run.invoke(app, ["early", str(model), "--data", str(folder), "--every", "4", "--folds", "3"])
+    assert learnt.exit_code == 0, learnt.output
+    assert "24 recordings, each held out once" in learnt.output
+    assert "what an allowed error would have cost these recordings, in the mean" in learnt.output
+    assert sorted(one.name for one in tmp_path.iterdir() if one.is_file()) == ["m.h5"]
+    told = run.invoke(app, ["predict", str(model), file, "--allow", "0.2", "--json"])
+    assert '"class": "lying"' in told.output
+    assert '"settled": true' in told.output

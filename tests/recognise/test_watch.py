@@ -1,0 +1,214 @@
+"""The page of a recording: what it holds, and what a browser makes of it."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+import neuro
+from neuro.events import Events, recordings, save
+from neuro_recognise.learn_early import learn_early
+from neuro_recognise.method import Course
+from neuro_recognise.methods.hats import Hats
+from neuro_recognise.observations import observed
+from neuro_recognise.recogniser import fit, method_of
+from neuro_recognise.views import Pictures, Trials
+from neuro_recognise.watch import decisions, page, watch
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+
+
+def bar(label, seed, n=400):
+    rng = np.random.default_rng([seed, label])
+    t = np.sort(rng.integers(1000, 41_000, n))
+    along, across = rng.integers(0, 34, n), 15 + rng.integers(0, 4, n)
+    x, y = (across, along) if label else (along, across)
+    return Events(t, x, y, t % 2, (34, 34))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A recogniser that knows when it may stop."""
+    folder = tmp_path_factory.mktemp("bars")
+    for label, name in enumerate(("lying", "<standing>")):
+        (folder / name).mkdir()
+        for seed in range(6):
+            save(bar(label, seed), folder / name / f"{seed}.bin")
+    data = recordings(folder)
+    method = method_of("hats", values={"readout": "ridge", "penalty": 10.0})
+    return learn_early(fit(data, method, cache=tmp_path_factory.mktemp("cache")), data, every_ms=5.0, folds=2)
+
+
+@pytest.fixture(scope="module")
+def events():
+    return bar(1, 50)
+
+
+def trials():
+    return Trials("Its spikes", np.array([10.0, 30.0]), 64.0, 8, np.array([0, 3, 5]),
+                  np.array([0.0, 10.0, 60.0, 5.0, 6.0]), np.array([0, 7, 3, 1, 2]), ("first", "second"))  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def text(made, events):
+    views = [*made.method.views(events, made.learnt, made.classes), trials()]
+    return page(made, "1.bin", events, decisions(made, events, 0.3, "event"), views, 0.3)
+
+
+def data_of(text):
+    return json.loads(re.search(r'id="data">(.*?)</script>', text)[1])
+
+
+def column(data, name, kind):
+    return np.frombuffer(base64.b64decode(data[name]), kind)
+
+
+def test_the_page_holds_it(made, events, text):
+    data = data_of(text)
+    for name, kind in (("x", "<u2"), ("y", "<u2"), ("p", "u1")):
+        assert np.array_equal(column(data, name, kind), getattr(events, name))
+    assert np.array_equal(column(data, "t", "<u4"), events.t - events.t[0])
+    at = column(data, "at", "<f4")
+    length = (events.t[-1] - events.t[0]) / 1000
+    assert at == pytest.approx([5, 10, 15, 20, 25, 30, 35, length])
+    expected = made.scores_at(events, at.astype(float))
+    assert column(data, "scores", "<f4").reshape(-1, 2) == pytest.approx(expected, rel=1e-5)
+    assert data["labels"] == expected.argmax(1).tolist()
+    said = decisions(made, events, 0.3, "event")
+    assert data["stop"] == [one.settled for one in said].index(True)
+    assert data["classes"] == list(made.classes)
+    seen, spikes = data["views"]
+    assert seen["rows"] == seen["columns"] == 5 * 7
+    assert column(seen, "at", "<f4").tolist() == [10, 20, 30, 40]
+    assert column(seen, "images", "u1").reshape(4, -1).max(axis=1)[-1] > 0
+    assert column(spikes, "ends", "<u4").tolist() == [0, 3, 5]
+    assert spikes["told"] == ["first", "second"]
+    stop = said[data["stop"]]
+    assert f"&lt;standing&gt;, settled after {stop.after_ms:.0f} of {length:.0f} ms for an error of 30.0%" in text
+    assert "http" not in text.replace("http-equiv", "")
+    assert "<standing>" not in text
+
+
+def test_without_a_rule_the_whole_decides(made, events):
+    plain = replace(made, early=None)
+    said = decisions(plain, events, None, "event")
+    assert len(said) in (60, 61)
+    text = page(plain, "1.bin", events, said)
+    assert data_of(text)["stop"] == -1
+    assert "&lt;standing&gt;, after all" in text
+
+
+def test_of_many_events_an_even_choice_is_shown_and_told(made, events, monkeypatch):
+    monkeypatch.setattr("neuro_recognise.watch.MOST", 101)
+    text = page(made, "1.bin", events, decisions(made, events, None, "event"))
+    assert np.array_equal(column(data_of(text), "x", "<u2"), events.x[::4])
+    assert "one of every 4 events is shown" in text
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("page.txt", "what is watched is a page for a browser: expected a name that ends in .html"),
+        ("page.html", "the recording has no events: nothing to watch"),
+    ],
+)
+def test_what_is_refused_leaves_nothing(made, tmp_path, name, message):
+    empty = tmp_path / "none.bin"
+    save(bar(0, 0)[:0], empty)
+    with pytest.raises(neuro.ModelError, match=message):
+        watch(made, empty, tmp_path / name)
+    assert [one.name for one in tmp_path.iterdir()] == ["none.bin"]
+
+
+@pytest.mark.parametrize(
+    ("name", "values"), [("boe", {"threshold": 30.0}), ("remus", {"threshold": 40.0, "epochs": 1})]
+)
+def test_what_other_methods_see(name, values, events, made):
+    method = method_of(name, values=values).fitting((34, 34))
+    shown = few_shown(method)
+    views = method.views(events, method.fit(shown, Course(0)), made.classes)
+    first = views[0]
+    assert isinstance(first, Pictures)
+    ends = (np.cumsum(first.images.sum(axis=(1, 2))) - 1).astype(int)
+    assert first.at_ms == pytest.approx((events.t[ends] - events.t[0]) / 1000)
+    if name == "remus":
+        spikes = views[1]
+        assert len(spikes.at_ms) == len(spikes.told) == len(spikes.offsets) - 1
+        assert spikes.ids.max() < spikes.size
+        assert spikes.times.max() < spikes.length_ms
+
+
+def few_shown(method):
+    shown = observed(method, [bar(k % 2, k) for k in range(4)], ("lying", "<standing>"))
+    return replace(shown, labels=np.arange(4) % 2)
+
+
+def test_hats_are_drawn_cell_by_cell(made, events):
+    method = Hats(size=(34, 34), cell=17, radius=1)
+    (seen,) = method.views(events, {}, made.classes)
+    whole = method.describe(events).reshape(2, 2, 2, 3, 3).sum(axis=2)
+    assert seen.images[-1][3:, :3] == pytest.approx(whole[1, 0], rel=1e-6)
+
+
+@pytest.fixture
+def chromium(tmp_path):
+    if BROWSER is None:
+        pytest.skip("no Chromium on PATH")
+
+    def run(*words):
+        fixed = ("--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}")
+        quiet = ("--no-first-run", "--disable-background-networking", "--disable-sync", "--hide-scrollbars")
+        log = ("--enable-logging=stderr", "--v=0", "--window-size=1280,1100", "--blink-settings=preferredColorScheme=1")
+        done = subprocess.run([BROWSER, *fixed, *quiet, *log, *words], capture_output=True, text=True, timeout=60)
+        assert done.returncode == 0, done.stderr
+        assert [line for line in done.stderr.splitlines() if ":CONSOLE" in line] == []
+        return done.stdout
+
+    return run
+
+
+STEPS = """
+<script>
+const seen = [];
+const key = (name, shift) => { dispatchEvent(new KeyboardEvent("keydown", {key: name, shiftKey: !!shift})); draw(); };
+get("time").value = 22; get("time").oninput(); draw(); seen.push(get("now").textContent);
+key("ArrowRight"); seen.push(get("now").textContent);
+key("ArrowLeft"); seen.push(get("now").textContent, get("view1").previousSibling.lastChild.textContent);
+key("ArrowRight", true); seen.push(get("now").textContent, get("view1").previousSibling.lastChild.textContent);
+key(" "); seen.push(get("play").textContent); key(" "); seen.push(get("play").textContent);
+for (const name of ["events", "view0", "view1", "bars", "curve"]) {
+  const c = get(name), image = c.getContext("2d").getImageData(0, 0, c.width, c.height);
+  seen.push(name + (new Set(new Uint32Array(image.data.buffer)).size > 3 ? " drawn" : " empty"));
+}
+get("curve").onclick({offsetX: 4}); draw(); seen.push(get("now").textContent, get("says").textContent);
+document.title = seen.join("|");
+</script></body>"""
+
+
+def test_a_browser_draws_it_moves_in_time_and_plays(text, events, tmp_path, chromium):
+    file = tmp_path / "page.html"
+    file.write_text(text.replace("</body>", STEPS), "utf-8")
+    told = re.search("<title>(.*?)</title>", chromium("--dump-dom", f"file://{file}"))[1].split("|")
+    end = f"{(events.t[-1] - events.t[0]) / 1000:.1f}"
+    assert told[:4] == [f"22.0 of {end} ms", f"25.0 of {end} ms", f"20.0 of {end} ms", "1 of 2, from 10 ms · first"]
+    assert told[4:6] == [f"{end} of {end} ms", "2 of 2, from 30 ms · second"]
+    assert told[6:8] == ["Pause", "Play"]
+    assert told[8:13] == [f"{name} drawn" for name in ("events", "view0", "view1", "bars", "curve")]
+    assert told[13:] == [f"0.0 of {end} ms", "nothing decided yet"]
+
+
+def test_a_command_writes_it(made, events, tmp_path, chromium):
+    save(events, tmp_path / "1.bin")
+    told = watch(made, tmp_path / "1.bin", tmp_path / "page.html", 0.3)
+    assert re.fullmatch(r"<standing>, settled after \d+ of 4\d ms for an error of 30.0%", told)
+    assert watch(made, tmp_path / "1.bin", tmp_path / "page.html").startswith("<standing>, after all")
+    chromium(f"--screenshot={tmp_path / 'page.png'}", f"file://{tmp_path / 'page.html'}")
+    pixels = imread(tmp_path / "page.png")[..., :3]
+    teal = (pixels[..., 1] > pixels[..., 0] + 0.2) & (pixels[..., 2] > pixels[..., 0] + 0.2)
+    assert 500 < teal.sum() < 200_000
