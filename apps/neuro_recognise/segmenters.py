@@ -116,17 +116,16 @@ class Ses(Segmenter):
     """Segments round the peaks of a leaky neuron's potential: soft segmentation."""
 
     tentative = True
-
     source = "Zhao et al., IEEE TNNLS 26:1963, 2015; thesis section 6.1.1, lines 2165-2176"
 
     search: float = setting(15.0, "ms", "how far a peak is the highest on both sides", "MK-Tempotron's code", above=0)
     tau: float = setting(
         20.0, "ms", "decay of the potential; it rises four times as fast", "MK-Tempotron's code", above=0
     )
-
     threshold: float = setting(
-        0.0, "", "a peak is above it; in potentials of single events", "0: all peaks; MK-Tempotron has 603", at_least=0
-    )
+        0.0, "", "a peak is above it; in potentials of single events",
+        "0: all; EDHMAX: 200, chosen on training recordings; MK-Tempotron: 603", at_least=0,
+    )  # fmt: skip
 
     def bounds(self, t: Ints) -> Ints:
         """From peak to peak; whether one is the highest is known `search` later only."""
