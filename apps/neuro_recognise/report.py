@@ -163,4 +163,4 @@ def _row(name: str, found: Evaluation) -> tuple[object, ...]:
 
 
 def _shown(value: object) -> str:
-    return " ".join(map(str, value)) if isinstance(value, (tuple, list)) else str(value)
+    return f"[{', '.join(map(str, value))}]" if isinstance(value, (tuple, list)) else str(value)
