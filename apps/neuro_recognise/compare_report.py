@@ -47,6 +47,8 @@ def show(found: Sequence[Compared], plan: Plan) -> None:
     for one in found:
         if one.refused:
             print(f"- {one.contestant.name}: {one.refused}")
+    for line in _unpriced(found):
+        print(f"- {line}")
 
 
 def write(found: Sequence[Compared], plan: Plan, data: str) -> tuple[Path, Path]:
@@ -81,6 +83,8 @@ def _parts(found: Sequence[Compared], plan: Plan, data: str) -> Iterator[Any]:
         yield tag("h2", "Joules of a recording")
         yield html.table(("method", *(f">{target}" for target in plan.targets)), bills)
         yield tag("p", BILL)
+    if unpriced := list(_unpriced(found)):
+        yield tag("ul", *(tag("li", line) for line in unpriced))
     if refused := [one for one in found if one.refused]:
         yield tag("h2", "What could not be run")
         yield tag("ul", *(tag("li", f"{one.contestant.name}: {one.refused}") for one in refused))
@@ -111,6 +115,13 @@ def _bills(found: Sequence[Compared]) -> Iterator[tuple[str, ...]]:
     for one in found:
         if one.bills:
             yield one.contestant.name, *map(_joules, one.bills.values())
+
+
+def _unpriced(found: Sequence[Compared]) -> Iterator[str]:
+    """Networks that have no bill, and why."""
+    for one in found:
+        if told := one.contestant.method.unpriced:
+            yield f"{one.contestant.name} has no bill: {told}"
 
 
 def _joules(bill: Any) -> str:

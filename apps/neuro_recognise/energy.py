@@ -37,6 +37,8 @@ def check_targets(recogniser: Recogniser, targets: Iterable[str]) -> None:
     if net is None:
         name = recogniser.method.called()
         raise ModelError(f"method '{name}' is no network: expected one that chips can run", hint="neuro recognise list")
+    if told := recogniser.method.unpriced:
+        raise ModelError(f"method '{recogniser.method.called()}' has no bill: {told}")
     sim = neuro.compile(net)
     for name in targets:
         sim.energy(name)

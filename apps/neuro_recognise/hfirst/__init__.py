@@ -1,6 +1,6 @@
 """HFirst: the network `hfirst`, what turns a recording into its input, its templates and its decisions."""
 
-from neuro_recognise.hfirst.decisions import READINGS, decide, scores
+from neuro_recognise.hfirst.decisions import READINGS, decide, decisive, scores
 from neuro_recognise.hfirst.network import Heard, Spikes, c1_spikes, network, s2_alone, s2_heard
 from neuro_recognise.hfirst.settings import HFirst
 from neuro_recognise.hfirst.templates import c1_counts, templates
@@ -13,6 +13,7 @@ __all__ = [
     "c1_counts",
     "c1_spikes",
     "decide",
+    "decisive",
     "network",
     "s2_alone",
     "s2_heard",

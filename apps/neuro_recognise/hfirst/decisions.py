@@ -29,11 +29,10 @@ def scores(heard: Heard, reading: str = "hard") -> Floats:
     return counts / max(1.0, counts.sum()) if reading == "soft" else counts
 
 
-def decide(heard: Heard, reading: str = "hard") -> int:
-    """The class of a recording, -1 if S2 heard nothing.
+def decisive(heard: Heard, reading: str = "hard") -> Floats:
+    """The same, but of classes with equal spikes those with larger summed potentials have more, by less than a spike.
 
-    Of classes with equal scores, as all have if S2 is silent, the one with the largest summed potential is taken: the
-    authors' code takes the first.
+    The authors' code takes the first of such classes. Where S2 heard nothing all are NaN.
 
     Args:
         heard: from `s2_heard`.
@@ -41,5 +40,19 @@ def decide(heard: Heard, reading: str = "hard") -> int:
     """
     found = scores(heard, reading)
     if not len(heard.potentials):
-        return -1
-    return int(np.lexsort((scores(heard, "potentials"), found))[-1])
+        return np.full_like(found, np.nan)
+    if reading == "potentials":
+        return found
+    ranks = scores(heard, "potentials").argsort().argsort() / len(found)
+    return np.asarray(found + ranks / (1 if reading == "hard" else max(1, heard.spikes.ids.size)))
+
+
+def decide(heard: Heard, reading: str = "hard") -> int:
+    """The class of a recording by `decisive`, -1 if S2 heard nothing.
+
+    Args:
+        heard: from `s2_heard`.
+        reading: see `scores`.
+    """
+    found = decisive(heard, reading)
+    return -1 if np.isnan(found).all() else int(found.argmax())

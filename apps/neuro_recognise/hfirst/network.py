@@ -38,13 +38,18 @@ class Heard(NamedTuple):
     potentials: Floats
 
 
-def network(settings: HFirst, classes: int) -> neuro.Network:
-    """The network `hfirst` with some settings, for so many classes; S2 has no templates yet.
+def network(settings: HFirst, classes: int, templates: Floats | None = None) -> neuro.Network:
+    """The network `hfirst` with some settings.
+
+    Args:
+        settings: of the network.
+        classes: how many there are.
+        templates: (classes, C1 neurons) weights of S2 in mV; None before they are learnt.
 
     Raises:
         ModelError: a setting is out of its bounds.
     """
-    net = neuro.load(neuro_models.path("hfirst"), settings.parameters(classes))
+    net = neuro.load(neuro_models.path("hfirst"), settings.parameters(classes, templates))
     if settings.c1_resets:
         net.group("first_in_cell", neuro.lateral_reset(of="c1"))
     return net

@@ -1,0 +1,83 @@
+"""HFirst: the first of oriented neurons to fire at a place silences the others; classes are counts of such spikes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+import neuro
+from neuro.events import Events
+from neuro_recognise.hfirst import (
+    READINGS,
+    Spikes,
+    c1_counts,
+    c1_spikes,
+    decisive,
+    network,
+    s2_alone,
+    s2_heard,
+    templates,
+)
+from neuro_recognise.hfirst import HFirst as Numbers
+from neuro_recognise.method import Answer, Course, Learnt, Method
+from neuro_recognise.settings import setting
+from neuro_recognise.shown import Evidence, Shown
+
+OF_S2 = ("s2_threshold", "s2_leak", "below", "unseen", "reading")
+"""Settings that what is observed, the spikes of C1, does not depend on."""
+
+
+@dataclass(frozen=True)
+class HFirst(Method, Numbers):
+    """Layers S1 and C1 look at a recording once; S2 has a neuron with a template of their spikes for each class."""
+
+    title = "first spikes of oriented neurons with linear leak, templates of their counts"
+    source = "Orchard et al., IEEE TPAMI 37:2028, 2015; github gorchard/HFIRST; thesis lines 2181-2210"
+    spikes = True
+    unpriced = "layers S1 and C1 run once for all folds and are not counted, and chips refuse their linear leak"
+    presets = {"poker": {"size": [35, 35], "c1_resets": True, "reading": "hard"}}
+
+    reading: str = setting(
+        "potentials", "", "how S2 is read: spikes, their shares or summed V_m of each class", "the authors': hard",
+        words=READINGS,
+    )  # fmt: skip
+
+    def observing(self) -> Mapping[str, Any]:
+        """All that S1 and C1 depend on."""
+        return {name: value for name, value in self.as_words().items() if name not in OF_S2}
+
+    def observe(self, events: Events) -> Evidence:
+        """The spikes of C1: ``times`` in ms and ``ids``, (spikes,)."""
+        seen = self.inside(events)
+        return c1_spikes(_front_end(self), self, seen)._asdict()
+
+    def fit(self, shown: Shown, course: Course) -> Learnt:
+        """Sum what C1 sent for each class."""
+        counts = c1_counts(self, [_spikes(one) for one in shown.evidence])
+        return {"templates": templates(self, counts, shown.labels, len(shown.classes))}
+
+    def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
+        """Let S2 hear the spikes of C1; a recording without any is silent."""
+        sim = neuro.compile(s2_alone(self, np.asarray(learnt["templates"])), backend=backend)
+        heard = [s2_heard(sim, self, _spikes(one)) for one in shown.evidence]
+        votes = {reading: np.stack([decisive(one, reading) for one in heard]) for reading in READINGS}
+        return Answer(votes[self.reading], votes)
+
+    def network(self, learnt: Learnt) -> neuro.Network:
+        """All layers, with what was learnt."""
+        known = np.asarray(learnt["templates"])
+        return network(self, len(known), known)
+
+
+@lru_cache(maxsize=1)
+def _front_end(method: HFirst) -> neuro.Simulation:
+    """Layers S1 and C1, which start anew with each recording."""
+    return neuro.compile(network(method, 1))
+
+
+def _spikes(one: Evidence) -> Spikes:
+    return Spikes(one["times"], one["ids"])
