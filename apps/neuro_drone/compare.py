@@ -30,7 +30,7 @@ ROWS = ("nothing", "oracle", "centroid", "static", "static-linear", "lms", "snn-
 SEEDLESS = ("nothing", "oracle", "centroid")
 """Controllers in which nothing is random: one seed says all."""
 
-DEEP = ("dqn", "ddpg")
+REWARDED = ("dqn", "ddpg", "ppo", "random-search")
 """Controllers that learn from the reward: no supervised error steers them while they learn."""
 
 
@@ -176,7 +176,7 @@ class Job:
 
 def teaches(name: str) -> bool:
     """Whether a controller hears the supervised error while it learns."""
-    return kind_of(name).learns and name not in DEEP
+    return kind_of(name).learns and name not in REWARDED
 
 
 def run(plan: Plan, report: Callable[[Said], None] | None = None) -> list[Summary]:

@@ -15,7 +15,7 @@ from neuro_drone.controllers.settings import numbers
 from neuro_drone.parts import Line
 from neuro_drone.scenario import Scenario
 
-__all__ = ["Centroid", "Gain", "Nothing", "NothingSettings", "Oracle"]
+__all__ = ["Centroid", "Fixed", "Gain", "Nothing", "NothingSettings", "Oracle", "centroid"]
 
 Floats = npt.NDArray[np.float64]
 _X, _Y = RIGHT.ravel(), DOWN.ravel()
@@ -79,18 +79,27 @@ class Centroid(Fixed):
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
         """The action of a proportional controller on what the counts tell; none where there are no events."""
-        n = counts.ravel()
-        total = n.sum()
-        if total == 0:
-            return np.zeros(2)
-        found = _fit(n) if self._line else np.array((n @ _X, n @ _Y)) / total
-        return np.clip(self._gain * found, -1.0, 1.0)
+        return np.clip(self._gain * centroid(counts, self._line), -1.0, 1.0)
 
 
-def _fit(n: npt.NDArray[Any]) -> Floats:
-    """Where the line of best fit crosses the aim's row, and its lean to the right over 90 degrees."""
+def centroid(counts: npt.NDArray[Any], line: bool = False) -> Floats:
+    """Where the events are on average.
+
+    Args:
+        counts: (8, 8) events in each field.
+        line: they are those of a line.
+
+    Returns:
+        (2,), to the right of the aim and below it, in units of 64 px; of a line where the one that fits best crosses
+        the aim's row, and its lean to the right over 90 degrees. 0 where there are no events.
+    """
+    n = counts.ravel()
     total = n.sum()
+    if total == 0:
+        return np.zeros(2)
     x, y = n @ _X / total, n @ _Y / total
+    if not line:
+        return np.array((x, y))
     spread = n @ (_Y - y) ** 2
     slope = n @ ((_X - x) * (_Y - y)) / spread if spread > 0.0 else 0.0
     return np.array((x - slope * y, -atan(slope) / (0.5 * pi)))
