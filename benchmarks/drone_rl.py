@@ -3,7 +3,7 @@
 DQN, DDPG, PPO (stable-baselines3) and a linear policy by random search, on the ball (B60) or the line:
 
 1. Tries: 12 settings of each, see `TRIES`, v_max among them; 20,000 steps, seed 100. The best is the one with the most
-   laps from a grid of 4 x 4 starts within 50 px (line: the test's own spread), then the fewest starts from which the
+   laps from a grid of 3 x 3 starts within 50 px (line: the test's own spread), then the fewest starts from which the
    target was lost, then the smallest error. Neither these starts nor the paths of these laps are those of the final
    test.
 2. Finals: the best settings, 150,000 steps, seeds 0 to 4. The test is that of `neuro drone test`: frozen, 25 starts,
@@ -36,7 +36,7 @@ from neuro_drone.train import train
 
 TRY_STEPS, FINAL_STEPS = 20_000, 150_000
 TRY_SEED, FINAL_SEEDS = 100, range(5)
-TRY_TEST, TRY_GRID, TRY_SPREAD = 1, 4, {"B60": 50.0, "line": None}
+TRY_TEST, TRY_GRID, TRY_SPREAD = 1, 3, {"B60": 50.0, "line": None}
 AGENTS = ("random-search", "ppo", "dqn", "ddpg")
 BESIDE = ("lms", "snn")
 TASKS = ("B60", "line")
@@ -126,7 +126,7 @@ class Run:
     def test(self, model: Model) -> dict[str, Any]:
         """Figures of the stage's test."""
         if self.stage != "final":
-            places = grid(model.scenario, TRY_GRID, TRY_SPREAD[self.task], test=TRY_TEST)
+            places = grid(model.scenario, TRY_GRID, TRY_SPREAD[self.task], seed=TRY_TEST)
             return figures(try_out(model, starts=places))
         fixed = figures(try_out(model, starts=grid(model.scenario, path="fixed")))
         return figures(try_out(model)) | {"fixed": fixed}

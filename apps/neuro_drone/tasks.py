@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from neuro_drone.geometry import AIM, Pose, View
-from neuro_drone.paths import Path
+from neuro_drone.paths import FIXED, Path, Variation
 from neuro_drone.scene import Scene
 
 __all__ = ["FARTHEST", "Judged", "Task", "border"]
@@ -53,9 +53,9 @@ class Task(Protocol):
     """What is followed.
 
     Attributes:
-        forward: speed that the drone has whatever the action, m/s.
+        forward: speed that the drone has whatever the action, m/s, in this episode.
         turns: the second action turns the drone; else it moves it backwards.
-        path: along which the target is.
+        path: along which the target is in this episode.
     """
 
     forward: float
@@ -63,7 +63,11 @@ class Task(Protocol):
     path: Path
 
     def reset(
-        self, rng: np.random.Generator, start: tuple[float, float] | None = None, direction: int = 0
+        self,
+        rng: np.random.Generator,
+        start: tuple[float, float] | None = None,
+        direction: int = 0,
+        varied: Variation = FIXED,
     ) -> tuple[float, float, float]:
         """Begin an episode.
 
@@ -71,6 +75,7 @@ class Task(Protocol):
             rng: of what is not given.
             start: error on both axes at the beginning, in the units of `Judged.error`; None draws one.
             direction: 1 anticlockwise, -1 clockwise, 0 as the scenario says.
+            varied: how the path differs from the scenario's.
 
         Returns:
             x and y of the drone, m, and its heading, rad.
