@@ -10,8 +10,8 @@ DQN, DDPG, PPO (stable-baselines3) and a linear policy by random search, on the 
    varied paths; and once more with `--path fixed`.
 
 Training begins within 50 px, as everywhere, see `neuro_drone.train.EPISODES`. `lms` and `snn` stand beside them with
-their defaults: they learn from the supervised error, so that their steps cannot be compared with the others'. Their
-settings were chosen earlier, on B60, from more tries than these.
+their defaults and 20,000 steps: they learn from the supervised error, so that their steps cannot be compared with the
+others'. Their settings were chosen earlier, on B60, from more tries than these.
 
 Each run keeps its model and its result in the folder; a second start goes on, also within a run. After each run the
 table is written to FOLDER/table.md. `--minutes` begins no run later than that.
@@ -38,7 +38,7 @@ TRY_STEPS, FINAL_STEPS = 20_000, 150_000
 TRY_SEED, FINAL_SEEDS = 100, range(5)
 TRY_TEST, TRY_GRID, TRY_SPREAD = 1, 3, {"B60": 50.0, "line": None}
 AGENTS = ("random-search", "ppo", "dqn", "ddpg")
-BESIDE = ("lms", "snn")
+BESIDE, BESIDE_STEPS = ("lms", "snn"), 20_000
 TASKS = ("B60", "line")
 
 TRIES: dict[str, tuple[dict[str, Any], ...]] = {
@@ -199,13 +199,12 @@ def main() -> None:
     bench = Bench(asked.out, time.monotonic() + 60.0 * asked.minutes)
     for task in asked.tasks:
         best = {agent: bench.best(task, agent) for agent in asked.agents}
-        for agent in BESIDE:
+        for agents in (AGENTS[:2], BESIDE, AGENTS[2:]):  # those that take minutes a seed wait for those that do not
             for seed in FINAL_SEEDS:
-                bench.result(Run(task, agent, "final", seed, TRY_STEPS))
-        for quick in (True, False):  # an agent that takes minutes a seed waits for those that do not
-            for seed in FINAL_SEEDS:
-                for agent, settings in best.items():
-                    if settings is not None and quick == (agent in AGENTS[:2]):
+                for agent in agents:
+                    if agent in BESIDE:
+                        bench.result(Run(task, agent, "final", seed, BESIDE_STEPS))
+                    elif (settings := best.get(agent)) is not None:
                         bench.result(Run(task, agent, "final", seed, FINAL_STEPS, settings))
     bench.write()
 

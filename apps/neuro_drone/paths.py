@@ -60,7 +60,7 @@ def drawn(rng: np.random.Generator, line: bool) -> Variation:
     turn = float(rng.uniform(-180.0, 180.0))
     if line:
         return Variation(
-            factor(0.8, 2.5), turn, factor(1 / 1.3, 1.3), factor(1 / 1.4, 1.4), float(rng.uniform(-0.3, 0.3))
+            factor(0.8, 2.5), turn, factor(1 / 1.2, 1.2), factor(1 / 1.4, 1.4), float(rng.uniform(-0.3, 0.3))
         )
     return Variation(factor(1 / 1.4, 1.4), turn, 1.0, factor(1 / 1.4, 1.4), float(rng.uniform()))
 

@@ -87,13 +87,14 @@ def training(model: Model) -> Figure:
         axes.plot(number[~lost], values[~lost], ".", ms=5, color=BLUE, alpha=0.5, mew=0)
         axes.plot(number[lost], values[lost], "x", ms=4, color=RED, alpha=0.8)
         axes.plot(number, _running(values), color=INK, lw=1.2)
-        axes.set_ylim(bottom=0.0)
     if len(model.curve.get("steps", ())):
         at = np.searchsorted(np.cumsum(steps), model.curve["steps"]) + 1
         below.plot(
             at, model.curve["error_px"], "o-", ms=3.5, lw=1.6, color=GREEN, label="weights frozen, short flights"
         )
         below.legend(loc="upper right", frameon=False)
+    for axes in (above, below):
+        axes.set_ylim(bottom=0.0)
     above.set_ylabel("steps")
     below.set_ylabel("mean error, px")
     below.set_xlabel(f"episode ({int(steps.sum()):,} steps in all)")
