@@ -101,13 +101,9 @@ def columns_of(summaries: Sequence[Summary]) -> tuple[tuple[str, ...], list[tupl
 def show_comparison(summaries: Sequence[Summary]) -> None:
     """Print the table of a comparison."""
     columns, rows = columns_of(summaries)
-    name = summaries[0].row.scenario.name
+    where = f"{summaries[0].row.scenario.name}, {summaries[0].path} paths"
     out = console()
-    out.print(
-        table(
-            columns, rows, title=f"{name}: weights frozen, no dopamine; {summaries[0].path} paths; mean ± sd over seeds"
-        )
-    )
+    out.print(table(columns, rows, title=f"{where}: weights frozen, no dopamine; mean ± sd over seeds"))
     axes = " and ".join(AXES[summaries[0].row.scenario.kind])
     out.print(
         f"absolute and signed: mean errors ({axes}); signed as the thesis prints them, where errors of both signs "

@@ -152,7 +152,7 @@ MISTAKES = {
     "compare --row": "Option '--row' requires an argument",
     "compare --row sn": "unknown controller 'sn'\n  hint: did you mean 'snn'?",
     "compare --row oracle --out bad.yaml": "bad.yaml: is no folder: expected the name of a folder, or a new name",
-    "energy oracle.h5": "controller 'oracle' has no network: expected a spiking one, dqn or ddpg",
+    "energy oracle.h5": "controller 'oracle' has no network: expected a spiking one, dqn, ddpg or ppo",
     "watch oracle.h5 --out no/lap.html": "no/lap.html: cannot be written: No such file or directory",
     "watch oracle.h5 --out lap.gif": "lap.gif: a lap is written as a page for a browser: expected a name that ends in "
     ".html",
