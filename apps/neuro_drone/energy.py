@@ -87,7 +87,7 @@ def priced(model: Model, targets: Iterable[str]) -> Bills:
         targets: chips, processors or table files, see `neuro.Simulation.energy`.
 
     Raises:
-        ModelError: the controller is none of these, or a target does not exist, cannot hold the network, or has no costs.
+        ModelError: it is none of these, or a target does not exist, cannot hold the network, or has no costs.
     """
     pilot = model.frozen()
     if isinstance(pilot, Flier):

@@ -70,6 +70,7 @@ class PPO(Deep):
                 "expected a multiple of the batch, which is at least 2"
             )
         self._first, self._cut, self._after = True, False, self._seen
+        self._log_prob = 0.0
 
     def build(self, package: Any, common: dict[str, Any]) -> Any:
         """See `Deep`."""
