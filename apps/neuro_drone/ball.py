@@ -9,7 +9,7 @@ import numpy as np
 from neuro import ModelError
 from neuro_drone.geometry import AIM, Pose, View
 from neuro_drone.hop import hop
-from neuro_drone.paths import star
+from neuro_drone.paths import FIXED, Variation, star
 from neuro_drone.scenario import Ball
 from neuro_drone.scene import Scene
 from neuro_drone.tasks import FARTHEST, Judged, border
@@ -63,13 +63,15 @@ class BallTask:
 
     def __init__(self, ball: Ball, view: View, height: float) -> None:
         self.ball, self.view, self.height = ball, view, height
-        self.path = star(ball.lap)
-        ends = np.arange(PIECES) * (self.path.length / PIECES)
-        self._pieces = np.array([self.path.at(s) for s in ends])
-        self._standing = float(np.hypot(*self._pieces.T).mean())
-        self._begin()
+        self._star = star(ball.lap)
+        self._begin(FIXED)
 
-    def _begin(self) -> None:
+    def _begin(self, varied: Variation) -> None:
+        self.path, self._speed = self._star.varied(varied), self.ball.speed * varied.speed
+        self._first = varied.begin * self.path.length
+        ends = np.arange(PIECES) * (self.path.length / PIECES)
+        self._pieces = np.array([self.path.at(self._first + s) for s in ends])
+        self._standing = float(np.hypot(*self._pieces.T).mean())
         self.way, self._sum, self._away, self._off, self._count = 0.0, 0.0, 0.0, 0.0, 0
         self._last = (0.0, 0.0)
         self._time = 0.0
@@ -78,12 +80,18 @@ class BallTask:
 
     def _set(self) -> None:
         """Put the ball where it is at this time."""
-        (x, y), (z, radius) = self.path.at(self.way), hop(self.ball, self._time)
+        (x, y), (z, radius) = self.path.at(self._first + self.way), hop(self.ball, self._time)
         self._place = x, y, z, radius
 
-    def reset(self, rng: np.random.Generator, start: tuple[float, ...] | None = None, direction: int = 0) -> Pose:
+    def reset(
+        self,
+        rng: np.random.Generator,
+        start: tuple[float, ...] | None = None,
+        direction: int = 0,
+        varied: Variation = FIXED,
+    ) -> Pose:
         """See `Task`; the start is in px, the heading is 0."""
-        self._begin()
+        self._begin(varied)
         self.view.look(Pose(0.0, 0.0, self.height))
         offset = self._drawn(rng) if start is None else self._offset(*start)
         if offset is None:
@@ -130,7 +138,7 @@ class BallTask:
 
     def advance(self, seconds: float) -> Scene:
         """See `Task`."""
-        self.way += self.ball.speed * seconds
+        self.way += self._speed * seconds
         self._time += seconds
         self._set()
         return self.scene()

@@ -40,6 +40,14 @@ Untrained = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
 Grid = Annotated[int, typer.Option("--starts", metavar="N", parser=count, help="From a grid of N x N starts.")]
+Course = Annotated[
+    str,
+    typer.Option(
+        "--path",
+        metavar="varied|fixed",
+        help="Laps with a path of their own each, or the scenario's in all, which a recorded flight can fly blindly.",
+    ),
+]
 
 
 @app.command()
@@ -84,6 +92,7 @@ def try_model(
     scenario: Scenario = None,
     controller: Untrained = None,
     starts: Grid = 5,
+    path: Course = "varied",
     learning: Annotated[
         bool, typer.Option("--learning", help="Go on learning; dopamine then steers by itself: not what was learnt.")
     ] = False,
@@ -100,7 +109,7 @@ def try_model(
     if learning and backend != "event":
         raise typer.BadParameter("a network goes on learning on what it learnt on", param_hint="'--backend'")
     pilot = _pilot(model, scenario, controller, set)
-    places = grid(pilot.scenario, starts)
+    places = grid(pilot.scenario, starts, path=path)
     with Bars() as bars:
         tried = try_out(pilot, starts=places, backend=backend, learning=learning, report=bars.laps(len(places)))
     for file in [] if out is None else write_pictures(pilot, tried, out):
@@ -118,6 +127,7 @@ def compare(
     seeds: Annotated[int, typer.Option("--seeds", metavar="N", parser=count, help="Trainings of each.")] = 5,
     seed: Seed = 0,
     starts: Grid = 5,
+    path: Course = "varied",
     row: Annotated[
         list[str],
         typer.Option("--row", metavar="ROW", help="Only these, e.g. 'snn' or 'dqn steps=150000 drone.v_max=0.5'."),
@@ -143,7 +153,9 @@ def compare(
     folder = out or Path(f"compare-{rows[0].scenario.name}")
     try:
         with Bars(lines=1) as bars:
-            found = run(Plan(rows, starts, folder), lambda said: bars.at(said.what, said.done, said.total, said.told))
+            found = run(
+                Plan(rows, starts, path, folder), lambda said: bars.at(said.what, said.done, said.total, said.told)
+            )
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on where it was", err=True)
         raise typer.Exit(130) from None

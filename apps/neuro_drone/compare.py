@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from neuro.apps import check_output, make_folder, sealed, whole, write_text
+from neuro.apps import check_output, make_folder, sealed, unknown, whole, write_text
 from neuro_drone.controllers import kind_of
 from neuro_drone.cores import side_by_side
-from neuro_drone.evaluate import Lap, grid, try_out
+from neuro_drone.evaluate import PATHS, Lap, grid, try_out
 from neuro_drone.model import Model
 from neuro_drone.pilot import chosen
 from neuro_drone.scenario import Scenario
@@ -30,7 +30,7 @@ ROWS = ("nothing", "oracle", "centroid", "static", "static-linear", "lms", "snn-
 SEEDLESS = ("nothing", "oracle", "centroid")
 """Controllers in which nothing is random: one seed says all."""
 
-DEEP = ("dqn", "ddpg")
+REWARDED = ("dqn", "ddpg", "ppo", "random-search")
 """Controllers that learn from the reward: no supervised error steers them while they learn."""
 
 
@@ -90,16 +90,25 @@ class Plan:
     Attributes:
         rows: of the table.
         starts: on a side of the grid of starts.
+        path: of the laps, see `grid`.
         folder: where models and results are kept.
+
+    Raises:
+        ModelError: there is no such path.
     """
 
     rows: tuple[Row, ...]
     starts: int
+    path: str
     folder: Path
+
+    def __post_init__(self) -> None:
+        if self.path not in PATHS:  # told before any work
+            raise unknown("path", self.path, PATHS)
 
     def jobs(self) -> list[Job]:
         """All trainings and tests."""
-        return [Job(row, seed, self.starts, self.folder) for row in self.rows for seed in row.seeds]
+        return [Job(row, seed, self.starts, self.path, self.folder) for row in self.rows for seed in row.seeds]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,12 +129,14 @@ class Job:
         row: of the table.
         seed: of the training.
         starts: on a side of the grid.
+        path: of the laps.
         folder: where the model and the result are kept.
     """
 
     row: Row
     seed: int
     starts: int
+    path: str
     folder: Path
 
     @property
@@ -149,7 +160,7 @@ class Job:
             row.scenario, row.controller, steps=steps, seed=self.seed, settings=row.settings, out=self.file,
             report=learns,
         )  # fmt: skip
-        known = json.loads(json.dumps(model.told() | {"steps": model.steps, "grid": self.starts}))
+        known = json.loads(json.dumps(model.told() | {"steps": model.steps, "grid": self.starts, "path": self.path}))
         kept = _read(result)
         if kept.get("of") != known:
             check_output(result, RESULT)
@@ -160,7 +171,7 @@ class Job:
 
     def _tried(self, model: Model, say: Callable[[float, str], None]) -> dict[str, Any]:
         """Figures of the test and, of what is steered by the supervised error, with learning on."""
-        places, flown = grid(model.scenario, self.starts), [0]
+        places, flown = grid(model.scenario, self.starts, path=self.path), [0]
         both = teaches(model.controller)
 
         def tell(lap: Lap) -> None:
@@ -176,7 +187,7 @@ class Job:
 
 def teaches(name: str) -> bool:
     """Whether a controller hears the supervised error while it learns."""
-    return kind_of(name).learns and name not in DEEP
+    return kind_of(name).learns and name not in REWARDED
 
 
 def run(plan: Plan, report: Callable[[Said], None] | None = None) -> list[Summary]:
@@ -213,6 +224,11 @@ class Summary:
         """Mean of a figure over the seeds; None where there is none."""
         found = [one[name] for one in self.each if name in one]
         return np.mean(found, axis=0).tolist() if found else None
+
+    @property
+    def path(self) -> str:
+        """Of the laps."""
+        return str(self.each[0]["of"]["path"])
 
     @property
     def sd(self) -> float | None:

@@ -83,11 +83,11 @@ def priced(model: Model, targets: Iterable[str]) -> Bills:
     """Fly a lap with frozen weights and price it.
 
     Args:
-        model: a spiking network, DQN or DDPG.
+        model: a spiking network, DQN, DDPG or PPO.
         targets: chips, processors or table files, see `neuro.Simulation.energy`.
 
     Raises:
-        ModelError: the controller is neither, or a target does not exist, cannot hold the network, or has no costs.
+        ModelError: it is none of these, or a target does not exist, cannot hold the network, or has no costs.
     """
     pilot = model.frozen()
     if isinstance(pilot, Flier):
@@ -95,7 +95,7 @@ def priced(model: Model, targets: Iterable[str]) -> Bills:
         flown = _fly(model, pilot)
         return Bills(model, *flown, None, (), _dense(model.controller, layers, targets))
     if not isinstance(pilot, Spiking):
-        raise ModelError(f"controller '{model.controller}' has no network: expected a spiking one, dqn or ddpg")
+        raise ModelError(f"controller '{model.controller}' has no network: expected a spiking one, dqn, ddpg or ppo")
     targets = tuple(targets)
     for name in targets:
         pilot.sim.energy(name)  # what cannot be priced is told before the lap

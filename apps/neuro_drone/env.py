@@ -20,6 +20,7 @@ from neuro_drone.body import Body
 from neuro_drone.eye import Eye
 from neuro_drone.geometry import View
 from neuro_drone.line import LineTask
+from neuro_drone.paths import FIXED, Variation
 from neuro_drone.scenario import Ball, Scenario, errors, load
 from neuro_drone.scene import Scene
 from neuro_drone.tasks import Judged, Task
@@ -49,7 +50,8 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
     forward. Values beyond 1 are taken for 1.
 
     ``reset(options={"start": (a, b), "direction": 1})`` sets the error at the beginning, in the units of
-    ``info["error"]``, and the direction of the line; what is not given is drawn.
+    ``info["error"]``, and the direction of the line; what is not given is drawn. "path" is a
+    `neuro_drone.paths.Variation` by which the path differs from the scenario's.
 
     ``info`` holds: events (`neuro.events.Events` of the step), counts ((8, 8) int64), target (column, row, px), error
     (signed, a number an axis: px and px, then px of the ball's height in the picture; line px and degrees), error_px
@@ -115,8 +117,8 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
         if seed is None and self._np_random is None:
             seed = self.scenario.seed
         super().reset(seed=seed)
-        start, direction = _wishes(options or {}, self.task, self.scenario.axes)
-        pose = self.task.reset(self.np_random, start or self.scenario.start, direction)
+        start, direction, varied = _wishes(options or {}, self.task, self.scenario.axes)
+        pose = self.task.reset(self.np_random, start or self.scenario.start, direction, varied)
         self.body.reset(pose.x, pose.y, pose.yaw, forward=self.task.forward, z=pose.z)
         noise = int(self.np_random.integers(2**31))
         self.eye.reset(noise)
@@ -204,17 +206,19 @@ def _space(observation: str) -> gymnasium.Space[Any]:
     return gymnasium.spaces.Box(0, MOST_EVENTS, (CELLS, CELLS), np.int64)
 
 
-def _wishes(options: Mapping[str, Any], task: Task, axes: int) -> tuple[tuple[float, ...] | None, int]:
-    """Start and direction that a reset asks for."""
-    known = ("start", "direction") if task.turns else ("start",)
+def _wishes(options: Mapping[str, Any], task: Task, axes: int) -> tuple[tuple[float, ...] | None, int, Variation]:
+    """Start, direction and path that a reset asks for."""
+    known = ("start", "direction", "path") if task.turns else ("start", "path")
     for word in options:
         if word not in known:
             raise unknown("option of reset", word, known)
     direction = options.get("direction", 0)
     if direction not in (-1, 0, 1):
         raise ModelError(f"option direction = {direction!r}: expected 1, -1 or 0")
-    start = options.get("start")
-    return None if start is None else errors("option start", start, axes), int(direction)
+    start, varied = options.get("start"), options.get("path", FIXED)
+    if not isinstance(varied, Variation):
+        raise ModelError(f"option path = {varied!r}: expected a neuro_drone.paths.Variation")
+    return None if start is None else errors("option start", start, axes), int(direction), varied
 
 
 def _one_of(name: str, value: object, known: tuple[object, ...]) -> None:

@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
+from neuro.apps import unknown
 from neuro_drone.controllers import Controller
 from neuro_drone.env import DroneEnv
 from neuro_drone.model import Model
 from neuro_drone.parts import Ball, Line
+from neuro_drone.paths import FIXED, Variation, drawn
 from neuro_drone.scenario import Scenario
 
-__all__ = ["Lap", "Start", "Tried", "begin", "fly_lap", "grid", "try_out"]
+__all__ = ["PATHS", "Lap", "Start", "Tried", "begin", "fly_lap", "grid", "try_out"]
 
 SEED = 1_000_000
 """Of the tests' noise, so that it is not that of a training."""
+
+PATHS = ("varied", "fixed")
+"""What the paths of a test's laps can be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,14 +34,16 @@ class Start:
     Attributes:
         error: on each axis: ball px and px, and px of its height in the picture; line px and degrees.
         direction: of the line, 1 anticlockwise or -1 clockwise; 0 for a ball.
+        path: how it differs from the scenario's.
     """
 
     error: tuple[float, ...]
     direction: int = 0
+    path: Variation = FIXED
 
     def options(self) -> dict[str, Any]:
         """For the environment's reset."""
-        return {"start": self.error} | ({"direction": self.direction} if self.direction else {})
+        return {"start": self.error, "path": self.path} | ({"direction": self.direction} if self.direction else {})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,6 +75,7 @@ class Lap:
         return {
             "start": list(self.start.error),
             "direction": self.start.direction,
+            "path": asdict(self.start.path),
             "steps": self.steps,
             "error_px": self.error_px,
             "signed": list(self.signed),
@@ -93,6 +101,11 @@ class Tried:
     def starts(self) -> int:
         """How many there were."""
         return len(self.each)
+
+    @property
+    def varied(self) -> bool:
+        """Whether a lap had another path than the scenario's."""
+        return any(one.start.path != FIXED for one in self.each)
 
     @property
     def laps(self) -> int:
@@ -123,11 +136,19 @@ class Tried:
             "signed": list(self.signed),
             "absolute": list(self.absolute),
             "learning": self.learning,
+            "path": PATHS[not self.varied],
             "each": [one.as_words() for one in self.each],
         }
 
 
-def grid(scenario: Scenario, n: int = 5, spread: float | tuple[float, float] | None = None) -> tuple[Start, ...]:
+def grid(
+    scenario: Scenario,
+    n: int = 5,
+    spread: float | tuple[float, float] | None = None,
+    *,
+    path: str = "varied",
+    seed: int = 0,
+) -> tuple[Start, ...]:
     """Starts on a grid round the aim; those of a line alternate in direction.
 
     Where the drone climbs, the ball is in turn 30 % too small, as tall as wanted and 30 % too tall.
@@ -136,13 +157,18 @@ def grid(scenario: Scenario, n: int = 5, spread: float | tuple[float, float] | N
         scenario: of a ball or a line.
         n: starts on a side.
         spread: largest error at the start, on both axes or on each; if not given 35 px, of a line 20 px and 10 degrees.
+        path: varied (each lap has a path of its own, see `neuro_drone.paths.drawn`) or fixed (the scenario's, as in the
+            thesis; a flight that was recorded can fly it blindly).
+        seed: of the varied paths.
 
     Raises:
-        ModelError: n is not a whole number >= 1, or the spread is negative.
+        ModelError: n is not a whole number >= 1, the spread is negative, or there is no such path.
     """
     line = isinstance(scenario.task, Line)
     if isinstance(n, bool) or not isinstance(n, int) or n < 1:
         raise ModelError(f"grid = {n!r}: expected a whole number >= 1")
+    if path not in PATHS:
+        raise unknown("path", path, PATHS)
     a, b = np.broadcast_to((20.0, 10.0) if line and spread is None else 35.0 if spread is None else spread, 2).tolist()
     if not (0 <= a < np.inf and 0 <= b < np.inf):
         raise ModelError(f"spread = {spread}: expected numbers >= 0")
@@ -151,7 +177,9 @@ def grid(scenario: Scenario, n: int = 5, spread: float | tuple[float, float] | N
     if isinstance(scenario.task, Ball) and scenario.task.axes == 3:
         tall = (0.3 * scenario.task.tall, -0.3 * scenario.task.tall, 0.0)
         errors = [(*error, tall[i % 3]) for i, error in enumerate(errors)]
-    return tuple(Start(error, (1 - 2 * (i % 2)) if line else 0) for i, error in enumerate(errors))
+    ways = [FIXED if path == "fixed" else drawn(np.random.default_rng((SEED, seed, i)), line) for i in range(n * n)]
+    directions = [(1 - 2 * (i % 2)) if line else 0 for i in range(n * n)]
+    return tuple(map(Start, errors, directions, ways))
 
 
 def try_out(
@@ -167,7 +195,7 @@ def try_out(
 
     Args:
         model: what was learnt.
-        starts: the 5 x 5 grid if not given.
+        starts: the 5 x 5 grid with varied paths if not given.
         scenario: another one than that of the training.
         backend: what runs the controller's network.
         learning: go on learning from the supervised error. Dopamine then steers by itself: this figure is not what

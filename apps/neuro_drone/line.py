@@ -8,7 +8,7 @@ import numpy as np
 
 from neuro import ModelError
 from neuro_drone.geometry import AIM, Pose, View
-from neuro_drone.paths import hexagon
+from neuro_drone.paths import FIXED, Variation, hexagon
 from neuro_drone.scenario import Line
 from neuro_drone.scene import Scene
 from neuro_drone.tasks import FARTHEST, Judged, border
@@ -19,6 +19,7 @@ SPREAD_PX = 35.0
 SPREAD_DEGREES = 15.0
 ALONG = radians(45.0)
 SLOWEST = 1.5
+SIDES = 6
 
 
 class LineTask:
@@ -45,26 +46,32 @@ class LineTask:
     turns = True
 
     def __init__(self, line: Line, view: View, height: float) -> None:
-        self.line, self.view, self.height, self.forward = line, view, height, line.speed
-        self._paths = {way: hexagon(line.side, way) for way in (1, -1)}
-        self._scenes = {way: Scene(line=path.segments()) for way, path in self._paths.items()}
-        self._begin(1)
+        self.line, self.view, self.height = line, view, height
+        self._begin(1, FIXED)
 
-    def _begin(self, direction: int) -> None:
-        self.direction = direction
-        self.path, self._scene = self._paths[direction], self._scenes[direction]
+    def _begin(self, direction: int, varied: Variation) -> None:
+        self.direction, self.forward = direction, self.line.speed * varied.speed
+        self.path = hexagon(self.line.side, direction).varied(varied)
+        self._scene = Scene(line=self.path.segments())
+        self._first = 0.5 + varied.begin
         self._sides: list[list[float]] = self.path.segments().tolist()
         self._headings = [atan2(y1 - y0, x1 - x0) for x0, y0, x1, y1 in self._sides]
         self._place: float | None = None
         self._last = (0.0, 0.0)
         self.way = self.time = 0.0
 
-    def reset(self, rng: np.random.Generator, start: tuple[float, ...] | None = None, direction: int = 0) -> Pose:
-        """See `Task`; the start is in px and degrees, at the middle of the first side."""
+    def reset(
+        self,
+        rng: np.random.Generator,
+        start: tuple[float, ...] | None = None,
+        direction: int = 0,
+        varied: Variation = FIXED,
+    ) -> Pose:
+        """See `Task`; the start is in px and degrees, at the middle of the first side unless that is varied."""
         drawn = (int(rng.integers(2)) * 2 - 1, *rng.uniform(-1.0, 1.0, 2).tolist())
         direction = direction or self.line.direction or drawn[0]
         du, lean = (drawn[1] * SPREAD_PX, drawn[2] * SPREAD_DEGREES) if start is None else start[:2]
-        self._begin(direction)
+        self._begin(direction, varied)
         place = self._start(AIM + du, radians(lean)) if abs(lean) < 90.0 else None
         if place is None:
             raise ModelError(
@@ -79,7 +86,7 @@ class LineTask:
         return pose
 
     def _start(self, u: float, lean: float) -> tuple[float, float, float] | None:
-        """The pose whose picture of the middle of the first side crosses row 63 at `u` with a lean."""
+        """The pose whose picture of the start on the first side crosses row 63 at `u` with a lean."""
         view = self.view
         view.look(Pose(0.0, 0.0, self.height))
         here = view.ground(u, AIM) if view.sees(u, AIM) else None
@@ -89,8 +96,9 @@ class LineTask:
         yaw = self._headings[0] - atan2(there[1] - here[1], there[0] - here[0])
         x0, y0, x1, y1 = self._sides[0]
         c, s = cos(yaw), sin(yaw)
-        x = 0.5 * (x0 + x1) - (here[0] * c - here[1] * s)
-        y = 0.5 * (y0 + y1) - (here[0] * s + here[1] * c)
+        share, rest = self._first, 1.0 - self._first
+        x = rest * x0 + share * x1 - (here[0] * c - here[1] * s)
+        y = rest * y0 + share * y1 - (here[0] * s + here[1] * c)
         return x, y, yaw
 
     def scene(self) -> Scene:
@@ -109,15 +117,14 @@ class LineTask:
             (u, _), lean = border(self._last), self._last[1]
         lost = not view.sees(u, AIM)
         self._go(view, pose.yaw)
-        length = self.path.length
         turned = (pose.yaw - self._headings[0]) * self.direction
-        whole = self.way >= length
+        whole = self.way >= SIDES
         lap = whole and not lost and abs(turned - 2.0 * pi) <= ALONG
-        done = whole or self.time > SLOWEST * length / self.line.speed
+        done = whole or self.time > SLOWEST * self.path.length / self.forward
         du, _ = self._last = (u - AIM, lean)
         reward = 0.0 if lost else 1.0 - 0.5 * (abs(du) / FARTHEST + abs(lean) / 90.0)
         scaled = (max(-1.0, min(1.0, du / 64.0)), lean / 90.0)
-        progress = max(0.0, min(1.0, self.way / length))
+        progress = max(0.0, min(1.0, self.way / SIDES))
         return Judged((u, AIM), (du, lean), scaled, abs(du), reward, progress, lost, done, lap)
 
     def _crossing(self, view: View) -> tuple[float, float]:
@@ -148,23 +155,22 @@ class LineTask:
         if self._place is None:
             self._place = place
             return
-        length = self.path.length
-        way = (place - self._place + 0.5 * length) % length - 0.5 * length
+        way = (place - self._place + 0.5 * SIDES) % SIDES - 0.5 * SIDES
         off = (yaw - self._headings[side] + pi) % (2.0 * pi) - pi
-        leap = way > 0.5 * self.line.side
+        leap = way > 0.5
         if way > 0.0 and abs(off) > ALONG and not leap:
             return  # it counts when the heading is right again
         self.way += 0.0 if leap else way
         self._place = place
 
     def _nearest(self, x: float, y: float) -> tuple[float, int]:
-        """Where on the hexagon the point nearest to a place is: m from the first corner, and the side."""
-        best, place, side, length = inf, 0.0, 0, self.line.side
+        """Where on the hexagon the point nearest to a place is: sides from the first corner, and the side it is on."""
+        best, place, side = inf, 0.0, 0
         for k, (x0, y0, x1, y1) in enumerate(self._sides):
             dx, dy = x1 - x0, y1 - y0
-            s = ((x - x0) * dx + (y - y0) * dy) / (length * length)
+            s = ((x - x0) * dx + (y - y0) * dy) / (dx * dx + dy * dy)
             s = 0.0 if s < 0.0 else 1.0 if s > 1.0 else s
             away = hypot(x - x0 - s * dx, y - y0 - s * dy)
             if away < best:
-                best, place, side = away, (k + s) * length, k
+                best, place, side = away, k + s, k
         return place, side

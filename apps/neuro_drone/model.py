@@ -5,6 +5,7 @@
              (JSON), and the versions of neuro, python, numpy and numba
 /learnt      arrays, what the controller has learnt: of a network the weights of each projection
 /history     arrays, one value an episode of the training: steps, error_px, lost
+/curve       arrays, one value a test along the training: steps, error_px, lost; older files have none
 /network     the files of the network before learning, if the controller has one
 ```
 """
@@ -34,6 +35,7 @@ __all__ = ["FORMAT", "Model"]
 
 FORMAT = "neuro drone model 1"
 _NETWORK = "network.yaml"
+_GROUPS = ("learnt", "history", "network", "curve")
 Arrays = Mapping[str, npt.NDArray[Any]]
 
 
@@ -51,6 +53,7 @@ class Model:
         learnt: arrays, see `Learner.learnt`.
         history: (episodes,) each: steps, error_px (mean of the episode) and lost (whether the target was).
         network: files of the network before learning by name, or none.
+        curve: (tests,) each: steps of the training, error_px with frozen weights and lost, see `Curve`.
     """
 
     controller: str
@@ -62,6 +65,7 @@ class Model:
     learnt: Arrays = field(default_factory=dict)
     history: Arrays = field(default_factory=dict)
     network: Arrays = field(default_factory=dict)
+    curve: Arrays = field(default_factory=dict)
 
     def told(self) -> dict[str, Any]:
         """What the training was told, without its steps, as plain data; the network as a hash."""
@@ -77,9 +81,9 @@ class Model:
             "network": digest.hexdigest(),
         }
 
-    def trained(self, steps: int, learnt: Arrays, history: Arrays) -> Model:
+    def trained(self, steps: int, learnt: Arrays, history: Arrays, curve: Arrays) -> Model:
         """The same with what came of a training."""
-        return replace(self, steps=steps, learnt=learnt, history=history)
+        return replace(self, steps=steps, learnt=learnt, history=history, curve=curve)
 
     def learner(self, scenario: Scenario | None = None) -> Controller:
         """The controller with what it has learnt; if it can learn, it goes on.
@@ -120,7 +124,7 @@ class Model:
             file.attrs["scenario"] = json.dumps(self.scenario.as_words())
             file.attrs.update({"python": platform.python_version(), "neuro": neuro.__version__})
             file.attrs.update({name: version(name) for name in ("numpy", "numba")})
-            for group in ("learnt", "history", "network"):
+            for group in _GROUPS:
                 hdf5.put(file, group, getattr(self, group))
 
     @classmethod
@@ -138,7 +142,7 @@ class Model:
                 int(file.attrs["steps"]),
                 int(file.attrs["episode"]),
                 json.loads(file.attrs["settings"]),
-                *(hdf5.take(file, group) for group in ("learnt", "history", "network")),
+                *(hdf5.take(file, group) if group in file else {} for group in _GROUPS),
             )
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from math import cos, pi, sin
+from dataclasses import dataclass
+from math import cos, pi, radians, sin
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Path", "hexagon", "star"]
+__all__ = ["FIXED", "Path", "Variation", "drawn", "hexagon", "star"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -20,11 +21,55 @@ HANDLE = 0.25
 PIECES = 4096
 
 
-class Path:
-    """A closed path along straight pieces of equal length.
+@dataclass(frozen=True, slots=True)
+class Variation:
+    """How the path of an episode differs from the scenario's.
+
+    Attributes:
+        scale: of the path, a factor.
+        turn: of the path about its middle, degrees anticlockwise.
+        stretch: of a line: factor along x, and its inverse along y, after the turn.
+        speed: factor on that of the ball, or of the drone along a line.
+        begin: of a ball: share of the path by which the beginning moves on; of a line: share of the first side.
+    """
+
+    scale: float = 1.0
+    turn: float = 0.0
+    stretch: float = 1.0
+    speed: float = 1.0
+    begin: float = 0.0
+
+
+FIXED = Variation()
+"""The scenario's path as it is."""
+
+
+def drawn(rng: np.random.Generator, line: bool) -> Variation:
+    """A variation: factors are drawn evenly in their logarithm, all else evenly.
+
+    The ranges are so wide that what flies without looking, as a recorded flight that is replayed, loses its target.
 
     Args:
-        points: (n, 2) corners, m; the last is joined to the first, and all pieces are equally long.
+        rng: draws it.
+        line: of a line, else of a ball.
+    """
+
+    def factor(low: float, high: float) -> float:
+        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+    turn = float(rng.uniform(-180.0, 180.0))
+    if line:
+        return Variation(
+            factor(0.8, 2.5), turn, factor(1 / 1.2, 1.2), factor(1 / 1.4, 1.4), float(rng.uniform(-0.3, 0.3))
+        )
+    return Variation(factor(1 / 1.4, 1.4), turn, 1.0, factor(1 / 1.4, 1.4), float(rng.uniform()))
+
+
+class Path:
+    """A closed path along straight pieces.
+
+    Args:
+        points: (n, 2) corners, m; the last is joined to the first.
 
     Attributes:
         points: as given.
@@ -39,13 +84,25 @@ class Path:
         self._per_metre = len(points) / self.length
 
     def at(self, s: float) -> tuple[float, float]:
-        """The place after `s` metres from the first point; further rounds go on from there."""
+        """The place after `s` metres from the first point of a path whose pieces are equally long, round and round."""
         f = s * self._per_metre
         i = int(f // 1.0)
         f -= i
         i %= len(self._xs) - 1
         xs, ys = self._xs, self._ys
         return xs[i] + f * (xs[i + 1] - xs[i]), ys[i] + f * (ys[i + 1] - ys[i])
+
+    def varied(self, by: Variation) -> Path:
+        """This path scaled, turned and stretched.
+
+        Args:
+            by: how; speed and begin make no difference.
+        """
+        if by == FIXED:
+            return self
+        c, s = cos(radians(by.turn)), sin(radians(by.turn))
+        turned = self.points @ np.array([[c, s], [-s, c]])
+        return Path(turned * (by.scale * by.stretch, by.scale / by.stretch))
 
     def segments(self) -> Floats:
         """All pieces, (n, 4): from x, y to x, y, m."""

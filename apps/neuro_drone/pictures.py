@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["density", "motors", "training", "weight_maps", "weights"]
 
-INK, SOFT, BLUE, RED = "#1c1f24", "#8a919c", "#0072b2", "#d55e00"
+INK, SOFT, BLUE, RED, GREEN = "#1c1f24", "#8a919c", "#0072b2", "#d55e00", "#009e73"
 DPI = 150
 WINDOW = 25
 """Episodes of the running median."""
@@ -82,12 +82,12 @@ def density(model: Model, tried: Tried) -> Figure:
 
 
 def training(model: Model) -> Figure:
-    """Error and steps of each episode of a training; learning is on.
+    """Steps and error of each episode of a training, with learning on, and the error of frozen weights along it.
 
     Args:
         model: that was trained.
 
-    Source: thesis, figures 78 and 79.
+    Source: thesis, figures 78 and 79; it has no frozen weights.
     """
     steps, error = model.history["steps"], model.history["error_px"]
     lost, number = model.history["lost"].astype(bool), np.arange(1, len(steps) + 1)
@@ -100,13 +100,20 @@ def training(model: Model) -> Figure:
         axes.plot(number[~lost], values[~lost], ".", ms=5, color=BLUE, alpha=0.5, mew=0)
         axes.plot(number[lost], values[lost], "x", ms=4, color=RED, alpha=0.8)
         axes.plot(number, _running(values), color=INK, lw=1.2)
+    if len(model.curve.get("steps", ())):
+        at = np.searchsorted(np.cumsum(steps), model.curve["steps"]) + 1
+        below.plot(
+            at, model.curve["error_px"], "o-", ms=3.5, lw=1.6, color=GREEN, label="weights frozen, short flights"
+        )
+        below.legend(loc="upper right", frameon=False)
+    for axes in (above, below):
         axes.set_ylim(bottom=0.0)
     above.set_ylabel("steps")
     below.set_ylabel("mean error, px")
     below.set_xlabel(f"episode ({int(steps.sum()):,} steps in all)")
     fig.suptitle(f"{model.controller} in {model.scenario.name}, seed {model.seed}: training", x=0.02, ha="left",
                  fontsize=12)  # fmt: skip
-    fig.text(0.02, 0.915, f"each episode · running median of {WINDOW} · crosses: target lost", color=SOFT)
+    fig.text(0.02, 0.915, f"each episode, learning on · running median of {WINDOW} · crosses: target lost", color=SOFT)
     return fig
 
 

@@ -85,7 +85,8 @@ def show(model: Model, tried: Tried) -> None:
 
 
 def _how(tried: Tried) -> str:
-    return "learning goes on, dopamine steers" if tried.learning else "weights frozen, no dopamine"
+    paths = "varied paths" if tried.varied else "the fixed path"
+    return f"{'learning goes on, dopamine steers' if tried.learning else 'weights frozen, no dopamine'}; {paths}"
 
 
 def columns_of(summaries: Sequence[Summary]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -113,9 +114,9 @@ def columns_of(summaries: Sequence[Summary]) -> tuple[tuple[str, ...], list[tupl
 def show_comparison(summaries: Sequence[Summary]) -> None:
     """Print the table of a comparison."""
     columns, rows = columns_of(summaries)
-    name = summaries[0].row.scenario.name
+    where = f"{summaries[0].row.scenario.name}, {summaries[0].path} paths"
     out = console()
-    out.print(table(columns, rows, title=f"{name}: weights frozen, no dopamine; mean ± sd over seeds"))
+    out.print(table(columns, rows, title=f"{where}: weights frozen, no dopamine; mean ± sd over seeds"))
     told = " and ".join(axes(summaries[0].row.scenario))
     out.print(
         f"absolute and signed: mean errors ({told}); signed as the thesis prints them, where errors of both signs "
@@ -134,7 +135,9 @@ def write_comparison(summaries: Sequence[Summary], file: Path) -> None:
 def comparison(summaries: Sequence[Summary]) -> str:
     """All figures of a comparison as JSON."""
     name = summaries[0].row.scenario.name
-    return json.dumps({"scenario": name, "rows": [one.as_words() for one in summaries]}, indent=1)
+    return json.dumps(
+        {"scenario": name, "path": summaries[0].path, "rows": [one.as_words() for one in summaries]}, indent=1
+    )
 
 
 def list_scenarios() -> None:

@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from neuro_drone.geometry import AIM, Pose, View
-from neuro_drone.paths import Path
+from neuro_drone.paths import FIXED, Path, Variation
 from neuro_drone.scene import Scene
 
 __all__ = ["FARTHEST", "Judged", "Task", "border"]
@@ -53,22 +53,29 @@ class Task(Protocol):
     """What is followed.
 
     Attributes:
-        forward: speed that the drone has whatever the action, m/s.
+        forward: speed that the drone has whatever the action, m/s, in this episode.
         turns: the second action turns the drone; else it moves it backwards.
-        path: along which the target is.
+        path: along which the target is in this episode.
     """
 
     forward: float
     turns: bool
     path: Path
 
-    def reset(self, rng: np.random.Generator, start: tuple[float, ...] | None = None, direction: int = 0) -> Pose:
+    def reset(
+        self,
+        rng: np.random.Generator,
+        start: tuple[float, ...] | None = None,
+        direction: int = 0,
+        varied: Variation = FIXED,
+    ) -> Pose:
         """Begin an episode.
 
         Args:
             rng: of what is not given.
             start: error on each axis at the beginning, in the units of `Judged.error`; None draws one.
             direction: 1 anticlockwise, -1 clockwise, 0 as the scenario says.
+            varied: how the path differs from the scenario's.
 
         Returns:
             Where the drone is, level.

@@ -14,6 +14,7 @@ import neuro
 from neuro.apps import Checkpoint, check_output, hdf5
 from neuro_drone import cores
 from neuro_drone.controllers import Learner, kind_of, make, settings_of
+from neuro_drone.curve import Curve
 from neuro_drone.env import DroneEnv
 from neuro_drone.model import FORMAT, Model, packed
 from neuro_drone.parts import Ball, Line
@@ -31,6 +32,7 @@ on a line the first corner is 400 steps away."""
 KEEP = 2000
 """Steps between two checkpoints, at least."""
 
+Arrays = dict[str, npt.NDArray[Any]]
 _KINDS = {"steps": np.int64, "error_px": np.float64, "lost": np.bool_}
 
 
@@ -99,14 +101,13 @@ def train(
     settings = settings_of(controller, scenario, settings)
     net = getattr(learner, "net", None)
     model = Model(controller, scenario, seed, 0, episode, settings, network={} if net is None else packed(net))
-    history: dict[str, npt.NDArray[Any]] = {}
     if kind_of(controller).learns and isinstance(learner, Learner):
         if out is not None and (made := _made(out, model, steps)) is not None:
             return made
-        history = _learn(learner, model, steps, out, report)
-        model = model.trained(steps, learner.learnt(), history)
+        history, curve = _learn(learner, model, steps, out, report)
+        model = model.trained(steps, learner.learnt(), history, curve)
     elif isinstance(learner, Learner):
-        model = model.trained(0, learner.learnt(), {})
+        model = model.trained(0, learner.learnt(), {}, {})
     if out is not None:
         model.save(out)
         _checkpoint(out, model, steps).remove()
@@ -114,7 +115,7 @@ def train(
 
 
 def _checkpoint(out: Path, model: Model, steps: int) -> Checkpoint:
-    return Checkpoint(out, "neuro drone training 1", model.told() | {"steps": steps})
+    return Checkpoint(out, "neuro drone training 2", model.told() | {"steps": steps})
 
 
 def _made(out: Path, model: Model, steps: int) -> Model | None:
@@ -130,14 +131,14 @@ def _made(out: Path, model: Model, steps: int) -> Model | None:
 
 def _learn(
     learner: Learner, model: Model, steps: int, out: Path | None, report: Report | None
-) -> dict[str, npt.NDArray[Any]]:
-    """Fly episodes until all steps are done; gives their history."""
+) -> tuple[Arrays, Arrays]:
+    """Fly episodes until all steps are done; gives their history, and the tests on the way."""
     checkpoint = None if out is None else _checkpoint(out, model, steps)
     found = checkpoint.resume() if checkpoint else {}
     if found:
         learner.restore(found["state"])
     history: dict[str, list[Any]] = {name: found["history"][name].tolist() if found else [] for name in _KINDS}
-    env = DroneEnv(model.scenario)
+    env, curve = DroneEnv(model.scenario), Curve(model.scenario, found.get("curve"))
     done = kept = sum(history["steps"])
     while done < steps:
         index = len(history["steps"])
@@ -145,16 +146,18 @@ def _learn(
         for name, value in zip(_KINDS, flown, strict=True):
             history[name].append(value)
         done += flown[0]
+        curve.follow(learner, done)
         if report is not None:
             report(Progress(model.seed, index, done, steps, flown[1], flown[2]))
         if checkpoint and done - kept >= KEEP and done < steps:
-            checkpoint.keep(state=learner.state(), history=_arrays(history))
+            checkpoint.keep(state=learner.state(), history=_arrays(history), curve=curve.arrays())
             kept = done
     env.close()
-    return _arrays(history)
+    curve.close()
+    return _arrays(history), curve.arrays()
 
 
-def _arrays(history: Mapping[str, list[Any]]) -> dict[str, npt.NDArray[Any]]:
+def _arrays(history: Mapping[str, list[Any]]) -> Arrays:
     return {name: np.array(history[name], kind) for name, kind in _KINDS.items()}
 
 

@@ -99,7 +99,19 @@ def _data(flight: Flight, thinned: int) -> dict[str, Any]:
         "counts": _base64(np.minimum(flight.counts, 65535), "<u2"),
         "events": _base64(packed, "<u2"), "first": _base64(-(-ends // thinned), "<u4"),
         "spikes": [_spikes(one) for one in flight.spikes],
+        "training": _training(flight.model),
     }  # fmt: skip
+
+
+def _training(model: Model) -> dict[str, Any]:
+    """Errors along the training: of episodes, by the steps at their end, and with frozen weights; empty without one."""
+    history, curve = model.history, model.curve
+    if not len(history.get("steps", ())):
+        return {}
+    told = {"steps": _base64(np.cumsum(history["steps"]), "<f4"), "error": _base64(history["error_px"], "<f4")}
+    if len(curve.get("steps", ())):
+        told |= {"tested": _base64(curve["steps"], "<f4"), "frozen": _base64(curve["error_px"], "<f4")}
+    return told
 
 
 def _spikes(one: Spikes) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from neuro.apps import TARGETS, Backend, Seed, Set, Target, assignments, whole
+from neuro_recognise.detection_commands import add_commands
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
@@ -142,10 +143,14 @@ def early(
 
     trained = Recogniser.load(model)
     chosen = _recordings(data, part, trained.classes)
-    told = {"method": trained.method.as_words(), "every": every, "folds": folds, "data": chosen.fingerprint()}
-    checkpoint = Checkpoint(model, "neuro recogniser early 1", told)
-    with Bar() as bar:
-        made = learn_early(trained, chosen, every_ms=every, folds=folds, checkpoint=checkpoint, report=bar.show)
+    told = {"method": trained.method.as_words(), **trained.training, "every": every, "folds": folds}
+    checkpoint = Checkpoint(model, "neuro recogniser early 1", told | {"early data": chosen.fingerprint()})
+    try:
+        with Bar() as bar:
+            made = learn_early(trained, chosen, every_ms=every, folds=folds, checkpoint=checkpoint, report=bar.show)
+    except KeyboardInterrupt:
+        typer.echo("interrupted: the same command goes on where it was", err=True)
+        raise typer.Exit(130) from None
     made.save(model)
     checkpoint.remove()
     report.show_early(made)
@@ -242,6 +247,9 @@ def show(
     report.describe(trained)
     if out is not None:
         report.write_pictures(trained, out)
+
+
+add_commands(app)
 
 
 def _but(found: Recordings, patterns: list[str]) -> Recordings:

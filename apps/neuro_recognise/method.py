@@ -128,7 +128,7 @@ class Method(Settings):
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     measured: ClassVar[Mapping[str, str]] = {}
 
-    size: tuple[int, int] = setting((0, 0), "px", "field that is looked at; 0 0 takes the sensor's", at_least=0)
+    size: tuple[int, int] = setting((0, 0), "px", "field that is looked at; [0, 0] takes the sensor's", at_least=0)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -30,12 +30,11 @@ def show_methods() -> None:
     """Print all methods."""
     rows = []
     for name, method in METHODS.items():
-        runs = "network" if method.spikes else "no network"
-        needs = f"{runs}; extra {method.needs}" if method.needs else runs
-        measured = ", ".join(f"{what} {share}" for what, share in method.measured.items())
-        rows.append((name, f"{method.title}\n{method.source}", needs, measured or "-"))
+        runs = "a network" if method.spikes else "-"
+        measured = "\n".join(f"{what} {share}" for what, share in method.measured.items())
+        rows.append((name, f"{method.title}\n{method.source}", runs, method.needs or "-", measured or "-"))
     out = console()
-    out.print(table(("method", "what, and where from", "needs", "measured"), rows))
+    out.print(table(("method", "what, and where from", "runs", "extra", "measured"), rows))
     if any(method.needs for method in METHODS.values()):
         print(f"the extra recognise, by which support vector machines are trained: {install('recognise')}")
 
@@ -164,4 +163,4 @@ def _row(name: str, found: Evaluation) -> tuple[object, ...]:
 
 
 def _shown(value: object) -> str:
-    return " ".join(map(str, value)) if isinstance(value, (tuple, list)) else str(value)
+    return f"[{', '.join(map(str, value))}]" if isinstance(value, (tuple, list)) else str(value)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-
-import numpy as np
+from typing import ClassVar
 
 from neuro.apps import Registry
 from neuro.events import segmentation
@@ -17,9 +16,14 @@ __all__ = ["Counts", "Hes", "Msd", "Segmenter", "Ses"]
 
 @dataclass(frozen=True)
 class Segmenter(Part):
-    """Base of the segmenters."""
+    """Base of the segmenters.
+
+    Class attributes:
+        tentative: whether the last segment of a beginning may end elsewhere once more is seen.
+    """
 
     kind = "segmenter"
+    tentative: ClassVar[bool] = False
 
     @abstractmethod
     def bounds(self, t: Ints) -> Ints:
@@ -31,6 +35,10 @@ class Segmenter(Part):
         Returns:
             (segments + 1,) segment i is ``[bounds[i], bounds[i + 1])``.
         """
+
+    @abstractmethod
+    def cutter(self) -> segmentation.Cutter:
+        """The same with a memory, for recordings that come in parts."""
 
     def complete_at(self, t: Ints, bounds: Ints) -> Ints:
         """When each segment is known to be complete.
@@ -58,6 +66,10 @@ class Msd(Segmenter):
         """What comes after the last whole segment belongs to none."""
         return segmentation.msd_segments(t, tau=self.tau, threshold=self.threshold)
 
+    def cutter(self) -> segmentation.Cutter:
+        """A detector of motion symbols."""
+        return segmentation.MSD(self.tau, self.threshold)
+
 
 @dataclass(frozen=True)
 class Hes(Segmenter):
@@ -72,6 +84,10 @@ class Hes(Segmenter):
     def bounds(self, t: Ints) -> Ints:
         """What comes after the last whole window belongs to none."""
         return segmentation.time_segments(t, window_us=max(1, round(1000.0 * self.window)))
+
+    def cutter(self) -> segmentation.Cutter:
+        """A clock."""
+        return segmentation.TimeWindows(max(1, round(1000.0 * self.window)))
 
     def complete_at(self, t: Ints, bounds: Ints) -> Ints:
         """At the first event after the window."""
@@ -90,21 +106,26 @@ class Counts(Segmenter):
         """What comes after the last whole segment belongs to none."""
         return segmentation.count_segments(t, count=self.count)
 
+    def cutter(self) -> segmentation.Cutter:
+        """A counter."""
+        return segmentation.Counts(self.count)
+
 
 @dataclass(frozen=True)
 class Ses(Segmenter):
     """Segments round the peaks of a leaky neuron's potential: soft segmentation."""
 
+    tentative = True
     source = "Zhao et al., IEEE TNNLS 26:1963, 2015; thesis section 6.1.1, lines 2165-2176"
 
     search: float = setting(15.0, "ms", "how far a peak is the highest on both sides", "MK-Tempotron's code", above=0)
     tau: float = setting(
         20.0, "ms", "decay of the potential; it rises four times as fast", "MK-Tempotron's code", above=0
     )
-
     threshold: float = setting(
-        0.0, "", "a peak is above it; in potentials of single events", "0: all peaks; MK-Tempotron has 603", at_least=0
-    )
+        0.0, "", "a peak is above it; in potentials of single events",
+        "0: all; EDHMAX: 200, chosen on training recordings; MK-Tempotron: 603", at_least=0,
+    )  # fmt: skip
 
     def bounds(self, t: Ints) -> Ints:
         """From peak to peak; whether one is the highest is known `search` later only."""
@@ -112,10 +133,9 @@ class Ses(Segmenter):
             t, round(1000.0 * self.search), tau_us=1000.0 * self.tau, threshold=self.threshold
         )
 
-    def complete_at(self, t: Ints, bounds: Ints) -> Ints:
-        """At the first event that is more than `search` after the peak, or at the last of all."""
-        later = np.searchsorted(t, t[bounds[1:] - 1] + round(1000.0 * self.search), "right")
-        return t[np.minimum(later, len(t) - 1)]
+    def cutter(self) -> segmentation.Cutter:
+        """A finder of peaks."""
+        return segmentation.Peaks(round(1000.0 * self.search), tau_us=1000.0 * self.tau, threshold=self.threshold)
 
 
 Segmenter.known = Registry("segmenter", (Msd, Hes, Counts, Ses))

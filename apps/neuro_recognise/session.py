@@ -124,8 +124,9 @@ class Session:
         """
         decided: list[Decision] = []
         if self._begin is not None:
-            decided = self._pass(self._last)
-            decided.append(self._decide(self._last - self._begin))
+            decided, length = self._pass(self._last), self._last - self._begin
+            if self._next == self._every or length > self._next - self._every:  # not where the clock went beyond it
+                decided.append(self._decide(length))
         self.reset()
         return decided
 

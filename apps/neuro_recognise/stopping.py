@@ -64,13 +64,21 @@ class Held:
         place = max(0, int(np.searchsorted(from_margin, margin, "right")) - 1)
         return float(share[place]) if share.size else float("nan")
 
-    def errors(self) -> Floats:
-        """(recordings, moments) `error` of each held-out decision itself; NaN where nothing was decided."""
-        found = np.full(self.margins.shape, np.nan)
-        for moment in range(len(self.times_us)):
-            from_margin, share = self._curves[moment]
-            there = np.flatnonzero(~np.isnan(self.margins[:, moment]))
-            found[there, moment] = share[np.searchsorted(from_margin, self.margins[there, moment])]
+    def errors(self, margins: Floats) -> Floats:
+        """`error` of many decisions.
+
+        Args:
+            margins: (recordings, moments) of these or of other recordings, NaN where nothing was decided.
+
+        Returns:
+            (recordings, moments), NaN where nothing was decided.
+        """
+        found = np.full(margins.shape, np.nan)
+        for moment, (from_margin, share) in enumerate(self._curves):
+            there = np.flatnonzero(~np.isnan(margins[:, moment]))
+            place = np.searchsorted(from_margin, margins[there, moment], "right") - 1
+            if share.size:
+                found[there, moment] = share[np.maximum(0, place)]
         return found
 
     @cached_property
@@ -127,7 +135,7 @@ def stopping_rule(held: Held, allowed: float) -> Rule:
             "at their end",
             hint=f"allow at least {np.ceil(1000 * at_end) / 1000:g}",
         )
-    errors = held.errors()
+    errors = held.errors(held.margins)
     tried = [_tried(held, errors, allowed, level) for level in np.linspace(0.0, 3.0 * allowed, LEVELS + 1)]
     fitting = [rule for rule in tried if rule.error <= allowed]
     return min(fitting, key=lambda rule: rule.mean_ms, default=_tried(held, errors, allowed, -1.0))

@@ -16,7 +16,9 @@ __all__ = ["VOTES", "majority", "potentials", "votes"]
 VOTES = ("majority", "potentials")
 
 
-def votes(results: TrialResults, recording: Ints, recordings: int, classes: int) -> dict[str, Floats]:
+def votes(
+    results: TrialResults, recording: Ints, recordings: int, classes: int, together: bool = False
+) -> dict[str, Floats]:
     """What speaks for each class, by each of `VOTES`.
 
     Args:
@@ -24,6 +26,7 @@ def votes(results: TrialResults, recording: Ints, recordings: int, classes: int)
         recording: (frames,) the recording that each is of.
         recordings: their number; one may have no frames.
         classes: their number; each has equally many maps, one after the other.
+        together: whether the maps of a class speak by the mean of their potentials, not by the largest.
 
     Returns:
         (recordings, classes) each; a recording of which no frame says anything has NaN.
@@ -33,7 +36,8 @@ def votes(results: TrialResults, recording: Ints, recordings: int, classes: int)
     np.add.at(wins, (recording[decided], results.label[decided]), 1.0)
     sums = np.zeros((recordings, classes))
     per_class = results.potential.shape[1] // classes
-    np.add.at(sums, recording, results.potential.reshape(-1, classes, per_class).max(axis=2))
+    of_classes = results.potential.reshape(-1, classes, per_class)
+    np.add.at(sums, recording, of_classes.mean(axis=2) if together else of_classes.max(axis=2))
     return {"majority": majority(wins, sums), "potentials": potentials(sums)}
 
 
@@ -53,7 +57,7 @@ def majority(wins: Floats, sums: Floats) -> Floats:
 
 
 def potentials(sums: Floats) -> Floats:
-    """Over the frames, the sum of the largest potential of a class' maps at the decision, mV.
+    """Over the frames, the sum of the potentials of a class' maps at the decision, mV.
 
     Args:
         sums: (recordings, classes).

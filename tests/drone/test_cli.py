@@ -106,7 +106,7 @@ def test_compare_is_kept_and_told(neuro, tmp_path):
     assert len(results) == 5
     code, out, _ = neuro(*words)
     assert code == 0
-    assert "short: weights frozen, no dopamine; mean ± sd over seeds" in out
+    assert "short, varied paths: weights frozen, no dopamine; mean ± sd over seeds" in out
     assert {file: file.stat().st_mtime_ns for file in (tmp_path / "kept").glob("*.json")} == results
     table = (tmp_path / "kept" / "table.md").read_text().splitlines()
     assert re.fullmatch("<!-- neuro drone compare --><!-- digest [0-9a-f]{32} -->", table[0])
@@ -147,10 +147,12 @@ MISTAKES = {
     "scenario\n  hint: 'neuro drone train --set' has settings of the controller",
     "test model.h5 --learning --backend loihi": "Invalid value for '--backend': a network goes on learning on what it "
     "learnt on\n  hint: see 'neuro drone test --help'",
+    "test --controller oracle --path vary": "unknown path 'vary'\n  hint: did you mean 'varied'?",
+    "compare --path fix": "unknown path 'fix'\n  hint: did you mean 'fixed'?",
     "compare --row": "Option '--row' requires an argument",
     "compare --row sn": "unknown controller 'sn'\n  hint: did you mean 'snn'?",
     "compare --row oracle --out bad.yaml": "bad.yaml: is no folder: expected the name of a folder, or a new name",
-    "energy oracle.h5": "controller 'oracle' has no network: expected a spiking one, dqn or ddpg",
+    "energy oracle.h5": "controller 'oracle' has no network: expected a spiking one, dqn, ddpg or ppo",
     "watch oracle.h5 --out no/lap.html": "no/lap.html: cannot be written: No such file or directory",
     "watch oracle.h5 --out lap.gif": "lap.gif: a lap is written as a page for a browser: expected a name that ends in "
     ".html",

@@ -1,4 +1,4 @@
-"""DQN and DDPG as controllers: they learn from the reward, come back from files, and fly in NumPy."""
+"""DQN, DDPG and PPO as controllers: they learn from the reward, come back from files, and fly in NumPy."""
 
 import sys
 import warnings
@@ -15,7 +15,6 @@ import neuro
 from neuro.core.extras import install
 from neuro_drone import train as training
 from neuro_drone.controllers import CONTROLLERS, make
-from neuro_drone.controllers.agents import DDPG, DQN
 from neuro_drone.controllers.dense import Dense, observed
 from neuro_drone.env import ACTIONS, DroneEnv
 from neuro_drone.evaluate import grid, try_out
@@ -29,9 +28,9 @@ def beside(model: Path) -> Path:
     return model.with_name(f"{model.name}.training")
 
 
-AGENTS = {"dqn": DQN, "ddpg": DDPG}
-SMALL = {"warm": 50, "batch": 8, "hidden": 16, "buffer": 1000}
-both = pytest.mark.parametrize("name", AGENTS)
+REPLAYING = {"warm": 50, "batch": 8, "hidden": 16, "buffer": 1000}
+SMALL = {"dqn": REPLAYING, "ddpg": REPLAYING, "ppo": {"rollout": 32, "batch": 8, "hidden": 16, "epochs": 3}}
+every = pytest.mark.parametrize("name", SMALL)
 needs = pytest.mark.usefixtures("package")
 
 
@@ -51,12 +50,12 @@ def actions(controller):
 
 
 @needs
-@both
+@every
 @pytest.mark.parametrize("scenario", ["B60", "line"])
 def test_training_changes_the_networks_and_a_file_keeps_them(name, scenario, tmp_path):
     file, told = tmp_path / "model.h5", []
-    model = train(scenario, name, steps=150, settings=SMALL, out=file, report=told.append)
-    fresh = make(name, load(scenario), 0, SMALL)
+    model = train(scenario, name, steps=150, settings=SMALL[name], out=file, report=told.append)
+    fresh = make(name, load(scenario), 0, SMALL[name])
     assert told[-1].step == 150
     assert any((a != fresh.learnt()[n]).any() for n, a in model.learnt.items())
     again = Model.load(file)
@@ -68,7 +67,7 @@ def test_training_changes_the_networks_and_a_file_keeps_them(name, scenario, tmp
         assert try_out(again, starts=starts).as_words() == try_out(model, starts=starts).as_words()
 
 
-@both
+@every
 def test_numpy_flies_as_the_package_does(name, package):
     learner = train_some(name, 200)
     frozen = learner.frozen()
@@ -78,19 +77,21 @@ def test_numpy_flies_as_the_package_does(name, package):
         assert frozen.act(counts, {}) == pytest.approx(np.array(expected), abs=1e-5)
 
 
-def train_some(name, steps, seed=0, settings=SMALL):
-    learner, env = make(name, load("B60"), seed, settings), DroneEnv("B60")
+def train_some(name, steps, seed=0):
+    learner, env = make(name, load("B60"), seed, SMALL[name]), DroneEnv("B60")
     _, info = env.reset(seed=seed)
+    learner.begin()
     for _ in range(steps):
         _, _, lost, end, info = env.step(learner.act(info["counts"], info))
         learner.learn(info)
         if lost or end:
             _, info = env.reset()
+            learner.begin()
     return learner
 
 
 @needs
-@both
+@every
 def test_seeds(name):
     one, same, other = (train_some(name, 120, seed).learnt() for seed in (1, 1, 2))
     assert all((one[n] == same[n]).all() for n in one)
@@ -98,7 +99,7 @@ def test_seeds(name):
 
 
 @needs
-@both
+@every
 def test_the_users_generators_are_left_alone(name):
     import torch
 
@@ -118,10 +119,10 @@ def test_the_users_generators_are_left_alone(name):
 
 
 @needs
-@both
-@pytest.mark.parametrize("buffer", [1000, 90])
-def test_a_state_goes_on_as_if_nothing_was(name, buffer, tmp_path, monkeypatch):
-    settings = {**SMALL, "buffer": buffer, "observation": "counts"}
+@every
+@pytest.mark.parametrize("kept", [{}, {"buffer": 90}])
+def test_a_state_goes_on_as_if_nothing_was(name, kept, tmp_path, monkeypatch):
+    settings = {**SMALL[name], **(kept if name != "ppo" else {}), "observation": "counts"}
     whole = train("B60", name, steps=200, settings=settings, episode=25)
     monkeypatch.setattr(training, "KEEP", 60)
 
@@ -140,12 +141,12 @@ def test_a_state_goes_on_as_if_nothing_was(name, buffer, tmp_path, monkeypatch):
 
 
 @needs
-@both
+@every
 def test_only_the_reward_is_learnt_from(name):
     """Learning does not change with the supervised error, and does with the reward."""
 
     def taught(reward, error):
-        learner, rng = make(name, load("B60"), 0, SMALL), np.random.default_rng(0)
+        learner, rng = make(name, load("B60"), 0, SMALL[name]), np.random.default_rng(0)
         for counts in seen(120):
             learner.act(counts, {})
             info = {"counts": counts, "reward": reward * rng.random(), "lost": False}
@@ -160,7 +161,7 @@ def test_only_the_reward_is_learnt_from(name):
 @needs
 def test_dqn_learns_what_pays():
     """Reward for one of the nine actions only."""
-    learner = make("dqn", load("B60"), 0, {**SMALL, "explore": 300, "rate": 0.01, "gamma": 0.0})
+    learner = make("dqn", load("B60"), 0, {**SMALL["dqn"], "explore": 300, "rate": 0.01, "gamma": 0.0})
     for counts in seen(800):
         action = learner.act(counts, {})
         learner.learn({"counts": counts, "reward": float((action == ACTIONS[6]).all()), "lost": False})
@@ -170,7 +171,7 @@ def test_dqn_learns_what_pays():
 @needs
 def test_ddpg_learns_what_pays():
     """Reward in proportion to the way to the right and up the picture."""
-    learner = make("ddpg", load("B60"), 0, {**SMALL, "rate": 0.01, "gamma": 0.0})
+    learner = make("ddpg", load("B60"), 0, {**SMALL["ddpg"], "rate": 0.01, "gamma": 0.0})
     for counts in seen(400):
         right, down = learner.act(counts, {})
         learner.learn({"counts": counts, "reward": 0.5 + 0.25 * (right - down), "lost": False})
@@ -178,9 +179,69 @@ def test_ddpg_learns_what_pays():
 
 
 @needs
-@both
+def test_ppo_learns_what_pays():
+    """As for DDPG, in episodes of 10 steps."""
+    settings = {**SMALL["ppo"], "rollout": 64, "batch": 32, "epochs": 10, "rate": 0.01, "gamma": 0.0}
+    learner = make("ppo", load("B60"), 0, settings)
+    for k, counts in enumerate(seen(1280)):
+        if k % 10 == 0:
+            learner.begin()
+        right, down = learner.act(counts, {})
+        learner.learn({"counts": counts, "reward": 0.5 + 0.25 * (right - down), "lost": False})
+    assert actions(learner.frozen()).mean(axis=0) == pytest.approx((1.0, -1.0), abs=0.1)
+
+
+def ppo(settings=SMALL["ppo"], learner=None):
+    """Episodes of 5 and 11 steps, the first of which is lost; gives what an update learnt from."""
+    learner = learner or make("ppo", load("B60"), 0, settings)
+    kept, update = [], learner.algorithm.train
+    learner.algorithm.train = lambda: (kept.append(learner.buffer.returns.copy()), update())
+    rng = np.random.default_rng(0)
+    for k, counts in enumerate(seen(48)):
+        if k % 16 in (0, 5):
+            learner.begin()
+        learner.act(counts, {})
+        learner.learn({"counts": seen(49)[k + 1], "reward": float(rng.random()), "lost": k % 16 == 4})
+    return learner, kept
+
+
+@needs
+def test_what_would_have_come_after_a_cut_is_guessed_and_after_a_loss_is_not():
+    """Against returns by their definition; with a trace of 1 they are all rewards to come, and the critic's guess."""
+    settings = {**SMALL["ppo"], "rollout": 32, "batch": 32, "trace": 1.0, "gamma": 0.8}
+    learner = make("ppo", load("B60"), 0, settings)
+    guess = make("ppo", load("B60"), 0, settings).critic
+    _, (found, *_) = ppo(learner=learner)
+    rewards, after = np.random.default_rng(0).random(32), seen(49)[1:]
+    expected, come = np.zeros(32), 0.0
+    for k in reversed(range(32)):
+        if k % 16 == 4:
+            come = 0.0
+        elif k % 16 == 15:
+            come = float(guess(observed(after[k], "binary"))[0])
+        expected[k] = come = rewards[k] + 0.8 * come
+    assert found.ravel() == pytest.approx(expected, abs=1e-5)
+
+
+@needs
+def test_an_episode_of_ppo_may_be_cut_where_the_state_was_kept():
+    """The guess of what would have come is made at the next beginning, so that what was seen last is kept, too."""
+    learner, _ = ppo()
+    learner.act(seen()[0], {})
+    learner.learn({"counts": seen()[1], "reward": 0.5, "lost": False})
+    other = make("ppo", load("B60"), 0, SMALL["ppo"])
+    other.restore(learner.state())
+    for one in (learner, other):
+        one.begin()
+    assert learner.buffer.pos == other.buffer.pos == 17
+    assert (learner.buffer.rewards == other.buffer.rewards).all()
+    assert learner.buffer.rewards[16] != 0.5
+
+
+@needs
+@every
 def test_learnt_is_a_copy_and_a_model_goes_on_learning(name):
-    model = train("B60", name, steps=150, settings=SMALL)
+    model = train("B60", name, steps=150, settings=SMALL[name])
     before = {n: a.copy() for n, a in model.learnt.items()}
     learner = model.learner()
     rng = np.random.default_rng(1)
@@ -192,15 +253,15 @@ def test_learnt_is_a_copy_and_a_model_goes_on_learning(name):
 
 
 @needs
-@both
+@every
 def test_a_trained_model_flies_without_the_package(name, monkeypatch):
-    model = train("B60", name, steps=60, settings=SMALL)
+    model = train("B60", name, steps=60, settings=SMALL[name])
     expected = actions(model.frozen())
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     assert (actions(model.frozen()) == expected).all()
 
 
-@both
+@every
 def test_without_the_extra(name, monkeypatch):
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     with pytest.raises(neuro.ModelError) as told:
@@ -230,6 +291,17 @@ def test_settings(settings, text):
     assert str(told.value) == text
 
 
+@pytest.mark.parametrize("settings", [{"rollout": 100}, {"rollout": 4, "batch": 1}])
+def test_a_rollout_is_whole_batches(settings):
+    told = {"rollout": 256, "batch": 64, **settings}
+    with pytest.raises(neuro.ModelError) as error:
+        make("ppo", load("B60"), 0, settings)
+    assert str(error.value) == (
+        f"controller 'ppo': rollout = {told['rollout']} with batch = {told['batch']}: "
+        "expected a multiple of the batch, which is at least 2"
+    )
+
+
 def test_defaults_differ_where_they_should():
     assert CONTROLLERS["dqn"].settings.every == 4
     assert replace(CONTROLLERS["ddpg"].settings, tau=0.1).every == 1
@@ -244,13 +316,14 @@ def test_what_is_seen_lies_between_0_and_1(counts):
     assert scaled == pytest.approx(np.minimum(cells.ravel() / 15.0, 1.0))
 
 
-def test_layers_are_in_order_and_not_copied():
-    arrays = {f"a.{k}.{what}": np.full((2, 2) if what == "weight" else 2, k, np.float32)
-              for k in (10, 2, 0) for what in ("weight", "bias")}  # fmt: skip
-    net = Dense({**arrays, "b.0.weight": np.zeros((2, 2))}, "a.")
-    assert [w[0, 0] for w, _ in net.layers] == [0.0, 2.0, 10.0]
-    arrays["a.10.bias"][:] = -5.0
+def test_layers_are_not_copied_and_activated_but_the_last():
+    arrays = {f"{k}.{what}": np.full((2, 2) if what == "weight" else 2, k, np.float32)
+              for k in (10, 2, -1) for what in ("weight", "bias")}  # fmt: skip
+    net = Dense(arrays, ("-1", "2", "10"))
+    arrays["10.bias"][:] = -5.0
     assert net(np.zeros(2, np.float32)).tolist() == [35.0, 35.0]
+    tanh = Dense(arrays, ("2", "-1"), "tanh")(np.ones(2, np.float32))
+    assert tanh == pytest.approx(np.full(2, -2.0 * np.tanh(6.0) - 1.0))
 
 
 @pytest.mark.parametrize("scenario", ["B60", "line"])

@@ -68,7 +68,7 @@ def test_a_dense_agent_is_priced_by_its_own_layers():
 def test_mistakes():
     with pytest.raises(neuro.ModelError) as error:
         priced(train(SHORT, "centroid"), ("loihi",))
-    assert str(error.value) == "controller 'centroid' has no network: expected a spiking one, dqn or ddpg"
+    assert str(error.value) == "controller 'centroid' has no network: expected a spiking one, dqn, ddpg or ppo"
     with pytest.raises(neuro.ModelError) as error:
         priced(train(SHORT, "static"), ("lohi",))
     assert str(error.value) == "unknown target 'lohi'\n  hint: did you mean 'loihi'?"

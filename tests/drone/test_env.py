@@ -225,10 +225,15 @@ def test_mistakes():
         == "unknown option of reset 'strat'\n  hint: did you mean 'start'?"
     )
     assert (
-        told(lambda: env.reset(options={"direction": 1})) == "unknown option of reset 'direction'\n  hint: known: start"
+        told(lambda: env.reset(options={"direction": 1}))
+        == "unknown option of reset 'direction'\n  hint: known: path, start"
     )
     assert told(lambda: env.reset(options={"start": 3})) == (
         "option start = 3: expected two numbers, the error on both axes"
+    )
+    assert (
+        told(lambda: env.reset(options={"path": "varied"}))
+        == "option path = 'varied': expected a neuro_drone.paths.Variation"
     )
     assert told(lambda: DroneEnv("line").reset(options={"direction": 2})) == "option direction = 2: expected 1, -1 or 0"
     assert told(lambda: DroneEnv("B60", observation="count")) == (

@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 from neuro import ModelError
 from neuro_drone.ball import BallTask
 from neuro_drone.body import Kinematic
+from neuro_drone.evaluate import grid
 from neuro_drone.geometry import Pose, View
 from neuro_drone.line import LineTask
+from neuro_drone.paths import FIXED, Variation
 from neuro_drone.scenario import NAMES, load
 from neuro_drone.tasks import border
 
@@ -20,22 +22,22 @@ BALLS = [name for name in NAMES if load(name).kind == "ball" and "-" not in name
 QUIET = settings(deadline=None, max_examples=40)
 
 
-def begin(scenario, start=None, direction=0, seed=0):
+def begin(scenario, start=None, direction=0, seed=0, varied=FIXED):
     """A task, the drone's body at its start, and its camera."""
     camera = scenario.camera
     view = View(fov=camera.fov, tilt=camera.tilt)
     kind = BallTask if scenario.kind == "ball" else LineTask
     task = kind(scenario.task, View(fov=camera.fov, tilt=camera.tilt), scenario.drone.height)
     body = Kinematic(scenario.drone)
-    pose = task.reset(np.random.default_rng(seed), start, direction)
+    pose = task.reset(np.random.default_rng(seed), start, direction, varied)
     body.reset(pose.x, pose.y, pose.yaw, forward=task.forward)
     view.look(body.pose)
     return task, body, view, task.judge(view, body.pose)
 
 
-def fly(scenario, act, start=None, direction=0, seed=0, most=20_000):
+def fly(scenario, act, start=None, direction=0, seed=0, varied=FIXED, most=20_000):
     """Fly until the end without a camera; `act` gives two commands in [-1, 1] from what was judged."""
-    task, body, view, judged = begin(scenario, start, direction, seed)
+    task, body, view, judged = begin(scenario, start, direction, seed, varied)
     drone, seconds = scenario.drone, scenario.step / 1000.0
     for step in range(most):
         a, b = act(step, judged)
@@ -216,7 +218,7 @@ def test_flying_round_or_to_and_fro_without_regard_to_the_ball_scores_nothing(ra
 
 @pytest.mark.parametrize(("start", "lap"), [((0.0, 0.0), True), ((17.5, 17.5), False), ((-35.0, 35.0), False)])
 def test_a_circle_in_the_time_of_the_ball_scores_blindly_but_only_from_a_start_near_it(start, lap):
-    """The ball always begins at the same place; docs/how-to/drone.md tells it."""
+    """On the fixed path the ball always begins at the same place."""
     scenario = load("A60")
     turn = 2 * pi * scenario.task.speed / scenario.task.lap * scenario.step / 1000.0
     most = 0.42 * 2 * pi * scenario.task.speed / scenario.task.lap / scenario.drone.v_max
@@ -280,3 +282,89 @@ def test_what_is_lost_has_finite_errors():
     judged = task.judge(view, pose)
     assert judged.lost
     assert judged.error == pytest.approx((-64.5, 5.0))
+
+
+def replayed(scenario, path):
+    """Laps of the test that a flight scores which the oracle flew on the fixed path, one for each direction."""
+    flown = {}
+    for direction in {start.direction for start in grid(scenario)}:
+        actions = flown[direction] = []
+
+        def recorded(step, judged, actions=actions):
+            actions.append(oracle(4.0)(step, judged))
+            return actions[-1]
+
+        assert fly(scenario, recorded, (0.0, 0.0), direction)[0].lap
+
+    def replay(actions):
+        return lambda step, judged: actions[step] if step < len(actions) else (0.0, 0.0)
+
+    starts = grid(scenario, path=path)
+    return sum(fly(scenario, replay(flown[s.direction]), s.error, s.direction, varied=s.path)[0].lap for s in starts)
+
+
+def test_a_recorded_flight_scores_on_the_path_that_it_knows_only():
+    line, ball = load("line", step=100), load("B60", step=100)
+    assert replayed(line, "fixed") >= 14
+    assert replayed(line, "varied") <= 1
+    assert replayed(ball, "fixed") >= 1  # from the start that it knows
+    assert replayed(ball, "varied") <= 1
+
+
+@pytest.mark.parametrize("name", ["B60", "line"])
+def test_an_oracle_finishes_all_laps_of_varied_paths(name):
+    scenario = load(name, step=100)
+    for start in grid(scenario):
+        assert fly(scenario, oracle(4.0), start.error, start.direction, varied=start.path)[0].lap
+
+
+def test_a_circle_in_the_time_of_the_ball_scores_no_varied_path():
+    scenario = load("A60", step=100)
+    turn = 2 * pi * scenario.task.speed / scenario.task.lap * scenario.step / 1000.0
+    most = 0.42 * 2 * pi * scenario.task.speed / scenario.task.lap / scenario.drone.v_max
+
+    def circle(step, judged):
+        return -most * cos(turn * step), most * sin(turn * step)
+
+    laps = [fly(scenario, circle, s.error, varied=s.path)[0].lap for s in grid(scenario)]
+    assert sum(laps) <= 1
+
+
+@given(st.floats(0.7, 1.4), st.floats(-180, 180), st.floats(0.7, 1.4), st.floats(0, 1))
+@settings(deadline=None, max_examples=12)
+def test_a_ball_on_a_varied_path(scale, turn, speed, begin_at):
+    """It goes as fast and as far as it should, from where it should; a start is where it is wished all the same."""
+    scenario, varied = load("B60"), Variation(scale, turn, 1.0, speed, begin_at)
+    task, *_, judged = begin(scenario, (20.0, -10.0), varied=varied)
+    assert judged.error == pytest.approx((20.0, -10.0), abs=1e-9)
+    fixed, angle = begin(scenario)[0].path, turn * pi / 180
+    x, y = fixed.at(begin_at * 7.5)
+    ball = scale * (x * cos(angle) - y * sin(angle)), scale * (x * sin(angle) + y * cos(angle))
+    assert task.scene().ball[:2] == pytest.approx(ball, abs=1e-9)
+    assert task.path.length == pytest.approx(7.5 * scale)
+    task.advance(0.05)
+    assert task.way == pytest.approx(0.075 * 0.05 * speed)
+
+
+@given(st.floats(0.8, 2.5), st.floats(-180, 180), st.floats(1 / 1.2, 1.2), st.floats(0.7, 1.4), st.floats(-0.3, 0.3))
+@settings(deadline=None, max_examples=12)
+def test_a_varied_line(scale, turn, stretch, speed, begin_at):
+    """It has the area of a hexagon that is larger by the scale, and is flown along at its speed."""
+    scenario, varied = load("line"), Variation(scale, turn, stretch, speed, begin_at)
+    for direction in (1, -1):
+        task, _, view, judged = begin(scenario, (5.0, -5.0), direction, varied=varied)
+        assert judged.error == pytest.approx((5.0, -5.0), abs=1e-3)
+        x, y = task.path.points.T
+        area = 0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum()
+        assert area == pytest.approx(direction * 1.5 * 3**0.5 * 9 * scale**2)
+        assert task.forward == pytest.approx(0.075 * speed)
+        u, v, _ = view.project(*np.array([0.5 - begin_at, 0.5 + begin_at]) @ task.path.points[:2], 0.0)
+        assert (u, v) == pytest.approx((68.0, 63.0), abs=1e-6)
+
+
+def test_the_path_does_not_stay_varied():
+    task, *_ = begin(load("line"), (0.0, 0.0), 1, varied=Variation(2.0, 30.0, 1.2, 1.3, 0.1))
+    fresh, *_ = begin(load("line"), (0.0, 0.0), 1)
+    task.reset(np.random.default_rng(0), (0.0, 0.0), 1)
+    assert (task.path.points == fresh.path.points).all()
+    assert task.forward == fresh.forward == 0.075

@@ -60,3 +60,11 @@ def test_training_shows_each_episode():
     assert len(below.lines[0].get_xdata()) + len(below.lines[1].get_xdata()) == len(model.history["steps"])
     assert above.get_ylabel() == "steps"
     assert below.lines[2].get_ydata()[0] == model.history["error_px"][0]
+
+
+def test_training_shows_the_error_of_frozen_weights():
+    model = train(SHORT, "lms", steps=2100)
+    [frozen] = [line for line in training(model).axes[1].lines if line.get_label() == "weights frozen, short flights"]
+    assert frozen.get_ydata() == pytest.approx(model.curve["error_px"])
+    ends = np.cumsum(model.history["steps"])
+    assert [ends[int(k) - 1] for k in frozen.get_xdata()] == model.curve["steps"].tolist()

@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 import neuro
+from neuro_drone import curve
 from neuro_drone import train as training
+from neuro_drone.controllers import make
 from neuro_drone.evaluate import Start, grid, try_out
 from neuro_drone.model import Model
+from neuro_drone.paths import FIXED
 from neuro_drone.scenario import load
 from neuro_drone.train import Job, side_by_side, train
 
@@ -119,15 +122,15 @@ def test_file_holds_the_network_of_a_user(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("write", "message"),
     [
         (lambda f: None, "{}: no such file: expected a neuro drone model 1"),
         (lambda f: f.write_text("no"), "{}: not a neuro drone model 1"),
     ],
 )
-def test_files_that_are_none(tmp_path, make, message):
+def test_files_that_are_none(tmp_path, write, message):
     file = tmp_path / "model.h5"
-    make(file)
+    write(file)
     with pytest.raises(neuro.ModelError) as error:
         Model.load(file)
     assert str(error.value) == message.format(file)
@@ -193,10 +196,51 @@ def test_grid():
     assert len(starts) == 25
     assert {start.error for start in starts} >= {(-35.0, -35.0), (0.0, 0.0), (35.0, 17.5)}
     assert {start.direction for start in grid(load("line"))} == {1, -1}
-    assert grid(SHORT, 1) == (Start((0.0, 0.0)),)
+    assert grid(SHORT, 1, path="fixed") == (Start((0.0, 0.0)),)
+    assert {start.path for start in grid(SHORT, path="fixed")} == {FIXED}
+    assert len({start.path for start in starts} - {FIXED}) == 25
+    assert starts == grid(SHORT)
+    assert not {start.path for start in starts} & {start.path for start in grid(SHORT, seed=1)}
+    assert [start.error for start in starts] == [start.error for start in grid(SHORT, path="fixed")]
+    with pytest.raises(neuro.ModelError) as error:
+        grid(SHORT, path="variable")
+    assert str(error.value) == "unknown path 'variable'\n  hint: did you mean 'varied'?"
     with pytest.raises(neuro.ModelError) as error:
         grid(SHORT, 0)
     assert str(error.value) == "grid = 0: expected a whole number >= 1"
     with pytest.raises(neuro.ModelError) as error:
         grid(SHORT, 5, -1.0)
     assert str(error.value) == "spread = -1.0: expected numbers >= 0"
+
+
+def test_the_curve_touches_no_training(model, monkeypatch):
+    """With a test every 300 steps all that is learnt is the same."""
+    monkeypatch.setattr(curve, "EVERY", 300)
+    tested = train("B60", steps=1000, seed=4)
+    assert model.curve["steps"].tolist() == [1000]
+    assert tested.curve["steps"].tolist() == [300, 600, 900]
+    assert (tested.learnt["cells_motors"] == model.learnt["cells_motors"]).all()
+    assert all((tested.history[name] == model.history[name]).all() for name in model.history)
+
+
+def test_the_curve_is_of_frozen_weights_and_survives_a_kill(tmp_path, monkeypatch):
+    monkeypatch.setattr(curve, "EVERY", 300)
+    monkeypatch.setattr(training, "KEEP", 200)
+    whole, out = train("B60", "lms", steps=1500), tmp_path / "model.h5"
+
+    def stop(progress):
+        if progress.step >= 700:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train("B60", "lms", steps=1500, out=out, report=stop)
+    parts = train("B60", "lms", steps=1500, out=out)
+    assert all((whole.curve[name] == parts.curve[name]).all() for name in whole.curve)
+    assert all((whole.curve[name] == a).all() for name, a in Model.load(out).curve.items())
+    assert len(whole.curve["steps"]) == 5
+    last = curve.Curve(whole.scenario)
+    last.follow(whole.learner(), 1500)
+    assert last.arrays()["error_px"] == whole.curve["error_px"][-1:]
+    untaught = curve.Curve(whole.scenario)
+    untaught.follow(make("lms", whole.scenario), 1000)
+    assert whole.curve["error_px"][-1] < 8.0 < 20.0 < untaught.arrays()["error_px"][0]

@@ -175,3 +175,15 @@ def test_a_controller_without_neurons_on_a_line(tmp_path, chromium):
     pixels = imread(tmp_path / "lap.png")[..., :3]
     blue = pixels[..., 2] - pixels[..., 0] > 0.4
     assert 500 < blue.sum() < 100_000
+
+
+def test_a_page_has_the_training_of_what_was_trained(flight):
+    assert data_of(page(flight))["training"] == {}
+    taught = train(SHORT, "lms", steps=1100)
+    data = data_of(page(replace(flight, model=taught)))["training"]
+    assert np.array_equal(column(data, "steps", "<f4"), np.cumsum(taught.history["steps"]))
+    assert column(data, "error", "<f4") == pytest.approx(taught.history["error_px"])
+    assert np.array_equal(column(data, "tested", "<f4"), taught.curve["steps"])
+    assert column(data, "frozen", "<f4") == pytest.approx(taught.curve["error_px"])
+    older = data_of(page(replace(flight, model=replace(taught, curve={}))))["training"]
+    assert set(older) == {"steps", "error"}

@@ -163,6 +163,15 @@ def test_moments_pass_without_events_where_the_clock_is_told(hats):
     assert session.end() == []
 
 
+def test_no_decision_goes_back_behind_the_clock(hats):
+    session, events = hats.session(every_ms=2.0), recording(0, 7, 3000, 50)
+    assert len(session.feed(events, until_us=int(events.t[0]) + 6000)) == 3
+    assert session.end() == []
+    session = hats.session(every_ms=2.0)
+    session.feed(events[:1])
+    assert [one.after_ms for one in session.end()] == [0.0]
+
+
 def test_reset_forgets(hats):
     session, fresh = hats.session(every_ms=5.0), hats.session(every_ms=5.0)
     session.feed(STREAM[0])

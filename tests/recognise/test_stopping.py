@@ -52,7 +52,7 @@ def test_the_error_of_a_margin_is_that_of_all_as_large():
 @given(HELD)
 @settings(max_examples=50, deadline=None)
 def test_errors_fall_with_the_margin_and_are_those_of_each_decision(held):
-    errors = held.errors()
+    errors = held.errors(held.margins)
     for k, time in enumerate(held.times_us):
         order = np.argsort(held.margins[:, k])
         own = [held.error(time, m) for m in held.margins[:, k]]
@@ -70,11 +70,11 @@ def test_a_rule_keeps_what_is_allowed_and_more_is_sooner(held, allowed):
             stopping_rule(held, allowed)
         return
     rule = stopping_rule(held, allowed)
-    at = stopped(held.errors(), rule.level)
+    at = stopped(held.errors(held.margins), rule.level)
     assert rule.error == 1 - held.right[np.arange(len(at)), at].mean() <= allowed
     assert rule.mean_ms == held.times_us[at].mean() / 1000
     for level in np.linspace(0, 3 * allowed, 61):
-        other = stopped(held.errors(), level)
+        other = stopped(held.errors(held.margins), level)
         if 1 - held.right[np.arange(len(at)), other].mean() <= allowed:
             assert held.times_us[other].mean() / 1000 >= rule.mean_ms
 

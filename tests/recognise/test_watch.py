@@ -14,7 +14,9 @@ from matplotlib.image import imread
 import neuro
 from neuro.events import Events, recordings, save
 from neuro_recognise.learn_early import learn_early
+from neuro_recognise.method import Course
 from neuro_recognise.methods.hats import Hats
+from neuro_recognise.observations import observed
 from neuro_recognise.recogniser import fit, method_of
 from neuro_recognise.views import Pictures, Trials
 from neuro_recognise.watch import decisions, page, watch
@@ -124,12 +126,12 @@ def test_what_is_refused_leaves_nothing(made, tmp_path, name, message):
     assert [one.name for one in tmp_path.iterdir()] == ["none.bin"]
 
 
-@pytest.mark.parametrize(("name", "values"), [("boe", {"threshold": 30.0}), ("remus", {"threshold": 40.0})])
+@pytest.mark.parametrize(
+    ("name", "values"), [("boe", {"threshold": 30.0}), ("remus", {"threshold": 40.0, "epochs": 1})]
+)
 def test_what_other_methods_see(name, values, events, made):
-    method = method_of(name, values={**values, **({"epochs": 1} if name == "remus" else {})}).fitting((34, 34))
-    shown = neuro_shown(method)
-    from neuro_recognise.method import Course
-
+    method = method_of(name, values=values).fitting((34, 34))
+    shown = few_shown(method)
     views = method.views(events, method.fit(shown, Course(0)), made.classes)
     first = views[0]
     assert isinstance(first, Pictures)
@@ -142,9 +144,7 @@ def test_what_other_methods_see(name, values, events, made):
         assert spikes.times.max() < spikes.length_ms
 
 
-def neuro_shown(method):
-    from neuro_recognise.observations import observed
-
+def few_shown(method):
     shown = observed(method, [bar(k % 2, k) for k in range(4)], ("lying", "<standing>"))
     return replace(shown, labels=np.arange(4) % 2)
 

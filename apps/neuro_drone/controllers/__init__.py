@@ -18,6 +18,8 @@ from neuro.apps import unknown
 from neuro_drone.controllers.agents import DDPG, DQN, DDPGSettings, DQNSettings
 from neuro_drone.controllers.deep import Deep
 from neuro_drone.controllers.lms import LMS, LMSSettings
+from neuro_drone.controllers.ppo import PPO, PPOSettings
+from neuro_drone.controllers.search import RandomSearch, RandomSearchSettings
 from neuro_drone.controllers.settings import changed, plain
 from neuro_drone.controllers.simple import Centroid, Gain, Nothing, NothingSettings, Oracle
 from neuro_drone.controllers.spiking import Spiking, SpikingSettings
@@ -104,6 +106,12 @@ CONTROLLERS: dict[str, Kind] = {
     "snn-loihi": Kind("the network, learning on the emulated Loihi", Spiking, SpikingSettings(backend="loihi")),
     "dqn": Kind("deep reinforcement learning on nine actions, from the reward alone", DQN, DQNSettings()),
     "ddpg": Kind("deep reinforcement learning on continuous actions, from the reward alone", DDPG, DDPGSettings()),
+    "ppo": Kind("deep reinforcement learning of likely actions, from the reward alone", PPO, PPOSettings()),
+    "random-search": Kind(
+        "linear in the centroid, its weights by random search, from the reward alone",
+        RandomSearch,
+        RandomSearchSettings(),
+    ),
 }
 """The controllers by name."""
 

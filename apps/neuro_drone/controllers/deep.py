@@ -1,6 +1,6 @@
-"""Deep reinforcement learning beside the spiking network: what DQN and DDPG have in common.
+"""Deep reinforcement learning beside the spiking network: what DQN, DDPG and PPO have in common.
 
-Networks, losses, optimisers and replay are those of stable-baselines3. The steps of control are taken by the same loop
+Networks, losses, optimisers and buffers are those of stable-baselines3. The steps of control are taken by the same loop
 as for every other controller, so that training, checkpoints, files and tests are the same, too.
 """
 
@@ -26,15 +26,14 @@ from neuro_drone.controllers.settings import choice, number, share, whole
 from neuro_drone.controllers.simple import Fixed
 from neuro_drone.scenario import Scenario
 
-__all__ = ["Deep", "DeepSettings", "Spaces", "needed"]
+__all__ = ["Deep", "DeepSettings", "Spaces", "alone", "needed"]
 
-_REPLAY = ("observations", "next_observations", "actions", "rewards", "dones")
-_POLICY, _KEPT = "policy.", "replay."
+_POLICY, _KEPT = "policy.", "kept."
 
 
 @dataclass(frozen=True, slots=True)
 class DeepSettings:
-    """What both agents are told.
+    """What all of them are told.
 
     Attributes:
         observation: binary (whether a field had events; thesis, section 7.2.1) or counts.
@@ -42,9 +41,6 @@ class DeepSettings:
         rate: of learning, for Adam.
         gamma: discount of a step.
         batch: transitions of an update.
-        buffer: transitions kept for replay.
-        warm: steps before the first update.
-        every: steps from one update to the next.
     """
 
     observation: str = choice("binary", "binary", "counts")
@@ -52,9 +48,6 @@ class DeepSettings:
     rate: float = number(1e-3, above=0)
     gamma: float = share(0.9)
     batch: int = whole(64)
-    buffer: int = whole(50_000)
-    warm: int = whole(1000)
-    every: int = whole(1)
 
 
 class Spaces(gymnasium.Env[Any, Any]):
@@ -70,16 +63,20 @@ class Deep(Fixed, ABC):
 
     Args:
         scenario: makes no difference.
-        seed: of the first weights, of exploration and of replay.
+        seed: of the first weights, of exploration and of what the package draws.
         settings: see `DeepSettings`.
 
     Attributes:
         name: of the agent.
-        acts: prefix of the arrays of the network that acts.
+        acts: names of the layers of the network that acts.
+        activation: between them.
+        kept: names of the arrays of the package's buffer.
     """
 
     name: ClassVar[str]
-    acts: ClassVar[str]
+    acts: ClassVar[tuple[str, ...]]
+    activation: ClassVar[str] = "relu"
+    kept: ClassVar[tuple[str, ...]]
 
     def __init__(self, scenario: Scenario, seed: int, settings: Any) -> None:
         self._seed, self._settings = seed, settings
@@ -92,6 +89,11 @@ class Deep(Fixed, ABC):
     @abstractmethod
     def build(self, package: Any, common: dict[str, Any]) -> Any:
         """The algorithm, made by the package with these words and the agent's own."""
+
+    @property
+    @abstractmethod
+    def buffer(self) -> Any:
+        """The algorithm's, of transitions."""
 
     @abstractmethod
     def explore(self, out: Singles, steps: int) -> Any:
@@ -112,8 +114,12 @@ class Deep(Fixed, ABC):
         """Those of the algorithm."""
 
     @abstractmethod
-    def updated(self, steps: int) -> None:
-        """So many steps are done."""
+    def keep(self, after: Singles, reward: float, lost: bool) -> None:
+        """Keep the transition from what was seen to what is seen after the chosen action."""
+
+    @abstractmethod
+    def update(self, after: Singles, lost: bool) -> None:
+        """Update the networks if it is time; `_steps` are done."""
 
     @cached_property
     def algorithm(self) -> Any:
@@ -127,11 +133,11 @@ class Deep(Fixed, ABC):
         words = {
             "learning_rate": s.rate,
             "gamma": s.gamma,
-            "buffer_size": s.buffer,
+            "batch_size": s.batch,
             "policy_kwargs": {"net_arch": [s.hidden, s.hidden], "optimizer_kwargs": {"fused": True}},
             "device": "cpu",
         }
-        with _alone(self._seed):
+        with alone(self._seed):
             made = self.build(package, words)
         made.set_logger(package.common.logger.Logger(None, []))
         if self._learnt:
@@ -141,9 +147,10 @@ class Deep(Fixed, ABC):
     @cached_property
     def dense(self) -> Dense:
         """The network that acts, as it is at any time."""
-        return Dense(self._arrays(), self.acts)
+        return Dense(self.arrays(), self.acts, self.activation)
 
-    def _arrays(self) -> dict[str, npt.NDArray[Any]]:
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """All that is learnt, as it is at any time."""
         return {name: tensor.numpy() for name, tensor in self.algorithm.policy.state_dict().items()}
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
@@ -153,31 +160,27 @@ class Deep(Fixed, ABC):
         return self.command(self._chosen)
 
     def learn(self, info: Mapping[str, Any]) -> None:
-        """Keep the transition for replay, and update the networks when it is time."""
-        s, algorithm = self._settings, self.algorithm
-        after = observed(info["counts"], s.observation)
-        algorithm.replay_buffer.add(self._seen, after, np.asarray(self._chosen), info["reward"], info["lost"], [{}])
+        """Keep the transition, and update the networks when it is time."""
+        after = observed(info["counts"], self._settings.observation)
+        self.keep(after, info["reward"], info["lost"])
         self._steps += 1
-        if self._steps > s.warm and self._steps % s.every == 0:
-            with _alone(int(self._rng.integers(2**32))):
-                algorithm.train(1, s.batch)
-        self.updated(self._steps)
+        self.update(after, info["lost"])
 
     def learnt(self) -> dict[str, npt.NDArray[Any]]:
         """Weights and biases of all networks, by the names that stable-baselines3 gives them."""
-        return {name: array.copy() for name, array in self._arrays().items()}
+        return {name: array.copy() for name, array in self.arrays().items()}
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
-        """Networks, optimisers, replay, and where the generator is."""
+        """Networks, optimisers, the buffer, and where the generator is."""
         _, torch = needed(self.name)
-        replay, file = self.algorithm.replay_buffer, BytesIO()
+        buffer, file = self.buffer, BytesIO()
         torch.save([one.state_dict() for one in self.optimizers()], file)
-        words = {"steps": self._steps, "pos": replay.pos, "full": replay.full, "rng": self._rng.bit_generator.state}
+        words = {"steps": self._steps, "pos": buffer.pos, "full": buffer.full, "rng": self._rng.bit_generator.state}
         texts = {"words": json.dumps(words).encode(), "optimizers": file.getvalue()}
         return (
             {name: np.frombuffer(text, np.uint8) for name, text in texts.items()}
             | {_POLICY + name: array for name, array in self.learnt().items()}
-            | {_KEPT + name: getattr(replay, name)[: replay.size()].copy() for name in _REPLAY}
+            | {_KEPT + name: getattr(buffer, name)[: buffer.size()].copy() for name in self.kept}
         )
 
     def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
@@ -189,24 +192,25 @@ class Deep(Fixed, ABC):
             return
         self._learnt = {name.removeprefix(_POLICY): a for name, a in state.items() if name.startswith(_POLICY)}
         _, torch = needed(self.name)
-        kept = torch.load(BytesIO(state["optimizers"].tobytes()), weights_only=True)
-        for optimizer, one in zip(self.optimizers(), kept, strict=True):
+        optimizers = torch.load(BytesIO(state["optimizers"].tobytes()), weights_only=True)
+        for optimizer, one in zip(self.optimizers(), optimizers, strict=True):
             optimizer.load_state_dict(one)
-        replay, words = self.algorithm.replay_buffer, json.loads(state["words"].tobytes())
-        for name in _REPLAY:
+        buffer, words = self.buffer, json.loads(state["words"].tobytes())
+        for name in self.kept:
             array = state[_KEPT + name]
-            getattr(replay, name)[: len(array)] = array
-        replay.pos, replay.full, self._steps = words["pos"], words["full"], words["steps"]
+            getattr(buffer, name)[: len(array)] = array
+        buffer.pos, buffer.full, self._steps = words["pos"], words["full"], words["steps"]
         self._rng.bit_generator.state = words["rng"]
 
     def frozen(self, backend: str = "event") -> Flier:
         """The same without learning and exploration, in NumPy; `backend` makes no difference."""
         arrays = self._learnt if self._learnt and "algorithm" not in self.__dict__ else self.learnt()
-        return Flier(Dense(arrays, self.acts), lambda out: self.command(self.best(out)), self._settings.observation)
+        dense = Dense(arrays, self.acts, self.activation)
+        return Flier(dense, lambda out: self.command(self.best(out)), self._settings.observation)
 
 
 @contextmanager
-def _alone(seed: int) -> Iterator[None]:
+def alone(seed: int) -> Iterator[None]:
     """Lend the global generators to the package, and one thread: of small networks more only wait for each other."""
     _, torch = needed("")
     threads, kept, drawn = torch.get_num_threads(), np.random.get_state(), torch.random.get_rng_state()  # noqa: NPY002

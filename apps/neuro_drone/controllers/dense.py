@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from neuro_drone.controllers.simple import Fixed
 
-__all__ = ["Dense", "Flier", "observed"]
+__all__ = ["ACTIVATIONS", "Dense", "Flier", "observed"]
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 Floats = npt.NDArray[np.float64]
@@ -36,27 +36,34 @@ def observed(counts: npt.NDArray[Any], kind: str) -> Singles:
     return seen
 
 
+ACTIVATIONS: dict[str, Callable[[Singles], Singles]] = {
+    "relu": lambda x: np.maximum(x, np.float32(0.0)),
+    "tanh": np.tanh,
+}
+"""Activations of hidden layers by name."""
+
+
 class Dense:
-    """Layers of weights with a rectifier between two.
+    """Layers of weights with an activation between two.
 
     Args:
         arrays: weights (out, in) and biases (out,) by name.
-        prefix: of the names that are meant; a number and "weight" or "bias" follow.
+        layers: names of the layers, from the first to the last; ".weight" and ".bias" follow.
+        activation: of the hidden layers, one of `ACTIVATIONS`.
 
     Attributes:
         layers: weights and bias of each; not copied, so that a network that learns is seen as it is at any time.
     """
 
-    def __init__(self, arrays: Arrays, prefix: str) -> None:
-        ends = [name.removeprefix(prefix) for name in arrays if name.startswith(prefix)]
-        numbers = sorted(int(end.removesuffix(".weight")) for end in ends if end.endswith(".weight"))
-        self.layers = [(arrays[f"{prefix}{k}.weight"], arrays[f"{prefix}{k}.bias"]) for k in numbers]
+    def __init__(self, arrays: Arrays, layers: Sequence[str], activation: str = "relu") -> None:
+        self.layers = [(arrays[f"{name}.weight"], arrays[f"{name}.bias"]) for name in layers]
+        self._activation = ACTIVATIONS[activation]
 
     def __call__(self, seen: Singles) -> Singles:
         """What the last layer gives for an observation."""
         *hidden, (weight, bias) = self.layers
         for w, b in hidden:
-            seen = np.maximum(w @ seen + b, np.float32(0.0))
+            seen = self._activation(w @ seen + b)
         out: Singles = weight @ seen + bias
         return out
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from math import atan, pi, sqrt
 from typing import Any
 
@@ -15,7 +16,7 @@ from neuro_drone.controllers.settings import each_axis, numbers
 from neuro_drone.parts import Ball, Line
 from neuro_drone.scenario import Scenario
 
-__all__ = ["Centroid", "Gain", "Nothing", "NothingSettings", "Oracle"]
+__all__ = ["Centroid", "Fixed", "Gain", "Nothing", "NothingSettings", "Oracle", "centroid", "finder"]
 
 Floats = npt.NDArray[np.float64]
 _X, _Y = RIGHT.ravel(), DOWN.ravel()
@@ -81,31 +82,48 @@ class Centroid(Fixed):
 
     def __init__(self, scenario: Scenario, seed: int, settings: Gain) -> None:
         self._gain = each_axis("gain", settings.gain, scenario.axes)
-        self._axes, self._line = scenario.axes, isinstance(scenario.task, Line)
-        self._tall = scenario.task.tall / UNIT if isinstance(scenario.task, Ball) else 1.0
+        self._find = finder(scenario)
 
     def act(self, counts: npt.NDArray[Any], info: Mapping[str, Any]) -> Floats:
         """The action of a proportional controller on what the counts tell; none where there are no events."""
-        n = counts.ravel()
-        total = n.sum()
-        if total == 0:
-            return np.zeros(self._axes)
-        found = _fit(n) if self._line else np.array((n @ _X, n @ _Y)) / total
-        if self._axes == 3:
-            found = np.append(found, _tall(n / total, found) / self._tall - 1.0)
-        return np.clip(self._gain * found, -1.0, 1.0)
+        return np.clip(self._gain * self._find(counts), -1.0, 1.0)
 
 
-def _tall(shares: npt.NDArray[Any], middle: Floats) -> float:
-    """How tall the circle is whose outline has its events in these fields, in units of 64 px."""
-    around = float(shares @ (_X**2 + _Y**2) - middle @ middle)
-    return 2.0 * sqrt(max(0.0, around - 2.0 * FIELD**2 / 12.0))
+def finder(scenario: Scenario) -> Callable[[npt.NDArray[Any]], Floats]:
+    """What `centroid` gives of counts in this scenario, a number an axis."""
+    task = scenario.task
+    tall = task.tall / UNIT if isinstance(task, Ball) and task.axes == 3 else None
+    return partial(centroid, line=isinstance(task, Line), tall=tall)
 
 
-def _fit(n: npt.NDArray[Any]) -> Floats:
-    """Where the line of best fit crosses the aim's row, and its lean to the right over 90 degrees."""
+def centroid(counts: npt.NDArray[Any], line: bool = False, tall: float | None = None) -> Floats:
+    """Where the events are on average.
+
+    Args:
+        counts: (8, 8) events in each field.
+        line: they are those of a line.
+        tall: how tall a ball shall be seen, in units of 64 px, where the drone climbs.
+
+    Returns:
+        (2,), to the right of the aim and below it, in units of 64 px; of a line where the one that fits best crosses
+        the aim's row, and its lean to the right over 90 degrees. Where the drone climbs (3,): how much too tall the
+        ball is, as a share, if the events are on its outline. 0 where there are no events.
+    """
+    n = counts.ravel()
     total = n.sum()
+    if total == 0:
+        return np.zeros(2 if tall is None else 3)
     x, y = n @ _X / total, n @ _Y / total
+    if tall is not None:
+        return np.array((x, y, _tall(n / total, x, y) / tall - 1.0))
+    if not line:
+        return np.array((x, y))
     spread = n @ (_Y - y) ** 2
     slope = n @ ((_X - x) * (_Y - y)) / spread if spread > 0.0 else 0.0
     return np.array((x - slope * y, -atan(slope) / (0.5 * pi)))
+
+
+def _tall(shares: npt.NDArray[Any], x: float, y: float) -> float:
+    """How tall the circle around a place is whose outline has its events in these fields, in units of 64 px."""
+    around = float(shares @ (_X**2 + _Y**2)) - x * x - y * y
+    return 2.0 * sqrt(max(0.0, around - 2.0 * FIELD**2 / 12.0))

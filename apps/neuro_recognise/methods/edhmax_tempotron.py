@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import neuro
 from neuro_recognise.banks import Bank, LeakyGabors
 from neuro_recognise.encoders import Encoder, Latency
+from neuro_recognise.frames import Frames
 from neuro_recognise.layers import Inputs, Labelled, Layer
 from neuro_recognise.method import Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise
 from neuro_recognise.pools import LocalMaximum, Pool
 from neuro_recognise.segmenters import Segmenter, Ses
 from neuro_recognise.settings import part, setting
-from neuro_recognise.shown import Ints
+from neuro_recognise.shown import Floats, Ints, Shown
+from neuro_recognise.votes import votes
 
 CODE = "github BEJ97/MK-Tempotron, top_onN_MNIST.m"
 RISE = 4.0
@@ -55,7 +57,7 @@ class TempotronLayer(Labelled):
         sim.set("c1_cells", lambda_=self.step * self.step_decay**epoch)
 
     def decided(self, results: neuro.TrialResults) -> Ints:
-        """The class of the largest potential."""
+        """The class of the largest potential at the end; nobody fires."""
         return results.potential.argmax(axis=1) // self.per_class
 
     def settled(self, net: neuro.Network, learnt: Learnt) -> neuro.Network:
@@ -92,3 +94,7 @@ class EdhmaxTempotron(Framewise):
     def called(cls) -> str:
         """``edhmax_tempotron``."""
         return "edhmax_tempotron"
+
+    def votes(self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Shown) -> Mapping[str, Floats]:
+        """The neurons of a class, each of which was taught by itself, speak together."""
+        return votes(results, frames.recording, len(shown), len(shown.classes), together=True)

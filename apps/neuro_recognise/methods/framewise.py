@@ -113,7 +113,9 @@ class Framewise(Method):
         return {"codes": codes, "ids": ids.astype(np.uint32), "lengths": lengths, "ends": ends}
 
     def observe_until(self, events: Events, times_us: Sequence[int]) -> list[Evidence]:
-        """The frames that were complete by then."""
+        """The frames that were complete by then; where the last may end elsewhere later, each beginning by itself."""
+        if self.segmenter.tentative:
+            return super().observe_until(events, times_us)
         whole = self.observe(events)
         return [ended_by(whole, us) for us in times_us]
 
@@ -207,8 +209,9 @@ class Framewise(Method):
             return []
         bounds = self.segmenter.bounds(seen.t)
         results, frames = self.present(self.simulation(learnt), learnt, unlabelled([evidence], tuple(classes)))
+        named = [f" for {name}" for name in classes] if self.layer.supervised else [""] * results.potential.shape[1]
         told = tuple(
-            f"neuron {neuron} wins for {classes[label]}" if label >= 0 else "none wins"
+            f"neuron {neuron} wins{named[label]}" if label >= 0 else "none wins"
             for neuron, label in zip(results.winner.tolist(), results.label.tolist(), strict=True)
         )
         times, size = self.encoder.times(frames.codes, learnt), int(np.prod(self.inputs.shape))

@@ -73,7 +73,7 @@ class Must(Framewise):
     epochs: int = setting(3, "", "how often all recordings are shown", OURS, at_least=1)
     order: str = setting("frames", "", "what is shuffled in each epoch", OURS, words=ORDERS)
     vote: str = setting(
-        "rate", "", "how frames decide; rate: wins by neurons of the class", OURS,
+        "potentials", "", "how frames decide; rate: wins for each neuron of the class", OURS,
         words=("rate", "majority", "potentials"),
     )  # fmt: skip
 

@@ -1,0 +1,150 @@
+"""PPO: an actor and a critic that learn from what they just flew, and not again from what lies further back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from math import log, pi
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+
+from neuro import ModelError
+from neuro_drone.controllers.deep import Deep, DeepSettings, Spaces, alone, needed
+from neuro_drone.controllers.dense import Dense, Floats, Singles
+from neuro_drone.controllers.settings import number, share, whole
+from neuro_drone.scenario import Scenario
+
+__all__ = ["PPO", "PPOSettings"]
+
+ADAM = {"fused": True, "eps": 1e-5}
+"""Source: stable-baselines3, `ActorCriticPolicy`."""
+
+
+@dataclass(frozen=True, slots=True)
+class PPOSettings(DeepSettings):
+    """What PPO is told; the rest is in `DeepSettings`.
+
+    Attributes:
+        rate: of learning, for Adam.
+        rollout: steps from one update to the next, and transitions that it learns from; a multiple of `batch`.
+        epochs: times that an update learns from each of them.
+        trace: weight of a later step's advantage by that of the one before it (lambda of generalised advantages).
+        clip: largest change of an action's probability in an update, as a share.
+        spread: standard deviation of the actions at first; it is learnt, too.
+    """
+
+    rate: float = number(3e-4, above=0)
+    rollout: int = whole(256)
+    epochs: int = whole(10)
+    trace: float = share(0.95)
+    clip: float = number(0.2, above=0)
+    spread: float = number(1.0, above=0)
+
+
+class PPO(Deep):
+    """Actions drawn round the actor's, and made more likely where they led further than the critic expected.
+
+    An episode that training cuts off is not taken for one that ends: what would have come is the critic's guess.
+
+    Source: J. Schulman et al., "Proximal policy optimization algorithms", arXiv:1707.06347, 2017.
+
+    Raises:
+        ModelError: `rollout` is no multiple of `batch`, or a batch has one transition.
+    """
+
+    name = "ppo"
+    acts = ("mlp_extractor.policy_net.0", "mlp_extractor.policy_net.2", "action_net")
+    judges = ("mlp_extractor.value_net.0", "mlp_extractor.value_net.2", "value_net")
+    activation = "tanh"
+    kept = ("observations", "actions", "rewards", "episode_starts", "values", "log_probs")
+
+    def __init__(self, scenario: Scenario, seed: int, settings: PPOSettings) -> None:
+        super().__init__(scenario, seed, settings)
+        if settings.batch < 2 or settings.rollout % settings.batch:
+            raise ModelError(
+                f"controller 'ppo': rollout = {settings.rollout} with batch = {settings.batch}: "
+                "expected a multiple of the batch, which is at least 2"
+            )
+        self._first, self._cut, self._after = True, False, self._seen
+        self._log_prob = 0.0
+
+    def build(self, package: Any, common: dict[str, Any]) -> Any:
+        """See `Deep`."""
+        s, spaces = self._settings, Spaces(gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32))
+        policy = {**common.pop("policy_kwargs"), "optimizer_kwargs": ADAM, "log_std_init": log(s.spread)}
+        words = {"n_steps": s.rollout, "n_epochs": s.epochs, "gae_lambda": s.trace, "clip_range": s.clip}
+        return package.PPO("MlpPolicy", spaces, policy_kwargs=policy, **words, **common)
+
+    @property
+    def buffer(self) -> Any:
+        """See `Deep`."""
+        return self.algorithm.rollout_buffer
+
+    @cached_property
+    def critic(self) -> Dense:
+        """The network that says how much reward will come, as it is at any time."""
+        return Dense(self.arrays(), self.judges, self.activation)
+
+    @cached_property
+    def log_std(self) -> Singles:
+        """Logarithm of the actions' standard deviations, as it is at any time."""
+        return self.arrays()["log_std"]
+
+    def begin(self) -> None:
+        """An episode begins; if the last one was cut off, its last reward takes in what would have come."""
+        if self._cut and self.buffer.pos > 0:
+            self.buffer.rewards[self.buffer.pos - 1] += self._settings.gamma * self.critic(self._after)
+        self._first, self._cut = True, False
+
+    def explore(self, out: Singles, steps: int) -> Any:
+        """Drawn round the actor's."""
+        noise = self._rng.standard_normal(2, np.float32)
+        self._log_prob = float(np.sum(-0.5 * noise**2 - self.log_std - 0.5 * log(2.0 * pi)))
+        return out + np.exp(self.log_std) * noise
+
+    @staticmethod
+    def best(out: Singles) -> Any:
+        """The actor's action."""
+        return out
+
+    @staticmethod
+    def command(chosen: Any) -> Floats:
+        """The action itself, within bounds."""
+        return np.clip(np.asarray(chosen, np.float64), -1.0, 1.0)
+
+    def optimizers(self) -> list[Any]:
+        """The one of both networks."""
+        return [self.algorithm.policy.optimizer]
+
+    def keep(self, after: Singles, reward: float, lost: bool) -> None:
+        """See `Deep`."""
+        _, torch = needed(self.name)
+        value, log_prob = torch.from_numpy(self.critic(self._seen)), torch.tensor([self._log_prob])
+        self.buffer.add(self._seen, self._chosen, reward, self._first, value, log_prob)
+        self._first, self._cut, self._after = False, not lost, after
+
+    def update(self, after: Singles, lost: bool) -> None:
+        """Learn from the buffer when it is full, and empty it."""
+        if not self.buffer.full:
+            return
+        _, torch = needed(self.name)
+        self.buffer.compute_returns_and_advantage(torch.from_numpy(self.critic(after)), np.array([lost]))
+        with alone(int(self._rng.integers(2**32))):
+            self.algorithm.train()
+        self.buffer.reset()
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """As `Deep`, and what was seen last, in case that the episode was cut off."""
+        return super().state() | {"after": self._after, "cut": np.array(self._cut)}
+
+    def restore(self, state: Mapping[str, npt.NDArray[Any]]) -> None:
+        """See `Deep`."""
+        for cached in ("critic", "log_std"):
+            self.__dict__.pop(cached, None)
+        super().restore(state)
+        if "cut" in state:
+            self._after, self._cut = state["after"], bool(state["cut"])

@@ -1,0 +1,15 @@
+"""Several objects in view: scenes with true boxes, detection by any recogniser, and how good it is.
+
+from neuro_recognise.detection import Detector
+
+Detector(recogniser).detect(events)    # boxes with classes, scores and identities
+"""
+
+from __future__ import annotations
+
+from neuro_recognise.detection.boxes import Boxes
+from neuro_recognise.detection.composing import Scene, Scenery, compose
+from neuro_recognise.detection.detector import Detecting, Detector
+from neuro_recognise.detection.scenes import Scenes, write_scenes
+
+__all__ = ["Boxes", "Detecting", "Detector", "Scene", "Scenery", "Scenes", "compose", "write_scenes"]

@@ -1,0 +1,178 @@
+"""Boxes of objects over time: a table that holds the true ones as well as those that were found, and its CSV file.
+
+```
+start_us,stop_us,identity,class,score,left,top,right,bottom
+0,100000,0,7,1,12.0,30.5,31.0,52.0
+```
+
+A box spans the columns from `left` up to but not with `right`, and rows likewise, so one pixel is a box of 1 by 1 px.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neuro import ModelError
+from neuro.apps import Kind, write_text
+from neuro_recognise.shown import Array, Floats, Ints
+
+__all__ = ["COLUMNS", "TABLE", "Boxes", "iou", "read_boxes", "suppressed", "write_boxes"]
+
+COLUMNS = ("start_us", "stop_us", "identity", "class", "score", "left", "top", "right", "bottom")
+"""Of the file."""
+
+JUST = 0.1
+"""Share of the shorter of two spans; what shares less time is of another span."""
+UNKNOWN = -1
+"""The label of a box for whose object nothing speaks for any class."""
+
+
+def _ours(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.readline().decode(errors="replace").strip() == ",".join(COLUMNS)
+
+
+TABLE = Kind("a table of boxes", _ours)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Boxes:
+    """Boxes, one a row; an object has one in each span of time in which it is there.
+
+    Attributes:
+        start: (n,) the span's first us.
+        stop: (n,) the us after its last.
+        identity: (n,) number of the object or the track, the same at all times.
+        label: (n,) index of its class, -1 where unknown.
+        score: (n,) how sure that is, the larger, the more; 1 for true boxes.
+        box: (n, 4) left, top, right and bottom, px.
+    """
+
+    start: Ints
+    stop: Ints
+    identity: Ints
+    label: Ints
+    score: Floats
+    box: Floats
+
+    @classmethod
+    def of(cls, rows: Iterable[tuple[int, int, int, int, float, Sequence[float]]]) -> Boxes:
+        """From rows: start, stop, identity, label, score, box."""
+        columns: Any = list(zip(*rows, strict=True)) or [()] * 6
+        start, stop, identity, label = (np.array(column, np.int64) for column in columns[:4])
+        score, box = (np.array(column, float) for column in columns[4:])
+        return cls(start, stop, identity, label, score, box.reshape(-1, 4))
+
+    def __len__(self) -> int:
+        """The number of boxes."""
+        return len(self.start)
+
+    def __getitem__(self, index: slice | Array) -> Boxes:
+        """Some of the rows."""
+        return Boxes(*(getattr(self, one.name)[index] for one in fields(self)))
+
+    def spans(self) -> Ints:
+        """(spans, 2) start and stop of all spans, in the order of time."""
+        return np.unique(np.stack([self.start, self.stop], axis=1), axis=0)
+
+    def within(self, start: int, stop: int) -> Boxes:
+        """One box for each identity that is there between two times, us: the mean of its boxes, by shared time.
+
+        Label and score are those of the box that shares the most time. A box whose span only just reaches over an end
+        does not count.
+        """
+        shared = np.minimum(self.stop, stop) - np.maximum(self.start, start)
+        there = shared > JUST * np.minimum(self.stop - self.start, stop - start)
+        rows = []
+        for who in np.unique(self.identity[there]):
+            of = np.flatnonzero((self.identity == who) & there)
+            most = of[shared[of].argmax()]
+            box = np.average(self.box[of], axis=0, weights=shared[of])
+            rows.append((start, stop, int(who), int(self.label[most]), float(self.score[most]), box.tolist()))
+        return Boxes.of(rows)
+
+
+def iou(a: Floats, b: Floats) -> Floats:
+    """(n, m) shared area of boxes (n, 4) and (m, 4) over the area of both; 0 where both are empty."""
+    low, high = np.maximum(a[:, None, :2], b[None, :, :2]), np.minimum(a[:, None, 2:], b[None, :, 2:])
+    shared = np.prod(np.maximum(high - low, 0.0), axis=2)
+    both = _area(a)[:, None] + _area(b)[None, :] - shared
+    return np.divide(shared, both, out=np.zeros_like(shared), where=both > 0)
+
+
+def suppressed(box: Floats, score: Floats, most: float) -> Ints:
+    """Non-maximum suppression: indices of the boxes that stay, the best first.
+
+    Args:
+        box: (n, 4).
+        score: (n,) of two boxes that are too much the same, the one with the larger stays.
+        most: IoU that two boxes may have.
+    """
+    left = np.argsort(-score, kind="stable")
+    kept: list[int] = []
+    while left.size:
+        kept.append(int(left[0]))
+        left = left[1:][iou(box[left[:1]], box[left[1:]])[0] <= most]
+    return np.array(kept, np.int64)
+
+
+def write_boxes(path: Path, boxes: Boxes, classes: Sequence[str]) -> None:
+    """Write a table, in place of another; an unknown class is empty.
+
+    Raises:
+        Unwritable: something else has this name, or the file cannot be written.
+    """
+    out = io.StringIO()
+    table = csv.writer(out, lineterminator="\n")
+    table.writerow(COLUMNS)
+    for k in range(len(boxes)):
+        name = "" if boxes.label[k] == UNKNOWN else classes[boxes.label[k]]
+        when = boxes.start[k], boxes.stop[k], boxes.identity[k]
+        table.writerow((*when, name, f"{boxes.score[k]:.6g}", *(f"{side:.2f}" for side in boxes.box[k])))
+    write_text(path, out.getvalue(), TABLE)
+
+
+def read_boxes(path: Path, classes: Sequence[str]) -> Boxes:
+    """Read a table.
+
+    Args:
+        path: the file.
+        classes: names, by which labels are counted.
+
+    Raises:
+        ModelError: there is no such table, a class is unknown, or a number is none; the line is told.
+    """
+    try:
+        lines = list(csv.reader(path.read_text().splitlines()))
+    except (OSError, UnicodeDecodeError):
+        raise ModelError(f"{path}: expected a table of boxes") from None
+    if not lines or tuple(lines[0]) != COLUMNS:
+        raise ModelError(f"{path}: expected a table of boxes with the columns {', '.join(COLUMNS)}")
+    return Boxes.of(_row(path, number, line, classes) for number, line in enumerate(lines[1:], 2))
+
+
+def _row(
+    path: Path, number: int, line: list[str], classes: Sequence[str]
+) -> tuple[int, int, int, int, float, Sequence[float]]:
+    try:
+        start, stop, identity = (int(word) for word in line[:3])
+        left, top, right, bottom = (float(word) for word in line[5:])
+        score = float(line[4])
+    except (ValueError, IndexError):
+        raise ModelError(f"{path}:{number}: {','.join(line)!r}: expected numbers, {', '.join(COLUMNS)}") from None
+    if line[3] and line[3] not in classes:
+        raise ModelError(f"{path}:{number}: class '{line[3]}' is unknown, expected one of {', '.join(classes)}")
+    label = classes.index(line[3]) if line[3] else UNKNOWN
+    return start, stop, identity, label, score, (left, top, right, bottom)
+
+
+def _area(box: Floats) -> Floats:
+    area: Floats = np.prod(np.maximum(box[:, 2:] - box[:, :2], 0.0), axis=1)
+    return area

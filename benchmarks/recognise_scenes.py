@@ -1,0 +1,112 @@
+"""How well several objects are found: `python benchmarks/recognise_scenes.py hats --out FOLDER`.
+
+The recordings to train on are divided into folds. For each fold a recogniser learns from crops out of scenes that are
+composed of the other folds' recordings, and is tried on scenes of this one. All is kept in the folder, so that the same
+command goes on where it was; scenes and crops serve all methods. Prints the mean over folds of each case.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neuro.cli.options import assignments
+from neuro.events import Recordings, recordings
+from neuro_recognise import Recogniser, fit
+from neuro_recognise.detection import Detecting, Detector, Scenery, write_scenes
+from neuro_recognise.detection.learning import write_crops
+from neuro_recognise.detection.scenes import fold_of
+from neuro_recognise.detection.trial import try_out
+from neuro_recognise.recogniser import method_of
+
+SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+DATA = SHARED / "nmnist" / "nmnist_train1000_bin.zip"
+PLAIN = Scenery()
+LONG = {"length": 2000.0, "sensor": (160, 120)}
+"""In 2 s objects go 20 px, for which the small sensor has too little room."""
+CASES = {
+    "apart": PLAIN,
+    "touching": replace(PLAIN, touching=True),
+    "noise": replace(PLAIN, noise=10.0),
+    "still": replace(PLAIN, speed=0.0),
+    "long": replace(PLAIN, **LONG),
+    "long_touching": replace(PLAIN, touching=True, **LONG),
+}
+LEARNT = {"apart": 4, "touching": 4, "noise": 2}
+"""Tenths of the scenes to learn from, by case."""
+
+
+def main() -> None:
+    """Measure and print."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("method", help="see 'neuro recognise list'")
+    options.add_argument("--out", type=Path, required=True, help="folder for scenes, recognisers and figures")
+    options.add_argument("--data", type=Path, default=DATA)
+    options.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="of the method")
+    options.add_argument("--detecting", action="append", default=[], metavar="NAME=VALUE", help="of the detector")
+    options.add_argument("--cases", nargs="+", choices=CASES, default=["apart", "touching", "noise", "long"])
+    options.add_argument("--folds", type=int, default=5)
+    options.add_argument("--only", type=int, nargs="+", help="these folds")
+    options.add_argument("--scenes", type=int, default=20, help="of a fold and case")
+    options.add_argument("--learn", type=int, default=800, help="scenes that crops come from")
+    asked = options.parse_args()
+    data = recordings(asked.data, part="Train")
+    found: dict[str, list[dict[str, Any]]] = {case: [] for case in asked.cases}
+    for fold in asked.only or range(asked.folds):
+        for case, figures in fold_figures(asked, data, fold).items():
+            found[case].append(figures)
+            print(fold, case, told(figures), flush=True)
+    for case, figures in found.items():
+        print(f"{asked.method}, {case}, {sum(one['scenes'] for one in figures)} scenes: {told(*figures)}")
+
+
+def fold_figures(asked: argparse.Namespace, data: Recordings, fold: int) -> dict[str, dict[str, Any]]:
+    """Figures by case."""
+    labels = np.array([item.label for item in data], np.int64)
+    held_out = fold_of(labels, asked.folds, fold)
+    settings = Detecting().changed(assignments(asked.detecting))
+    name = "-".join([asked.method, *asked.set, *asked.detecting])
+    detector, figures = None, {}
+    for case in asked.cases:
+        file = asked.out / f"{name}-{case}-{fold}.json"
+        if not file.exists():
+            scenes = write_scenes(
+                asked.out / f"{case}-{fold}", data, CASES[case], asked.scenes, seed=1, chosen=held_out
+            )
+            detector = detector or Detector(learnt(asked, data, fold, held_out, name), settings)
+            file.write_text(json.dumps(try_out(detector, scenes).as_words(data.classes)))
+        figures[case] = json.loads(file.read_text())
+    return figures
+
+
+def learnt(asked: argparse.Namespace, data: Recordings, fold: int, held_out: Any, name: str) -> Recogniser:
+    """A recogniser that has not seen the fold."""
+    crops, whole = asked.out / f"crops-{fold}", asked.out / f"crops-{fold}.whole"
+    if not whole.exists():
+        others = np.setdiff1d(np.arange(len(data)), held_out)
+        for case, tenths in LEARNT.items():
+            count = asked.learn * tenths // 10
+            scenes = write_scenes(asked.out / f"learn-{case}-{fold}", data, CASES[case], count, seed=2, chosen=others)
+            write_crops(crops, scenes, Detecting(), before=f"{case}-")
+        whole.touch()
+    method = method_of(asked.method, values=assignments(asked.set))
+    return fit(recordings(crops, classes=data.classes), method, out=asked.out / f"{name}-{fold}.h5")
+
+
+def told(*figures: dict[str, Any]) -> str:
+    """In one line."""
+    mean = {name: np.mean([one[name] for one in figures]) for name in ("map", "box_ap", "ms")}
+    sums = {name: sum(one[name] for one in figures) for name in ("switches", "objects", "missed", "boxes")}
+    return (
+        f"mAP {mean['map']:.3f}, box AP {mean['box_ap']:.3f}, {mean['ms']:.0f} ms a scene, "
+        f"{sums['switches']} switches of {sums['objects']} objects, {sums['missed']} of {sums['boxes']} boxes missed"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,392 @@
+"""Detection of several objects: scenes, places, tracks, and a detector, on recordings of drawn shapes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from neuro import ModelError
+from neuro.events import Events, recordings, save
+from neuro_recognise import fit
+from neuro_recognise.detection import Boxes, Detecting, Detector, Scenery, Scenes, compose, write_scenes
+from neuro_recognise.detection.boxes import iou, read_boxes, write_boxes
+from neuro_recognise.detection.crops import crop
+from neuro_recognise.detection.following import View, pieces
+from neuro_recognise.detection.learning import write_crops
+from neuro_recognise.detection.proposals import Proposals, Region
+from neuro_recognise.detection.report import check_classes
+from neuro_recognise.detection.scenes import fold_of
+from neuro_recognise.detection.tracks import Tracking, Tracks
+from neuro_recognise.detection.trial import in_pictures, try_out
+
+SIDE, FIELD = 23, 34
+
+
+def shape(name):
+    """(SIDE, SIDE) the pixels of a shape."""
+    y, x = np.mgrid[:SIDE, :SIDE] - SIDE // 2
+    if name == "cross":
+        return (abs(x) < 4) | (abs(y) < 4)
+    return abs(np.hypot(x, y) - 9) < 3
+
+
+def drawn(name, seed, n=3000):
+    """A recording of 300 ms in which a shape flickers in the middle of a field."""
+    rng = np.random.default_rng([seed, len(name)])
+    y, x = np.nonzero(shape(name))
+    of, t = rng.integers(len(x), size=n), np.sort(rng.integers(300_000, size=n))
+    shift = (FIELD - SIDE) // 2 + rng.integers(-1, 2, 2)
+    return Events(t, x[of] + shift[0], y[of] + shift[1], rng.integers(2, size=n), (FIELD, FIELD))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory):
+    """What is computed of recordings is not kept among the user's."""
+    path = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("platformdirs.user_cache_path", lambda name: path)
+        yield
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("shapes")
+    for name in ("cross", "ring"):
+        (path / name).mkdir()
+        for k in range(8):
+            save(drawn(name, k), path / name / f"{k}.npz")
+    return path
+
+
+@pytest.fixture(scope="module")
+def recogniser(folder):
+    return fit(recordings(folder), "hats")
+
+
+def scene(seed=0, n=3, **values):
+    names = [("cross", "ring")[(seed + k) % 2] for k in range(n)]
+    labels = [("cross", "ring").index(name) for name in names]
+    found = [drawn(name, 100 + seed * 10 + k) for k, name in enumerate(names)]
+    return compose("a scene", found, labels, Scenery().changed(values), np.random.default_rng(seed))
+
+
+def gap(a, b):
+    return max(a[0] - b[2], b[0] - a[2], a[1] - b[3], b[1] - a[3])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_true_boxes_span_the_objects(seed):
+    made = scene(seed, speed=0.0)
+    assert made.boxes.spans().tolist() == [[0, 100_000], [100_000, 200_000], [200_000, 300_000]]
+    assert sorted(made.boxes.identity.tolist()) == [0, 0, 0, 1, 1, 1, 2, 2, 2]
+    sides = made.boxes.box[:, 2:] - made.boxes.box[:, :2]
+    assert abs(sides - SIDE).max() <= 3  # few events of a ring are at its very edge
+    assert (made.boxes.box >= -1).all()
+    assert (made.boxes.box[:, 2:] <= np.array([101, 81])).all()
+
+
+def test_objects_are_apart_or_touch():
+    for seed in range(5):
+        apart, touching = scene(seed), scene(seed, touching=True)
+        for _, (start, _) in enumerate(apart.boxes.spans()):
+            box = apart.boxes.box[apart.boxes.start == start]
+            assert min(gap(box[i], box[j]) for i in range(3) for j in range(i)) >= 4.0
+            box = touching.boxes.box[touching.boxes.start == start]
+            nearest = [min(gap(box[i], box[j]) for j in range(3) if j != i) for i in range(3)]
+            assert max(nearest) <= 3.0
+
+
+def test_objects_move_and_begin_again():
+    made = scene(1, n=1, speed=20.0, length=1000.0)
+    assert made.events.t[-1] > 980_000
+    middle = (made.boxes.box[:, :2] + made.boxes.box[:, 2:]) / 2
+    assert np.linalg.norm(middle[-1] - middle[0]) == pytest.approx(20.0 * 0.9, abs=2.0)
+
+
+def test_noise_has_its_rate():
+    quiet, loud = scene(2, noise=0.0), scene(2, noise=10.0)
+    assert len(loud.events) - len(quiet.events) == pytest.approx(10.0 * 100 * 80 * 0.3, rel=0.05)
+    np.testing.assert_array_equal(loud.boxes.box, quiet.boxes.box)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"objects": [3, 2]}, "scenery: objects = [3, 2]: expected the fewest first"),
+        ({"sensor": [3]}, "scenery: sensor = [3]: expected two numbers"),
+        ({"sensor": [30, 30]}, "a scene: 3 objects find no room on 30x30 px in 2000 tries"),
+    ],
+)
+def test_scenes_that_cannot_be(values, message):
+    with pytest.raises(ModelError) as error:
+        scene(**values)
+    assert str(error.value).splitlines()[0] == message
+
+
+def test_a_recording_that_shows_nothing():
+    empty = Events([5], [1], [1], [0], (FIELD, FIELD))
+    with pytest.raises(ModelError) as error:
+        compose("0001", [empty], [0], Scenery(), np.random.default_rng(0))
+    assert str(error.value) == "0001: a recording of 1 events shows nothing that a scene could have"
+
+
+def test_a_folder_of_scenes_is_made_in_several_goes(folder, tmp_path):
+    data = recordings(folder)
+    whole = write_scenes(tmp_path / "whole", data, Scenery(), 3, seed=4)
+
+    def killed(done, total):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_scenes(tmp_path / "two", data, Scenery(), 3, seed=4, report=killed)
+    with pytest.raises(ModelError) as error:
+        Scenes(tmp_path / "two")
+    assert str(error.value).splitlines()[0] == f"{tmp_path / 'two'}: 1 of 3 scenes are missing, the first is 0002"
+    (tmp_path / "two" / "0001.csv").unlink()  # as of a kill between the events and the boxes
+    again = write_scenes(tmp_path / "two", data, Scenery(), 3, seed=4)
+    assert again.classes == ("cross", "ring")
+    assert again.scenery == Scenery()
+    for one, other in zip(whole, again, strict=True):
+        assert one.events == other.events
+        np.testing.assert_array_equal(one.boxes.box, other.boxes.box)
+        np.testing.assert_array_equal(one.boxes.label, other.boxes.label)
+
+
+def test_a_folder_has_scenes_of_one_kind(folder, tmp_path):
+    data = recordings(folder)
+    write_scenes(tmp_path / "s", data, Scenery(), 1)
+    with pytest.raises(ModelError) as error:
+        write_scenes(tmp_path / "s", data, Scenery(noise=2.0), 1)
+    assert str(error.value).splitlines()[0] == f"{tmp_path / 's'}: has scenes with another scenery"
+    with pytest.raises(ModelError) as error:
+        Scenes(folder)
+    assert str(error.value) == f"{folder}: no scenes, expected a folder that 'neuro recognise scenes' filled"
+
+
+def test_scenes_need_recordings_and_known_classes(folder, tmp_path):
+    data = recordings(folder)
+    with pytest.raises(ModelError) as error:
+        write_scenes(tmp_path / "s", data, Scenery(), 1, chosen=np.array([0, 9]))
+    assert str(error.value) == "scenes of up to 3 objects from 2 recordings: too few"
+    scenes = write_scenes(tmp_path / "s", data, Scenery(), 1)
+    check_classes(("cross", "ring"), scenes)
+    with pytest.raises(ModelError) as error:
+        check_classes(("ring", "star"), scenes)
+    assert str(error.value) == "the scenes have classes cross, ring, expected those of the recogniser: ring, star"
+
+
+def test_folds_divide_the_classes():
+    labels = np.repeat([0, 1], [10, 7])
+    folds = [fold_of(labels, 5, k, seed=3) for k in range(5)]
+    assert sorted(np.concatenate(folds).tolist()) == list(range(17))
+    assert all((labels[fold] == 0).sum() == 2 for fold in folds)
+    with pytest.raises(ModelError, match="fold 5 of 5: expected 0 to 4"):
+        fold_of(labels, 5, 5)
+
+
+def test_a_table_of_boxes_comes_back(tmp_path):
+    boxes = Boxes.of([(0, 10, 3, 1, 0.5, (1, 2, 3.25, 4)), (10, 20, 4, -1, 0.0, (0, 0, 1, 1))])
+    write_boxes(tmp_path / "b.csv", boxes, ("cross", "ring"))
+    again = read_boxes(tmp_path / "b.csv", ("cross", "ring"))
+    for name in ("start", "stop", "identity", "label", "score", "box"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(boxes, name))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a,b\n", ": expected a table of boxes with the columns start_us, stop_us, identity, class, score, left, top, "
+                  "right, bottom"),
+        ("{head}\n0,1,0,ring,1,0,0,1\n", ":2: '0,1,0,ring,1,0,0,1': expected numbers, start_us, stop_us, identity, "
+                                         "class, score, left, top, right, bottom"),
+        ("{head}\n0,1,0,star,1,0,0,1,1\n", ":2: class 'star' is unknown, expected one of cross, ring"),
+    ],
+)  # fmt: skip
+def test_tables_that_are_none(tmp_path, text, message):
+    path = tmp_path / "b.csv"
+    path.write_text(text.format(head="start_us,stop_us,identity,class,score,left,top,right,bottom"))
+    with pytest.raises(ModelError) as error:
+        read_boxes(path, ("cross", "ring"))
+    assert str(error.value) == f"{path}{message}"
+
+
+def regions(made, proposals, start=0):
+    segment = made.events.between(start, start + 100_000)
+    counts = np.zeros(segment.sensor_size[::-1])
+    np.add.at(counts, (segment.y, segment.x), 1)
+    return proposals.regions(segment, counts)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0, 10.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_places_are_found_whatever_the_background(seed, noise):
+    made = scene(seed, noise=noise)
+    found = np.array([region.box for region in regions(made, Proposals())])
+    there = made.boxes.box[made.boxes.start == 0]
+    assert len(found) == len(there)
+    assert (iou(there, found).max(axis=1) > 0.7).all()
+
+
+def test_touching_objects_are_cut_apart():
+    wholes = 0
+    for seed in range(6):
+        made = scene(seed, n=2, touching=True)
+        there = made.boxes.box[made.boxes.start == 0]
+        found = np.array([region.box for region in regions(made, Proposals())])
+        assert len(found) == 2
+        assert (iou(there, found).max(axis=1) > 0.5).all()
+        wholes += len(regions(made, Proposals(cut=1e9, more=1e9))) == 1
+    assert wholes >= 4  # it is the cut that tells them apart
+
+
+def test_a_broken_object_is_one():
+    made = scene(0, n=1)
+    left, _, right, _ = made.boxes.box[0]
+    middle = (left + right) / 2
+    events = made.events[abs(made.events.x - middle) > 2.0]
+    broken = regions(replace(made, events=events), Proposals())
+    assert len(broken) == 1
+    assert iou(made.boxes.box[:1], broken[0].box[None])[0, 0] > 0.7
+
+
+def place(x, y, side=20):
+    """A region that only has a box."""
+    box = np.array([x, y, x + side, y + side], float)
+    return Region(Events([], [], [], [], (200, 200)), box, (box[:2] + box[2:]) / 2)
+
+
+def test_tracks_go_to_the_nearest_together():
+    tracks = Tracks(Tracking(reach=30.0))
+    first = tracks.follow([place(0, 0), place(6, 0)], 0)
+    second = tracks.follow([place(15, 0), place(5, 0)], 100_000)  # alone, the one at 5 would go to the one at 6
+    assert [track.number for track in second] == [first[1].number, first[0].number]
+
+
+def test_a_track_is_kept_out_of_sight_for_a_while():
+    for seen_again, same in ((200_000, True), (400_000, False)):
+        tracks = Tracks(Tracking(patience=250.0))
+        (one,) = tracks.follow([place(0, 0)], 0)
+        assert tracks.follow([], 100_000) == []
+        (other,) = tracks.follow([place(2, 0)], seen_again)
+        assert (one is other) is same
+
+
+def test_what_is_out_of_reach_is_another():
+    tracks = Tracks(Tracking(reach=10.0))
+    (one,) = tracks.follow([place(0, 0)], 0)
+    (other,) = tracks.follow([place(11, 0)], 1000)
+    assert one.number != other.number
+
+
+def test_a_track_expects_its_velocity():
+    tracks = Tracks(Tracking(reach=10.0, gain=1.0))
+    numbers = [tracks.follow([place(8 * k, 0)], 100_000 * k)[0].number for k in (0, 1, 3)]  # 16 px while out of sight
+    assert len(set(numbers)) == 1
+
+
+def test_a_crop_has_the_object_in_the_middle():
+    made = scene(3, n=1, noise=0.0)
+    (piece,) = pieces(made.events, Detecting())
+    shown = crop(piece.regions, (35, 35))
+    assert shown.sensor_size == (35, 35)
+    assert shown.x.mean() == pytest.approx(17, abs=0.5)
+    assert shown.y.mean() == pytest.approx(17, abs=0.5)
+    half = crop(piece.regions, (35, 35), scale=2.0)
+    assert len(half) == pytest.approx(len(shown) / 4, abs=1)
+    assert np.ptp(half.x) == pytest.approx(np.ptp(shown.x) / 2, abs=1.5)
+
+
+def test_objects_are_found_named_and_followed(recogniser):
+    found = try_out(Detector(recogniser), [scene(seed, length=600.0) for seed in range(4)])
+    assert found.precision.box == 1.0
+    assert found.precision.mean > 0.9
+    assert (found.switches.switches, found.switches.missed, found.scenes) == (0, 0, 4)
+    assert found.as_words(("cross", "ring"))["objects"] == 12
+
+
+@pytest.mark.parametrize("settings", [{}, {"segmenter": "counts", "count": 3000}, {"segmenter": "msd", "leak": 50.0,
+                                       "threshold": 300.0, "fewest": 20}])  # fmt: skip
+def test_a_stream_gives_what_the_recording_gives(recogniser, settings):
+    made = scene(5, length=500.0)
+    chosen = Detecting().changed(settings)
+    whole = Detector(recogniser, chosen).detect(made.events)
+    assert len(whole) >= 6
+    stream = Detector(recogniser, chosen)
+    parts = [stream.feed(made.events[k : k + 1111]) for k in range(0, len(made.events), 1111)]
+    parts.append(stream.finish())
+    for name in ("start", "stop", "identity", "box"):
+        np.testing.assert_array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name))
+    last = {}
+    for part in parts:
+        for k in range(len(part)):
+            last[int(part.identity[k])] = int(part.label[k]), float(part.score[k])
+    expected = {int(who): (int(label), float(score)) for who, label, score in
+                zip(whole.identity, whole.label, whole.score, strict=True)}  # fmt: skip
+    assert {who: label for who, (label, _) in last.items()} == {who: label for who, (label, _) in expected.items()}
+    for who, (_, score) in expected.items():
+        assert last[who][1] == pytest.approx(score)
+    assert len(stream.finish()) == 0
+
+
+def test_a_stream_forgets_what_is_gone(recogniser):
+    stream = Detector(recogniser)
+    first, second = scene(0, n=1).events, scene(1, n=1).events
+    stream.feed(first)
+    later = Events(second.t + 2_000_000, second.x, second.y, second.p, second.sensor_size)
+    found = stream.feed(later)
+    assert len(np.unique(found.identity)) == 2
+    assert len(stream._known) == 1
+
+
+def test_a_stream_has_one_sensor(recogniser):
+    stream = Detector(recogniser)
+    stream.feed(scene(0, n=1).events)
+    with pytest.raises(ModelError) as error:
+        stream.feed(drawn("ring", 0))
+    assert str(error.value) == "events of a sensor of 34x34 px after those of 100x80 px"
+
+
+def test_nothing_to_see(recogniser):
+    assert len(Detector(recogniser).detect(Events([], [], [], [], (100, 80)))) == 0
+    rng = np.random.default_rng(0)
+    noise = Events(np.sort(rng.integers(300_000, size=2400)), rng.integers(100, size=2400),
+                   rng.integers(80, size=2400), rng.integers(2, size=2400), (100, 80))  # fmt: skip
+    assert len(Detector(recogniser).detect(noise)) == 0
+
+
+def test_larger_objects_by_a_pyramid(recogniser):
+    made = scene(6, n=2, sensor=[70, 40], speed=0.0, noise=0.0)
+    rng = np.random.default_rng(0)
+    four = np.repeat(np.arange(len(made.events)), 4)  # every pixel becomes 2x2, each with its own events
+    x, y = (2 * values[four].astype(int) + rng.integers(2, size=len(four)) for values in (made.events.x, made.events.y))
+    larger = Events(made.events.t[four], x, y, made.events.p[four], (140, 80))
+    there = Boxes(*(getattr(made.boxes, n) for n in ("start", "stop", "identity", "label", "score")),
+                  2 * made.boxes.box)  # fmt: skip
+    settings = Detecting().changed({"scales": [1.0, 2.0]})
+    twice = replace(made, events=larger, boxes=there)
+    for start, found in in_pictures(twice, Detector(recogniser, settings).detect(larger)):
+        assert len(found) == 2
+        assert (iou(start.box, found.box).max(axis=1) > 0.6).all()
+        assert found.label[iou(start.box, found.box).argmax(axis=1)].tolist() == start.label.tolist()
+
+
+def test_crops_are_recordings_to_learn_from(folder, tmp_path):
+    scenes = write_scenes(tmp_path / "s", recordings(folder), Scenery(), 4)
+    there = sum(len(np.unique(one.boxes.identity)) for one in scenes)
+    assert write_crops(tmp_path / "crops", scenes, Detecting()) == there
+    data = recordings(tmp_path / "crops")
+    assert data.classes == ("cross", "ring")
+    assert len(data) == there
+    assert data[0].load().sensor_size == (34, 34)
+    learnt = fit(data, "hats")
+    assert try_out(Detector(learnt), scenes).precision.mean == 1.0
+
+
+def test_a_view_cuts_as_its_segmenter_does():
+    made = scene(7)
+    view = View(Detecting(), (100, 80))
+    segments = [*view.segments(made.events[:5000]), *view.segments(made.events[5000:]), *view.rest()]
+    bounds = Detecting().segmenter.bounds(made.events.t)
+    assert [len(segment) for segment in segments[:-1]] == np.diff(bounds).tolist()
+    assert sum(map(len, segments)) == len(made.events)

@@ -1,0 +1,141 @@
+"""The commands `scenes`, `crops` and `detect`: from recordings of one object to boxes in scenes of several."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from neuro.cli import main
+from neuro.events import Events, save
+
+
+def run(*words):
+    """Run `neuro recognise ...`; return the exit status."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["neuro", "recognise", *words])
+        with pytest.raises(SystemExit) as end:
+            main()
+    return end.value.code or 0
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory):
+    """What is computed of recordings is not kept among the user's."""
+    path = tmp_path_factory.mktemp("cache")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("platformdirs.user_cache_path", lambda name: path)
+        yield
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Recordings of crosses and rings, in classes of these names."""
+    path = tmp_path_factory.mktemp("shapes")
+    y, x = np.mgrid[:23, :23] - 11
+    for name, there in (("cross", (abs(x) < 4) | (abs(y) < 4)), ("ring", abs(np.hypot(x, y) - 9) < 3)):
+        (path / name).mkdir()
+        rows, columns = np.nonzero(there)
+        for k in range(6):
+            rng = np.random.default_rng([k, len(name)])
+            of, t = rng.integers(len(rows), size=3000), np.sort(rng.integers(300_000, size=3000))
+            events = Events(t, columns[of] + 5, rows[of] + 5, rng.integers(2, size=3000), (34, 34))
+            save(events, path / name / f"{k}.npz")
+    return path
+
+
+@pytest.fixture(scope="module")
+def made(folder, tmp_path_factory):
+    """A folder with scenes and a recogniser that learnt from crops out of others."""
+    path = tmp_path_factory.mktemp("made")
+    halves = ["--data", str(folder), "--folds", "2", "--fold", "0"]
+    for words in (
+        ["scenes", *halves, "--out", str(path / "learn"), "--count", "6", "--others"],
+        ["crops", str(path / "learn"), "--out", str(path / "crops")],
+        ["train", "hats", "--data", str(path / "crops"), "--out", str(path / "model.h5")],
+        ["scenes", *halves, "--out", str(path / "scenes"), "--count", "3", "--noise", "2", "--set", "speed=5"],
+    ):
+        assert run(*words) == 0
+    return path
+
+
+@pytest.fixture
+def neuro(monkeypatch, made, capsys):
+    monkeypatch.chdir(made)
+
+    def told(*words):
+        capsys.readouterr()
+        code = run(*words)
+        out = capsys.readouterr()
+        return code, out.out, out.err
+
+    return told
+
+
+def test_measured_on_scenes(neuro):
+    code, out, _ = neuro("detect", "model.h5", "--data", "scenes", "--json")
+    found = json.loads(out)
+    assert code == 0
+    assert found["format"] == "neuro recognise detection 1"
+    assert found["method"] == "hats"
+    assert found["scenes"] == 3
+    assert found["map"] == found["box_ap"] == 1.0
+    assert set(found["ap"]) == {"cross", "ring"}
+    assert found["missed"] == found["switches"] == 0
+    code, out, _ = neuro("detect", "model.h5", "--data", "scenes")
+    assert code == 0
+    assert "mAP at IoU 0.5" in out
+    assert "1.000" in out
+
+
+def test_boxes_of_a_recording(neuro, made):
+    code, out, _ = neuro("detect", "model.h5", "scenes/0000.npz", "--json", "--out", "boxes.csv")
+    boxes = json.loads(out)["boxes"]
+    assert code == 0
+    rows = (made / "boxes.csv").read_text().splitlines()
+    assert rows[0] == "start_us,stop_us,identity,class,score,left,top,right,bottom"
+    assert len(rows) - 1 == len(boxes) >= 6
+    assert {box["class"] for box in boxes} <= {"cross", "ring"}
+    code, out, _ = neuro("detect", "model.h5", "scenes/0000.npz", "--out", "boxes.csv")  # a table is replaced
+    assert code == 0
+    assert "#0" in out
+
+
+def test_a_picture_and_a_page(neuro, made):
+    assert neuro("detect", "model.h5", "scenes/0001.npz", "--out", "boxes.png")[0] == 0
+    assert imread(made / "boxes.png").std() > 0.05
+    assert neuro("detect", "model.h5", "scenes/0001.npz", "--out", "boxes.html")[0] == 0
+    page = (made / "boxes.html").read_text()
+    data = json.loads(page[page.index("const data = ") + 13 : page.index(";\nconst view")])
+    assert (data["width"], data["height"], len(data["frames"])) == (100, 80, 3)
+    assert all(len(frame["boxes"]) >= 2 for frame in data["frames"])
+    assert neuro("detect", "model.h5", "scenes/0001.npz", "--out", "boxes.html")[0] == 0
+    (made / "boxes.html").write_text(page.replace("Play", "Go"))
+    code, _, err = neuro("detect", "model.h5", "scenes/0001.npz", "--out", "boxes.html")
+    assert code == 2
+    assert "boxes.html: exists and is not a page of 'neuro recognise detect': expected a new name" in err
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["detect", "model.h5"], "expected either a RECORDING or --data SCENES"),
+        (["detect", "model.h5", "scenes/0000.npz", "--out", "x.txt"],
+         "x.txt: expected a name that ends in .html, .png, .csv"),
+        (["detect", "model.h5", "--data", "crops"],
+         "crops: no scenes, expected a folder that 'neuro recognise scenes' filled"),
+        (["detect", "model.h5", "--data", "scenes", "--out", "x.csv"], "boxes are written of a RECORDING"),
+        (["detect", "model.h5", "scenes/0000.npz", "--set", "sise=3"], "unknown setting of detecting 'sise'"),
+        (["scenes", "--data", "crops", "--out", "t", "--sensor", "100"],
+         "'100': expected width and height such as 100x80"),
+        (["scenes", "--data", "crops", "--out", "scenes", "--noise", "3"], "scenes: has scenes with another scenery"),
+        (["scenes", "--data", "crops", "--out", "t", "--folds", "3", "--fold", "3"],
+         "fold 3 of 3: expected 0 to 2"),
+    ],
+)  # fmt: skip
+def test_mistakes(neuro, words, message):
+    code, _, err = neuro(*words)
+    assert code == 2
+    assert message in err
+    assert "Traceback" not in err
