@@ -30,7 +30,7 @@ NEW_CODE = (
     "add-a-connection-rule.md",
 )
 WITH_COMMANDS = ("add-an-event-format.md", "add-a-filter.md")
-NEEDS_DATA = ("remus.md",)
+NEEDS_DATA = ("remus.md", "detect-objects.md")
 NEEDS_PACKAGE = {"drone_ppo": "stable_baselines3"}
 PAGE_NEEDS = {"run-on-nest.md": "nest"}
 ARGUMENTS = {

@@ -513,6 +513,9 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "neuro/cli/events/frames.py",
         "neuro/model/language/writer.py",
         "apps/neuro_drone/watch.py",
+        "apps/neuro_recognise/compare_report.py",
+        "apps/neuro_recognise/detection/report.py",
+        "apps/neuro_recognise/watch.py",
     }
     cache = {"neuro/kernels/kept.py"}  # machine code, in a folder of its own
     assert found == {"neuro/core/outputs.py"} | formats | temporary | given | cache

@@ -138,4 +138,4 @@ class Ses(Segmenter):
         return segmentation.Peaks(round(1000.0 * self.search), tau_us=1000.0 * self.tau, threshold=self.threshold)
 
 
-Segmenter.known = Registry("segmenter", (Msd, Hes, Counts, Ses))
+Segmenter.known = Registry("recogniser segmenter", (Msd, Hes, Counts, Ses))

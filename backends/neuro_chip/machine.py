@@ -207,7 +207,11 @@ class Machine:
         for k in range(len(self.program.populations)):
             write_registers(self.arrays, self.fixed, k, self.cells.fixed[k])
         for name in self._live:
-            self.arrays[name][:] = arrays[f"live.{_STORED.get(name, name)}"]
+            value = arrays[f"live.{_STORED.get(name, name)}"]
+            if name == "groups":
+                self.arrays[name][:, : value.shape[1]] = value  # fewer columns in version 0.1.0
+            else:
+                self.arrays[name][:] = value
         self.record.restore(arrays)
         self.listed.restore(arrays, self.step)
         self.currents.restore(arrays)

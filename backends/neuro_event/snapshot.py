@@ -25,7 +25,7 @@ def snapshot(a: Arrays) -> dict[str, NDArray[Any]]:
     """Copies of all arrays that hold something between two runs."""
     net = {f"net.{k}": v.copy() for k, v in a.net.items() if k not in _FIXED}
     net["net.pops"] = a.net["pops"][:, : t.NUMBER].copy()  # what follows are addresses of this process
-    net["net.projections"] = a.net["projections"][:, : t.RECEPTOR].copy()  # the rest follows from the program
+    net["net.projections"] = a.net["projections"][:, : t.CHANNEL_HEIGHT].copy()  # the rest follows from the program
     plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS}
     plastic["plastic.table"] = a.plastic["table"][:, : t.RULE_NUMBER].copy()
     return {**net, **plastic}
@@ -38,7 +38,9 @@ def restore(a: Arrays, arrays: Mapping[str, NDArray[Any]]) -> None:
         if name == "net.pops":
             a.net["pops"][:, : t.NUMBER] = value
         elif name == "net.projections":
-            a.net["projections"][:, : t.RECEPTOR] = value
+            a.net["projections"][:, : t.CHANNEL_HEIGHT] = value[:, : t.CHANNEL_HEIGHT]
+        elif name == "net.groups":
+            a.net["groups"][:, : value.shape[1]] = value  # fewer columns in version 0.1.0
         elif part == "net":
             a.net[rest] = value.copy()
         elif name == "plastic.table":

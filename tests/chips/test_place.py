@@ -577,7 +577,7 @@ def synapses_of(program, index):
     found = []
     for m, r, c, k in np.ndindex(g.maps, g.rows, g.columns, g.channels):
         for i, j in np.ndindex(g.kernel_height, g.kernel_width):
-            y, x = r * g.stride + i - g.padding, c * g.stride + j - g.padding
+            y, x = r * g.stride + i - g.top, c * g.stride + j - g.left
             if 0 <= y < g.height and 0 <= x < g.width:
                 found.append(((k * g.height + y) * g.width + x, (m * g.rows + r) * g.columns + c))
     return found

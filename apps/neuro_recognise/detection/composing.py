@@ -117,7 +117,7 @@ class _Object:
     start: Floats
     velocity: Floats
 
-    def at(self, t: Floats) -> Floats:
+    def boxes_at(self, t: Floats) -> Floats:
         """(n, 4) the box at some times, us."""
         middle = self.start + self.velocity * t[:, None]
         half = (self.box[2:] - self.box[:2]) / 2.0
@@ -174,7 +174,7 @@ def _placed(name: str, objects: list[_Object], scenery: Scenery, rng: np.random.
     times = np.linspace(0, scenery.length_us, 20)
     for _ in range(TRIES):
         placed = _touching(objects, scenery, rng) if scenery.touching else _anywhere(objects, scenery, rng)
-        boxes = [one.at(times) for one in placed]
+        boxes = [one.boxes_at(times) for one in placed]
         inside = all((box[:, :2] >= 0).all() and (box[:, 2:] <= scenery.sensor).all() for box in boxes)
         gap = 0.0 if scenery.touching else scenery.gap
         if inside and all(_gap(a, b) >= gap - 1e-9 for k, a in enumerate(boxes) for b in boxes[:k]):

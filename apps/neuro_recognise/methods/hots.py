@@ -122,7 +122,5 @@ class _Recordings(Sequence[Events]):
     def __getitem__(self, index: int | slice) -> Events | Sequence[Events]:
         if isinstance(index, slice):
             return [self[k] for k in range(*index.indices(len(self)))]
-        if not 0 <= index < len(self):
-            raise IndexError(index)
         one = self._shown.evidence[index]
         return Events(one["t"], one["x"], one["y"], one["p"], self._size)
