@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
 
 import numpy as np
@@ -91,13 +92,13 @@ class Answer:
         scores: (recordings, classes), the larger, the more speaks for a class; NaN in all of a row where nothing
             speaks for any.
         votes: the same by other ways of reading the same evidence, by name; `scores` are among them.
-        run: the simulation that networks ran on, and its trials, None where it ran without; for bills. None without a
-            network.
+        run: the simulation that networks ran on, and what its trials took, None where it ran without; for bills. None
+            without a network.
     """
 
     scores: Floats
     votes: Mapping[str, Floats] = field(default_factory=dict)
-    run: tuple[neuro.Simulation, neuro.TrialResults | None] | None = None
+    run: tuple[neuro.Simulation, neuro.TrialCounts | None] | None = None
 
 
 @dataclass(frozen=True)
@@ -253,6 +254,10 @@ class Method(Settings):
             shown: what the recordings show; their labels are not looked at.
             backend: runs networks.
         """
+
+    def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Shown], Answer]:
+        """`answer` with all that can be prepared: for asking often. It gives the same bits whatever it was asked."""
+        return partial(self.answer, learnt, backend=backend)
 
     def network(self, learnt: Learnt) -> neuro.Network | None:
         """The learnt network, None for a method without."""
