@@ -114,6 +114,7 @@ class Method(Settings):
         needs: an extra that training needs, "" for none.
         spikes: whether it is a spiking network, which has a bill on chips.
         unpriced: why a spiking network has no bill nevertheless, "" if it has.
+        changeable: settings that may be changed after training, since what was learnt goes with any of their values.
         by_moment: whether beginnings of recordings have to be learnt apart to decide early, since what is seen of a
             beginning differs from what is seen of the whole.
         presets: other settings by name, as values that differ; the first, without a name, are the defaults.
@@ -125,6 +126,7 @@ class Method(Settings):
     needs: ClassVar[str] = ""
     spikes: ClassVar[bool] = False
     unpriced: ClassVar[str] = ""
+    changeable: ClassVar[tuple[str, ...]] = ()
     by_moment: ClassVar[bool] = False
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     measured: ClassVar[Mapping[str, str]] = {}

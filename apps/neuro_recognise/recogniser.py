@@ -15,7 +15,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -121,6 +121,26 @@ class Recogniser:
             return self._ask(self.learnt, backend)(unlabelled(evidence, self.classes)).scores
         rows = [self._asked(backend)(time, one) for time, one in zip(times_us, evidence, strict=True)]
         return np.array(rows).reshape(-1, len(self.classes))
+
+    def changed(self, values: Mapping[str, Any]) -> Recogniser:
+        """What was learnt, with other settings of how recordings are looked at; without what `learn_early` learnt.
+
+        Args:
+            values: by name, of `Method.changeable`: a network that learnt from some frames may be asked about others.
+
+        Raises:
+            ModelError: what was learnt depends on a setting, or its value is wrong.
+        """
+        method = self.method.changed(values)
+        was, now = self.method.as_words(), method.as_words()
+        for name in now:
+            if now[name] != was[name] and name not in method.changeable:
+                known = ", ".join(method.changeable) or "none"
+                raise neuro.ModelError(
+                    f"{method.place()}: '{name}' cannot be changed after training, which depends on it",
+                    hint=f"what can: {known}; or train anew",
+                )
+        return replace(self, method=method, early=None) if now != was else self
 
     def learnt_at(self, after_us: int) -> Learnt:
         """What is asked after so much of a recording, us."""

@@ -79,7 +79,7 @@ def test_the_preset_by_words(early):
 @pytest.mark.parametrize("name", ["leaky", "surface"])
 def test_early_decisions_look_at_nothing_later(early, name):
     """Also of a net that learnt from other frames: what precedes it may be changed."""
-    recogniser = replace(early, method=early.method.changed({"representation": name}))
+    recogniser = early.changed({"representation": name})
     for label in (0, 1):
         events, times = moving(label, 50), [3.0, 5.5, 20.0, 60.0, 1000.0]
         scores = recogniser.scores_at(events, times)
@@ -93,6 +93,20 @@ def test_early_decisions_look_at_nothing_later(early, name):
         np.testing.assert_array_equal(
             [one.scores for one in decided], recogniser.scores_at(events, [one.after_ms for one in decided])
         )
+
+
+def test_what_can_be_changed_after_training(early):
+    """How recordings are cut and seen, not what the network was made for."""
+    assert early.changed({}) is early
+    frames = early.changed({"representation": "counts", "segmenter": "msd", "threshold": 40.0})
+    assert frames.learnt is early.learnt
+    assert [frames.predict(moving(label, 60))[0] for label in (0, 1)] == [0, 1]
+    with pytest.raises(neuro.ModelError) as error:
+        early.changed({"theta": 3.0})
+    assert str(error.value) == (
+        "method 'remus': 'layer' cannot be changed after training, which depends on it\n"
+        "  hint: what can: segmenter, representation, vote; or train anew"
+    )
 
 
 def test_a_bank_that_sees_each_event_by_itself():

@@ -58,6 +58,7 @@ class Framewise(Method):
     """
 
     spikes = True
+    changeable = ("segmenter", "representation", "vote")
 
     segmenter: Segmenter = part(Segmenter, Msd())
     representation: Representation = part(Representation, Counts())
