@@ -47,8 +47,8 @@ class BallTask:
       of the size.
 
     So a camera that stands still does not score, wherever it is (the third), nor does one that flies at a pace of its
-    own: on average over the ball's places it is never nearer than one in the middle (the last). What keeps the ball's
-    time scores though it sees nothing, if it starts near the ball: a lap always begins at the same place of the path.
+    own: on average over the ball's places it is never nearer than one in the middle (the last). On the fixed path what
+    keeps the ball's time scores though it sees nothing, if it starts near the ball: hence the variation of a test.
 
     Args:
         ball: path, speed and size.

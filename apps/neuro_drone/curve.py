@@ -30,6 +30,9 @@ _KINDS = {"steps": np.int64, "error_px": np.float64, "lost": np.int64}
 class Curve:
     """Tests of frozen weights along a training, which neither it nor its randomness is touched by.
 
+    The error is that in the picture, as in the history of a training: of a line that of its column, and where the drone
+    climbs that of the ball's place. The other axes tell in the flights that are lost.
+
     Args:
         scenario: of the training.
         found: what `arrays` gave, to go on from there.

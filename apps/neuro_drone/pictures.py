@@ -102,9 +102,9 @@ def training(model: Model) -> Figure:
         axes.plot(number, _running(values), color=INK, lw=1.2)
     if len(model.curve.get("steps", ())):
         at = np.searchsorted(np.cumsum(steps), model.curve["steps"]) + 1
-        below.plot(
-            at, model.curve["error_px"], "o-", ms=3.5, lw=1.6, color=GREEN, label="weights frozen, short flights"
-        )
+        tested, fell = model.curve["error_px"], model.curve["lost"] > 0
+        below.plot(at, tested, "o-", ms=3.5, lw=1.6, color=GREEN, label="weights frozen, short flights")
+        below.plot(at[fell], tested[fell], "x", ms=7, color=GREEN)
         below.legend(loc="upper right", frameon=False)
     for axes in (above, below):
         axes.set_ylim(bottom=0.0)

@@ -68,4 +68,5 @@ def _blurred(filter: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     wide = np.pad(filter, 1)
     rows, columns = filter.shape
     near = [wide[i : i + rows, j : j + columns] for i in range(3) for j in range(3)]
-    return np.mean(near, axis=0, dtype=np.float64)
+    found: npt.NDArray[np.float64] = np.mean(near, axis=0, dtype=np.float64)
+    return found

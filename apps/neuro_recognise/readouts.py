@@ -82,7 +82,8 @@ class Svm(Readout):
         if self.scale != "length":
             return x
         length = np.sqrt((x**2).sum(axis=1, keepdims=True))
-        return np.divide(x, length, out=np.zeros_like(x), where=length > 0)
+        scaled: Array = np.divide(x, length, out=np.zeros_like(x), where=length > 0)
+        return scaled
 
 
 @dataclass(frozen=True)

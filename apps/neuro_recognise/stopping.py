@@ -149,7 +149,8 @@ def stopped(errors: Floats, level: float) -> Ints:
         level: at or below which is stopped.
     """
     met = errors <= level
-    return np.where(met.any(axis=1), met.argmax(axis=1), met.shape[1] - 1)
+    found: Ints = np.where(met.any(axis=1), met.argmax(axis=1), met.shape[1] - 1)
+    return found
 
 
 def _tried(held: Held, errors: Floats, allowed: float, level: float) -> Rule:

@@ -53,7 +53,7 @@ def majority(wins: Floats, sums: Floats) -> Floats:
     """
     behind = np.argsort(np.argsort(-sums, axis=1, kind="stable"), axis=1)
     told = wins + 1.0 - (behind + 1.0) / sums.shape[1]
-    return np.where(wins.any(axis=1)[:, None], told, np.nan)
+    return np.where(wins.any(axis=1, keepdims=True), told, np.nan)
 
 
 def potentials(sums: Floats) -> Floats:
@@ -65,4 +65,4 @@ def potentials(sums: Floats) -> Floats:
     Returns:
         The same; NaN where no map of any class was reached.
     """
-    return np.where(sums.any(axis=1)[:, None], sums, np.nan)
+    return np.where(sums.any(axis=1, keepdims=True), sums, np.nan)

@@ -224,9 +224,10 @@ def test_mistakes(tmp_path):
         "start [1, 2, 41] px: expected a place of the picture below the horizon and a ball from half to twice as tall "
         "as it shall be"
     )
-    assert told(lambda: make("dqn", WORLD)) == (
-        "controller 'dqn' has two axes: expected a scenario with task.ball.axes = 2"
-    )
+    for name in ("dqn", "ddpg", "ppo"):
+        assert told(lambda name=name: make(name, WORLD)) == (
+            f"controller '{name}' has two axes: expected a scenario with task.ball.axes = 2"
+        )
     assert told(lambda: make("oracle", WORLD, 0, {"gain": [1.0, 2.0]})) == (
         "gain = [1.0, 2.0]: expected a number or a list of 3, one an axis"
     )

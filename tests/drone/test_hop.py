@@ -10,8 +10,9 @@ from neuro import ModelError
 from neuro_drone.body import GRAVITY
 from neuro_drone.controllers import make
 from neuro_drone.env import DroneEnv
-from neuro_drone.evaluate import Start, begin, fly_lap
+from neuro_drone.evaluate import Start, begin, fly_lap, grid
 from neuro_drone.hop import hop
+from neuro_drone.paths import Variation
 from neuro_drone.scenario import Ball, load
 
 
@@ -54,6 +55,28 @@ def test_the_environment_shows_and_judges_the_ball_where_it_is():
     assert min(seen) < -4.0  # it jumps up the picture
     begin(env, Start((0.0, 0.0)))
     assert env.task.scene().ball[2:] == (0.17, 0.17)
+
+
+def test_a_varied_path_leaves_rising_and_swelling_as_they_are():
+    """The clock of a ball's height begins with the lap, whatever the speed and wherever the path is begun."""
+    env, start = DroneEnv("B60-rise"), (20.0, -10.0, 6.0)
+    for varied in (Variation(1.3, 70.0, 1.0, 1.4, 0.6), Variation(0.8, -20.0, 1.0, 0.8, 0.1)):
+        info = begin(env, Start(start, path=varied))
+        assert info["error"] == pytest.approx(start, abs=1e-3)
+        for step in range(1, 20):
+            env.step((0.0, 0.0, 0.0))
+            place, ball = env.task.scene().ball, env.scenario.task
+            assert place[2:] == pytest.approx(hop(ball, 0.05 * step))
+            along = varied.begin * env.task.path.length + ball.speed * varied.speed * 0.05 * step
+            assert place[:2] == pytest.approx(env.task.path.at(along))
+
+
+@pytest.mark.parametrize("name", ["B60-height", "B60-rise", "B60-bounce", "B60-wind", "B60-spin"])
+def test_an_oracle_finishes_laps_of_varied_paths(name):
+    world = load(name, step=100)
+    env, starts = DroneEnv(world), grid(world, 2)
+    assert len({start.path for start in starts}) == 4
+    assert all(fly_lap(env, make("oracle", world), start, i).lap for i, start in enumerate(starts))
 
 
 def test_a_drone_that_climbs_follows_a_ball_that_rises():

@@ -74,7 +74,7 @@ def test_nothing_seen_nothing_done():
     assert not policy.act(np.zeros((8, 8), int), {}).any()
 
 
-@pytest.mark.parametrize("scenario", ["B60", "line"])
+@pytest.mark.parametrize("scenario", ["B60", "B60-height", "line"])
 def test_a_training_goes_on_after_a_kill_to_the_same_bits(scenario, tmp_path, monkeypatch):
     file, told = tmp_path / "model.h5", []
     whole = train(scenario, "random-search", steps=300, settings=SMALL, episode=20)
@@ -99,6 +99,18 @@ def test_it_learns_to_follow():
     tried = try_out(model, starts=grid(model.scenario, 2))
     assert tried.laps == 4
     assert tried.error_px < 15.0
+
+
+def test_where_the_drone_climbs_it_has_a_third_action():
+    world = load("B60-height")
+    learner = make("random-search", world)
+    assert learner.learnt()["weights"].shape == (3, 4)
+    learner.begin()
+    seen = (*make("centroid", world, 0, {"gain": 1.0}).act(EAST, {}), 1.0)
+    ways = np.random.default_rng((0, 4)).standard_normal((8, 3, 4))
+    assert max(np.abs(seen[:3])) < 1.0  # so that the centroid's action tells what it found
+    assert learner.act(EAST, {}) == pytest.approx(np.clip(ways[0] @ seen, -1.0, 1.0))
+    assert learner.frozen().act(np.zeros((8, 8), int), {}).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_it_needs_no_torch():

@@ -104,7 +104,8 @@ def iou(a: Floats, b: Floats) -> Floats:
     low, high = np.maximum(a[:, None, :2], b[None, :, :2]), np.minimum(a[:, None, 2:], b[None, :, 2:])
     shared = np.prod(np.maximum(high - low, 0.0), axis=2)
     both = _area(a)[:, None] + _area(b)[None, :] - shared
-    return np.divide(shared, both, out=np.zeros_like(shared), where=both > 0)
+    found: Floats = np.divide(shared, both, out=np.zeros_like(shared), where=both > 0)
+    return found
 
 
 def suppressed(box: Floats, score: Floats, most: float) -> Ints:

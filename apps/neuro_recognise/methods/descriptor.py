@@ -51,7 +51,7 @@ class Descriptor(Method):
         """Ask the readout; a recording without events is silent."""
         x = _vectors(shown)
         scores = self.readout.scores(learnt, x)
-        return Answer(np.where(x.any(axis=1)[:, None], scores, np.nan))
+        return Answer(np.where(x.any(axis=1, keepdims=True), scores, np.nan))
 
 
 def _vectors(shown: Shown) -> Floats:

@@ -58,7 +58,8 @@ class TempotronLayer(Labelled):
 
     def decided(self, results: neuro.TrialResults) -> Ints:
         """The class of the largest potential at the end; nobody fires."""
-        return results.potential.argmax(axis=1) // self.per_class
+        found: Ints = results.potential.argmax(axis=1) // self.per_class
+        return found
 
     def settled(self, net: neuro.Network, learnt: Learnt) -> neuro.Network:
         """With weights that stay: without bounds, chips could not teach them."""

@@ -36,7 +36,7 @@ class HFirst(Method, Numbers):
     """Layers S1 and C1 look at a recording once; S2 has a neuron with a template of their spikes for each class."""
 
     title = "first spikes of oriented neurons with linear leak, templates of their counts"
-    source = "Orchard et al., IEEE TPAMI 37:2028, 2015; github gorchard/HFIRST; thesis lines 2181-2210"
+    source = "Orchard et al., IEEE TPAMI 37:2028, 2015; github gorchard/HFIRST; thesis lines 2181-2191"
     spikes = True
     unpriced = "layers S1 and C1 run once for all folds and are not counted, and chips refuse their linear leak"
     presets = {"poker": {"size": [35, 35], "c1_resets": True, "reading": "hard"}}

@@ -72,7 +72,7 @@ class Hots(Method):
         """Ask the readout; a recording without events is silent."""
         kept = {name: part for name, part in learnt.items() if not isinstance(part, str)}
         x = self._histograms(Layers.from_state(self._settings(), self.size, kept), shown)
-        return Answer(np.where(x.any(axis=1)[:, None], self.readout.scores(learnt, x), np.nan))
+        return Answer(np.where(x.any(axis=1, keepdims=True), self.readout.scores(learnt, x), np.nan))
 
     def _settings(self) -> Settings:
         return Settings(
@@ -102,7 +102,8 @@ class Hots(Method):
         found: Floats = np.stack(
             [layers.features(events, cell=self.cell).ravel() for events in _Recordings(self, shown)]
         ).astype(np.float64)
-        return found / np.maximum(found.sum(axis=1, keepdims=True), 1.0)
+        shares: Floats = found / np.maximum(found.sum(axis=1, keepdims=True), 1.0)
+        return shares
 
 
 class _Recordings(Sequence[Events]):

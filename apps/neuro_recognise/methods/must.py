@@ -96,7 +96,7 @@ class Must(Framewise):
         for label in np.unique(labels[named]):
             np.add.at(sums[:, label], frames.recording, results.potential[:, labels == label].max(axis=1, initial=0.0))
         rate = wins / np.maximum(np.bincount(labels[named], minlength=classes), 1)
-        found = {"rate": np.where(wins.any(axis=1)[:, None], rate, np.nan)}
+        found = {"rate": np.where(wins.any(axis=1, keepdims=True), rate, np.nan)}
         return found | {"majority": majority(wins, sums), "potentials": potentials(sums)}
 
 
