@@ -81,7 +81,7 @@ if TYPE_CHECKING:
     from neuro.run.modulators import reward_error, td_error, td_error_rate
     from neuro.run.normalise import normalise
     from neuro.run.simulation import ApproximationWarning, ModelWarning, Simulation, compile
-    from neuro.run.trials import TrialResults
+    from neuro.run.trials import TrialCounts, TrialResults
 
 _HOMES = {
     "neuro.chips": (),
@@ -165,7 +165,7 @@ _HOMES = {
     "neuro.run.assignment": ("assign_labels", "read_labels"),
     "neuro.run.modulators": ("reward_error", "td_error", "td_error_rate"),
     "neuro.run.normalise": ("normalise",),
-    "neuro.run.trials": ("TrialResults",),
+    "neuro.run.trials": ("TrialCounts", "TrialResults"),
     "neuro.run.simulation": ("ApproximationWarning", "ModelWarning", "Simulation", "compile"),
 }
 
@@ -177,6 +177,7 @@ __all__ = [
     "Network",
     "OverflowWarning",
     "Simulation",
+    "TrialCounts",
     "TrialResults",
     "Trials",
     "__version__",

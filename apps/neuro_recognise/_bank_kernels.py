@@ -7,42 +7,42 @@ from neuro.apps import allocating, inner
 
 
 @allocating
-def largest_responses(x, y, bounds, bank, sizes, height, width, cell, out):
+def largest_responses(x, y, held, bounds, bank, sizes, height, width, cell, out):
     """What filters answer to every frame of a recording, of each cell of pixels the largest, at least 0.
 
-    A frame has far fewer pixels with events than pixels, so each such pixel adds its count times the
+    A frame has far fewer pixels with events than pixels, so each such pixel adds what it holds times the
     (turned) filter to the response; this is the 'same' convolution with zeros outside of the frame.
 
-    x, y: uint16[n], inside the frame; bounds: int64[frames + 1]; bank: float64[scales, orientations,
-    side, side]; sizes: int64[scales]; cell: side of a cell, px; out: float64[frames, scales, orientations,
-    height // cell, width // cell].
+    x, y: uint16[n], inside the frame; held: float64[n], above 0; bounds: int64[frames + 1]; bank:
+    float64[scales, orientations, side, side]; sizes: int64[scales]; cell: side of a cell, px; out:
+    float64[frames, scales, orientations, height // cell, width // cell].
     """
     side = bank.shape[2]
     half = side // 2
-    count = np.zeros((height, width), np.int64)
+    value = np.zeros((height, width))
     rows = np.empty(height * width, np.int64)
     columns = np.empty(height * width, np.int64)
     response = np.empty((height + 2 * half, width + 2 * half))
     for frame in range(out.shape[0]):
         active = 0
         for k in range(bounds[frame], bounds[frame + 1]):
-            if count[y[k], x[k]] == 0:
+            if value[y[k], x[k]] == 0.0:
                 rows[active] = y[k]
                 columns[active] = x[k]
                 active += 1
-            count[y[k], x[k]] += 1
+            value[y[k], x[k]] += held[k]
         for s in range(bank.shape[0]):
             first = (side - sizes[s]) // 2
             last = first + sizes[s]
             for o in range(bank.shape[1]):
                 response[:] = 0.0
                 for k in range(active):
-                    value = float(count[rows[k], columns[k]])
+                    sent = value[rows[k], columns[k]]
                     for i in range(first, last):
                         to = response[rows[k] + i]
                         taps = bank[s, o, side - 1 - i]
                         for j in range(first, last):
-                            to[columns[k] + j] += value * taps[side - 1 - j]
+                            to[columns[k] + j] += sent * taps[side - 1 - j]
                 for i in range(out.shape[3]):
                     for j in range(out.shape[4]):
                         best = 0.0
@@ -51,7 +51,7 @@ def largest_responses(x, y, bounds, bank, sizes, height, width, cell, out):
                                 best = max(best, response[a, b])
                         out[frame, s, o, i, j] = best
         for k in range(active):
-            count[rows[k], columns[k]] = 0
+            value[rows[k], columns[k]] = 0.0
 
 
 @allocating

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -12,19 +13,26 @@ from neuro import ModelError
 from neuro.apps import Registry
 from neuro.events import Events
 from neuro_recognise.gabor import gabor_bank
+from neuro_recognise.representations import Counts, Representation
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Floats, Ints
 
 __all__ = ["Bank", "Gabors", "LeakyGabors"]
 
 TABLE_2 = "thesis table 2, line 2350"
+COUNTS = Counts()
 
 
 @dataclass(frozen=True)
 class Bank(Part):
-    """Base of the banks of filters: sizes, widths and wavelengths go together, one each a scale."""
+    """Base of the banks of filters: sizes, widths and wavelengths go together, one each a scale.
+
+    Class attributes:
+        shown: whether it is shown what a representation holds; else it sees each event by itself.
+    """
 
     kind = "bank"
+    shown: ClassVar[bool] = True
 
     sizes: tuple[int, ...] = setting((3, 5, 7, 9), "px", "sides of the filters, odd", TABLE_2, above=0)
     sigmas: tuple[float, ...] = setting((1.2, 2.0, 2.8, 3.6), "px", "their effective widths", TABLE_2, above=0)
@@ -39,13 +47,14 @@ class Bank(Part):
             raise ModelError(f"sizes: found {even[0]}: expected odd numbers, so that a filter has a middle")
 
     @abstractmethod
-    def responses(self, events: Events, bounds: Ints, side: int) -> Floats:
+    def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
         """What the filters answer.
 
         Args:
             events: a recording inside the field.
             bounds: (frames + 1,) frame i is ``[bounds[i], bounds[i + 1])``.
             side: of a cell, px; of each only the largest response is given.
+            seen: what a frame shows.
 
         Returns:
             (frames, scales, orientations, rows, columns) of cells, not below 0.
@@ -54,7 +63,7 @@ class Bank(Part):
 
 @dataclass(frozen=True)
 class Gabors(Bank):
-    """Gabor filters over the number of events of a frame at each pixel."""
+    """Gabor filters over what each pixel of a frame holds."""
 
     source = "thesis 6.2.2, eqs 122-124, lines 2337-2370"
 
@@ -70,14 +79,14 @@ class Gabors(Bank):
             self.sizes, self.sigmas, self.wavelengths, self.gamma, self.orientations, literal=self.literal
         )
 
-    def responses(self, events: Events, bounds: Ints, side: int) -> Floats:
-        """Rectified "same" convolution of each frame's counts with each filter."""
+    def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
+        """Rectified "same" convolution of each frame with each filter."""
         from neuro_recognise._bank_kernels import largest_responses
 
         width, height = events.sensor_size
         out = np.empty((len(bounds) - 1, len(self.sizes), len(self.orientations), height // side, width // side))
         sizes = np.array(self.sizes, np.int64)
-        largest_responses(events.x, events.y, bounds, self.filters, sizes, height, width, side, out)
+        largest_responses(*seen.pixels(events, bounds), self.filters, sizes, height, width, side, out)
         return out
 
 
@@ -85,6 +94,7 @@ class Gabors(Bank):
 class LeakyGabors(Bank):
     """Gabor filters that each event adds to, whose responses leak to 0 at a constant rate and are never reset."""
 
+    shown = False
     source = "Zhao et al., IEEE TNNLS 26:1963, 2015, section III-A; MK-Tempotron, zb_filters2.m, conv_integNoFire.m"
 
     gamma: float = setting(0.3, "", "aspect ratio; less than 1 is longer along the bar", TABLE_2, above=0)
@@ -103,7 +113,7 @@ class LeakyGabors(Bank):
             self.sizes, self.sigmas, self.wavelengths, self.gamma, self.orientations, circular=True, smooth=True
         )
 
-    def responses(self, events: Events, bounds: Ints, side: int) -> Floats:
+    def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
         """Absolute values at the end of each frame; frames before have left their rest."""
         from neuro_recognise._bank_kernels import leaky_responses
 

@@ -90,13 +90,14 @@ def try_model(
     json: Json = False,
     out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write a picture there.")] = None,
     backend: Backend = "event",
+    set: Set = [],  # noqa: B006
 ) -> None:
     """Test a recogniser on recordings: accuracy, its 95 % interval, and the confusion of the classes."""
     from neuro_recognise import report
     from neuro_recognise.recogniser import Recogniser
     from neuro_recognise.tried import try_out
 
-    trained = Recogniser.load(model)
+    trained = Recogniser.load(model).changed(assignments(set))
     tried = try_out(trained, _recordings(data, part, trained.classes), backend)
     if out is not None:
         report.write_confusion(tried, out)
@@ -113,13 +114,14 @@ def predict(
     allow: Allow = None,
     json: Json = False,
     backend: Backend = "event",
+    set: Set = [],  # noqa: B006
 ) -> None:
     """Tell the class of recordings, what speaks for each, and when that was decided."""
     from neuro_recognise import report
     from neuro_recognise.predicted import predict_files
     from neuro_recognise.recogniser import Recogniser
 
-    trained = Recogniser.load(model)
+    trained = Recogniser.load(model).changed(assignments(set))
     report.show_predicted(trained, predict_files(trained, recordings, backend, allow), json)
 
 
@@ -163,12 +165,13 @@ def watch(
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The page to write.")] = Path("recognise.html"),
     allow: Allow = None,
     backend: Backend = "event",
+    set: Set = [],  # noqa: B006
 ) -> None:
     """Write a page that plays a recording: events, what the method looks at, scores, and when it is decided."""
     from neuro_recognise.recogniser import Recogniser
     from neuro_recognise.watch import watch
 
-    told = watch(Recogniser.load(model), recording, out, allow, backend)
+    told = watch(Recogniser.load(model).changed(assignments(set)), recording, out, allow, backend)
     typer.echo(f"{out}: {told}")
 
 

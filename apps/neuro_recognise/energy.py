@@ -109,8 +109,8 @@ def show(recogniser: Recogniser, tried: Tried, priced: tuple[Energy, ...]) -> No
         typer.echo(f"- {line}")
 
 
-def _run(tried: Tried) -> tuple[neuro.Simulation, neuro.TrialResults | None]:
-    """What ran, and its trials; None where it ran without."""
+def _run(tried: Tried) -> tuple[neuro.Simulation, neuro.TrialCounts | None]:
+    """What ran, and what its trials took; None where it ran without."""
     assert tried.answer.run is not None, "of a network only"
     return tried.answer.run
 

@@ -132,11 +132,12 @@ class _Work:
         method = self.recogniser.method
         others, held = self.folds[k]
         learnt = method.fit(observe(method, self.data).take(others), Course(self.seed))
+        ask = method.asker(learnt)
         scores = np.empty((len(held), len(self.times), len(self.recogniser.classes)))
         for first in range(0, len(held), AT_ONCE):
             rows = held[first : first + AT_ONCE].tolist()
             evidence = [one for k in rows for one in method.observe_until(self.data[k].load(), self.times.tolist())]
-            found = method.answer(learnt, unlabelled(evidence, self.recogniser.classes)).scores
+            found = ask(unlabelled(evidence, self.recogniser.classes)).scores
             scores[first : first + len(rows)] = found.reshape(len(rows), *scores.shape[1:])
         right = choose(scores.reshape(-1, scores.shape[2])).reshape(scores.shape[:2]) == self.data.labels[held, None]
         return _Step((held, slice(None)), scores, right, {})

@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
 
 import numpy as np
@@ -91,13 +92,13 @@ class Answer:
         scores: (recordings, classes), the larger, the more speaks for a class; NaN in all of a row where nothing
             speaks for any.
         votes: the same by other ways of reading the same evidence, by name; `scores` are among them.
-        run: the simulation that networks ran on, and its trials, None where it ran without; for bills. None without a
-            network.
+        run: the simulation that networks ran on, and what its trials took, None where it ran without; for bills. None
+            without a network.
     """
 
     scores: Floats
     votes: Mapping[str, Floats] = field(default_factory=dict)
-    run: tuple[neuro.Simulation, neuro.TrialResults | None] | None = None
+    run: tuple[neuro.Simulation, neuro.TrialCounts | None] | None = None
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,7 @@ class Method(Settings):
         needs: an extra that training needs, "" for none.
         spikes: whether it is a spiking network, which has a bill on chips.
         unpriced: why a spiking network has no bill nevertheless, "" if it has.
+        changeable: settings that may be changed after training, since what was learnt goes with any of their values.
         by_moment: whether beginnings of recordings have to be learnt apart to decide early, since what is seen of a
             beginning differs from what is seen of the whole.
         presets: other settings by name, as values that differ; the first, without a name, are the defaults.
@@ -124,6 +126,7 @@ class Method(Settings):
     needs: ClassVar[str] = ""
     spikes: ClassVar[bool] = False
     unpriced: ClassVar[str] = ""
+    changeable: ClassVar[tuple[str, ...]] = ()
     by_moment: ClassVar[bool] = False
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     measured: ClassVar[Mapping[str, str]] = {}
@@ -253,6 +256,10 @@ class Method(Settings):
             shown: what the recordings show; their labels are not looked at.
             backend: runs networks.
         """
+
+    def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Shown], Answer]:
+        """`answer` with all that can be prepared: for asking often. It gives the same bits whatever it was asked."""
+        return partial(self.answer, learnt, backend=backend)
 
     def network(self, learnt: Learnt) -> neuro.Network | None:
         """The learnt network, None for a method without."""

@@ -15,7 +15,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ import neuro
 from neuro.apps import Checkpoint, check_output, hdf5, unknown
 from neuro.events import EventFileError, Events, Recordings
 from neuro.events.dataset import UNKNOWN
+from neuro_recognise.asking import Ask, Ready
 from neuro_recognise.early import Early, part_of
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, choose
 from neuro_recognise.methods import METHODS
@@ -74,6 +75,7 @@ class Recogniser:
     learnt: Learnt
     training: Mapping[str, Any] = field(default_factory=dict)
     early: Early | None = None
+    _ready: Ready = field(default_factory=Ready, init=False, repr=False)
 
     def scores(self, recordings: Recordings | Iterable[Events] | Events, backend: str = "event") -> Floats:
         """What speaks for each class.
@@ -116,9 +118,29 @@ class Recogniser:
         times_us = [round(1000.0 * t) for t in times]
         evidence = self.method.observe_until(recording, times_us)
         if self.early is None or not self.early.learnt:
-            return self.method.answer(self.learnt, unlabelled(evidence, self.classes), backend).scores
+            return self._ask(self.learnt, backend)(unlabelled(evidence, self.classes)).scores
         rows = [self._asked(backend)(time, one) for time, one in zip(times_us, evidence, strict=True)]
         return np.array(rows).reshape(-1, len(self.classes))
+
+    def changed(self, values: Mapping[str, Any]) -> Recogniser:
+        """What was learnt, with other settings of how recordings are looked at; without what `learn_early` learnt.
+
+        Args:
+            values: by name, of `Method.changeable`: a network that learnt from some frames may be asked about others.
+
+        Raises:
+            ModelError: what was learnt depends on a setting, or its value is wrong.
+        """
+        method = self.method.changed(values)
+        was, now = self.method.as_words(), method.as_words()
+        for name in now:
+            if now[name] != was[name] and name not in method.changeable:
+                known = ", ".join(method.changeable) or "none"
+                raise neuro.ModelError(
+                    f"{method.place()}: '{name}' cannot be changed after training, which depends on it",
+                    hint=f"what can: {known}; or train anew",
+                )
+        return replace(self, method=method, early=None) if now != was else self
 
     def learnt_at(self, after_us: int) -> Learnt:
         """What is asked after so much of a recording, us."""
@@ -159,10 +181,14 @@ class Recogniser:
 
         def ask(after_us: int, evidence: Evidence) -> Floats:
             shown = unlabelled([evidence], self.classes)
-            scores: Floats = self.method.answer(self.learnt_at(after_us), shown, backend).scores[0]
+            scores: Floats = self._ask(self.learnt_at(after_us), backend)(shown).scores[0]
             return scores
 
         return ask
+
+    def _ask(self, learnt: Learnt, backend: str) -> Ask:
+        """A function that gives the answer of something learnt to what is shown."""
+        return self._ready.asker(self.method, learnt, backend)
 
     def _early(self) -> Early:
         if self.early is None:
@@ -174,7 +200,7 @@ class Recogniser:
 
     def answer(self, recordings: Recordings | Iterable[Events] | Events, backend: str = "event") -> Answer:
         """Scores, those of other votes, and what it took to find them. Arguments and errors as of `scores`."""
-        return self.method.answer(self.learnt, self.shown(recordings), backend)
+        return self._ask(self.learnt, backend)(self.shown(recordings))
 
     def shown(self, recordings: Recordings | Iterable[Events] | Events) -> Shown:
         """What recordings show to this recogniser."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias, overload
 
@@ -57,6 +57,11 @@ class Shown:
         indices = np.asarray(chosen if isinstance(chosen, np.ndarray) else list(chosen), np.int64)
         names = tuple(self.names[k] for k in indices)
         return replace(self, evidence=_Taken(self.evidence, indices), labels=self.labels[indices], names=names)
+
+    def batches(self, size: int) -> Iterator[Shown]:
+        """All recordings, so many at a time; of none one empty batch."""
+        for first in range(0, max(len(self), 1), size):
+            yield self.take(range(first, min(first + size, len(self))))
 
     def column(self, name: str) -> Ragged:
         """One array of all recordings, in memory."""

@@ -156,6 +156,19 @@ def difference(after: EngineCounts, before: EngineCounts) -> EngineCounts:
     )
 
 
+def total(one: EngineCounts, other: EngineCounts) -> EngineCounts:
+    """What was counted in two runs of one program."""
+    names = sorted({*one.native, *other.native})
+    return EngineCounts(
+        steps=one.steps + other.steps,
+        events=tuple(a + b for a, b in zip(one.events, other.events, strict=True)),
+        spikes=tuple(a + b for a, b in zip(one.spikes, other.spikes, strict=True)),
+        active=one.active + other.active,
+        trial_updates=one.trial_updates + other.trial_updates,
+        native={name: one.native.get(name, 0) + other.native.get(name, 0) for name in names},
+    )
+
+
 def _grid_fan_out(g: Grid) -> Ints:
     """Targets of every source of a grid: those whose kernel covers it."""
 

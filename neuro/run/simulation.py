@@ -29,7 +29,7 @@ from neuro.run import settable
 from neuro.run.finite import Watch, check_weights
 from neuro.run.learned_network import learnt_network
 from neuro.run.recorder import Recorder
-from neuro.run.trials import TrialLoop, TrialResults
+from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
 
 if TYPE_CHECKING:
     from neuro.chips.pricing.energy import Energy
@@ -398,12 +398,12 @@ class Simulation:
         """What has happened since the start or the last reset."""
         return self._tally.between(None, self._engine.counts())
 
-    def energy(self, target: str | PathLike[str], of: TrialResults | None = None) -> Energy:
+    def energy(self, target: str | PathLike[str], of: TrialResults | TrialCounts | None = None) -> Energy:
         """What the run would take on a chip: the counts of any backend x published figures, and static power.
 
         Args:
             target: "loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu", or a table file of your own.
-            of: a batch of trials to price instead of all since the start.
+            of: a batch of trials to price instead of all since the start, or what several took together.
 
         Returns:
             the bill: `total_j`, `dynamic_j`, `static_j`, `items` with count, joules each and source; `per(n, what)`

@@ -15,7 +15,7 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.model.synapses import Growth, Lesson, Synapse, TrialEnd
 from neuro.program.backend import Engine, EngineCounts, Outcome, Trial, Wins
-from neuro.program.counts import Counts, Tally, difference
+from neuro.program.counts import Counts, Tally, difference, total
 from neuro.program.program import Floats, Ints, Program
 from neuro.run.settable import neuron_ids
 
@@ -37,6 +37,31 @@ class AllWins:
     neurons: Ints
     steps: Ints
     offsets: Ints
+
+
+@dataclass(frozen=True, eq=False)
+class TrialCounts:
+    """What trials took, without how each ended; ``+`` adds those of several batches of one simulation.
+
+    Attributes:
+        trials: their number.
+        raw_counts: per neuron.
+    """
+
+    trials: int
+    raw_counts: EngineCounts
+    _tally: Tally
+
+    @cached_property
+    def counts(self) -> Counts:
+        """By population and projection."""
+        return self._tally.between(None, self.raw_counts)
+
+    def __len__(self) -> int:
+        return self.trials
+
+    def __add__(self, other: TrialCounts) -> TrialCounts:
+        return TrialCounts(self.trials + other.trials, total(self.raw_counts, other.raw_counts), self._tally)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +108,11 @@ class TrialResults:
     def raw_counts(self) -> EngineCounts:
         """What the batch took, per neuron."""
         return difference(self._after, self._before)
+
+    @property
+    def taken(self) -> TrialCounts:
+        """What the batch took, without how its trials ended: small, and batches can be added."""
+        return TrialCounts(len(self), self.raw_counts, self._tally)
 
     def __len__(self) -> int:
         return len(self.winner)

@@ -8,7 +8,6 @@ import pytest
 import neuro
 from neuro_recognise.energy import FRONT_END, bills, check_targets, counted, notes, show, words
 from neuro_recognise.evaluate import evaluate
-from neuro_recognise.frames import Frames
 from neuro_recognise.method import choose
 from neuro_recognise.methods.hats import Hats
 from neuro_recognise.recogniser import Recogniser
@@ -36,9 +35,11 @@ def tried(letters, model):
     return tried_on(model, letters)
 
 
-def test_counts_of_a_recording(letters, small, tried):
+def test_counts_of_a_recording(letters, model, tried):
     told = counted(tried)
-    frames, ticks = Frames.of(letters), tried.answer.run[1].ticks
+    sim = model.method.simulation(model.learnt)
+    results, frames = model.method.present(sim, model.learnt, letters)
+    ticks = results.ticks
     in_time = frames.codes < np.repeat(ticks, np.diff(frames.offsets))
     assert told["frames"] * 26 == 72
     assert told["steps"] * 26 == ticks.sum()
@@ -93,7 +94,7 @@ def test_words(model, tried):
 def test_dense_once_a_frame(tried):
     gpu = bills(tried, ["gpu"])
     joules = 72 / 26 * MACS * 0.3e-9
-    steps = tried.answer.run[1].ticks.sum() / 72
+    steps = tried.answer.run[1].counts.steps / 72
     assert notes(tried, gpu) == [
         FRONT_END,
         f"dense layers once a frame, not in each of its {steps:.4g} steps: gpu {joules * 1e6:.4g} uJ",

@@ -6,8 +6,10 @@ A training is epochs over all frames, kept after each, so that it can go on afte
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -15,13 +17,14 @@ import numpy as np
 
 import neuro
 from neuro import ModelError
-from neuro.events import Events, representations
+from neuro.events import Events
 from neuro_recognise.banks import Bank, Gabors
 from neuro_recognise.encoders import Encoder, LogLatency
 from neuro_recognise.frames import Frames, ended_by
 from neuro_recognise.layers import FOLLOWS, Inputs, Layer, RemusLayer, from_text, taught, to_text
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
 from neuro_recognise.pools import Max, Pool
+from neuro_recognise.representations import Counts, Representation
 from neuro_recognise.segmenters import Msd, Segmenter
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Evidence, Floats, Ints, Shown, unlabelled
@@ -34,6 +37,8 @@ if TYPE_CHECKING:
 __all__ = ["Framewise"]
 
 ORDERS = ("recordings", "frames")
+AT_ONCE = 100
+"""Recordings whose frames are in memory while a network answers."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +47,7 @@ class Framewise(Method):
 
     Attributes:
         segmenter: cuts a recording into frames.
+        representation: what of the events is seen at the end of each.
         bank: filters each frame.
         pool: passes responses on.
         encoder: makes spikes of them.
@@ -52,8 +58,10 @@ class Framewise(Method):
     """
 
     spikes = True
+    changeable = ("segmenter", "representation", "vote")
 
     segmenter: Segmenter = part(Segmenter, Msd())
+    representation: Representation = part(Representation, Counts())
     bank: Bank = part(Bank, Gabors())
     pool: Pool = part(Pool, Max())
     encoder: Encoder = part(Encoder, LogLatency())
@@ -61,6 +69,15 @@ class Framewise(Method):
     epochs: int = setting(8, "", "how often all recordings are shown", "learning has settled by then", at_least=1)
     order: str = setting("recordings", "", "what is shuffled in each epoch", "thesis section 6.2.5", words=ORDERS)
     vote: str = setting("potentials", "", "how frames decide", "docs/how-to/recognise.md; majority: 2431", words=VOTES)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.representation.remembers and not self.bank.shown:
+            bank, seen = self.bank.called(), self.representation.called()
+            raise ModelError(
+                f"{self.place()}: bank '{bank}' sees each event by itself: found representation '{seen}'",
+                hint="representation=counts, or bank=gabors",
+            )
 
     def changed(self, values: Mapping[str, Any]) -> Self:
         """Settings with some values changed; see `Settings.changed`.
@@ -94,7 +111,7 @@ class Framewise(Method):
 
     def observing(self) -> Mapping[str, Any]:
         """The field, and the parts before the network."""
-        looks = ("size", "segmenter", "bank", "pool", "encoder")
+        looks = ("size", "segmenter", "representation", "bank", "pool", "encoder")
         return {name: value for name, value in self.as_words().items() if name in looks}
 
     def observe(self, events: Events) -> Evidence:
@@ -107,10 +124,11 @@ class Framewise(Method):
         first = int(events.t[0]) if len(events) else 0
         seen = self.inside(events)
         bounds = self.segmenter.bounds(seen.t)
-        responses = self.bank.responses(seen, bounds, self.pool.side)
+        responses = self.bank.responses(seen, bounds, self.pool.side, self.representation)
         codes, ids, lengths = self.encoder.encode(self.pool.passed(responses, self.bank.sizes))
         ends = self.segmenter.complete_at(seen.t, bounds) - first
-        return {"codes": codes, "ids": ids.astype(np.uint32), "lengths": lengths, "ends": ends}
+        fitting = np.min_scalar_type(int(np.prod(self.inputs.shape)))
+        return {"codes": codes, "ids": ids.astype(fitting), "lengths": lengths, "ends": ends}
 
     def observe_until(self, events: Events, times_us: Sequence[int]) -> list[Evidence]:
         """The frames that were complete by then; where the last may end elsewhere later, each beginning by itself."""
@@ -190,12 +208,33 @@ class Framewise(Method):
         sim.forget(before=sim.time)
         return results, frames
 
+    def presented(
+        self, sim: neuro.Simulation, learnt: Learnt, shown: Shown
+    ) -> Iterator[tuple[Shown, neuro.TrialResults, Frames]]:
+        """Show many recordings without teaching, a batch in memory after the other: each, and as `present` gives."""
+        for batch in shown.batches(AT_ONCE):
+            yield batch, *self.present(sim, learnt, batch)
+
     def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
         """By each vote; a recording without frames is silent."""
+        return self.asker(learnt, backend)(shown)
+
+    def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Shown], Answer]:
+        """With a network that is compiled once; `Answer.run` has it as it is after the last question."""
         sim = self.simulation(learnt, backend)
-        results, frames = self.present(sim, learnt, shown)
-        found = self.votes(learnt, results, frames, shown)
-        return Answer(found[self.vote], found, (sim, results))
+
+        def ask(shown: Shown) -> Answer:
+            sim.reset()  # noise and rounding are drawn by the step
+            found: dict[str, list[Floats]] = {}
+            taken: list[neuro.TrialCounts] = []
+            for batch, results, frames in self.presented(sim, learnt, shown):
+                for name, scores in self.votes(learnt, results, frames, batch).items():
+                    found.setdefault(name, []).append(scores)
+                taken.append(results.taken)
+            votes = {name: np.concatenate(scores) for name, scores in found.items()}
+            return Answer(votes[self.vote], votes, (sim, reduce(add, taken)))
+
+        return ask
 
     def votes(self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Shown) -> Mapping[str, Floats]:
         """What speaks for each class, (recordings, classes), by each way of letting frames decide."""
@@ -216,7 +255,7 @@ class Framewise(Method):
         )
         times, size = self.encoder.times(frames.codes, learnt), int(np.prod(self.inputs.shape))
         return [
-            Pictures("Frame", at_ms, representations.event_frame(seen, polarity="ignored", segments=bounds)),
+            Pictures("Frame", at_ms, self.representation.pixels(seen, bounds).pictures(self.size)),
             Trials("Its spikes", at_ms, self.encoder.window, size, frames.offsets, times, frames.ids, told),
         ]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -62,10 +62,18 @@ class HFirst(Method, Numbers):
 
     def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
         """Let S2 hear the spikes of C1; a recording without any is silent."""
+        return self.asker(learnt, backend)(shown)
+
+    def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Shown], Answer]:
+        """With S2 compiled once; it starts anew with each recording."""
         sim = neuro.compile(s2_alone(self, np.asarray(learnt["templates"])), backend=backend)
-        heard = [s2_heard(sim, self, _spikes(one)) for one in shown.evidence]
-        votes = {reading: np.stack([decisive(one, reading) for one in heard]) for reading in READINGS}
-        return Answer(votes[self.reading], votes)
+
+        def ask(shown: Shown) -> Answer:
+            heard = [s2_heard(sim, self, _spikes(one)) for one in shown.evidence]
+            votes = {reading: np.stack([decisive(one, reading) for one in heard]) for reading in READINGS}
+            return Answer(votes[self.reading], votes)
+
+        return ask
 
     def network(self, learnt: Learnt) -> neuro.Network:
         """All layers, with what was learnt."""

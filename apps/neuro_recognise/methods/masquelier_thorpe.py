@@ -86,10 +86,12 @@ class MasquelierThorpe(Framewise):
 
     def afterwards(self, learnt: Learnt, shown: Shown, course: Course) -> Learnt:
         """Teach the readout with what the maps answer to the same recordings."""
-        results, frames = self.present(self.simulation(learnt, course.backend), learnt, shown)
-        seen = np.isin(np.arange(len(shown)), frames.recording)
-        features = _features(results, frames, len(shown))
-        return self.readout.fit(features[seen], shown.labels[seen], len(shown.classes), course)
+        features, labels = [], []
+        for batch, results, frames in self.presented(self.simulation(learnt, course.backend), learnt, shown):
+            seen = np.unique(frames.recording)
+            features.append(_features(results, frames, len(batch))[seen])
+            labels.append(batch.labels[seen])
+        return self.readout.fit(np.concatenate(features), np.concatenate(labels), len(shown.classes), course)
 
     def votes(self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Shown) -> Mapping[str, Floats]:
         """By the readout alone."""

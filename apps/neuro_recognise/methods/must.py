@@ -79,9 +79,12 @@ class Must(Framewise):
 
     def afterwards(self, learnt: Learnt, shown: Shown, course: Course) -> Learnt:
         """Name each neuron by the class of whose frames it wins the largest share; -1 where it never wins."""
-        results, frames = self.present(self.simulation(learnt, course.backend), learnt, shown)
+        winners, labels = [], []
+        for batch, results, frames in self.presented(self.simulation(learnt, course.backend), learnt, shown):
+            winners.append(results.winner)
+            labels.append(batch.labels[frames.recording])
         of = len(np.asarray(learnt["thresholds"]))
-        return {"labels": neuro.assign_labels(results.winner, shown.labels[frames.recording], of)}
+        return {"labels": neuro.assign_labels(np.concatenate(winners), np.concatenate(labels), of)}
 
     def votes(self, learnt: Learnt, results: neuro.TrialResults, frames: Frames, shown: Shown) -> Mapping[str, Floats]:
         """By wins for each neuron of a class, by wins, and by the largest potential of a class' neurons."""

@@ -25,6 +25,9 @@ THESIS = {
 }
 """Where the thesis differs: table 3, lines 2450-2463; majority is line 2431."""
 
+EARLY = {"representation": "leaky", "segmenter": "hes", "segmenter.window": 5.0}
+"""A decision every 5 ms, from the first on: thesis section 6.2.8, lines 2549-2560."""
+
 
 @dataclass(frozen=True)
 class Remus(Framewise):
@@ -32,7 +35,7 @@ class Remus(Framewise):
 
     title = "reward-modulated STDP on the first spikes of pseudo-frames"
     source = "Mosca, MSc thesis, 2020, section 6.2"
-    presets = {"best": {}, "thesis": THESIS, "poker": {"theta": 30.0, "size": [34, 34]}}
+    presets = {"best": {}, "thesis": THESIS, "poker": {"theta": 30.0, "size": [34, 34]}, "early": EARLY}
     measured = {"N-MNIST": "91.4 %", "POKER-DVS": "98.5 %"}
 
     order: str = setting(
