@@ -98,6 +98,9 @@ def detect(
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="Boxes as .html (page), .png (picture) or .csv.")
     ] = None,
+    way: Annotated[
+        str, typer.Option("--way", metavar="WAY", help="proposals; or dense: a remus network over the whole sensor.")
+    ] = "proposals",
     json: Annotated[bool, typer.Option("--json", help="Print boxes or figures as JSON.")] = False,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
@@ -110,7 +113,7 @@ def detect(
     if (recording is None) == (data is None):
         raise typer.BadParameter("expected either a RECORDING or --data SCENES")
     settings: Detecting = Detecting().changed(assignments(set))
-    detector = Detector(Recogniser.load(model), settings, backend)
+    detector = Detector(Recogniser.load(model), settings, backend, way)
     if data is not None:
         if out is not None:
             raise typer.BadParameter("boxes are written of a RECORDING", param_hint="'--out'")
