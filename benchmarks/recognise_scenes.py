@@ -69,8 +69,7 @@ def main() -> None:
 
 def fold_figures(asked: argparse.Namespace, data: Recordings, fold: int) -> dict[str, dict[str, Any]]:
     """Figures by case."""
-    labels = np.array([item.label for item in data], np.int64)
-    held_out = fold_of(labels, asked.folds, fold)
+    held_out = fold_of(data, asked.folds, fold)
     settings = Detecting().changed(assignments(asked.detecting))
     name = "-".join([asked.method, *asked.set])
     way = [] if asked.way == "proposals" else [asked.way]

@@ -55,8 +55,7 @@ def scenes(
     given = {"sensor": _size(sensor), "touching": touching, "noise": noise, "length": length}
     scenery = Scenery().changed(given | assignments(set))
     found = recordings(data, part=part)
-    labels = np.array([item.label for item in found], np.int64)
-    chosen = fold_of(labels, folds, fold)
+    chosen = fold_of(found, folds, fold)
     if others:
         chosen = np.setdiff1d(np.arange(len(found)), chosen)
     with Bar() as bar:
