@@ -80,10 +80,10 @@ def test_silence_has_no_boxes(recogniser):
 
 
 def test_scores_are_those_of_the_winners(recogniser):
-    """Of four frames each segment has at most four winners of a weight of at most 1 at a place."""
+    """Of three frames each segment has at most three winners of a weight of at most 1 at a place."""
     found = Detector(recogniser, way="dense").detect(scene())
     assert np.all(found.score > 0)
-    assert np.all(found.score <= 12)
+    assert np.all(found.score <= 9)
 
 
 def test_mistakes(recogniser):

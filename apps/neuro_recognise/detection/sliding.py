@@ -36,7 +36,7 @@ class Dense(Part):
     source = "thesis section 6.2.7"
 
     blocking: int = setting(9, "cells", "rows and columns around a winner in which no other wins", CHOSEN, at_least=0)
-    frames: int = setting(4, "", "of equally many events, into which a segment is cut", CHOSEN, at_least=1)
+    frames: int = setting(3, "", "of equally many events, into which a segment is cut", CHOSEN, at_least=1)
     theta: float = setting(35.0, "mV", "threshold of a neuron", f"thesis section 6.2.7; {CHOSEN}", above=0)
     until: float = setting(
         0.5625, "", "share of the code's window that is shown; weaker responses come later", CHOSEN, above=0, at_most=1
