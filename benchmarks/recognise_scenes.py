@@ -19,6 +19,7 @@ from neuro.cli.options import assignments
 from neuro.events import Recordings, recordings
 from neuro_recognise import Recogniser, fit
 from neuro_recognise.detection import Detecting, Detector, Scenery, write_scenes
+from neuro_recognise.detection.detector import WAYS
 from neuro_recognise.detection.learning import write_crops
 from neuro_recognise.detection.scenes import fold_of
 from neuro_recognise.detection.trial import try_out
@@ -49,6 +50,7 @@ def main() -> None:
     options.add_argument("--data", type=Path, default=DATA)
     options.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="of the method")
     options.add_argument("--detecting", action="append", default=[], metavar="NAME=VALUE", help="of the detector")
+    options.add_argument("--way", choices=WAYS, default="proposals", help="of finding objects")
     options.add_argument("--cases", nargs="+", choices=CASES, default=["apart", "touching", "noise", "long"])
     options.add_argument("--folds", type=int, default=5)
     options.add_argument("--only", type=int, nargs="+", help="these folds")
@@ -67,18 +69,19 @@ def main() -> None:
 
 def fold_figures(asked: argparse.Namespace, data: Recordings, fold: int) -> dict[str, dict[str, Any]]:
     """Figures by case."""
-    labels = np.array([item.label for item in data], np.int64)
-    held_out = fold_of(labels, asked.folds, fold)
+    held_out = fold_of(data, asked.folds, fold)
     settings = Detecting().changed(assignments(asked.detecting))
-    name = "-".join([asked.method, *asked.set, *asked.detecting])
+    name = "-".join([asked.method, *asked.set])
+    way = [] if asked.way == "proposals" else [asked.way]
+    tried = "-".join([name, *asked.detecting, *way])
     detector, figures = None, {}
     for case in asked.cases:
-        file = asked.out / f"{name}-{case}-{fold}.json"
+        file = asked.out / f"{tried}-{case}-{fold}.json"
         if not file.exists():
             scenes = write_scenes(
                 asked.out / f"{case}-{fold}", data, CASES[case], asked.scenes, seed=1, chosen=held_out
             )
-            detector = detector or Detector(learnt(asked, data, fold, held_out, name), settings)
+            detector = detector or Detector(learnt(asked, data, fold, held_out, name), settings, way=asked.way)
             file.write_text(json.dumps(try_out(detector, scenes).as_words(data.classes)))
         figures[case] = json.loads(file.read_text())
     return figures

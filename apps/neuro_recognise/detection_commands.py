@@ -55,8 +55,7 @@ def scenes(
     given = {"sensor": _size(sensor), "touching": touching, "noise": noise, "length": length}
     scenery = Scenery().changed(given | assignments(set))
     found = recordings(data, part=part)
-    labels = np.array([item.label for item in found], np.int64)
-    chosen = fold_of(labels, folds, fold)
+    chosen = fold_of(found, folds, fold)
     if others:
         chosen = np.setdiff1d(np.arange(len(found)), chosen)
     with Bar() as bar:
@@ -98,6 +97,9 @@ def detect(
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="Boxes as .html (page), .png (picture) or .csv.")
     ] = None,
+    way: Annotated[
+        str, typer.Option("--way", metavar="WAY", help="proposals; or dense: a remus network over the whole sensor.")
+    ] = "proposals",
     json: Annotated[bool, typer.Option("--json", help="Print boxes or figures as JSON.")] = False,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
@@ -110,7 +112,7 @@ def detect(
     if (recording is None) == (data is None):
         raise typer.BadParameter("expected either a RECORDING or --data SCENES")
     settings: Detecting = Detecting().changed(assignments(set))
-    detector = Detector(Recogniser.load(model), settings, backend)
+    detector = Detector(Recogniser.load(model), settings, backend, way)
     if data is not None:
         if out is not None:
             raise typer.BadParameter("boxes are written of a RECORDING", param_hint="'--out'")

@@ -176,13 +176,13 @@ def test_scenes_need_recordings_and_known_classes(folder, tmp_path):
     assert str(error.value) == "the scenes have classes cross, ring, expected those of the recogniser: ring, star"
 
 
-def test_folds_divide_the_classes():
-    labels = np.repeat([0, 1], [10, 7])
-    folds = [fold_of(labels, 5, k, seed=3) for k in range(5)]
-    assert sorted(np.concatenate(folds).tolist()) == list(range(17))
-    assert all((labels[fold] == 0).sum() == 2 for fold in folds)
-    with pytest.raises(ModelError, match="fold 5 of 5: expected 0 to 4"):
-        fold_of(labels, 5, 5)
+def test_folds_divide_the_recordings(folder):
+    data = recordings(folder)
+    assert fold_of(data, 1, 0).tolist() == list(range(16))
+    found = [fold_of(data, 5, k) for k in range(5)]
+    assert [fold.tolist() for fold in found] == [test.tolist() for _, test in data.folds(5, seed=0)]
+    with pytest.raises(ModelError, match=r"^fold 5 of 5: expected 0 to 4$"):
+        fold_of(data, 5, 5)
 
 
 def test_a_table_of_boxes_comes_back(tmp_path):

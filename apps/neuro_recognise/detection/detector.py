@@ -1,6 +1,7 @@
 """Find several objects in view: where each is, what it is, and which it was before.
 
-events -> segments -> regions (proposals) -> tracks -> pieces of a track's own events -> recogniser -> boxes
+proposals: events -> segments -> regions -> tracks -> pieces of a track's own events -> recogniser -> boxes
+dense:     events -> segments -> sliding network -> regions with classes -> tracks -> boxes
 """
 
 from __future__ import annotations
@@ -10,14 +11,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from neuro import ModelError
 from neuro.events import Events
 from neuro_recognise.detection.boxes import UNKNOWN, Boxes
 from neuro_recognise.detection.crops import crop
-from neuro_recognise.detection.following import Detecting, Piece, Seen, View, pieces
+from neuro_recognise.detection.following import Detecting, Finder, Piece, Seen, View, pieces
+from neuro_recognise.detection.sliding import Sliding
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.shown import Floats
 
-__all__ = ["Detecting", "Detector"]
+__all__ = ["WAYS", "Detecting", "Detector"]
+
+WAYS = ("proposals", "dense")
+"""Of finding objects: places first and then what is there, or both at once by a network over the whole sensor."""
 
 
 class Detector:
@@ -27,10 +33,23 @@ class Detector:
         recogniser: tells what an object is; its field may be of another size than the sensor.
         settings: how objects are found.
         backend: runs networks.
+        way: see `WAYS`; `dense` takes a recogniser of the method `remus`.
+
+    Raises:
+        ModelError: there is no such way.
     """
 
-    def __init__(self, recogniser: Recogniser, settings: Detecting | None = None, backend: str = "event") -> None:
-        self.recogniser, self.settings, self.backend = recogniser, settings or Detecting(), backend
+    def __init__(
+        self,
+        recogniser: Recogniser,
+        settings: Detecting | None = None,
+        backend: str = "event",
+        way: str = "proposals",
+    ) -> None:
+        if way not in WAYS:
+            raise ModelError(f"way = '{way}': expected one of {', '.join(WAYS)}")
+        self.recogniser, self.settings, self.backend, self.way = recogniser, settings or Detecting(), backend, way
+        self._sliding: dict[tuple[int, int], Sliding] = {}
         self._view: View | None = None
         self._known: dict[int, _Known] = {}
 
@@ -43,7 +62,7 @@ class Detector:
         Returns:
             A box for each object and each segment in which it is seen, in the order of time.
         """
-        found = pieces(events, self.settings)
+        found = pieces(events, self.settings, self._finder(events.sensor_size))
         known: dict[int, _Known] = {}
         for piece, scores in zip(found, self._scores(found), strict=True):
             known.setdefault(piece.seen[0].number, _Known()).judge(piece, scores)
@@ -64,7 +83,7 @@ class Detector:
             ModelError: the sensor is another than before.
         """
         if self._view is None:
-            self._view = View(self.settings, events.sensor_size)
+            self._view = View(self.settings, events.sensor_size, self._finder(events.sensor_size))
         return self._fed(self._view, self._view.segments(events))
 
     def finish(self) -> Boxes:
@@ -87,10 +106,22 @@ class Detector:
             self._known = {number: known for number, known in self._known.items() if number in live}
         return Boxes.of(rows)
 
+    def _finder(self, sensor: tuple[int, int]) -> Finder | None:
+        """What finds the objects of a segment, None for proposals; a network is compiled once for each sensor."""
+        if self.way == "proposals":
+            return None
+        if sensor not in self._sliding:
+            settings = self.settings
+            self._sliding[sensor] = Sliding(self.recogniser, settings.dense, settings.proposals, sensor, self.backend)
+        return self._sliding[sensor].regions
+
     def _scores(self, found: Sequence[Piece]) -> Floats:
         """(pieces, classes) what speaks for each class."""
         if not found:
             return np.zeros((0, len(self.recogniser.classes)))
+        if self.way == "dense":
+            told = [[region.scores for region in piece.regions if region.scores is not None] for piece in found]
+            return np.array([np.sum(scores, axis=0) for scores in told])
         size, proposals = self.recogniser.method.size, self.settings.proposals
         shown = [crop(piece.regions, size, proposals.scale_of(piece.regions)) for piece in found]
         return self.recogniser.scores(shown, self.backend)

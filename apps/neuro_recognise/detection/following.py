@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,12 +12,16 @@ from neuro.events import Events, representations
 from neuro.events.parts import together
 from neuro_recognise.detection.boxes import suppressed
 from neuro_recognise.detection.proposals import CHOSEN, Proposals, Region
+from neuro_recognise.detection.sliding import Dense
 from neuro_recognise.detection.tracks import Tracking, Tracks
 from neuro_recognise.segmenters import Hes, Segmenter
 from neuro_recognise.settings import Settings, part, setting
-from neuro_recognise.shown import Ints
+from neuro_recognise.shown import Floats, Ints
 
-__all__ = ["Detecting", "Piece", "Seen", "View", "pieces"]
+__all__ = ["Detecting", "Finder", "Piece", "Seen", "View", "pieces"]
+
+Finder = Callable[[Events, Floats], list[Region]]
+"""The objects of a segment: of its events, and the counts of these and of those before that shall count."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,7 @@ class Detecting(Settings):
     Attributes:
         segmenter: cuts the events; objects are looked for in each segment.
         proposals: finds places of objects.
+        dense: finds places and classes at once, where that way is taken.
         tracking: tells which object is which from segment to segment.
     """
 
@@ -35,6 +40,7 @@ class Detecting(Settings):
         0.0, "ms", "decay of counts from segment to segment, for short ones; 0: none are left", CHOSEN, at_least=0
     )
     proposals: Proposals = part(Proposals, Proposals())
+    dense: Dense = part(Dense, Dense())
     overlap: float = setting(0.5, "", "largest IoU of two boxes of a segment", "usual", at_least=0, at_most=1)
     tracking: Tracking = part(Tracking, Tracking())
     memory: float = setting(300.0, "ms", "of events that are recognised together", "a recording of N-MNIST", above=0)
@@ -82,9 +88,9 @@ class Piece:
         return not self.seen or one.stop - self.seen[0].start <= 1000.0 * memory
 
 
-def pieces(events: Events, settings: Detecting) -> list[Piece]:
-    """The objects of a whole recording, in pieces of at most `memory`."""
-    view, latest = View(settings, events.sensor_size), dict[int, Piece]()
+def pieces(events: Events, settings: Detecting, finder: Finder | None = None) -> list[Piece]:
+    """The objects of a whole recording, in pieces of at most `memory`; found by proposals if no other way is told."""
+    view, latest = View(settings, events.sensor_size, finder), dict[int, Piece]()
     found: list[Piece] = []
     for segment in (*view.segments(events), *view.rest()):
         for one in view.look(segment):
@@ -101,10 +107,12 @@ class View:
     Args:
         settings: how objects are found.
         sensor: width and height, px.
+        finder: finds the objects of a segment; None for proposals.
     """
 
-    def __init__(self, settings: Detecting, sensor: tuple[int, int]) -> None:
+    def __init__(self, settings: Detecting, sensor: tuple[int, int], finder: Finder | None = None) -> None:
         self._settings, self._sensor = settings, sensor
+        self._find = finder or settings.proposals.regions
         self._cutter, self._held, self._cut = settings.segmenter.cutter(), list[Events](), 0
         self._counts, self._counted = np.zeros(sensor[::-1]), 0
         self._tracks = Tracks(settings.tracking)
@@ -148,7 +156,7 @@ class View:
         left = np.exp((self._counted - stop) / (1000.0 * settings.leak)) if settings.leak else 0.0
         self._counts = left * self._counts + representations.event_frame(segment, polarity="ignored")
         self._counted = stop
-        regions = settings.proposals.regions(segment, self._counts)
+        regions = self._find(segment, self._counts)
         box = np.array([region.box for region in regions]).reshape(-1, 4)
         events = np.array([len(region.events) for region in regions], float)
         regions = [regions[k] for k in suppressed(box, events, settings.overlap)]

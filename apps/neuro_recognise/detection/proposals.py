@@ -35,11 +35,13 @@ class Region:
         events: those in it.
         box: (4,) of these, px.
         centre: (2,) their mean, px.
+        scores: (classes,) what speaks for each class, where the way of finding it tells; else None.
     """
 
     events: Events
     box: Floats
     centre: Floats
+    scores: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ class Proposals(Part):
         for number, part in enumerate(self._joined(parts), 1):
             places[part.y, part.x] = number
         of = places[events.y, events.x]
-        found = (self._region(events[of == number]) for number in range(1, int(places.max()) + 1))
+        found = (self.region(events[of == number]) for number in range(1, int(places.max()) + 1))
         return [region for region in found if region is not None]
 
     @property
@@ -97,18 +99,25 @@ class Proposals(Part):
         larger = float(np.median([max(region.box[2:] - region.box[:2]) for region in regions]))
         return min(self.scales, key=lambda scale: abs(np.log(larger / (self.side * scale))))
 
-    def _components(self, counts: Floats) -> Iterator[Blob]:
-        """What stands out of the background and hangs together.
+    def foreground(self, counts: Floats) -> tuple[Array, float]:
+        """Which pixels stand out of the background, (height, width), and the mean of this.
 
         Most pixels show the background, so the median of the smoothed counts is its mean; as counts of single
         events its variance is the same, over the pixels that are averaged.
         """
-        from scipy import ndimage
+        from scipy.ndimage import uniform_filter
 
-        smooth = ndimage.uniform_filter(counts, 2 * self.radius + 1, mode="constant")
+        smooth = uniform_filter(counts, 2 * self.radius + 1, mode="constant")
         background = float(np.median(smooth))
         above = self.contrast * np.sqrt(background / (2 * self.radius + 1) ** 2)
-        numbers, _ = ndimage.label(smooth > max(self.least, background + above), np.ones((3, 3)))
+        return smooth > max(self.least, background + above), background
+
+    def _components(self, counts: Floats) -> Iterator[Blob]:
+        """What stands out of the background and hangs together."""
+        from scipy import ndimage
+
+        stands, background = self.foreground(counts)
+        numbers, _ = ndimage.label(stands, np.ones((3, 3)))
         for number, place in enumerate(ndimage.find_objects(numbers), 1):
             y, x = np.nonzero(numbers[place] == number)
             y, x = y + place[0].start, x + place[1].start
@@ -158,7 +167,8 @@ class Proposals(Part):
         less = self._cost(a.larger) + self._cost(b.larger) + self.more - self._cost(float(sides.max()))
         return float(less) - self.join * apart
 
-    def _region(self, events: Events) -> Region | None:
+    def region(self, events: Events) -> Region | None:
+        """The place of an object that makes these events, None where they are too few or their box is too small."""
         if len(events) < self.fewest:
             return None
         ends = self.percentile, 100.0 - self.percentile

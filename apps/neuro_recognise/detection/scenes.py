@@ -141,26 +141,20 @@ def scene_of(data: Recordings, chosen: Ints, scenery: Scenery, seed: int, k: int
     return compose(_name(k), [item.load() for item in items], [item.label for item in items], scenery, rng)
 
 
-def fold_of(labels: Ints, folds: int, fold: int, seed: int = 0) -> Ints:
-    """Indices of the recordings of one of several folds, over which each class is spread evenly.
+def fold_of(data: Recordings, folds: int, fold: int) -> Ints:
+    """Indices of the recordings of one of several folds, see `Recordings.folds`; of a single fold all.
 
     Args:
-        labels: (n,) classes.
+        data: labelled recordings.
         folds: how many.
         fold: which, from 0 on.
-        seed: of the order.
 
     Raises:
-        ModelError: there is no such fold, or it is empty.
+        ModelError: there is no such fold, or a class has fewer recordings than there are folds.
     """
     if not 0 <= fold < folds:
         raise ModelError(f"fold {fold} of {folds}: expected 0 to {folds - 1}")
-    rng = np.random.default_rng([seed, folds])
-    order = np.concatenate([rng.permutation(np.flatnonzero(labels == label)) for label in np.unique(labels)])
-    found = np.sort(order[fold::folds])
-    if not len(found):
-        raise ModelError(f"fold {fold} of {folds}: none of {len(labels)} recordings is in it")
-    return found
+    return np.arange(len(data)) if folds == 1 else data.folds(folds, seed=0)[fold][1]
 
 
 def _tell(folder: Path, data: Recordings, scenery: Scenery, count: int, seed: int, chosen: Ints) -> None:
