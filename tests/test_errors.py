@@ -56,13 +56,18 @@ def roots() -> set[str]:
     return known | {name for name, returns in HELPERS.items() if returns in known}
 
 
-HELPERS = {
-    node.name: last(node.returns)
-    for tree in FILES.values()
-    for node in ast.walk(tree)
-    if isinstance(node, ast.FunctionDef) and last(node.returns)[:1].isupper()
-}
-"""Functions, and the class of what they return."""
+HELPERS = dict(
+    sorted(
+        (
+            (node.name, last(node.returns))
+            for tree in FILES.values()
+            for node in ast.walk(tree)
+            if isinstance(node, ast.FunctionDef) and last(node.returns)[:1].isupper()
+        ),
+        key=lambda function: function[1].endswith("Error"),
+    )
+)
+"""Functions, and the class of what they return; of two of one name the one that returns an error."""
 OURS = roots()
 
 
