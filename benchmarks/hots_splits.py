@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from neuro.cli.options import assignments
 from neuro.events import Events, Recordings, recordings
-from neuro_recognise.histograms import DISTANCES, class_means
-from neuro_recognise.hots import Hots, Layers
+from neuro_recognise.hots.hierarchy import Hots, Layers
+from neuro_recognise.parts.histograms import DISTANCES, class_means
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 POKER = "poker_dvs/poker_dvs_shared_aedat2.zip"

@@ -17,11 +17,11 @@ from matplotlib.figure import Figure
 from neuro import ModelError
 from neuro.apps import Checkpoint, assignments, console, make_folder, table, write_picture
 from neuro.events import Recordings, recordings
-from neuro_recognise.learn_early import learn_early
+from neuro_recognise.deciding.learn_early import learn_early
+from neuro_recognise.deciding.stopping import Held, stopped, stopping_rule
 from neuro_recognise.method import METHODS
-from neuro_recognise.pictures import GREY, INK, PAPER
 from neuro_recognise.recogniser import Recogniser, method_of, settled
-from neuro_recognise.stopping import Held, stopped, stopping_rule
+from neuro_recognise.telling.pictures import GREY, INK, PAPER
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 NMNIST = SHARED / "nmnist" / "nmnist_train1000_bin.zip"

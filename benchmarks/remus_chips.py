@@ -21,13 +21,13 @@ from remus_folds import FIELD, FILES, SHARED, stratified
 from neuro import ApproximationWarning
 from neuro.cli.options import assignments
 from neuro.events import recordings
-from neuro_recognise.frames import Frames
 from neuro_recognise.method import choose
 from neuro_recognise.methods.remus import Remus
 from neuro_recognise.observations import observe
+from neuro_recognise.parts.frames import Frames
+from neuro_recognise.parts.votes import VOTES, votes
 from neuro_recognise.recogniser import Recogniser, learn
 from neuro_recognise.shown import Shown
-from neuro_recognise.votes import VOTES, votes
 
 BACKENDS = ["event", "loihi", "spinnaker"]
 """The first one is what the others are compared with."""

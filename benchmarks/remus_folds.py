@@ -20,9 +20,9 @@ from neuro_recognise.evaluate import wilson
 from neuro_recognise.method import choose
 from neuro_recognise.methods.remus import Remus
 from neuro_recognise.observations import observe
+from neuro_recognise.parts.votes import VOTES
 from neuro_recognise.recogniser import learn
 from neuro_recognise.shown import Shown
-from neuro_recognise.votes import VOTES
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 POKER = "poker_dvs/poker_dvs_shared_aedat2.zip"

@@ -507,15 +507,15 @@ def test_no_file_is_opened_for_writing_elsewhere():
         if any(call in path.read_text() for call in calls)
     }
     formats = {f"neuro/events/formats/{name}.py" for name in FORMATS}
-    temporary = {"neuro/files/results.py", "neuro/events/formats/rosbag.py", "apps/neuro_recognise/layers.py"}
+    temporary = {"neuro/files/results.py", "neuro/events/formats/rosbag.py", "apps/neuro_recognise/parts/layers.py"}
     given = {
         "neuro/cli/compare.py",
         "neuro/cli/events/frames.py",
         "neuro/model/language/writer.py",
         "apps/neuro_drone/watch.py",
-        "apps/neuro_recognise/compare_report.py",
+        "apps/neuro_recognise/telling/compare_report.py",
         "apps/neuro_recognise/detection/report.py",
-        "apps/neuro_recognise/watch.py",
+        "apps/neuro_recognise/telling/watch.py",
     }
     cache = {"neuro/kernels/kept.py"}  # machine code, in a folder of its own
     assert found == {"neuro/core/outputs.py"} | formats | temporary | given | cache

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from neuro.apps import TARGETS, Backend, Seed, Set, Target, assignments, whole
-from neuro_recognise.detection_commands import add_commands
+from neuro_recognise.detection.commands import add_commands
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
@@ -48,7 +48,7 @@ def list_methods(
     method: Annotated[str | None, typer.Argument(metavar="METHOD", help="All settings of this one.")] = None,
 ) -> None:
     """Show the methods: what they are, what they need, and how well they do; or the settings of one."""
-    from neuro_recognise import report
+    from neuro_recognise.telling import report
 
     if method is None:
         report.show_methods()
@@ -68,9 +68,9 @@ def train(
     set: Set = [],  # noqa: B006
 ) -> None:
     """Train on recordings; after a kill the same command goes on where it was."""
-    from neuro_recognise.bars import Bar
     from neuro_recognise.recogniser import fit, method_of
-    from neuro_recognise.report import learnt
+    from neuro_recognise.telling.bars import Bar
+    from neuro_recognise.telling.report import learnt
 
     chosen = method_of(method, settings, assignments(set))
     try:
@@ -93,9 +93,9 @@ def try_model(
     set: Set = [],  # noqa: B006
 ) -> None:
     """Test a recogniser on recordings: accuracy, its 95 % interval, and the confusion of the classes."""
-    from neuro_recognise import report
     from neuro_recognise.recogniser import Recogniser
-    from neuro_recognise.tried import try_out
+    from neuro_recognise.telling import report
+    from neuro_recognise.telling.tried import try_out
 
     trained = Recogniser.load(model).changed(assignments(set))
     tried = try_out(trained, _recordings(data, part, trained.classes), backend)
@@ -117,9 +117,9 @@ def predict(
     set: Set = [],  # noqa: B006
 ) -> None:
     """Tell the class of recordings, what speaks for each, and when that was decided."""
-    from neuro_recognise import report
-    from neuro_recognise.predicted import predict_files
     from neuro_recognise.recogniser import Recogniser
+    from neuro_recognise.telling import report
+    from neuro_recognise.telling.predicted import predict_files
 
     trained = Recogniser.load(model).changed(assignments(set))
     report.show_predicted(trained, predict_files(trained, recordings, backend, allow), json)
@@ -138,10 +138,10 @@ def early(
     After a kill the same command goes on where it was.
     """
     from neuro.apps import Checkpoint
-    from neuro_recognise import report
-    from neuro_recognise.bars import Bar
-    from neuro_recognise.learn_early import learn_early
+    from neuro_recognise.deciding.learn_early import learn_early
     from neuro_recognise.recogniser import Recogniser
+    from neuro_recognise.telling import report
+    from neuro_recognise.telling.bars import Bar
 
     trained = Recogniser.load(model)
     chosen = _recordings(data, part, trained.classes)
@@ -169,7 +169,7 @@ def watch(
 ) -> None:
     """Write a page that plays a recording: events, what the method looks at, scores, and when it is decided."""
     from neuro_recognise.recogniser import Recogniser
-    from neuro_recognise.watch import watch
+    from neuro_recognise.telling.watch import watch
 
     told = watch(Recogniser.load(model).changed(assignments(set)), recording, out, allow, backend)
     typer.echo(f"{out}: {told}")
@@ -196,10 +196,10 @@ def compare(
 
     What is in the folder already is not done again.
     """
-    from neuro_recognise.bars import Bar
     from neuro_recognise.compare import Plan, contestants
     from neuro_recognise.compare import compare as side_by_side
-    from neuro_recognise.compare_report import show, write
+    from neuro_recognise.telling.bars import Bar
+    from neuro_recognise.telling.compare_report import show, write
 
     plan = Plan(contestants(method), folds, tuple(range(seeds)), tuple(target), out)
     try:
@@ -223,9 +223,9 @@ def energy(
     backend: Backend = "event",
 ) -> None:
     """Show recordings to a network and print what one of them takes on chips: joules, time, and the sources."""
-    from neuro_recognise import energy
     from neuro_recognise.recogniser import Recogniser
-    from neuro_recognise.tried import try_out
+    from neuro_recognise.telling import energy
+    from neuro_recognise.telling.tried import try_out
 
     trained = Recogniser.load(model)
     energy.check_targets(trained, target)
@@ -243,8 +243,8 @@ def show(
     out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write pictures there.")] = None,
 ) -> None:
     """Show what a recogniser was trained with; with --out draw what it has learnt."""
-    from neuro_recognise import report
     from neuro_recognise.recogniser import Recogniser
+    from neuro_recognise.telling import report
 
     trained = Recogniser.load(model)
     report.describe(trained)

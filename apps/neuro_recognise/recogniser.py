@@ -5,7 +5,7 @@
              python, numpy and numba
 /classes     names of the classes
 /learnt      arrays and texts by name, as the method gives them
-/early       what decisions while events arrive need, where it was learnt: see `neuro_recognise.early`
+/early       what decisions while events arrive need, where it was learnt: see `neuro_recognise.deciding.early`
 ```
 """
 
@@ -27,13 +27,13 @@ from neuro.apps import Checkpoint, check_output, hdf5, unknown
 from neuro.events import EventFileError, Events, Recordings
 from neuro.events.dataset import UNKNOWN
 from neuro_recognise.asking import Ask, Ready
-from neuro_recognise.early import Early, part_of
+from neuro_recognise.deciding.early import Early, part_of
+from neuro_recognise.deciding.session import WINDOW_MS, Session
+from neuro_recognise.deciding.stopping import stopping_rule
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, choose
 from neuro_recognise.methods import METHODS
 from neuro_recognise.observations import observe, observed
-from neuro_recognise.session import WINDOW_MS, Session
 from neuro_recognise.shown import Evidence, Floats, Ints, Shown, unlabelled
-from neuro_recognise.stopping import stopping_rule
 
 __all__ = ["FORMAT", "Recogniser", "fit", "learn", "method_of", "settled"]
 

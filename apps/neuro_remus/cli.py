@@ -44,9 +44,9 @@ def train(
     set: Set = [],  # noqa: B006
 ) -> None:
     """Train on recordings; after a kill the same command goes on where it was."""
-    from neuro_recognise.bars import Bar
     from neuro_recognise.recogniser import fit, method_of
-    from neuro_recognise.report import learnt
+    from neuro_recognise.telling.bars import Bar
+    from neuro_recognise.telling.report import learnt
 
     values = _present_names(assignments(set)) | ({} if epochs is None else {"epochs": epochs})
     method = method_of("remus", settings, values)
@@ -68,8 +68,8 @@ def try_model(
     backend: Backend = "event",
 ) -> None:
     """Test a model on recordings: accuracy, its 95 % interval, and the confusion of the classes."""
-    from neuro_recognise import report
-    from neuro_recognise.tried import try_out
+    from neuro_recognise.telling import report
+    from neuro_recognise.telling.tried import try_out
     from neuro_remus.stored import load
 
     trained = load(model)
@@ -91,8 +91,8 @@ def energy(
     backend: Backend = "event",
 ) -> None:
     """Show recordings to a model and print what one of them takes on chips: joules, time, and the sources."""
-    from neuro_recognise import energy
-    from neuro_recognise.tried import try_out
+    from neuro_recognise.telling import energy
+    from neuro_recognise.telling.tried import try_out
     from neuro_remus.stored import load
 
     trained = load(model)
@@ -111,7 +111,7 @@ def show(
     out: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Write pictures there.")] = None,
 ) -> None:
     """Show what a model was trained with; with --out draw what it has learnt."""
-    from neuro_recognise import report
+    from neuro_recognise.telling import report
     from neuro_remus.stored import load
 
     trained = load(model)

@@ -9,10 +9,10 @@ import numpy as np
 
 from neuro.apps import TARGETS, make_folder, sealed, write_text
 from neuro.events import Recordings, recordings
-from neuro_recognise import energy, report
-from neuro_recognise.bars import Bar
 from neuro_recognise.recogniser import fit
-from neuro_recognise.tried import try_out
+from neuro_recognise.telling import energy, report
+from neuro_recognise.telling.bars import Bar
+from neuro_recognise.telling.tried import try_out
 from neuro_remus.saccades import make_dataset
 
 N_TRAIN, N_TEST = 1500, 500

@@ -7,11 +7,11 @@ import pytest
 
 import neuro
 from neuro_recognise.asking import AT_MOST, Ready
-from neuro_recognise.energy import bills
 from neuro_recognise.evaluate import evaluate
 from neuro_recognise.method import choose
 from neuro_recognise.recogniser import Recogniser, learn, method_of
-from neuro_recognise.tried import Tried
+from neuro_recognise.telling.energy import bills
+from neuro_recognise.telling.tried import Tried
 
 
 @pytest.fixture(scope="module")

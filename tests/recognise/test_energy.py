@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro_recognise.energy import FRONT_END, bills, check_targets, counted, notes, show, words
 from neuro_recognise.evaluate import evaluate
 from neuro_recognise.method import choose
 from neuro_recognise.methods.hats import Hats
 from neuro_recognise.recogniser import Recogniser
-from neuro_recognise.tried import Tried
+from neuro_recognise.telling.energy import FRONT_END, bills, check_targets, counted, notes, show, words
+from neuro_recognise.telling.tried import Tried
 
 TARGETS = ("loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu")
 NEURONS = 6 * 2 * 2

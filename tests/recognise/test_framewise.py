@@ -57,7 +57,7 @@ def test_seeds_and_batches(letters, small, train, monkeypatch):
     model = train(letters, small, seed=5)
     assert not same(train(letters, small, seed=6), model)
     reports = []
-    monkeypatch.setattr("neuro_recognise.layers.Layer.batch", 10)
+    monkeypatch.setattr("neuro_recognise.parts.layers.Layer.batch", 10)
     assert same(train(letters, small, seed=5, report=reports.append), model)
     assert [(r.what, r.done, r.total) for r in reports[:2]] == [("epoch 1 of 3", n, 72) for n in (10, 20)]
     assert reports[-1].done == 72

@@ -6,10 +6,10 @@ import pytest
 import neuro
 from neuro_recognise import Recogniser
 from neuro_recognise.compare import Compared, Plan, contestants
-from neuro_recognise.compare_report import show
-from neuro_recognise.energy import check_targets
 from neuro_recognise.hfirst import Heard, Spikes, decisive
 from neuro_recognise.recogniser import method_of
+from neuro_recognise.telling.compare_report import show
+from neuro_recognise.telling.energy import check_targets
 
 NO_BILL = "layers S1 and C1 run once for all folds and are not counted, and chips refuse their linear leak"
 SMALL = {"size": [8, 8], "orientations": 2}

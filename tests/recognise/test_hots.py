@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from neuro import ModelError
 from neuro.events import Events
-from neuro_recognise.histograms import DISTANCES, bhattacharyya, class_means, normalised, standard
-from neuro_recognise.hots import Hots, Layers
+from neuro_recognise.hots.hierarchy import Hots, Layers
+from neuro_recognise.parts.histograms import DISTANCES, bhattacharyya, class_means, normalised, standard
 
 SIZE = (9, 7)
 SMALL = Hots(layers=2, radius=1, tau=3.0, centres=3, tau_factor=4.0, first="drawn")

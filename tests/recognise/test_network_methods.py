@@ -7,9 +7,9 @@ import neuro
 from neuro.chips import Energy
 from neuro.events import Events
 from neuro_models import path
-from neuro_recognise.layers import Inputs, Layer
 from neuro_recognise.method import METHODS, choose
 from neuro_recognise.methods.framewise import Framewise
+from neuro_recognise.parts.layers import Inputs, Layer
 from neuro_recognise.recogniser import learn, method_of
 from neuro_recognise.shown import Shown
 

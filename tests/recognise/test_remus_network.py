@@ -4,8 +4,8 @@ import pytest
 
 import neuro
 from neuro_models import names, path
-from neuro_recognise.layers import Inputs
 from neuro_recognise.methods.remus import Remus
+from neuro_recognise.parts.layers import Inputs
 
 
 def test_remus_is_the_thesis():

@@ -13,8 +13,8 @@ from neuro.events import Events
 from neuro_recognise.methods.framewise import Framewise
 from neuro_recognise.methods.remus import Remus
 from neuro_recognise.observations import observed
+from neuro_recognise.parts.representations import Counts, Leaky, Surface
 from neuro_recognise.recogniser import learn, method_of
-from neuro_recognise.representations import Counts, Leaky, Surface
 
 SIZE = (9, 7)
 

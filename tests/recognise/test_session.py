@@ -10,11 +10,11 @@ from hypothesis import given, settings
 
 import neuro
 from neuro.events import Events
+from neuro_recognise.deciding.session import Decision
 from neuro_recognise.method import METHODS, choose
 from neuro_recognise.methods.boe import Boe
 from neuro_recognise.observations import observed
 from neuro_recognise.recogniser import learn, method_of
-from neuro_recognise.session import Decision
 
 SIZE = (12, 12)
 

@@ -12,12 +12,12 @@ import neuro
 from neuro.apps import Checkpoint
 from neuro.events import Events, recordings, save
 from neuro_recognise.cli import app
-from neuro_recognise.learn_early import learn_early, moments
+from neuro_recognise.deciding.learn_early import learn_early, moments
+from neuro_recognise.deciding.stopping import Held, margins, stopped, stopping_rule
 from neuro_recognise.method import Course
 from neuro_recognise.observations import observed
-from neuro_recognise.predicted import predict_files
 from neuro_recognise.recogniser import Recogniser, fit, method_of
-from neuro_recognise.stopping import Held, margins, stopped, stopping_rule
+from neuro_recognise.telling.predicted import predict_files
 
 N, K = 30, 4
 NAN = float("nan")

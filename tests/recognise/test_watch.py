@@ -13,13 +13,13 @@ from matplotlib.image import imread
 
 import neuro
 from neuro.events import Events, recordings, save
-from neuro_recognise.learn_early import learn_early
+from neuro_recognise.deciding.learn_early import learn_early
 from neuro_recognise.method import Course
 from neuro_recognise.methods.hats import Hats
 from neuro_recognise.observations import observed
 from neuro_recognise.recogniser import fit, method_of
+from neuro_recognise.telling.watch import decisions, page, watch
 from neuro_recognise.views import Pictures, Trials
-from neuro_recognise.watch import decisions, page, watch
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 
@@ -105,7 +105,7 @@ def test_without_a_rule_the_whole_decides(made, events):
 
 
 def test_of_many_events_an_even_choice_is_shown_and_told(made, events, monkeypatch):
-    monkeypatch.setattr("neuro_recognise.watch.MOST", 101)
+    monkeypatch.setattr("neuro_recognise.telling.watch.MOST", 101)
     text = page(made, "1.bin", events, decisions(made, events, None, "event"))
     assert np.array_equal(column(data_of(text), "x", "<u2"), events.x[::4])
     assert "one of every 4 events is shown" in text

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from neuro.events import EventFileError, load, recordings
-from neuro_recognise.segmenters import Msd
+from neuro_recognise.parts.segmenters import Msd
 from neuro_remus.digits import RESOURCE, mnist_5k
 from neuro_remus.saccades import Saccades, make_dataset
 

@@ -14,7 +14,7 @@ from neuro_recognise.detection.boxes import suppressed
 from neuro_recognise.detection.proposals import CHOSEN, Proposals, Region
 from neuro_recognise.detection.sliding import Dense
 from neuro_recognise.detection.tracks import Tracking, Tracks
-from neuro_recognise.segmenters import Hes, Segmenter
+from neuro_recognise.parts.segmenters import Hes, Segmenter
 from neuro_recognise.settings import Settings, part, setting
 from neuro_recognise.shown import Floats, Ints
 

@@ -17,7 +17,7 @@ from matplotlib.patches import Rectangle
 from neuro.apps import sealed
 from neuro.events import Events
 from neuro_recognise.detection.boxes import UNKNOWN, Boxes
-from neuro_recognise.pictures import INK, PAPER
+from neuro_recognise.telling.pictures import INK, PAPER
 
 __all__ = ["PAGE", "drawn", "page"]
 

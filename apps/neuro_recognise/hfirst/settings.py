@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from neuro_recognise.gabor import gabor_bank
+from neuro_recognise.parts.gabor import gabor_bank
 from neuro_recognise.settings import Settings, setting
 
 CODE = "HFIRST.m of the authors' code"

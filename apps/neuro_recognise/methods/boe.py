@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from neuro.events import Events
-from neuro_recognise.cleaners import Cleaner, Plain
 from neuro_recognise.method import Answer, Course, Learnt, Method
-from neuro_recognise.readouts import Readout, Svm
-from neuro_recognise.segmenters import Msd, Segmenter
+from neuro_recognise.parts.cleaners import Cleaner, Plain
+from neuro_recognise.parts.readouts import Readout, Svm
+from neuro_recognise.parts.segmenters import Msd, Segmenter
 from neuro_recognise.settings import part
 from neuro_recognise.shown import Evidence, Floats, Ints, Shown
 from neuro_recognise.views import Pictures, View

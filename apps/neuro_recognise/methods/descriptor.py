@@ -11,7 +11,7 @@ import numpy as np
 
 from neuro.events import Events
 from neuro_recognise.method import Answer, Course, Learnt, Method
-from neuro_recognise.readouts import Readout, Svm
+from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import part
 from neuro_recognise.shown import Evidence, Floats, Shown
 

@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import neuro
-from neuro_recognise.banks import Bank, LeakyGabors
-from neuro_recognise.encoders import Encoder, Latency
-from neuro_recognise.frames import Frames
-from neuro_recognise.layers import Inputs, Labelled, Layer
 from neuro_recognise.method import Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise
-from neuro_recognise.pools import LocalMaximum, Pool
-from neuro_recognise.segmenters import Segmenter, Ses
+from neuro_recognise.parts.banks import Bank, LeakyGabors
+from neuro_recognise.parts.encoders import Encoder, Latency
+from neuro_recognise.parts.frames import Frames
+from neuro_recognise.parts.layers import Inputs, Labelled, Layer
+from neuro_recognise.parts.pools import LocalMaximum, Pool
+from neuro_recognise.parts.segmenters import Segmenter, Ses
+from neuro_recognise.parts.votes import votes
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Floats, Ints, Shown
-from neuro_recognise.votes import votes
 
 CODE = "github BEJ97/MK-Tempotron, top_onN_MNIST.m"
 RISE = 4.0

@@ -18,18 +18,18 @@ import numpy as np
 import neuro
 from neuro import ModelError
 from neuro.events import Events
-from neuro_recognise.banks import Bank, Gabors
-from neuro_recognise.encoders import Encoder, LogLatency
-from neuro_recognise.frames import Frames, ended_by
-from neuro_recognise.layers import FOLLOWS, Inputs, Layer, RemusLayer, from_text, taught, to_text
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
-from neuro_recognise.pools import Max, Pool
-from neuro_recognise.representations import Counts, Representation
-from neuro_recognise.segmenters import Msd, Segmenter
+from neuro_recognise.parts.banks import Bank, Gabors
+from neuro_recognise.parts.encoders import Encoder, LogLatency
+from neuro_recognise.parts.frames import Frames, ended_by
+from neuro_recognise.parts.layers import FOLLOWS, Inputs, Layer, RemusLayer, from_text, taught, to_text
+from neuro_recognise.parts.pools import Max, Pool
+from neuro_recognise.parts.representations import Counts, Representation
+from neuro_recognise.parts.segmenters import Msd, Segmenter
+from neuro_recognise.parts.votes import VOTES, votes
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Evidence, Floats, Ints, Shown, unlabelled
 from neuro_recognise.views import Pictures, Trials, View
-from neuro_recognise.votes import VOTES, votes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,7 +54,7 @@ class Framewise(Method):
         layer: the network that is shown these and learns.
         epochs: how often all recordings are shown.
         order: what is shuffled in each epoch, whole recordings or all their frames.
-        vote: how the frames of a recording decide, see `neuro_recognise.votes`.
+        vote: how the frames of a recording decide, see `neuro_recognise.parts.votes`.
     """
 
     spikes = True
@@ -261,7 +261,7 @@ class Framewise(Method):
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
         """How the learning went."""
-        from neuro_recognise.pictures import history
+        from neuro_recognise.telling.pictures import history
 
         if not self.layer.supervised:
             return {}

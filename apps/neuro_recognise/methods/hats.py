@@ -12,7 +12,7 @@ from neuro.events import Events, representations
 from neuro_recognise.method import Learnt
 from neuro_recognise.methods.descriptor import Descriptor
 from neuro_recognise.observers import Growing, Grows, Observer
-from neuro_recognise.readouts import Readout, Svm
+from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Floats
 from neuro_recognise.views import Pictures, View

@@ -9,10 +9,10 @@ from typing import Any, overload
 import numpy as np
 
 from neuro.events import Events
-from neuro_recognise.hots import Hots as Settings
-from neuro_recognise.hots import Layers
+from neuro_recognise.hots.hierarchy import Hots as Settings
+from neuro_recognise.hots.hierarchy import Layers
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
-from neuro_recognise.readouts import Readout, Svm
+from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Evidence, Floats, Shown
 

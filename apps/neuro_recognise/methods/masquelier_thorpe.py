@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 import neuro
-from neuro_recognise.frames import Frames
-from neuro_recognise.layers import Inputs, Layer
 from neuro_recognise.method import Course, Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise
-from neuro_recognise.readouts import Readout, Svm
+from neuro_recognise.parts.frames import Frames
+from neuro_recognise.parts.layers import Inputs, Layer
+from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Floats, Shown
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import neuro
-from neuro_recognise.layers import Labelled, Layer
 from neuro_recognise.method import Learnt
 from neuro_recognise.methods.framewise import Framewise
+from neuro_recognise.parts.layers import Labelled, Layer
 from neuro_recognise.settings import part, setting
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class Mozafari(Framewise):
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
         """The kernels, and how the learning went."""
-        from neuro_recognise.pictures import prototypes
+        from neuro_recognise.telling.pictures import prototypes
 
         drawn = {"prototypes": prototypes(np.asarray(learnt["c1_s2"]), classes, self.bank.orientations)}
         return {**drawn, **super().pictures(learnt, classes)}

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 import neuro
-from neuro_recognise.encoders import Encoder, LogLatency
-from neuro_recognise.frames import Frames
-from neuro_recognise.layers import Inputs, Layer
 from neuro_recognise.method import Course, Learnt
 from neuro_recognise.methods.framewise import ORDERS, Framewise
+from neuro_recognise.parts.encoders import Encoder, LogLatency
+from neuro_recognise.parts.frames import Frames
+from neuro_recognise.parts.layers import Inputs, Layer
+from neuro_recognise.parts.votes import majority, potentials
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Floats, Shown
-from neuro_recognise.votes import majority, potentials
 
 OURS = "ours: the paper's numbers were not found"
 SLOW = 1000.0

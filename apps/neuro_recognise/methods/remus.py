@@ -44,7 +44,7 @@ class Remus(Framewise):
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
         """The kernels, and how the learning went."""
-        from neuro_recognise.pictures import prototypes
+        from neuro_recognise.telling.pictures import prototypes
 
         drawn = {"prototypes": prototypes(np.asarray(learnt["c1_s2"]), classes, self.bank.orientations)}
         return {**drawn, **super().pictures(learnt, classes)}

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from neuro.events import Events
-from neuro_recognise.cleaners import Cleaner, Tar
 from neuro_recognise.methods.hats import Hats
 from neuro_recognise.observers import Grows
+from neuro_recognise.parts.cleaners import Cleaner, Tar
 from neuro_recognise.settings import part
 from neuro_recognise.shown import Floats
 

@@ -19,9 +19,9 @@ import numpy as np
 from neuro import ModelError
 from neuro.apps import output, sealed
 from neuro.events import Events, load
+from neuro_recognise.deciding.session import Decision
 from neuro_recognise.method import SILENT
 from neuro_recognise.recogniser import Recogniser
-from neuro_recognise.session import Decision
 from neuro_recognise.views import Pictures, Trials, View
 
 __all__ = ["decisions", "page", "watch"]
@@ -114,7 +114,7 @@ def page(
     width, height = events.sensor_size
     about = [told(recogniser, said, allow), recogniser.method.title, f"{len(events):,} events, {width}×{height} px"]
     about += [f"one of every {thinned} events is shown"] if thinned > 1 else []
-    template = Template(files("neuro_recognise").joinpath("watch.html").read_text("utf-8"))
+    template = Template(files("neuro_recognise.telling").joinpath("watch.html").read_text("utf-8"))
     data = _data(recogniser, events[:: max(1, thinned)], said, views)
     return template.substitute(
         title=escape(f"{title} by {recogniser.method.called()}"),

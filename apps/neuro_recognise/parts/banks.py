@@ -12,8 +12,8 @@ import numpy as np
 from neuro import ModelError
 from neuro.apps import Registry
 from neuro.events import Events
-from neuro_recognise.gabor import gabor_bank
-from neuro_recognise.representations import Counts, Representation
+from neuro_recognise.parts.gabor import gabor_bank
+from neuro_recognise.parts.representations import Counts, Representation
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Floats, Ints
 
@@ -81,7 +81,7 @@ class Gabors(Bank):
 
     def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
         """Rectified "same" convolution of each frame with each filter."""
-        from neuro_recognise._bank_kernels import largest_responses
+        from neuro_recognise.parts._bank_kernels import largest_responses
 
         width, height = events.sensor_size
         out = np.empty((len(bounds) - 1, len(self.sizes), len(self.orientations), height // side, width // side))
@@ -115,7 +115,7 @@ class LeakyGabors(Bank):
 
     def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
         """Absolute values at the end of each frame; frames before have left their rest."""
-        from neuro_recognise._bank_kernels import leaky_responses
+        from neuro_recognise.parts._bank_kernels import leaky_responses
 
         width, height = events.sensor_size
         out = np.empty((len(bounds) - 1, len(self.sizes), len(self.orientations), height // side, width // side))

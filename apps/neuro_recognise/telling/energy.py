@@ -13,7 +13,7 @@ from neuro import ModelError
 from neuro.apps import console, number, quantity, table
 from neuro.chips import footnotes
 from neuro_recognise.recogniser import Recogniser
-from neuro_recognise.tried import Tried
+from neuro_recognise.telling.tried import Tried
 
 FORMAT = "neuro recognise energy 1"
 

@@ -13,7 +13,7 @@ import numpy as np
 from neuro.apps import console, html, quantity, sealed, table, write_text
 from neuro_recognise.compare import Compared, Plan
 from neuro_recognise.evaluate import wilson
-from neuro_recognise.pictures import accuracies, confusion
+from neuro_recognise.telling.pictures import accuracies, confusion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from neuro_recognise.deciding.stopping import Held
 from neuro_recognise.method import Learnt
-from neuro_recognise.stopping import Held
 
 __all__ = ["Early", "part_of"]
 

@@ -47,10 +47,10 @@ def scenes(
     import numpy as np
 
     from neuro.events import recordings
-    from neuro_recognise.bars import Bar
     from neuro_recognise.detection.composing import Scenery
     from neuro_recognise.detection.scenes import fold_of, write_scenes
     from neuro_recognise.method import Progress
+    from neuro_recognise.telling.bars import Bar
 
     given = {"sensor": _size(sensor), "touching": touching, "noise": noise, "length": length}
     scenery = Scenery().changed(given | assignments(set))
@@ -72,11 +72,11 @@ def crops(
     set: Set = [],  # noqa: B006
 ) -> None:
     """Cut single objects out of scenes, as a detector sees them: recordings for 'neuro recognise train'."""
-    from neuro_recognise.bars import Bar
     from neuro_recognise.detection.following import Detecting
     from neuro_recognise.detection.learning import write_crops
     from neuro_recognise.detection.scenes import Scenes
     from neuro_recognise.method import Progress
+    from neuro_recognise.telling.bars import Bar
 
     settings = Detecting().changed(assignments(set))
     with Bar() as bar:
@@ -122,11 +122,11 @@ def detect(
 
 
 def _measure(detector: Detector, folder: Path, as_json: bool) -> None:
-    from neuro_recognise.bars import Bar
     from neuro_recognise.detection import report
     from neuro_recognise.detection.scenes import Scenes
     from neuro_recognise.detection.trial import try_out
     from neuro_recognise.method import Progress
+    from neuro_recognise.telling.bars import Bar
 
     scenes = Scenes(folder)
     report.check_classes(detector.recogniser.classes, scenes)

@@ -1,5 +1,5 @@
 # mypy: ignore-errors
-"""Compiled loops of `neuro_recognise.banks`."""
+"""Compiled loops of `neuro_recognise.parts.banks`."""
 
 import numpy as np
 

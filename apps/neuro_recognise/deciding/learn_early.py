@@ -14,12 +14,12 @@ import numpy as np
 from neuro import ModelError
 from neuro.apps import Checkpoint
 from neuro.events import Recordings
-from neuro_recognise.early import Early
+from neuro_recognise.deciding.early import Early
+from neuro_recognise.deciding.stopping import Held, margins
 from neuro_recognise.method import Course, Learnt, Progress, choose
 from neuro_recognise.observations import observe
 from neuro_recognise.recogniser import Recogniser, Tell
 from neuro_recognise.shown import Array, Floats, Ints, unlabelled
-from neuro_recognise.stopping import Held, margins
 
 __all__ = ["learn_early", "moments"]
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.apps import console, install, number, table, write_picture
+from neuro_recognise.deciding.stopping import stopping_rule
 from neuro_recognise.evaluate import Evaluation
 from neuro_recognise.method import METHODS, SILENT
-from neuro_recognise.predicted import Predicted
 from neuro_recognise.recogniser import Recogniser, method_of
-from neuro_recognise.stopping import stopping_rule
-from neuro_recognise.tried import Tried
+from neuro_recognise.telling.predicted import Predicted
+from neuro_recognise.telling.tried import Tried
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -125,7 +125,7 @@ def show_early(recogniser: Recogniser) -> None:
 
 def write_confusion(tried: Tried, folder: Path) -> None:
     """Draw the confusion of the recogniser's own decisions."""
-    from neuro_recognise.pictures import confusion
+    from neuro_recognise.telling.pictures import confusion
 
     _save(confusion(tried.own), folder / "confusion.png")
 

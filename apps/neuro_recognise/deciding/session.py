@@ -15,10 +15,10 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.events import Events
+from neuro_recognise.deciding.stopping import Held, Rule, margins
 from neuro_recognise.method import SILENT, choose
 from neuro_recognise.observers import Observer
 from neuro_recognise.shown import Evidence, Floats
-from neuro_recognise.stopping import Held, Rule, margins
 
 __all__ = ["WINDOW_MS", "Decision", "Session"]
 

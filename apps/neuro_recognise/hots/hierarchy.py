@@ -4,7 +4,7 @@ An event i sees in the neighbourhood of radius R round it, for each channel p an
 there was: ``S_i(u, p) = exp(-(t_i - T_i(u, p)) / tau)``, 0 where there was none. It is given to the
 closest of N prototypes, ``k_i``, and goes on to the next layer as an event of channel ``k_i``. Layer l + 1 has
 ``R K_R``, ``tau K_tau`` and ``N K_N`` (eq. 119 of the thesis). A histogram counts the prototypes of the last layer,
-and `neuro_recognise.histograms` has the paper's distances between histograms.
+and `neuro_recognise.parts.histograms` has the paper's distances between histograms.
 
 Source: Lagorce et al., "HOTS: A Hierarchy of Event-Based Time-Surfaces for Pattern Recognition", IEEE TPAMI 39:1346,
 2017; thesis lines 2211-2280 with algorithm 13.
@@ -166,7 +166,7 @@ class Layers:
         Raises:
             ModelError: the layers are not learnt, an event is off the field, or `cell` is no whole number >= 0.
         """
-        from neuro_recognise._hots_kernels import count
+        from neuro_recognise.hots._hots_kernels import count
 
         last = self.settings.layers - 1 if layer is None else layer
         side = check(WHOLE, cell, "cell") or max(self.sensor_size)
@@ -255,7 +255,7 @@ class Layers:
 
     def _surfaces(self, events: Events, layer: int, wanted: Ints) -> Floats:
         """(numbers of a surface, wanted events) of a layer."""
-        from neuro_recognise._hots_kernels import surfaces
+        from neuro_recognise.hots._hots_kernels import surfaces
 
         s, shape = self.settings, self._shape(layer)
         out = np.empty((int(np.prod(shape[:3])), len(wanted)))
@@ -267,7 +267,7 @@ class Layers:
 
     def _teach(self, events: Events) -> None:
         """Let the layer that is being learnt learn from a recording."""
-        from neuro_recognise._hots_kernels import learn
+        from neuro_recognise.hots._hots_kernels import learn
 
         s, layer = self.settings, self.learnt
         centres = self.centres[layer].reshape(-1, s.centres_of(layer))
@@ -279,7 +279,7 @@ class Layers:
 
     def _channels(self, events: Events, layers: int) -> Ints:
         """The channel of each event behind some layers that do not learn."""
-        from neuro_recognise._hots_kernels import find
+        from neuro_recognise.hots._hots_kernels import find
 
         width, height = self.sensor_size
         if len(events) and (int(events.x.max()) >= width or int(events.y.max()) >= height):

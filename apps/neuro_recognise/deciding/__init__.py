@@ -1,0 +1,1 @@
+"""Decisions while events arrive: beginnings learnt apart, sessions, and when to stop."""

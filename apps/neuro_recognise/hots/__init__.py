@@ -1,0 +1,1 @@
+"""HOTS: layers of time surfaces that learn what surfaces there are."""

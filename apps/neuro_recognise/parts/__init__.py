@@ -1,0 +1,1 @@
+"""Parts of methods by name: what recordings become on their way to an answer."""
