@@ -9,7 +9,7 @@ from neuro_recognise.shown import Floats, Ints
 __all__ = ["Blob", "Cuts"]
 
 FAR = 1 << 32
-"""A place outside of any sensor, px. It is a whole number as places are: `ufunc.at` is ten times slower between types."""
+"""A place outside of any sensor, px; a whole number as places are, since `ufunc.at` is slow between types."""
 
 
 class Blob:

@@ -16,7 +16,7 @@ from neuro.apps import Registry
 from neuro.events import Events
 from neuro_recognise.detection.blobs import Blob
 from neuro_recognise.settings import Part, setting
-from neuro_recognise.shown import Array, Floats
+from neuro_recognise.shown import Array, Floats, Ints
 
 __all__ = ["Proposals", "Region"]
 
@@ -125,7 +125,7 @@ class Proposals(Part):
             if part.weight.sum() >= self.speck:
                 yield part
 
-    def _cost(self, larger: Floats | float) -> Array:
+    def _cost(self, larger: Ints | float) -> Array:
         """Of boxes with these larger sides."""
         scales = np.array(self.scales)
         off = (np.asarray(larger)[..., None] - self.side * scales) / (self.spread * scales)

@@ -91,7 +91,8 @@ def show_tried(detector: Detector, tried: Tried, as_json: bool) -> None:
 
 
 def _page(path: Path, events: Events, boxes: Boxes, classes: Sequence[str], title: str) -> None:
-    from neuro_recognise.detection.pictures import PAGE, page
+    from neuro_recognise.detection.watching import page
+    from neuro_recognise.telling.watch import PAGE
 
     with output(path, PAGE) as part:
         part.write_text(PAGE.seal(page(events, boxes, classes, title)), "utf-8")
