@@ -119,6 +119,15 @@ def test_a_picture_and_a_page(neuro, made):
     assert "boxes.html: exists and is not a page of 'neuro recognise': expected a new name" in err
 
 
+def test_an_empty_recording_has_no_objects(neuro, made):
+    save(Events(*np.zeros((4, 0), int), (100, 80)), made / "empty.npz")
+    code, out, _ = neuro("detect", "model.h5", "empty.npz", "--out", "empty.html")
+    assert (code, out) == (0, "no objects found\n")
+    data, text = page_of(made / "empty.html")
+    assert data["boxes"] == []
+    assert "no objects found" in text
+
+
 def page_of(path):
     text = path.read_text("utf-8")
     return json.loads(re.search(r'id="data">(.*?)</script>', text)[1]), text

@@ -172,7 +172,7 @@ class Proposals(Part):
         if len(events) < self.fewest:
             return None
         ends = self.percentile, 100.0 - self.percentile
-        (left, right), (top, bottom) = (np.percentile(values, ends) for values in (events.x, events.y))
+        (left, top), (right, bottom) = np.percentile([events.x, events.y], ends, axis=1)
         box = np.array([left, top, right + 1.0, bottom + 1.0])
         if max(box[2] - box[0], box[3] - box[1]) < self.smallest * self.side * min(self.scales):
             return None

@@ -61,6 +61,9 @@ def show_found(boxes: Boxes, classes: Sequence[str], as_json: bool) -> None:
     if as_json:
         print(json.dumps({"format": FORMAT, "boxes": [_words(boxes, k, classes) for k in range(len(boxes))]}, indent=1))
         return
+    if not len(boxes):
+        print("no objects found")
+        return
     rows = []
     for number in np.unique(boxes.identity):
         of = boxes[boxes.identity == number]

@@ -77,6 +77,8 @@ def _told(found: Boxes, given: Boxes) -> list[str]:
 
 
 def _counted(boxes: Boxes, how: str) -> str:
+    if not len(boxes):
+        return f"no objects {how}"
     objects = len(np.unique(boxes.identity))
     return f"{objects} {'object' if objects == 1 else 'objects'} in {len(boxes)} boxes {how}"
 
