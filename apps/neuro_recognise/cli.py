@@ -163,15 +163,31 @@ def watch(
     model: ModelFile,
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A file of any readable format.")],
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The page to write.")] = Path("recognise.html"),
+    several: Annotated[bool, typer.Option("--several", help="Find several objects, as 'detect' does.")] = False,
+    boxes: Annotated[
+        Path | None, typer.Option("--boxes", metavar="FILE", help="Draw these, too: as of 'detect' or 'scenes', .csv.")
+    ] = None,
     allow: Allow = None,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Write a page that plays a recording: events, what the method looks at, scores, and when it is decided."""
-    from neuro_recognise.recogniser import Recogniser
-    from neuro_recognise.telling.watch import watch
+    """Write a page that plays a recording: events, what the method looks at, scores, and when it is decided.
 
-    told = watch(Recogniser.load(model).changed(assignments(set)), recording, out, allow, backend)
+    With --several or --boxes it shows the objects of a scene instead: boxes, classes and identities.
+    """
+    from neuro_recognise.recogniser import Recogniser
+
+    trained = Recogniser.load(model).changed(assignments(set))
+    if several or boxes is not None:
+        from neuro_recognise.detection.watching import watch_objects
+
+        if allow is not None:
+            raise typer.BadParameter("decides early on a single object", param_hint="'--allow'")
+        told = watch_objects(trained, recording, out, given=boxes, find=several, backend=backend)
+    else:
+        from neuro_recognise.telling.watch import watch
+
+        told = watch(trained, recording, out, allow, backend)
     typer.echo(f"{out}: {told}")
 
 

@@ -190,7 +190,8 @@ class Method(Settings):
             raise ModelError(
                 f"{outside} of {total} events lie outside of the {width}x{height} field that is "
                 f"looked at, expected at most {MAX_OUTSIDE:.0%}",
-                hint="crop the recording round the object first, or train with a larger 'size'",
+                hint="crop the recording round the object first, train with a larger 'size', or find several objects: "
+                "'neuro recognise detect'",
             )
 
     def fixed(self) -> Mapping[str, Any]:

@@ -40,6 +40,7 @@ class Trials:
         times: (spikes,) ms, since the beginning of the trial.
         ids: (spikes,) neurons.
         told: a few words on each trial, such as who won; none for ().
+        bands: names of groups of equally many neurons, in the order of their ids; none for ().
     """
 
     name: str
@@ -50,6 +51,7 @@ class Trials:
     times: Floats
     ids: Ints
     told: tuple[str, ...] = ()
+    bands: tuple[str, ...] = ()
 
 
 View: TypeAlias = Pictures | Trials

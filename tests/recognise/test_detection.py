@@ -159,6 +159,13 @@ def test_a_folder_has_scenes_of_one_kind(folder, tmp_path):
     with pytest.raises(ModelError) as error:
         write_scenes(tmp_path / "s", data, Scenery(noise=2.0), 1)
     assert str(error.value).splitlines()[0] == f"{tmp_path / 's'}: has scenes with another scenery"
+    first = Scenes(tmp_path / "s")[0].events
+    grown = write_scenes(tmp_path / "s", data, Scenery(), 2)  # more are added to those that are there
+    assert len(grown) == 2
+    assert grown[0].events == first
+    with pytest.raises(ModelError) as error:
+        write_scenes(tmp_path / "s", data, Scenery(), 1)
+    assert str(error.value).splitlines()[0] == f"{tmp_path / 's'}: has scenes with another count"
     with pytest.raises(ModelError) as error:
         Scenes(folder)
     assert str(error.value) == f"{folder}: no scenes, expected a folder that 'neuro recognise scenes' filled"

@@ -1,6 +1,7 @@
 """The commands `scenes`, `crops` and `detect`: from recordings of one object to boxes in scenes of several."""
 
 import json
+import re
 import sys
 
 import numpy as np
@@ -9,6 +10,7 @@ from matplotlib.image import imread
 
 from neuro.cli import main
 from neuro.events import Events, save
+from neuro_recognise.detection.boxes import read_boxes
 
 
 def run(*words):
@@ -106,20 +108,52 @@ def test_a_picture_and_a_page(neuro, made):
     assert neuro("detect", "model.h5", "scenes/0001.npz", "--out", "boxes.png")[0] == 0
     assert imread(made / "boxes.png").std() > 0.05
     assert neuro("detect", "model.h5", "scenes/0001.npz", "--out", "boxes.html")[0] == 0
-    page = (made / "boxes.html").read_text()
-    data = json.loads(page[page.index("const data = ") + 13 : page.index(";\nconst view")])
-    assert (data["width"], data["height"], len(data["frames"])) == (100, 80, 3)
-    assert all(len(frame["boxes"]) >= 2 for frame in data["frames"])
+    data, page = page_of(made / "boxes.html")
+    assert (data["width"], data["height"]) == (100, 80)
+    assert {round(box["start"], -1) for box in data["boxes"]} == {0.0, 100.0, 200.0}
+    assert {box["kind"] for box in data["boxes"]} == {""}
     assert neuro("detect", "model.h5", "scenes/0001.npz", "--out", "boxes.html")[0] == 0
     (made / "boxes.html").write_text(page.replace("Play", "Go"))
     code, _, err = neuro("detect", "model.h5", "scenes/0001.npz", "--out", "boxes.html")
     assert code == 2
-    assert "boxes.html: exists and is not a page of 'neuro recognise detect': expected a new name" in err
+    assert "boxes.html: exists and is not a page of 'neuro recognise': expected a new name" in err
+
+
+def test_an_empty_recording_has_no_objects(neuro, made):
+    save(Events(*np.zeros((4, 0), int), (100, 80)), made / "empty.npz")
+    code, out, _ = neuro("detect", "model.h5", "empty.npz", "--out", "empty.html")
+    assert (code, out) == (0, "no objects found\n")
+    data, text = page_of(made / "empty.html")
+    assert data["boxes"] == []
+    assert "no objects found" in text
+
+
+def page_of(path):
+    text = path.read_text("utf-8")
+    return json.loads(re.search(r'id="data">(.*?)</script>', text)[1]), text
+
+
+def test_boxes_that_are_found_and_given_on_one_page(neuro, made):
+    words = "watch", "model.h5", "scenes/0001.npz", "--boxes", "scenes/0001.csv", "--out", "both.html"
+    code, out, _ = neuro(*words, "--several")
+    assert code == 0
+    assert re.fullmatch(r"both.html: [23] objects in \d boxes found, [23] objects in \d boxes given\n", out)
+    data, _ = page_of(made / "both.html")
+    found, given = ([box for box in data["boxes"] if box["kind"] == kind] for kind in ("", "given"))
+    there = read_boxes(made / "scenes" / "0001.csv", ("cross", "ring"))
+    assert [box["box"] for box in given] == there.box.tolist()
+    assert sorted(box["name"] for box in found) == sorted(box["name"] for box in given)
+    code, out, _ = neuro(*words)
+    assert code == 0
+    assert "found" not in out
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        (["watch", "model.h5", "scenes/0000.npz", "--several", "--allow", "0.1"], "decides early on a single object"),
+        (["watch", "model.h5", "scenes/0000.npz", "--boxes", "scenes/scenes.json"],
+         "scenes/scenes.json: expected a table of boxes with the columns start_us, stop_us,"),
         (["detect", "model.h5"], "expected either a RECORDING or --data SCENES"),
         (["detect", "model.h5", "scenes/0000.npz", "--out", "x.txt"],
          "x.txt: expected a name that ends in .html, .png, .csv"),

@@ -127,7 +127,8 @@ def test_a_few_events_outside_are_left_out():
         FRONT.observe(random_events(10, size=(128, 128), low=40))
     assert str(error.value) == (
         "10 of 10 events lie outside of the 34x34 field that is looked at, expected at most 5%\n"
-        "  hint: crop the recording round the object first, or train with a larger 'size'"
+        "  hint: crop the recording round the object first, train with a larger 'size', or find several objects: "
+        "'neuro recognise detect'"
     )
 
 

@@ -14,9 +14,12 @@ from matplotlib.image import imread
 import neuro
 from neuro.events import Events, recordings, save
 from neuro_recognise.deciding.learn_early import learn_early
+from neuro_recognise.detection.boxes import Boxes
+from neuro_recognise.detection.watching import page as boxes_page
 from neuro_recognise.method import Course
 from neuro_recognise.methods.hats import Hats
 from neuro_recognise.observations import observed
+from neuro_recognise.parts.encoders import Latency, LogLatency
 from neuro_recognise.recogniser import fit, method_of
 from neuro_recognise.telling.watch import decisions, page, watch
 from neuro_recognise.views import Pictures, Trials
@@ -201,6 +204,41 @@ def test_a_browser_draws_it_moves_in_time_and_plays(text, events, tmp_path, chro
     assert told[6:8] == ["Pause", "Play"]
     assert told[8:13] == [f"{name} drawn" for name in ("events", "view0", "view1", "bars", "curve")]
     assert told[13:] == [f"0.0 of {end} ms", "nothing decided yet"]
+
+
+SCENE = """
+<script>
+const lines = [];
+for (const ms of [0, 12, 29, 40]) {
+  go(ms); draw();
+  lines.push([...get("rows").rows].map(row => [...row.cells].map(cell => cell.textContent).join(" ")).join(" & "));
+}
+lines.push(["sums", "curve"].map(id => get(id).clientHeight).join(" "));
+document.title = lines.join("|");
+</script></body>"""
+
+
+def test_a_browser_draws_boxes(events, tmp_path, chromium):
+    file, first = tmp_path / "page.html", int(events.t[0])
+    found = [(first, first + 10_000, 0, 1, 0.5, (1, 2, 3, 4)), (first + 10_500, first + 20_000, 1, -1, 0, (5, 6, 7, 8))]
+    given = [(first, first + 60_000, 2, 0, 1.0, (9, 9, 12, 12))]
+    text = boxes_page(events, Boxes.of(found), ("lying", "<standing>"), "1.bin", Boxes.of(given))
+    file.write_text(text.replace("</body>", SCENE), "utf-8")
+    told = re.search("<title>(.*?)</title>", chromium("--dump-dom", f"file://{file}"))[1].split("|")
+    always = "given #2 lying  9.0, 9.0, 12.0, 12.0"
+    assert told == [
+        f" #0 &lt;standing&gt; 0.5 1.0, 2.0, 3.0, 4.0 &amp; {always}",
+        f" #1 ? 0 5.0, 6.0, 7.0, 8.0 &amp; {always}",
+        always,
+        always,
+        "0 0",
+    ]
+
+
+def test_spikes_have_bands():
+    sizes, orientations = (3, 5), (0.0, 22.5)
+    assert LogLatency().bands(sizes, orientations) == ("0°", "22.5°")
+    assert Latency().bands(sizes, orientations) == ("3 px 0°", "3 px 22.5°", "5 px 0°", "5 px 22.5°")
 
 
 def test_a_command_writes_it(made, events, tmp_path, chromium):

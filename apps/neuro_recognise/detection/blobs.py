@@ -8,6 +8,9 @@ from neuro_recognise.shown import Floats, Ints
 
 __all__ = ["Blob", "Cuts"]
 
+FAR = 1 << 32
+"""A place outside of any sensor, px; a whole number as places are, since `ufunc.at` is slow between types."""
+
 
 class Blob:
     """Pixels that belong together.
@@ -56,8 +59,7 @@ class Cuts:
     def __init__(self, blob: Blob, column: Ints) -> None:
         self._blob, self._column = blob, column
         n = int(column.max()) + 1
-        low = np.full((2, n), np.inf)
-        high = np.full((2, n), -np.inf)
+        low, high = np.full((2, n), FAR), np.full((2, n), -FAR)
         for axis, values in enumerate((blob.x, blob.y)):
             np.minimum.at(low[axis], column, values)
             np.maximum.at(high[axis], column, values)
@@ -75,8 +77,8 @@ class Cuts:
         return first, second
 
 
-def _larger(low: Floats, high: Floats) -> Floats:
+def _larger(low: Ints, high: Ints) -> Ints:
     """Larger side of the box of the first columns, for each number of columns."""
-    sides = np.maximum.accumulate(high, axis=1) - np.minimum.accumulate(low, axis=1) + 1.0
-    larger: Floats = sides.max(axis=0)
+    sides = np.maximum.accumulate(high, axis=1) - np.minimum.accumulate(low, axis=1) + 1
+    larger: Ints = sides.max(axis=0)
     return larger

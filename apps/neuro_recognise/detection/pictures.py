@@ -1,40 +1,25 @@
-"""Boxes on frames of events: as a picture, and as a page for a browser that moves through them."""
+"""Boxes on frames of events, as a picture."""
 
 from __future__ import annotations
 
-import base64
-import json
 from collections.abc import Sequence
-from html import escape
-from importlib.resources import files
-from string import Template
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from neuro.apps import sealed
 from neuro.events import Events
 from neuro_recognise.detection.boxes import UNKNOWN, Boxes
+from neuro_recognise.detection.watching import COLOURS
 from neuro_recognise.telling.pictures import INK, PAPER
 
-__all__ = ["PAGE", "drawn", "page"]
+__all__ = ["drawn"]
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""Of identities, in turn: Okabe and Ito's, which colour-blind readers tell apart."""
 MOST = 9
 """Frames of a picture; of more an even choice is drawn."""
-EVENTS = 500_000
-"""Events of a page; of more one of every few is shown."""
 SHADES = ("#dde3ea", "#b6c2cf", "#8fa0b3", "#66788e")
 """Of pixels with 1, 2, 3 or more events."""
-
-PAGE = sealed(
-    "a page of 'neuro recognise detect'",
-    '<meta name="generator" content="neuro recognise detect">',
-    "<!-- digest {} -->",
-)
 
 
 def drawn(events: Events, boxes: Boxes, classes: Sequence[str], title: str) -> Figure:
@@ -89,40 +74,3 @@ def _draw(axis: Any, boxes: Boxes, classes: Sequence[str]) -> None:
         above = top > 7
         axis.text(left, top - 0.6 if above else bottom + 0.6, f"{name}  #{boxes.identity[k]}", color=colour,
                   fontsize=8, fontweight="bold", va="bottom" if above else "top", clip_on=True)  # fmt: skip
-
-
-def page(events: Events, boxes: Boxes, classes: Sequence[str], title: str) -> str:
-    """The page as text; it needs nothing else.
-
-    Args:
-        events: of the recording.
-        boxes: that were found.
-        classes: names.
-        title: what to call the recording.
-    """
-    thinned = max(1, -(-len(events) // EVENTS))
-    spans = boxes.spans().tolist()
-    tracks = len(np.unique(boxes.identity))
-    told = [f"{tracks} objects", f"{len(boxes)} boxes in {len(spans)} frames"]
-    told += [f"one of every {thinned} events is shown"] if thinned > 1 else []
-    width, height = events.sensor_size
-    data = {
-        "width": width, "height": height, "colours": COLOURS, "shades": SHADES,
-        "frames": [_frame(events.between(*span)[::thinned], boxes, classes, span) for span in spans],
-    }  # fmt: skip
-    template = Template(files("neuro_recognise").joinpath("detection/page.html").read_text("utf-8"))
-    return template.substitute(
-        title=escape(title), told=escape(" · ".join(told)), data=json.dumps(data).replace("<", "\\u003c")
-    )
-
-
-def _frame(events: Events, boxes: Boxes, classes: Sequence[str], span: Sequence[int]) -> dict[str, Any]:
-    start, stop = span
-    of = boxes[(boxes.start == start) & (boxes.stop == stop)]
-    names = ["?" if label == UNKNOWN else classes[label] for label in of.label]
-    rows = zip(of.identity.tolist(), names, of.score.round(3).tolist(), of.box.round(2).tolist(), strict=True)
-    return {"start": start, "stop": stop, "x": _packed(events.x), "y": _packed(events.y), "boxes": list(rows)}
-
-
-def _packed(values: Any) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, "<u2").tobytes()).decode("ascii")

@@ -16,7 +16,7 @@ from neuro.apps import Registry
 from neuro.events import Events
 from neuro_recognise.detection.blobs import Blob
 from neuro_recognise.settings import Part, setting
-from neuro_recognise.shown import Array, Floats
+from neuro_recognise.shown import Array, Floats, Ints
 
 __all__ = ["Proposals", "Region"]
 
@@ -125,7 +125,7 @@ class Proposals(Part):
             if part.weight.sum() >= self.speck:
                 yield part
 
-    def _cost(self, larger: Floats | float) -> Array:
+    def _cost(self, larger: Ints | float) -> Array:
         """Of boxes with these larger sides."""
         scales = np.array(self.scales)
         off = (np.asarray(larger)[..., None] - self.side * scales) / (self.spread * scales)
@@ -172,7 +172,7 @@ class Proposals(Part):
         if len(events) < self.fewest:
             return None
         ends = self.percentile, 100.0 - self.percentile
-        (left, right), (top, bottom) = (np.percentile(values, ends) for values in (events.x, events.y))
+        (left, top), (right, bottom) = np.percentile([events.x, events.y], ends, axis=1)
         box = np.array([left, top, right + 1.0, bottom + 1.0])
         if max(box[2] - box[0], box[3] - box[1]) < self.smallest * self.side * min(self.scales):
             return None

@@ -61,6 +61,9 @@ def show_found(boxes: Boxes, classes: Sequence[str], as_json: bool) -> None:
     if as_json:
         print(json.dumps({"format": FORMAT, "boxes": [_words(boxes, k, classes) for k in range(len(boxes))]}, indent=1))
         return
+    if not len(boxes):
+        print("no objects found")
+        return
     rows = []
     for number in np.unique(boxes.identity):
         of = boxes[boxes.identity == number]
@@ -91,7 +94,8 @@ def show_tried(detector: Detector, tried: Tried, as_json: bool) -> None:
 
 
 def _page(path: Path, events: Events, boxes: Boxes, classes: Sequence[str], title: str) -> None:
-    from neuro_recognise.detection.pictures import PAGE, page
+    from neuro_recognise.detection.watching import page
+    from neuro_recognise.telling.watch import PAGE
 
     with output(path, PAGE) as part:
         part.write_text(PAGE.seal(page(events, boxes, classes, title)), "utf-8")

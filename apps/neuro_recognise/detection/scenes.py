@@ -98,7 +98,7 @@ def write_scenes(
     chosen: Ints | None = None,
     report: Callable[[int, int], None] = lambda done, total: None,
 ) -> Scenes:
-    """Fill a folder with scenes; the same call goes on where it was.
+    """Fill a folder with scenes; the same call goes on where it was, and one with a larger `count` adds to them.
 
     Args:
         folder: made if it is not there.
@@ -171,7 +171,8 @@ def _tell(folder: Path, data: Recordings, scenery: Scenery, count: int, seed: in
     }
     if about.exists() and _is_ours(about) and any(_boxes_of(folder, k).exists() for k in range(count)):
         there = json.loads(about.read_text())
-        other = [name for name in told if there.get(name) != told[name]]
+        more = count >= int(there.get("count", 0))  # scenes do not depend on how many there are
+        other = [name for name in told if there.get(name) != told[name] and not (more and name == "count")]
         if other:
             raise ModelError(f"{folder}: has scenes with another {other[0]}", hint="take a new folder")
     write_text(about, json.dumps(told, indent=1) + "\n", ABOUT_KIND)

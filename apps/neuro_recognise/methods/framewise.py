@@ -254,9 +254,10 @@ class Framewise(Method):
             for neuron, label in zip(results.winner.tolist(), results.label.tolist(), strict=True)
         )
         times, size = self.encoder.times(frames.codes, learnt), int(np.prod(self.inputs.shape))
+        bands = self.encoder.bands(self.bank.sizes, self.bank.orientations)
         return [
             Pictures("Frame", at_ms, self.representation.pixels(seen, bounds).pictures(self.size)),
-            Trials("Its spikes", at_ms, self.encoder.window, size, frames.offsets, times, frames.ids, told),
+            Trials("Its spikes", at_ms, self.encoder.window, size, frames.offsets, times, frames.ids, told, bands),
         ]
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:

@@ -11,18 +11,26 @@ def largest_responses(x, y, held, bounds, bank, sizes, height, width, cell, out)
     """What filters answer to every frame of a recording, of each cell of pixels the largest, at least 0.
 
     A frame has far fewer pixels with events than pixels, so each such pixel adds what it holds times the
-    (turned) filter to the response; this is the 'same' convolution with zeros outside of the frame.
+    (turned) filter to the response; this is the 'same' convolution with zeros outside of the frame. A row of a filter
+    lies in one piece, orientations innermost, so that it is added as vectors.
 
     x, y: uint16[n], inside the frame; held: float64[n], above 0; bounds: int64[frames + 1]; bank:
     float64[scales, orientations, side, side]; sizes: int64[scales]; cell: side of a cell, px; out:
     float64[frames, scales, orientations, height // cell, width // cell].
     """
-    side = bank.shape[2]
+    many, side = bank.shape[1], bank.shape[2]
     half = side // 2
     value = np.zeros((height, width))
     rows = np.empty(height * width, np.int64)
     columns = np.empty(height * width, np.int64)
-    response = np.empty((height + 2 * half, width + 2 * half))
+    response = np.empty((height + 2 * half, (width + 2 * half) * many))
+    tallest = np.empty(width * many)
+    turned = np.empty((bank.shape[0], side, side * many))
+    for s in range(bank.shape[0]):
+        for i in range(side):
+            for j in range(side):
+                for o in range(many):
+                    turned[s, i, j * many + o] = bank[s, o, side - 1 - i, side - 1 - j]
     for frame in range(out.shape[0]):
         active = 0
         for k in range(bounds[frame], bounds[frame + 1]):
@@ -34,21 +42,25 @@ def largest_responses(x, y, held, bounds, bank, sizes, height, width, cell, out)
         for s in range(bank.shape[0]):
             first = (side - sizes[s]) // 2
             last = first + sizes[s]
-            for o in range(bank.shape[1]):
-                response[:] = 0.0
-                for k in range(active):
-                    sent = value[rows[k], columns[k]]
-                    for i in range(first, last):
-                        to = response[rows[k] + i]
-                        taps = bank[s, o, side - 1 - i]
-                        for j in range(first, last):
-                            to[columns[k] + j] += sent * taps[side - 1 - j]
-                for i in range(out.shape[3]):
-                    for j in range(out.shape[4]):
+            response[:] = 0.0
+            for k in range(active):
+                sent = value[rows[k], columns[k]]
+                for i in range(first, last):
+                    to = response[rows[k] + i, (columns[k] + first) * many : (columns[k] + last) * many]
+                    taps = turned[s, i, first * many : last * many]
+                    for j in range(len(taps)):
+                        to[j] += sent * taps[j]
+            for i in range(out.shape[3]):
+                tallest[:] = 0.0
+                for a in range(half + cell * i, half + cell * (i + 1)):
+                    answered = response[a, half * many : (half + width) * many]
+                    for b in range(len(answered)):
+                        tallest[b] = answered[b] if answered[b] > tallest[b] else tallest[b]
+                for j in range(out.shape[4]):
+                    for o in range(many):
                         best = 0.0
-                        for a in range(half + cell * i, half + cell * (i + 1)):
-                            for b in range(half + cell * j, half + cell * (j + 1)):
-                                best = max(best, response[a, b])
+                        for b in range(cell * j, cell * (j + 1)):
+                            best = tallest[b * many + o] if tallest[b * many + o] > best else best
                         out[frame, s, o, i, j] = best
         for k in range(active):
             value[rows[k], columns[k]] = 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,13 @@ class Encoder(Part):
     @abstractmethod
     def channels(self, scales: int, orientations: int) -> int:
         """How many spikes can come from a place: the ids' first axis; the others are rows and columns."""
+
+    def bands(self, sizes: Sequence[int], orientations: Sequence[float]) -> tuple[str, ...]:
+        """Names of the channels, of filters with these sides, px, and orientations, degrees."""
+        angles = [f"{angle:g}°" for angle in orientations]
+        if self.channels(len(sizes), len(angles)) == len(angles):
+            return tuple(angles)
+        return tuple(f"{size} px {angle}" for size in sizes for angle in angles)
 
     @abstractmethod
     def encode(self, responses: Floats) -> tuple[Array, Ints, Ints]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -24,7 +24,7 @@ from neuro_recognise.method import SILENT
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.views import Pictures, Trials, View
 
-__all__ = ["decisions", "page", "watch"]
+__all__ = ["PAGE", "check_page", "decisions", "filled", "page", "shown", "watch"]
 
 MOST = 1_000_000
 """Events, and spikes of a view, of a page; of more an even choice is shown."""
@@ -34,8 +34,8 @@ POINTS = 60
 """Moments of a page where nothing was learnt of moments."""
 
 PAGE = sealed(
-    "a page of 'neuro recognise watch'",
-    '<meta name="generator" content="neuro recognise watch">',
+    "a page of 'neuro recognise'",
+    '<meta name="generator" content="neuro recognise">',
     "<!-- digest {} -->",
 )
 
@@ -60,8 +60,7 @@ def watch(
             recording is empty or does not fit.
         EventFileError: the recording is damaged.
     """
-    if out.suffix.lower() not in (".html", ".htm"):
-        raise ModelError(f"{out}: what is watched is a page for a browser: expected a name that ends in .html")
+    check_page(out)
     with output(out, PAGE) as part:
         events = load(recording)
         if not len(events):
@@ -72,6 +71,16 @@ def watch(
         views = recogniser.method.views(seen, recogniser.learnt, recogniser.classes)
         part.write_text(PAGE.seal(page(recogniser, recording.name, seen, said, views, allow)), "utf-8")
     return told(recogniser, said, allow)
+
+
+def check_page(out: Path) -> None:
+    """Refuse a name that is not that of a page.
+
+    Raises:
+        ModelError: it ends otherwise.
+    """
+    if out.suffix.lower() not in (".html", ".htm"):
+        raise ModelError(f"{out}: what is watched is a page for a browser: expected a name that ends in .html")
 
 
 def decisions(recogniser: Recogniser, events: Events, allow: float | None, backend: str) -> list[Decision]:
@@ -110,30 +119,50 @@ def page(
         views: what the method makes of the recording.
         allow: the allowed error, None where none was asked.
     """
-    thinned = -(-len(events) // MOST)
-    width, height = events.sensor_size
-    about = [told(recogniser, said, allow), recogniser.method.title, f"{len(events):,} events, {width}×{height} px"]
-    about += [f"one of every {thinned} events is shown"] if thinned > 1 else []
-    template = Template(files("neuro_recognise.telling").joinpath("watch.html").read_text("utf-8"))
-    data = _data(recogniser, events[:: max(1, thinned)], said, views)
-    return template.substitute(
-        title=escape(f"{title} by {recogniser.method.called()}"),
-        told=escape(" · ".join(about)),
-        data=json.dumps(data).replace("<", "\\u003c"),
+    seen, about = shown(events)
+    data = seen | _said(recogniser, said) | {"views": [_view(one) for one in views]}
+    return filled(
+        f"{title} by {recogniser.method.called()}",
+        [told(recogniser, said, allow), recogniser.method.title, *about],
+        data,
     )
 
 
-def _data(recogniser: Recogniser, events: Events, said: Sequence[Decision], views: Sequence[View]) -> dict[str, Any]:
-    stop = next((k for k, one in enumerate(said) if one.settled), -1)
-    scores = np.stack([one.scores for one in said])
+def shown(events: Events) -> tuple[dict[str, Any], list[str]]:
+    """The events of a page as data, and what is told of them; of many an even choice."""
+    every = max(1, -(-len(events) // MOST))
+    width, height = events.sensor_size
+    about = [f"{len(events):,} events, {width}×{height} px"]
+    about += [f"one of every {every} events is shown"] if every > 1 else []
+    some, first = events[::every], int(events.t[0]) if len(events) else 0
+    data = {
+        "width": width, "height": height, "end": (int(events.t[-1]) - first) / 1000.0 if len(events) else 0.0,
+        "t": _base64(some.t - first, "<u4"), "x": _base64(some.x, "<u2"), "y": _base64(some.y, "<u2"),
+        "p": _base64(some.p, "u1"),
+    }  # fmt: skip
+    return data, about
+
+
+def filled(title: str, about: Sequence[str], data: Mapping[str, Any]) -> str:
+    """The text of a page.
+
+    Args:
+        title: of the page.
+        about: a few words each, that stand below it.
+        data: events as of `shown`, with decisions and views, or with boxes.
+    """
+    template = Template(files("neuro_recognise.telling").joinpath("watch.html").read_text("utf-8"))
+    return template.substitute(
+        title=escape(title), told=escape(" · ".join(about)), data=json.dumps(data).replace("<", "\\u003c")
+    )
+
+
+def _said(recogniser: Recogniser, said: Sequence[Decision]) -> dict[str, Any]:
     return {
-        "width": events.sensor_size[0], "height": events.sensor_size[1],
-        "t": _base64(events.t - events.t[0], "<u4"), "x": _base64(events.x, "<u2"), "y": _base64(events.y, "<u2"),
-        "p": _base64(events.p, "u1"),
         "classes": list(recogniser.classes), "at": _base64([one.after_ms for one in said], "<f4"),
-        "scores": _base64(scores, "<f4"), "labels": [one.label for one in said],
-        "confidence": _base64([one.confidence for one in said], "<f4"), "stop": stop,
-        "views": [_view(one) for one in views],
+        "scores": _base64(np.stack([one.scores for one in said]), "<f4"), "labels": [one.label for one in said],
+        "confidence": _base64([one.confidence for one in said], "<f4"),
+        "stop": next((k for k, one in enumerate(said) if one.settled), -1),
     }  # fmt: skip
 
 
@@ -154,7 +183,10 @@ def _trials(view: Trials) -> dict[str, Any]:
     every = max(1, -(-len(view.times) // MOST))
     ends = -(-view.offsets // every)
     times, ids = _base64(view.times[::every], "<f4"), _base64(view.ids[::every], "<u4")
-    return {"size": view.size, "length": view.length_ms, "ends": _base64(ends, "<u4"), "times": times, "ids": ids}
+    return {
+        "size": view.size, "bands": list(view.bands), "length": view.length_ms, "ends": _base64(ends, "<u4"),
+        "times": times, "ids": ids,
+    }  # fmt: skip
 
 
 def _base64(values: Any, kind: str) -> str:
