@@ -24,8 +24,9 @@ from neuro_recognise.evaluate import Evaluation, evaluate
 from neuro_recognise.method import Answer, Method, Progress, choose
 from neuro_recognise.methods import METHODS, method_of
 from neuro_recognise.observations import observe
-from neuro_recognise.recogniser import field_of, learn
+from neuro_recognise.recogniser import learn
 from neuro_recognise.shown import Ints, Shown
+from neuro_recognise.training import field_of
 
 __all__ = ["Compared", "Contestant", "Plan", "compare", "contestants"]
 

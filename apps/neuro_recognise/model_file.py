@@ -16,7 +16,7 @@ import platform
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import neuro
 from neuro.apps import hdf5
@@ -24,36 +24,38 @@ from neuro_recognise.deciding.early import Early, part_of
 from neuro_recognise.method import Learnt, Method
 from neuro_recognise.methods import method_of
 
-if TYPE_CHECKING:
-    from neuro_recognise.recogniser import Recogniser
-
 __all__ = ["FORMAT", "read", "write"]
 
 FORMAT = "neuro recogniser 1"
 Parts: TypeAlias = tuple[Method, tuple[str, ...], Learnt, Mapping[str, Any], Early | None]
 
 
-def write(path: Path, recogniser: Recogniser) -> None:
+def write(path: Path, parts: Parts) -> None:
     """Write a file, in the place of another recogniser of that name.
+
+    Args:
+        path: of the file.
+        parts: what a recogniser is made of, in the order of its attributes.
 
     Raises:
         Unwritable: it cannot be written, or something else stands there.
     """
+    method, classes, learnt, training, early = parts
     with hdf5.writing(path, FORMAT) as file:
-        file.attrs["method"] = recogniser.method.called()
-        file.attrs["settings"] = json.dumps(recogniser.method.as_words())
-        file.attrs["training"] = json.dumps(dict(recogniser.training))
+        file.attrs["method"] = method.called()
+        file.attrs["settings"] = json.dumps(method.as_words())
+        file.attrs["training"] = json.dumps(dict(training))
         file.attrs.update(_versions())
-        file["classes"] = list(recogniser.classes)
+        file["classes"] = list(classes)
         group = file.create_group("learnt")
-        for name, part in recogniser.learnt.items():
+        for name, part in learnt.items():
             group[name] = part
-        if recogniser.early is not None:
-            recogniser.early.write(file.create_group("early"))
+        if early is not None:
+            early.write(file.create_group("early"))
 
 
 def read(path: Path) -> Parts:
-    """What a recogniser is made of, in the order of its attributes; errors as of `Recogniser.load`."""
+    """What `write` was given; errors as of `Recogniser.load`."""
     with hdf5.reading(path, FORMAT) as file:
         method = method_of(str(file.attrs["method"])).from_words(json.loads(file.attrs["settings"]))
         classes = tuple(file["classes"].asstr()[:].tolist())

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from dataclasses import replace as with_changes
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +12,9 @@ import numpy as np
 
 import neuro
 from neuro.apps import Checkpoint, check_output, hdf5
-from neuro.events import EventFileError, Events, Recordings
-from neuro.events.dataset import UNKNOWN
+from neuro.events import Events, Recordings
 from neuro_recognise import model_file
 from neuro_recognise.asking import Ask, Ready
-from neuro_recognise.code import code_of
 from neuro_recognise.deciding.early import Early
 from neuro_recognise.deciding.session import WINDOW_MS, Session
 from neuro_recognise.deciding.stopping import stopping_rule
@@ -27,12 +23,11 @@ from neuro_recognise.methods import method_of
 from neuro_recognise.model_file import FORMAT
 from neuro_recognise.observations import observe, observed
 from neuro_recognise.shown import Evidence, Floats, Ints, Shown, unlabelled
+from neuro_recognise.training import Training, check_same, digest_of, settled, told
 
-__all__ = ["FORMAT", "Recogniser", "field_of", "fit", "learn", "method_of", "settled"]
+__all__ = ["FORMAT", "Recogniser", "fit", "learn", "method_of", "settled"]
 
 Tell = Callable[[Progress], None]
-OTHER = {"data": "other recordings", "code": "other code, of an earlier version or before an edit"}
-REPLACE = "give another name, or --force (in Python replace=True) to replace it"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,7 +195,7 @@ class Recogniser:
 
     def save(self, path: Path) -> None:
         """Write the file; another recogniser of that name is replaced once the new one is complete."""
-        model_file.write(path, self)
+        model_file.write(path, (self.method, self.classes, self.learnt, self.training, self.early))
 
     @classmethod
     def load(cls, path: Path) -> Recogniser:
@@ -247,41 +242,16 @@ def fit(
     chosen = method if isinstance(method, Method) else method_of(method)
     chosen.check_backend(backend)
     fixed, fingerprint, tell = settled(chosen, data), data.fingerprint(), report or (lambda progress: None)
-    training = _training(fixed, _digest(fingerprint), len(data), seed, backend)
+    digest = digest_of(fingerprint)
+    training = told(fixed, digest, len(data), seed, backend)
     if out is not None:
         _made(out, fixed, training, replace)  # what stands in the way shows before long work
-    told = partial(_looking, tell)
-    shown = observe(fixed, data, fingerprint=fingerprint, cache=cache, report=told)
-    return learn(fixed, shown, _digest(fingerprint), seed=seed, backend=backend, out=out, replace=replace, report=tell)
 
+    def look(done: int, n: int) -> None:
+        tell(Progress("looking at recordings", done, n))
 
-def _looking(tell: Tell, done: int, total: int) -> None:
-    tell(Progress("looking at recordings", done, total))
-
-
-def settled(method: Method, data: Recordings) -> Method:
-    """A method with everything decided that follows from the recordings to learn from.
-
-    Raises:
-        EventFileError: as of `field_of`.
-        ModelError: the method cannot look at a field of this size.
-    """
-    return method.fitting(field_of(data))
-
-
-def field_of(data: Recordings) -> tuple[int, int]:
-    """Width and height of the field that recordings to learn from need, px.
-
-    Raises:
-        EventFileError: there are none, all are of one class, or one is damaged.
-    """
-    there = set(data.labels.tolist()) - {UNKNOWN}
-    if len(there) < 2:
-        only = f"has only the class '{data.classes[there.pop()]}'" if there else "has no recordings with a class"
-        if data.layout == "recording":
-            only = "is a single recording"
-        raise EventFileError(data.path, f"{only}: expected recordings of at least two classes")
-    return data.sensor_size(setting="--set size=[WIDTH, HEIGHT]")
+    shown = observe(fixed, data, fingerprint=fingerprint, cache=cache, report=look)
+    return learn(fixed, shown, digest, seed=seed, backend=backend, out=out, replace=replace, report=tell)
 
 
 def learn(
@@ -311,11 +281,11 @@ def learn(
         ModelError: as of `fit`.
     """
     method.check_backend(backend)
-    training = _training(method, digest, len(shown), seed, backend)
+    training = told(method, digest, len(shown), seed, backend)
     if out is None:
         return Recogniser(method, shown.classes, method.fit(shown, Course(seed, backend, None, report)), training)
-    told = {"method": method.called(), "settings": method.fixed(), **training}
-    checkpoint = Checkpoint(out, "neuro recogniser training 1", told)
+    asked = {"method": method.called(), "settings": method.fixed(), **training}
+    checkpoint = Checkpoint(out, "neuro recogniser training 1", asked)
     if (made := _made(out, method, training, replace)) is None:
         learnt = method.fit(shown, Course(seed, backend, checkpoint, report))
         made = Recogniser(method, shown.classes, learnt, training)
@@ -324,39 +294,18 @@ def learn(
     return made
 
 
-def _training(method: Method, digest: str, recordings: int, seed: int, backend: str) -> dict[str, Any]:
-    """What a training is told beside the settings."""
-    return {"seed": seed, "backend": backend, "data": digest, "recordings": recordings, "code": code_of(method)}
-
-
-def _made(out: Path, method: Method, training: Mapping[str, Any], replace: bool) -> Recogniser | None:
+def _made(out: Path, method: Method, training: Training, replace: bool) -> Recogniser | None:
     """The finished recogniser of this very training, if it is there.
 
     Raises:
         ModelError: `out` cannot be written, or is of another training that is not to be replaced.
     """
     check_output(out, hdf5.kind(FORMAT))
-    if not hdf5.has_format(out, FORMAT):
-        return None
-    if replace:
+    if replace or not hdf5.has_format(out, FORMAT):
         return None
     there = Recogniser.load(out)
-    before = {"method": there.method.called(), **there.method.as_words(), **there.training}
-    now = {"method": method.called(), **method.as_words(), **training}
-    for name in before | now:
-        if before.get(name) != now.get(name):
-            what = OTHER.get(name, f"{name} = {_told(before.get(name))}: found {_told(now.get(name))} now")
-            raise neuro.ModelError(f"{out}: a recogniser that was trained with {what}", hint=REPLACE)
+    check_same(out, (there.method, there.training), (method, training))
     return there
-
-
-def _told(value: Any) -> str:
-    """A value, or the name of a part, for a message."""
-    return next(iter(value)) if isinstance(value, dict) else str(value)
-
-
-def _digest(fingerprint: str) -> str:
-    return hashlib.blake2b(fingerprint.encode(), digest_size=16).hexdigest()
 
 
 def _microseconds(name: str, value: float) -> int:
