@@ -167,6 +167,12 @@ def test_a_chip_that_refuses_a_network_is_told_in_its_row(learning, tmp_path):
     assert "must.yaml:40:3: population 'excited': adaptive" in one.refused
 
 
+def test_a_layer_by_itself_is_refused_with_its_place_in_the_file(learning):
+    made = fit(learning, "hfirst")
+    with pytest.raises(ModelError, match=r"hfirst\.yaml:\d+:\d+: population 's2': iaf_linear_leak: loihi has no such"):
+        made.predict(learning, backend="loihi")
+
+
 def test_a_damaged_recording_stops_a_comparison(tmp_path, folder):
     for name in ("lying", "upright"):
         (tmp_path / name).mkdir()
