@@ -90,7 +90,7 @@ class Recogniser:
         times_us = [round(1000.0 * t) for t in times]
         evidence = self.method.observe_until(recording, times_us)
         if self.early is None or not self.early.learnt:
-            return self._ask(self.learnt, backend)(unlabelled(evidence, self.classes)).scores
+            return self.answer_shown(unlabelled(evidence, self.classes), backend).scores
         rows = [self._asked(backend)(time, one) for time, one in zip(times_us, evidence, strict=True)]
         return np.array(rows).reshape(-1, len(self.classes))
 
@@ -159,11 +159,9 @@ class Recogniser:
         return ask
 
     def _ask(self, learnt: Learnt, backend: str) -> Ask:
-        """A function that gives the answer of something learnt to what is shown; of nothing there are no scores."""
+        """A function that gives the answer of something learnt to what is shown."""
         self.method.check_backend(backend)
-        asker = self._ready.asker(self.method, learnt, backend)
-        nothing = Answer(np.empty((0, len(self.classes))))
-        return lambda shown: asker(shown) if len(shown) else nothing
+        return self._ready.asker(self.method, learnt, backend)
 
     def _early(self) -> Early:
         if self.early is None:
@@ -175,12 +173,13 @@ class Recogniser:
 
     def answer(self, recordings: Recordings | Iterable[Events] | Events, backend: str = "event") -> Answer:
         """Scores, those of other votes, and what it took to find them. Arguments and errors as of `scores`."""
-        ask = self._ask(self.learnt, backend)
-        return ask(self.shown(recordings))
+        self._ask(self.learnt, backend)  # what cannot run shows before recordings are read
+        return self.answer_shown(self.shown(recordings), backend)
 
     def answer_shown(self, shown: Shown, backend: str = "event") -> Answer:
-        """Likewise of what was looked at before, see `shown`."""
-        return self._ask(self.learnt, backend)(shown)
+        """Likewise of what was looked at before, see `shown`; of nothing there are no scores."""
+        ask = self._ask(self.learnt, backend)
+        return ask(shown) if len(shown) else Answer(np.empty((0, len(self.classes))))
 
     def shown(self, recordings: Recordings | Iterable[Events] | Events) -> Shown:
         """What recordings show to this recogniser."""
