@@ -60,8 +60,8 @@ class Recogniser:
             (recordings, classes), the larger, the more; NaN in all of a row where nothing speaks for any class.
 
         Raises:
-            EventFileError: a recording is damaged or does not fit the method.
-            ModelError: the same of recordings that are in memory.
+            EventFileError: a recording is damaged.
+            ModelError: one does not fit the method, or the backend cannot run it.
         """
         return self.answer(recordings, backend).scores
 
