@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from neuro.files.checkpoint import Checkpoint
     from neuro.kernels.jit import allocating, inner, kernel
     from neuro.model.language import Node, about, mistake, plain, read, words
+    from neuro.program.backend import find_backend
 
 _HOMES = {
     "neuro.cli.energy": (
@@ -94,6 +95,7 @@ _HOMES = {
         "read",
         "words",
     ),
+    "neuro.program.backend": ("find_backend",),
 }
 
 __all__ = [
@@ -117,6 +119,7 @@ __all__ = [
     "check_output",
     "console",
     "extensions",
+    "find_backend",
     "hdf5",
     "html",
     "inner",

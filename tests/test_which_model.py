@@ -10,7 +10,7 @@ from neuro.compiler import compile_network
 from neuro.model.neurons import NATIVE, NEURONS
 from neuro.model.parts import GROUPS
 from neuro.model.synapses import SYNAPSES
-from neuro.program.backend import find
+from neuro.program.backend import find_backend
 from neuro_nest.tables import NODES
 from neuro_nest.tables import SYNAPSES as NEST_SYNAPSES
 
@@ -30,7 +30,7 @@ def told(page):
 
 def runs_on(net):
     program = compile_network(net, 0)
-    return ", ".join(name for name in BACKENDS if not any(p.refused for p in find(name).problems(program)))
+    return ", ".join(name for name in BACKENDS if not any(p.refused for p in find_backend(name).problems(program)))
 
 
 @pytest.mark.parametrize("model", [*NEURONS, *NATIVE], ids=lambda model: model.__name__)

@@ -65,6 +65,7 @@ def train(
     settings: Annotated[str, typer.Option("--settings", metavar="NAME", help="A preset of the method.")] = "",
     seed: Seed = 0,
     backend: Backend = "event",
+    force: Annotated[bool, typer.Option("--force", help="Replace a recogniser of another training.")] = False,
     set: Set = [],  # noqa: B006
 ) -> None:
     """Train on recordings; after a kill the same command goes on where it was."""
@@ -73,9 +74,10 @@ def train(
     from neuro_recognise.telling.report import learnt
 
     chosen = method_of(method, settings, assignments(set))
+    found = _recordings(data, part)
     try:
         with Bar() as bar:
-            made = fit(_recordings(data, part), chosen, seed=seed, backend=backend, out=out, report=bar.show)
+            made = fit(found, chosen, seed=seed, backend=backend, out=out, replace=force, report=bar.show)
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on where it was", err=True)
         raise typer.Exit(130) from None
@@ -116,13 +118,22 @@ def predict(
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:
-    """Tell the class of recordings, what speaks for each, and when that was decided."""
+    """Tell the class of recordings, what speaks for each, and when that was decided.
+
+    Damaged files are told after the others; then the exit status is 1.
+    """
     from neuro_recognise.recogniser import Recogniser
     from neuro_recognise.telling import report
     from neuro_recognise.telling.predicted import predict_files
 
     trained = Recogniser.load(model).changed(assignments(set))
-    report.show_predicted(trained, predict_files(trained, recordings, backend, allow), json)
+    found, wrong = predict_files(trained, recordings, backend, allow)
+    if found or json:
+        report.show_predicted(trained, found, json)
+    for error in wrong:
+        typer.echo(f"error: {error}", err=True)
+    if wrong:
+        raise typer.Exit(1 if found else 2)
 
 
 @app.command()
@@ -131,7 +142,9 @@ def early(
     data: Data,
     part: Part = "Train",
     every: Annotated[float, typer.Option("--every", metavar="MS", help="From moment to moment.")] = 10.0,
-    folds: Annotated[int, typer.Option("--folds", help="Of recordings that are held out, one after the other.")] = 5,
+    folds: Annotated[
+        int, typer.Option("--folds", metavar="N", parser=folds, help="Of recordings, each held out once.")
+    ] = 5,
 ) -> None:
     """Learn from recordings when a recogniser may decide before they end, and add that to its file.
 
@@ -207,6 +220,7 @@ def compare(
     folds: Annotated[int, typer.Option("--folds", metavar="N", parser=folds, help="Each is tested once.")] = 5,
     seeds: Annotated[int, typer.Option("--seeds", metavar="N", parser=seeds, help="Folds and trainings anew.")] = 1,
     target: Target = TARGETS,
+    backend: Backend = "event",
 ) -> None:
     """Train and test all methods on the same folds: accuracy, time, joules on each chip, as a table and a page.
 
@@ -217,7 +231,7 @@ def compare(
     from neuro_recognise.telling.bars import Bar
     from neuro_recognise.telling.compare_report import show, write
 
-    plan = Plan(contestants(method), folds, tuple(range(seeds)), tuple(target), out)
+    plan = Plan(contestants(method), folds, tuple(range(seeds)), tuple(target), out, backend)
     try:
         with Bar() as bar:
             found = side_by_side(_but(_recordings(data, part), without), plan, bar.show)

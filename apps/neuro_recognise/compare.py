@@ -1,6 +1,7 @@
 """Methods side by side on one data set: every fold trained and tested, kept in a folder, and told as a table.
 
-FOLDER/METHOD-SEED-FOLD.json    decisions and times of a fold; what is there is not done again
+FOLDER/METHOD-SEED-FOLD.json    decisions and times of a fold, and of the first one bills; what is there is not done
+                                again by the same code
 FOLDER/table.md, compare.html   all that is there
 """
 
@@ -16,13 +17,16 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import Unwritable, check_output, make_folder, sealed, write_text
+from neuro.apps import Unwritable, check_output, find_backend, make_folder, sealed, write_text
 from neuro.events import EventFileError, Recordings
+from neuro_recognise.code import code_of
 from neuro_recognise.evaluate import Evaluation, evaluate
-from neuro_recognise.method import METHODS, Answer, Method, Progress, choose
+from neuro_recognise.method import Answer, Method, Progress, choose
+from neuro_recognise.methods import METHODS, method_of
 from neuro_recognise.observations import observe
-from neuro_recognise.recogniser import learn, method_of, settled
+from neuro_recognise.recogniser import learn
 from neuro_recognise.shown import Ints, Shown
+from neuro_recognise.training import field_of
 
 __all__ = ["Compared", "Contestant", "Plan", "compare", "contestants"]
 
@@ -55,6 +59,7 @@ class Plan:
         seeds: of folds and trainings.
         targets: chips and processors for which networks are priced.
         folder: where results are kept.
+        backend: runs networks; other methods need none.
     """
 
     contestants: tuple[Contestant, ...]
@@ -62,6 +67,11 @@ class Plan:
     seeds: tuple[int, ...]
     targets: tuple[str, ...]
     folder: Path
+    backend: str = "event"
+
+    def runs(self, method: Method) -> str:
+        """What a method is run on; "event", which is not asked, for one without a network."""
+        return self.backend if method.spikes else "event"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +85,8 @@ class Compared:
         observe_ms: to look at a recording.
         train_s: to learn from the other folds, mean of the folds.
         answer_ms: to decide on what was looked at, a recording.
-        bills: by target what a recording takes on it, or why it cannot be priced, as plain data.
+        bills: by target what a recording takes on it, or why it cannot be priced, as plain data; None without a
+            network.
         refused: why it could not be run at all, "" if it could.
     """
 
@@ -125,32 +136,49 @@ def compare(data: Recordings, plan: Plan, report: Callable[[Progress], None]) ->
         What came of each method, in the order of the plan.
 
     Raises:
-        EventFileError: a recording is damaged.
-        ModelError: a file in the folder is not ours, or there are too few recordings.
+        EventFileError: a recording is damaged, or all are of one class.
+        ModelError: there is no such backend, a file in the folder is not ours, or there are too few recordings.
     """
+    find_backend(plan.backend)
+    field, folds = field_of(data), {seed: data.folds(plan.folds, seed=seed) for seed in plan.seeds}
     make_folder(plan.folder)
-    digest = data.fingerprint()[:32]
-    return [_compared(data, digest, one, plan, report) for one in plan.contestants]
+    fingerprint = data.fingerprint()
+    return [_compared(data, fingerprint, field, folds, one, plan, report) for one in plan.contestants]
 
 
 def _compared(
-    data: Recordings, digest: str, contestant: Contestant, plan: Plan, report: Callable[[Progress], None]
+    data: Recordings,
+    fingerprint: str,
+    field: tuple[int, int],
+    folds: Mapping[int, Sequence[tuple[Ints, Ints]]],
+    contestant: Contestant,
+    plan: Plan,
+    report: Callable[[Progress], None],
 ) -> Compared:
     """One method; one that cannot be run, as its extra is missing or the recordings do not suit it, says so."""
     name = contestant.name
-    method = settled(contestant.method, data)
+
+    def look(done: int, n: int) -> None:
+        report(Progress(f"{name}: looking", done, n))
+
     try:
-        shown = observe(method, data, report=lambda done, n: report(Progress(f"{name}: looking", done, n)))
+        method = contestant.method.fitting(field)
+        shown = observe(method, data, fingerprint=fingerprint, report=look)
         told = [
-            _fold(Contestant(name, method), shown, digest, (seed, k), parts, plan, report)
+            _fold(Contestant(name, method), shown, fingerprint[:32], (seed, k), parts, plan, report)
             for seed in plan.seeds
-            for k, parts in enumerate(data.folds(plan.folds, seed=seed))
+            for k, parts in enumerate(folds[seed])
         ]
     except (EventFileError, Unwritable):
         raise
     except ModelError as error:
-        return Compared(contestant, refused=str(error).partition("\n")[0])
+        return Compared(contestant, refused=_reason(error))
     return _summary(contestant, told, shown, plan, _observing_ms(method, data))
+
+
+def _reason(error: ModelError) -> str:
+    """What is wrong in one line, without the way out."""
+    return ": ".join(line for line in str(error).splitlines() if not line.startswith("  hint: "))
 
 
 def _fold(
@@ -164,15 +192,13 @@ def _fold(
 ) -> dict[str, Any]:
     """Train and test one fold, unless its result is there; gives it as plain data."""
     (seed, fold), (others, mine) = which, parts
-    file = plan.folder / f"{contestant.name.replace('/', '_')}-{seed}-{fold}.json"
-    of: dict[str, Any] = {
-        "method": contestant.method.called(),
-        "settings": contestant.method.as_words(),
-        "data": digest,
-    }
-    of |= {"seed": seed, "fold": fold, "folds": plan.folds, "targets": list(plan.targets)}
+    method, backend = contestant.method, plan.runs(contestant.method)
+    targets = plan.targets if which == (plan.seeds[0], 0) else ()
+    file = plan.folder / f"{contestant.name.replace(':', '-').replace('/', '_')}-{seed}-{fold}.json"
+    of: dict[str, Any] = {"method": method.called(), "settings": method.as_words(), "code": code_of(method)}
+    of |= {"data": digest, "backend": backend, "seed": seed, "fold": fold, "folds": plan.folds}
     kept = _read(file)
-    if kept.get("of") == json.loads(json.dumps(of)):
+    if kept.get("of") == json.loads(json.dumps(of)) and _priced(kept, targets):
         return kept
     check_output(file, RESULT)
     name = f"{contestant.name}, seed {seed}, fold {fold + 1} of {plan.folds}"
@@ -181,29 +207,35 @@ def _fold(
         report(Progress(f"{name}: {progress.what}", progress.done, progress.total, progress.right))
 
     began = time.process_time()
-    made = learn(contestant.method, shown.take(others), digest, seed=seed, report=tell)
+    made = learn(method, shown.take(others), digest, seed=seed, backend=backend, report=tell)
     trained = time.process_time()
-    answer = made.method.answer(made.learnt, shown.take(mine))
+    answer = made.answer_shown(shown.take(mine), backend)
     ended = time.process_time()
     kept = {"format": FORMAT, "of": of, "tested": mine.tolist(), "decided": choose(answer.scores).tolist()}
     kept |= {"votes": {vote: choose(scores).tolist() for vote, scores in answer.votes.items()}}
     kept |= {"train_s": trained - began, "answer_ms": 1000.0 * (ended - trained) / len(mine)}
-    kept |= {"bills": _bills(answer, len(mine), plan.targets)}
+    kept |= {"bills": _bills(answer, len(mine), targets)}
     write_text(file, json.dumps(kept, indent=1), RESULT)
     return kept
 
 
-def _bills(answer: Answer, recordings: int, targets: Iterable[str]) -> dict[str, Any]:
-    """By target joules and seconds of a recording, or why it cannot be priced; nothing without a network."""
+def _bills(answer: Answer, recordings: int, targets: Iterable[str]) -> dict[str, Any] | None:
+    """By target joules and seconds of a recording, or why it cannot be priced; None without a network."""
+    if answer.run is None:
+        return None
+    sim, counted = answer.run
     bills: dict[str, Any] = {}
-    if answer.run is not None:
-        sim, counted = answer.run
-        for target in targets:
-            try:
-                bills[target] = sim.energy(target, of=counted).per(recordings, "recording").as_dict()
-            except ModelError as error:
-                bills[target] = {"refused": str(error).partition("\n")[0]}
+    for target in targets:
+        try:
+            bills[target] = sim.energy(target, of=counted).per(recordings, "recording").as_dict()
+        except ModelError as error:
+            bills[target] = {"refused": _reason(error)}
     return bills
+
+
+def _priced(kept: Mapping[str, Any], targets: Iterable[str]) -> bool:
+    """Whether a result has a bill for each target, if it has any."""
+    return kept["bills"] is None or set(targets) <= set(kept["bills"])
 
 
 def _observing_ms(method: Method, data: Recordings) -> float:
@@ -235,7 +267,7 @@ def _summary(
         observe_ms,
         float(np.mean([one["train_s"] for one in told])),
         float(np.mean([one["answer_ms"] for one in told])),
-        told[0]["bills"],
+        None if told[0]["bills"] is None else {target: told[0]["bills"][target] for target in plan.targets},
     )
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import Registry, unknown
+from neuro.apps import Registry, find_backend, unknown
 from neuro.events import Events
 from neuro_recognise.observers import Observer, Whole
 from neuro_recognise.settings import Settings, setting
@@ -193,6 +193,23 @@ class Method(Settings):
                 hint="crop the recording round the object first, train with a larger 'size', or find several objects: "
                 "'neuro recognise detect'",
             )
+
+    def check_backend(self, name: str) -> None:
+        """Refuse a backend that nothing would run on, or that is not there.
+
+        Args:
+            name: of a backend; "event" is every method's default.
+
+        Raises:
+            ModelError: there is none of this name, or the method has no network.
+        """
+        if name != "event" and not self.spikes:
+            networks = ", ".join(known for known, method in METHODS.items() if method.spikes)
+            raise ModelError(
+                f"backend = '{name}': {self.place()} has no network that could run on it",
+                hint=f"leave it out; methods with a network: {networks}",
+            )
+        find_backend(name)
 
     def fixed(self) -> Mapping[str, Any]:
         """The settings that a training under way cannot change, as plain data."""

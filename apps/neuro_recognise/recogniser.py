@@ -1,61 +1,33 @@
-"""A trained recogniser: what users hold, and its file.
-
-```
-/            attributes: format "neuro recogniser 1", method, settings and training (JSON), and the versions of neuro,
-             python, numpy and numba
-/classes     names of the classes
-/learnt      arrays and texts by name, as the method gives them
-/early       what decisions while events arrive need, where it was learnt: see `neuro_recognise.deciding.early`
-```
-"""
+"""A trained recogniser, what users hold, and how one is trained."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import platform
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from importlib.metadata import version
+from dataclasses import dataclass, field
+from dataclasses import replace as with_changes
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import neuro
-from neuro.apps import Checkpoint, check_output, hdf5, unknown
-from neuro.events import EventFileError, Events, Recordings
-from neuro.events.dataset import UNKNOWN
+from neuro.apps import Checkpoint, check_output, hdf5
+from neuro.events import Events, Recordings
+from neuro_recognise import model_file
 from neuro_recognise.asking import Ask, Ready
-from neuro_recognise.deciding.early import Early, part_of
+from neuro_recognise.deciding.early import Early
 from neuro_recognise.deciding.session import WINDOW_MS, Session
 from neuro_recognise.deciding.stopping import stopping_rule
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, choose
-from neuro_recognise.methods import METHODS
+from neuro_recognise.methods import method_of
+from neuro_recognise.model_file import FORMAT
 from neuro_recognise.observations import observe, observed
 from neuro_recognise.shown import Evidence, Floats, Ints, Shown, unlabelled
+from neuro_recognise.training import Training, check_same, digest_of, settled, told
 
 __all__ = ["FORMAT", "Recogniser", "fit", "learn", "method_of", "settled"]
 
-FORMAT = "neuro recogniser 1"
 Tell = Callable[[Progress], None]
-
-
-def method_of(name: str, settings: str = "", values: Mapping[str, Any] | None = None) -> Method:
-    """A method by its name.
-
-    Args:
-        name: see `neuro recognise list`.
-        settings: the name of one of its presets; "" for the defaults.
-        values: what differs from these, by name.
-
-    Raises:
-        ModelError: there is no such method or preset, or a value is wrong.
-    """
-    if name not in METHODS:
-        raise unknown("method", name, METHODS)
-    method = METHODS[name]()
-    return (method.preset(settings) if settings else method).changed(values or {})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,8 +60,8 @@ class Recogniser:
             (recordings, classes), the larger, the more; NaN in all of a row where nothing speaks for any class.
 
         Raises:
-            EventFileError: a recording is damaged or does not fit the method.
-            ModelError: the same of recordings that are in memory.
+            EventFileError: a recording is damaged.
+            ModelError: one does not fit the method, or the backend cannot run it.
         """
         return self.answer(recordings, backend).scores
 
@@ -102,7 +74,7 @@ class Recogniser:
 
         Args:
             recording: its events.
-            times_ms: from its first event on, ascending.
+            times_ms: from its first event on, >= 0, ascending.
             backend: runs networks.
 
         Returns:
@@ -110,15 +82,15 @@ class Recogniser:
             were learnt apart (see `learn_early`), that of a beginning is asked.
 
         Raises:
-            ModelError: the times run back, or the recording does not fit the method.
+            ModelError: a time is below 0 or they run back, or the recording does not fit the method.
         """
         times = np.asarray(times_ms, float)
-        if times.ndim != 1 or not np.isfinite(times).all() or np.any(np.diff(times) < 0):
-            raise neuro.ModelError(f"times_ms = {list(times_ms)}: expected times in ascending order, ms")
+        if times.ndim != 1 or not np.isfinite(times).all() or np.any(np.diff(times, prepend=0.0) < 0):
+            raise neuro.ModelError(f"times_ms = {list(times_ms)}: expected times >= 0 in ascending order, ms")
         times_us = [round(1000.0 * t) for t in times]
         evidence = self.method.observe_until(recording, times_us)
         if self.early is None or not self.early.learnt:
-            return self._ask(self.learnt, backend)(unlabelled(evidence, self.classes)).scores
+            return self.answer_shown(unlabelled(evidence, self.classes), backend).scores
         rows = [self._asked(backend)(time, one) for time, one in zip(times_us, evidence, strict=True)]
         return np.array(rows).reshape(-1, len(self.classes))
 
@@ -140,7 +112,7 @@ class Recogniser:
                     f"{method.place()}: '{name}' cannot be changed after training, which depends on it",
                     hint=f"what can: {known}; or train anew",
                 )
-        return replace(self, method=method, early=None) if now != was else self
+        return with_changes(self, method=method, early=None) if now != was else self
 
     def learnt_at(self, after_us: int) -> Learnt:
         """What is asked after so much of a recording, us."""
@@ -188,6 +160,7 @@ class Recogniser:
 
     def _ask(self, learnt: Learnt, backend: str) -> Ask:
         """A function that gives the answer of something learnt to what is shown."""
+        self.method.check_backend(backend)
         return self._ready.asker(self.method, learnt, backend)
 
     def _early(self) -> Early:
@@ -200,7 +173,13 @@ class Recogniser:
 
     def answer(self, recordings: Recordings | Iterable[Events] | Events, backend: str = "event") -> Answer:
         """Scores, those of other votes, and what it took to find them. Arguments and errors as of `scores`."""
-        return self._ask(self.learnt, backend)(self.shown(recordings))
+        self._ask(self.learnt, backend)  # what cannot run shows before recordings are read
+        return self.answer_shown(self.shown(recordings), backend)
+
+    def answer_shown(self, shown: Shown, backend: str = "event") -> Answer:
+        """Likewise of what was looked at before, see `shown`; of nothing there are no scores."""
+        ask = self._ask(self.learnt, backend)
+        return ask(shown) if len(shown) else Answer(np.empty((0, len(self.classes))))
 
     def shown(self, recordings: Recordings | Iterable[Events] | Events) -> Shown:
         """What recordings show to this recogniser."""
@@ -215,17 +194,7 @@ class Recogniser:
 
     def save(self, path: Path) -> None:
         """Write the file; another recogniser of that name is replaced once the new one is complete."""
-        with hdf5.writing(path, FORMAT) as file:
-            file.attrs["method"] = self.method.called()
-            file.attrs["settings"] = json.dumps(self.method.as_words())
-            file.attrs["training"] = json.dumps(dict(self.training))
-            file.attrs.update(_versions())
-            file["classes"] = list(self.classes)
-            group = file.create_group("learnt")
-            for name, part in self.learnt.items():
-                group[name] = part
-            if self.early is not None:
-                self.early.write(file.create_group("early"))
+        model_file.write(path, (self.method, self.classes, self.learnt, self.training, self.early))
 
     @classmethod
     def load(cls, path: Path) -> Recogniser:
@@ -234,12 +203,7 @@ class Recogniser:
         Raises:
             ModelError: there is no such file, it is something else or damaged, or of a method that is not there.
         """
-        with hdf5.reading(path, FORMAT) as file:
-            method = method_of(str(file.attrs["method"])).from_words(json.loads(file.attrs["settings"]))
-            classes = tuple(file["classes"].asstr()[:].tolist())
-            learnt = {name: part_of(data) for name, data in file["learnt"].items()}
-            early = Early.read(file["early"]) if "early" in file else None
-            return cls(method, classes, learnt, json.loads(file.attrs["training"]), early)
+        return cls(*model_file.read(path))
 
 
 def fit(
@@ -249,6 +213,7 @@ def fit(
     seed: int = 0,
     backend: str = "event",
     out: Path | None = None,
+    replace: bool = False,
     cache: Path | None = None,
     report: Tell | None = None,
 ) -> Recogniser:
@@ -261,6 +226,7 @@ def fit(
         backend: runs networks.
         out: file for the recogniser. What is reached is kept beside it, and the same call goes on from there to the
             same bits. A training that is complete is not done again.
+        replace: whether `out` takes the place of a recogniser of another training.
         cache: folder for what is computed of the recordings; None takes the user's.
         report: is told the progress.
 
@@ -268,26 +234,23 @@ def fit(
         The recogniser.
 
     Raises:
-        ModelError: a setting is wrong, there is nothing to learn, or `out` belongs to another training.
-        EventFileError: a recording is damaged or does not fit.
+        ModelError: a setting or the backend is wrong, a recording does not fit, there is nothing to learn, or `out`
+            belongs to another training.
+        EventFileError: a recording is damaged, or all are of one class.
     """
-    fixed = settled(method if isinstance(method, Method) else method_of(method), data)
-    tell: Tell = report or (lambda progress: None)
-    shown = observe(fixed, data, cache=cache, report=lambda done, n: tell(Progress("looking at recordings", done, n)))
-    return learn(fixed, shown, _digest(data), seed=seed, backend=backend, out=out, report=tell)
+    chosen = method if isinstance(method, Method) else method_of(method)
+    chosen.check_backend(backend)
+    fixed, fingerprint, tell = settled(chosen, data), data.fingerprint(), report or (lambda progress: None)
+    digest = digest_of(fingerprint)
+    training = told(fixed, digest, len(data), seed, backend)
+    if out is not None:
+        _made(out, fixed, training, replace)  # what stands in the way shows before long work
 
+    def look(done: int, n: int) -> None:
+        tell(Progress("looking at recordings", done, n))
 
-def settled(method: Method, data: Recordings) -> Method:
-    """A method with everything decided that follows from the recordings to learn from.
-
-    Raises:
-        EventFileError: there are none, or all are of one class.
-    """
-    there = set(data.labels.tolist()) - {UNKNOWN}
-    if len(there) < 2:
-        only = f"only the class '{data.classes[there.pop()]}'" if there else "no recordings with a class"
-        raise EventFileError(data.path, f"has {only}: expected recordings of at least two classes")
-    return method.fitting(data.sensor_size(setting="--set size=[WIDTH, HEIGHT]"))
+    shown = observe(fixed, data, fingerprint=fingerprint, cache=cache, report=look)
+    return learn(fixed, shown, digest, seed=seed, backend=backend, out=out, replace=replace, report=tell)
 
 
 def learn(
@@ -298,6 +261,7 @@ def learn(
     seed: int = 0,
     backend: str = "event",
     out: Path | None = None,
+    replace: bool = False,
     report: Tell = lambda progress: None,
 ) -> Recogniser:
     """Train on what was observed before.
@@ -309,18 +273,19 @@ def learn(
         seed: of everything random.
         backend: runs networks.
         out: as of `fit`.
+        replace: as of `fit`.
         report: is told the progress.
 
     Raises:
         ModelError: as of `fit`.
     """
-    training = {"seed": seed, "backend": backend, "data": digest, "recordings": len(shown)}
+    method.check_backend(backend)
+    training = told(method, digest, len(shown), seed, backend)
     if out is None:
         return Recogniser(method, shown.classes, method.fit(shown, Course(seed, backend, None, report)), training)
-    told = {"method": method.called(), "settings": method.fixed(), **training}
-    checkpoint = Checkpoint(out, "neuro recogniser training 1", told)
-    if (made := _made(out, method, training)) is None:
-        check_output(out, hdf5.kind(FORMAT))
+    asked = {"method": method.called(), "settings": method.fixed(), **training}
+    checkpoint = Checkpoint(out, "neuro recogniser training 1", asked)
+    if (made := _made(out, method, training, replace)) is None:
         learnt = method.fit(shown, Course(seed, backend, checkpoint, report))
         made = Recogniser(method, shown.classes, learnt, training)
         made.save(out)
@@ -328,17 +293,18 @@ def learn(
     return made
 
 
-def _made(out: Path, method: Method, training: Mapping[str, Any]) -> Recogniser | None:
-    """The finished recogniser of this very training, if it is there."""
-    if not hdf5.has_format(out, FORMAT):
+def _made(out: Path, method: Method, training: Training, replace: bool) -> Recogniser | None:
+    """The finished recogniser of this very training, if it is there.
+
+    Raises:
+        ModelError: `out` cannot be written, or is of another training that is not to be replaced.
+    """
+    check_output(out, hdf5.kind(FORMAT))
+    if replace or not hdf5.has_format(out, FORMAT):
         return None
     there = Recogniser.load(out)
-    same = there.method.as_words() == method.as_words() and type(there.method) is type(method)
-    return there if same and dict(there.training) == training else None
-
-
-def _digest(data: Recordings) -> str:
-    return hashlib.blake2b(data.fingerprint().encode(), digest_size=16).hexdigest()
+    check_same(out, (there.method, there.training), (method, training))
+    return there
 
 
 def _microseconds(name: str, value: float) -> int:
@@ -350,9 +316,3 @@ def _microseconds(name: str, value: float) -> int:
     if not np.isfinite(value) or round(1000.0 * value) < 1:
         raise neuro.ModelError(f"{name} = {value:g}: expected a time above 0 ms")
     return round(1000.0 * value)
-
-
-def _versions() -> dict[str, str]:
-    """What a file was written with."""
-    packages = {"neuro": neuro.__version__} | {name: version(name) for name in ("numpy", "numba")}
-    return {"python": platform.python_version()} | packages

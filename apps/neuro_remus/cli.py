@@ -41,6 +41,7 @@ def train(
     epochs: Epochs = None,
     seed: Seed = 0,
     backend: Backend = "event",
+    force: Annotated[bool, typer.Option("--force", help="Replace a model of another training.")] = False,
     set: Set = [],  # noqa: B006
 ) -> None:
     """Train on recordings; after a kill the same command goes on where it was."""
@@ -50,9 +51,10 @@ def train(
 
     values = _present_names(assignments(set)) | ({} if epochs is None else {"epochs": epochs})
     method = method_of("remus", settings, values)
+    found = _recordings(data, "Train")
     try:
         with Bar() as bar:
-            made = fit(_recordings(data, "Train"), method, seed=seed, backend=backend, out=out, report=bar.show)
+            made = fit(found, method, seed=seed, backend=backend, out=out, replace=force, report=bar.show)
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on after the last whole epoch", err=True)
         raise typer.Exit(130) from None

@@ -11,9 +11,9 @@ def check(file: NetworkFile, backend: Backend = "event", seed: Seed = 0, set: Se
     """Load and compile a network, ask the backend whether it can run it, and say so."""
     from neuro.compiler import compile_network
     from neuro.model.language import load
-    from neuro.program.backend import find
+    from neuro.program.backend import find_backend
 
-    chosen = find(backend)
+    chosen = find_backend(backend)
     program = compile_network(load(file, params=assignments(set)), seed)
     problems = chosen.problems(program)
     for problem in problems:

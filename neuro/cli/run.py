@@ -71,9 +71,9 @@ def together(backend: str) -> None:
     import signal
 
     from neuro.core.launch import processes, share
-    from neuro.program.backend import find
+    from neuro.program.backend import find_backend
 
-    if processes() > 1 and getattr(find(backend), "distributed", False):
+    if processes() > 1 and getattr(find_backend(backend), "distributed", False):
         share()
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 

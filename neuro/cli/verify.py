@@ -24,11 +24,11 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a tabl
 def verify(folder: Folder, backend: Chosen = None, as_json: Json = False) -> None:
     """Compare a backend with golden traces; the exit status is 1 if a value is wrong."""
     from neuro.cli.progress import Bar
-    from neuro.program.backend import find
+    from neuro.program.backend import find_backend
     from neuro.verify.verify import verify as compare
 
     with Bar() as bar:
-        results = compare(folder, find(backend) if backend else None, progress=bar.say)
+        results = compare(folder, find_backend(backend) if backend else None, progress=bar.say)
     if as_json:
         typer.echo(json.dumps([plain(result) for result in results], indent=2))
     else:

@@ -25,7 +25,7 @@ from neuro.core.errors import ModelError
 from neuro.core.extras import install
 from neuro.model.network import Network
 from neuro.model.neurons import Generator, dc_generator, poisson_generator
-from neuro.program.backend import OverflowWarning, find
+from neuro.program.backend import OverflowWarning, find_backend
 from neuro.program.program import Program
 from neuro.run.simulation import ApproximationWarning, Simulation, compile
 
@@ -98,7 +98,7 @@ def _check(backends: Sequence[str]) -> None:
     if len(backends) < 2:
         raise ModelError(f"backends = {', '.join(backends) or 'none'}: expected two or more to compare")
     for index, name in enumerate(backends):
-        find(name)
+        find_backend(name)
         if name in backends[:index]:
             raise ModelError(f"backends: '{name}' is said twice")
 
@@ -179,7 +179,7 @@ def _gather(sim: Simulation, backend: str, first: bool) -> Run:
 
 def chip_of(backend: str) -> Chip | None:
     """The chip that a backend emulates; None of a float backend."""
-    found = getattr(find(backend), "chip", None)
+    found = getattr(find_backend(backend), "chip", None)
     return found if isinstance(found, Chip) else None
 
 

@@ -291,7 +291,7 @@ def installed() -> dict[str, Backend]:
     return dict(sorted(BACKENDS.items()))
 
 
-def find(name: str | PathLike[str]) -> Backend:
+def find_backend(name: str | PathLike[str]) -> Backend:
     """The backend of that name, or that of a family (`Family`) for the target of that name or file.
 
     Raises:

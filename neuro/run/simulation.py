@@ -22,7 +22,7 @@ from neuro.core.values import shown
 from neuro.files.state import Identity, fingerprint, read_state, write_state
 from neuro.model.network import Network
 from neuro.model.neurons import Generator, Neuron, spike_generator
-from neuro.program.backend import Backend, Engine, Problem, Registers, find, unreadable
+from neuro.program.backend import Backend, Engine, Problem, Registers, find_backend, unreadable
 from neuro.program.counts import Counts, Tally
 from neuro.program.program import Floats, Ints, Program
 from neuro.run import settable
@@ -81,7 +81,7 @@ def compile(
 
 def _backend(given: str | PathLike[str] | Backend) -> Backend:
     if isinstance(given, (str, PathLike)):
-        return find(given)
+        return find_backend(given)
     if isinstance(given, type) or not all(hasattr(given, word) for word in ("name", "problems", "build")):
         raise ModelError(f"backend = {shown(given)}: expected the name of a backend, or a backend itself")
     return given

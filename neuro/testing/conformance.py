@@ -9,7 +9,7 @@ from typing import Any
 
 from neuro.core.errors import ModelError
 from neuro.model.network import Network
-from neuro.program.backend import Backend, find, unreadable
+from neuro.program.backend import Backend, find_backend, unreadable
 from neuro.run.simulation import ApproximationWarning, Simulation, compile
 from neuro.testing import (  # noqa: F401
     connections,
@@ -39,7 +39,7 @@ def check_backend(backend: str | Backend, cases: Iterable[str] = CASES) -> None:
     Raises:
         AssertionError: some cases fail; all of them are told, with what was found and what was expected.
     """
-    chosen = find(backend) if isinstance(backend, str) else backend
+    chosen = find_backend(backend) if isinstance(backend, str) else backend
     failures = []
     for name in cases:
         try:
@@ -66,7 +66,7 @@ def check_case(backend: str | Backend, name: str) -> str:
     Raises:
         AssertionError: it fails, or passes although it is declared unsupported, or the declarations are wrong.
     """
-    chosen = find(backend) if isinstance(backend, str) else backend
+    chosen = find_backend(backend) if isinstance(backend, str) else backend
     declared: dict[str, str] = getattr(chosen, "unsupported", {})
     integer = _computes_in_integers(chosen)
     for other in declared:

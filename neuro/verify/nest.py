@@ -40,7 +40,7 @@ from neuro.model.synapses import (
     stdp_triplet,
     vogels_sprekeler,
 )
-from neuro.program.backend import Backend, find, unreadable
+from neuro.program.backend import Backend, find_backend, unreadable
 from neuro.program.program import Floats, Ints
 from neuro.verify.chips import chip_of, compare_chip
 from neuro.verify.comparison import LIMIT, Comparison, Golden
@@ -104,7 +104,7 @@ def _compare_neuron(golden: Golden, backend: str | Backend) -> list[Comparison]:
         else:
             net.population(name, 1, spike_generator(spike_times=[_exact(given["spike_times_ms"], clock)]))
         net.connect(name, "neurons", one_to_one(), weight=given.get("weight", 1.0), delay=given["delay_ms"])
-    hidden = unreadable(find(backend) if isinstance(backend, str) else backend)
+    hidden = unreadable(find_backend(backend) if isinstance(backend, str) else backend)
     recorded = [name for name in arrays if name not in ("times_ms", "spikes_ms", *hidden)]
     for name in recorded:
         net.probe(name, "neurons", name)

@@ -19,7 +19,7 @@ from neuro.chips.placing.packing import synapse_bits
 from neuro.compare import compare
 from neuro.core import registry
 from neuro.core.errors import ModelError
-from neuro.program.backend import find
+from neuro.program.backend import find_backend
 from neuro.run.simulation import ApproximationWarning
 from neuro_chip.backend import ChipBackend
 from neuro_chip.families.every import FAMILIES
@@ -91,7 +91,7 @@ def test_a_table_of_the_other_family(late):
         sim = neuro.compile(late, backend="slow.yaml")
     sim.run(200.0)
     assert (sim.backend, sim.spikes("out")[0].tolist()) == ("slow", [151.0])
-    assert find("slow.yaml").unsupported == find("spinnaker").unsupported
+    assert find_backend("slow.yaml").unsupported == find_backend("spinnaker").unsupported
 
 
 def test_an_edited_table_is_read_anew(late):
@@ -134,7 +134,7 @@ def test_a_table_that_is_not_there(late):
 
 
 def test_names_of_chips_without_arithmetic_are_no_backends(late):
-    assert refusal(lambda: find("loihi2")) == (
+    assert refusal(lambda: find_backend("loihi2")) == (
         "chip 'loihi2' has no arithmetic here: expected one of loihi, spinnaker\n"
         "  hint: its limits and costs serve placing and energy only"
     )
@@ -147,7 +147,7 @@ def test_a_registered_chip_is_known_by_name(late, registered):
     sim = neuro.compile(late, backend="board")
     sim.run(200.0)
     assert (sim.backend, sim.spikes("out")[0].tolist()) == ("board", [151.0])
-    assert refusal(lambda: find("boart")) == "unknown backend 'boart'\n  hint: did you mean 'board'?"
+    assert refusal(lambda: find_backend("boart")) == "unknown backend 'boart'\n  hint: did you mean 'board'?"
     assert refusal(lambda: chip("boart")) == "unknown target 'boart'\n  hint: did you mean 'board'?"
     Path("mine.yaml").write_text("like: board\n")
     assert chip("mine.yaml").limit("delay_max") == 200
@@ -166,7 +166,7 @@ def test_a_chip_of_an_installed_package(late, registered, monkeypatch):
     monkeypatch.setattr(registry, "installed", lambda group: entries.select(group=group))
     assert "board" in chips()
     assert chip("board").limit("delay_max") == 200
-    assert find("board").name == "board"
+    assert find_backend("board").name == "board"
 
 
 def test_a_table_with_every_field_loads(folder):

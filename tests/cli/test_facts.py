@@ -31,7 +31,7 @@ def test_check_tells_what_a_backend_refuses(neuro, network, monkeypatch):
                 Problem(True, "population 'noise': 20 neurons", "the limit is 10", "split it", size.origin),
             )
 
-    monkeypatch.setattr("neuro.program.backend.find", lambda name: Small())
+    monkeypatch.setattr("neuro.program.backend.find_backend", lambda name: Small())
     answer = neuro("check", network)
     assert (answer.status, answer.out) == (2, "")
     assert answer.err == (

@@ -75,13 +75,13 @@ def test_compare_keeps_what_is_done(neuro, folder, tmp_path):
     assert code == 0
     assert out.splitlines()[-2:] == ["all/table.md", "all/compare.html"]
     rows = (tmp_path / "all" / "table.md").read_text().splitlines()
-    assert rows[2].startswith("| method | accuracy | 95 % interval |")
+    assert rows[2].startswith("| method | runs on | accuracy | 95 % interval |")
     assert [row.split(" | ")[0] for row in rows[4:]] == ["| hats", "| boe:tar"]
     page = (tmp_path / "all" / "compare.html").read_text()
     assert page.count("data:image/png;base64") == 3
     assert "24 recordings" in page
     files = sorted((tmp_path / "all").glob("*.json"))
-    assert [file.name for file in files] == [f"{name}-0-{k}.json" for name in ("boe:tar", "hats") for k in (0, 1)]
+    assert [file.name for file in files] == [f"{name}-0-{k}.json" for name in ("boe-tar", "hats") for k in (0, 1)]
     told = json.loads(files[2].read_text())
     assert (len(told["tested"]), len(told["decided"])) == (12, 12)
     before = {file: file.stat().st_mtime_ns for file in files}
@@ -91,7 +91,7 @@ def test_compare_keeps_what_is_done(neuro, folder, tmp_path):
     assert [again[file] == before[file] for file in files] == [False, True, True, True]
     files[1].write_text("{}")
     code, _, err = neuro(*words)
-    assert (code, "boe:tar-0-1.json" in err) == (2, True)
+    assert (code, "boe-tar-0-1.json" in err) == (2, True)
 
 
 def test_a_method_that_cannot_be_run_is_a_row_of_the_table(neuro, folder, monkeypatch):

@@ -122,7 +122,7 @@ def test_a_damaged_recording_is_named(tmp_path, folder):
 
 def test_times_run_forwards(trained, unseen):
     made, _ = trained
-    with pytest.raises(ModelError, match=r"times_ms = \[2.0, 1.0\]: expected times in ascending order, ms"):
+    with pytest.raises(ModelError, match=r"times_ms = \[2.0, 1.0\]: expected times >= 0 in ascending order, ms"):
         made.scores_at(unseen[0].load(), [2.0, 1.0])
 
 

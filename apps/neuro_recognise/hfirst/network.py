@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -66,6 +67,8 @@ def s2_alone(settings: HFirst, templates: Floats) -> neuro.Network:
     net = neuro.Network("hfirst_s2", resolution=whole.resolution)
     net.population("c1", settings.shape, neuro.spike_generator())
     net.population("s2", len(templates), whole.populations["s2"].model)
+    # what a chip refuses stands in the file of the network
+    net.populations["s2"] = replace(net.populations["s2"], origin=whole.populations["s2"].origin)
     net.connect("c1", "s2", neuro.all_to_all(), weight=templates.T, delay=net.resolution, name="c1_s2")
     net.group("first_class", whole.groups["first_class"].choice)
     return net

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from neuro_recognise.method import METHODS
+from collections.abc import Mapping
+from typing import Any
+
+from neuro.apps import unknown
+from neuro_recognise.method import METHODS, Method
 from neuro_recognise.methods.boe import Boe
 from neuro_recognise.methods.edhmax_tempotron import EdhmaxTempotron
 from neuro_recognise.methods.hats import Hats
@@ -14,7 +18,24 @@ from neuro_recognise.methods.must import Must
 from neuro_recognise.methods.remus import Remus
 from neuro_recognise.methods.tar_hats import TarHats
 
-__all__ = ["METHODS"]
+__all__ = ["METHODS", "method_of"]
 
 for _method in (Remus, Boe, EdhmaxTempotron, Hats, HFirst, Hots, MasquelierThorpe, Mozafari, Must, TarHats):
     METHODS.add(_method)
+
+
+def method_of(name: str, settings: str = "", values: Mapping[str, Any] | None = None) -> Method:
+    """A method by its name.
+
+    Args:
+        name: see `neuro recognise list`.
+        settings: the name of one of its presets; "" for the defaults.
+        values: what differs from these, by name.
+
+    Raises:
+        ModelError: there is no such method or preset, or a value is wrong.
+    """
+    if name not in METHODS:
+        raise unknown("method", name, METHODS)
+    method = METHODS[name]()
+    return (method.preset(settings) if settings else method).changed(values or {})

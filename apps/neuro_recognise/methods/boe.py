@@ -56,14 +56,13 @@ class Boe(Method):
         n = shares.shape[0]
         special = np.log(n / np.maximum(np.bincount(shares.indices, minlength=shares.shape[1]), 1))
         special /= np.sqrt(shares.multiply(special).power(2).sum() / n) or 1.0  # segments of length 1: C is of these
-        weighed = shares.multiply(special).tocsr()
-        taught = self.readout.fit(weighed, shown.labels[recording], len(shown.classes), course)
+        taught = self.readout.fit(self._weighed(shares, special), shown.labels[recording], len(shown.classes), course)
         return {"speciality": special, **taught}
 
     def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
         """The mean of what the readout says of the segments."""
         shares, recording = self._shares(shown)
-        of_segments = self.readout.scores(learnt, shares.multiply(learnt["speciality"]).tocsr())
+        of_segments = self.readout.scores(learnt, self._weighed(shares, learnt["speciality"]))
         sums: Floats = np.zeros((len(shown), len(shown.classes)))
         np.add.at(sums, recording, of_segments)
         segments = np.bincount(recording, minlength=len(shown))[:, None]
@@ -77,6 +76,11 @@ class Boe(Method):
             np.add.at(image, (seen.y[begin:end], seen.x[begin:end]), 1)
         at_ms = (seen.t[bounds[1:] - 1] - events.t[0]) / 1000.0
         return [Pictures("Segments", at_ms, images)]
+
+    def _weighed(self, shares: csr_matrix, special: Any) -> Any:
+        """What the readout is given: sparse where it can be."""
+        weighed = shares.multiply(special).tocsr()
+        return weighed if self.readout.takes_sparse else weighed.toarray()
 
     def _cut(self, events: Events) -> tuple[Events, Ints]:
         """The events that are left of a recording, and the bounds of its segments; one too short for one is one."""

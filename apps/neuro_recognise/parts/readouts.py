@@ -27,6 +27,11 @@ class Readout(Part):
 
     kind = "readout"
 
+    @property
+    def takes_sparse(self) -> bool:
+        """Whether `x` may be a sparse matrix."""
+        return False
+
     @abstractmethod
     def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
         """Learn to tell classes apart.
@@ -58,8 +63,13 @@ class Svm(Readout):
         words=("standard", "length", "none"),
     )  # fmt: skip
 
+    @property
+    def takes_sparse(self) -> bool:
+        """Where values are not scaled."""
+        return self.scale == "none"
+
     def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
-        """Learn weights and thresholds; `x` may be a sparse matrix where it is not scaled."""
+        """Learn weights and thresholds."""
         svm = _learner("LinearSVC")
         middle, spread = _scale(x) if self.scale == "standard" else (np.zeros(1), np.ones(1))
         made = svm(C=self.C, dual="auto", random_state=course.seed)

@@ -26,8 +26,9 @@ PAGE = sealed(
     "<!-- digest {} -->",
 )
 TABLE = sealed("a table of 'neuro recognise compare'", "<!-- neuro recognise compare -->", "<!-- digest {} -->")
-HEAD = ("method", ">accuracy", ">95 % interval", "other votes", ">look, ms", ">train, s", ">decide, ms")
+HEAD = ("method", "runs on", ">accuracy", ">95 % interval", "other votes", ">look, ms", ">train, s", ">decide, ms")
 ABOUT = (
+    "Networks run on a backend, the other methods on none. "
     "Accuracy is that of all recordings, each decided by what was learnt from the other folds; after it the deviation "
     "between seeds. The interval is Wilson's, of one seed's recordings. Times are of one core: to look at a recording, "
     "to learn from the other folds, to decide on a recording that was looked at."
@@ -41,7 +42,7 @@ BILL = (
 def show(found: Sequence[Compared], plan: Plan) -> None:
     """Print the table."""
     out = console()
-    out.print(table(HEAD, map(_row, found)))
+    out.print(table(HEAD, [_row(one, plan) for one in found]))
     if bills := list(_bills(found)):
         out.print(table(("method", *(f">{target}" for target in plan.targets)), bills, title="joules of a recording"))
     for one in found:
@@ -63,7 +64,7 @@ def write(found: Sequence[Compared], plan: Plan, data: str) -> tuple[Path, Path]
         The files.
     """
     markdown, page = plan.folder / "table.md", plan.folder / "compare.html"
-    rows = [[name.lstrip(">") for name in HEAD], ["---"] * len(HEAD), *map(_row, found)]
+    rows = [[name.lstrip(">") for name in HEAD], ["---"] * len(HEAD), *(_row(one, plan) for one in found)]
     lines = "".join(f"| {' | '.join(row)} |\n" for row in rows)
     write_text(markdown, f"<!-- neuro recognise compare -->\n\n{lines}", TABLE)
     write_text(page, html.page("neuro recognise compare", f"Recognisers on {data}", _parts(found, plan, data)), PAGE)
@@ -77,7 +78,7 @@ def _parts(found: Sequence[Compared], plan: Plan, data: str) -> Iterator[Any]:
     yield tag("p", f"{n} recordings of {data}, {plan.folds} folds, {seeds}.", class_="lead")
     if ran := [one for one in found if one.of_seeds]:
         yield _picture(accuracies([(one.contestant.name, one.of_seeds) for one in ran]), "accuracy of each method")
-    yield html.table(HEAD, map(_row, found))
+    yield html.table(HEAD, [_row(one, plan) for one in found])
     yield tag("p", ABOUT)
     if bills := list(_bills(found)):
         yield tag("h2", "Joules of a recording")
@@ -98,16 +99,17 @@ def _card(one: Compared, seed: int) -> Any:
     return html.tag("div", html.tag("h3", one.contestant.name), html.tag("p", one.contestant.method.title), picture)
 
 
-def _row(one: Compared) -> tuple[str, ...]:
+def _row(one: Compared, plan: Plan) -> tuple[str, ...]:
+    runs = plan.backend if one.contestant.method.spikes else "-"
     if not one.of_seeds:
-        return (one.contestant.name, "not run", *[""] * (len(HEAD) - 2))
+        return (one.contestant.name, runs, "not run", *[""] * (len(HEAD) - 3))
     spread = "" if np.isnan(one.spread) else f" ± {100 * one.spread:.1f}"
     n = one.of_seeds[0].n
     low, high = wilson(round(one.accuracy * n), n)
     votes = {vote: np.mean([found.accuracy for found in each]) for vote, each in (one.votes or {}).items()}
     told = ", ".join(f"{vote} {100 * share:.1f}" for vote, share in votes.items())
     shares = (f"{100 * one.accuracy:.1f}{spread} %", f"{100 * low:.0f} - {100 * high:.0f}", told or "-")
-    return one.contestant.name, *shares, *(f"{took:.2g}" for took in (one.observe_ms, one.train_s, one.answer_ms))
+    return one.contestant.name, runs, *shares, *(f"{took:.2g}" for took in (one.observe_ms, one.train_s, one.answer_ms))
 
 
 def _bills(found: Sequence[Compared]) -> Iterator[tuple[str, ...]]:

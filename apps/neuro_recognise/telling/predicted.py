@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from neuro import ModelError
 from neuro.events import Events, load
 from neuro_recognise.method import SILENT, choose
 from neuro_recognise.recogniser import Recogniser
@@ -29,7 +30,7 @@ class Predicted:
         label: index of the class, -1 for none.
         scores: (classes,) what speaks for each.
         decided_ms: from the first event on. With an allowed error: when it was met, else the end. Without: the first
-            moment from which on the decision was always the one on the whole recording. NaN without a decision.
+            moment from which on the decision was always the one on the whole recording. None without a decision.
         length_ms: of the recording.
         settled: whether an allowed error was met.
     """
@@ -37,14 +38,14 @@ class Predicted:
     path: str
     label: int
     scores: Floats
-    decided_ms: float
+    decided_ms: float | None
     length_ms: float
     settled: bool = False
 
 
 def predict_files(
     recogniser: Recogniser, files: Iterable[Path], backend: str = "event", allow: float | None = None
-) -> list[Predicted]:
+) -> tuple[list[Predicted], list[ModelError]]:
     """Decide on files, each a recording.
 
     Args:
@@ -54,31 +55,41 @@ def predict_files(
         allow: share of wrong decisions: each recording is decided on as soon as this is met, and what comes later is
             not looked at. None decides on the whole.
 
+    Returns:
+        What is said of the recordings, and what is wrong with those that are damaged or do not fit.
+
     Raises:
-        EventFileError: a file is damaged, or no recording.
-        ModelError: it does not fit the recogniser, or the allowed error cannot be met.
+        ModelError: the backend cannot run the recogniser, or the allowed error cannot be met.
     """
-    return [
-        _whole(recogniser, file, backend) if allow is None else _early(recogniser, file, backend, allow)
-        for file in files
-    ]
+    recogniser.answer([], backend)  # what is wrong with all is told before any is read
+    recogniser.session(allow=allow)
+    found, wrong = list[Predicted](), list[ModelError]()
+    for file in files:
+        try:
+            events = load(file)
+            found.append(
+                _whole(recogniser, str(file), events, backend)
+                if allow is None
+                else _early(recogniser, str(file), events, backend, allow)
+            )
+        except ModelError as error:
+            wrong.append(error.at(None, str(file)))
+    return found, wrong
 
 
-def _whole(recogniser: Recogniser, file: Path, backend: str) -> Predicted:
-    events = load(file)
+def _whole(recogniser: Recogniser, file: str, events: Events, backend: str) -> Predicted:
     length = _length(events)
     scores = recogniser.scores(events, backend)
     label = int(choose(scores)[0])
     if label == SILENT:
-        return Predicted(str(file), label, scores[0], float("nan"), length)
+        return Predicted(file, label, scores[0], None, length)
     times = _moments(recogniser, length)
     other = np.flatnonzero(choose(recogniser.scores_at(events, times.tolist(), backend)) != label)
     since = int(other[-1]) + 1 if other.size else 0
-    return Predicted(str(file), label, scores[0], float(times[since]) if since < len(times) else length, length)
+    return Predicted(file, label, scores[0], float(times[since]) if since < len(times) else length, length)
 
 
-def _early(recogniser: Recogniser, file: Path, backend: str, allow: float) -> Predicted:
-    events = load(file)
+def _early(recogniser: Recogniser, file: str, events: Events, backend: str, allow: float) -> Predicted:
     length = _length(events)
     early = recogniser.early
     every = early.held.times_us[0] / 1000.0 if early else 1.0
@@ -87,9 +98,9 @@ def _early(recogniser: Recogniser, file: Path, backend: str, allow: float) -> Pr
     for decision in chain(session.feed(events), session.end()):
         scores = decision.scores
         if decision.settled:
-            return Predicted(str(file), decision.label, scores, decision.after_ms, length, settled=True)
+            return Predicted(file, decision.label, scores, decision.after_ms, length, settled=True)
     label = int(choose(scores[None])[0])
-    return Predicted(str(file), label, scores, float("nan") if label == SILENT else length, length)
+    return Predicted(file, label, scores, None if label == SILENT else length, length)
 
 
 def _moments(recogniser: Recogniser, length: float) -> Floats:

@@ -96,7 +96,7 @@ def show_predicted(recogniser: Recogniser, predicted: list[Predicted], as_json: 
     rows = []
     for one in predicted:
         name = "silent" if one.label == SILENT else recogniser.classes[one.label]
-        when = "-" if one.label == SILENT else f"{one.decided_ms:.0f} of {one.length_ms:.0f} ms"
+        when = "-" if one.decided_ms is None else f"{one.decided_ms:.0f} of {one.length_ms:.0f} ms"
         best = sorted(zip(recogniser.classes, one.scores.tolist(), strict=True), key=lambda pair: -pair[1])[:3]
         told = "-" if one.label == SILENT else ", ".join(f"{which} {number(score)}" for which, score in best)
         rows.append((one.path, name, when, told))
@@ -150,7 +150,7 @@ def _words(recogniser: Recogniser, one: Predicted) -> dict[str, object]:
     return {
         "recording": one.path,
         "class": None if silent else recogniser.classes[one.label],
-        "decided_ms": None if silent else one.decided_ms,
+        "decided_ms": one.decided_ms,
         "length_ms": one.length_ms,
         "settled": one.settled,
         "scores": None if silent else dict(zip(recogniser.classes, one.scores.tolist(), strict=True)),

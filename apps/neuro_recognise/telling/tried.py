@@ -40,9 +40,11 @@ def try_out(recogniser: Recogniser, data: Recordings, backend: str = "event") ->
         backend: runs networks.
 
     Raises:
-        EventFileError: a recording is damaged or does not fit the method.
+        EventFileError: a recording is damaged.
+        ModelError: one does not fit the method, or the backend cannot run it.
     """
+    recogniser.method.check_backend(backend)
     shown = recogniser.shown(data)
-    answer = recogniser.method.answer(recogniser.learnt, shown, backend)
+    answer = recogniser.answer_shown(shown, backend)
     votes = {name: evaluate(choose(scores), shown.labels, shown.classes) for name, scores in answer.votes.items()}
     return Tried(evaluate(choose(answer.scores), shown.labels, shown.classes), votes, answer)

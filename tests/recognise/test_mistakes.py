@@ -1,0 +1,230 @@
+"""What users get wrong is told in one message; what is right beside it is done."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro import ModelError
+from neuro.events import EventFileError, Events, recordings, save
+from neuro_recognise import fit
+from neuro_recognise.compare import Plan, compare, contestants
+from neuro_recognise.method import METHODS
+from neuro_recognise.methods import method_of
+from neuro_recognise.methods.descriptor import Descriptor
+from neuro_recognise.parts.readouts import Readout
+
+
+@pytest.mark.parametrize("name", [name for name, method in METHODS.items() if not method.spikes])
+def test_a_backend_for_nothing_is_refused(neuro, folder, name):
+    code, out, err = neuro("train", name, "--data", folder, "--backend", "loihi")
+    assert (code, out) == (2, "")
+    assert err == (
+        f"error: backend = 'loihi': method '{name}' has no network that could run on it\n"
+        "  hint: leave it out; methods with a network: remus, edhmax_tempotron, hfirst, masquelier_thorpe, mozafari, "
+        "must\n"
+    )
+
+
+def test_a_backend_for_nothing_is_refused_by_all_commands(neuro, folder):
+    neuro("train", "hats", "--data", folder, "--out", "m.h5")
+    file = next((folder / "Test" / "lying").glob("*.bin"))
+    for words in (
+        ("test", "m.h5", "--data", folder), ("predict", "m.h5", file), ("watch", "m.h5", file, "--out", "p.html"),
+    ):  # fmt: skip
+        code, out, err = neuro(*words, "--backend", "loihi")
+        assert (code, out) == (2, ""), words
+        assert err.startswith("error: backend = 'loihi': method 'hats' has no network that could run on it\n")
+
+
+def test_an_unknown_backend_is_told_before_any_recording_is_read(neuro, folder, learning, monkeypatch):
+    monkeypatch.setattr(type(learning), "sensor_size", None)
+    for words in (("train", "must", "--data", folder), ("compare", "--data", folder, "--method", "hats")):
+        code, out, err = neuro(*words, "--backend", "evnt")
+        assert (code, out, err) == (2, "", "error: unknown backend 'evnt'\n  hint: did you mean 'event'?\n")
+
+
+def test_of_no_recordings_there_are_no_scores(learning):
+    for name in ("hats", "boe"):
+        made = fit(learning, name)
+        assert made.scores([]).shape == (0, 3)
+        assert made.predict([]).shape == (0,)
+        assert made.predict(learning.take([])).shape == (0,)
+        assert made.scores_at(learning[0].load(), []).shape == (0, 3)
+
+
+def test_times_before_the_first_event_are_refused(learning):
+    with pytest.raises(ModelError, match=r"times_ms = \[-5\]: expected times >= 0 in ascending order, ms"):
+        fit(learning, "hats").scores_at(learning[0].load(), [-5])
+
+
+def test_files_beside_a_damaged_one_are_predicted(neuro, folder, tmp_path):
+    neuro("train", "hats", "--data", folder, "--out", "m.h5")
+    good = sorted((folder / "Test" / "lying").glob("*.bin"))[:2]
+    (tmp_path / "bad.bin").write_bytes(good[0].read_bytes()[:-2])
+    code, out, err = neuro("predict", "m.h5", good[0], "bad.bin", good[1], "nothing.bin", "--json")
+    assert (code, [one["recording"] for one in json.loads(out)]) == (1, list(map(str, good)))
+    assert re.fullmatch(r"error: bad\.bin: byte \d+: .*\nerror: nothing\.bin: no such file\n", err)
+    code, out, err = neuro("predict", "m.h5", "bad.bin")
+    assert (code, out, err.count("error: ")) == (2, "", 1)
+
+
+def test_a_recogniser_of_another_training_stays(neuro, folder, tmp_path):
+    train = ("train", "hats", "--data", folder, "--out", "m.h5")
+    neuro(*train)
+    before = (tmp_path / "m.h5").read_bytes()
+    hint = "\n  hint: give another name, or --force (in Python replace=True) to replace it\n"
+    for words, told in (
+        (("--seed", "1"), "seed = 0: found 1 now"),
+        (("--set", "cell=9"), "cell = 7: found 9 now"),
+        (("--set", "readout=ridge"), "readout = svm: found ridge now"),
+        (("--part", "Test"), "other recordings"),
+    ):
+        code, out, err = neuro(*train, *words)
+        assert (code, out, err) == (2, "", f"error: m.h5: a recogniser that was trained with {told}{hint}")
+    code, _, err = neuro("train", "boe", "--data", folder, "--out", "m.h5")
+    assert (code, err) == (2, f"error: m.h5: a recogniser that was trained with method = hats: found boe now{hint}")
+    assert neuro(*train)[0] == 0
+    assert (tmp_path / "m.h5").read_bytes() == before
+    assert neuro(*train, "--seed", "1", "--force")[0] == 0
+    assert neuro(*train, "--seed", "1")[0] == 0
+
+
+def test_a_single_recording_is_no_data_to_learn_from(neuro, folder):
+    file = folder / "Train" / "lying" / "1.bin"
+    code, out, err = neuro("train", "hats", "--data", file)
+    assert (code, out) == (2, "")
+    assert err == f"error: {file}: is a single recording: expected recordings of at least two classes\n"
+
+
+@pytest.mark.parametrize("readout", list(Readout.known))
+@pytest.mark.parametrize("name", [n for n, m in METHODS.items() if "readout" in m.__dataclass_fields__])
+def test_every_readout_reads_every_method(learning, unseen, name, readout, tmp_path_factory):
+    cache = tmp_path_factory.getbasetemp() / "read"
+    values = {"readout": readout} | ({"A_plus": 0.05} if name == "masquelier_thorpe" else {})
+    made = fit(learning, method_of(name, values=values), cache=cache)
+    scores = made.scores(unseen)
+    full = np.array([len(item.load()) > 0 for item in unseen])
+    assert np.isfinite(scores[full]).all()
+    assert np.isnan(scores[~full]).all()
+
+
+@pytest.mark.parametrize("scale", ["standard", "length", "none"])
+def test_bags_of_events_are_read_at_any_scale(learning, scale):
+    made = fit(learning, method_of("boe", values={"readout.scale": scale}))
+    assert np.isfinite(made.scores(learning)).all()
+
+
+def test_a_damaged_recording_stops_a_training_with_its_name(neuro, folder, tmp_path):
+    for k, name in enumerate(("a", "b")):
+        (tmp_path / "data" / name).mkdir(parents=True)
+        for j in range(2):
+            good = next((folder / "Train" / ("lying", "upright")[k]).glob(f"*{j}.bin"))
+            (tmp_path / "data" / name / f"{j}.bin").write_bytes(good.read_bytes())
+    bad = tmp_path / "data" / "b" / "1.bin"
+    whole = bad.read_bytes()
+    for damaged in (whole[:-2], whole[:-5] + b"\x00", b"\xff" * 4):
+        bad.write_bytes(damaged)
+        code, out, err = neuro("train", "hats", "--data", "data", "--out", "m.h5")
+        assert (code, out) == (2, "")
+        assert re.fullmatch(r"error: data/b/1\.bin: byte \d+: .*\n", err), err
+
+
+@pytest.fixture
+def picky():
+    """A method that looks at recordings of at least 100 ms alone."""
+
+    class Picky(Descriptor):
+        title, source = "picky", "a test"
+
+        def describe(self, events):
+            if len(events) and events.t[-1] - events.t[0] < 100_000:
+                raise ModelError("found 90 ms: expected at least 100 ms", hint="record longer")
+            return np.ones(2)
+
+    neuro.register(Picky)
+    yield
+    for where in ("_parts", "_registered"):
+        getattr(METHODS, where).pop("picky", None)
+
+
+def compared(data, folder, *names, **more):
+    plan = Plan(contestants(names), 2, (0,), more.pop("targets", ()), folder, **more)
+    return compare(data, plan, lambda progress: None)
+
+
+def test_a_method_that_recordings_do_not_fit_says_so_and_others_go_on(picky, learning, tmp_path):
+    one, other = compared(learning, tmp_path / "all", "picky", "hats")
+    assert re.fullmatch(r".*/Train/lying/1\.bin: found 90 ms: expected at least 100 ms", one.refused)
+    assert (one.of_seeds, other.refused, other.accuracy) == ((), "", 1.0)
+
+
+def test_a_chip_that_refuses_a_network_is_told_in_its_row(learning, tmp_path):
+    (one,) = compared(learning, tmp_path / "all", "must", backend="loihi")
+    assert one.refused.startswith("backend 'loihi' cannot run this network (1 problem): ")
+    assert "must.yaml:40:3: population 'excited': adaptive" in one.refused
+
+
+def test_a_layer_by_itself_is_refused_with_its_place_in_the_file(learning):
+    made = fit(learning, "hfirst")
+    with pytest.raises(ModelError, match=r"hfirst\.yaml:\d+:\d+: population 's2': iaf_linear_leak: loihi has no such"):
+        made.predict(learning, backend="loihi")
+
+
+def test_a_damaged_recording_stops_a_comparison(tmp_path, folder):
+    for name in ("lying", "upright"):
+        (tmp_path / name).mkdir()
+        for file in sorted((folder / "Train" / name).glob("*.bin"))[:4]:
+            (tmp_path / name / file.name).write_bytes(file.read_bytes())
+    bad = tmp_path / "upright" / file.name
+    bad.write_bytes(bad.read_bytes()[:-2])
+    with pytest.raises(EventFileError, match=rf"upright/{file.name}: byte \d+"):
+        compared(recordings(tmp_path), tmp_path / "all", "hats")
+
+
+def test_a_fold_is_kept_until_code_or_settings_change(learning, tmp_path, monkeypatch):
+    folder = tmp_path / "all"
+
+    def written(*names, **more):
+        before = {file: file.stat().st_mtime_ns for file in folder.glob("*.json")}
+        compared(learning, folder, *names, **more)
+        return sorted(f.name for f in folder.glob("*.json") if before.get(f) != f.stat().st_mtime_ns)
+
+    both = ["hats-0-0.json", "hats-0-1.json"]
+    assert written("hats") == both
+    assert written("hats") == []
+    assert written("hats", targets=("loihi",), backend="reference") == [], "neither concerns it"
+    monkeypatch.setattr("neuro_recognise.compare.code_of", lambda method: "other")
+    assert written("hats") == both
+    assert written("hats:poker") == ["hats-poker-0-0.json", "hats-poker-0-1.json"]
+
+
+def test_another_target_runs_one_fold_again(letters, small, tmp_path, monkeypatch, learning):
+    monkeypatch.setattr("neuro_recognise.compare.observe", lambda *args, **more: letters.take(range(24)))
+    monkeypatch.setattr("neuro_recognise.compare._observing_ms", lambda *args: 1.0)
+    monkeypatch.setattr("neuro_recognise.compare.method_of", lambda name, preset: small)
+    folder = tmp_path / "all"
+    (first,) = compared(learning, folder, "remus", targets=("gpu",))
+    before = {file.name: file.stat().st_mtime_ns for file in folder.glob("*.json")}
+    (second,) = compared(learning, folder, "remus", targets=("loihi", "gpu"))
+    again = {file.name: file.stat().st_mtime_ns for file in folder.glob("*.json")}
+    assert [name for name in sorted(again) if again[name] != before[name]] == ["remus-0-0.json"]
+    assert list(second.bills) == ["loihi", "gpu"]
+    assert second.bills["gpu"] == first.bills["gpu"]
+
+
+def test_classes_that_are_missing_are_told_once(learning, tmp_path):
+    only = learning.take(np.flatnonzero(learning.labels == 0))
+    with pytest.raises(EventFileError, match="has only the class 'lying': expected recordings of at least two classes"):
+        compared(only, tmp_path / "all", "hats", "boe")
+
+
+def test_an_empty_recording_is_told_as_silent(neuro, folder, tmp_path):
+    neuro("train", "hats", "--data", folder, "--out", "m.h5")
+    nothing = np.zeros(0, int)
+    save(Events(nothing, nothing, nothing, nothing, (34, 34)), tmp_path / "empty.npz")
+    code, out, _ = neuro("predict", "m.h5", "empty.npz", "--json")
+    (said,) = json.loads(out)
+    assert (code, said["class"], said["decided_ms"], said["scores"]) == (0, None, None, None)
