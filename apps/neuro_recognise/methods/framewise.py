@@ -22,7 +22,7 @@ from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
 from neuro_recognise.parts.banks import Bank, Gabors
 from neuro_recognise.parts.encoders import Encoder, LogLatency
 from neuro_recognise.parts.frames import Frames, ended_by
-from neuro_recognise.parts.layers import FOLLOWS, Inputs, Layer, RemusLayer, from_text, taught, to_text
+from neuro_recognise.parts.layers import FOLLOWS, Inputs, Layer, RemusLayer, Shares, from_text, taught, to_text
 from neuro_recognise.parts.pools import Max, Pool
 from neuro_recognise.parts.representations import Counts, Representation
 from neuro_recognise.parts.segmenters import Msd, Segmenter
@@ -142,7 +142,8 @@ class Framewise(Method):
 
         Returns:
             ``network`` before learning as YAML text, weights by the name of their projection, ``history`` (epochs,) the
-            share of frames that were decided rightly in each, ``seed``, and what the encoder learnt.
+            share of frames that were decided rightly in each and ``mistakes`` that of those decided wrongly, ``seed``,
+            and what the encoder learnt.
 
         Raises:
             ModelError: a value is out of the network's bounds, or there is nothing to learn from.
@@ -153,16 +154,16 @@ class Framewise(Method):
         net = self.layer.network(self.inputs, len(shown.classes))
         told = self.encoder.learn(frames.codes)
         sim = neuro.compile(net, backend=course.backend, seed=course.seed)
-        shares: list[float] = []
+        shares: list[Shares] = []
         if found := course.resume():
-            shares = found["history"].tolist()
+            shares = [Shares(*both) for both in zip(found["history"].tolist(), found["mistakes"].tolist(), strict=True)]
             _restore(sim, found["state"])
         for epoch in range(len(shares), self.epochs):
-            self.layer.begin(sim, epoch, shares)
+            self.layer.begin(sim, epoch, shares[-1] if shares else None)
             shares.append(self._epoch(sim, frames, shown.labels, told, epoch, course))
-            course.keep(history=np.array(shares), state=_state(sim))
+            course.keep(**_history(shares), state=_state(sim))
         learnt: dict[str, Array | str] = {name: sim.weights(name) for name in taught(net)}
-        learnt |= {"network": to_text(net), "history": np.array(shares), "seed": np.array(course.seed)}
+        learnt |= {"network": to_text(net), **_history(shares), "seed": np.array(course.seed)}
         learnt |= told | self.layer.also(sim)
         return {**learnt, **self.afterwards(learnt, shown, course)}
 
@@ -172,9 +173,9 @@ class Framewise(Method):
 
     def _epoch(
         self, sim: neuro.Simulation, frames: Frames, labels: Ints, told: Learnt, epoch: int, course: Course
-    ) -> float:
-        """Show all recordings once; return the share of frames decided rightly."""
-        done, right = 0, 0
+    ) -> Shares:
+        """Show all recordings once; return how the frames were decided, NaN where there is no right and wrong."""
+        done, right, wrong = 0, 0, 0
         rng = np.random.default_rng([course.seed, epoch])
         for batch in _batches(frames, len(labels), self.order, self.layer.batch, rng):
             self.layer.pace(sim, epoch * len(frames) + done)
@@ -185,10 +186,15 @@ class Framewise(Method):
             )
             sim.forget(before=sim.time)
             done += len(results)
-            right += 0 if wanted is None else int(np.count_nonzero(self.layer.decided(results) == wanted))
+            if wanted is not None:
+                decided = self.layer.decided(results)
+                right += int(np.count_nonzero(decided == wanted))
+                wrong += int(np.count_nonzero((decided != wanted) & (decided >= 0)))
             share = None if wanted is None else right / done
             course.report(Progress(f"epoch {epoch + 1} of {self.epochs}", done, len(frames), share))
-        return right / len(frames) if self.layer.supervised else float("nan")
+        if not self.layer.supervised:
+            return Shares(right=float("nan"), wrong=float("nan"))
+        return Shares(right=right / len(frames), wrong=wrong / len(frames))
 
     def network(self, learnt: Learnt) -> neuro.Network:
         """The network with what it has learnt."""
@@ -266,6 +272,14 @@ class Framewise(Method):
         if not self.layer.supervised:
             return {}
         return {"learning": history(np.asarray(learnt["history"]), len(classes))}
+
+
+def _history(shares: Sequence[Shares]) -> dict[str, Array]:
+    """Shares of frames by epoch, as a training keeps them."""
+    return {
+        "history": np.array([one.right for one in shares]),
+        "mistakes": np.array([one.wrong for one in shares]),
+    }
 
 
 def _batches(frames: Frames, recordings: int, order: str, size: int, rng: np.random.Generator) -> Iterator[Frames]:

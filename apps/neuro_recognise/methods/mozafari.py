@@ -11,7 +11,7 @@ import numpy as np
 import neuro
 from neuro_recognise.method import Learnt
 from neuro_recognise.methods.framewise import Framewise
-from neuro_recognise.parts.layers import Labelled, Layer
+from neuro_recognise.parts.layers import Labelled, Layer, Shares
 from neuro_recognise.settings import part, setting
 
 if TYPE_CHECKING:
@@ -41,12 +41,17 @@ class MozafariLayer(Labelled):
     dropout: float = setting(0.5, "", "share of the maps that are silent in a recording", PAPER)
     least: float = setting(0.2, "", "of the factors on rates, so that neither comes to rest", PAPER, above=0, at_most=1)
 
-    def begin(self, sim: neuro.Simulation, epoch: int, shares: Sequence[float]) -> None:
-        """Let rates follow the last epoch's mistakes; before the first, one class in all is guessed rightly."""
-        maps = sim.weights("c1_s2").shape[0]
-        right = shares[-1] if shares else self.per_class / maps
-        misses, hits = (self.least + (1.0 - self.least) * share for share in (1.0 - right, right))
-        sim.set("c1_s2", misses=misses, hits=hits)
+    def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
+        """Let rates follow the shares of all frames that were decided wrongly and rightly; silence is neither.
+
+        Before the first epoch they are those of guessing.
+        """
+        guessed = self.per_class / sim.weights("c1_s2").shape[0]
+        shares = last or Shares(right=guessed, wrong=1.0 - guessed)
+        sim.set("c1_s2", misses=self._factor(shares.wrong), hits=self._factor(shares.right))
+
+    def _factor(self, share: float) -> float:
+        return self.least + (1.0 - self.least) * share
 
 
 Layer.known.add(MozafariLayer)
