@@ -36,6 +36,11 @@ class Listed:
         self._spikes[population] = (steps, ids)
         self._write(now)
 
+    def drop(self, population: int) -> None:
+        """Forget the spikes of a population."""
+        self._spikes[population] = (_NOTHING, _NOTHING)
+        self._a["cursor"][population, 0] = self._a["cursor"][population, 1]
+
     def _write(self, now: int) -> None:
         """Write all spikes after step `now`, equal ones joined."""
         columns: list[NDArray[np.int64]] = [np.zeros((0, 3), dtype=np.int64)]

@@ -50,6 +50,7 @@ class Trials:
         machine.listed.replace(section.input, began + 1 + trial.ticks, trial.ids, began)
         machine.bind()
         peak = self._advance(trial.peaks)
+        machine.listed.drop(section.input)
         a["muted"][self._output] &= ~np.uint8(t.SILENCED)
         machine.count_open()
         winner, decided = int(a["groups"][group, t.WINNER]), int(a["groups"][group, t.DECIDED]) - began - 1

@@ -138,6 +138,7 @@ class EventEngine:
         loop.begin_trial(self._view, spec.output, spec.group, start, h)
         peaks = Peaks(spec.output, self._program.populations[spec.output].size, h) if trial.peaks else None
         ticks = self._run_trial(spec, peaks)
+        self._listed.drop(spec.input)
         loop.end_trial(self._view, spec.output, spec.group, start + ticks, h)
         self._trial_start, self._step = start, start + ticks
         inside, decided = (int(net["groups"][spec.group, column]) for column in (t.WINNER, t.DECIDED))

@@ -56,6 +56,10 @@ class Listed:
         net["cursor"][-1, population] = first + n
         return rewritten
 
+    def drop(self, population: int) -> None:
+        """Forget what `replace` gave a population and was not emitted."""
+        self._a.net["cursor"][:-1, population] = self._a.net["cursor"][-1, population]
+
     def _write(self, now: int) -> None:
         """Write all spikes after step `now`, equal ones joined."""
         net = self._a.net

@@ -40,6 +40,7 @@ UNSUPPORTED: dict[str, str] = {
             *("rewarded_learning_with_delays", "rewarded_learning_from_a_layer", "states_that_go_on"),
             *("learning_without_labels", "learning_at_the_peak"),
             *("exact_decisions", "exact_full_trials", "exact_rewards", "exact_rescue", "exact_growth"),
+            *("exact_run_after_a_decision",),
             *("exact_local_winners", "exact_local_winners_to_the_last"),
             *("local_winners_learn", "local_winners_are_rewarded"),
             *("saved_trials_continue", "cutting_a_batch_does_not_matter"),

@@ -50,6 +50,17 @@ def exact_full_trials(start: Start) -> Found:
 
 @integers_too
 @case
+def exact_run_after_a_decision(start: Start) -> Found:
+    """What was left of a trial's input when it was decided is not shown in a run that follows."""
+    sim = start(chooser(threshold=2.0))
+    times, ids, offsets, _ = batch(4)
+    found = told(sim.trials(times, ids, offsets))
+    sim.run(25.0)
+    return found | observe(sim)
+
+
+@integers_too
+@case
 def exact_rewards(start: Start) -> Found:
     """r_stdp at its bounds, where a reward changes no weight: dropout, labels and learning_updates."""
     weight = whole(0, 1, (6, 2, 4, 4))
