@@ -195,15 +195,19 @@ def _fold(
 
 def _bills(answer: Answer, recordings: int, targets: Iterable[str]) -> dict[str, Any]:
     """By target joules and seconds of a recording, or why it cannot be priced; nothing without a network."""
-    bills: dict[str, Any] = {}
+    from neuro_recognise.telling.energy import price
+
+    told: dict[str, Any] = {}
     if answer.run is not None:
-        sim, counted = answer.run
+        run = answer.run()
         for target in targets:
             try:
-                bills[target] = sim.energy(target, of=counted).per(recordings, "recording").as_dict()
+                priced = price(run, recordings, [target])
+                told |= {name: bill.as_dict() for name, bill in priced.bills.items()}
+                told |= {name: {"refused": why} for name, why in priced.refused.items()}
             except ModelError as error:
-                bills[target] = {"refused": str(error).partition("\n")[0]}
-    return bills
+                told[target] = {"refused": str(error).partition("\n")[0]}
+    return told
 
 
 def _observing_ms(method: Method, data: Recordings) -> float:

@@ -46,7 +46,7 @@ def test_it_decides_and_has_a_bill(made, letters, backend):
     for scores in answer.votes.values():
         assert np.mean(choose(scores)[:24] == letters.labels[:24]) >= 0.9
         assert np.isnan(scores[24:]).all()
-    sim, results = answer.run
+    sim, results = answer.run()
     assert len(results) == 72
     assert isinstance(sim.energy("loihi", of=results), Energy)
 

@@ -226,7 +226,7 @@ class Framewise(Method):
         return self.asker(learnt, backend)(shown)
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Shown], Answer]:
-        """With a network that is compiled once; `Answer.run` has it as it is after the last question."""
+        """With a network that is compiled once; `Answer.run` gives it as it is after the last question."""
         sim = self.simulation(learnt, backend)
 
         def ask(shown: Shown) -> Answer:
@@ -238,7 +238,7 @@ class Framewise(Method):
                     found.setdefault(name, []).append(scores)
                 taken.append(results.taken)
             votes = {name: np.concatenate(scores) for name, scores in found.items()}
-            return Answer(votes[self.vote], votes, (sim, reduce(add, taken)))
+            return Answer(votes[self.vote], votes, lambda: (sim, reduce(add, taken)))
 
         return ask
 
