@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 __all__ = ["Framewise"]
 
 ORDERS = ("recordings", "frames")
+DRAWN = 1
+"""The scale of the filters by which weights are drawn."""
 AT_ONCE = 100
 """Recordings whose frames are in memory while a network answers."""
 
@@ -264,6 +266,12 @@ class Framewise(Method):
             Pictures("Frame", at_ms, self.representation.pixels(seen, bounds).pictures(self.size)),
             Trials("Its spikes", at_ms, self.encoder.window, size, frames.offsets, times, frames.ids, told),
         ]
+
+    def drawn(self, kernels: Floats) -> Floats:
+        """What weights (features, orientations, rows, columns) of cells look for, (features, height, width) in px."""
+        from neuro_recognise.telling.features import reconstructed
+
+        return reconstructed(kernels, self.bank.filters[DRAWN % len(self.bank.sizes)], self.pool.side)
 
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
         """How the learning went."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial, reduce
 from operator import add
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -31,6 +31,9 @@ from neuro_recognise.hfirst import (
 from neuro_recognise.method import Answer, Course, Learnt, Method, Run
 from neuro_recognise.settings import setting
 from neuro_recognise.shown import Evidence, Shown
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 OF_S2 = ("s2_threshold", "s2_leak", "below", "unseen", "reading")
 """Settings that what is observed, the spikes of C1, does not depend on."""
@@ -103,6 +106,16 @@ class HFirst(Method, HFirstSettings):
         """All layers, with what was learnt."""
         known = np.asarray(learnt["templates"])
         return network(self, len(known), known)
+
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+        """The template of each class."""
+        from neuro_recognise.telling.features import reconstructed
+        from neuro_recognise.telling.pictures import images
+
+        known = np.asarray(learnt["templates"])
+        drawn = reconstructed(known.reshape(len(known), *self.shape), self.gabors, self.pool)
+        about = "a picture a class: the filters of S1, each as strong as its weight"
+        return {"templates": images(drawn, classes, "The templates of S2", about)}
 
 
 @lru_cache(maxsize=1)

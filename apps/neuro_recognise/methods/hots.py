@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Evidence, Floats, Shown
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 EVERY = 50
 """Recordings between two states that are kept."""
@@ -60,6 +63,22 @@ class Hots(Method):
         kept = {name: part for name, part in learnt.items() if not isinstance(part, str)}
         x = self._histograms(Layers.from_state(self.hierarchy, self.size, kept), shown)
         return Answer(np.where(x.any(axis=1, keepdims=True), self.readout.scores(learnt, x), np.nan))
+
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+        """The prototypes of each layer: what they see of the first one's polarities, and of all channels of others."""
+        from neuro_recognise.telling.pictures import images
+
+        drawn = {}
+        for layer in range(self.hierarchy.layers):
+            centres = np.asarray(learnt[f"centres_{layer}"]).transpose(3, 2, 0, 1)
+            if layer == 0 and self.hierarchy.polarity:
+                seen, about = centres[:, 1] - centres[:, 0], "blue ON, orange OFF"
+            else:
+                seen, about = centres.max(axis=1), "at each place of the channel that came last"
+            title = f"The time surfaces of layer {layer + 1}"
+            about = f"a picture a prototype; the darker, the later there was an event: {about}"
+            drawn[f"layer-{layer + 1}"] = images(seen, [""] * len(seen), title, about)
+        return drawn
 
     def _taught(self, shown: Shown, course: Course) -> Layers:
         kept = course.resume()

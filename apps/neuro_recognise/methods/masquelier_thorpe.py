@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from neuro_recognise.parts.layers import Inputs, Layer
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Floats, Shown
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PAPER = "Masquelier and Thorpe 2007"
 OURS = "chosen on training recordings"
@@ -98,6 +101,14 @@ class MasquelierThorpe(Framewise):
         scores = self.readout.scores(learnt, _features(results, frames, len(shown)))
         seen = np.isin(np.arange(len(shown)), frames.recording)
         return {"features": np.where(seen[:, None], scores, np.nan)}
+
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+        """What each map looks for."""
+        from neuro_recognise.telling.pictures import images
+
+        drawn = self.drawn(np.asarray(learnt["c1_s2"]))
+        about = "a picture a map: the bank's filters, each as strong as its weight"
+        return {"features": images(drawn, [""] * len(drawn), "What the maps look for", about)}
 
 
 def _features(results: neuro.TrialResults, frames: Frames, recordings: int) -> Floats:

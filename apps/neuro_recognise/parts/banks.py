@@ -46,6 +46,11 @@ class Bank(Part):
         if even := [size for size in self.sizes if size % 2 == 0]:
             raise ModelError(f"sizes: found {even[0]}: expected odd numbers, so that a filter has a middle")
 
+    @property
+    @abstractmethod
+    def filters(self) -> Floats:
+        """(scales, orientations, side, side), each in the middle of the largest's side."""
+
     @abstractmethod
     def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
         """What the filters answer.

@@ -161,7 +161,8 @@ class Nearest(Readout):
 
     distance: str = setting(
         "standard", "", "from the mean: Euclidean, the same of shares of the sum, or Bhattacharyya's of shares",
-        "the paper has all three; values that are shares, as those of HOTS, make the first two one", words=(*DISTANCES,),
+        "the paper has all three; values that are shares, as those of HOTS, make the first two one",
+        words=(*DISTANCES,),
     )  # fmt: skip
 
     def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
