@@ -1,4 +1,7 @@
-"""Every method that shows frames to a network: it learns, goes on after a stop, runs on chips, and has a bill."""
+"""Every method that shows frames to a network: it learns, goes on after a stop, runs on chips, and has a bill.
+
+The network that is shown events at their times is in test_hfirst_method.py.
+"""
 
 import numpy as np
 import pytest
@@ -55,6 +58,8 @@ def test_event_equals_reference(made, letters):
     part = letters.take(range(3))
     one, other = (made.method.answer(made.learnt, part, backend) for backend in ("event", "reference"))
     np.testing.assert_allclose(one.scores, other.scores, rtol=0, atol=1e-9)
+    for vote, scores in one.votes.items():
+        assert np.array_equal(choose(scores), choose(other.votes[vote])), vote
 
 
 class Stop(Exception):

@@ -5,12 +5,10 @@ A training is epochs over all frames, kept after each, so that it can go on afte
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -26,6 +24,7 @@ from neuro_recognise.parts.layers import FOLLOWS, Inputs, Layer, RemusLayer, Sha
 from neuro_recognise.parts.pools import Max, Pool
 from neuro_recognise.parts.representations import Counts, Representation
 from neuro_recognise.parts.segmenters import Msd, Segmenter
+from neuro_recognise.parts.under_way import restore, shares_of, state_of, told_of
 from neuro_recognise.parts.votes import VOTES, votes
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Evidence, Floats, Ints, Shown, unlabelled
@@ -158,14 +157,14 @@ class Framewise(Method):
         sim = neuro.compile(net, backend=course.backend, seed=course.seed)
         shares: list[Shares] = []
         if found := course.resume():
-            shares = [Shares(*both) for both in zip(found["history"].tolist(), found["mistakes"].tolist(), strict=True)]
-            _restore(sim, found["state"])
+            shares = shares_of(found)
+            restore(sim, found["state"])
         for epoch in range(len(shares), self.epochs):
             self.layer.begin(sim, epoch, shares[-1] if shares else None)
             shares.append(self._epoch(sim, frames, shown.labels, told, epoch, course))
-            course.keep(**_history(shares), state=_state(sim))
+            course.keep(**told_of(shares), state=state_of(sim))
         learnt: dict[str, Array | str] = {name: sim.weights(name) for name in taught(net)}
-        learnt |= {"network": to_text(net), **_history(shares), "seed": np.array(course.seed)}
+        learnt |= {"network": to_text(net), **told_of(shares), "seed": np.array(course.seed)}
         learnt |= told | self.layer.also(sim)
         return {**learnt, **self.afterwards(learnt, shown, course)}
 
@@ -282,14 +281,6 @@ class Framewise(Method):
         return {"learning": history(np.asarray(learnt["history"]), len(classes))}
 
 
-def _history(shares: Sequence[Shares]) -> dict[str, Array]:
-    """Shares of frames by epoch, as a training keeps them."""
-    return {
-        "history": np.array([one.right for one in shares]),
-        "mistakes": np.array([one.wrong for one in shares]),
-    }
-
-
 def _batches(frames: Frames, recordings: int, order: str, size: int, rng: np.random.Generator) -> Iterator[Frames]:
     """All frames in a new order, so many at a time."""
     if order == "frames":
@@ -300,16 +291,3 @@ def _batches(frames: Frames, recordings: int, order: str, size: int, rng: np.ran
         turn = np.argsort(place[frames.recording], kind="stable")
     for first in range(0, len(turn), size):
         yield frames.take(turn[first : first + size])
-
-
-def _state(sim: neuro.Simulation) -> Array:
-    """The file that `Simulation.save` writes, as bytes."""
-    with tempfile.TemporaryDirectory() as folder:
-        sim.save(Path(folder) / "state.h5")
-        return np.fromfile(Path(folder) / "state.h5", np.uint8)
-
-
-def _restore(sim: neuro.Simulation, state: Array) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        state.tofile(Path(folder) / "state.h5")
-        sim.restore(Path(folder) / "state.h5")

@@ -14,7 +14,7 @@ from neuro_recognise.methods.descriptor import Descriptor
 from neuro_recognise.observers import Growing, Grows, Observer
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import part, setting
-from neuro_recognise.shown import Floats, Shown
+from neuro_recognise.shown import Array, Floats, Shown
 from neuro_recognise.views import Pictures, View
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ class Hats(Descriptor):
         return [Pictures("What it sees", times / 1000.0, np.array(images))] if images else []
 
 
-def _sheet(histograms: Floats) -> Floats:
+def _sheet(histograms: Array) -> Array:
     """Histograms (rows, columns, 2, side, side) of cells beside each other, both polarities together."""
     cells = histograms.sum(axis=2)
     rows, columns, side, _ = cells.shape

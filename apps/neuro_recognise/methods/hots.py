@@ -74,7 +74,7 @@ class Hots(Method):
             if layer == 0 and self.hierarchy.polarity:
                 seen, about = centres[:, 1] - centres[:, 0], "blue ON, orange OFF"
             else:
-                seen, about = centres.max(axis=1), "at each place of the channel that came last"
+                seen, about = centres.max(axis=1), "in any channel"
             title = f"The time surfaces of layer {layer + 1}"
             about = f"a picture a prototype; the darker, the later there was an event: {about}"
             drawn[f"layer-{layer + 1}"] = images(seen, [""] * len(seen), title, about)

@@ -12,13 +12,12 @@ import neuro
 from neuro_recognise.method import Learnt
 from neuro_recognise.methods.framewise import Framewise
 from neuro_recognise.parts.layers import Labelled, Layer, Shares
-from neuro_recognise.settings import part, setting
+from neuro_recognise.settings import SPLITS, part, setting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAPER = "SpykeTorch's MozafariShallow, NORB"
-CHOSEN = "chosen on training recordings"
 
 
 @dataclass(frozen=True)
@@ -29,9 +28,9 @@ class MozafariLayer(Labelled):
     file = "mozafari"
     teaching = ("least",)
 
-    per_class: int = setting(8, "", "maps of each class", f"{CHOSEN}; as ReMuS", at_least=1)
+    per_class: int = setting(8, "", "maps of each class", f"{SPLITS}; as ReMuS", at_least=1)
     field: int = setting(11, "cells", "side of the receptive field", "thesis table 3", at_least=1)
-    theta: float = setting(60.0, "mV", "threshold", f"{CHOSEN}: no map dies, no frame is silent", above=0)
+    theta: float = setting(60.0, "mV", "threshold", f"{SPLITS}: no map dies, no frame is silent", above=0)
     weight: float = setting(0.8, "", "mean of the first weights", PAPER)
     spread: float = setting(0.05, "", "deviation of the first weights", PAPER, at_least=0)
     Ar_plus: float = setting(0.05, "", "rate on reward, input before the decision", PAPER)

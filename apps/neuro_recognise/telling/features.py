@@ -28,5 +28,5 @@ def reconstructed(kernels: Floats, filters: Floats, side: int) -> Floats:
     placed = np.zeros((n, orientations, rows * side, columns * side))
     placed[:, :, side // 2 :: side, side // 2 :: side] = np.maximum(kernels, 0.0)
     drawn = sum(convolve(placed[:, k], filters[k][None], mode="same") for k in range(orientations))
-    smooth: Floats = gaussian_filter(np.maximum(np.asarray(drawn), 0.0), (0.0, side / 2, side / 2))
+    smooth: Floats = gaussian_filter(np.maximum(np.asarray(drawn), 0.0), (0.0, side / 2, side / 2), mode="constant")
     return smooth
