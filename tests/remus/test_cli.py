@@ -124,7 +124,7 @@ def test_thesis_settings_on_another_backend(neuro, folder):
         ),
         (
             "train --data {folder} --settings good",
-            "unknown settings of method 'remus' 'good'\n  hint: known: best, poker, thesis",
+            "unknown settings of method 'remus' 'good'\n  hint: known: best, early, poker, thesis",
         ),
         ("train --data {folder} --set maps=3", "'maps' cannot be set: it follows from the classes and per_class"),
         (
