@@ -14,16 +14,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from remus_folds import FIELD, FILES, SHARED, stratified
+from remus_folds import FIELD, FILES, SHARED, Split
 
 from neuro.cli.options import assignments
-from neuro.events import recordings
+from neuro.events import Recordings, recordings
 from neuro_recognise.method import choose
 from neuro_recognise.observations import observe
 from neuro_recognise.recogniser import learn, method_of
-
-Split = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 def main() -> None:
@@ -37,12 +34,14 @@ def main() -> None:
     options.add_argument("--seed", type=int, default=0)
     asked = options.parse_args()
     method = method_of(asked.method, asked.settings, assignments(asked.set)).fitting(FIELD)
-    shown = observe(method, recordings(SHARED / FILES[asked.case]))
+    data = recordings(SHARED / FILES[asked.case])
+    shown = observe(method, data)
     if asked.case == "poker-upright":
-        shown = shown.take([k for k, name in enumerate(shown.names) if not Path(name).stem.endswith("i")])
+        upright = [k for k, name in enumerate(shown.names) if not Path(name).stem.endswith("i")]
+        data, shown = data.take(upright), shown.take(upright)
     found: dict[str, list[float]] = {}
     learning, deciding, decided = 0.0, 0.0, 0
-    for number, (to_learn, to_test) in enumerate(splits(asked.case, shown.labels, asked.splits)):
+    for number, (to_learn, to_test) in enumerate(splits(asked.case, data, asked.splits)):
         began = time.process_time()
         made = learn(method, shown.take(to_learn), f"split {number}", seed=asked.seed + number)
         learnt, part = time.process_time(), shown.take(to_test)
@@ -57,14 +56,13 @@ def main() -> None:
     print(f"learning {learning / len(found['own']):.1f} s, deciding {1e3 * deciding / decided:.1f} ms a recording")
 
 
-def splits(case: str, labels: NDArray[np.int64], n: int) -> Iterator[Split]:
+def splits(case: str, data: Recordings, n: int) -> Iterator[Split]:
     """Recordings to learn from, and to test."""
     if case != "nmnist":
-        fold = stratified(labels, 5, 0)
-        yield from ((np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in range(5))
+        yield from data.folds(5, seed=0)
         return
     for number in range(n):
-        order = np.random.default_rng([number, 14]).permutation(len(labels))
+        order = np.random.default_rng([number, 14]).permutation(len(data))
         yield order[100:], order[:100]
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from remus_folds import FIELD, FILES, SHARED, stratified
+from remus_folds import FIELD, FILES, SHARED, Split
 
 from neuro import ApproximationWarning
 from neuro.cli.options import assignments
@@ -48,9 +48,11 @@ def main() -> None:
     asked = options.parse_args()
     warnings.simplefilter("ignore", ApproximationWarning)
     method = Remus().preset(asked.settings).changed(assignments(asked.set)).fitting(FIELD)
-    shown = observe(method, recordings(asked.data))
+    data = recordings(asked.data)
+    shown = observe(method, data)
+    folds = data.folds(asked.folds, seed=asked.seed) if asked.folds > 1 else []
     found: dict[str, list[Found]] = {backend: [] for backend in BACKENDS}
-    for made, part in models(shown, method, asked.seed, asked.folds):
+    for made, part in models(shown, folds, method, asked.seed):
         for backend in BACKENDS:
             found[backend].append(decided(made, part, backend))
     report = {"settings": asked.settings, "recordings": len(shown), "frames": len(Frames.of(shown))}
@@ -65,15 +67,13 @@ def main() -> None:
         print(json.dumps(report | {"backends": rows}, indent=1))
 
 
-def models(shown: Shown, method: Remus, seed: int, folds: int) -> Iterator[tuple[Recogniser, Shown]]:
+def models(shown: Shown, folds: list[Split], method: Remus, seed: int) -> Iterator[tuple[Recogniser, Shown]]:
     """Recognisers, and the recordings to show to each."""
-    if folds == 1:
+    if not folds:
         yield learn(method, shown, "all", seed=seed), shown
         return
-    fold = stratified(shown.labels, folds, seed)
-    for k in range(folds):
-        made = learn(method, shown.take(np.flatnonzero(fold != k)), f"fold {k}", seed=seed)
-        yield made, shown.take(np.flatnonzero(fold == k))
+    for k, (others, held_out) in enumerate(folds):
+        yield learn(method, shown.take(others), f"fold {k}", seed=seed), shown.take(held_out)
 
 
 def decided(made: Recogniser, shown: Shown, backend: str) -> Found:

@@ -27,6 +27,8 @@ from neuro_recognise.shown import Shown
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 POKER = "poker_dvs/poker_dvs_shared_aedat2.zip"
 FILES = {"nmnist": "nmnist/nmnist_train1000_bin.zip", "poker": POKER, "poker-upright": POKER}
+Split = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""Recordings to learn from, and to test."""
 FIELD = (34, 34)
 """px; the pips are crops from a sensor of 128 x 128 px."""
 
@@ -45,13 +47,15 @@ def main() -> None:
     asked = options.parse_args()
     poker = Remus.presets["poker"] if asked.case.startswith("poker") else {}
     method = Remus().preset(asked.settings).changed({**poker, **assignments(asked.set)}).fitting(FIELD)
-    shown = observe(method, recordings(asked.data or SHARED / FILES[asked.case]))
+    data = recordings(asked.data or SHARED / FILES[asked.case])
+    shown = observe(method, data)
     upright = np.array([not Path(name).stem.endswith("i") for name in shown.names])
     if asked.case == "poker-upright":
-        shown, upright = shown.take(np.flatnonzero(upright)), upright[upright]
+        kept = np.flatnonzero(upright)
+        data, shown, upright = data.take(kept), shown.take(kept), upright[kept]
     began, right = time.process_time(), []
     for seed in range(asked.seeds):
-        right.append(cross_validate(shown, method, seed, asked.folds, asked.backend))
+        right.append(cross_validate(shown, data.folds(asked.folds, seed=seed), method, seed, asked.backend))
         if not asked.json:
             print(f"seed {seed}: " + ", ".join(f"{v} {r.mean():.2%}" for v, r in right[-1].items()), flush=True)
     report = {"case": asked.case, "settings": asked.settings, "set": asked.set, "recordings": len(shown)}
@@ -75,27 +79,16 @@ def main() -> None:
 
 
 def cross_validate(
-    shown: Shown, method: Remus, seed: int, folds: int, backend: str = "event"
+    shown: Shown, folds: list[Split], method: Remus, seed: int, backend: str = "event"
 ) -> dict[str, NDArray[np.bool_]]:
     """Which recordings are decided rightly, by each vote, when learnt from the other folds."""
-    fold = stratified(shown.labels, folds, seed)
     right = {vote: np.zeros(len(shown), bool) for vote in VOTES}
-    for k in range(folds):
-        held_out = np.flatnonzero(fold == k)
-        made = learn(method, shown.take(np.flatnonzero(fold != k)), f"fold {k}", seed=seed, backend=backend)
+    for k, (others, held_out) in enumerate(folds):
+        made = learn(method, shown.take(others), f"fold {k}", seed=seed, backend=backend)
         part = shown.take(held_out)
         for vote, scores in method.answer(made.learnt, part, backend).votes.items():
             right[vote][held_out] = choose(scores) == part.labels
     return right
-
-
-def stratified(labels: NDArray[np.int64], folds: int, seed: int) -> NDArray[np.int64]:
-    """A fold for each recording, each class spread evenly."""
-    rng = np.random.default_rng([seed, 7])
-    order = np.concatenate([rng.permutation(np.flatnonzero(labels == label)) for label in np.unique(labels)])
-    fold = np.empty(len(labels), np.int64)
-    fold[order] = np.arange(len(labels)) % folds
-    return fold
 
 
 if __name__ == "__main__":

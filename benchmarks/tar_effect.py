@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from remus_folds import stratified
+from remus_folds import Split
 from scipy.sparse import csr_matrix, vstack
 from scipy.stats import binomtest
 from scipy.stats import t as student
@@ -62,9 +62,9 @@ def main() -> None:
     bags = [[bag(one) for one in of] for of in (plain, filtered)]
     right = np.zeros((2, asked.seeds, len(labels)), bool)
     for seed in range(asked.seeds):
-        fold = stratified(labels, asked.folds, seed)
+        folds = found.folds(asked.folds, seed=seed)
         for k in range(2):
-            right[k, seed] = cross_validate(bags[k], labels, fold, asked.svm)
+            right[k, seed] = cross_validate(bags[k], labels, folds, asked.svm)
         print(f"seed {seed}: without {right[0, seed].mean():.4f}, with {right[1, seed].mean():.4f}", flush=True)
     report(right)
 
@@ -81,11 +81,10 @@ def bag(events: Events) -> csr_matrix:
     return csr_matrix((share, (rows, pixels[: bounds[-1]])), shape=(n, events.sensor_size[0] * events.sensor_size[1]))
 
 
-def cross_validate(bags: Bags, labels: NDArray[np.int64], fold: NDArray[np.int64], c: float) -> NDArray[np.bool_]:
+def cross_validate(bags: Bags, labels: NDArray[np.int64], folds: list[Split], c: float) -> NDArray[np.bool_]:
     """Which recordings are decided rightly from what was learnt from the other folds."""
     right = np.zeros(len(labels), bool)
-    for k in np.unique(fold):
-        learnt, held_out = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
+    for learnt, held_out in folds:
         segments = vstack([bags[i] for i in learnt], format="csr")
         segments.sum_duplicates()
         weight = np.log(segments.shape[0] / np.maximum(1, (segments > 0).sum(axis=0).A1))

@@ -221,13 +221,17 @@ def _fold(
 
 def _bills(answer: Answer, recordings: int, targets: Iterable[str]) -> dict[str, Any] | None:
     """By target joules and seconds of a recording, or why it cannot be priced; None without a network."""
+    from neuro_recognise.telling.energy import price
+
     if answer.run is None:
         return None
-    sim, counted = answer.run
     bills: dict[str, Any] = {}
+    run = answer.run()
     for target in targets:
         try:
-            bills[target] = sim.energy(target, of=counted).per(recordings, "recording").as_dict()
+            priced = price(run, recordings, [target])
+            bills |= {name: bill.as_dict() for name, bill in priced.bills.items()}
+            bills |= {name: {"refused": why} for name, why in priced.refused.items()}
         except ModelError as error:
             bills[target] = {"refused": _reason(error)}
     return bills

@@ -29,10 +29,13 @@ if TYPE_CHECKING:
     from neuro.apps import Checkpoint
     from neuro_recognise.views import View
 
-__all__ = ["METHODS", "SILENT", "Answer", "Course", "Learnt", "Method", "Progress", "choose"]
+__all__ = ["METHODS", "SILENT", "Answer", "Course", "Learnt", "Method", "Progress", "Run", "choose"]
 
 Learnt: TypeAlias = Mapping[str, Array | str]
 """What training gives: arrays and texts by name, all that answering needs beside the settings."""
+
+Run: TypeAlias = "tuple[neuro.Simulation, neuro.TrialCounts]"
+"""The simulation that a network ran on, and what that took."""
 
 SILENT = -1
 """The decision where nothing speaks for any class."""
@@ -92,13 +95,13 @@ class Answer:
         scores: (recordings, classes), the larger, the more speaks for a class; NaN in all of a row where nothing
             speaks for any.
         votes: the same by other ways of reading the same evidence, by name; `scores` are among them.
-        run: the simulation that networks ran on, and what its trials took, None where it ran without; for bills. None
-            without a network.
+        run: gives the run of the network on the same recordings, for bills; None without a network. A method that
+            answers by less than its whole network runs that only when asked.
     """
 
     scores: Floats
     votes: Mapping[str, Floats] = field(default_factory=dict)
-    run: tuple[neuro.Simulation, neuro.TrialCounts | None] | None = None
+    run: Callable[[], Run] | None = None
 
 
 @dataclass(frozen=True)
@@ -113,7 +116,6 @@ class Method(Settings):
         source: where it is described.
         needs: an extra that training needs, "" for none.
         spikes: whether it is a spiking network, which has a bill on chips.
-        unpriced: why a spiking network has no bill nevertheless, "" if it has.
         changeable: settings that may be changed after training, since what was learnt goes with any of their values.
         by_moment: whether beginnings of recordings have to be learnt apart to decide early, since what is seen of a
             beginning differs from what is seen of the whole.
@@ -125,7 +127,6 @@ class Method(Settings):
     source: ClassVar[str]
     needs: ClassVar[str] = ""
     spikes: ClassVar[bool] = False
-    unpriced: ClassVar[str] = ""
     changeable: ClassVar[tuple[str, ...]] = ()
     by_moment: ClassVar[bool] = False
     presets: ClassVar[Mapping[str, Mapping[str, Any]]] = {}

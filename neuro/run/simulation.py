@@ -398,6 +398,10 @@ class Simulation:
         """What has happened since the start or the last reset."""
         return self._tally.between(None, self._engine.counts())
 
+    def taken(self) -> TrialCounts:
+        """What has happened since the start or the last reset, to be added up over several runs for one bill."""
+        return TrialCounts(0, self._engine.counts(), self._tally)
+
     def energy(self, target: str | PathLike[str], of: TrialResults | TrialCounts | None = None) -> Energy:
         """What the run would take on a chip: the counts of any backend x published figures, and static power.
 

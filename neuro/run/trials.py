@@ -41,10 +41,10 @@ class AllWins:
 
 @dataclass(frozen=True, eq=False)
 class TrialCounts:
-    """What trials took, without how each ended; ``+`` adds those of several batches of one simulation.
+    """What trials or plain runs took, without how each ended; ``+`` adds those of several of one simulation.
 
     Attributes:
-        trials: their number.
+        trials: their number, 0 of plain runs.
         raw_counts: per neuron.
     """
 

@@ -36,7 +36,7 @@ def tried(letters, model):
 
 
 def test_counts_of_a_recording(letters, model, tried):
-    told = counted(tried)
+    told = counted(bills(tried, ()))
     sim = model.method.simulation(model.learnt)
     results, frames = model.method.present(sim, model.learnt, letters)
     ticks = results.ticks
@@ -51,12 +51,12 @@ def test_a_batch_is_priced_without_what_was_shown_before(letters, model, tried):
     sim = model.method.simulation(model.learnt)
     model.method.present(sim, model.learnt, letters.take([0, 1]))
     trials, _ = model.method.present(sim, model.learnt, letters)
-    assert sim.energy("loihi", of=trials).per(26, "recording") == bills(tried, ["loihi"])[0]
+    assert sim.energy("loihi", of=trials).per(26, "recording") == bills(tried, ["loihi"]).bills["loihi"]
 
 
 def test_a_bill_by_hand(tried):
-    told = counted(tried)
-    by_name = {bill.target: bill for bill in bills(tried, TARGETS)}
+    told = counted(bills(tried, ()))
+    by_name = bills(tried, TARGETS).bills
     active = told["neuron_updates_active"]
     sleeping = told["neuron_updates"] - active
     on_prototype = told["synaptic_ops"] * 0.45e-9 + told["neuron_updates"] * 2.19e-9
@@ -72,18 +72,19 @@ def test_a_bill_by_hand(tried):
 
 def test_the_bill_does_not_depend_on_the_backend(letters, model):
     part = letters.take(range(3))
-    told = [bills(tried_on(model, part, backend), ["loihi"])[0] for backend in ("event", "reference")]
+    told = [bills(tried_on(model, part, backend), ["loihi"]).bills for backend in ("event", "reference")]
     assert told[0] == told[1]
 
 
 def test_words(model, tried):
     told = json.loads(words(model, tried, bills(tried, ("loihi", "gpu"))))
     assert list(told) == [
-        "format", "method", "backend", "accuracy", "interval", "recordings", "per_recording", "bills", "notes",
+        "format", "method", "backend", "accuracy", "interval", "recordings", "per_recording", "bills", "refused",
+        "notes",
     ]  # fmt: skip
     assert (told["backend"], told["method"], told["recordings"]) == ("event", "remus", 26)
     assert told["accuracy"] == tried.own.accuracy == tried.votes["majority"].accuracy
-    assert told["per_recording"] == counted(tried)
+    assert told["per_recording"] == counted(bills(tried, ()))
     assert [bill["target"] for bill in told["bills"]] == ["loihi", "gpu"]
     for bill in told["bills"]:
         assert {"dynamic_j", "static_j", "total_j", "chip_time_s", "items", "notes"} <= set(bill)
@@ -94,12 +95,12 @@ def test_words(model, tried):
 def test_dense_once_a_frame(tried):
     gpu = bills(tried, ["gpu"])
     joules = 72 / 26 * MACS * 0.3e-9
-    steps = tried.answer.run[1].counts.steps / 72
-    assert notes(tried, gpu) == [
+    steps = tried.answer.run()[1].counts.steps / 72
+    assert notes(gpu) == [
         FRONT_END,
         f"dense layers once a frame, not in each of its {steps:.4g} steps: gpu {joules * 1e6:.4g} uJ",
     ]
-    assert notes(tried, bills(tried, ["loihi"])) == [FRONT_END]
+    assert notes(bills(tried, ["loihi"])) == [FRONT_END]
 
 
 def test_table(model, tried, capsys):
@@ -113,9 +114,9 @@ def test_table(model, tried, capsys):
     )
     rows = {line.split()[0]: line for line in text.splitlines() if line.strip().startswith(TARGETS)}
     assert tuple(rows) == TARGETS
-    joules = f"{counted(tried)['steps'] * MACS * 0.3e-9 * 1e6:.4g}"
+    joules = f"{counted(bills(tried, ()))['steps'] * MACS * 0.3e-9 * 1e6:.4g}"
     assert rows["gpu"].split()[-8:] == [joules, "uJ", "not", "priced", joules, "uJ", "-", "-"]
-    assert f"{counted(tried)['steps'] * 1000:,.0f}" in rows["spinnaker"]
+    assert f"{counted(bills(tried, ()))['steps'] * 1000:,.0f}" in rows["spinnaker"]
     assert "- loihi: synaptic_op 23.6 pJ: Davies et al., IEEE Micro 38(1):82, 2018, Table 2 (minimum; " in text
     assert "- cpu, gpu: neuron updates, learning and static power are not in the sums\n" in text
     assert f"- {FRONT_END}\n" in text

@@ -10,20 +10,24 @@ import neuro_models
 from neuro.events import Events, recordings
 from neuro_recognise.hfirst import (
     Heard,
-    HFirst,
+    HFirstSettings,
     Spikes,
+    c1_alone,
     c1_counts,
     c1_spikes,
     decide,
     network,
+    s1_spikes,
     s2_alone,
     s2_heard,
     scores,
+    show,
+    shown,
     templates,
 )
-from neuro_recognise.hfirst.network import _without_noise
+from neuro_recognise.hfirst.s1 import _without_noise
 
-SMALL = HFirst(size=(14, 11))
+SMALL = HFirstSettings(size=(14, 11))
 
 
 def bar(n=700, seed=4, settings=SMALL):
@@ -96,10 +100,16 @@ def sim():
     return neuro.compile(network(SMALL, 3))
 
 
+def whole(sim, settings, recording):
+    """C1 spikes of the whole network."""
+    show(sim, settings, shown(settings, recording))
+    return Spikes(*sim.spikes("c1"))
+
+
 @pytest.fixture(scope="module")
 def of_bars(sim):
     """C1 spikes of some recordings."""
-    return [c1_spikes(sim, SMALL, bar(seed=seed)) for seed in range(4)]
+    return [whole(sim, SMALL, bar(seed=seed)) for seed in range(4)]
 
 
 def in_order(times, ids):
@@ -109,7 +119,7 @@ def in_order(times, ids):
 
 def test_c1_spikes_are_those_of_the_rules_event_by_event(sim):
     recording = bar()
-    found = c1_spikes(sim, SMALL, recording)
+    found = whole(sim, SMALL, recording)
     times, ids = in_order(*c1_by_events(SMALL, _without_noise(recording, SMALL)))
     assert ids.size > 30
     np.testing.assert_array_equal(found.ids, ids)
@@ -118,11 +128,11 @@ def test_c1_spikes_are_those_of_the_rules_event_by_event(sim):
 
 def test_a_recording_at_its_own_times_gives_the_spikes_of_the_rules(shared):
     """The first 15 ms of N-MNIST in steps of 1 us: no two events of one polarity share a step."""
-    settings = HFirst(resolution=0.001)
+    settings = HFirstSettings(resolution=0.001)
     recording = recordings(shared / "data" / "nmnist" / "nmnist_train1000_bin.zip")[0].load()
     recording = recording[recording.t < recording.t[0] + 45_000]
     kept = _without_noise(recording, settings)
-    found = c1_spikes(neuro.compile(network(settings, 10)), settings, recording)
+    found = whole(neuro.compile(network(settings, 10)), settings, recording)
     times, ids = in_order(*c1_by_events(settings, kept))
     assert ids.size > 30
     np.testing.assert_array_equal(found.ids, ids)
@@ -130,31 +140,58 @@ def test_a_recording_at_its_own_times_gives_the_spikes_of_the_rules(shared):
 
 
 def test_each_recording_starts_anew(sim):
-    first = c1_spikes(sim, SMALL, bar())
-    c1_spikes(sim, SMALL, bar(seed=9))
-    again = c1_spikes(sim, SMALL, bar())
+    first = whole(sim, SMALL, bar())
+    whole(sim, SMALL, bar(seed=9))
+    again = whole(sim, SMALL, bar())
     np.testing.assert_array_equal(first.times, again.times)
     np.testing.assert_array_equal(first.ids, again.ids)
 
 
 def test_a_recording_of_noise_has_no_spikes(sim):
-    nothing = c1_spikes(sim, SMALL, bar(n=1))
+    nothing = whole(sim, SMALL, bar(n=1))
     assert nothing.times.size == nothing.ids.size == 0
+    s1 = s1_spikes(SMALL, shown(SMALL, bar(n=1)))
+    assert [spikes.ids.size for spikes in s1.values()] == [0, 0]
+    assert c1_spikes(neuro.compile(c1_alone(SMALL)), SMALL, s1).ids.size == 0
 
 
-def test_an_event_outside_of_the_camera_is_refused(sim):
+@pytest.mark.parametrize("resets", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_layer_by_layer_spikes_are_those_of_the_network(seed, resets):
+    """S1 event by event, C1 alone: all spikes at the steps of the whole network, also where C1 draws ties."""
+    settings = replace(SMALL, c1_resets=resets)
+    inputs, sim = shown(settings, bar(seed=seed)), neuro.compile(network(settings, 3))
+    s1 = s1_spikes(settings, inputs)
+    c1 = c1_spikes(neuro.compile(c1_alone(settings)), settings, s1)
+    show(sim, settings, inputs)
+    for name, (times, ids) in {**s1, "c1": c1}.items():
+        expected = sim.spikes(name)
+        for one, other in zip(in_order(times, ids), expected, strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-9)
+        assert ids.size > 20, name
+
+
+def test_layers_alone_are_told_by_their_places_in_the_file():
+    """A chip that refuses them names the network's file, not the code that took them out."""
+    for net in (c1_alone(SMALL), s2_alone(SMALL, np.ones((3, np.prod(SMALL.shape))))):
+        with pytest.raises(
+            neuro.ModelError, match=r"hfirst\.yaml:\d+:3: population '\w+': iaf_linear_leak: loihi has no"
+        ):
+            neuro.compile(net, backend="loihi")
+
+
+def test_an_event_outside_of_the_camera_is_refused():
     with pytest.raises(neuro.ModelError) as error:
-        c1_spikes(sim, SMALL, bar(settings=replace(SMALL, size=(30, 11))))
+        shown(SMALL, bar(settings=replace(SMALL, size=(30, 11))))
     assert str(error.value).startswith("an event at (")
     assert str(error.value).endswith("expected a sensor of at most 14 x 11 px\n  hint: set size")
 
 
 def test_s2_alone_is_the_s2_of_the_network(of_bars):
     learnt = templates(SMALL, c1_counts(SMALL, of_bars), [0, 1, 2, 0], 3) + np.arange(3.0)[:, None]
-    whole = neuro.compile(network(SMALL, 3))
-    whole.set_weights("c1_s2", learnt.T.ravel())
-    c1 = c1_spikes(whole, SMALL, bar())
-    times, ids = whole.spikes("s2")
+    sim = neuro.compile(network(SMALL, 3, learnt))
+    c1 = whole(sim, SMALL, bar())
+    times, ids = sim.spikes("s2")
     heard = s2_heard(neuro.compile(s2_alone(SMALL, learnt)), SMALL, c1)
     assert ids.size > 3
     np.testing.assert_array_equal(heard.spikes.ids, ids)
@@ -177,7 +214,7 @@ def test_s2_does_what_the_rules_say(of_bars):
 
 def test_orientations_of_a_cell_may_reset_each_other(of_bars):
     settings = replace(SMALL, c1_resets=True)
-    fewer = c1_spikes(neuro.compile(network(settings, 3)), settings, bar(seed=0))
+    fewer = whole(neuro.compile(network(settings, 3)), settings, bar(seed=0))
     assert 0 < fewer.ids.size < of_bars[0].ids.size
     cells = fewer.ids % np.prod(settings.shape[1:])
     for cell in np.unique(cells):
@@ -185,7 +222,7 @@ def test_orientations_of_a_cell_may_reset_each_other(of_bars):
 
 
 def test_templates_are_counts_at_a_norm_of_100():
-    settings = HFirst(size=(4, 4), orientations=4)
+    settings = HFirstSettings(size=(4, 4), orientations=4)
     counts = np.array([[300, 0, 1, 400], [0, 0, 0, 0], [0, 2, 0, 0], [0, 2, 0, 0]])
     found = templates(settings, counts, [0, 1, 2, 2], 4)
     np.testing.assert_allclose(found[0], [60.0, -1.0, -1.0, 80.0], atol=1e-3)
@@ -215,7 +252,7 @@ def test_s2_that_hears_nothing_is_silent():
 
 
 def test_the_file_has_the_values_of_the_settings():
-    ours, theirs = network(HFirst(), 10), neuro.load(neuro_models.path("hfirst"))
+    ours, theirs = network(HFirstSettings(), 10), neuro.load(neuro_models.path("hfirst"))
     for name in ("on_s1", "off_s1"):
         kernels = ours.projections.pop(name).weight, theirs.projections.pop(name).weight
         np.testing.assert_allclose(*kernels, atol=0.0005)
@@ -224,10 +261,10 @@ def test_the_file_has_the_values_of_the_settings():
 
 def test_pips_are_told_apart(shared):
     """Upright pips of POKER-DVS, every third to test; 90 % in five folds."""
-    settings = HFirst(size=(35, 35))
+    settings = HFirstSettings(size=(35, 35))
     found = [r for r in recordings(shared / "data" / "poker_dvs" / "poker_dvs_shared_aedat2.zip") if "i." not in r.name]
-    sim = neuro.compile(network(settings, 4))
-    c1 = [c1_spikes(sim, settings, one.load()) for one in found]
+    sim = neuro.compile(c1_alone(settings))
+    c1 = [c1_spikes(sim, settings, s1_spikes(settings, shown(settings, one.load()))) for one in found]
     labels = np.array([one.label for one in found])
     train = np.arange(len(found)) % 3 != 0
     learnt = templates(settings, c1_counts(settings, c1)[train], labels[train], 4)

@@ -1,17 +1,25 @@
-"""The method `hfirst`: its scores, what its evidence depends on, its network, and why it has no bill."""
+"""The method `hfirst`: its scores, what its evidence depends on, its network, and its bill."""
 
 import numpy as np
 import pytest
 
 import neuro
+from neuro.events import Events
 from neuro_recognise import Recogniser
-from neuro_recognise.compare import Compared, Plan, contestants
+from neuro_recognise.compare import Plan, compare, contestants
+from neuro_recognise.evaluate import evaluate
 from neuro_recognise.hfirst import Heard, Spikes, decisive
-from neuro_recognise.recogniser import method_of
+from neuro_recognise.method import choose
+from neuro_recognise.recogniser import learn, method_of
+from neuro_recognise.shown import Shown
 from neuro_recognise.telling.compare_report import show
-from neuro_recognise.telling.energy import check_targets
+from neuro_recognise.telling.energy import bills, counted
+from neuro_recognise.telling.energy import show as show_energy
+from neuro_recognise.telling.tried import Tried
 
-NO_BILL = "layers S1 and C1 run once for all folds and are not counted, and chips refuse their linear leak"
+REFUSED = (
+    "population 's1_on': iaf_linear_leak: loihi has no such neuron: it has iaf_psc_exp, iaf_psc_delta and parrot_neuron"
+)
 SMALL = {"size": [8, 8], "orientations": 2}
 
 
@@ -51,19 +59,69 @@ def test_the_network_has_what_was_learnt(made):
     np.testing.assert_array_equal(weights.reshape(8, 3), made.learnt["templates"].T)
 
 
-def test_it_has_no_bill(made):
-    with pytest.raises(neuro.ModelError) as error:
-        check_targets(made, ["cpu"])
-    assert str(error.value) == f"method 'hfirst' has no bill: {NO_BILL}"
+@pytest.fixture(scope="module")
+def bars():
+    """What upright and lying bars show."""
+    method = method_of("hfirst", values={"size": [12, 12], "orientations": 4})
+    events = []
+    for k in range(8):
+        rng = np.random.default_rng(k)
+        along, across = rng.integers(2, 11, 300), 3 + np.arange(300) // 50 + rng.integers(0, 2, 300)
+        x, y = (along, across) if k % 2 else (across, along)
+        events.append(Events(np.arange(300) * 60, x, y, rng.integers(0, 2, 300), (12, 12)))
+    labels = np.arange(8) % 2
+    shown = Shown([method.observe(one) for one in events], labels, tuple("abcdefgh"), ("upright", "lying"))
+    return learn(method, shown, "bars"), shown
 
 
-def test_chips_refuse_its_leak(made):
-    with pytest.raises(neuro.ModelError, match="iaf_linear_leak"):
-        neuro.compile(made.network(), backend="loihi")
+def test_the_whole_network_decides_as_its_layers_do_on_each_backend(bars):
+    """The spikes of S2, of all recordings together, are those of the bill's run."""
+    model, shown = bars
+    assert (choose(model.method.answer(model.learnt, shown).scores) == shown.labels).all()
+    shown = shown.take([0, 1])
+    one, other = (model.method.answer(model.learnt, shown, backend) for backend in ("event", "reference"))
+    for vote, scores in one.votes.items():
+        np.testing.assert_allclose(scores, other.votes[vote], rtol=0, atol=1e-9)
+    (_, took), (sim, again) = one.run(), other.run()
+    assert sim.backend == "reference"
+    heard = sum(np.floor(one.votes["hard"] + 1e-9).sum(axis=1))
+    for taken in (took, again):
+        assert taken.counts.populations["s2"].spikes == heard > 0
+        assert taken.counts.populations["c1"].spikes == sum(len(part["ids"]) for part in shown.evidence)
+    assert took.counts == again.counts
 
 
-def test_a_comparison_tells_why(capsys, tmp_path):
-    (one,) = contestants(["hfirst"])
-    plan = Plan((one,), 5, (0,), ("loihi",), tmp_path)
-    show([Compared(one, refused="not run")], plan)
-    assert capsys.readouterr().out.splitlines()[-1] == f"- hfirst has no bill: {NO_BILL}"
+def test_its_bill_and_the_chips_that_refuse_it(bars, capsys):
+    model, shown = bars
+    told = priced(bars)
+    assert list(told.bills) == ["spinnaker2", "cpu"]
+    assert told.refused == {"loihi": REFUSED, "spinnaker": REFUSED.replace("loihi", "spinnaker")}
+    counts = counted(told)
+    assert "frames" not in counts
+    macs = 2 * 4 * 72 * 72 + 2 * 4 * 9 * 16 + 4 * 9 * 2  # a field of 7 covers 7 * 12 - 12 places along a side of 12
+    assert counts["steps"] * 8 == told.run[1].counts.steps
+    per_mac = told.bills["cpu"].items[0].joules_each
+    assert told.bills["cpu"].total_j == pytest.approx(counts["steps"] * macs * per_mac)
+    show_energy(model, Tried(evaluate(shown.labels, shown.labels, shown.classes), {}, None), told)
+    text = capsys.readouterr().out
+    assert f"- loihi refuses the network: {REFUSED}\n" in text
+    (row,) = [line for line in text.splitlines() if line.strip().startswith("loihi ")]
+    assert row.split() == ["loihi", "refused", *["-"] * 5]
+
+
+def priced(bars):
+    model, shown = bars
+    answer = model.method.answer(model.learnt, shown)
+    tried = Tried(evaluate(choose(answer.scores), shown.labels, shown.classes), {}, answer)
+    return bills(tried, ["loihi", "spinnaker", "spinnaker2", "cpu"])
+
+
+def test_a_comparison_tells_who_refuses_it(capsys, learning, tmp_path):
+    """Trained on two folds, priced by the whole network."""
+    plan = Plan(contestants(["hfirst"]), 2, (0,), ("loihi", "spinnaker2"), tmp_path)
+    found = compare(learning.take([0, 1, 2, 8, 9, 10]), plan, lambda progress: None)
+    show([*found], plan)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[-1] == f"- loihi refuses hfirst: {REFUSED}"
+    (row,) = [line for line in lines if line.strip().startswith("hfirst") and "refused" in line]
+    assert row.split()[-1].endswith("J")

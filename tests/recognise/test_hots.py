@@ -7,11 +7,13 @@ from hypothesis import strategies as st
 
 from neuro import ModelError
 from neuro.events import Events
-from neuro_recognise.hots.hierarchy import Hots, Layers
-from neuro_recognise.parts.histograms import DISTANCES, bhattacharyya, class_means, normalised, standard
+from neuro_recognise.hots.hierarchy import Hierarchy, Layers
+from neuro_recognise.method import Course
+from neuro_recognise.parts.distances import DISTANCES, bhattacharyya, normalised, standard
+from neuro_recognise.parts.readouts import Nearest
 
 SIZE = (9, 7)
-SMALL = Hots(layers=2, radius=1, tau=3.0, centres=3, tau_factor=4.0, first="drawn")
+SMALL = Hierarchy(layers=2, radius=1, tau=3.0, centres=3, tau_factor=4.0, first="drawn")
 
 
 def drawn(seed, n=150, size=SIZE):
@@ -67,7 +69,7 @@ class Plain:
 
 @pytest.mark.parametrize("polarity", [True, False])
 def test_the_paper_read_plainly(polarity):
-    s = Hots(layers=2, radius=2, tau=3.0, centres=3, tau_factor=4.0, polarity=polarity)
+    s = Hierarchy(layers=2, radius=2, tau=3.0, centres=3, tau_factor=4.0, polarity=polarity)
     size = (3, 3)  # all see each other: lone events would make equal prototypes, between which rounding decides
     recordings = [drawn(k, size=size) for k in range(4)]
     layers = Layers(s, size, seed=5)
@@ -88,7 +90,7 @@ def test_the_paper_read_plainly(polarity):
 
 def test_prototypes_begin_as_surfaces_of_events_of_any_recording():
     recordings = [drawn(k) for k in range(3)]
-    still = Hots(layers=1, radius=1, tau=3.0, centres=5, rate=1e-12, first="drawn")
+    still = Hierarchy(layers=1, radius=1, tau=3.0, centres=5, rate=1e-12, first="drawn")
     layers = Layers(still, SIZE, seed=2)
     layers.learn(recordings)
     plain = Plain(still, SIZE)
@@ -157,26 +159,27 @@ def edge(along, seed):
 def test_edges_are_told_apart_by_each_distance(name):
     recordings = [edge("xy"[k % 2], k) for k in range(12)]
     labels = np.arange(12) % 2
-    layers = Layers(Hots(layers=2, tau=3.0, tau_factor=3.0, centres=6, first="drawn"), (20, 20))
+    layers = Layers(Hierarchy(layers=2, tau=3.0, tau_factor=3.0, centres=6, first="drawn"), (20, 20))
     layers.learn(recordings[:8])
     histograms = np.array([layers.features(one).ravel() for one in recordings])
-    means = class_means(histograms[:8], labels[:8], 2)
-    assert DISTANCES[name](histograms[8:], means).argmin(axis=1).tolist() == labels[8:].tolist()
+    readout = Nearest(distance=name)
+    learnt = readout.fit(histograms[:8], labels[:8], 3, Course())
+    scores = readout.scores(learnt, histograms[8:])
+    assert scores.argmax(axis=1).tolist() == labels[8:].tolist()
+    assert np.isneginf(scores[:, 2]).all()
 
 
 def test_distances_have_known_values():
-    one, means = [[3, 1], [0, 4]], np.array([[3.0, 1.0], [6.0, 2.0], [0.0, 8.0]])
+    one, means = np.array([[3, 1], [0, 4]]), np.array([[3.0, 1.0], [6.0, 2.0], [0.0, 8.0]])
     np.testing.assert_allclose(standard(one, means), [[0, 10**0.5, 58**0.5], [18**0.5, 40**0.5, 4]])
     half = 0.75 * 2**0.5
     np.testing.assert_allclose(normalised(one, means), [[0, 0, half], [half, half, 0]])
     np.testing.assert_allclose(bhattacharyya(one, means)[0], [0, 0, -np.log(0.5)], atol=1e-15)
-    assert bhattacharyya([[1, 0]], np.array([[0.0, 1.0]])).tolist() == [[np.inf]]
-    assert class_means(one, np.array([2, 2]), 3)[2].tolist() == [1.5, 2.5]
-    assert np.isnan(class_means(one, np.array([2, 2]), 3)[:2]).all()
+    assert bhattacharyya(np.array([[1, 0]]), np.array([[0.0, 1.0]])).tolist() == [[np.inf]]
 
 
 def test_layers_grow_as_the_paper_says():
-    s = Hots()
+    s = Hierarchy()
     assert [(s.radius_of(k), s.tau_of(k), s.centres_of(k), s.channels_of(k)) for k in range(3)] == [
         (2, 10_000, 4, 2), (4, 100_000, 8, 4), (8, 1_000_000, 16, 8),
     ]  # fmt: skip
@@ -184,11 +187,13 @@ def test_layers_grow_as_the_paper_says():
 
 def test_mistakes_are_told(learnt):
     with pytest.raises(ModelError) as error:
-        Hots(tau=0)
-    assert str(error.value) == "hots.tau = 0: expected a number > 0 ms"
+        Hierarchy(tau=0)
+    assert str(error.value) == "hierarchy 'time_surfaces': tau = 0: expected a number > 0 ms"
     with pytest.raises(ModelError) as error:
-        Hots(first="random")
-    assert str(error.value) == "hots.first = 'random': expected one of first, drawn\n  hint: known: drawn, first"
+        Hierarchy(first="random")
+    assert str(error.value) == (
+        "hierarchy 'time_surfaces': first = 'random': expected one of first, drawn\n  hint: known: drawn, first"
+    )
     fresh = Layers(SMALL, SIZE)
     with pytest.raises(ModelError) as error:
         fresh.features(drawn(0))
@@ -206,5 +211,5 @@ def test_mistakes_are_told(learnt):
         learnt.features(drawn(0, 30, (20, 20)), cell=-7)
     assert str(error.value) == "cell = -7: expected a whole number >= 0"
     with pytest.raises(ModelError) as error:
-        Layers.from_state(Hots(layers=2, centres=4), SIZE, learnt.state())
+        Layers.from_state(Hierarchy(layers=2, centres=4), SIZE, learnt.state())
     assert str(error.value) == "prototypes of layer 0 are (3, 3, 2, 3), expected (5, 5, 2, 4)"

@@ -1,4 +1,7 @@
-"""Every method that shows frames to a network: it learns, goes on after a stop, runs on chips, and has a bill."""
+"""Every method that shows frames to a network: it learns, goes on after a stop, runs on chips, and has a bill.
+
+The network that is shown events at their times is in test_hfirst_method.py.
+"""
 
 import numpy as np
 import pytest
@@ -9,7 +12,7 @@ from neuro.events import Events
 from neuro_models import path
 from neuro_recognise.method import METHODS, choose
 from neuro_recognise.methods.framewise import Framewise
-from neuro_recognise.parts.layers import Inputs, Layer
+from neuro_recognise.parts.layers import Inputs, Layer, Shares
 from neuro_recognise.recogniser import learn, method_of
 from neuro_recognise.shown import Shown
 
@@ -46,7 +49,7 @@ def test_it_decides_and_has_a_bill(made, letters, backend):
     for scores in answer.votes.values():
         assert np.mean(choose(scores)[:24] == letters.labels[:24]) >= 0.9
         assert np.isnan(scores[24:]).all()
-    sim, results = answer.run
+    sim, results = answer.run()
     assert len(results) == 72
     assert isinstance(sim.energy("loihi", of=results), Energy)
 
@@ -55,6 +58,8 @@ def test_event_equals_reference(made, letters):
     part = letters.take(range(3))
     one, other = (made.method.answer(made.learnt, part, backend) for backend in ("event", "reference"))
     np.testing.assert_allclose(one.scores, other.scores, rtol=0, atol=1e-9)
+    for vote, scores in one.votes.items():
+        assert np.array_equal(choose(scores), choose(other.votes[vote])), vote
 
 
 class Stop(Exception):
@@ -74,7 +79,7 @@ def test_a_training_goes_on(made, letters, tmp_path):
     again = learn(made.method, letters, "letters", seed=1, out=out)
     assert again.learnt.keys() == made.learnt.keys()
     for name, part in made.learnt.items():
-        assert np.array_equal(again.learnt[name], part, equal_nan=name == "history"), name
+        assert np.array_equal(again.learnt[name], part, equal_nan=name in ("history", "mistakes")), name
     assert learn(made.method, letters, "letters", seed=1, out=out, report=pytest.fail).training == made.training
 
 
@@ -131,16 +136,23 @@ def test_a_spike_raises_a_tempotron_by_its_weight():
         assert (told.winner[0] >= 0) == fires
 
 
-def test_mozafari_learns_less_from_what_it_knows(letters):
-    """Right in all of the last epoch, rewards have the smallest factor and punishments the largest."""
+def test_mozafari_learns_less_from_what_it_knows():
+    """Right in all of the last epoch, rewards have the smallest factor and punishments the largest; after silence both
+    have the smallest."""
     layer = small("mozafari").layer
     sim = neuro.compile(layer.network(Inputs((4, 8, 8), 10.0, 1.0), 3))
     seen = []
-    for shares in ([], [1.0], [0.25]):
-        layer.begin(sim, len(shares), shares)
+    for last in (None, Shares(right=1.0, wrong=0.0), Shares(right=0.25, wrong=0.5), Shares(right=0.0, wrong=0.0)):
+        layer.begin(sim, 1, last)
         rule = sim.network().projections["c1_s2"].synapse
         seen.append((rule.misses, rule.hits))
-    np.testing.assert_allclose(seen, [(0.2 + 0.8 * 2 / 3, 0.2 + 0.8 / 3), (0.2, 1.0), (0.8, 0.4)])
+    np.testing.assert_allclose(seen, [(0.2 + 0.8 * 2 / 3, 0.2 + 0.8 / 3), (0.2, 1.0), (0.6, 0.4), (0.2, 0.2)])
+
+
+def test_silence_is_no_mistake(letters):
+    """With a threshold that no input reaches all frames are silent: neither right nor wrong in any epoch."""
+    learnt = learn(small("mozafari", theta=1e4), letters, "letters").learnt
+    assert learnt["history"].tolist() == learnt["mistakes"].tolist() == [0.0] * 3
 
 
 def test_masquelier_thorpe_doubles_its_rates():

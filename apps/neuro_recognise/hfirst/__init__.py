@@ -1,22 +1,28 @@
 """HFirst: the network `hfirst`, what turns a recording into its input, its templates and its decisions."""
 
 from neuro_recognise.hfirst.decisions import READINGS, decide, decisive, scores
-from neuro_recognise.hfirst.network import Heard, Spikes, c1_spikes, network, s2_alone, s2_heard
-from neuro_recognise.hfirst.settings import HFirst
+from neuro_recognise.hfirst.network import c1_alone, c1_spikes, network, s2_alone, s2_heard, show
+from neuro_recognise.hfirst.s1 import s1_spikes, shown
+from neuro_recognise.hfirst.settings import HFirstSettings
+from neuro_recognise.hfirst.spikes import Heard, Spikes
 from neuro_recognise.hfirst.templates import c1_counts, templates
 
 __all__ = [
     "READINGS",
-    "HFirst",
+    "HFirstSettings",
     "Heard",
     "Spikes",
+    "c1_alone",
     "c1_counts",
     "c1_spikes",
     "decide",
     "decisive",
     "network",
+    "s1_spikes",
     "s2_alone",
     "s2_heard",
     "scores",
+    "show",
+    "shown",
     "templates",
 ]

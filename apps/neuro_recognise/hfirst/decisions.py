@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from neuro import ModelError
-from neuro_recognise.hfirst.network import Floats, Heard
+from neuro_recognise.hfirst.spikes import Floats, Heard
 
 READINGS = ("hard", "soft", "potentials")
 

@@ -1,45 +1,19 @@
-"""The network of HFirst, and what runs it on recordings."""
+"""The network of HFirst, whole and layer by layer, and what runs these on recordings."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 import neuro
 import neuro_models
-from neuro.events import Events
-from neuro.events.filters import BackgroundActivity
-from neuro_recognise.hfirst.settings import HFirst
-
-Ints = npt.NDArray[np.int64]
-Floats = npt.NDArray[np.float64]
-LAYERS = 3
-"""Steps from an event to the last spike that it causes: each layer hears the one before a step later."""
+from neuro_recognise.hfirst.settings import HFirstSettings
+from neuro_recognise.hfirst.spikes import Floats, Heard, Spikes
 
 
-class Spikes(NamedTuple):
-    """Spikes of one layer in order of time: times in ms since a recording's first event, and neurons."""
-
-    times: Floats
-    ids: Ints
-
-
-class Heard(NamedTuple):
-    """What layer S2 did with the C1 spikes of a recording.
-
-    Attributes:
-        spikes: its spikes; neurons are classes.
-        potentials: (C1 spikes, classes) V_m after each C1 spike, mV.
-    """
-
-    spikes: Spikes
-    potentials: Floats
-
-
-def network(settings: HFirst, classes: int, templates: Floats | None = None) -> neuro.Network:
+def network(settings: HFirstSettings, classes: int, templates: Floats | None = None) -> neuro.Network:
     """The network `hfirst` with some settings.
 
     Args:
@@ -56,50 +30,57 @@ def network(settings: HFirst, classes: int, templates: Floats | None = None) -> 
     return net
 
 
-def s2_alone(settings: HFirst, templates: Floats) -> neuro.Network:
+def c1_alone(settings: HFirstSettings) -> neuro.Network:
+    """Layer C1 of `hfirst` on spikes of S1 that are given.
+
+    Args:
+        settings: of the network.
+    """
+    width, height = settings.size
+    s1 = (settings.orientations, height, width)
+    return _behind(network(settings, 1), {"s1_on": s1, "s1_off": s1}, "c1")
+
+
+def s2_alone(settings: HFirstSettings, templates: Floats) -> neuro.Network:
     """Layer S2 of `hfirst` on spikes of C1 that are given.
 
     Args:
         settings: of the network.
         templates: (classes, C1 neurons) weights in mV.
     """
-    whole = network(settings, len(templates))
-    net = neuro.Network("hfirst_s2", resolution=whole.resolution)
-    net.population("c1", settings.shape, neuro.spike_generator())
-    net.population("s2", len(templates), whole.populations["s2"].model)
-    # what a chip refuses stands in the file of the network
-    net.populations["s2"] = replace(net.populations["s2"], origin=whole.populations["s2"].origin)
-    net.connect("c1", "s2", neuro.all_to_all(), weight=templates.T, delay=net.resolution, name="c1_s2")
-    net.group("first_class", whole.groups["first_class"].choice)
-    return net
+    return _behind(network(settings, len(templates), templates), {"c1": settings.shape}, "s2")
 
 
-def c1_spikes(sim: neuro.Simulation, settings: HFirst, events: Events) -> Spikes:
-    """The C1 spikes of one recording, which starts anew.
+def show(sim: neuro.Simulation, settings: HFirstSettings, inputs: Mapping[str, Spikes]) -> None:
+    """Let a network hear the spikes of its inputs until the last spike that they cause; it starts anew.
 
     Args:
-        sim: of `network`.
+        sim: of any of these networks.
         settings: those of the network.
-        events: the recording; those without a neighbour's event are left out, times are rounded to the nearest step.
-
-    Raises:
-        ModelError: an event lies outside of the camera.
+        inputs: by the name of the population.
     """
-    events = _without_noise(events, settings)
     sim.reset()
-    if not len(events):
-        return Spikes(np.zeros(0), np.zeros(0, dtype=np.int64))
-    h, width = settings.resolution, settings.size[0]
-    steps = 1 + np.rint((events.t - events.t[0]) / (1000.0 * h)).astype(np.int64)
-    places = events.y.astype(np.int64) * width + events.x
-    for name, polarity in (("on_events", 1), ("off_events", 0)):
-        some = events.p == polarity
-        sim.inject(name, steps[some] * h, places[some])
-    sim.run(float(steps[-1] + LAYERS) * h)
+    last = 0.0
+    for name, spikes in inputs.items():
+        sim.inject(name, spikes.times, spikes.ids)
+        last = max(last, spikes.times.max(initial=0.0))
+    layers = len(sim.network().populations)  # each hears the one before a step later
+    sim.run(last + layers * settings.resolution)
+
+
+def c1_spikes(sim: neuro.Simulation, settings: HFirstSettings, s1: Mapping[str, Spikes]) -> Spikes:
+    """The C1 spikes of one recording.
+
+    Args:
+        sim: of `c1_alone`.
+        settings: those of the network.
+        s1: from `s1_spikes`.
+    """
+    show(sim, settings, s1)
     return Spikes(*sim.spikes("c1"))
 
 
-def s2_heard(sim: neuro.Simulation, settings: HFirst, spikes: Spikes) -> Heard:
+def s2_heard(sim: neuro.Simulation, settings: HFirstSettings, spikes: Spikes) -> Heard:
     """What S2 does with the C1 spikes of one recording.
 
     Args:
@@ -118,11 +99,14 @@ def s2_heard(sim: neuro.Simulation, settings: HFirst, spikes: Spikes) -> Heard:
     return Heard(Spikes(*sim.spikes("s2")), potentials[moment_of])
 
 
-def _without_noise(events: Events, settings: HFirst) -> Events:
-    width, height = settings.size
-    if len(events) and (events.x.max() >= width or events.y.max() >= height):
-        raise neuro.ModelError(
-            f"an event at ({events.x.max()}, {events.y.max()}): expected a sensor of at most {width} x {height} px",
-            hint="set size",
-        )
-    return BackgroundActivity(sensor_size=events.sensor_size, dt_us=settings.noise_us)(events)
+def _behind(net: neuro.Network, given: Mapping[str, tuple[int, ...]], layer: str) -> neuro.Network:
+    """One layer of a network; populations that it hears, with their shapes, become generators."""
+    sources = {
+        name: replace(net.populations[name], model=neuro.spike_generator(), shape=shape)
+        for name, shape in given.items()
+    }
+    alone = neuro.Network(f"{net.name}_{layer}", resolution=net.resolution)
+    alone.populations.update({**sources, layer: net.populations[layer]})
+    alone.projections.update({name: one for name, one in net.projections.items() if one.target == layer})
+    alone.groups.update({name: one for name, one in net.groups.items() if one.choice.of == layer})
+    return alone

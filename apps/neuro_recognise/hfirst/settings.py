@@ -17,7 +17,7 @@ CODE = "HFIRST.m of the authors' code"
 
 
 @dataclass(frozen=True)
-class HFirst(Settings):
+class HFirstSettings(Settings):
     """The numbers of HFirst.
 
     Source: Orchard et al., IEEE TPAMI 37:2028, 2015, with the values of the authors' code, github.com/gorchard/HFIRST.

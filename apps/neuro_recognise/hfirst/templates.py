@@ -7,17 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from neuro_recognise.hfirst.network import Floats, Ints, Spikes
-from neuro_recognise.hfirst.settings import HFirst
+from neuro_recognise.hfirst.settings import HFirstSettings
+from neuro_recognise.hfirst.spikes import Floats, Ints, Spikes
 
 
-def c1_counts(settings: HFirst, recordings: Sequence[Spikes]) -> Ints:
+def c1_counts(settings: HFirstSettings, recordings: Sequence[Spikes]) -> Ints:
     """Spikes of each C1 neuron in each recording, (recordings, C1 neurons)."""
     size = int(np.prod(settings.shape))
     return np.stack([np.bincount(spikes.ids, minlength=size) for spikes in recordings])
 
 
-def templates(settings: HFirst, counts: Ints, labels: npt.ArrayLike, classes: int) -> Floats:
+def templates(settings: HFirstSettings, counts: Ints, labels: npt.ArrayLike, classes: int) -> Floats:
     """The weights of S2, in mV.
 
     A class has the sum of its counts, scaled to `settings.norm`; what is below `settings.below` becomes `unseen`.

@@ -4,7 +4,7 @@ An event i sees in the neighbourhood of radius R round it, for each channel p an
 there was: ``S_i(u, p) = exp(-(t_i - T_i(u, p)) / tau)``, 0 where there was none. It is given to the
 closest of N prototypes, ``k_i``, and goes on to the next layer as an event of channel ``k_i``. Layer l + 1 has
 ``R K_R``, ``tau K_tau`` and ``N K_N`` (eq. 119 of the thesis). A histogram counts the prototypes of the last layer,
-and `neuro_recognise.parts.histograms` has the paper's distances between histograms.
+and `neuro_recognise.parts.distances` has the paper's distances between histograms.
 
 Source: Lagorce et al., "HOTS: A Hierarchy of Event-Based Time-Surfaces for Pattern Recognition", IEEE TPAMI 39:1346,
 2017; thesis lines 2211-2280 with algorithm 13.
@@ -13,68 +13,52 @@ Source: Lagorce et al., "HOTS: A Hierarchy of Event-Based Time-Surfaces for Patt
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import Quantity, check, check_fields
+from neuro.apps import Quantity, Registry, check
 from neuro.events import Events
+from neuro_recognise.settings import Part, setting
 
 Floats: TypeAlias = npt.NDArray[np.float64]
 Ints: TypeAlias = npt.NDArray[np.int64]
 Report: TypeAlias = Callable[["Layers", int, int], None]
 
 
-def _value(default: Any, unit: str = "", **bounds: Any) -> Any:
-    return field(default=default, metadata={"quantity": Quantity(unit=unit, **bounds)})
-
-
-def _count(default: int) -> Any:
-    return _value(default, kind="integer", at_least=1)
+CODE = "github SpikeAI/HOTS, which replicates the paper for letters and digits"
+RATE = "thesis algorithm 13"
 
 
 @dataclass(frozen=True)
-class Hots:
-    """Settings of the hierarchy; the defaults are the paper's for letters and digits.
+class Hierarchy(Part):
+    """Layers of time surfaces whose prototypes are learnt online."""
 
-    Attributes:
-        layers: their number.
-        radius: R of the first layer, px.
-        tau: time constant of the first layer, ms.
-        centres: number of prototypes N of the first layer.
-        radius_factor: K_R, from layer to layer.
-        tau_factor: K_tau.
-        centres_factor: K_N.
-        polarity: whether ON and OFF are two channels of the first layer, else one.
-        first: prototypes begin as the surfaces of events: the ``"first"`` ones, as in algorithm 13, or ones that are
-            ``"drawn"`` by the seed from all events of up to 100 recordings.
-        rate: of ``alpha = rate / (1 + p_k / slow)``, p_k the wins of a prototype; algorithm 13.
-        slow: of the same.
+    kind = "hierarchy"
+    source = "Lagorce et al., IEEE TPAMI 39:1346, 2017; N 4, 8, 16, R 2, 4, 8, tau 10, 100, 1000 ms; thesis 2280"
 
-    Source of the defaults: github SpikeAI/HOTS, which replicates the paper: N 4, 8, 16; R 2, 4, 8; tau 10, 100, 1000
-    ms. The thesis (2280) has about 1 s for the last layer.
+    layers: int = setting(3, "", "number of layers", CODE, at_least=1)
+    radius: int = setting(2, "px", "of the first layer's surroundings", CODE, at_least=1)
+    tau: float = setting(10.0, "ms", "time constant of the first layer", CODE, above=0)
+    centres: int = setting(4, "", "prototypes of the first layer", CODE, at_least=1)
+    radius_factor: int = setting(2, "", "radius from layer to layer", CODE, at_least=1)
+    tau_factor: float = setting(10.0, "", "time constant from layer to layer", CODE, above=0)
+    centres_factor: int = setting(2, "", "prototypes from layer to layer", CODE, at_least=1)
+    polarity: bool = setting(True, "", "whether ON and OFF are told apart", CODE)
+    first: str = setting(
+        "first", "", "prototypes begin as the first surfaces, or as ones drawn from up to 100 recordings", RATE,
+        words=("first", "drawn"),
+    )  # fmt: skip
+    rate: float = setting(0.01, "", "of learning before a prototype has won", RATE, above=0, below=1)
+    slow: float = setting(20000.0, "", "wins after which the rate is a half", RATE, above=0)
 
-    Raises:
-        ModelError: a value is out of bounds.
-    """
-
-    layers: int = _count(3)
-    radius: int = _count(2)
-    tau: float = _value(10.0, "ms", above=0)
-    centres: int = _count(4)
-    radius_factor: int = _count(2)
-    tau_factor: float = _value(10.0, above=0)
-    centres_factor: int = _count(2)
-    polarity: bool = _value(True, kind="boolean")
-    first: str = _value("first", kind="word", words=("first", "drawn"))
-    rate: float = _value(0.01, above=0, below=1)
-    slow: float = _value(20000.0, above=0)
-
-    def __post_init__(self) -> None:
-        check_fields(self, "hots")
+    @classmethod
+    def called(cls) -> str:
+        """``time_surfaces``."""
+        return "time_surfaces"
 
     def radius_of(self, layer: int) -> int:
         """Radius of a layer, px; layers count from 0."""
@@ -92,6 +76,8 @@ class Hots:
         """Channels of the events that a layer sees."""
         return self.centres_of(layer - 1) if layer else 2 if self.polarity else 1
 
+
+Hierarchy.known = Registry("hierarchy", (Hierarchy,))
 
 WHOLE = Quantity(kind="integer", at_least=0)
 """What a seed or a side may be."""
@@ -118,7 +104,7 @@ class Layers:
         seen: recordings from which the layer that is being learnt has learnt.
     """
 
-    def __init__(self, settings: Hots, sensor_size: tuple[int, int], *, seed: int = 0) -> None:
+    def __init__(self, settings: Hierarchy, sensor_size: tuple[int, int], *, seed: int = 0) -> None:
         self.settings = settings
         self.sensor_size = sensor_size
         self.seed = check(WHOLE, seed, "seed")
@@ -197,7 +183,9 @@ class Layers:
         return kept
 
     @classmethod
-    def from_state(cls, settings: Hots, sensor_size: tuple[int, int], state: Mapping[str, npt.NDArray[Any]]) -> Layers:
+    def from_state(
+        cls, settings: Hierarchy, sensor_size: tuple[int, int], state: Mapping[str, npt.NDArray[Any]]
+    ) -> Layers:
         """The layers of a state; `learn` goes on with it to the same bits.
 
         Args:

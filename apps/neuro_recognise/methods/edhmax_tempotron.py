@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +12,7 @@ from neuro_recognise.methods.framewise import ORDERS, Framewise
 from neuro_recognise.parts.banks import Bank, LeakyGabors
 from neuro_recognise.parts.encoders import Encoder, Latency
 from neuro_recognise.parts.frames import Frames
-from neuro_recognise.parts.layers import Inputs, Labelled, Layer
+from neuro_recognise.parts.layers import Inputs, Labelled, Layer, Shares
 from neuro_recognise.parts.pools import LocalMaximum, Pool
 from neuro_recognise.parts.segmenters import Segmenter, Ses
 from neuro_recognise.parts.votes import votes
@@ -51,7 +51,7 @@ class TempotronLayer(Labelled):
             "tau_m": RISE * tau, "tau_syn": tau, "C_m": tau * peak, "lambda": self.step,
         }  # fmt: skip
 
-    def begin(self, sim: neuro.Simulation, epoch: int, shares: Sequence[float]) -> None:
+    def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
         """Let the step decay, and nobody decide: each neuron is taught by itself."""
         sim.set("cells", V_th=OUT_OF_REACH)
         sim.set("c1_cells", lambda_=self.step * self.step_decay**epoch)

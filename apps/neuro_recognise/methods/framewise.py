@@ -5,12 +5,10 @@ A training is epochs over all frames, kept after each, so that it can go on afte
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -22,10 +20,11 @@ from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
 from neuro_recognise.parts.banks import Bank, Gabors
 from neuro_recognise.parts.encoders import Encoder, LogLatency
 from neuro_recognise.parts.frames import Frames, ended_by
-from neuro_recognise.parts.layers import FOLLOWS, Inputs, Layer, RemusLayer, from_text, taught, to_text
+from neuro_recognise.parts.layers import FOLLOWS, Inputs, Layer, RemusLayer, Shares, from_text, taught, to_text
 from neuro_recognise.parts.pools import Max, Pool
 from neuro_recognise.parts.representations import Counts, Representation
 from neuro_recognise.parts.segmenters import Msd, Segmenter
+from neuro_recognise.parts.under_way import restore, shares_of, state_of, told_of
 from neuro_recognise.parts.votes import VOTES, votes
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Evidence, Floats, Ints, Shown, unlabelled
@@ -37,6 +36,8 @@ if TYPE_CHECKING:
 __all__ = ["Framewise"]
 
 ORDERS = ("recordings", "frames")
+DRAWN = 1
+"""The scale of the filters by which weights are drawn."""
 AT_ONCE = 100
 """Recordings whose frames are in memory while a network answers."""
 
@@ -142,7 +143,8 @@ class Framewise(Method):
 
         Returns:
             ``network`` before learning as YAML text, weights by the name of their projection, ``history`` (epochs,) the
-            share of frames that were decided rightly in each, ``seed``, and what the encoder learnt.
+            share of frames that were decided rightly in each and ``mistakes`` that of those decided wrongly, ``seed``,
+            and what the encoder learnt.
 
         Raises:
             ModelError: a value is out of the network's bounds, or there is nothing to learn from.
@@ -153,16 +155,16 @@ class Framewise(Method):
         net = self.layer.network(self.inputs, len(shown.classes))
         told = self.encoder.learn(frames.codes)
         sim = neuro.compile(net, backend=course.backend, seed=course.seed)
-        shares: list[float] = []
+        shares: list[Shares] = []
         if found := course.resume():
-            shares = found["history"].tolist()
-            _restore(sim, found["state"])
+            shares = shares_of(found)
+            restore(sim, found["state"])
         for epoch in range(len(shares), self.epochs):
-            self.layer.begin(sim, epoch, shares)
+            self.layer.begin(sim, epoch, shares[-1] if shares else None)
             shares.append(self._epoch(sim, frames, shown.labels, told, epoch, course))
-            course.keep(history=np.array(shares), state=_state(sim))
+            course.keep(**told_of(shares), state=state_of(sim))
         learnt: dict[str, Array | str] = {name: sim.weights(name) for name in taught(net)}
-        learnt |= {"network": to_text(net), "history": np.array(shares), "seed": np.array(course.seed)}
+        learnt |= {"network": to_text(net), **told_of(shares), "seed": np.array(course.seed)}
         learnt |= told | self.layer.also(sim)
         return {**learnt, **self.afterwards(learnt, shown, course)}
 
@@ -172,9 +174,9 @@ class Framewise(Method):
 
     def _epoch(
         self, sim: neuro.Simulation, frames: Frames, labels: Ints, told: Learnt, epoch: int, course: Course
-    ) -> float:
-        """Show all recordings once; return the share of frames decided rightly."""
-        done, right = 0, 0
+    ) -> Shares:
+        """Show all recordings once; return how the frames were decided, NaN where there is no right and wrong."""
+        done, right, wrong = 0, 0, 0
         rng = np.random.default_rng([course.seed, epoch])
         for batch in _batches(frames, len(labels), self.order, self.layer.batch, rng):
             self.layer.pace(sim, epoch * len(frames) + done)
@@ -185,10 +187,15 @@ class Framewise(Method):
             )
             sim.forget(before=sim.time)
             done += len(results)
-            right += 0 if wanted is None else int(np.count_nonzero(self.layer.decided(results) == wanted))
+            if wanted is not None:
+                decided = self.layer.decided(results)
+                right += int(np.count_nonzero(decided == wanted))
+                wrong += int(np.count_nonzero((decided != wanted) & (decided >= 0)))
             share = None if wanted is None else right / done
             course.report(Progress(f"epoch {epoch + 1} of {self.epochs}", done, len(frames), share))
-        return right / len(frames) if self.layer.supervised else float("nan")
+        if not self.layer.supervised:
+            return Shares(right=float("nan"), wrong=float("nan"))
+        return Shares(right=right / len(frames), wrong=wrong / len(frames))
 
     def network(self, learnt: Learnt) -> neuro.Network:
         """The network with what it has learnt."""
@@ -220,7 +227,7 @@ class Framewise(Method):
         return self.asker(learnt, backend)(shown)
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Shown], Answer]:
-        """With a network that is compiled once; `Answer.run` has it as it is after the last question."""
+        """With a network that is compiled once; `Answer.run` gives it as it is after the last question."""
         sim = self.simulation(learnt, backend)
 
         def ask(shown: Shown) -> Answer:
@@ -232,7 +239,7 @@ class Framewise(Method):
                     found.setdefault(name, []).append(scores)
                 taken.append(results.taken)
             votes = {name: np.concatenate(scores) for name, scores in found.items()}
-            return Answer(votes[self.vote], votes, (sim, reduce(add, taken)))
+            return Answer(votes[self.vote], votes, lambda: (sim, reduce(add, taken)))
 
         return ask
 
@@ -260,6 +267,12 @@ class Framewise(Method):
             Trials("Its spikes", at_ms, self.encoder.window, size, frames.offsets, times, frames.ids, told, bands),
         ]
 
+    def drawn(self, kernels: Floats) -> Floats:
+        """What weights (features, orientations, rows, columns) of cells look for, (features, height, width) in px."""
+        from neuro_recognise.telling.features import reconstructed
+
+        return reconstructed(kernels, self.bank.filters[DRAWN % len(self.bank.sizes)], self.pool.side)
+
     def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
         """How the learning went."""
         from neuro_recognise.telling.pictures import history
@@ -279,16 +292,3 @@ def _batches(frames: Frames, recordings: int, order: str, size: int, rng: np.ran
         turn = np.argsort(place[frames.recording], kind="stable")
     for first in range(0, len(turn), size):
         yield frames.take(turn[first : first + size])
-
-
-def _state(sim: neuro.Simulation) -> Array:
-    """The file that `Simulation.save` writes, as bytes."""
-    with tempfile.TemporaryDirectory() as folder:
-        sim.save(Path(folder) / "state.h5")
-        return np.fromfile(Path(folder) / "state.h5", np.uint8)
-
-
-def _restore(sim: neuro.Simulation, state: Array) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        state.tofile(Path(folder) / "state.h5")
-        sim.restore(Path(folder) / "state.h5")

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from neuro.events import Events, representations
-from neuro_recognise.method import Learnt
+from neuro_recognise.method import Course, Learnt
 from neuro_recognise.methods.descriptor import Descriptor
 from neuro_recognise.observers import Growing, Grows, Observer
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import part, setting
-from neuro_recognise.shown import Floats
+from neuro_recognise.shown import Array, Floats, Shown
 from neuro_recognise.views import Pictures, View
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 VIEW_US = 10_000
 """us; from picture to picture of what is seen."""
@@ -55,6 +58,22 @@ class Hats(Descriptor):
         grown.add(events)
         return grown.histograms().ravel().astype(np.float64)
 
+    def fit(self, shown: Shown, course: Course) -> Learnt:
+        """Teach the readout; ``averages`` (classes, values) of what recordings show are kept for pictures."""
+        sums = np.zeros((len(shown.classes), len(shown.evidence[0]["vector"])))
+        for label, one in zip(shown.labels.tolist(), shown.evidence, strict=True):
+            sums[label] += one["vector"]
+        counts = np.bincount(shown.labels, minlength=len(sums))[:, None]
+        return {**super().fit(shown, course), "averages": sums / np.maximum(counts, 1)}
+
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+        """The average of each class, both polarities together."""
+        from neuro_recognise.telling.pictures import images
+
+        drawn = [_sheet(one) for one in np.asarray(learnt["averages"]).reshape(-1, *self.grown().histograms().shape)]
+        about = "in each cell what its events see round them, mean of the recordings"
+        return {"averages": images(np.array(drawn), classes, "The time surfaces of the classes", about)}
+
     def observer(self) -> Observer:
         """Sums and counts that grow."""
         return Growing(self, self.grown())
@@ -66,7 +85,12 @@ class Hats(Descriptor):
         for end in np.searchsorted(events.t, events.t[0] + times, "right").tolist():
             grown.add(self.within(events[begin:end]))
             begin = end
-            cells = grown.histograms().sum(axis=2)
-            rows, columns, side, _ = cells.shape
-            images.append(cells.transpose(0, 2, 1, 3).reshape(rows * side, columns * side))
+            images.append(_sheet(grown.histograms()))
         return [Pictures("What it sees", times / 1000.0, np.array(images))] if images else []
+
+
+def _sheet(histograms: Array) -> Array:
+    """Histograms (rows, columns, 2, side, side) of cells beside each other, both polarities together."""
+    cells = histograms.sum(axis=2)
+    rows, columns, side, _ = cells.shape
+    return cells.transpose(0, 2, 1, 3).reshape(rows * side, columns * side)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
+from functools import lru_cache, partial, reduce
+from operator import add
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,32 +14,39 @@ import neuro
 from neuro.events import Events
 from neuro_recognise.hfirst import (
     READINGS,
+    HFirstSettings,
     Spikes,
+    c1_alone,
     c1_counts,
     c1_spikes,
     decisive,
     network,
+    s1_spikes,
     s2_alone,
     s2_heard,
+    show,
+    shown,
     templates,
 )
-from neuro_recognise.hfirst import HFirst as Numbers
-from neuro_recognise.method import Answer, Course, Learnt, Method
+from neuro_recognise.method import Answer, Course, Learnt, Method, Run
 from neuro_recognise.settings import setting
 from neuro_recognise.shown import Evidence, Shown
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 OF_S2 = ("s2_threshold", "s2_leak", "below", "unseen", "reading")
 """Settings that what is observed, the spikes of C1, does not depend on."""
+INPUTS = ("on_events", "off_events")
 
 
 @dataclass(frozen=True)
-class HFirst(Method, Numbers):
+class HFirst(Method, HFirstSettings):
     """Layers S1 and C1 look at a recording once; S2 has a neuron with a template of their spikes for each class."""
 
     title = "first spikes of oriented neurons with linear leak, templates of their counts"
     source = "Orchard et al., IEEE TPAMI 37:2028, 2015; github gorchard/HFIRST; thesis lines 2181-2191"
     spikes = True
-    unpriced = "layers S1 and C1 run once for all folds and are not counted, and chips refuse their linear leak"
     presets = {"poker": {"size": [35, 35], "c1_resets": True, "reading": "hard"}}
 
     reading: str = setting(
@@ -51,9 +59,18 @@ class HFirst(Method, Numbers):
         return {name: value for name, value in self.as_words().items() if name not in OF_S2}
 
     def observe(self, events: Events) -> Evidence:
-        """The spikes of C1: ``times`` in ms and ``ids``, (spikes,)."""
-        seen = self.inside(events)
-        return c1_spikes(_front_end(self), self, seen)._asdict()
+        """What the network is shown, and what its layers S1 and C1 make of it.
+
+        Returns:
+            Of C1 ``times`` in ms and ``ids``, (spikes,); of each input ``on_events`` and ``off_events``, (spikes, 2)
+            the step and the neuron.
+        """
+        inputs = shown(self, self.inside(events))
+        c1 = c1_spikes(_c1(self), self, s1_spikes(self, inputs))
+        steps = {name: np.rint(spikes.times / self.resolution) for name, spikes in inputs.items()}
+        return c1._asdict() | {
+            name: np.stack([steps[name], spikes.ids], axis=1).astype(np.uint32) for name, spikes in inputs.items()
+        }
 
     def fit(self, shown: Shown, course: Course) -> Learnt:
         """Sum what C1 sent for each class."""
@@ -61,7 +78,7 @@ class HFirst(Method, Numbers):
         return {"templates": templates(self, counts, shown.labels, len(shown.classes))}
 
     def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
-        """Let S2 hear the spikes of C1; a recording without any is silent."""
+        """Let S2 hear the spikes of C1; a recording without any is silent. For the bill the whole network runs."""
         return self.asker(learnt, backend)(shown)
 
     def asker(self, learnt: Learnt, backend: str = "event") -> Callable[[Shown], Answer]:
@@ -71,20 +88,40 @@ class HFirst(Method, Numbers):
         def ask(shown: Shown) -> Answer:
             heard = [s2_heard(sim, self, _spikes(one)) for one in shown.evidence]
             votes = {reading: np.stack([decisive(one, reading) for one in heard]) for reading in READINGS}
-            return Answer(votes[self.reading], votes)
+            return Answer(votes[self.reading], votes, partial(self.run_whole, learnt, shown, backend))
 
         return ask
+
+    def run_whole(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Run:
+        """Let the network, with all of its layers, hear recordings; what that took."""
+        sim = neuro.compile(self.network(learnt), backend=backend)
+        taken = []
+        for one in shown.evidence:
+            steps = {name: (one[name][:, 0], one[name][:, 1].astype(np.int64)) for name in INPUTS}
+            show(sim, self, {name: Spikes(at * self.resolution, ids) for name, (at, ids) in steps.items()})
+            taken.append(sim.taken())
+        return sim, reduce(add, taken)
 
     def network(self, learnt: Learnt) -> neuro.Network:
         """All layers, with what was learnt."""
         known = np.asarray(learnt["templates"])
         return network(self, len(known), known)
 
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+        """The template of each class."""
+        from neuro_recognise.telling.features import reconstructed
+        from neuro_recognise.telling.pictures import images
+
+        known = np.asarray(learnt["templates"])
+        drawn = reconstructed(known.reshape(len(known), *self.shape), self.gabors, self.pool)
+        about = "a picture a class: the filters of S1, each as strong as its weight"
+        return {"templates": images(drawn, classes, "The templates of S2", about)}
+
 
 @lru_cache(maxsize=1)
-def _front_end(method: HFirst) -> neuro.Simulation:
-    """Layers S1 and C1, which start anew with each recording."""
-    return neuro.compile(network(method, 1))
+def _c1(method: HFirst) -> neuro.Simulation:
+    """Layer C1, which starts anew with each recording."""
+    return neuro.compile(c1_alone(method))
 
 
 def _spikes(one: Evidence) -> Spikes:

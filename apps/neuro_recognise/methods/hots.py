@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from neuro.events import Events
-from neuro_recognise.hots.hierarchy import Hots as Settings
-from neuro_recognise.hots.hierarchy import Layers
+from neuro_recognise.hots.hierarchy import Hierarchy, Layers
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress
 from neuro_recognise.parts.readouts import Readout, Svm
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Evidence, Floats, Shown
 
-PAPER = "github SpikeAI/HOTS, which replicates the paper for letters and digits"
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 EVERY = 50
 """Recordings between two states that are kept."""
 
@@ -33,18 +34,7 @@ class Hots(Method):
         "poker": {"size": [35, 35], "layers": 1, "centres": 32, "tau": 2.0, "cell": 12},
     }
 
-    layers: int = setting(3, "", "number of layers", PAPER, at_least=1)
-    radius: int = setting(2, "px", "of the first layer's surroundings", PAPER, at_least=1)
-    tau: float = setting(10.0, "ms", "time constant of the first layer", PAPER, above=0)
-    centres: int = setting(4, "", "prototypes of the first layer", PAPER, at_least=1)
-    radius_factor: int = setting(2, "", "radius from layer to layer", PAPER, at_least=1)
-    tau_factor: float = setting(10.0, "", "time constant from layer to layer", PAPER, above=0)
-    centres_factor: int = setting(2, "", "prototypes from layer to layer", PAPER, at_least=1)
-    polarity: bool = setting(True, "", "whether ON and OFF are told apart", PAPER)
-    first: str = setting(
-        "first", "", "prototypes begin as the first surfaces, or as drawn ones", "thesis algorithm 13",
-        words=("first", "drawn"),
-    )  # fmt: skip
+    hierarchy: Hierarchy = part(Hierarchy, Hierarchy())
     learn_from: int = setting(
         0, "", "recordings to learn prototypes from, drawn; 0: all", "the paper's are few", at_least=0
     )
@@ -71,20 +61,30 @@ class Hots(Method):
     def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
         """Ask the readout; a recording without events is silent."""
         kept = {name: part for name, part in learnt.items() if not isinstance(part, str)}
-        x = self._histograms(Layers.from_state(self._settings(), self.size, kept), shown)
+        x = self._histograms(Layers.from_state(self.hierarchy, self.size, kept), shown)
         return Answer(np.where(x.any(axis=1, keepdims=True), self.readout.scores(learnt, x), np.nan))
 
-    def _settings(self) -> Settings:
-        return Settings(
-            self.layers, self.radius, self.tau, self.centres, self.radius_factor, self.tau_factor, self.centres_factor,
-            self.polarity, self.first,
-        )  # fmt: skip
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+        """The prototypes of each layer: what they see of the first one's polarities, and of all channels of others."""
+        from neuro_recognise.telling.pictures import images
+
+        drawn = {}
+        for layer in range(self.hierarchy.layers):
+            centres = np.asarray(learnt[f"centres_{layer}"]).transpose(3, 2, 0, 1)
+            if layer == 0 and self.hierarchy.polarity:
+                seen, about = centres[:, 1] - centres[:, 0], "blue ON, orange OFF"
+            else:
+                seen, about = centres.max(axis=1), "in any channel"
+            title = f"The time surfaces of layer {layer + 1}"
+            about = f"a picture a prototype; the darker, the later there was an event: {about}"
+            drawn[f"layer-{layer + 1}"] = images(seen, [""] * len(seen), title, about)
+        return drawn
 
     def _taught(self, shown: Shown, course: Course) -> Layers:
         kept = course.resume()
-        layers = Layers(self._settings(), self.size, seed=course.seed)
+        layers = Layers(self.hierarchy, self.size, seed=course.seed)
         if kept:
-            layers = Layers.from_state(self._settings(), self.size, kept["layers"])
+            layers = Layers.from_state(self.hierarchy, self.size, kept["layers"])
         chosen = np.arange(len(shown))
         if 0 < self.learn_from < len(shown):
             chosen = np.sort(np.random.default_rng([course.seed, 3]).permutation(len(shown))[: self.learn_from])

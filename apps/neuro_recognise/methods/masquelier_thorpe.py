@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,11 +14,13 @@ from neuro_recognise.methods.framewise import ORDERS, Framewise
 from neuro_recognise.parts.frames import Frames
 from neuro_recognise.parts.layers import Inputs, Layer
 from neuro_recognise.parts.readouts import Readout, Svm
-from neuro_recognise.settings import part, setting
+from neuro_recognise.settings import SPLITS, part, setting
 from neuro_recognise.shown import Floats, Shown
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 PAPER = "Masquelier and Thorpe 2007"
-OURS = "chosen on training recordings"
 
 
 @dataclass(frozen=True)
@@ -31,9 +33,9 @@ class MasquelierThorpeLayer(Layer):
     batch = 400
     teaching = ("highest",)
 
-    maps: int = setting(40, "", "of neurons", f"{OURS}; the paper: 10 for each of two kinds of pictures", at_least=1)
-    field: int = setting(11, "cells", "side of the receptive field", f"{OURS}; the paper: 16", at_least=1)
-    theta: float = setting(50.0, "mV", "threshold while learning", f"{OURS}; 25 suits a field of 7", above=0)
+    maps: int = setting(40, "", "of neurons", f"{SPLITS}; the paper: 10 for each of two kinds of pictures", at_least=1)
+    field: int = setting(11, "cells", "side of the receptive field", f"{SPLITS}; the paper: 16", at_least=1)
+    theta: float = setting(50.0, "mV", "threshold while learning", f"{SPLITS}; 25 suits a field of 7", above=0)
     weight: float = setting(0.8, "", "mean of the first weights", PAPER)
     spread: float = setting(0.05, "", "deviation of the first weights", PAPER, at_least=0)
     A_plus: float = setting(2.0**-6, "", "rate at first, input before the winner", PAPER, above=0)
@@ -76,8 +78,8 @@ class MasquelierThorpe(Framewise):
     layer: Layer = part(Layer, MasquelierThorpeLayer())
     readout: Readout = part(Readout, Svm(C=0.1))
     epochs: int = setting(1, "", "how often all recordings are shown", "the rates have long been at their highest")
-    order: str = setting("frames", "", "what is shuffled in each epoch", OURS, words=ORDERS)
-    vote: str = setting("features", "", "how frames decide: the readout sees their mean", OURS, words=("features",))
+    order: str = setting("frames", "", "what is shuffled in each epoch", "ours", words=ORDERS)
+    vote: str = setting("features", "", "how frames decide: the readout sees their mean", "ours", words=("features",))
 
     @classmethod
     def called(cls) -> str:
@@ -98,6 +100,14 @@ class MasquelierThorpe(Framewise):
         scores = self.readout.scores(learnt, _features(results, frames, len(shown)))
         seen = np.isin(np.arange(len(shown)), frames.recording)
         return {"features": np.where(seen[:, None], scores, np.nan)}
+
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+        """What each map looks for."""
+        from neuro_recognise.telling.pictures import images
+
+        drawn = self.drawn(np.asarray(learnt["c1_s2"]))
+        about = "a picture a map: the bank's filters, each as strong as its weight"
+        return {"features": images(drawn, [""] * len(drawn), "What the maps look for", about)}
 
 
 def _features(results: neuro.TrialResults, frames: Frames, recordings: int) -> Floats:

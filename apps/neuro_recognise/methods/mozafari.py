@@ -11,14 +11,13 @@ import numpy as np
 import neuro
 from neuro_recognise.method import Learnt
 from neuro_recognise.methods.framewise import Framewise
-from neuro_recognise.parts.layers import Labelled, Layer
-from neuro_recognise.settings import part, setting
+from neuro_recognise.parts.layers import Labelled, Layer, Shares
+from neuro_recognise.settings import SPLITS, part, setting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAPER = "SpykeTorch's MozafariShallow, NORB"
-CHOSEN = "chosen on training recordings"
 
 
 @dataclass(frozen=True)
@@ -29,9 +28,9 @@ class MozafariLayer(Labelled):
     file = "mozafari"
     teaching = ("least",)
 
-    per_class: int = setting(8, "", "maps of each class", f"{CHOSEN}; as ReMuS", at_least=1)
+    per_class: int = setting(8, "", "maps of each class", f"{SPLITS}; as ReMuS", at_least=1)
     field: int = setting(11, "cells", "side of the receptive field", "thesis table 3", at_least=1)
-    theta: float = setting(60.0, "mV", "threshold", f"{CHOSEN}: no map dies, no frame is silent", above=0)
+    theta: float = setting(60.0, "mV", "threshold", f"{SPLITS}: no map dies, no frame is silent", above=0)
     weight: float = setting(0.8, "", "mean of the first weights", PAPER)
     spread: float = setting(0.05, "", "deviation of the first weights", PAPER, at_least=0)
     Ar_plus: float = setting(0.05, "", "rate on reward, input before the decision", PAPER)
@@ -41,12 +40,17 @@ class MozafariLayer(Labelled):
     dropout: float = setting(0.5, "", "share of the maps that are silent in a recording", PAPER)
     least: float = setting(0.2, "", "of the factors on rates, so that neither comes to rest", PAPER, above=0, at_most=1)
 
-    def begin(self, sim: neuro.Simulation, epoch: int, shares: Sequence[float]) -> None:
-        """Let rates follow the last epoch's mistakes; before the first, one class in all is guessed rightly."""
-        maps = sim.weights("c1_s2").shape[0]
-        right = shares[-1] if shares else self.per_class / maps
-        misses, hits = (self.least + (1.0 - self.least) * share for share in (1.0 - right, right))
-        sim.set("c1_s2", misses=misses, hits=hits)
+    def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
+        """Let rates follow the shares of all frames that were decided wrongly and rightly; silence is neither.
+
+        Before the first epoch they are those of guessing.
+        """
+        guessed = self.per_class / sim.weights("c1_s2").shape[0]
+        shares = last or Shares(right=guessed, wrong=1.0 - guessed)
+        sim.set("c1_s2", misses=self._factor(shares.wrong), hits=self._factor(shares.right))
+
+    def _factor(self, share: float) -> float:
+        return self.least + (1.0 - self.least) * share
 
 
 Layer.known.add(MozafariLayer)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,7 +18,12 @@ from neuro_recognise.parts.votes import majority, potentials
 from neuro_recognise.settings import part, setting
 from neuro_recognise.shown import Array, Floats, Shown
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 OURS = "ours: the paper's numbers were not found"
+DRAWN = 8
+"""Neurons of each class in a picture."""
 SLOW = 1000.0
 """Frames after which what raised a threshold is down to a share of 1/e."""
 
@@ -98,6 +103,24 @@ class Must(Framewise):
         rate = wins / np.maximum(np.bincount(labels[named], minlength=classes), 1)
         found = {"rate": np.where(wins.any(axis=1, keepdims=True), rate, np.nan)}
         return found | {"majority": majority(wins, sums), "potentials": potentials(sums)}
+
+    def pictures(self, learnt: Learnt, classes: Sequence[str]) -> Mapping[str, Figure]:
+        """What the neurons that win most look for, a row a class."""
+        from neuro_recognise.telling.pictures import images
+
+        labels, thresholds = np.asarray(learnt["labels"]), np.asarray(learnt["thresholds"])
+        order = np.argsort(-thresholds, kind="stable")
+        chosen = [order[labels[order] == k][:DRAWN] for k in range(len(classes))]
+        weights = np.asarray(learnt["c1_excited"]).T.reshape(-1, *self.inputs.shape)
+        drawn = np.zeros((len(classes), DRAWN, *self.drawn(weights[:1]).shape[1:]))
+        for k, some in enumerate(chosen):
+            drawn[k, : len(some)] = self.drawn(weights[some])
+        about = (
+            f"of each class the {DRAWN} with the highest thresholds; the bank's filters, each as strong as its weight"
+        )
+        heads = [name if k == 0 else "" for name in classes for k in range(DRAWN)]
+        title = "What the neurons look for"
+        return {"features": images(drawn.reshape(-1, *drawn.shape[2:]), heads, title, about, DRAWN)}
 
 
 def _matrix(sim: neuro.Simulation) -> Array:

@@ -14,7 +14,7 @@ from neuro.apps import Registry
 from neuro.events import Events
 from neuro_recognise.parts.gabor import gabor_bank
 from neuro_recognise.parts.representations import Counts, Representation
-from neuro_recognise.settings import Part, setting
+from neuro_recognise.settings import SPLITS, Part, setting
 from neuro_recognise.shown import Floats, Ints
 
 __all__ = ["Bank", "Gabors", "LeakyGabors"]
@@ -45,6 +45,11 @@ class Bank(Part):
             raise ModelError("sizes, sigmas and wavelengths: expected as many of each, one a scale")
         if even := [size for size in self.sizes if size % 2 == 0]:
             raise ModelError(f"sizes: found {even[0]}: expected odd numbers, so that a filter has a middle")
+
+    @property
+    @abstractmethod
+    def filters(self) -> Floats:
+        """(scales, orientations, side, side), each in the middle of the largest's side."""
 
     @abstractmethod
     def responses(self, events: Events, bounds: Ints, side: int, seen: Representation = COUNTS) -> Floats:
@@ -99,7 +104,7 @@ class LeakyGabors(Bank):
 
     gamma: float = setting(0.3, "", "aspect ratio; less than 1 is longer along the bar", TABLE_2, above=0)
     leak: float = setting(0.01, "1/ms", "of a response", "MK-Tempotron: 1e-8/ns on N-MNIST", at_least=0)
-    signed: bool = setting(False, "", "whether OFF events subtract", "chosen on training recordings")
+    signed: bool = setting(False, "", "whether OFF events subtract", SPLITS)
 
     @classmethod
     def called(cls) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,7 +14,7 @@ from neuro_recognise.method import Learnt
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Ints
 
-__all__ = ["FOLLOWS", "Inputs", "Labelled", "Layer", "RemusLayer", "from_text", "taught", "to_text"]
+__all__ = ["FOLLOWS", "Inputs", "Labelled", "Layer", "RemusLayer", "Shares", "from_text", "taught", "to_text"]
 
 TABLE_3 = "thesis table 3, lines 2450-2463"
 BEST = "benchmarks/remus_folds.py"
@@ -36,6 +35,19 @@ class Inputs:
     shape: tuple[int, int, int]
     window: float
     resolution: float
+
+
+@dataclass(frozen=True, slots=True)
+class Shares:
+    """How the frames of an epoch were decided while they were learnt from; the rest were silent.
+
+    Attributes:
+        right: share of all frames.
+        wrong: likewise.
+    """
+
+    right: float
+    wrong: float
 
 
 @dataclass(frozen=True)
@@ -75,13 +87,13 @@ class Layer(Part):
         words = {"orientations": channels, "rows": rows, "columns": columns}
         return words | {"window": inputs.window, "resolution": inputs.resolution}
 
-    def begin(self, sim: neuro.Simulation, epoch: int, shares: Sequence[float]) -> None:
+    def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
         """What is done before each epoch.
 
         Args:
             sim: is taught.
             epoch: from 0.
-            shares: of the frames that were decided rightly, in each epoch before.
+            last: of the epoch before; None before the first.
         """
 
     def pace(self, sim: neuro.Simulation, seen: int) -> None:
@@ -144,7 +156,7 @@ class RemusLayer(Labelled):
         1.0, "", "factor on rates from epoch to epoch", "none in the thesis", above=0, at_most=1
     )
 
-    def begin(self, sim: neuro.Simulation, epoch: int, shares: Sequence[float]) -> None:
+    def begin(self, sim: neuro.Simulation, epoch: int, last: Shares | None) -> None:
         """Let the rates decay."""
         rates = {name: getattr(self, name) for name in ("Ar_plus", "Ar_minus", "Ap_plus", "Ap_minus", "epsilon")}
         sim.set("c1_s2", **{name: rate * self.rate_decay**epoch for name, rate in rates.items()})

@@ -15,6 +15,7 @@ import numpy as np
 from neuro import ModelError
 from neuro.apps import Registry, install
 from neuro_recognise.method import Course, Learnt
+from neuro_recognise.parts.distances import DISTANCES
 from neuro_recognise.settings import Part, setting
 from neuro_recognise.shown import Array, Floats, Ints
 
@@ -168,6 +169,12 @@ class Nearest(Readout):
 
     source = "Lagorce et al., IEEE TPAMI 39:1346, 2017, section 3.3"
 
+    distance: str = setting(
+        "standard", "", "from the mean: Euclidean, the same of shares of the sum, or Bhattacharyya's of shares",
+        "the paper has all three; values that are shares, as those of HOTS, make the first two one",
+        words=(*DISTANCES,),
+    )  # fmt: skip
+
     def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
         """The mean of each class."""
         means = np.full((classes, x.shape[1]), np.inf)
@@ -176,9 +183,12 @@ class Nearest(Readout):
         return {"means": means}
 
     def scores(self, learnt: Learnt, x: Array) -> Floats:
-        """Distances, negative."""
+        """Distances, negative; of a class without recordings -inf."""
         means = _arrays(learnt)["means"]
-        return -np.stack([np.sqrt(((x - mean) ** 2).sum(axis=1)) for mean in means], axis=1)
+        there = np.isfinite(means).all(axis=1)
+        found = np.full((len(x), len(means)), -np.inf)
+        found[:, there] = -DISTANCES[self.distance](x, means[there])
+        return found
 
 
 Readout.known = Registry("readout", (Svm, Rbf, Ridge, Nearest))

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from neuro.apps import Registry
 from neuro.events import segmentation
-from neuro_recognise.settings import Part, setting
+from neuro_recognise.settings import SPLITS, Part, setting
 from neuro_recognise.shown import Ints
 
 __all__ = ["Counts", "Hes", "Msd", "Segmenter", "Ses"]
@@ -124,7 +124,7 @@ class Ses(Segmenter):
     )
     threshold: float = setting(
         0.0, "", "a peak is above it; in potentials of single events",
-        "0: all; EDHMAX: 200, chosen on training recordings; MK-Tempotron: 603", at_least=0,
+        f"0: all; EDHMAX: 200, {SPLITS}; MK-Tempotron: 603", at_least=0,
     )  # fmt: skip
 
     def bounds(self, t: Ints) -> Ints:

@@ -120,10 +120,11 @@ def _bills(found: Sequence[Compared]) -> Iterator[tuple[str, ...]]:
 
 
 def _unpriced(found: Sequence[Compared]) -> Iterator[str]:
-    """Networks that have no bill, and why."""
+    """Networks that a target refuses, and why."""
     for one in found:
-        if told := one.contestant.method.unpriced:
-            yield f"{one.contestant.name} has no bill: {told}"
+        for target, bill in (one.bills or {}).items():
+            if "refused" in bill:
+                yield f"{target} refuses {one.contestant.name}: {bill['refused']}"
 
 
 def _joules(bill: Any) -> str:

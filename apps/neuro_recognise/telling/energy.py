@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import typer
@@ -12,6 +13,7 @@ import neuro
 from neuro import ModelError
 from neuro.apps import console, number, quantity, table
 from neuro.chips import footnotes
+from neuro_recognise.method import Run
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.telling.tried import Tried
 
@@ -26,6 +28,23 @@ FRONT_END = (
 )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Priced:
+    """What it takes to decide on a recording.
+
+    Attributes:
+        run: of the network, on any backend.
+        recordings: that were shown.
+        bills: by target, of one recording.
+        refused: by target why it cannot run the network.
+    """
+
+    run: Run
+    recordings: int
+    bills: Mapping[str, Energy]
+    refused: Mapping[str, str]
+
+
 def check_targets(recogniser: Recogniser, targets: Iterable[str]) -> None:
     """Refuse targets before anything is run.
 
@@ -37,14 +56,21 @@ def check_targets(recogniser: Recogniser, targets: Iterable[str]) -> None:
     if net is None:
         name = recogniser.method.called()
         raise ModelError(f"method '{name}' is no network: expected one that chips can run", hint="neuro recognise list")
-    if told := recogniser.method.unpriced:
-        raise ModelError(f"method '{recogniser.method.called()}' has no bill: {told}")
     sim = neuro.compile(net)
     for name in targets:
         sim.energy(name)
 
 
-def bills(tried: Tried, targets: Iterable[str]) -> tuple[Energy, ...]:
+def refusal(sim: neuro.Simulation, target: str) -> str:
+    """Why a chip cannot run a network, the first reason; "" if it can, or if its arithmetic is not known here."""
+    from neuro.chips import chip, quantise
+
+    asked = chip(target)
+    problems = quantise(sim.program, asked).problems if asked.arithmetic else ()
+    return next((f"{one.what}: {one.why}" for one in problems if one.refused), "")
+
+
+def bills(tried: Tried, targets: Iterable[str]) -> Priced:
     """The bill of a recording on each target.
 
     Args:
@@ -54,16 +80,24 @@ def bills(tried: Tried, targets: Iterable[str]) -> tuple[Energy, ...]:
     Raises:
         ModelError: as of `check_targets`.
     """
-    sim, results = _run(tried)
-    return tuple(sim.energy(name, of=results).per(tried.own.n, "recording") for name in targets)
+    assert tried.answer.run is not None, "of a network only"
+    return price(tried.answer.run(), tried.own.n, targets)
 
 
-def counted(tried: Tried) -> dict[str, float]:
+def price(run: Run, recordings: int, targets: Iterable[str]) -> Priced:
+    """The same of a run on some recordings."""
+    sim, taken = run
+    reasons = {name: refusal(sim, name) for name in targets}
+    bills = {name: sim.energy(name, of=taken).per(recordings, "recording") for name, why in reasons.items() if not why}
+    return Priced(run, recordings, bills, {name: why for name, why in reasons.items() if why})
+
+
+def counted(priced: Priced) -> dict[str, float]:
     """What a recording takes on the mean, whatever runs it; frames where it is shown as trials."""
-    sim, results = _run(tried)
-    counts, n = _counts(tried), tried.own.n
+    sim, taken = priced.run
+    counts = taken.counts
     inputs = [name for name, part in sim.network().populations.items() if isinstance(part.model, neuro.spike_generator)]
-    told = {} if results is None else {"frames": len(results)}
+    told = {"frames": len(taken)} if len(taken) else {}
     told |= {
         "steps": counts.steps,
         "input_spikes": sum(counts.populations[name].spikes for name in inputs),
@@ -71,53 +105,45 @@ def counted(tried: Tried) -> dict[str, float]:
         "neuron_updates": counts.neuron_updates,
         "neuron_updates_active": counts.neuron_updates_active,
     }
-    return {name: count / n for name, count in told.items()}
+    return {name: count / priced.recordings for name, count in told.items()}
 
 
-def notes(tried: Tried, priced: Iterable[Energy]) -> list[str]:
+def notes(priced: Priced) -> list[str]:
     """What the bills do not include, and what dense layers would take if they were run once a frame."""
-    results = _run(tried)[1]
-    dense = {bill.target: bill.by_cost()["mac"] for bill in priced if "mac" in bill.by_cost()}
-    if not dense or results is None:
+    _, taken = priced.run
+    costs = {name: bill.by_cost() for name, bill in priced.bills.items()}
+    dense = {name: by_cost["mac"] for name, by_cost in costs.items() if "mac" in by_cost}
+    if not dense or not len(taken):
         return [FRONT_END]
-    steps, frames = results.counts.steps, len(results)
+    steps, frames = taken.counts.steps, len(taken)
     once = ", ".join(f"{name} {quantity(joules * frames / steps, 'J')}" for name, joules in dense.items())
     return [FRONT_END, f"dense layers once a frame, not in each of its {number(steps / frames)} steps: {once}"]
 
 
-def words(recogniser: Recogniser, tried: Tried, priced: tuple[Energy, ...]) -> str:
+def words(recogniser: Recogniser, tried: Tried, priced: Priced) -> str:
     """The bills, the counts and the accuracy as JSON."""
     own = tried.own
     about: dict[str, object] = {"format": FORMAT, "method": recogniser.method.called()}
-    about |= {"backend": _run(tried)[0].backend, "accuracy": own.accuracy, "interval": list(own.interval)}
-    about |= {"recordings": own.n, "per_recording": counted(tried)}
-    return json.dumps(about | {"bills": [bill.as_dict() for bill in priced], "notes": notes(tried, priced)}, indent=1)
+    about |= {"backend": priced.run[0].backend, "accuracy": own.accuracy, "interval": list(own.interval)}
+    about |= {"recordings": own.n, "per_recording": counted(priced)}
+    about |= {"bills": [bill.as_dict() for bill in priced.bills.values()], "refused": dict(priced.refused)}
+    return json.dumps(about | {"notes": notes(priced)}, indent=1)
 
 
-def show(recogniser: Recogniser, tried: Tried, priced: tuple[Energy, ...]) -> None:
+def show(recogniser: Recogniser, tried: Tried, priced: Priced) -> None:
     """Print a row for each target, what was counted, and the sources."""
     own = tried.own
     low, high = own.interval
     right = f"{own.accuracy:.1%} of {own.n} right (95 % interval {low:.1%} - {high:.1%})"
-    title = f"energy per recording; {right} by {recogniser.method.called()} on {_run(tried)[0].backend}"
+    title = f"energy per recording; {right} by {recogniser.method.called()} on {priced.run[0].backend}"
     columns = ("target", "what", ">dynamic", ">static", ">total", ">chip time, us", ">chips")
-    console().print(table(columns, map(_row, priced), title=title))
-    counts = counted(tried)
-    told = ", ".join(f"{number(count)} {name.replace('_', ' ')}" for name, count in counts.items())
+    rows = [*map(_row, priced.bills.values()), *((name, "refused", *["-"] * 5) for name in priced.refused)]
+    console().print(table(columns, rows, title=title))
+    told = ", ".join(f"{number(count)} {name.replace('_', ' ')}" for name, count in counted(priced).items())
     typer.echo(f"a recording: {told}\n")
-    for line in (*footnotes(priced), *notes(tried, priced)):
+    refused = (f"{name} refuses the network: {why}" for name, why in priced.refused.items())
+    for line in (*refused, *footnotes(priced.bills.values()), *notes(priced)):
         typer.echo(f"- {line}")
-
-
-def _run(tried: Tried) -> tuple[neuro.Simulation, neuro.TrialCounts | None]:
-    """What ran, and what its trials took; None where it ran without."""
-    assert tried.answer.run is not None, "of a network only"
-    return tried.answer.run
-
-
-def _counts(tried: Tried) -> neuro.Counts:
-    sim, results = _run(tried)
-    return sim.counts() if results is None else results.counts
 
 
 def _row(bill: Energy) -> tuple[str, ...]:

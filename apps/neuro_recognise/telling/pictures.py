@@ -10,6 +10,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
 
 from neuro_recognise.evaluate import Evaluation, wilson
 from neuro_recognise.shown import Floats
@@ -17,9 +18,12 @@ from neuro_recognise.shown import Floats
 INK, PAPER, TILE, GREY, BLUE, ORANGE = "#17263c", "#ffffff", "#f6f7f9", "#8a94a3", "#0072B2", "#D55E00"
 BARS = ("#0072B2", "#009E73", "#D55E00", "#7B4FA3")
 SHADES = LinearSegmentedColormap.from_list("blue", (PAPER, "#cfe3f1", BLUE, "#08304f"))
+SIGNED = LinearSegmentedColormap.from_list(
+    "orange to blue", ("#5a2700", ORANGE, "#f5d9c6", PAPER, "#cfe3f1", BLUE, "#08304f")
+)
 FAINTEST = 0.08
 MOST_COLUMNS = 10
-TILE_IN, HEAD_IN = 1.3, 0.95
+TILE_IN, HEAD_IN, HEADED_IN, LEAST_IN = 1.3, 0.95, 0.25, 4.4
 
 
 def confusion(evaluation: Evaluation, by: str = "") -> Figure:
@@ -97,19 +101,9 @@ def prototypes(kernels: Floats, classes: Sequence[str], orientations: Sequence[f
     """
     per_class = len(kernels) // len(classes)
     across = min(len(classes), MOST_COLUMNS)
-    down = -(-len(classes) // across) * per_class
-    figure = Figure(figsize=(max(0.1 + TILE_IN * across, 4.4), HEAD_IN + TILE_IN * down), dpi=120, facecolor=PAPER)
-    width, height = figure.get_size_inches()
-    figure.text(0.1 / width, 1 - 0.22 / height, "What the grids have learnt", fontsize=14, color=INK, va="center")
     about = f"{per_class} a class; the opacity of a bar is the weight of its orientation at its place"
-    figure.text(0.1 / width, 1 - 0.46 / height, about, fontsize=9, color=GREY, va="center")
-    tiles = figure.subplots(
-        down, across, squeeze=False,
-        gridspec_kw={"left": 0.1 / width, "right": (0.1 + TILE_IN * across - 0.08) / width, "wspace": 0.06,
-                     "top": 1 - HEAD_IN / height, "bottom": 0.1 / height, "hspace": 0.06},
-    )  # fmt: skip
-    for axis in tiles.flat:
-        axis.set_axis_off()
+    down = -(-len(classes) // across) * per_class
+    figure, tiles = _tiled(across, down, "What the grids have learnt", about)
     for k, kernel in enumerate(kernels):
         label, version = divmod(k, per_class)
         axis = tiles[label // across * per_class + version, label % across]
@@ -117,6 +111,43 @@ def prototypes(kernels: Floats, classes: Sequence[str], orientations: Sequence[f
         if version == 0:
             axis.set_title(classes[label], fontsize=15, color=INK, pad=4)
     return figure
+
+
+def images(drawn: Floats, heads: Sequence[str], title: str, about: str, across: int = MOST_COLUMNS) -> Figure:
+    """Pictures beside each other, the darker the larger; each up to its own largest value, negative ones orange.
+
+    Args:
+        drawn: (pictures, rows, columns).
+        heads: what stands over each; "" for nothing.
+        title: of all.
+        about: under it, what is seen.
+        across: pictures in a row.
+    """
+    across = min(len(drawn), across)
+    figure, tiles = _tiled(across, -(-len(drawn) // across), title, about, HEADED_IN if any(heads) else 0.0)
+    for axis, image, head in zip(tiles.flat, drawn, heads, strict=False):
+        largest = max(float(np.abs(image).max()), 1e-12)
+        axis.imshow(image, cmap=SIGNED, vmin=-largest, vmax=largest, interpolation="nearest")
+        axis.add_patch(Rectangle((0, 0), 1, 1, transform=axis.transAxes, fill=False, edgecolor="#e4e8ee", lw=0.8))
+        axis.set_title(head, fontsize=10, color=INK, pad=3)
+    return figure
+
+
+def _tiled(across: int, down: int, title: str, about: str, between: float = 0.0) -> tuple[Figure, NDArray[np.object_]]:
+    """A figure with a title, and its square axes (down, across), `between` inches apart one above the other."""
+    high = TILE_IN + between
+    figure = Figure(figsize=(max(0.1 + TILE_IN * across, LEAST_IN), HEAD_IN + high * down), dpi=120, facecolor=PAPER)
+    width, height = figure.get_size_inches()
+    figure.text(0.1 / width, 1 - 0.22 / height, title, fontsize=14, color=INK, va="center")
+    figure.text(0.1 / width, 1 - 0.46 / height, about, fontsize=9, color=GREY, va="center")
+    tiles = figure.subplots(
+        down, across, squeeze=False,
+        gridspec_kw={"left": 0.1 / width, "right": (0.1 + TILE_IN * across - 0.08) / width, "wspace": 0.06,
+                     "top": 1 - HEAD_IN / height, "bottom": 0.1 / height, "hspace": 0.06 + between / TILE_IN},
+    )  # fmt: skip
+    for axis in tiles.flat:
+        axis.set_axis_off()
+    return figure, tiles
 
 
 def _bars(axis: Axes, kernel: Floats, orientations: Sequence[float]) -> None:

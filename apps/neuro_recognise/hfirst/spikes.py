@@ -1,0 +1,30 @@
+"""What passes between the layers of HFirst."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Ints = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
+
+
+class Spikes(NamedTuple):
+    """Spikes of one population in order of time: times in ms from the start of the network's time, and neurons."""
+
+    times: Floats
+    ids: Ints
+
+
+class Heard(NamedTuple):
+    """What layer S2 did with the C1 spikes of a recording.
+
+    Attributes:
+        spikes: its spikes; neurons are classes.
+        potentials: (C1 spikes, classes) V_m after each C1 spike, mV.
+    """
+
+    spikes: Spikes
+    potentials: Floats

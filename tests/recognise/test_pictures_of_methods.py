@@ -1,0 +1,83 @@
+"""Pictures of what methods have learnt: filters as strong as weights, prototypes, averages."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from neuro_recognise.method import METHODS
+from neuro_recognise.methods.framewise import Framewise
+from neuro_recognise.parts.gabor import gabor_bank
+from neuro_recognise.recogniser import fit, learn, method_of
+from neuro_recognise.telling.features import reconstructed
+
+NETWORKS = {
+    "masquelier_thorpe": ({"field": 5, "theta": 8.0, "maps": 8, "epochs": 1}, "features", 8),
+    "mozafari": ({"field": 7, "theta": 16.0, "per_class": 2, "epochs": 1}, "prototypes", 6),
+    "must": ({"neurons": 30, "theta": 8.0, "rise": 1.0, "total": 100.0, "epochs": 1}, "features", 3 * 8),
+    "remus": ({"field": 7, "theta": 16.0, "per_class": 2, "epochs": 1}, "prototypes", 6),
+}
+
+
+def test_a_weight_is_drawn_as_its_filter():
+    """In the middle of its cell, as strong as it is, and nothing of a negative weight."""
+    filters = gabor_bank((5,), (2.0,), (2.5,), 0.3, (0.0, 45.0))[0]
+    kernels = np.zeros((2, 2, 6, 7))
+    kernels[0, 1, 2, 3], kernels[1, 0, 4, 4] = 0.5, -1.0
+    found = reconstructed(kernels, filters, 2)
+    assert found.shape == (2, 12, 14)
+    alone = np.zeros((12, 14))
+    alone[5 - 2 : 5 + 3, 7 - 2 : 7 + 3] = 0.5 * filters[1]
+    np.testing.assert_allclose(found[0], gaussian_filter(np.maximum(alone, 0.0), 1.0, mode="constant"), atol=1e-12)
+    assert not found[1].any()
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_networks_draw_a_picture_a_feature(name, letters):
+    values, drawn, n = NETWORKS[name]
+    made = learn(method_of(name, "", {"size": [16, 16], "window": 10.0, **values}), letters, "letters", seed=1)
+    figure = made.method.pictures(made.learnt, made.classes)[drawn]
+    assert len(figure.axes) == n
+
+
+def test_all_networks_are_drawn():
+    assert set(NETWORKS) | {"edhmax_tempotron"} == {n for n, m in METHODS.items() if issubclass(m, Framewise)}
+
+
+def images_of(figure):
+    return [np.asarray(axis.images[0].get_array()) for axis in figure.axes if axis.images]
+
+
+@pytest.mark.parametrize("name", ["hats", "tar_hats"])
+def test_averages_of_classes(name, learning):
+    """Each picture is the sum over polarities of the mean of what recordings of a class show."""
+    made = fit(learning, method_of(name, "", {"cell": 17, "radius": 2}))
+    figure = made.method.pictures(made.learnt, made.classes)["averages"]
+    shown = made.shown(learning)
+    assert [axis.get_title() for axis in figure.axes] == list(made.classes)
+    for k, image in enumerate(images_of(figure)):
+        vectors = shown.take(np.flatnonzero(shown.labels == k)).stacked("vector")
+        cells = vectors.mean(axis=0).reshape(2, 2, 2, 5, 5).sum(axis=2)
+        np.testing.assert_allclose(image[5:, :5], cells[1, 0], rtol=1e-5, atol=1e-7)
+
+
+def test_prototypes_of_each_layer(learning):
+    made = fit(learning.take(range(0, 24, 3)), method_of("hots", "", {"layers": 2, "readout": "nearest"}))
+    drawn = made.method.pictures(made.learnt, made.classes)
+    assert list(drawn) == ["layer-1", "layer-2"]
+    first, second = (images_of(figure) for figure in drawn.values())
+    centres = made.learnt["centres_0"]
+    np.testing.assert_array_equal(first[2], centres[:, :, 1, 2] - centres[:, :, 0, 2])
+    assert len(first) == 4
+    assert len(second) == 8
+    assert second[0].shape == (9, 9)
+
+
+def test_templates_of_hfirst():
+    """A template with one C1 neuron is drawn round the middle of its cell."""
+    method = method_of("hfirst", "", {"size": [16, 16], "orientations": 4})
+    templates = np.full((3, 4 * 16), -1.0)
+    templates[1, 2 * 16 + 4 * 1 + 2] = 100.0
+    figure = method.pictures({"templates": templates}, ("a", "b", "c"))["templates"]
+    images = images_of(figure)
+    assert np.unravel_index(images[1].argmax(), (16, 16)) == (6, 10)
+    assert not images[0].any()
