@@ -31,6 +31,7 @@ import numpy as np
 
 from neuro_drone.evaluate import Tried, grid, try_out
 from neuro_drone.model import Model
+from neuro_drone.paths import Course
 from neuro_drone.scenario import load
 from neuro_drone.train import train
 
@@ -126,9 +127,9 @@ class Run:
     def test(self, model: Model) -> dict[str, Any]:
         """Figures of the stage's test."""
         if self.stage != "final":
-            places = grid(model.scenario, TRY_GRID, TRY_SPREAD[self.task], seed=TRY_TEST)
+            places = grid(model.scenario, TRY_GRID, TRY_SPREAD[self.task], Course(seed=TRY_TEST))
             return figures(try_out(model, starts=places))
-        fixed = figures(try_out(model, starts=grid(model.scenario, path="fixed")))
+        fixed = figures(try_out(model, starts=grid(model.scenario, course=Course("fixed"))))
         return figures(try_out(model)) | {"fixed": fixed}
 
 

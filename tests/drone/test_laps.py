@@ -14,7 +14,7 @@ from neuro_drone.body import Kinematic
 from neuro_drone.evaluate import grid
 from neuro_drone.geometry import Pose, View
 from neuro_drone.line import LineTask
-from neuro_drone.paths import FIXED, Variation
+from neuro_drone.paths import FIXED, Course, Variation
 from neuro_drone.scenario import NAMES, load
 from neuro_drone.tasks import border
 
@@ -299,7 +299,7 @@ def replayed(scenario, path):
     def replay(actions):
         return lambda step, judged: actions[step] if step < len(actions) else (0.0, 0.0)
 
-    starts = grid(scenario, path=path)
+    starts = grid(scenario, course=Course(path))
     return sum(fly(scenario, replay(flown[s.direction]), s.error, s.direction, varied=s.path)[0].lap for s in starts)
 
 
