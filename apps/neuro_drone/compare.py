@@ -31,9 +31,6 @@ ROWS = ("nothing", "oracle", "centroid", "static", "static-linear", "lms", "snn-
 SEEDLESS = ("nothing", "oracle", "centroid")
 """Controllers in which nothing is random: one seed says all."""
 
-REWARDED = ("dqn", "ddpg", "ppo", "random-search")
-"""Controllers that learn from the reward: no supervised error steers them while they learn."""
-
 
 @dataclass(frozen=True, slots=True)
 class Row:
@@ -167,7 +164,8 @@ class Job:
     def _tried(self, model: Model, say: Callable[[float, str], None]) -> dict[str, Any]:
         """Figures of the test and, of what is steered by the supervised error, with learning on."""
         places, flown = grid(model.scenario, self.starts, course=self.course), [0]
-        both = teaches(model.controller)
+        kind = kind_of(model.controller)
+        both = kind.learns and not kind.rewarded
 
         def tell(lap: Lap) -> None:
             flown[0] += 1
@@ -178,11 +176,6 @@ class Job:
         if both:
             figures["learning_on"] = try_out(model, starts=places, learning=True, report=tell).error_px
         return figures
-
-
-def teaches(name: str) -> bool:
-    """Whether a controller hears the supervised error while it learns."""
-    return kind_of(name).learns and name not in REWARDED
 
 
 def run(plan: Plan, report: Callable[[Said], None] | None = None) -> list[Summary]:

@@ -180,8 +180,9 @@ def list_controllers() -> None:
         given = (one.name for one in fields(kind.settings) if "fixed" not in one.metadata)
         own = (word for word in given if not isinstance(getattr(kind.settings, word), Mapping))
         told = ", ".join(f"{word} {_short(getattr(kind.settings, word))}" for word in own)
-        rows.append((name, kind.what, "yes" if kind.learns else "no", told))
-    console().print(table(("name", "what", "learns", "settings"), rows))
+        source = "the reward" if kind.rewarded else "the error" if kind.learns else "-"
+        rows.append((name, kind.what, source, told))
+    console().print(table(("name", "what", "learns from", "settings"), rows))
 
 
 def _short(value: Any) -> str:

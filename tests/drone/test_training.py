@@ -250,4 +250,4 @@ def test_the_curve_is_of_frozen_weights_and_survives_a_kill(tmp_path, monkeypatc
     assert last.arrays()["error_px"] == whole.curve["error_px"][-1:]
     untaught = curve.Curve(whole.scenario)
     untaught.follow(make("lms", whole.scenario), 1000)
-    assert whole.curve["error_px"][-1] < 8.0 < 20.0 < untaught.arrays()["error_px"][0]
+    assert whole.curve["error_px"][-1] < 35.0 < 50.0 < untaught.arrays()["error_px"][0]

@@ -93,7 +93,7 @@ def test_the_page_holds_it(flight):
     assert np.allclose(column(data, "poses", "<f4").reshape(-1, 3), flight.poses, atol=1e-5)
     assert (data["steps"], data["step"], data["ball"]) == (500, 20.0, 0.17)
     assert [s["name"] for s in data["spikes"]] == ["cells", "motors"]
-    assert "static, which does not learn · weights frozen, no dopamine · 10.0 s, mean error" in text
+    assert "static, which does not learn · weights frozen, no dopamine · the fixed path · 10.0 s, mean error" in text
     assert "network on" not in text
     assert "network on loihi" in page(replace(flight, backend="loihi"))
     assert "http" not in text.replace("http-equiv", "")
