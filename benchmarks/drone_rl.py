@@ -192,8 +192,8 @@ class Bench:
     def summary(self, tasks: list[str]) -> str:
         """A row for each agent, of what is there: its best try, and its finals with the settings of that."""
         heads = (
-            "task", "agent", "settings", "tries", "median", "best try", "laps", "finals", "varied paths", "laps", "fixed path",
-            "laps", "CPU of a final, s",
+            "task", "agent", "settings", "tries", "median", "best try", "laps", "finals", "varied paths", "laps",
+            "fixed path", "laps", "CPU of a final, s",
         )  # fmt: skip
         found = list(self.found())
         rows = [_row(task, agent, found) for task in tasks for agent in (*AGENTS, *BESIDE)]
@@ -209,9 +209,8 @@ def _row(task: str, agent: str, found: list[dict[str, Any]]) -> tuple[Any, ...]:
     seconds = f"{np.mean([one['train_s'] for one in finals]):.0f}" if finals else ""
     return (
         task, agent, settings, f"{len(tries)} of {len(TRIES.get(agent, ()))}", _median(task, tries),
-        _errors(task, best), _all(best, "laps"),
-        f"{len(finals)} of {len(FINAL_SEEDS)}", _errors(task, finals), _all(finals, "laps"), _errors(task, fixed),
-        _all(fixed, "laps"), seconds,
+        _errors(task, best), _all(best, "laps"), f"{len(finals)} of {len(FINAL_SEEDS)}", _errors(task, finals),
+        _all(finals, "laps"), _errors(task, fixed), _all(fixed, "laps"), seconds,
     )  # fmt: skip
 
 
