@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from neuro.apps import check_output, make_folder, sealed, whole, write_text
+from neuro import ModelError
+from neuro.apps import check_output, make_folder, sealed, write_text
 from neuro_drone.controllers import kind_of
 from neuro_drone.cores import side_by_side
 from neuro_drone.evaluate import Lap, grid, try_out
@@ -68,7 +69,7 @@ class Row:
         """
         name, *more = text.split() or [""]
         own = [word for word in more if not word.startswith("steps=")]
-        said = [whole(word.removeprefix("steps="), 1) for word in more if word.startswith("steps=")]
+        said = [_steps(text, word.removeprefix("steps=")) for word in more if word.startswith("steps=")]
         world, settings = chosen(scenario, name, [*changes, *own])
         learns = kind_of(name).learns
         return cls(
@@ -238,6 +239,12 @@ class Summary:
             "starts": self.total("starts"), "absolute": self.mean("absolute"), "signed": self.mean("signed"),
             "learning_on": self.mean("learning_on"), "each": [dict(one) for one in self.each],
         }  # fmt: skip
+
+
+def _steps(row: str, text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise ModelError(f"row '{row}': steps = '{text}': expected a whole number >= 1")
+    return int(text)
 
 
 def _read(file: Path) -> dict[str, Any]:

@@ -22,9 +22,11 @@ FLIGHTS, STEPS = 2, 60
 """Of a test: an eighth of the steps that are learnt from. The first half of a flight is the way to the target."""
 
 SEED = 2_000_016
-"""Of starts, paths and noise: the same in every test, and not those of a training or of `neuro drone test`. It is the
-first from which a ball begins in opposite quarters of the picture, both beyond 25 px on each axis, and a line on opposite
-sides, once in each direction."""
+"""Of starts, paths and noise: the same in every test, and not those of a training or of `neuro drone test`.
+
+It is the first from which a ball begins in opposite quarters of the picture, both beyond 25 px on each axis, and a line
+on opposite sides, once in each direction.
+"""
 
 _KINDS = {"steps": np.int64, "error_px": np.float64, "lost": np.int64}
 

@@ -114,9 +114,8 @@ def columns_of(summaries: Sequence[Summary]) -> tuple[tuple[str, ...], list[tupl
 def show_comparison(summaries: Sequence[Summary]) -> None:
     """Print the table of a comparison."""
     columns, rows = columns_of(summaries)
-    where = f"{summaries[0].row.scenario.name}, {summaries[0].course}"
     out = console()
-    out.print(table(columns, rows, title=f"{where}: weights frozen, no dopamine; mean ± sd over seeds"))
+    out.print(table(columns, rows, title=_about(summaries)))
     told = " and ".join(axes(summaries[0].row.scenario))
     out.print(
         f"absolute and signed: mean errors ({told}); signed as the thesis prints them, where errors of both signs "
@@ -124,12 +123,18 @@ def show_comparison(summaries: Sequence[Summary]) -> None:
     )
 
 
+def _about(summaries: Sequence[Summary]) -> str:
+    one = summaries[0]
+    return f"{one.row.scenario.name}, {one.course}: weights frozen, no dopamine; mean ± sd over seeds"
+
+
 def write_comparison(summaries: Sequence[Summary], file: Path) -> None:
     """Write the table of a comparison as Markdown."""
     columns, rows = columns_of(summaries)
     heads = [name.lstrip(">") for name in columns]
     lines = [heads, ["---:" if name.startswith(">") else "---" for name in columns], *rows]
-    write_text(file, f"{MARK}\n" + "".join(f"| {' | '.join(line)} |\n" for line in lines), TABLE)
+    text = "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    write_text(file, f"{MARK}\n{text}\n{_about(summaries)}\n", TABLE)
 
 
 def comparison(summaries: Sequence[Summary]) -> str:

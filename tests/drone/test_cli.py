@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 
@@ -168,7 +169,8 @@ def test_compare_is_kept_and_told(neuro, tmp_path):
     table = (tmp_path / "kept" / "table.md").read_text().splitlines()
     assert re.fullmatch("<!-- neuro drone compare --><!-- digest [0-9a-f]{32} -->", table[0])
     assert table[1].startswith("| controller | steps | seeds | error, px | laps |")
-    assert len(table) == 6
+    assert len(table) == 8
+    assert table[7] == "short, varied paths, seed 0: weights frozen, no dopamine; mean ± sd over seeds"
 
 
 def test_lists(neuro):
@@ -207,6 +209,7 @@ MISTAKES = {
     "test --controller oracle --path vary": "unknown path 'vary'\n  hint: did you mean 'varied'?",
     "compare --path fix": "unknown path 'fix'\n  hint: did you mean 'fixed'?",
     "compare --row": "Option '--row' requires an argument",
+    "compare --row 'snn steps=x'": "row 'snn steps=x': steps = 'x': expected a whole number >= 1",
     "compare --row sn": "unknown controller 'sn'\n  hint: did you mean 'snn'?",
     "compare --row oracle --out bad.yaml": "bad.yaml: is no folder: expected the name of a folder, or a new name",
     "energy oracle.h5": "controller 'oracle' has no network: expected a spiking one, dqn, ddpg or ppo",
@@ -233,7 +236,7 @@ def test_mistakes(neuro, tmp_path, words):
     (tmp_path / "bad.yaml").write_text("task: ball\ncamera: {tlt: 60}\n")
     if "oracle.h5" in words:
         assert neuro("train", "--controller", "oracle", "--scenario", "short.yaml", "--out", "oracle.h5")[0] == 0
-    code, out, err = neuro(*words.split())
+    code, out, err = neuro(*shlex.split(words))
     assert (code, out, err) == (2, "", f"error: {MISTAKES[words]}\n")
 
 
