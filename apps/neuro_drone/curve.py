@@ -24,8 +24,8 @@ FLIGHTS, STEPS = 2, 60
 SEED = 2_000_016
 """Of starts, paths and noise: the same in every test, and not those of a training or of `neuro drone test`.
 
-It is the first from which a ball begins in opposite quarters of the picture, both beyond 25 px on each axis, and a line
-on opposite sides, once in each direction.
+It is the first from 2,000,000 on with which the two balls begin in opposite quarters of the picture, more than 25 px
+off on each axis, and the two lines on opposite sides, more than 10 px off, one in each direction.
 """
 
 _KINDS = {"steps": np.int64, "error_px": np.float64, "lost": np.int64}

@@ -1,11 +1,13 @@
 """The commands: what they write and print, and what they tell of mistakes."""
 
+import base64
 import json
 import re
 import shlex
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from matplotlib.image import imread
 
@@ -85,22 +87,11 @@ def test_the_seed_of_a_test_draws_its_paths(neuro):
 
 
 def test_compare_tests_again_on_other_paths_and_trains_no_more(neuro, tmp_path):
-    words = (
-        "compare",
-        "--scenario",
-        "short.yaml",
-        "--steps",
-        200,
-        "--seeds",
-        1,
-        "--starts",
-        1,
-        "--row",
-        "lms",
-        "--json",
-    )
+    words = ("compare", "--scenario", "short.yaml", "--steps", 200, "--seeds", 1, "--starts", 1, "--json")
+    words = (*words, "--row", "random-search")
     first = json.loads(neuro(*words)[1])
-    model = tmp_path / "compare-short" / "lms-0.h5"
+    assert first["rows"][0]["learning_on"] is None  # what learns from the reward hears no error that could steer
+    model = tmp_path / "compare-short" / "random-search-0.h5"
     written = model.stat().st_mtime_ns
     other = json.loads(neuro(*words, "--test-seed", 1)[1])
     assert (first["path"], first["test_seed"], other["path"], other["test_seed"]) == ("varied", 0, "varied", 1)
@@ -121,6 +112,15 @@ def test_watch_flies_the_first_lap_of_a_test_or_the_fixed_path(neuro, tmp_path):
     test = ("test", "--controller", "oracle", "--scenario", "short.yaml", "--starts", 1, "--json")
     error = json.loads(neuro(*test)[1])["error_px"]
     assert f"mean error {error:.2f} px, a lap that counts" in told("--start", "0,0")[0]
+
+
+def test_watch_begins_on_three_axes(neuro, tmp_path):
+    short = [word for set in ("task.ball.lap=0.6", "task.ball.speed=0.06") for word in ("--set", set)]
+    words = ("watch", "--controller", "oracle", "--scenario", "B60-height", *short, "--start", "5,-5,8")
+    assert neuro(*words)[0] == 0
+    data = json.loads(re.search('id="data">(.*?)</script>', (tmp_path / "lap.html").read_text("utf-8"))[1])
+    talls = np.frombuffer(base64.b64decode(data["talls"]), "<f4")
+    assert talls[0] == pytest.approx(48.0)
 
 
 def test_seeds_have_files_of_their_own(neuro, tmp_path):
