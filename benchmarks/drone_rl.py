@@ -14,7 +14,8 @@ their defaults and 20,000 steps: they learn from the supervised error, so that t
 others'. Their settings were chosen earlier, on B60, from more tries than these.
 
 Each run keeps its model and its result in the folder; a second start goes on, also within a run. After each run the
-table is written to FOLDER/table.md. `--minutes` begins no run later than that.
+table of all runs is written to FOLDER/table.md. `--minutes` begins no run later than that; `--table` runs nothing and
+prints a row for each agent.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ import numpy as np
 
 from neuro_drone.evaluate import Tried, grid, try_out
 from neuro_drone.model import Model
+from neuro_drone.paths import Course
 from neuro_drone.scenario import load
 from neuro_drone.train import train
 
@@ -126,9 +128,9 @@ class Run:
     def test(self, model: Model) -> dict[str, Any]:
         """Figures of the stage's test."""
         if self.stage != "final":
-            places = grid(model.scenario, TRY_GRID, TRY_SPREAD[self.task], seed=TRY_TEST)
+            places = grid(model.scenario, TRY_GRID, TRY_SPREAD[self.task], Course(seed=TRY_TEST))
             return figures(try_out(model, starts=places))
-        fixed = figures(try_out(model, starts=grid(model.scenario, path="fixed")))
+        fixed = figures(try_out(model, starts=grid(model.scenario, course=Course("fixed"))))
         return figures(try_out(model)) | {"fixed": fixed}
 
 
@@ -187,6 +189,30 @@ class Bench:
             )  # fmt: skip
         (self.folder / "table.md").write_text("".join(f"| {' | '.join(map(str, line))} |\n" for line in lines))
 
+    def summary(self, tasks: list[str]) -> str:
+        """A row for each agent, of what is there: its best try, and its finals with the settings of that."""
+        heads = (
+            "task", "agent", "settings", "tries", "median", "best try", "laps", "finals", "varied paths", "laps",
+            "fixed path", "laps", "CPU of a final, s",
+        )  # fmt: skip
+        found = list(self.found())
+        rows = [_row(task, agent, found) for task in tasks for agent in (*AGENTS, *BESIDE)]
+        return "".join(f"| {' | '.join(map(str, row))} |\n" for row in (heads, ["---"] * len(heads), *rows))
+
+
+def _row(task: str, agent: str, found: list[dict[str, Any]]) -> tuple[Any, ...]:
+    mine = [one for one in found if (one["task"], one["agent"]) == (task, agent)]
+    finals, tries = ([one for one in mine if (one["stage"] == "final") == final] for final in (True, False))
+    best = sorted(tries, key=_rank)[:1]
+    settings = ", ".join(f"{name} {value}" for one in (finals or best)[:1] for name, value in one["settings"].items())
+    fixed = [one["fixed"] for one in finals]
+    seconds = f"{np.mean([one['train_s'] for one in finals]):.0f}" if finals else ""
+    return (
+        task, agent, settings, f"{len(tries)} of {len(TRIES.get(agent, ()))}", _median(task, tries),
+        _errors(task, best), _all(best, "laps"), f"{len(finals)} of {len(FINAL_SEEDS)}", _errors(task, finals),
+        _all(finals, "laps"), _errors(task, fixed), _all(fixed, "laps"), seconds,
+    )  # fmt: skip
+
 
 def main() -> None:
     """Run what is missing."""
@@ -195,8 +221,12 @@ def main() -> None:
     options.add_argument("--tasks", nargs="+", choices=TASKS, default=["B60"])
     options.add_argument("--agents", nargs="+", choices=AGENTS, default=list(AGENTS))
     options.add_argument("--minutes", type=float, default=np.inf, help="begin no run later")
+    options.add_argument("--table", action="store_true", help="print what is there, a row for each agent, and end")
     asked = options.parse_args()
     bench = Bench(asked.out, time.monotonic() + 60.0 * asked.minutes)
+    if asked.table:
+        print(bench.summary(asked.tasks), end="")
+        return
     for task in asked.tasks:
         best = {agent: bench.best(task, agent) for agent in asked.agents}
         for agents in (AGENTS[:2], BESIDE, AGENTS[2:]):  # those that take minutes a seed wait for those that do not
@@ -215,6 +245,12 @@ def figures(tried: Tried) -> dict[str, Any]:
     absolute = np.mean([np.abs(track).mean(axis=0) for track in seen], axis=0).tolist()
     lost = sum(lap.lost for lap in tried.each)
     return {"error_px": tried.error_px, "absolute": absolute, "laps": tried.laps, "lost": lost, "starts": tried.starts}
+
+
+def _median(task: str, runs: list[dict[str, Any]]) -> str:
+    """Of the error, of a line that of the column."""
+    errors = [run["absolute"][0] if task == "line" else run["error_px"] for run in runs]
+    return f"{np.median(errors):.2f} px" if errors else ""
 
 
 def _rank(one: dict[str, Any]) -> tuple[float, ...]:

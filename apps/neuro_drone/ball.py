@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import hypot, inf
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from neuro import ModelError
 from neuro_drone.geometry import AIM, Pose, View
 from neuro_drone.hop import hop
-from neuro_drone.paths import FIXED, Variation, star
+from neuro_drone.paths import FIXED, Path, Variation, star
 from neuro_drone.scenario import Ball
 from neuro_drone.scene import Scene
 from neuro_drone.tasks import FARTHEST, Judged, border
@@ -63,15 +66,11 @@ class BallTask:
 
     def __init__(self, ball: Ball, view: View, height: float) -> None:
         self.ball, self.view, self.height = ball, view, height
-        self._star = star(ball.lap)
         self._begin(FIXED)
 
     def _begin(self, varied: Variation) -> None:
-        self.path, self._speed = self._star.varied(varied), self.ball.speed * varied.speed
-        self._first = varied.begin * self.path.length
-        ends = np.arange(PIECES) * (self.path.length / PIECES)
-        self._pieces = np.array([self.path.at(self._first + s) for s in ends])
-        self._standing = float(np.hypot(*self._pieces.T).mean())
+        self.path, self._pieces, self._standing = _way(self.ball.lap, varied)
+        self._speed, self._first = self.ball.speed * varied.speed, varied.begin * self.path.length
         self.way, self._sum, self._away, self._off, self._count = 0.0, 0.0, 0.0, 0.0, 0
         self._last = (0.0, 0.0)
         self._time = 0.0
@@ -190,3 +189,12 @@ class BallTask:
         window = (piece[:, None] + np.arange(-WINDOW, WINDOW + 1)) % PIECES
         away = np.hypot(*(self._pieces[window] - aims[:, None, 1:]).transpose(2, 0, 1))
         return len(np.unique(window[away <= NEAR * self.path.length])) / PIECES
+
+
+@lru_cache(maxsize=8)  # a training flies the same few paths all the time
+def _way(lap: float, varied: Variation) -> tuple[Path, npt.NDArray[Any], float]:
+    """The ball's path, where its pieces begin (from where the ball does), and their mean distance from its middle."""
+    path = star(lap).varied(varied)
+    ends = np.arange(PIECES) * (path.length / PIECES)
+    pieces = np.array([path.at(varied.begin * path.length + s) for s in ends])
+    return path, pieces, float(np.hypot(*pieces.T).mean())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -20,6 +20,19 @@ app = typer.Typer(
 def count(text: str) -> int:
     """A whole number >= 1."""
     return whole(text, 1)
+
+
+def natural(text: str) -> int:
+    """A whole number >= 0."""
+    return whole(text, 0)
+
+
+def errors(text: str) -> tuple[float, ...]:
+    """Numbers with commas between them."""
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"'{text}': expected numbers with commas between them, say 20,-10") from None
 
 
 ModelFile = Annotated[Path, typer.Argument(metavar="MODEL", help="A model, as 'train' writes it.")]
@@ -40,7 +53,7 @@ Untrained = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
 Grid = Annotated[int, typer.Option("--starts", metavar="N", parser=count, help="From a grid of N x N starts.")]
-Course = Annotated[
+PathKind = Annotated[
     str,
     typer.Option(
         "--path",
@@ -48,6 +61,7 @@ Course = Annotated[
         help="Laps with a path of their own each, or the scenario's in all, which a recorded flight can fly blindly.",
     ),
 ]
+PathSeed = Annotated[int, typer.Option("--seed", metavar="N", parser=natural, help="Of the varied paths.")]
 
 
 @app.command()
@@ -92,7 +106,8 @@ def try_model(
     scenario: Scenario = None,
     controller: Untrained = None,
     starts: Grid = 5,
-    path: Course = "varied",
+    path: PathKind = "varied",
+    seed: PathSeed = 0,
     learning: Annotated[
         bool, typer.Option("--learning", help="Go on learning; dopamine then steers by itself: not what was learnt.")
     ] = False,
@@ -104,20 +119,21 @@ def try_model(
     """Fly a lap from each of a grid of starts, with frozen weights and without dopamine."""
     from neuro_drone.bars import Bars
     from neuro_drone.evaluate import grid, try_out
+    from neuro_drone.paths import Course
     from neuro_drone.report import figures, show, write_pictures
 
     if learning and backend != "event":
         raise typer.BadParameter("a network goes on learning on what it learnt on", param_hint="'--backend'")
-    pilot = _pilot(model, scenario, controller, set)
-    places = grid(pilot.scenario, starts, path=path)
+    course, pilot = Course(path, seed), _pilot(model, scenario, controller, set)
+    places = grid(pilot.scenario, starts, course=course)
     with Bars() as bars:
         tried = try_out(pilot, starts=places, backend=backend, learning=learning, report=bars.laps(len(places)))
     for file in [] if out is None else write_pictures(pilot, tried, out):
         typer.echo(file, err=json)
     if json:
-        typer.echo(figures(pilot, tried))
+        typer.echo(figures(pilot, tried, course))
     else:
-        show(pilot, tried)
+        show(pilot, tried, course)
 
 
 @app.command()
@@ -127,7 +143,10 @@ def compare(
     seeds: Annotated[int, typer.Option("--seeds", metavar="N", parser=count, help="Trainings of each.")] = 5,
     seed: Seed = 0,
     starts: Grid = 5,
-    path: Course = "varied",
+    path: PathKind = "varied",
+    test_seed: Annotated[
+        int, typer.Option("--test-seed", metavar="N", parser=natural, help="Of the varied paths.")
+    ] = 0,
     row: Annotated[
         list[str],
         typer.Option("--row", metavar="ROW", help="Only these, e.g. 'snn' or 'dqn steps=150000 drone.v_max=0.5'."),
@@ -146,16 +165,16 @@ def compare(
     """
     from neuro_drone.bars import Bars
     from neuro_drone.compare import ROWS, Plan, Row, run
+    from neuro_drone.paths import Course
     from neuro_drone.report import comparison, show_comparison, write_comparison
 
-    all_seeds = range(seed, seed + seeds)
+    course, all_seeds = Course(path, test_seed), range(seed, seed + seeds)
     rows = tuple(Row.of(text, scenario, steps, all_seeds, set) for text in [*(row or ROWS), *more])
     folder = out or Path(f"compare-{rows[0].scenario.name}")
     try:
         with Bars(lines=1) as bars:
-            found = run(
-                Plan(rows, starts, path, folder), lambda said: bars.at(said.what, said.done, said.total, said.told)
-            )
+            plan = Plan(rows, starts, course, folder)
+            found = run(plan, lambda said: bars.at(said.what, said.done, said.total, said.told))
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on where it was", err=True)
         raise typer.Exit(130) from None
@@ -190,16 +209,26 @@ def watch(
     controller: Untrained = None,
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The page to write.")] = Path("lap.html"),
     start: Annotated[
-        tuple[float, float] | None,
-        typer.Option("--start", metavar="A B", help="Error at the beginning: px px, of a line px degrees."),
+        Any,
+        typer.Option(
+            "--start",
+            metavar="A,B[,C]",
+            parser=errors,
+            help="Error on each axis at the beginning: px, px and px of the ball's height; of a line px, degrees.",
+            show_default=False,
+        ),
     ] = None,
+    path: PathKind = "varied",
+    seed: PathSeed = 0,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:
     """Write a lap as one page for a browser: the world, the camera's events, spikes and actions side by side."""
+    from neuro_drone.paths import Course
     from neuro_drone.watch import watch as write
 
-    told = write(_pilot(model, scenario, controller, set), out, start, backend)
+    course = Course(path, seed)
+    told = write(_pilot(model, scenario, controller, set), out, start, backend, course)
     typer.echo(f"{out}: {told}")
 
 

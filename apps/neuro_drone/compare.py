@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from neuro.apps import check_output, make_folder, sealed, unknown, whole, write_text
+from neuro import ModelError
+from neuro.apps import check_output, make_folder, sealed, write_text
 from neuro_drone.controllers import kind_of
 from neuro_drone.cores import side_by_side
-from neuro_drone.evaluate import PATHS, Lap, grid, try_out
+from neuro_drone.evaluate import Lap, grid, try_out
 from neuro_drone.model import Model
+from neuro_drone.paths import Course
 from neuro_drone.pilot import chosen
 from neuro_drone.scenario import Scenario
 from neuro_drone.train import Progress, train
@@ -29,9 +31,6 @@ ROWS = ("nothing", "oracle", "centroid", "static", "static-linear", "lms", "snn-
 
 SEEDLESS = ("nothing", "oracle", "centroid")
 """Controllers in which nothing is random: one seed says all."""
-
-REWARDED = ("dqn", "ddpg", "ppo", "random-search")
-"""Controllers that learn from the reward: no supervised error steers them while they learn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +69,7 @@ class Row:
         """
         name, *more = text.split() or [""]
         own = [word for word in more if not word.startswith("steps=")]
-        said = [whole(word.removeprefix("steps="), 1) for word in more if word.startswith("steps=")]
+        said = [_steps(text, word.removeprefix("steps=")) for word in more if word.startswith("steps=")]
         world, settings = chosen(scenario, name, [*changes, *own])
         learns = kind_of(name).learns
         return cls(
@@ -90,25 +89,18 @@ class Plan:
     Attributes:
         rows: of the table.
         starts: on a side of the grid of starts.
-        path: of the laps, see `grid`.
+        course: of the laps.
         folder: where models and results are kept.
-
-    Raises:
-        ModelError: there is no such path.
     """
 
     rows: tuple[Row, ...]
     starts: int
-    path: str
+    course: Course
     folder: Path
-
-    def __post_init__(self) -> None:
-        if self.path not in PATHS:  # told before any work
-            raise unknown("path", self.path, PATHS)
 
     def jobs(self) -> list[Job]:
         """All trainings and tests."""
-        return [Job(row, seed, self.starts, self.path, self.folder) for row in self.rows for seed in row.seeds]
+        return [Job(row, seed, self.starts, self.course, self.folder) for row in self.rows for seed in row.seeds]
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,14 +121,14 @@ class Job:
         row: of the table.
         seed: of the training.
         starts: on a side of the grid.
-        path: of the laps.
+        course: of the laps.
         folder: where the model and the result are kept.
     """
 
     row: Row
     seed: int
     starts: int
-    path: str
+    course: Course
     folder: Path
 
     @property
@@ -160,7 +152,8 @@ class Job:
             row.scenario, row.controller, steps=steps, seed=self.seed, settings=row.settings, out=self.file,
             report=learns,
         )  # fmt: skip
-        known = json.loads(json.dumps(model.told() | {"steps": model.steps, "grid": self.starts, "path": self.path}))
+        flown = {"grid": self.starts, "path": self.course.path, "test_seed": self.course.seed}
+        known = json.loads(json.dumps(model.told() | {"steps": model.steps} | flown))
         kept = _read(result)
         if kept.get("of") != known:
             check_output(result, RESULT)
@@ -171,8 +164,9 @@ class Job:
 
     def _tried(self, model: Model, say: Callable[[float, str], None]) -> dict[str, Any]:
         """Figures of the test and, of what is steered by the supervised error, with learning on."""
-        places, flown = grid(model.scenario, self.starts, path=self.path), [0]
-        both = teaches(model.controller)
+        places, flown = grid(model.scenario, self.starts, course=self.course), [0]
+        kind = kind_of(model.controller)
+        both = kind.learns and not kind.rewarded
 
         def tell(lap: Lap) -> None:
             flown[0] += 1
@@ -183,11 +177,6 @@ class Job:
         if both:
             figures["learning_on"] = try_out(model, starts=places, learning=True, report=tell).error_px
         return figures
-
-
-def teaches(name: str) -> bool:
-    """Whether a controller hears the supervised error while it learns."""
-    return kind_of(name).learns and name not in REWARDED
 
 
 def run(plan: Plan, report: Callable[[Said], None] | None = None) -> list[Summary]:
@@ -226,9 +215,10 @@ class Summary:
         return np.mean(found, axis=0).tolist() if found else None
 
     @property
-    def path(self) -> str:
+    def course(self) -> Course:
         """Of the laps."""
-        return str(self.each[0]["of"]["path"])
+        of = self.each[0]["of"]
+        return Course(of["path"], of["test_seed"])
 
     @property
     def sd(self) -> float | None:
@@ -249,6 +239,12 @@ class Summary:
             "starts": self.total("starts"), "absolute": self.mean("absolute"), "signed": self.mean("signed"),
             "learning_on": self.mean("learning_on"), "each": [dict(one) for one in self.each],
         }  # fmt: skip
+
+
+def _steps(row: str, text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise ModelError(f"row '{row}': steps = '{text}': expected a whole number >= 1")
+    return int(text)
 
 
 def _read(file: Path) -> dict[str, Any]:

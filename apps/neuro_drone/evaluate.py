@@ -10,21 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import unknown
 from neuro_drone.controllers import Controller
 from neuro_drone.env import DroneEnv
 from neuro_drone.model import Model
 from neuro_drone.parts import Ball, Line
-from neuro_drone.paths import FIXED, Variation, drawn
+from neuro_drone.paths import FIXED, TESTS, VARIED, Course, Variation
 from neuro_drone.scenario import Scenario
 
-__all__ = ["PATHS", "Lap", "Start", "Tried", "begin", "fly_lap", "grid", "try_out"]
-
-SEED = 1_000_000
-"""Of the tests' noise, so that it is not that of a training."""
-
-PATHS = ("varied", "fixed")
-"""What the paths of a test's laps can be."""
+__all__ = ["Lap", "Start", "Tried", "begin", "fly_lap", "grid", "try_out"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,11 +96,6 @@ class Tried:
         return len(self.each)
 
     @property
-    def varied(self) -> bool:
-        """Whether a lap had another path than the scenario's."""
-        return any(one.start.path != FIXED for one in self.each)
-
-    @property
     def laps(self) -> int:
         """How many laps were completed that count."""
         return sum(one.lap for one in self.each)
@@ -136,7 +124,6 @@ class Tried:
             "signed": list(self.signed),
             "absolute": list(self.absolute),
             "learning": self.learning,
-            "path": PATHS[not self.varied],
             "each": [one.as_words() for one in self.each],
         }
 
@@ -145,9 +132,7 @@ def grid(
     scenario: Scenario,
     n: int = 5,
     spread: float | tuple[float, float] | None = None,
-    *,
-    path: str = "varied",
-    seed: int = 0,
+    course: Course = VARIED,
 ) -> tuple[Start, ...]:
     """Starts on a grid round the aim; those of a line alternate in direction.
 
@@ -157,18 +142,14 @@ def grid(
         scenario: of a ball or a line.
         n: starts on a side.
         spread: largest error at the start, on both axes or on each; if not given 35 px, of a line 20 px and 10 degrees.
-        path: varied (each lap has a path of its own, see `neuro_drone.paths.drawn`) or fixed (the scenario's, as in the
-            thesis; a flight that was recorded can fly it blindly).
-        seed: of the varied paths.
+        course: paths of the laps.
 
     Raises:
-        ModelError: n is not a whole number >= 1, the spread is negative, or there is no such path.
+        ModelError: n is not a whole number >= 1, or the spread is negative.
     """
     line = isinstance(scenario.task, Line)
     if isinstance(n, bool) or not isinstance(n, int) or n < 1:
         raise ModelError(f"grid = {n!r}: expected a whole number >= 1")
-    if path not in PATHS:
-        raise unknown("path", path, PATHS)
     a, b = np.broadcast_to((20.0, 10.0) if line and spread is None else 35.0 if spread is None else spread, 2).tolist()
     if not (0 <= a < np.inf and 0 <= b < np.inf):
         raise ModelError(f"spread = {spread}: expected numbers >= 0")
@@ -177,7 +158,7 @@ def grid(
     if isinstance(scenario.task, Ball) and scenario.task.axes == 3:
         tall = (0.3 * scenario.task.tall, -0.3 * scenario.task.tall, 0.0)
         errors = [(*error, tall[i % 3]) for i, error in enumerate(errors)]
-    ways = [FIXED if path == "fixed" else drawn(np.random.default_rng((SEED, seed, i)), line) for i in range(n * n)]
+    ways = [course.lap(i, line) for i in range(n * n)]
     directions = [(1 - 2 * (i % 2)) if line else 0 for i in range(n * n)]
     return tuple(map(Start, errors, directions, ways))
 
@@ -219,7 +200,7 @@ def try_out(
 
 def begin(env: DroneEnv, start: Start, index: int = 0) -> dict[str, Any]:
     """Begin a lap whose noise is that of the test with this index; gives the environment's info."""
-    seed = int(np.random.default_rng((SEED, index)).integers(2**31))
+    seed = int(np.random.default_rng((TESTS, index)).integers(2**31))
     return env.reset(seed=seed, options=start.options())[1]
 
 

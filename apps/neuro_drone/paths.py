@@ -8,7 +8,10 @@ from math import cos, pi, radians, sin
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["FIXED", "Path", "Variation", "drawn", "hexagon", "star"]
+from neuro import ModelError
+from neuro.apps import unknown
+
+__all__ = ["FIXED", "PATHS", "TESTS", "VARIED", "Course", "Path", "Variation", "drawn", "hexagon", "star"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -39,6 +42,13 @@ class Variation:
     speed: float = 1.0
     begin: float = 0.0
 
+    def __str__(self) -> str:
+        """In a few words."""
+        if self == FIXED:
+            return "the fixed path"
+        size = f"scaled by {self.scale:.2f}" + (f", stretched by {self.stretch:.2f}" if self.stretch != 1.0 else "")
+        return f"a path {size}, turned by {self.turn:.0f} degrees, {self.speed:.2f} times as fast"
+
 
 FIXED = Variation()
 """The scenario's path as it is."""
@@ -63,6 +73,55 @@ def drawn(rng: np.random.Generator, line: bool) -> Variation:
             factor(0.8, 2.5), turn, factor(1 / 1.2, 1.2), factor(1 / 1.4, 1.4), float(rng.uniform(-0.3, 0.3))
         )
     return Variation(factor(1 / 1.4, 1.4), turn, 1.0, factor(1 / 1.4, 1.4), float(rng.uniform()))
+
+
+PATHS = ("varied", "fixed")
+"""What the paths of a test's laps can be."""
+
+TESTS = 1_000_000
+"""Seed of what tests draw, paths and noise, so that it is not that of a training."""
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """The paths of a test's laps.
+
+    Attributes:
+        path: varied (each lap has a path of its own, see `drawn`) or fixed (the scenario's, as in the thesis; a flight
+            that was recorded can fly it blindly).
+        seed: of the varied paths.
+
+    Raises:
+        ModelError: there is no such path, or the seed is no whole number >= 0 or would change nothing.
+    """
+
+    path: str = "varied"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.path not in PATHS:
+            raise unknown("path", self.path, PATHS)
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < 2**63:
+            raise ModelError(f"seed of the paths = {self.seed!r}: expected a whole number >= 0 and < 2^63")
+        if self.seed and self.path == "fixed":
+            raise ModelError(f"seed of the paths = {self.seed}: the fixed path has none: expected path varied")
+
+    def __str__(self) -> str:
+        """In a few words."""
+        return f"varied paths, seed {self.seed}" if self.path == "varied" else "the fixed path"
+
+    def lap(self, index: int, line: bool) -> Variation:
+        """The path of a lap.
+
+        Args:
+            index: of the lap, from 0.
+            line: of a line, else of a ball.
+        """
+        return FIXED if self.path == "fixed" else drawn(np.random.default_rng((TESTS, self.seed, index)), line)
+
+
+VARIED = Course()
+"""What is flown if nothing else is said."""
 
 
 class Path:

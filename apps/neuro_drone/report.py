@@ -15,6 +15,7 @@ from neuro_drone.compare import Summary
 from neuro_drone.controllers import CONTROLLERS
 from neuro_drone.evaluate import Tried
 from neuro_drone.model import Model
+from neuro_drone.paths import Course
 from neuro_drone.scenario import NAMES, Ball, Scenario, load
 
 MARK = "<!-- neuro drone compare -->"
@@ -41,9 +42,9 @@ def learnt(model: Model) -> str:
     )
 
 
-def figures(model: Model, tried: Tried) -> str:
+def figures(model: Model, tried: Tried, course: Course) -> str:
     """All figures of a test as JSON."""
-    words = tried.as_words()
+    words = tried.as_words() | {"path": course.path, "test_seed": course.seed}
     about = {"controller": model.controller, "scenario": model.scenario.name, "steps": model.steps, "seed": model.seed}
     each = words.pop("each")
     return json.dumps({**words, **about, "axes": list(axes(model.scenario)), "per_start": each}, indent=1)
@@ -54,7 +55,7 @@ def axes(scenario: Scenario) -> tuple[str, ...]:
     return AXES[scenario.kind][: scenario.axes]
 
 
-def show(model: Model, tried: Tried) -> None:
+def show(model: Model, tried: Tried, course: Course) -> None:
     """Print a row for each start, and the means."""
     names = axes(model.scenario)
     line = model.scenario.kind == "line"
@@ -76,7 +77,7 @@ def show(model: Model, tried: Tried) -> None:
     steps = round(sum(one.steps for one in tried.each) / tried.starts)
     rows.append(("mean", *(("",) if line else ()), steps, *mean, f"{tried.laps} of {tried.starts}"))
     out = console()
-    out.print(table(columns, rows, title=f"{named(model)}; {_how(tried)}"))
+    out.print(table(columns, rows, title=f"{named(model)}; {_how(tried)}; {course}"))
     signed = ", ".join(f"{name} {value:.2f}" for name, value in zip(names, tried.signed, strict=True))
     out.print(
         f"{tried.laps} of {tried.starts} laps, {tried.error_px:.2f} px; signed means, which hide errors of both signs: "
@@ -85,8 +86,7 @@ def show(model: Model, tried: Tried) -> None:
 
 
 def _how(tried: Tried) -> str:
-    paths = "varied paths" if tried.varied else "the fixed path"
-    return f"{'learning goes on, dopamine steers' if tried.learning else 'weights frozen, no dopamine'}; {paths}"
+    return "learning goes on, dopamine steers" if tried.learning else "weights frozen, no dopamine"
 
 
 def columns_of(summaries: Sequence[Summary]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -114,9 +114,8 @@ def columns_of(summaries: Sequence[Summary]) -> tuple[tuple[str, ...], list[tupl
 def show_comparison(summaries: Sequence[Summary]) -> None:
     """Print the table of a comparison."""
     columns, rows = columns_of(summaries)
-    where = f"{summaries[0].row.scenario.name}, {summaries[0].path} paths"
     out = console()
-    out.print(table(columns, rows, title=f"{where}: weights frozen, no dopamine; mean ± sd over seeds"))
+    out.print(table(columns, rows, title=_about(summaries)))
     told = " and ".join(axes(summaries[0].row.scenario))
     out.print(
         f"absolute and signed: mean errors ({told}); signed as the thesis prints them, where errors of both signs "
@@ -124,20 +123,25 @@ def show_comparison(summaries: Sequence[Summary]) -> None:
     )
 
 
+def _about(summaries: Sequence[Summary]) -> str:
+    one = summaries[0]
+    return f"{one.row.scenario.name}, {one.course}: weights frozen, no dopamine; mean ± sd over seeds"
+
+
 def write_comparison(summaries: Sequence[Summary], file: Path) -> None:
     """Write the table of a comparison as Markdown."""
     columns, rows = columns_of(summaries)
     heads = [name.lstrip(">") for name in columns]
     lines = [heads, ["---:" if name.startswith(">") else "---" for name in columns], *rows]
-    write_text(file, f"{MARK}\n" + "".join(f"| {' | '.join(line)} |\n" for line in lines), TABLE)
+    text = "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    write_text(file, f"{MARK}\n{text}\n{_about(summaries)}\n", TABLE)
 
 
 def comparison(summaries: Sequence[Summary]) -> str:
     """All figures of a comparison as JSON."""
-    name = summaries[0].row.scenario.name
-    return json.dumps(
-        {"scenario": name, "path": summaries[0].path, "rows": [one.as_words() for one in summaries]}, indent=1
-    )
+    name, course = summaries[0].row.scenario.name, summaries[0].course
+    about = {"scenario": name, "path": course.path, "test_seed": course.seed}
+    return json.dumps(about | {"rows": [one.as_words() for one in summaries]}, indent=1)
 
 
 def list_scenarios() -> None:
@@ -181,8 +185,9 @@ def list_controllers() -> None:
         given = (one.name for one in fields(kind.settings) if "fixed" not in one.metadata)
         own = (word for word in given if not isinstance(getattr(kind.settings, word), Mapping))
         told = ", ".join(f"{word} {_short(getattr(kind.settings, word))}" for word in own)
-        rows.append((name, kind.what, "yes" if kind.learns else "no", told))
-    console().print(table(("name", "what", "learns", "settings"), rows))
+        source = "the reward" if kind.rewarded else "the error" if kind.learns else "-"
+        rows.append((name, kind.what, source, told))
+    console().print(table(("name", "what", "learns from", "settings"), rows))
 
 
 def _short(value: Any) -> str:

@@ -21,6 +21,7 @@ from neuro_drone.evaluate import Start
 from neuro_drone.flight import Flight, Spikes, fly
 from neuro_drone.model import Model
 from neuro_drone.parts import Ball, Line
+from neuro_drone.paths import VARIED, Course
 from neuro_drone.pictures import motors
 
 __all__ = ["page", "watch"]
@@ -36,14 +37,22 @@ POINTS = 600
 """Points of the path."""
 
 
-def watch(model: Model, file: Path, start: tuple[float, float] | None = None, backend: str = "event") -> str:
+def watch(
+    model: Model,
+    file: Path,
+    start: tuple[float, ...] | None = None,
+    backend: str = "event",
+    course: Course = VARIED,
+) -> str:
     """Fly a lap and write the page.
 
     Args:
         model: what flies, with frozen weights.
         file: the page.
-        start: error on both axes at the beginning; if not given -30 px on both, of a line 20 px and 10 degrees.
+        start: error on each axis at the beginning; if not given -30 px on both, of a line 20 px and 10 degrees. Of
+            three axes the third may be left out, it is then 0.
         backend: what runs the controller's network.
+        course: whose first path is flown.
 
     Returns:
         What came of the lap, in a few words.
@@ -55,7 +64,7 @@ def watch(model: Model, file: Path, start: tuple[float, float] | None = None, ba
     if file.suffix.lower() not in (".html", ".htm"):
         raise ModelError(f"{file}: a lap is written as a page for a browser: expected a name that ends in .html")
     line = isinstance(model.scenario.task, Line)
-    begin = Start(start or ((20.0, 10.0) if line else (-30.0, -30.0)), 1 if line else 0)
+    begin = Start(start or ((20.0, 10.0) if line else (-30.0, -30.0)), 1 if line else 0, course.lap(0, line))
     with output(file, PAGE) as part:
         flight = fly(model, begin, backend)
         part.write_text(PAGE.seal(page(flight)), "utf-8")
@@ -74,7 +83,7 @@ def page(flight: Flight) -> str:
     model, world = flight.model, flight.model.scenario
     taught = f"after {model.steps:,} steps of training (seed {model.seed})" if model.steps else "which does not learn"
     thinned = -(-len(flight.x) // MOST)
-    about = [f"{model.controller}, {taught}", "weights frozen, no dopamine", told(flight)]
+    about = [f"{model.controller}, {taught}", "weights frozen, no dopamine", str(flight.start.path), told(flight)]
     about += [f"network on {flight.backend}"] if flight.spikes and flight.backend != "event" else []
     about += [f"one of every {thinned} events is shown"] if thinned > 1 else []
     template = Template(files("neuro_drone").joinpath("watch.html").read_text("utf-8"))
@@ -111,6 +120,7 @@ def _training(model: Model) -> dict[str, Any]:
     told = {"steps": _base64(np.cumsum(history["steps"]), "<f4"), "error": _base64(history["error_px"], "<f4")}
     if len(curve.get("steps", ())):
         told |= {"tested": _base64(curve["steps"], "<f4"), "frozen": _base64(curve["error_px"], "<f4")}
+        told |= {"lost": _base64(curve["lost"], "<u2")}
     return told
 
 

@@ -1,10 +1,13 @@
 """The commands: what they write and print, and what they tell of mistakes."""
 
+import base64
 import json
 import re
+import shlex
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from matplotlib.image import imread
 
@@ -65,6 +68,61 @@ def test_train_and_test(neuro, tmp_path):
     assert again["error_px"] != told["error_px"]
 
 
+def test_the_seed_of_a_test_draws_its_paths(neuro):
+    def tried(*words):
+        told = json.loads(
+            neuro("test", "--controller", "oracle", "--scenario", "short.yaml", "--starts", 2, "--json", *words)[1]
+        )
+        return told["path"], told["test_seed"], [one["path"] for one in told["per_start"]]
+
+    paths = [tried("--seed", seed)[2] for seed in (0, 1, 1)]
+    assert paths[1] == paths[2]
+    assert all(one not in paths[0] for one in paths[1])
+    assert tried()[2] == paths[0]
+    kind, seed, fixed = tried("--path", "fixed")
+    assert (kind, seed) == ("fixed", 0)
+    assert {(path["scale"], path["turn"], path["speed"], path["begin"]) for path in fixed} == {(1.0, 0.0, 1.0, 0.0)}
+    out = neuro("test", "--controller", "oracle", "--scenario", "short.yaml", "--starts", 1, "--seed", 7)[1]
+    assert "oracle in short; weights frozen, no dopamine; varied paths, seed 7" in " ".join(out.split())
+
+
+def test_compare_tests_again_on_other_paths_and_trains_no_more(neuro, tmp_path):
+    words = ("compare", "--scenario", "short.yaml", "--steps", 200, "--seeds", 1, "--starts", 1, "--json")
+    words = (*words, "--row", "random-search")
+    first = json.loads(neuro(*words)[1])
+    assert first["rows"][0]["learning_on"] is None  # what learns from the reward hears no error that could steer
+    model = tmp_path / "compare-short" / "random-search-0.h5"
+    written = model.stat().st_mtime_ns
+    other = json.loads(neuro(*words, "--test-seed", 1)[1])
+    assert (first["path"], first["test_seed"], other["path"], other["test_seed"]) == ("varied", 0, "varied", 1)
+    assert first["rows"][0]["error_px"] != other["rows"][0]["error_px"]
+    assert model.stat().st_mtime_ns == written
+
+
+def test_watch_flies_the_first_lap_of_a_test_or_the_fixed_path(neuro, tmp_path):
+    def told(*words):
+        words = ("--controller", "oracle", "--scenario", "short.yaml", *words)
+        page = neuro("watch", *words, "--out", "lap.html")[1], (tmp_path / "lap.html").read_text("utf-8")
+        return page[0], re.search("<p>(.*?)</p>", page[1])[1]
+
+    assert " · the fixed path · " in told("--path", "fixed")[1]
+    first, second = told("--start", "20,-10"), told("--start", "20,-10", "--seed", 1)
+    assert re.search(r" · a path scaled by \d\.\d\d, turned by -?\d+ degrees, \d\.\d\d times as fast · ", first[1])
+    assert first != second
+    test = ("test", "--controller", "oracle", "--scenario", "short.yaml", "--starts", 1, "--json")
+    error = json.loads(neuro(*test)[1])["error_px"]
+    assert f"mean error {error:.2f} px, a lap that counts" in told("--start", "0,0")[0]
+
+
+def test_watch_begins_on_three_axes(neuro, tmp_path):
+    short = [word for set in ("task.ball.lap=0.6", "task.ball.speed=0.06") for word in ("--set", set)]
+    words = ("watch", "--controller", "oracle", "--scenario", "B60-height", *short, "--start", "5,-5,8")
+    assert neuro(*words)[0] == 0
+    data = json.loads(re.search('id="data">(.*?)</script>', (tmp_path / "lap.html").read_text("utf-8"))[1])
+    talls = np.frombuffer(base64.b64decode(data["talls"]), "<f4")
+    assert talls[0] == pytest.approx(48.0)
+
+
 def test_seeds_have_files_of_their_own(neuro, tmp_path):
     words = ("train", "--scenario", "short.yaml", "--controller", "lms", "--steps", 200, "--seed", 3)
     assert neuro(*words, "--out", "one.h5")[0] == 0
@@ -106,12 +164,13 @@ def test_compare_is_kept_and_told(neuro, tmp_path):
     assert len(results) == 5
     code, out, _ = neuro(*words)
     assert code == 0
-    assert "short, varied paths: weights frozen, no dopamine; mean ± sd over seeds" in out
+    assert "short, varied paths, seed 0: weights frozen, no dopamine; mean ± sd over seeds" in out
     assert {file: file.stat().st_mtime_ns for file in (tmp_path / "kept").glob("*.json")} == results
     table = (tmp_path / "kept" / "table.md").read_text().splitlines()
     assert re.fullmatch("<!-- neuro drone compare --><!-- digest [0-9a-f]{32} -->", table[0])
     assert table[1].startswith("| controller | steps | seeds | error, px | laps |")
-    assert len(table) == 6
+    assert len(table) == 8
+    assert table[7] == "short, varied paths, seed 0: weights frozen, no dopamine; mean ± sd over seeds"
 
 
 def test_lists(neuro):
@@ -150,13 +209,25 @@ MISTAKES = {
     "test --controller oracle --path vary": "unknown path 'vary'\n  hint: did you mean 'varied'?",
     "compare --path fix": "unknown path 'fix'\n  hint: did you mean 'fixed'?",
     "compare --row": "Option '--row' requires an argument",
+    "compare --row 'snn steps=x'": "row 'snn steps=x': steps = 'x': expected a whole number >= 1",
     "compare --row sn": "unknown controller 'sn'\n  hint: did you mean 'snn'?",
     "compare --row oracle --out bad.yaml": "bad.yaml: is no folder: expected the name of a folder, or a new name",
     "energy oracle.h5": "controller 'oracle' has no network: expected a spiking one, dqn, ddpg or ppo",
     "watch oracle.h5 --out no/lap.html": "no/lap.html: cannot be written: No such file or directory",
     "watch oracle.h5 --out lap.gif": "lap.gif: a lap is written as a page for a browser: expected a name that ends in "
     ".html",
-    "watch oracle.h5 --start 900 0": "option start = 900: expected a number >= -180 and <= 180",
+    "test --controller oracle --seed -1": "Invalid value for '--seed': '-1': expected a whole number >= 0\n"
+    "  hint: see 'neuro drone test --help'",
+    "test --controller oracle --seed 3 --path fixed": "seed of the paths = 3: the fixed path has none: expected path "
+    "varied",
+    "compare --path fixed --test-seed 1": "seed of the paths = 1: the fixed path has none: expected path varied",
+    "watch oracle.h5 --path fixd": "unknown path 'fixd'\n  hint: did you mean 'fixed'?",
+    "watch oracle.h5 --start 900,0": "option start = 900: expected a number >= -180 and <= 180",
+    "watch oracle.h5 --start 20": "option start = (20.0,): expected two numbers, the error on both axes",
+    "watch oracle.h5 --start 20,-10,5": "option start = (20.0, -10.0, 5.0): expected two numbers, the error on both "
+    "axes",
+    "watch oracle.h5 --start 20;5": "Invalid value for '--start': '20;5': expected numbers with commas between them, "
+    "say 20,-10\n  hint: see 'neuro drone watch --help'",
 }
 
 
@@ -165,7 +236,7 @@ def test_mistakes(neuro, tmp_path, words):
     (tmp_path / "bad.yaml").write_text("task: ball\ncamera: {tlt: 60}\n")
     if "oracle.h5" in words:
         assert neuro("train", "--controller", "oracle", "--scenario", "short.yaml", "--out", "oracle.h5")[0] == 0
-    code, out, err = neuro(*words.split())
+    code, out, err = neuro(*shlex.split(words))
     assert (code, out, err) == (2, "", f"error: {MISTAKES[words]}\n")
 
 

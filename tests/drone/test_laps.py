@@ -14,7 +14,7 @@ from neuro_drone.body import Kinematic
 from neuro_drone.evaluate import grid
 from neuro_drone.geometry import Pose, View
 from neuro_drone.line import LineTask
-from neuro_drone.paths import FIXED, Variation
+from neuro_drone.paths import FIXED, Course, Variation
 from neuro_drone.scenario import NAMES, load
 from neuro_drone.tasks import border
 
@@ -284,7 +284,7 @@ def test_what_is_lost_has_finite_errors():
     assert judged.error == pytest.approx((-64.5, 5.0))
 
 
-def replayed(scenario, path):
+def replayed(scenario, course):
     """Laps of the test that a flight scores which the oracle flew on the fixed path, one for each direction."""
     flown = {}
     for direction in {start.direction for start in grid(scenario)}:
@@ -299,16 +299,17 @@ def replayed(scenario, path):
     def replay(actions):
         return lambda step, judged: actions[step] if step < len(actions) else (0.0, 0.0)
 
-    starts = grid(scenario, path=path)
+    starts = grid(scenario, course=course)
     return sum(fly(scenario, replay(flown[s.direction]), s.error, s.direction, varied=s.path)[0].lap for s in starts)
 
 
 def test_a_recorded_flight_scores_on_the_path_that_it_knows_only():
     line, ball = load("line", step=100), load("B60", step=100)
-    assert replayed(line, "fixed") >= 14
-    assert replayed(line, "varied") <= 1
-    assert replayed(ball, "fixed") >= 1  # from the start that it knows
-    assert replayed(ball, "varied") <= 1
+    assert replayed(line, Course("fixed")) >= 14
+    assert replayed(ball, Course("fixed")) >= 1  # from the start that it knows
+    for seed in (0, 1, 4):
+        assert replayed(line, Course(seed=seed)) <= 1
+        assert replayed(ball, Course(seed=seed)) <= 1
 
 
 @pytest.mark.parametrize("name", ["B60", "line"])

@@ -14,6 +14,7 @@ from matplotlib.image import imread
 import neuro
 from neuro_drone.evaluate import Start, try_out
 from neuro_drone.flight import fly
+from neuro_drone.paths import Course
 from neuro_drone.scenario import load
 from neuro_drone.train import train
 from neuro_drone.watch import page, watch
@@ -92,7 +93,7 @@ def test_the_page_holds_it(flight):
     assert np.allclose(column(data, "poses", "<f4").reshape(-1, 3), flight.poses, atol=1e-5)
     assert (data["steps"], data["step"], data["ball"]) == (500, 20.0, 0.17)
     assert [s["name"] for s in data["spikes"]] == ["cells", "motors"]
-    assert "static, which does not learn · weights frozen, no dopamine · 10.0 s, mean error" in text
+    assert "static, which does not learn · weights frozen, no dopamine · the fixed path · 10.0 s, mean error" in text
     assert "network on" not in text
     assert "network on loihi" in page(replace(flight, backend="loihi"))
     assert "http" not in text.replace("http-equiv", "")
@@ -169,7 +170,7 @@ def test_a_browser_draws_it_moves_in_time_and_plays(flight, tmp_path, chromium):
 
 def test_a_controller_without_neurons_on_a_line(tmp_path, chromium):
     quick = load("line", **{"task": {"line": {"side": 1.5, "speed": 0.3, "direction": 1}}})
-    told = watch(train(quick, "oracle"), tmp_path / "lap.html", (5.0, 0.0))
+    told = watch(train(quick, "oracle"), tmp_path / "lap.html", (5.0, 0.0), course=Course("fixed"))
     assert re.fullmatch(r"\d\d\.\d s, mean error \d\.\d\d px, a lap that counts", told)
     chromium(f"--screenshot={tmp_path / 'lap.png'}", f"file://{tmp_path / 'lap.html'}")
     pixels = imread(tmp_path / "lap.png")[..., :3]
@@ -185,5 +186,6 @@ def test_a_page_has_the_training_of_what_was_trained(flight):
     assert column(data, "error", "<f4") == pytest.approx(taught.history["error_px"])
     assert np.array_equal(column(data, "tested", "<f4"), taught.curve["steps"])
     assert column(data, "frozen", "<f4") == pytest.approx(taught.curve["error_px"])
+    assert np.array_equal(column(data, "lost", "<u2"), taught.curve["lost"])
     older = data_of(page(replace(flight, model=replace(taught, curve={}))))["training"]
     assert set(older) == {"steps", "error"}

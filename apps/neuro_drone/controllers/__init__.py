@@ -80,12 +80,14 @@ class Kind:
         maker: class or function of scenario, seed and settings.
         settings: the defaults, a frozen dataclass.
         learns: whether training it makes sense.
+        rewarded: learns from the reward alone; else from the supervised error, which then also steers.
     """
 
     what: str
     maker: Callable[[Scenario, int, Any], Controller]
     settings: Any
     learns: bool = True
+    rewarded: bool = False
 
 
 CONTROLLERS: dict[str, Kind] = {
@@ -104,13 +106,11 @@ CONTROLLERS: dict[str, Kind] = {
     "snn-eta0": Kind("a check: the network without dopamine", Spiking, SpikingSettings(eta=0.0)),
     "snn-flipped": Kind("a check: the network with dopamine of the wrong sign", Spiking, SpikingSettings(eta=-0.1)),
     "snn-loihi": Kind("the network, learning on the emulated Loihi", Spiking, SpikingSettings(backend="loihi")),
-    "dqn": Kind("deep reinforcement learning on nine actions, from the reward alone", DQN, DQNSettings()),
-    "ddpg": Kind("deep reinforcement learning on continuous actions, from the reward alone", DDPG, DDPGSettings()),
-    "ppo": Kind("deep reinforcement learning of likely actions, from the reward alone", PPO, PPOSettings()),
+    "dqn": Kind("deep reinforcement learning on nine actions", DQN, DQNSettings(), rewarded=True),
+    "ddpg": Kind("deep reinforcement learning on continuous actions", DDPG, DDPGSettings(), rewarded=True),
+    "ppo": Kind("deep reinforcement learning of likely actions", PPO, PPOSettings(), rewarded=True),
     "random-search": Kind(
-        "linear in the centroid, its weights by random search, from the reward alone",
-        RandomSearch,
-        RandomSearchSettings(),
+        "linear in the centroid, its weights by random search", RandomSearch, RandomSearchSettings(), rewarded=True
     ),
 }
 """The controllers by name."""
