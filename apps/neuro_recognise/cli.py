@@ -40,6 +40,9 @@ Allow = Annotated[
     float | None,
     typer.Option("--allow", metavar="SHARE", help="Decide as soon as no larger share is wrong; learnt by 'early'."),
 ]
+Assurance = Annotated[
+    float, typer.Option("--assurance", metavar="P", help="Probability that no more than allowed are wrong.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
 
 
@@ -112,6 +115,7 @@ def predict(
     model: ModelFile,
     recordings: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Files of any readable format.")],
     allow: Allow = None,
+    assurance: Assurance = 0.9,
     json: Json = False,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
@@ -122,7 +126,7 @@ def predict(
     from neuro_recognise.telling.predicted import predict_files
 
     trained = Recogniser.load(model).changed(assignments(set))
-    report.show_predicted(trained, predict_files(trained, recordings, backend, allow), json)
+    report.show_predicted(trained, predict_files(trained, recordings, backend, allow, assurance), json)
 
 
 @app.command()
@@ -132,12 +136,13 @@ def early(
     part: Part = "Train",
     every: Annotated[float, typer.Option("--every", metavar="MS", help="From moment to moment.")] = 10.0,
     folds: Annotated[int, typer.Option("--folds", help="Of recordings that are held out, one after the other.")] = 5,
+    assurance: Assurance = 0.9,
+    backend: Backend = "event",
 ) -> None:
     """Learn from recordings when a recogniser may decide before they end, and add that to its file.
 
     After a kill the same command goes on where it was.
     """
-    from neuro.apps import Checkpoint
     from neuro_recognise.deciding.learn_early import learn_early
     from neuro_recognise.recogniser import Recogniser
     from neuro_recognise.telling import report
@@ -145,17 +150,15 @@ def early(
 
     trained = Recogniser.load(model)
     chosen = _recordings(data, part, trained.classes)
-    told = {"method": trained.method.as_words(), **trained.training, "every": every, "folds": folds}
-    checkpoint = Checkpoint(model, "neuro recogniser early 1", told | {"early data": chosen.fingerprint()})
     try:
         with Bar() as bar:
-            made = learn_early(trained, chosen, every_ms=every, folds=folds, checkpoint=checkpoint, report=bar.show)
+            made = learn_early(
+                trained, chosen, every_ms=every, folds=folds, backend=backend, out=model, report=bar.show
+            )
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on where it was", err=True)
         raise typer.Exit(130) from None
-    made.save(model)
-    checkpoint.remove()
-    report.show_early(made)
+    report.show_early(made, assurance)
 
 
 @app.command()
@@ -164,6 +167,7 @@ def watch(
     recording: Annotated[Path, typer.Argument(metavar="RECORDING", help="A file of any readable format.")],
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The page to write.")] = Path("recognise.html"),
     allow: Allow = None,
+    assurance: Assurance = 0.9,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:
@@ -171,7 +175,7 @@ def watch(
     from neuro_recognise.recogniser import Recogniser
     from neuro_recognise.telling.watch import watch
 
-    told = watch(Recogniser.load(model).changed(assignments(set)), recording, out, allow, backend)
+    told = watch(Recogniser.load(model).changed(assignments(set)), recording, out, allow, backend, assurance)
     typer.echo(f"{out}: {told}")
 
 
@@ -248,6 +252,7 @@ def show(
 
     trained = Recogniser.load(model)
     report.describe(trained)
+    report.show_early(trained)
     if out is not None:
         report.write_pictures(trained, out)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from neuro.events import Events, load
+from neuro_recognise.deciding.stopping import ASSURANCE
 from neuro_recognise.method import SILENT, choose
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.shown import Floats
@@ -43,7 +44,11 @@ class Predicted:
 
 
 def predict_files(
-    recogniser: Recogniser, files: Iterable[Path], backend: str = "event", allow: float | None = None
+    recogniser: Recogniser,
+    files: Iterable[Path],
+    backend: str = "event",
+    allow: float | None = None,
+    assurance: float = ASSURANCE,
 ) -> list[Predicted]:
     """Decide on files, each a recording.
 
@@ -53,13 +58,14 @@ def predict_files(
         backend: runs networks.
         allow: share of wrong decisions: each recording is decided on as soon as this is met, and what comes later is
             not looked at. None decides on the whole.
+        assurance: of an allowed error, see `Recogniser.session`.
 
     Raises:
         EventFileError: a file is damaged, or no recording.
         ModelError: it does not fit the recogniser, or the allowed error cannot be met.
     """
     return [
-        _whole(recogniser, file, backend) if allow is None else _early(recogniser, file, backend, allow)
+        _whole(recogniser, file, backend) if allow is None else _early(recogniser, file, backend, allow, assurance)
         for file in files
     ]
 
@@ -77,12 +83,13 @@ def _whole(recogniser: Recogniser, file: Path, backend: str) -> Predicted:
     return Predicted(str(file), label, scores[0], float(times[since]) if since < len(times) else length, length)
 
 
-def _early(recogniser: Recogniser, file: Path, backend: str, allow: float) -> Predicted:
+def _early(recogniser: Recogniser, file: Path, backend: str, allow: float, assurance: float) -> Predicted:
     events = load(file)
     length = _length(events)
     early = recogniser.early
     every = early.held.times_us[0] / 1000.0 if early else 1.0
-    session = recogniser.session(every_ms=every, allow=allow, window_ms=length + every, backend=backend)
+    window = length + every
+    session = recogniser.session(every_ms=every, allow=allow, assurance=assurance, window_ms=window, backend=backend)
     scores = np.full(len(recogniser.classes), np.nan)
     for decision in chain(session.feed(events), session.end()):
         scores = decision.scores
