@@ -516,6 +516,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "apps/neuro_recognise/telling/compare_report.py",
         "apps/neuro_recognise/detection/report.py",
         "apps/neuro_recognise/telling/watch.py",
+        "apps/neuro_recognise/detection/watching.py",
     }
     cache = {"neuro/kernels/kept.py"}  # machine code, in a folder of its own
     assert found == {"neuro/core/outputs.py"} | formats | temporary | given | cache

@@ -40,6 +40,9 @@ Allow = Annotated[
     float | None,
     typer.Option("--allow", metavar="SHARE", help="Decide as soon as no larger share is wrong; learnt by 'early'."),
 ]
+Assurance = Annotated[
+    float, typer.Option("--assurance", metavar="P", help="Probability that no more than allowed are wrong.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")]
 
 
@@ -114,6 +117,7 @@ def predict(
     model: ModelFile,
     recordings: Annotated[list[Path], typer.Argument(metavar="RECORDING...", help="Files of any readable format.")],
     allow: Allow = None,
+    assurance: Assurance = 0.9,
     json: Json = False,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
@@ -127,7 +131,7 @@ def predict(
     from neuro_recognise.telling.predicted import predict_files
 
     trained = Recogniser.load(model).changed(assignments(set))
-    found, wrong = predict_files(trained, recordings, backend, allow)
+    found, wrong = predict_files(trained, recordings, backend, allow, assurance)
     if found or json:
         report.show_predicted(trained, found, json)
     for error in wrong:
@@ -145,12 +149,13 @@ def early(
     folds: Annotated[
         int, typer.Option("--folds", metavar="N", parser=folds, help="Of recordings, each held out once.")
     ] = 5,
+    assurance: Assurance = 0.9,
+    backend: Backend = "event",
 ) -> None:
     """Learn from recordings when a recogniser may decide before they end, and add that to its file.
 
     After a kill the same command goes on where it was.
     """
-    from neuro.apps import Checkpoint
     from neuro_recognise.deciding.learn_early import learn_early
     from neuro_recognise.recogniser import Recogniser
     from neuro_recognise.telling import report
@@ -158,17 +163,15 @@ def early(
 
     trained = Recogniser.load(model)
     chosen = _recordings(data, part, trained.classes)
-    told = {"method": trained.method.as_words(), **trained.training, "every": every, "folds": folds}
-    checkpoint = Checkpoint(model, "neuro recogniser early 1", told | {"early data": chosen.fingerprint()})
     try:
         with Bar() as bar:
-            made = learn_early(trained, chosen, every_ms=every, folds=folds, checkpoint=checkpoint, report=bar.show)
+            made = learn_early(
+                trained, chosen, every_ms=every, folds=folds, backend=backend, out=model, report=bar.show
+            )
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on where it was", err=True)
         raise typer.Exit(130) from None
-    made.save(model)
-    checkpoint.remove()
-    report.show_early(made)
+    report.show_early(made, assurance)
 
 
 @app.command()
@@ -181,6 +184,7 @@ def watch(
         Path | None, typer.Option("--boxes", metavar="FILE", help="Draw these, too: as of 'detect' or 'scenes', .csv.")
     ] = None,
     allow: Allow = None,
+    assurance: Assurance = 0.9,
     backend: Backend = "event",
     set: Set = [],  # noqa: B006
 ) -> None:
@@ -200,7 +204,7 @@ def watch(
     else:
         from neuro_recognise.telling.watch import watch
 
-        told = watch(trained, recording, out, allow, backend)
+        told = watch(trained, recording, out, allow, backend, assurance)
     typer.echo(f"{out}: {told}")
 
 
@@ -278,6 +282,7 @@ def show(
 
     trained = Recogniser.load(model)
     report.describe(trained)
+    report.show_early(trained)
     if out is not None:
         report.write_pictures(trained, out)
 

@@ -17,7 +17,7 @@ from neuro_recognise import model_file
 from neuro_recognise.asking import Ask, Ready
 from neuro_recognise.deciding.early import Early
 from neuro_recognise.deciding.session import WINDOW_MS, Session
-from neuro_recognise.deciding.stopping import stopping_rule
+from neuro_recognise.deciding.stopping import ASSURANCE, stopping_rule
 from neuro_recognise.method import Answer, Course, Learnt, Method, Progress, choose
 from neuro_recognise.methods import method_of
 from neuro_recognise.model_file import FORMAT
@@ -123,6 +123,7 @@ class Recogniser:
         *,
         every_ms: float = 10.0,
         allow: float | None = None,
+        assurance: float = ASSURANCE,
         window_ms: float | None = None,
         gap_ms: float | None = None,
         backend: str = "event",
@@ -132,19 +133,20 @@ class Recogniser:
         Args:
             every_ms: from moment to moment.
             allow: share of wrong decisions at which `Decision.settled` says that it can be stopped; needs `early`.
+            assurance: probability with which no larger share is wrong, see `stopping_rule`.
             window_ms: after so long all is forgotten, and the next event begins anew; None takes the length of the
                 longest recording that `early` was learnt from, else 1000 ms.
             gap_ms: likewise after a pause without events; None for no such pause.
             backend: runs networks.
 
         Raises:
-            ModelError: a time is not above 0, or the allowed error cannot be met.
+            ModelError: a time is not above 0, or the held-out recordings do not support the allowed error.
         """
         seen = self.early.held.times_us[-1] / 1000.0 if self.early else WINDOW_MS
         every = _microseconds("every_ms", every_ms)
         window = _microseconds("window_ms", seen if window_ms is None else window_ms)
         gap = None if gap_ms is None else _microseconds("gap_ms", gap_ms)
-        rule = None if allow is None else stopping_rule(self._early().held, allow)
+        rule = None if allow is None else stopping_rule(self._early().held, allow, assurance)
         held = self.early.held if self.early else None
         return Session(self.method.observer, self._asked(backend), every, window, gap, held, rule)
 

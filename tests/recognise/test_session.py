@@ -1,5 +1,7 @@
 """Decisions while events arrive: the same however a stream is cut, those of `scores_at`, and in bounded memory."""
 
+import gc
+import tracemalloc
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -177,6 +179,41 @@ def test_reset_forgets(hats):
     session.feed(STREAM[0])
     session.reset()
     same(session.feed(STREAM[1]) + session.end(), fresh.feed(STREAM[1]) + fresh.end())
+
+
+def test_another_recording_comes_after_a_reset(hats):
+    session, fresh = hats.session(every_ms=5.0), hats.session(every_ms=5.0)
+    session.feed(STREAM[1])
+    session.reset()
+    same(session.feed(STREAM[0]) + session.end(), fresh.feed(STREAM[0]) + fresh.end())
+
+
+def test_parts_may_be_empty_and_all_forms_of_events(hats):
+    session, fresh, stream = hats.session(every_ms=5.0), hats.session(every_ms=5.0), STREAM[0]
+    said = session.feed(stream[:0])
+    for part in (stream[:7], stream[:0], stream[7:]):
+        columns = (part.t.tolist(), part.x.astype(np.int64), part.y.astype(np.uint8), part.p > 0)
+        said += session.feed(Events(*columns, SIZE) if len(part) else part)
+    same(said, fresh.feed(stream))
+    with pytest.raises(neuro.ModelError) as error:
+        session.feed([(1, 2, 3, 0)])
+    assert str(error.value) == (
+        "feed: found list, expected Events\n"
+        "  hint: Events(t, x, y, p, (width, height)) of neuro.events takes arrays; p is 1 or 0"
+    )
+
+
+@pytest.mark.parametrize("name", ["hats", "boe"])
+def test_memory_stays_flat_however_long_a_stream_is(name, request):
+    session, held = request.getfixturevalue(name).session(every_ms=10.0, window_ms=20.0), []
+    tracemalloc.start()
+    for k in range(80):
+        session.feed(recording(k % 3, 1, 10_000, 100, begin=10_000 * k))
+        if k in (19, 79):
+            gc.collect()
+            held.append(tracemalloc.get_traced_memory()[0])
+    tracemalloc.stop()
+    assert held[1] - held[0] < 20_000  # bytes; the events alone of the 60 parts between are 78,000
 
 
 @pytest.mark.parametrize(

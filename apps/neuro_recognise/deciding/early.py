@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from neuro_recognise.deciding.stopping import Held
+from neuro_recognise.deciding.held import Held
 from neuro_recognise.method import Learnt
 
 __all__ = ["Early", "part_of"]

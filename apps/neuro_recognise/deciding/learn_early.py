@@ -5,9 +5,11 @@ Every recording is decided on by what was learnt of the other folds, so that all
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -15,18 +17,17 @@ from neuro import ModelError
 from neuro.apps import Checkpoint
 from neuro.events import Recordings
 from neuro_recognise.deciding.early import Early
-from neuro_recognise.deciding.stopping import Held, margins
-from neuro_recognise.method import Course, Learnt, Progress, choose
-from neuro_recognise.observations import observe
+from neuro_recognise.deciding.held import Held, margins
+from neuro_recognise.deciding.held_out import Apart, HeldOut, Wholes
+from neuro_recognise.method import Learnt, Progress, choose
 from neuro_recognise.recogniser import Recogniser, Tell
-from neuro_recognise.shown import Array, Floats, Ints, unlabelled
+from neuro_recognise.shown import Array, Ints
 
 __all__ = ["learn_early", "moments"]
 
-AT_ONCE = 40
-"""Recordings whose beginnings are asked about together."""
 MOST = 200
 """Moments; more would mean an interval far below what changes decisions."""
+FORMAT = "neuro recogniser early 2"
 
 
 def learn_early(
@@ -35,7 +36,9 @@ def learn_early(
     *,
     every_ms: float = 10.0,
     folds: int = 5,
-    checkpoint: Checkpoint | None = None,
+    backend: str = "event",
+    out: Path | None = None,
+    cache: Path | None = None,
     report: Tell = lambda progress: None,
 ) -> Recogniser:
     """Learn when decisions can be made before a recording ends.
@@ -47,36 +50,39 @@ def learn_early(
         data: labelled recordings of its classes, best those of its training.
         every_ms: from moment to moment, up to the end of the longest recording.
         folds: into which the recordings are cut; each is decided on by what was learnt of the others.
-        checkpoint: keeps what is reached, so that a killed call goes on.
+        backend: runs networks that decide; those of folds are trained on what the recogniser was trained on.
+        out: file for the recogniser, also the one it has. What is reached is kept beside it, and the same call goes on
+            from there to the same bits.
+        cache: folder for what is computed of the recordings; None takes the user's.
         report: is told the progress.
 
     Returns:
         The same with `early`.
 
     Raises:
-        ModelError: too many moments, a class with fewer recordings than folds, or other classes.
+        ModelError: too many moments, a class with fewer recordings than folds, other classes, another backend for a
+            method without a network, or what is there of `out` was begun with other options.
         EventFileError: a recording is damaged or does not fit the method.
     """
+    method = recogniser.method
     if data.classes != recogniser.classes:
         raise ModelError(f"the recordings are of {list(data.classes)}, expected {list(recogniser.classes)}")
+    if backend != "event" and not method.spikes:
+        raise ModelError(f"{method.place()} has no network: found backend '{backend}'", hint="leave it out")
     times = moments(data, every_ms)
-    seed = int(recogniser.training.get("seed", 0))
-    work = _Work(recogniser, data, times, data.folds(folds, seed=seed), seed)
-    by_moment = recogniser.method.by_moment
-    steps, step = (len(times), work.moment) if by_moment else (folds, work.fold_of_wholes)
-    kept = checkpoint.resume() if checkpoint else {}
-    found = np.array(kept.get("margins", np.full((len(data), len(times)), np.nan)))
-    right = np.array(kept.get("right", np.zeros(found.shape, bool)))
-    learnt: dict[str, Array] = dict(kept.get("learnt", {}))
-    for k in range(int(kept.get("done", 0)), steps):
-        report(Progress("deciding on recordings held out", k, steps))
-        made = step(k)
-        found[made.where], right[made.where] = margins(made.scores), made.right
-        learnt |= {f"{k}.{name}": np.asarray(part) for name, part in made.learnt.items()}
-        if checkpoint:
-            checkpoint.keep(done=np.array(k + 1), margins=found, right=right, learnt=learnt)
-    report(Progress("deciding on recordings held out", steps, steps))
-    return replace(recogniser, early=Early(Held(times, found, right), _by_moment(learnt, steps) if by_moment else ()))
+    cut = data.folds(folds, seed=int(recogniser.training.get("seed", 0)))
+    told = {"method": method.as_words(), **recogniser.training, "every": every_ms, "folds": folds}
+    told |= {"early data": data.fingerprint(), "early backend": backend}
+    with _beside(out) as beside:
+        checkpoint = Checkpoint(beside, FORMAT, told)
+        way = Apart if method.by_moment else Wholes
+        work = way(recogniser, data, times, cut, backend, beside, cache, report)
+        made = replace(recogniser, early=_decided(work, checkpoint))
+        if out is not None:
+            made.save(out)
+        work.clear()
+        checkpoint.remove()
+    return made
 
 
 def moments(data: Recordings, every_ms: float) -> Ints:
@@ -96,51 +102,34 @@ def moments(data: Recordings, every_ms: float) -> Ints:
     return every * np.arange(1, max(1, -(-longest // every)) + 1, dtype=np.int64)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Step:
-    """What came of a step: which of (recordings, moments) it decided on, and how."""
+@contextmanager
+def _beside(out: Path | None) -> Iterator[Path]:
+    """What files of something under way lie beside: the file to write, or one that goes when all is done."""
+    if out is not None:
+        yield out
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        yield Path(folder) / "early"
 
-    where: tuple[Any, Any]
-    scores: Floats
-    right: Any
-    learnt: Learnt
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Work:
-    """The two ways of deciding on recordings that were held out."""
-
-    recogniser: Recogniser
-    data: Recordings
-    times: Ints
-    folds: list[tuple[Ints, Ints]]
-    seed: int
-
-    def moment(self, k: int) -> _Step:
-        """A moment: learn beginnings so long, of the other folds for each fold, and then of all."""
-        method, time = self.recogniser.method, int(self.times[k])
-        evidence = [method.observe_until(item.load(), [time])[0] for item in self.data]
-        shown = replace(unlabelled(evidence, self.recogniser.classes), labels=self.data.labels)
-        scores = np.full((len(shown), len(shown.classes)), np.nan)
-        for others, held in self.folds:
-            scores[held] = method.answer(method.fit(shown.take(others), Course(self.seed)), shown.take(held)).scores
-        learnt = method.fit(shown, Course(self.seed))
-        return _Step((slice(None), k), scores, choose(scores) == self.data.labels, learnt)
-
-    def fold_of_wholes(self, k: int) -> _Step:
-        """A fold: learn the other folds' recordings as wholes, and ask about the beginnings of its own."""
-        method = self.recogniser.method
-        others, held = self.folds[k]
-        learnt = method.fit(observe(method, self.data).take(others), Course(self.seed))
-        ask = method.asker(learnt)
-        scores = np.empty((len(held), len(self.times), len(self.recogniser.classes)))
-        for first in range(0, len(held), AT_ONCE):
-            rows = held[first : first + AT_ONCE].tolist()
-            evidence = [one for k in rows for one in method.observe_until(self.data[k].load(), self.times.tolist())]
-            found = ask(unlabelled(evidence, self.recogniser.classes)).scores
-            scores[first : first + len(rows)] = found.reshape(len(rows), *scores.shape[1:])
-        right = choose(scores.reshape(-1, scores.shape[2])).reshape(scores.shape[:2]) == self.data.labels[held, None]
-        return _Step((held, slice(None)), scores, right, {})
+def _decided(work: HeldOut, checkpoint: Checkpoint) -> Early:
+    """Do all steps, from where they were left."""
+    shape, kept = (len(work.data), len(work.times)), checkpoint.resume()
+    found = np.array(kept.get("margins", np.full(shape, np.nan)))
+    right = np.array(kept.get("right", np.zeros(shape, bool)))
+    learnt: dict[str, Array] = dict(kept.get("learnt", {}))
+    if not kept:  # before any other file, so that other options are refused by what they are called here
+        checkpoint.keep(done=np.array(0), margins=found, right=right, learnt=learnt)
+    labels = np.broadcast_to(work.data.labels[:, None], shape)
+    for k in range(int(kept.get("done", 0)), work.steps):
+        work.report(Progress("deciding on recordings held out", k, work.steps))
+        made = work.step(k)
+        decided = choose(made.scores.reshape(-1, made.scores.shape[-1])).reshape(made.scores.shape[:-1])
+        found[made.where], right[made.where] = margins(made.scores), decided == labels[made.where]
+        learnt |= {f"{k}.{name}": np.asarray(part) for name, part in made.learnt.items()}
+        checkpoint.keep(done=np.array(k + 1), margins=found, right=right, learnt=learnt)
+    work.report(Progress("deciding on recordings held out", work.steps, work.steps))
+    return Early(Held(work.times, found, right), _by_moment(learnt, len(work.times)) if learnt else ())
 
 
 def _by_moment(kept: Mapping[str, Array], moments: int) -> tuple[Learnt, ...]:

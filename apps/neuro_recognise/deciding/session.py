@@ -15,7 +15,8 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.events import Events
-from neuro_recognise.deciding.stopping import Held, Rule, margins
+from neuro_recognise.deciding.held import Held, margins
+from neuro_recognise.deciding.stopping import Rule
 from neuro_recognise.method import SILENT, choose
 from neuro_recognise.observers import Observer
 from neuro_recognise.shown import Evidence, Floats
@@ -75,10 +76,14 @@ class Session:
     ) -> None:
         self._make, self._ask, self._held, self._rule = observer, ask, held, rule
         self._every, self._window, self._gap = every_us, window_us, gap_us
-        self._clock: int | None = None
         self.reset()
 
     def reset(self) -> None:
+        """Forget all events and the time: the next event, of this stream or another recording, begins a stretch."""
+        self._clock: int | None = None
+        self._forget()
+
+    def _forget(self) -> None:
         """Forget all events: the next one begins a stretch."""
         self._begin: int | None = None
         self._last = 0
@@ -90,7 +95,7 @@ class Session:
         """Take in the next events of the stream.
 
         Args:
-            events: not before those of the part before.
+            events: not before those of the part before; may be none.
             until_us: time up to which this is all, us, for moments that pass without events; None: up to the last
                 event, whose own time may go on in the next part.
 
@@ -101,6 +106,7 @@ class Session:
             ModelError: time runs back, or the events do not fit the recogniser.
         """
         decided: list[Decision] = []
+        _check_events(events)
         self._check_clock(events, until_us)
         while len(events):
             if self._begin is None:
@@ -110,11 +116,11 @@ class Session:
             events = events[stop:]
             if len(events):
                 decided += self._pass(self._end())
-                self.reset()
+                self._forget()
         if until_us is not None:
             decided += self._pass(until_us + 1)
             if self._begin is not None and until_us >= self._end():
-                self.reset()
+                self._forget()
         return decided
 
     def end(self) -> list[Decision]:
@@ -127,7 +133,7 @@ class Session:
             decided, length = self._pass(self._last), self._last - self._begin
             if self._next == self._every or length > self._next - self._every:  # not where the clock went beyond it
                 decided.append(self._decide(length))
-        self.reset()
+        self._forget()
         return decided
 
     def _check_clock(self, events: Events, until_us: int | None) -> None:
@@ -135,7 +141,7 @@ class Session:
         if before is not None and first is not None and first < before:
             raise ModelError(
                 f"time runs back from {before} to {first} us: expected the next part of the same stream",
-                hint="another recording begins with another session",
+                hint="reset() before another recording",
             )
         last = int(events.t[-1]) if len(events) else before
         if until_us is not None and last is not None and until_us < last:
@@ -189,3 +195,9 @@ class Session:
         self._settled = self._settled or (self._rule is not None and self._rule.met(wrong))
         when = self._begin + after_us
         return Decision(when, after_us / 1000.0, label, scores, margin, 1.0 - wrong, self._settled)
+
+
+def _check_events(given: object) -> None:
+    if not isinstance(given, Events):
+        hint = "Events(t, x, y, p, (width, height)) of neuro.events takes arrays; p is 1 or 0"
+        raise ModelError(f"feed: found {type(given).__name__}, expected Events", hint=hint)

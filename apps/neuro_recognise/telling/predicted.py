@@ -11,6 +11,7 @@ import numpy as np
 
 from neuro import ModelError
 from neuro.events import Events, load
+from neuro_recognise.deciding.stopping import ASSURANCE
 from neuro_recognise.method import SILENT, choose
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.shown import Floats
@@ -44,7 +45,11 @@ class Predicted:
 
 
 def predict_files(
-    recogniser: Recogniser, files: Iterable[Path], backend: str = "event", allow: float | None = None
+    recogniser: Recogniser,
+    files: Iterable[Path],
+    backend: str = "event",
+    allow: float | None = None,
+    assurance: float = ASSURANCE,
 ) -> tuple[list[Predicted], list[ModelError]]:
     """Decide on files, each a recording.
 
@@ -54,6 +59,7 @@ def predict_files(
         backend: runs networks.
         allow: share of wrong decisions: each recording is decided on as soon as this is met, and what comes later is
             not looked at. None decides on the whole.
+        assurance: of an allowed error, see `Recogniser.session`.
 
     Returns:
         What is said of the recordings, and what is wrong with those that are damaged or do not fit.
@@ -62,7 +68,7 @@ def predict_files(
         ModelError: the backend cannot run the recogniser, or the allowed error cannot be met.
     """
     recogniser.answer([], backend)  # what is wrong with all is told before any is read
-    recogniser.session(allow=allow)
+    recogniser.session(allow=allow, assurance=assurance)
     found, wrong = list[Predicted](), list[ModelError]()
     for file in files:
         try:
@@ -70,7 +76,7 @@ def predict_files(
             found.append(
                 _whole(recogniser, str(file), events, backend)
                 if allow is None
-                else _early(recogniser, str(file), events, backend, allow)
+                else _early(recogniser, str(file), events, backend, allow, assurance)
             )
         except ModelError as error:
             wrong.append(error.at(None, str(file)))
@@ -89,11 +95,14 @@ def _whole(recogniser: Recogniser, file: str, events: Events, backend: str) -> P
     return Predicted(file, label, scores[0], float(times[since]) if since < len(times) else length, length)
 
 
-def _early(recogniser: Recogniser, file: str, events: Events, backend: str, allow: float) -> Predicted:
+def _early(
+    recogniser: Recogniser, file: str, events: Events, backend: str, allow: float, assurance: float
+) -> Predicted:
     length = _length(events)
     early = recogniser.early
     every = early.held.times_us[0] / 1000.0 if early else 1.0
-    session = recogniser.session(every_ms=every, allow=allow, window_ms=length + every, backend=backend)
+    window = length + every
+    session = recogniser.session(every_ms=every, allow=allow, assurance=assurance, window_ms=window, backend=backend)
     scores = np.full(len(recogniser.classes), np.nan)
     for decision in chain(session.feed(events), session.end()):
         scores = decision.scores

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from neuro import ModelError
 from neuro.apps import console, install, number, table, write_picture
-from neuro_recognise.deciding.stopping import stopping_rule
+from neuro_recognise.deciding.stopping import ASSURANCE, Outcome, least_allowed, outcome
 from neuro_recognise.evaluate import Evaluation
 from neuro_recognise.method import METHODS, SILENT
 from neuro_recognise.recogniser import Recogniser, method_of
@@ -103,8 +101,13 @@ def show_predicted(recogniser: Recogniser, predicted: list[Predicted], as_json: 
     console().print(table(("recording", "class", ">decided after", "scores"), rows))
 
 
-def show_early(recogniser: Recogniser) -> None:
-    """Print how held-out recordings were decided moment by moment, and what an allowed error costs in time."""
+def show_early(recogniser: Recogniser, assurance: float = ASSURANCE) -> None:
+    """Print how held-out recordings were decided moment by moment, and what an allowed error costs in time.
+
+    Args:
+        recogniser: if it has not learnt to decide early, nothing is printed.
+        assurance: of the allowed errors.
+    """
     if recogniser.early is None:
         return
     held = recogniser.early.held
@@ -113,14 +116,18 @@ def show_early(recogniser: Recogniser) -> None:
     out = console()
     out.print(f"{len(held.right)} recordings, each held out once")
     out.print(table((">after", ">right"), rows))
-    rules = []
-    for allowed in ALLOWED:
-        with suppress(ModelError):
-            rule = stopping_rule(held, allowed)
-            rules.append((f"{allowed:.1%}", f"{rule.mean_ms:.0f} ms", f"{rule.error:.1%}"))
-    if rules:
-        out.print("what an allowed error would have cost these recordings, in the mean")
-        out.print(table((">--allow", ">decided after", ">wrong"), rules))
+    least = least_allowed(held, assurance)
+    out.print(f"with an assurance of {assurance:g} they support an allowed error of {least:.1%} or more")
+    if supported := [allowed for allowed in ALLOWED if allowed >= least]:
+        heads = (">--allow", ">decided after", ">wrong", ">95 % interval")
+        rules = [_tried_out(allowed, outcome(held, allowed, assurance)) for allowed in supported]
+        out.print("rules of nine tenths of them, tried on the last, in the mean")
+        out.print(table(heads, rules))
+
+
+def _tried_out(allowed: float, found: Outcome) -> tuple[str, ...]:
+    low, high = found.interval
+    return f"{allowed:.1%}", f"{found.mean_ms:.0f} ms", f"{found.error:.1%}", f"{low:.1%} to {high:.1%}"
 
 
 def write_confusion(tried: Tried, folder: Path) -> None:

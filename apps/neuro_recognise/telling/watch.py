@@ -20,6 +20,7 @@ from neuro import ModelError
 from neuro.apps import output, sealed
 from neuro.events import Events, load
 from neuro_recognise.deciding.session import Decision
+from neuro_recognise.deciding.stopping import ASSURANCE
 from neuro_recognise.method import SILENT
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.views import Pictures, Trials, View
@@ -41,7 +42,12 @@ PAGE = sealed(
 
 
 def watch(
-    recogniser: Recogniser, recording: Path, out: Path, allow: float | None = None, backend: str = "event"
+    recogniser: Recogniser,
+    recording: Path,
+    out: Path,
+    allow: float | None = None,
+    backend: str = "event",
+    assurance: float = ASSURANCE,
 ) -> str:
     """Write the page of a recording.
 
@@ -51,6 +57,7 @@ def watch(
         out: the page.
         allow: share of wrong decisions for which it is told when it could be stopped.
         backend: runs networks.
+        assurance: of an allowed error, see `Recogniser.session`.
 
     Returns:
         What came of it, in a few words.
@@ -67,7 +74,7 @@ def watch(
             raise ModelError(f"{recording}: the recording has no events: nothing to watch")
         first = int(events.t[0])
         seen = events[: int(np.searchsorted(events.t, first + round(1000 * LONGEST_MS), "right"))]
-        said = decisions(recogniser, seen, allow, backend)
+        said = decisions(recogniser, seen, allow, backend, assurance)
         views = recogniser.method.views(seen, recogniser.learnt, recogniser.classes)
         part.write_text(PAGE.seal(page(recogniser, recording.name, seen, said, views, allow)), "utf-8")
     return told(recogniser, said, allow)
@@ -83,11 +90,16 @@ def check_page(out: Path) -> None:
         raise ModelError(f"{out}: what is watched is a page for a browser: expected a name that ends in .html")
 
 
-def decisions(recogniser: Recogniser, events: Events, allow: float | None, backend: str) -> list[Decision]:
+def decisions(
+    recogniser: Recogniser, events: Events, allow: float | None, backend: str, assurance: float = ASSURANCE
+) -> list[Decision]:
     """What is decided of a recording while it goes on: at the moments that were learnt, else at 60."""
     length_ms = max(1.0, (int(events.t[-1]) - int(events.t[0])) / 1000.0)
     every_ms = recogniser.early.held.times_us[0] / 1000.0 if recogniser.early else length_ms / POINTS
-    session = recogniser.session(every_ms=every_ms, allow=allow, window_ms=length_ms + every_ms, backend=backend)
+    window_ms = length_ms + every_ms
+    session = recogniser.session(
+        every_ms=every_ms, allow=allow, assurance=assurance, window_ms=window_ms, backend=backend
+    )
     return session.feed(events) + session.end()
 
 

@@ -1,0 +1,174 @@
+"""The two ways of deciding on the beginnings of recordings that were held out, in steps that can be done one by one."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from neuro.events import Recordings
+from neuro_recognise.asking import Ask
+from neuro_recognise.deciding.beginnings import Beginnings, beginnings
+from neuro_recognise.method import Course, Learnt, Progress
+from neuro_recognise.observations import observe
+from neuro_recognise.recogniser import Recogniser, learn
+from neuro_recognise.shown import Floats, Ints, Shown, unlabelled
+
+__all__ = ["Apart", "Decided", "HeldOut", "Wholes"]
+
+AT_ONCE = 40
+"""Recordings whose beginnings are asked about together."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decided:
+    """What came of a step.
+
+    Attributes:
+        where: which of (recordings, moments) were decided on.
+        scores: of these, and of all classes.
+        learnt: of beginnings so long, where they are learnt apart.
+    """
+
+    where: tuple[Any, Any]
+    scores: Floats
+    learnt: Learnt = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut(ABC):
+    """What both ways need.
+
+    Attributes:
+        recogniser: what was learnt of whole recordings.
+        data: recordings to learn from and to decide on.
+        times: how long beginnings are, us.
+        folds: indices to learn from and to decide on, of each fold.
+        backend: runs networks that are asked; they are trained on that of the recogniser's training.
+        beside: files of what is under way have this name and an ending.
+        cache: folder for what is computed of recordings; None takes the user's.
+        report: is told the progress.
+    """
+
+    recogniser: Recogniser
+    data: Recordings
+    times: Ints
+    folds: list[tuple[Ints, Ints]]
+    backend: str
+    beside: Path
+    cache: Path | None
+    report: Callable[[Progress], None]
+
+    @property
+    @abstractmethod
+    def steps(self) -> int:
+        """How many."""
+
+    @abstractmethod
+    def step(self, k: int) -> Decided:
+        """Do one of them."""
+
+    @abstractmethod
+    def clear(self) -> None:
+        """Remove the files of what was under way."""
+
+    @property
+    def course(self) -> Course:
+        """As the recogniser was trained."""
+        training = self.recogniser.training
+        return Course(int(training.get("seed", 0)), str(training.get("backend", "event")), None, self.report)
+
+    def file(self, ending: str) -> Path:
+        """Of something under way."""
+        return self.beside.with_name(f"{self.beside.name}.{ending}")
+
+
+class Apart(HeldOut):
+    """A moment a step: learn beginnings so long, of the other folds for each fold, and then of all."""
+
+    @property
+    def steps(self) -> int:
+        """One a moment."""
+        return len(self.times)
+
+    def step(self, k: int) -> Decided:
+        """All recordings at a moment."""
+        method, shown, course = self.recogniser.method, self._beginnings.at(k), self.course
+        scores = np.full((len(shown), len(shown.classes)), np.nan)
+        for others, held in self.folds:
+            learnt = method.fit(shown.take(others), course)
+            scores[held] = method.answer(learnt, shown.take(held), self.backend).scores
+        return Decided((slice(None), k), scores, method.fit(shown, course))
+
+    def clear(self) -> None:
+        """What was seen of the beginnings."""
+        self._beginnings.remove()
+
+    @cached_property
+    def _beginnings(self) -> Beginnings:
+        found = Beginnings(self.recogniser.method, self.data, self.times, self.file("beginnings"))
+        for done in found.look():
+            self.report(Progress("looking at beginnings", done, len(self.data)))
+        return found
+
+
+class Wholes(HeldOut):
+    """Some recordings of a fold a step: ask what was learnt of the other folds' whole recordings about beginnings."""
+
+    @property
+    def steps(self) -> int:
+        """One for each 40 recordings of a fold."""
+        return len(self._plan)
+
+    def step(self, k: int) -> Decided:
+        """Some recordings at all moments."""
+        fold, rows = self._plan[k]
+        method, classes = self.recogniser.method, self.recogniser.classes
+        evidence = [one for row in rows.tolist() for one in beginnings(method, self.data[row], self.times)]
+        scores = self._asker(fold)(unlabelled(evidence, classes)).scores
+        if k + 1 == self.steps or self._plan[k + 1][0] != fold:
+            self._askers.clear()
+        return Decided((rows, slice(None)), scores.reshape(len(rows), len(self.times), len(classes)))
+
+    def clear(self) -> None:
+        """What was learnt for each fold."""
+        for fold in range(len(self.folds)):
+            self._file(fold).unlink(missing_ok=True)
+
+    @cached_property
+    def _plan(self) -> list[tuple[int, Ints]]:
+        """Fold and recordings of each step."""
+        return [
+            (fold, held[first : first + AT_ONCE])
+            for fold, (_, held) in enumerate(self.folds)
+            for first in range(0, len(held), AT_ONCE)
+        ]
+
+    @cached_property
+    def _askers(self) -> dict[int, Ask]:
+        return {}
+
+    def _asker(self, fold: int) -> Ask:
+        """Of what was learnt of the other folds: a recogniser with a file of its own, so that a kill costs little."""
+        if fold not in self._askers:
+            method, course = self.recogniser.method, self.course
+            told = f"{self.data.fingerprint()} without fold {fold} of {len(self.folds)}"
+            shown, file = self._shown.take(self.folds[fold][0]), self._file(fold)
+            made = learn(method, shown, told, seed=course.seed, backend=course.backend, out=file, report=course.report)
+            self._askers[fold] = method.asker(made.learnt, self.backend)
+        return self._askers[fold]
+
+    def _file(self, fold: int) -> Path:
+        return self.file(f"fold{fold}")
+
+    @cached_property
+    def _shown(self) -> Shown:
+        def tell(done: int, n: int) -> None:
+            self.report(Progress("looking at recordings", done, n))
+
+        return observe(self.recogniser.method, self.data, cache=self.cache, report=tell)
