@@ -24,6 +24,7 @@ from neuro_recognise.evaluate import Evaluation, evaluate
 from neuro_recognise.method import Answer, Method, Progress, choose
 from neuro_recognise.methods import METHODS, method_of
 from neuro_recognise.observations import observe
+from neuro_recognise.priced import price
 from neuro_recognise.recogniser import learn
 from neuro_recognise.shown import Ints, Shown
 from neuro_recognise.training import field_of
@@ -221,8 +222,6 @@ def _fold(
 
 def _bills(answer: Answer, recordings: int, targets: Iterable[str]) -> dict[str, Any] | None:
     """By target joules and seconds of a recording, or why it cannot be priced; None without a network."""
-    from neuro_recognise.telling.energy import price
-
     if answer.run is None:
         return None
     bills: dict[str, Any] = {}

@@ -123,7 +123,7 @@ class _File:
         place = self.places[name]
         values = np.empty(place.shapes[k], place.dtype)
         begin = place.offset + int(place.begins[k]) * place.dtype.itemsize
-        if values.size and os.preadv(self._number, [values], begin) != values.nbytes:
+        if values.size and os.preadv(self._number, [values.data], begin) != values.nbytes:
             raise ModelError(f"{self._path}: damaged {FORMAT}: it ends too early")
         return values
 

@@ -171,6 +171,6 @@ class Sliding:
             if support[best] < self._dense.winners:
                 return
             of = np.flatnonzero(near[best] & left)
-            scores = np.bincount(label[of], weight[of], self._classes)
+            scores: Floats = np.bincount(label[of], weight[of], self._classes).astype(np.float64)
             yield np.average(middle[of], axis=0, weights=weight[of]), scores
             left[of] = False

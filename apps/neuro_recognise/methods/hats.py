@@ -93,4 +93,5 @@ def _sheet(histograms: Array) -> Array:
     """Histograms (rows, columns, 2, side, side) of cells beside each other, both polarities together."""
     cells = histograms.sum(axis=2)
     rows, columns, side, _ = cells.shape
-    return cells.transpose(0, 2, 1, 3).reshape(rows * side, columns * side)
+    sheet: Array = cells.transpose(0, 2, 1, 3).reshape(rows * side, columns * side)
+    return sheet

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import typer
@@ -13,7 +12,7 @@ import neuro
 from neuro import ModelError
 from neuro.apps import console, number, quantity, table
 from neuro.chips import footnotes
-from neuro_recognise.method import Run
+from neuro_recognise.priced import Priced, price
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.telling.tried import Tried
 
@@ -26,23 +25,6 @@ FRONT_END = (
     "not in the bill: the camera, the front end, which makes spikes of events on the host, and the way between "
     "host and chip"
 )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Priced:
-    """What it takes to decide on a recording.
-
-    Attributes:
-        run: of the network, on any backend.
-        recordings: that were shown.
-        bills: by target, of one recording.
-        refused: by target why it cannot run the network.
-    """
-
-    run: Run
-    recordings: int
-    bills: Mapping[str, Energy]
-    refused: Mapping[str, str]
 
 
 def check_targets(recogniser: Recogniser, targets: Iterable[str]) -> None:
@@ -61,15 +43,6 @@ def check_targets(recogniser: Recogniser, targets: Iterable[str]) -> None:
         sim.energy(name)
 
 
-def refusal(sim: neuro.Simulation, target: str) -> str:
-    """Why a chip cannot run a network, the first reason; "" if it can, or if its arithmetic is not known here."""
-    from neuro.chips import chip, quantise
-
-    asked = chip(target)
-    problems = quantise(sim.program, asked).problems if asked.arithmetic else ()
-    return next((f"{one.what}: {one.why}" for one in problems if one.refused), "")
-
-
 def bills(tried: Tried, targets: Iterable[str]) -> Priced:
     """The bill of a recording on each target.
 
@@ -82,14 +55,6 @@ def bills(tried: Tried, targets: Iterable[str]) -> Priced:
     """
     assert tried.answer.run is not None, "of a network only"
     return price(tried.answer.run(), tried.own.n, targets)
-
-
-def price(run: Run, recordings: int, targets: Iterable[str]) -> Priced:
-    """The same of a run on some recordings."""
-    sim, taken = run
-    reasons = {name: refusal(sim, name) for name in targets}
-    bills = {name: sim.energy(name, of=taken).per(recordings, "recording") for name, why in reasons.items() if not why}
-    return Priced(run, recordings, bills, {name: why for name, why in reasons.items() if why})
 
 
 def counted(priced: Priced) -> dict[str, float]:

@@ -125,7 +125,8 @@ def images(drawn: Floats, heads: Sequence[str], title: str, about: str, across: 
     """
     across = min(len(drawn), across)
     figure, tiles = _tiled(across, -(-len(drawn) // across), title, about, HEADED_IN if any(heads) else 0.0)
-    for axis, image, head in zip(tiles.flat, drawn, heads, strict=False):
+    axes: list[Axes] = tiles.ravel().tolist()
+    for axis, image, head in zip(axes, drawn, heads, strict=False):
         largest = max(float(np.abs(image).max()), 1e-12)
         axis.imshow(image, cmap=SIGNED, vmin=-largest, vmax=largest, interpolation="nearest")
         axis.add_patch(Rectangle((0, 0), 1, 1, transform=axis.transAxes, fill=False, edgecolor="#e4e8ee", lw=0.8))

@@ -1,0 +1,58 @@
+"""What it takes to decide on a recording, by target: its bill, or why the target refuses the network."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import neuro
+from neuro_recognise.method import Run
+
+if TYPE_CHECKING:
+    from neuro.chips import Energy
+
+__all__ = ["Priced", "price", "refusal"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Priced:
+    """What it takes to decide on a recording.
+
+    Attributes:
+        run: of the network, on any backend.
+        recordings: that were shown.
+        bills: by target, of one recording.
+        refused: by target why it cannot run the network.
+    """
+
+    run: Run
+    recordings: int
+    bills: Mapping[str, Energy]
+    refused: Mapping[str, str]
+
+
+def price(run: Run, recordings: int, targets: Iterable[str]) -> Priced:
+    """The bill of a recording on each target.
+
+    Args:
+        run: of a network on some recordings, on any backend.
+        recordings: how many were shown.
+        targets: chips, processors or table files, see `neuro.Simulation.energy`.
+
+    Raises:
+        ModelError: there is no such target, or it has no published costs.
+    """
+    sim, taken = run
+    reasons = {name: refusal(sim, name) for name in targets}
+    bills = {name: sim.energy(name, of=taken).per(recordings, "recording") for name, why in reasons.items() if not why}
+    return Priced(run, recordings, bills, {name: why for name, why in reasons.items() if why})
+
+
+def refusal(sim: neuro.Simulation, target: str) -> str:
+    """Why a chip cannot run a network, the first reason; "" if it can, or if its arithmetic is not known here."""
+    from neuro.chips import chip, quantise
+
+    asked = chip(target)
+    problems = quantise(sim.program, asked).problems if asked.arithmetic else ()
+    return next((f"{one.what}: {one.why}" for one in problems if one.refused), "")
