@@ -64,19 +64,29 @@ def write(found: Sequence[Compared], plan: Plan, data: str) -> tuple[Path, Path]
         The files.
     """
     markdown, page = plan.folder / "table.md", plan.folder / "compare.html"
-    rows = [[name.lstrip(">") for name in HEAD], ["---"] * len(HEAD), *(_row(one, plan) for one in found)]
-    lines = "".join(f"| {' | '.join(row)} |\n" for row in rows)
-    write_text(markdown, f"<!-- neuro recognise compare -->\n\n{lines}", TABLE)
+    told = _markdown(HEAD, [_row(one, plan) for one in found])
+    if bills := list(_bills(found)):
+        told += "\nJoules of a recording:\n\n" + _markdown(("method", *plan.targets), bills)
+    if unpriced := list(_unpriced(found)):
+        told += "\n" + "".join(f"- {line}\n" for line in unpriced)
+    write_text(markdown, f"<!-- neuro recognise compare -->\n\n{told}", TABLE)
     write_text(page, html.page("neuro recognise compare", f"Recognisers on {data}", _parts(found, plan, data)), PAGE)
     return markdown, page
 
 
+def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table as Markdown; a head that begins with > stands over numbers."""
+    rule = ["---:" if name.startswith(">") else "---" for name in head]
+    return "".join(f"| {' | '.join(row)} |\n" for row in ([name.lstrip(">") for name in head], rule, *rows))
+
+
 def _parts(found: Sequence[Compared], plan: Plan, data: str) -> Iterator[Any]:
-    tag, n = html.tag, found[0].of_seeds[0].n if found and found[0].of_seeds else 0
+    tag, ran = html.tag, [one for one in found if one.of_seeds]
+    n = ran[0].of_seeds[0].n if ran else 0
     yield tag("h1", "Recognisers side by side")
     seeds = f"{len(plan.seeds)} seed" + ("s" if len(plan.seeds) > 1 else "")
     yield tag("p", f"{n} recordings of {data}, {plan.folds} folds, {seeds}.", class_="lead")
-    if ran := [one for one in found if one.of_seeds]:
+    if ran:
         yield _picture(accuracies([(one.contestant.name, one.of_seeds) for one in ran]), "accuracy of each method")
     yield html.table(HEAD, [_row(one, plan) for one in found])
     yield tag("p", ABOUT)
