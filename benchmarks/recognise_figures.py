@@ -48,13 +48,15 @@ def found(folder: Path, data: Recordings) -> dict[str, list[Evaluation]]:
     each: dict[str, list[Evaluation]] = defaultdict(list)
     for (name, _), one in decided.items():
         tested = np.array(sorted(one))
-        each[name].append(evaluate(np.array([one[k] for k in tested]), data.labels[tested], data.classes))
+        each[name.removesuffix("-poker")].append(
+            evaluate(np.array([one[k] for k in tested]), data.labels[tested], data.classes)
+        )
     return each
 
 
 def matrices(shown: dict[str, Evaluation]) -> Figure:
     """Confusion matrices beside each other, in percent of each class."""
-    figure = Figure(figsize=(4.3 * len(shown), 4.5), dpi=120, layout="constrained", facecolor=PAPER)
+    figure = Figure(figsize=(4.3 * len(shown), 4.8), dpi=120, layout="tight", facecolor=PAPER)
     for axis, (name, one) in zip(figure.subplots(1, len(shown)), shown.items(), strict=True):
         table = one.confusion[:, : len(one.classes)]
         share = 100 * table / one.confusion.sum(axis=1, keepdims=True)

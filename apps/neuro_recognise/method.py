@@ -120,7 +120,7 @@ class Method(Settings):
         by_moment: whether beginnings of recordings have to be learnt apart to decide early, since what is seen of a
             beginning differs from what is seen of the whole.
         presets: other settings by name, as values that differ; the first, without a name, are the defaults.
-        measured: accuracy by data set, as text with the command in docs/how-to/recognise.md.
+        measured: accuracy by data set, as text; docs/reference/recognisers.md has the commands.
     """
 
     title: ClassVar[str]

@@ -35,6 +35,7 @@ class Boe(Method):
     source = "Peng et al., IEEE TNNLS 28:791, 2017; thesis 6.1.3, eqs 117-118 (the printed sign of w is turned)"
     needs = "recognise"
     presets = {"tar": {"cleaner": "tar"}, "poker": {"size": [35, 35]}}
+    measured = {"N-MNIST": "79.8 %", "POKER-DVS": "87.4 %"}
 
     cleaner: Cleaner = part(Cleaner, Plain())
     segmenter: Segmenter = part(Segmenter, Msd())

@@ -31,6 +31,7 @@ class Hats(Descriptor):
     title = "histograms of averaged time surfaces"
     source = "Sironi et al., CVPR 2018, section 4"
     presets = {"poker": {"size": [35, 35], "cell": 12, "tau": 10.0}}
+    measured = {"N-MNIST": "95.1 %", "POKER-DVS": "94.6 %"}
 
     cell: int = setting(
         0, "px", "side of a cell; 0: a fifth of the larger side", "best of 5, 7, 9 on N-MNIST's 34 px", at_least=0

@@ -48,6 +48,7 @@ class HFirst(Method, HFirstSettings):
     source = "Orchard et al., IEEE TPAMI 37:2028, 2015; github gorchard/HFIRST; thesis lines 2181-2191"
     spikes = True
     presets = {"poker": {"size": [35, 35], "c1_resets": True, "reading": "hard"}}
+    measured = {"N-MNIST": "88.3 %", "POKER-DVS": "88.5 %"}
 
     reading: str = setting(
         "potentials", "", "how S2 is read: spikes, their shares or summed V_m of each class", "the authors': hard",

@@ -74,6 +74,7 @@ class MasquelierThorpe(Framewise):
     source = "Masquelier and Thorpe, PLoS Comput. Biol. 3:e31, 2007; there an RBF network reads"
     needs = "recognise"
     presets = {"poker": {"size": [34, 34], "field": 7, "theta": 25.0, "epochs": 3}}
+    measured = {"N-MNIST": "85.0 %", "POKER-DVS": "95.4 %"}
 
     layer: Layer = part(Layer, MasquelierThorpeLayer())
     readout: Readout = part(Readout, Svm(C=0.1))

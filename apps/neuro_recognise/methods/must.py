@@ -72,6 +72,7 @@ class Must(Framewise):
     title = "unsupervised STDP with homeostasis, neurons named afterwards"
     source = "Liu et al., 2020, as the thesis tells, section 6.1.5; homeostasis of Diehl and Cook 2015"
     presets = {"poker": {"size": [34, 34]}}
+    measured = {"N-MNIST": "80.9 %", "POKER-DVS": "92.3 %"}
 
     encoder: Encoder = part(Encoder, LogLatency(first=150))
     layer: Layer = part(Layer, MustLayer())

@@ -23,6 +23,7 @@ class TarHats(Hats):
 
     title = "HATS without memory behind the filter TAR"
     source = "thesis B.4; Sironi et al., CVPR 2018; the thesis leaves open what is in place of the memory"
+    measured = {"N-MNIST": "95.2 %", "POKER-DVS": "97.7 %"}
 
     cleaner: Cleaner = part(Cleaner, Tar())
 

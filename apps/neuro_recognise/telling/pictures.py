@@ -73,8 +73,8 @@ def accuracies(found: Sequence[tuple[str, Sequence[Evaluation]]]) -> Figure:
         axis.plot([100 * low, 100 * high], [row, row], color="#cfe3f1", lw=9, solid_capstyle="butt", zorder=1)
         axis.plot(100 * np.array(shares), np.full(len(shares), row), "o", color=BLUE, ms=5, zorder=2)
         axis.annotate(
-            f"{100 * np.mean(shares):.1f}", (100 * high, row), (5, 0), textcoords="offset points", va="center",
-            color=INK, fontsize=9,
+            f"{100 * np.mean(shares):.1f}", (100 * max(high, *shares), row), (6, 0), textcoords="offset points",
+            va="center", color=INK, fontsize=9,
         )  # fmt: skip
     axis.set_yticks(range(len(ordered)), [name for name, _ in ordered])
     axis.set_xlim(right=min(axis.get_xlim()[1] + 2.0, 104.0))
