@@ -76,7 +76,7 @@ class Svm(Readout):
         made = svm(C=self.C, dual="auto", random_state=course.seed)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that it did not converge: the machine is used as it is
-            made.fit((x - middle) / spread if self.scale == "standard" else self._scaled(x), labels)
+            made.fit(_standard(x, middle, spread) if self.scale == "standard" else self._scaled(x), labels)
         weights, thresholds = _all_classes(made, classes)
         # the planes of plain values, so that nothing has to be standardised to ask
         shift = weights @ (middle / spread) if self.scale == "standard" else 0.0
@@ -110,7 +110,7 @@ class Rbf(Readout):
         """Learn which recordings hold the borders, and their weights."""
         svc = _learner("SVC")
         middle, spread = _scale(x)
-        scaled = (x - middle) / spread
+        scaled = _standard(x, middle, spread)
         weights, thresholds = np.zeros((classes, len(x))), np.full(classes, -np.inf)
         for label in np.unique(labels):
             made = svc(C=self.C, gamma=self.gamma / x.shape[1]).fit(scaled, labels == label)
@@ -143,7 +143,7 @@ class Ridge(Readout):
     def fit(self, x: Array, labels: Ints, classes: int, course: Course) -> Learnt:
         """Solve for weights in closed form, in the smaller of the two spaces."""
         middle, spread = _scale(x)
-        scaled = (x - middle) / spread
+        scaled = _standard(x, middle, spread)
         wanted = np.where(labels[:, None] == np.arange(classes), 1.0, -1.0)
         level = wanted.mean(axis=0)
         if len(x) <= x.shape[1]:
@@ -198,6 +198,13 @@ def _scale(x: Array) -> tuple[Floats, Floats]:
     """Mean and deviation of each value; 1 where a value is always the same."""
     spread = x.std(axis=0)
     return x.mean(axis=0), np.where(spread > 0, spread, 1.0)
+
+
+def _standard(x: Array, middle: Floats, spread: Floats) -> Floats:
+    """Values with mean 0 and deviation 1; no copy but this one, as there may be tens of thousands of vectors."""
+    scaled: Floats = x - middle
+    scaled /= spread
+    return scaled
 
 
 def _all_classes(made: Any, classes: int) -> tuple[Floats, Floats]:
