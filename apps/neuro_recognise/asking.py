@@ -27,9 +27,14 @@ class Ready:
         self._kept: OrderedDict[tuple[int, str], tuple[Learnt, Ask]] = OrderedDict()
 
     def asker(self, method: Method, learnt: Learnt, backend: str) -> Ask:
-        """That of `Method.asker`, made where it is not there. One thing learnt is always asked by one method."""
+        """That of `Method.asker`, made where it is not there. One thing learnt is always asked by one method.
+
+        Raises:
+            ModelError: the method cannot run on the backend.
+        """
         key = (id(learnt), backend)
         if key not in self._kept:
+            method.check_backend(backend)
             # what was learnt is kept, too, so that no other gets its id
             self._kept[key] = learnt, method.asker(learnt, backend)
         self._kept.move_to_end(key)

@@ -21,7 +21,7 @@ from neuro import ModelError
 from neuro.apps import hdf5
 from neuro_recognise.shown import Array, Evidence, Ints
 
-__all__ = ["Kept", "is_kept", "keep"]
+__all__ = ["Kept", "is_kept", "keep", "write_evidence"]
 
 FORMAT = "neuro recognise evidence 1"
 
@@ -40,11 +40,15 @@ def keep(file: Path, evidence: Sequence[Evidence]) -> None:
     """
     file.parent.mkdir(parents=True, exist_ok=True)
     with hdf5.writing(file, FORMAT, replace=True) as out:
-        for name in evidence[0]:
-            arrays = [one[name] for one in evidence]
-            group = out.create_group(name)
-            group["shape"] = np.array([array.shape for array in arrays], np.int64)
-            group["values"] = np.concatenate([array.ravel() for array in arrays])
+        write_evidence(out, evidence)
+
+
+def write_evidence(group: Any, evidence: Sequence[Evidence]) -> None:
+    """Write evidence of some recordings, at least one, into a group of HDF5, a group for each name."""
+    for name in evidence[0]:
+        arrays = [one[name] for one in evidence]
+        group[f"{name}/shape"] = np.array([array.shape for array in arrays], np.int64)
+        group[f"{name}/values"] = np.concatenate([array.ravel() for array in arrays])
 
 
 class Kept(Sequence[Evidence]):

@@ -14,7 +14,7 @@ import neuro
 from neuro.apps import Checkpoint, check_output, hdf5
 from neuro.events import Events, Recordings
 from neuro_recognise import model_file
-from neuro_recognise.asking import Ask, Ready
+from neuro_recognise.asking import Ready
 from neuro_recognise.deciding.early import Early
 from neuro_recognise.deciding.session import WINDOW_MS, Session
 from neuro_recognise.deciding.stopping import ASSURANCE, stopping_rule
@@ -155,15 +155,10 @@ class Recogniser:
 
         def ask(after_us: int, evidence: Evidence) -> Floats:
             shown = unlabelled([evidence], self.classes)
-            scores: Floats = self._ask(self.learnt_at(after_us), backend)(shown).scores[0]
+            scores: Floats = self._ready.asker(self.method, self.learnt_at(after_us), backend)(shown).scores[0]
             return scores
 
         return ask
-
-    def _ask(self, learnt: Learnt, backend: str) -> Ask:
-        """A function that gives the answer of something learnt to what is shown."""
-        self.method.check_backend(backend)
-        return self._ready.asker(self.method, learnt, backend)
 
     def _early(self) -> Early:
         if self.early is None:
@@ -175,12 +170,12 @@ class Recogniser:
 
     def answer(self, recordings: Recordings | Iterable[Events] | Events, backend: str = "event") -> Answer:
         """Scores, those of other votes, and what it took to find them. Arguments and errors as of `scores`."""
-        self._ask(self.learnt, backend)  # what cannot run shows before recordings are read
+        self._ready.asker(self.method, self.learnt, backend)  # what cannot run shows before recordings are read
         return self.answer_shown(self.shown(recordings), backend)
 
     def answer_shown(self, shown: Shown, backend: str = "event") -> Answer:
         """Likewise of what was looked at before, see `shown`; of nothing there are no scores."""
-        ask = self._ask(self.learnt, backend)
+        ask = self._ready.asker(self.method, self.learnt, backend)
         return ask(shown) if len(shown) else Answer(np.empty((0, len(self.classes))))
 
     def shown(self, recordings: Recordings | Iterable[Events] | Events) -> Shown:

@@ -15,9 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from neuro import ModelError
 from neuro.apps import hdf5, make_folder
-from neuro.events import EventFileError, Recordings
+from neuro.events import Recordings
 from neuro.events.dataset import Sample
+from neuro_recognise.kept import write_evidence
 from neuro_recognise.method import Method
 from neuro_recognise.shown import Evidence, Ints, Shown
 
@@ -32,14 +34,14 @@ def beginnings(method: Method, recording: Sample, times_us: Ints) -> list[Eviden
     """What a recording shows until each time.
 
     Raises:
-        EventFileError: it is damaged or does not fit the method.
+        EventFileError: it is damaged.
+        ModelError: it does not fit the method; it is named.
     """
+    events = recording.load()
     try:
-        return method.observe_until(recording.load(), times_us.tolist())
-    except EventFileError:
-        raise
-    except ValueError as error:
-        raise EventFileError(recording.path, str(error)) from None
+        return method.observe_until(events, times_us.tolist())
+    except ModelError as error:
+        raise error.at(None, recording.path) from None
 
 
 class Beginnings:
@@ -61,7 +63,8 @@ class Beginnings:
         """Look at what is not there yet; gives the number of recordings that are done, after each hundred.
 
         Raises:
-            EventFileError: a recording is damaged or does not fit the method.
+            EventFileError: a recording is damaged.
+            ModelError: one does not fit the method; it is named.
             Unwritable: a file cannot be written.
         """
         make_folder(self._folder)
@@ -87,10 +90,7 @@ class Beginnings:
 def _write(file: Path, of_recordings: Sequence[Sequence[Evidence]]) -> None:
     with hdf5.writing(file, FORMAT, replace=True) as out:
         for moment, evidence in enumerate(zip(*of_recordings, strict=True)):
-            for name in evidence[0]:
-                arrays = [one[name] for one in evidence]
-                out[f"{moment}/{name}/shape"] = np.array([array.shape for array in arrays], np.int64)
-                out[f"{moment}/{name}/values"] = np.concatenate([array.ravel() for array in arrays])
+            write_evidence(out.create_group(str(moment)), evidence)
 
 
 def _read(file: Path, moment: int) -> list[Evidence]:

@@ -47,6 +47,7 @@ class HeldOut(ABC):
     Attributes:
         recogniser: what was learnt of whole recordings.
         data: recordings to learn from and to decide on.
+        fingerprint: of their contents.
         times: how long beginnings are, us.
         folds: indices to learn from and to decide on, of each fold.
         backend: runs networks that are asked; they are trained on that of the recogniser's training.
@@ -57,6 +58,7 @@ class HeldOut(ABC):
 
     recogniser: Recogniser
     data: Recordings
+    fingerprint: str
     times: Ints
     folds: list[tuple[Ints, Ints]]
     backend: str
@@ -157,7 +159,7 @@ class Wholes(HeldOut):
         """Of what was learnt of the other folds: a recogniser with a file of its own, so that a kill costs little."""
         if fold not in self._askers:
             method, course = self.recogniser.method, self.course
-            told = f"{self.data.fingerprint()} without fold {fold} of {len(self.folds)}"
+            told = f"{self.fingerprint} without fold {fold} of {len(self.folds)}"
             shown, file = self._shown.take(self.folds[fold][0]), self._file(fold)
             made = learn(method, shown, told, seed=course.seed, backend=course.backend, out=file, report=course.report)
             self._askers[fold] = method.asker(made.learnt, self.backend)
@@ -171,4 +173,4 @@ class Wholes(HeldOut):
         def tell(done: int, n: int) -> None:
             self.report(Progress("looking at recordings", done, n))
 
-        return observe(self.recogniser.method, self.data, cache=self.cache, report=tell)
+        return observe(self.recogniser.method, self.data, fingerprint=self.fingerprint, cache=self.cache, report=tell)

@@ -61,22 +61,23 @@ def learn_early(
 
     Raises:
         ModelError: too many moments, a class with fewer recordings than folds, other classes, another backend for a
-            method without a network, or what is there of `out` was begun with other options.
-        EventFileError: a recording is damaged or does not fit the method.
+            method without a network, a recording does not fit the method, or what is there of `out` was begun with
+            other options.
+        EventFileError: a recording is damaged.
     """
     method = recogniser.method
     if data.classes != recogniser.classes:
         raise ModelError(f"the recordings are of {list(data.classes)}, expected {list(recogniser.classes)}")
-    if backend != "event" and not method.spikes:
-        raise ModelError(f"{method.place()} has no network: found backend '{backend}'", hint="leave it out")
+    method.check_backend(backend)
     times = moments(data, every_ms)
     cut = data.folds(folds, seed=int(recogniser.training.get("seed", 0)))
     told = {"method": method.as_words(), **recogniser.training, "every": every_ms, "folds": folds}
-    told |= {"early data": data.fingerprint(), "early backend": backend}
+    fingerprint = data.fingerprint()
+    told |= {"early data": fingerprint, "early backend": backend}
     with _beside(out) as beside:
         checkpoint = Checkpoint(beside, FORMAT, told)
         way = Apart if method.by_moment else Wholes
-        work = way(recogniser, data, times, cut, backend, beside, cache, report)
+        work = way(recogniser, data, fingerprint, times, cut, backend, beside, cache, report)
         made = replace(recogniser, early=_decided(work, checkpoint))
         if out is not None:
             made.save(out)

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from neuro import ModelError
 from neuro.apps import output
-from neuro.events import Events, load
+from neuro.events import Events
 from neuro_recognise.detection.boxes import UNKNOWN, Boxes, read_boxes
 from neuro_recognise.detection.detector import Detector
 from neuro_recognise.recogniser import Recogniser
-from neuro_recognise.telling.watch import PAGE, check_page, filled, shown
+from neuro_recognise.telling.watch import PAGE, check_page, filled, shown, watchable
 
 __all__ = ["COLOURS", "page", "watch_objects"]
 
@@ -45,9 +44,7 @@ def watch_objects(
     """
     check_page(out)
     with output(out, PAGE) as part:
-        events = load(recording)
-        if not len(events):
-            raise ModelError(f"{recording}: the recording has no events: nothing to watch")
+        events = watchable(recording)
         there = Boxes.of([]) if given is None else read_boxes(given, recogniser.classes)
         found = Detector(recogniser, backend=backend).detect(events) if find else Boxes.of([])
         part.write_text(PAGE.seal(page(events, found, recogniser.classes, recording.name, there)), "utf-8")

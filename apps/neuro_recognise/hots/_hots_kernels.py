@@ -81,6 +81,15 @@ def find(t, x, y, channel, seen, products, width, radius, channels, tau, turned,
 
 
 @inner
+def counted_from(begin, now, tau, seen):
+    """From when on the map is counted: from now on, and shrunk to the present, where it has grown for too long."""
+    if now - begin > LONGEST * tau:
+        shrink(seen, exp((begin - now) / tau))
+        return now
+    return begin
+
+
+@inner
 def compared(seen, corner, stride, span, side, scale, centres, products):
     """The inner product of the time surface with each centre; gives the surface's squared length.
 
@@ -125,9 +134,7 @@ def learn(t, x, y, channel, seen, width, radius, channels, tau, centres, squares
     begin = float(t[0]) if t.size else 0.0
     for e in range(t.size):
         now = float(t[e])
-        if now - begin > LONGEST * tau:
-            shrink(seen, exp((begin - now) / tau))
-            begin = now
+        begin = counted_from(begin, now, tau, seen)
         grown = exp((now - begin) / tau)
         corner = y[e] * stride + x[e] * channels
         seen[corner + radius * (stride + channels) + channel[e]] = grown
@@ -151,9 +158,7 @@ def surfaces(t, x, y, channel, seen, width, radius, channels, tau, wanted, out):
     begin, found = float(t[0]) if t.size else 0.0, 0
     for e in range(t.size):
         now = float(t[e])
-        if now - begin > LONGEST * tau:
-            shrink(seen, exp((begin - now) / tau))
-            begin = now
+        begin = counted_from(begin, now, tau, seen)
         grown = exp((now - begin) / tau)
         corner = y[e] * stride + x[e] * channels
         seen[corner + radius * (stride + channels) + channel[e]] = grown

@@ -25,7 +25,7 @@ from neuro_recognise.method import SILENT
 from neuro_recognise.recogniser import Recogniser
 from neuro_recognise.views import Pictures, Trials, View
 
-__all__ = ["PAGE", "check_page", "decisions", "filled", "page", "shown", "watch"]
+__all__ = ["PAGE", "check_page", "decisions", "filled", "page", "shown", "watch", "watchable"]
 
 MOST = 1_000_000
 """Events, and spikes of a view, of a page; of more an even choice is shown."""
@@ -69,15 +69,26 @@ def watch(
     """
     check_page(out)
     with output(out, PAGE) as part:
-        events = load(recording)
-        if not len(events):
-            raise ModelError(f"{recording}: the recording has no events: nothing to watch")
+        events = watchable(recording)
         first = int(events.t[0])
         seen = events[: int(np.searchsorted(events.t, first + round(1000 * LONGEST_MS), "right"))]
         said = decisions(recogniser, seen, allow, backend, assurance)
         views = recogniser.method.views(seen, recogniser.learnt, recogniser.classes)
         part.write_text(PAGE.seal(page(recogniser, recording.name, seen, said, views, allow)), "utf-8")
     return told(recogniser, said, allow)
+
+
+def watchable(recording: Path) -> Events:
+    """The events of a file.
+
+    Raises:
+        ModelError: there are none.
+        EventFileError: it is damaged.
+    """
+    events = load(recording)
+    if not len(events):
+        raise ModelError(f"{recording}: the recording has no events: nothing to watch")
+    return events
 
 
 def check_page(out: Path) -> None:
