@@ -1,14 +1,16 @@
 """How well several objects are found: `python benchmarks/recognise_scenes.py hats --out FOLDER`.
 
 The recordings to train on are divided into folds. For each fold a recogniser learns from crops out of scenes that are
-composed of the other folds' recordings, and is tried on scenes of this one. All is kept in the folder, so that the same
-command goes on where it was; scenes and crops serve all methods. Prints the mean over folds of each case.
+composed of the other folds' recordings, and is tried on scenes of this one. All is kept in the folder, so the same
+command goes on where it was; scenes and crops serve all methods. Prints the mean over folds of each case, and the mAP
+of all pictures together: a class has few objects in a fold, so the mean of folds is that of rough figures.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,8 +21,10 @@ from neuro.cli.options import assignments
 from neuro.events import Recordings, recordings
 from neuro_recognise import Recogniser, fit
 from neuro_recognise.detection import Detecting, Detector, Scenery, write_scenes
+from neuro_recognise.detection.boxes import Boxes
 from neuro_recognise.detection.detector import WAYS
 from neuro_recognise.detection.learning import write_crops
+from neuro_recognise.detection.measures import precision
 from neuro_recognise.detection.scenes import fold_of
 from neuro_recognise.detection.trial import try_out
 from neuro_recognise.recogniser import method_of
@@ -65,6 +69,7 @@ def main() -> None:
             print(fold, case, told(figures), flush=True)
     for case, figures in found.items():
         print(f"{asked.method}, {case}, {sum(one['scenes'] for one in figures)} scenes: {told(*figures)}")
+        print(f"  all pictures together: {pooled(figures, len(data.classes))}")
 
 
 def fold_figures(asked: argparse.Namespace, data: Recordings, fold: int) -> dict[str, dict[str, Any]]:
@@ -82,7 +87,9 @@ def fold_figures(asked: argparse.Namespace, data: Recordings, fold: int) -> dict
                 asked.out / f"{case}-{fold}", data, CASES[case], asked.scenes, seed=1, chosen=held_out
             )
             detector = detector or Detector(learnt(asked, data, fold, held_out, name), settings, way=asked.way)
-            file.write_text(json.dumps(try_out(detector, scenes).as_words(data.classes)))
+            tried_out = try_out(detector, scenes)
+            pictures = [[as_rows(boxes) for boxes in pair] for pair in tried_out.pictures]
+            file.write_text(json.dumps(tried_out.as_words(data.classes) | {"pictures": pictures}))
         figures[case] = json.loads(file.read_text())
     return figures
 
@@ -99,6 +106,19 @@ def learnt(asked: argparse.Namespace, data: Recordings, fold: int, held_out: Any
         whole.touch()
     method = method_of(asked.method, values=assignments(asked.set))
     return fit(recordings(crops, classes=data.classes), method, out=asked.out / f"{name}-{fold}.h5")
+
+
+def as_rows(boxes: Boxes) -> list[Any]:
+    """Boxes as plain data."""
+    names = ("start", "stop", "identity", "label", "score", "box")
+    return list(zip(*(getattr(boxes, name).tolist() for name in names), strict=True))
+
+
+def pooled(figures: Iterable[dict[str, Any]], classes: int) -> str:
+    """Average precision of the pictures of all folds, in which scores of several recognisers are ranked together."""
+    pictures = [picture for one in figures for picture in one["pictures"]]
+    found = precision([(Boxes.of(there), Boxes.of(boxes)) for there, boxes in pictures], classes)
+    return f"mAP {found.mean:.3f}, box AP {found.box:.3f}"
 
 
 def told(*figures: dict[str, Any]) -> str:

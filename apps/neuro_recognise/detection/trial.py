@@ -27,12 +27,14 @@ class Tried:
         switches: of all scenes.
         ms: processor time of a scene, the median; the first one, on which kernels may be compiled, does not count if
             there are others.
+        pictures: true boxes and those that were found, of each slice of a scene.
     """
 
     scenes: int
     precision: Precision
     switches: Switches
     ms: float
+    pictures: tuple[tuple[Boxes, Boxes], ...] = ()
 
     def as_words(self, classes: tuple[str, ...]) -> dict[str, Any]:
         """The figures as plain data, for JSON."""
@@ -72,7 +74,8 @@ def try_out(detector: Detector, scenes: Iterable[Scene], report: Callable[[int],
     names = ("switches", "objects", "missed", "boxes")
     held = Switches(*(sum(getattr(one, name) for one in switches) for name in names))
     average = precision(pairs, len(detector.recogniser.classes))
-    return Tried(len(ms), average, held, float(np.median(ms[1:] or ms)) if ms else float("nan"))
+    typical = float(np.median(ms[1:] or ms)) if ms else float("nan")
+    return Tried(len(ms), average, held, typical, tuple(pairs))
 
 
 def in_pictures(scene: Scene, found: Boxes) -> list[tuple[Boxes, Boxes]]:
