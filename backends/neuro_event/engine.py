@@ -222,16 +222,15 @@ class EventEngine:
 
     # --- states, parameters, weights ----------------------------------------------------------------------
 
-    def get(self, population: int, name: str) -> Floats:
-        """A state or parameter, shape (size,); sleeping neurons are brought up in a copy."""
-        p, place = self._program.populations[population], self._a.places[population]
+    def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
+        """A state or parameter of all neurons or of some; sleeping ones are brought up in a copy."""
+        p = self._program.populations[population]
         if layout.computes(p):
             states = [s.name for s in type(p.model).states]
             if name in states:
-                return place.by_id(
-                    reading.state(self._a, population, self._step)[states.index(name), place.begin : place.end].copy()
-                )
-        return self._parameter(population, name)
+                return reading.state(self._a, population, states.index(name), ids, self._step)
+        every = self._parameter(population, name)
+        return every if ids is None else every[ids]
 
     def _parameter(self, population: int, name: str) -> Floats:
         p, place = self._program.populations[population], self._a.places[population]

@@ -63,11 +63,11 @@ class NestEngine:
                 self._check_moment(wires, f"signal '{self.program.signals[signal].name}'")
                 self._write(wires, "n", values[wires.target])
 
-    def get(self, population: int, name: str) -> Floats:
-        """A state or parameter of every neuron."""
+    def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
+        """A state or parameter of every neuron, or of some."""
         self._check_shown(population, name)
         with told():
-            return self.net.cells[population].get(name)
+            return self.net.cells[population].get(name, ids)
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Change states and parameters."""

@@ -102,11 +102,12 @@ class ReferenceEngine:
             if pairs.part.signal == signal:
                 pairs.signal(values, self.step)
 
-    def get(self, population: int, name: str) -> Floats:
-        """A state or parameter of every neuron."""
+    def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
+        """A state or parameter of every neuron, or of some."""
         cells = self.net.cells[population]
         values = cells.states[cells.names.index(name)] if name in cells.names else cells.parameters[name]
-        return np.broadcast_to(values, cells.size).copy()
+        every = np.broadcast_to(values, cells.size)
+        return every.copy() if ids is None else every[ids]
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Change states and parameters."""

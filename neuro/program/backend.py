@@ -146,8 +146,8 @@ class Engine(Protocol):
     def signal(self, signal: int, values: Floats) -> None:
         """Set the dopamine concentration of every synapse that listens to a signal, one value per post neuron."""
 
-    def get(self, population: int, name: str) -> Floats:
-        """A state or parameter, shape (size,)."""
+    def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
+        """A state or parameter of all neurons, or of those of `ids` in their order; a copy."""
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Change states and parameters together, all or none; acts from the next step on.
