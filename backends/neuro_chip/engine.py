@@ -172,9 +172,9 @@ class ChipEngine:
             )
         self._machine.weights.rules[projection] = parameters.copy()
 
-    def set_weights(self, projection: int, weights: Floats) -> None:
-        """Replace all weights: the host writes them, rounded to mantissas."""
-        self._machine.weights.set(projection, weights)
+    def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
+        """Replace all weights, or those that are chosen: the host writes them, rounded to mantissas."""
+        self._machine.weights.set(projection, weights, chosen)
         if projection in self._machine.learners:
             self._machine.learners.set(projection, self._machine.weights.mantissas[projection])
         self._machine.bind()

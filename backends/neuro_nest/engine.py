@@ -114,8 +114,8 @@ class NestEngine:
                 for word, value in words.items():
                     wires.write(self._nest, self.net.ends(wires), word, np.full(len(wires.source), value))
 
-    def set_weights(self, projection: int, weights: Floats) -> None:
-        """Replace all weights."""
+    def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
+        """Replace all weights; those that are not chosen are NEST's own."""
         wires = self.net.wires[projection]
         if wires.part.synapse.learns:
             self._check_changeable(wires, "the weights")

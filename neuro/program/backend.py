@@ -165,8 +165,8 @@ class Engine(Protocol):
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model, all of them, in the order of `Synapse.vector`."""
 
-    def set_weights(self, projection: int, weights: Floats) -> None:
-        """Replace all weights."""
+    def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
+        """Replace all weights, or those that are chosen of them: the others are what a read shows, and stay."""
 
     def spikes(self, population: int, since: int) -> Spikes:
         """Recorded spikes with step > since."""
