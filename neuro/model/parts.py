@@ -45,12 +45,12 @@ class Part:
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        from neuro.model.printing import one_line
+        from neuro.model.words import one_line
 
         return one_line(self)
 
     def __str__(self) -> str:
-        from neuro.model.printing import in_full
+        from neuro.model.words import in_full
 
         return in_full(self)
 

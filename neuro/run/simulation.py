@@ -32,6 +32,8 @@ from neuro.run.recorder import Recorder
 from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from neuro.chips.pricing.energy import Energy
 
 T = TypeVar("T")
@@ -357,6 +359,20 @@ class Simulation:
         step = self._clock.floor(before, "forget")
         self._engine.forget(step)
         self._recorder.forget(step)
+
+    def plot(self, of: Any = None, window: tuple[float, float] | None = None) -> Figure:
+        """Raster, rates and traces of the run so far, as `neuro.plots.overview` draws them.
+
+        Args:
+            of: a population or a list of these; all that is recorded if not given.
+            window: begin and end in ms; all of the run if not given.
+
+        Raises:
+            ModelError: nothing of this was recorded.
+        """
+        from neuro.plots import overview
+
+        return overview(self, of, window=window)
 
     # trials
 
