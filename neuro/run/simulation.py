@@ -17,6 +17,7 @@ from neuro.core.checks import check, is_number
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.core.paths import file_path
+from neuro.core.progress import Bar
 from neuro.core.quantities import Quantity, word_of
 from neuro.core.values import shown
 from neuro.files.state import Identity, fingerprint, read_state, write_state
@@ -28,6 +29,7 @@ from neuro.program.program import Floats, Ints, Program
 from neuro.run import settable
 from neuro.run.finite import Watch, check_weights
 from neuro.run.learned_network import learnt_network
+from neuro.run.progress import advance
 from neuro.run.recorder import Recorder
 from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
 
@@ -152,8 +154,12 @@ class Simulation:
         """The end of the last finished step in ms."""
         return self._clock.ms(self._engine.step)
 
-    def run(self, ms: float) -> None:
+    def run(self, ms: float, progress: bool = False) -> None:
         """Advance by a multiple of the resolution; running in parts gives the same bits.
+
+        Args:
+            ms: how long.
+            progress: whether to tell on stderr how far it is: by a bar on a terminal, elsewhere a line every 10 s.
 
         Raises:
             ModelError: the time is no such multiple, or a state is no number at the end: a numerical instability.
@@ -161,6 +167,10 @@ class Simulation:
         steps = self._clock.step(ms, "run")
         if not 0 <= steps < NEVER:
             raise ModelError(f"run = {ms:g} ms: expected a finite time >= 0 ms")
+        if check(_FLAG, progress, "run: progress"):
+            with Bar() as bar:
+                advance(self, steps, bar)
+            return
         if self._recorder.probes:
             self._recorder.run(self._engine, steps)
         else:
