@@ -1,7 +1,5 @@
 """Pictures of simulations and results: what they show, what they leave out and say so; nothing stays behind."""
 
-from dataclasses import dataclass
-
 import matplotlib
 import numpy as np
 import pytest
@@ -46,12 +44,6 @@ def sim():
     sim = neuro.compile(net, backend="reference")
     sim.run(50.0)
     return sim
-
-
-@dataclass
-class View:
-    population: object
-    ids: list
 
 
 @pytest.mark.parametrize(("size", "spikes"), [(1, 0), (7, 1), (3000, 5000)])
@@ -138,11 +130,11 @@ def test_a_window_is_after_its_begin_up_to_its_end(sim):
 def test_populations_by_name_by_part_and_by_view(sim):
     part = sim.network().populations["in"]
     assert plots.raster(sim, part).axes[0].get_title("left") == "in: 4 neurons, 35 Hz"
-    (train,) = trains(recorded(sim), View(part, [3, 1]))
+    (train,) = trains(recorded(sim), part[[3, 1]])
     assert train.neurons.tolist() == [1, 3]
     assert train.ids.tolist() == [3, 3, 1, 3]
     assert train.rate_hz == 40.0
-    assert plots.raster(sim, [View(part, [3, 1])]).axes[0].get_title("left") == "in: 2 neurons, 40 Hz"
+    assert plots.raster(sim, [part[[3, 1]]]).axes[0].get_title("left") == "in: 2 neurons, 40 Hz"
 
 
 def test_intervals_and_their_variation():

@@ -1,9 +1,12 @@
 """Networks, their parts, runs and recordings as people read them."""
 
+from xml.etree import ElementTree
+
 import numpy as np
 import pytest
 
 import neuro
+from neuro.run.collect import collect
 
 
 @pytest.fixture
@@ -148,3 +151,86 @@ def test_html_is_escaped(net):
     assert page.startswith("<p><b>&lt;script&gt;: 10,100 neurons")
     assert "<script" not in page
     assert page.count("<table") == 5
+
+
+def test_views_are_said(net):
+    net.connect(net.populations["exc"][:10, ::2], net.populations["inh"][[5, 3]], neuro.all_to_all(), name="some")
+    net.probe("few", net.populations["exc"][:3, 4], "V_m")
+    text = str(net)
+    assert "  some       exc[:10, ::2]  inh[[5, 3]]  all_to_all                         1,000" in text
+    assert "  few   exc[:3, 4]  V_m            0.1" in text
+
+
+TAGS = {"div", "p", "b", "i", "table", "caption", "thead", "tbody", "tr", "th", "td"}
+
+
+def tables(page):
+    """Rows of cells of the tables of a piece of HTML that has nothing else in it."""
+    root = ElementTree.fromstring(f"<div>{page}</div>")
+    assert {each.tag for each in root.iter()} <= TAGS
+    return root.find("p/b").text, [[cell.text or "" for cell in row] for row in root.iter("tr")]
+
+
+@pytest.fixture
+def sim():
+    net = neuro.Network("two")
+    net.population("in", 4, neuro.spike_generator(spike_times=[[10.0, 20.0]] * 4))
+    net.population("out", (2, 3), neuro.iaf_psc_exp())
+    net.connect("in", "out", neuro.all_to_all(), neuro.stdp())
+    net.probe("v", "out", "V_m", every=1.0)
+    sim = neuro.compile(net, backend="reference")
+    sim.run(50.0)
+    return sim
+
+
+ROWS = [
+    ["name", "model", "neurons", "spikes", "rate (Hz)"],
+    ["in", "spike_generator", "4", "8", "40.00"],
+    ["out", "iaf_psc_exp", "6", "0", "0.00"],
+    ["name", "from", "to", "synapse", "synapses"],
+    ["in_out", "in", "out", "stdp", "24"],
+]
+
+
+def test_a_simulation(sim):
+    assert tables(sim._repr_html_()) == ("Simulation('two', backend='reference', time=50 ms)", ROWS)
+    assert str(sim).startswith(f"{sim!r}\n\npopulations\n  name  model")
+    sim.reset()
+    assert tables(sim._repr_html_())[1][1] == ["in", "spike_generator", "4", "0", "-"]
+
+
+def test_results(sim):
+    results = collect(sim, sim.network())
+    head, rows = tables(results._repr_html_())
+    assert head == repr(results) == "Results('two', backend='reference', duration=50 ms)"
+    assert rows == [
+        *ROWS,
+        ["name", "of", "state", "neurons", "times"],
+        ["v", "out", "V_m", "6", "50"],
+    ]
+
+
+def test_a_comparison(sim):
+    found = neuro.compare.compare(sim.network(), ["reference", "event", "loihi"], 20.0)
+    head, rows = tables(found._repr_html_())
+    assert head == repr(found) == "Comparison('two', 20 ms on reference, event, loihi)"
+    assert rows[0] == ["backend", "spikes", "synaptic ops", "first difference"]
+    assert rows[1] == ["reference", "8", "48", "-"]
+    assert rows[2] == ["event", "8", "48", "none"]
+
+
+def test_events():
+    events = neuro.events.Events([0, 5, 500_000], [1, 2, 3], [0, 0, 1], [1, 1, 0], (4, 3), {"camera": "<script>"})
+    assert tables(events._repr_html_()) == (
+        "Events",
+        [
+            ["", ""],
+            ["events", "3"],
+            ["sensor", "4 x 3 px"],
+            ["from", "0 us"],
+            ["to", "500,000 us"],
+            ["mean rate", "6 events/s"],
+            ["ON", "66.7%"],
+        ],
+    )
+    assert tables(events[:0]._repr_html_())[1][3:] == [["from", "-"], ["to", "-"], ["mean rate", "-"], ["ON", "-"]]

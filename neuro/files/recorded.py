@@ -13,9 +13,13 @@ from numpy.typing import NDArray
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, unknown
 from neuro.core.values import shown
+from neuro.model.parts import Part
+from neuro.model.views import View
 from neuro.program.program import Floats, Ints, Program
 
 Window = tuple[float, float]
+SMALL = 1_000_000
+"""Static weights of more synapses, which follow from network and seed, are kept only where they are asked for."""
 _SAME = 1e-12
 
 
@@ -73,9 +77,10 @@ class Recorded(Protocol):
     backend: str
     duration_ms: float
     resolution_ms: float
-    sizes: dict[str, int]
+    shapes: dict[str, tuple[int, ...]]
     kept: list[str]
     probes: list[str]
+    weighed: list[str]
 
     def spikes(self, population: str, since: float) -> tuple[Floats, Ints]:
         """Times in ms after `since`, and neurons, sorted by time."""
@@ -147,9 +152,10 @@ class _OfSimulation:
         self._run, self._program = run, run.program
         self.network, self.backend, self.seed = run.program.name, run.backend, run.program.seed
         self.duration_ms, self.resolution_ms = run.time, run.program.resolution
-        self.sizes = {part.name: part.size for part in run.program.populations}
+        self.shapes = {part.name: part.shape for part in run.program.populations}
         self.kept = [part.name for part in run.program.populations if part.records]
         self.probes = [probe.name for probe in run.program.probes if probe.record != "spikes"]
+        self.weighed = [part.name for part in run.program.projections if part.synapse.learns or part.size <= SMALL]
 
     def spikes(self, population: str, since: float) -> tuple[Floats, Ints]:
         return self._run.spikes(population, since=since if since > 0 else None)
@@ -159,7 +165,8 @@ class _OfSimulation:
         population = self._program.populations[part.population]
         unit = next((state.unit for state in population.model.states if state.name == part.record), "")
         times, values = self._run.trace(probe)
-        return Trace(population.name, part.record, unit, np.arange(values.shape[1]), times, values)
+        neurons = np.arange(population.size) if part.ids is None else part.ids
+        return Trace(population.name, part.record, unit, neurons, times, values)
 
     def weights(self, projection: str) -> Synapses:
         part = next((each for each in self._program.projections if each.name == projection), None)
@@ -176,9 +183,10 @@ class _OfResults:
         self.network, self.duration_ms = str(run.about["network"]), float(run.about["duration_ms"])
         self.backend, self.seed = str(run.about.get("backend", "")), int(run.about.get("seed", 0))
         self.resolution_ms = float(run.about["resolution_ms"])
-        self.sizes = {name: part.size for name, part in run.populations.items()}
+        self.shapes = {name: tuple(part.shape) for name, part in run.populations.items()}
         self.kept = [name for name, part in run.populations.items() if part.recorded]
         self.probes = list(run.traces)
+        self.weighed = [name for name, part in run.projections.items() if part.weight is not None]
 
     def spikes(self, population: str, since: float) -> tuple[Floats, Ints]:
         if population not in self.kept:
@@ -200,7 +208,8 @@ class _OfResults:
         part = self._run.projections[projection]
         if part.weight is None:
             raise ModelError(f"weights of '{projection}' were not kept", hint="'neuro run --all-weights' keeps them")
-        return Synapses((self.sizes[part.source], self.sizes[part.target]), part.pre, part.post, part.weight)
+        sizes = [math.prod(self.shapes[name]) for name in (part.source, part.target)]
+        return Synapses((sizes[0], sizes[1]), part.pre, part.post, part.weight)
 
 
 def trains(run: Recorded, of: Any = None, window: Any = None) -> list[Train]:
@@ -220,17 +229,16 @@ def trains(run: Recorded, of: Any = None, window: Any = None) -> list[Train]:
     asked = run.kept if of is None else [of] if _is_one(of) else list(of)
     found = []
     for each in asked:
-        name, neurons = _named(each)
-        if name not in run.sizes:
-            raise unknown("population", name, run.sizes)
+        name, neurons = _named(run, each)
         times, ids = run.spikes(name, begin)
         last = up_to(times, end)
         times, ids = times[:last], ids[:last]
-        if neurons is not None:
+        if neurons is None:
+            neurons = np.arange(math.prod(run.shapes[name]))
+        else:
             mine = np.isin(ids, neurons)
             times, ids = times[mine], ids[mine]
-        chosen = np.arange(run.sizes[name]) if neurons is None else np.unique(neurons)
-        found.append(Train(name, chosen, times, ids, (begin, end)))
+        found.append(Train(name, np.sort(neurons), times, ids, (begin, end)))
     return found
 
 
@@ -254,11 +262,13 @@ def up_to(times_ms: Floats, ms: float) -> int:
 
 
 def _is_one(of: Any) -> bool:
-    return isinstance(of, str) or hasattr(of, "name") or hasattr(of, "ids") or not isinstance(of, Iterable)
+    return isinstance(of, (str, Part, View)) or not isinstance(of, Iterable)
 
 
-def _named(part: Any) -> tuple[Any, Ints | None]:
-    """The name of a population, and the neurons of a view."""
-    if hasattr(part, "ids") and hasattr(part, "population"):
-        return part.population.name, np.asarray(part.ids, dtype=np.int64)
-    return getattr(part, "name", part), None
+def _named(run: Recorded, of: Any) -> tuple[str, Ints | None]:
+    """The name of a population, and the neurons of a view of it."""
+    part = of.population if isinstance(of, View) else of
+    name = getattr(part, "name", part)
+    if not isinstance(name, str) or name not in run.shapes:
+        raise unknown("population", name, run.shapes)
+    return name, of.within(run.shapes[name])[0] if isinstance(of, View) else None

@@ -59,8 +59,8 @@ def _projections(net: Description) -> Iterator[tuple[str, ...]]:
         synapses = _synapses(net, part)
         yield (
             part.name,
-            in_words(part.source),
-            in_words(part.target),
+            part.source if part.source_view is None else repr(part.source_view),
+            part.target if part.target_view is None else repr(part.target_view),
             in_words(part.rule),
             _UNKNOWN if synapses is None else f"{synapses:,}",
             in_words(part.synapse),
@@ -71,13 +71,22 @@ def _projections(net: Description) -> Iterator[tuple[str, ...]]:
 
 def _synapses(net: Description, part: Projection) -> int | None:
     pre, post = (neurons(net.populations[name]) for name in (part.source, part.target))
-    return None if pre is None or post is None else part.rule.synapses(pre, post, part.source == part.target)
+    if pre is None or post is None:
+        return None
+    pre = pre if part.source_view is None else len(part.source_view)
+    post = post if part.target_view is None else len(part.target_view)
+    same = part.source == part.target
+    # Between views of one population as many autapses are left out as neurons are in both.
+    if same and not (part.source_view is None and part.target_view is None):
+        return None
+    return part.rule.synapses(pre, post, same)
 
 
 def _probes(net: Description) -> Iterator[tuple[str, ...]]:
     for part in net.probes.values():
         every = "" if part.record == "spikes" else in_words(part.every) if part.every else f"{net.resolution:g}"
-        yield part.name, in_words(part.of), in_words(part.record), every
+        of = part.of if part.view is None else repr(part.view)
+        yield part.name, of, in_words(part.record), every
 
 
 def _shape(shape: tuple[int | str, ...]) -> str:

@@ -92,7 +92,9 @@ def _map(axis: Any, found: Trace) -> tuple[Any, str]:
     n = found.neurons.size
     pick = np.unique(np.linspace(0, n - 1, MOST_ROWS).astype(int))
     every = times[1] - times[0] if times.size > 1 else 1.0
-    extent = (times[0] - every, times[-1], found.neurons[0] - 0.5, found.neurons[-1] + 0.5)
+    # Neurons that a view chose at random are counted by their place in it.
+    first = int(found.neurons[0]) if (np.diff(found.neurons) == 1).all() else 0
+    extent = (times[0] - every, times[-1], first - 0.5, first + n - 0.5)
     whole_numbers(axis)
     options: dict[str, Any] = {"aspect": "auto", "origin": "lower", "cmap": "cividis", "interpolation": "nearest"}
     limits = axis.get_xlim()

@@ -19,7 +19,9 @@ from neuro.core.errors import ModelError, unknown
 from neuro.core.paths import file_path
 from neuro.core.progress import Bar
 from neuro.core.quantities import Quantity, word_of
+from neuro.core.tables import Table, as_html, as_text
 from neuro.core.values import shown
+from neuro.files.run_tables import projection_table, run_table
 from neuro.files.state import Identity, fingerprint, read_state, write_state
 from neuro.model.network import Network
 from neuro.model.neurons import Generator, Neuron, spike_generator
@@ -38,9 +40,11 @@ from neuro.run.synapses import Synapses
 from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
 
 if TYPE_CHECKING:
+    import neo
     from matplotlib.figure import Figure
 
     from neuro.chips.pricing.energy import Energy
+    from neuro.files.frames import Frames
 
 _THREADS = Quantity(kind="integer", at_least=1, at_most=max(64, os.cpu_count() or 1))
 _FLAG = Quantity(kind="boolean")
@@ -142,6 +146,23 @@ class Simulation:
 
     def __repr__(self) -> str:
         return f"Simulation({self.program.name!r}, backend={self.backend!r}, time={self.time:g} ms)"
+
+    def __str__(self) -> str:
+        return as_text(repr(self), self._tables())
+
+    def _repr_html_(self) -> str:
+        return as_html(repr(self), self._tables())
+
+    def _tables(self) -> list[Table]:
+        """A row for each population and projection."""
+        populations, counts = self.program.populations, self.counts().populations
+        return [
+            run_table(self.time, ((p.name, p.model.name, p.size, counts[p.name].spikes) for p in populations)),
+            projection_table(
+                (p.name, populations[p.source].name, populations[p.target].name, p.synapse.name, p.size)
+                for p in self.program.projections
+            ),
+        ]
 
     # time
 
@@ -422,6 +443,18 @@ class Simulation:
         from neuro.plots import overview
 
         return overview(self, of, window=window)
+
+    def to_neo(self) -> neo.Block:
+        """Spikes and traces so far as a block of Neo, see `neuro.files.neo_block.to_neo`; needs the extra `neo`."""
+        from neuro.files.neo_block import to_neo
+
+        return to_neo(self)
+
+    def to_pandas(self) -> Frames:
+        """Spikes, rates, traces and weights so far as data frames; needs the extra `pandas`."""
+        from neuro.files.frames import to_pandas
+
+        return to_pandas(self)
 
     # trials
 
