@@ -80,9 +80,10 @@ def label(axis: Any, title: str, quantity: str) -> None:
     axis.set_ylabel(quantity)
 
 
-def legend(axis: Any, columns: int) -> None:
+def legend(axis: Any, columns: int, side: str = "left") -> None:
     """Say above the panel, where it covers nothing, which colour is what."""
-    place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2}
+    corner = (0.0 if side == "left" else 1.0, 1.0)
+    place: dict[str, Any] = {"loc": f"lower {side}", "bbox_to_anchor": corner, "borderaxespad": 0.2}
     axis.legend(ncols=columns, frameon=False, fontsize="small", handlelength=1.2, **place)
 
 

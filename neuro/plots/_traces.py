@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from neuro.core.errors import ModelError, unknown
 from neuro.files.recorded import Recorded, Trace, Window, checked_window, recorded, up_to
-from neuro.plots._canvas import COLOURS, given, label, over_time, panels, whole_numbers
+from neuro.plots._canvas import COLOURS, given, label, legend, over_time, panels, whole_numbers
 
 MOST_LINES = 6
 MOST_ROWS = 500
@@ -56,7 +56,7 @@ def draw(figure: Figure, axis: Any, name: str, found: Trace) -> None:
         for column, (neuron, colour) in enumerate(zip(found.neurons, COLOURS, strict=False)):
             axis.plot(found.times_ms, found.values[:, column], color=colour, lw=1.0, label=f"neuron {neuron}")
         if found.neurons.size > 1:
-            axis.legend(loc="upper right", ncols=MOST_LINES)
+            legend(axis, MOST_LINES, "right")
         label(axis, title, quantity)
         return
     image, note = _map(axis, found)
