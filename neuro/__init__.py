@@ -10,7 +10,7 @@ from neuro.core.version import VERSION
 __version__ = VERSION
 
 if TYPE_CHECKING:
-    from neuro import chips, coding, compare, events
+    from neuro import chips, coding, compare, events, plots
     from neuro.core.errors import ModelError
     from neuro.core.registry import register
     from neuro.model.distributions import lognormal, normal, uniform
@@ -88,6 +88,7 @@ _HOMES = {
     "neuro.coding": (),
     "neuro.compare": (),
     "neuro.events": (),
+    "neuro.plots": (),
     "neuro.core.errors": ("ModelError",),
     "neuro.core.registry": ("register",),
     "neuro.model.distributions": ("lognormal", "normal", "uniform"),
@@ -226,6 +227,7 @@ __all__ = [
     "pairs",
     "pairwise_bernoulli",
     "parrot_neuron",
+    "plots",
     "poisson_generator",
     "r_stddp",
     "r_stdp",

@@ -13,7 +13,7 @@ from neuro.core.lazy import lazily
 
 if TYPE_CHECKING:
     from neuro.chips.pricing.energy import number, quantity, sourced
-    from neuro.cli.energy import TARGETS, Target
+    from neuro.cli.energy import TARGETS, Sources, Target
     from neuro.cli.options import Backend, Seed, Set, assignments, whole
     from neuro.compare import html
     from neuro.core import hdf5
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         write_picture,
         write_text,
     )
+    from neuro.core.progress import Bar
     from neuro.core.quantities import Quantity
     from neuro.core.registry import Registry
     from neuro.core.tables import console, table
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "neuro.cli.energy": (
         "TARGETS",
+        "Sources",
         "Target",
     ),
     "neuro.cli.options": (
@@ -52,6 +54,7 @@ _HOMES = {
         "whole",
     ),
     "neuro.core.checks": ("check", "check_fields"),
+    "neuro.core.progress": ("Bar",),
     "neuro.core.quantities": ("Quantity",),
     "neuro.core.registry": ("Registry",),
     "neuro.core.errors": (
@@ -101,6 +104,7 @@ _HOMES = {
 __all__ = [
     "TARGETS",
     "Backend",
+    "Bar",
     "Checkpoint",
     "Kind",
     "Node",
@@ -108,6 +112,7 @@ __all__ = [
     "Registry",
     "Seed",
     "Set",
+    "Sources",
     "Target",
     "Unwritable",
     "Where",

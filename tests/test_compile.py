@@ -138,7 +138,7 @@ def test_tables_for_people():
     assert list(found) == ["populations", "projections", "more", "memory"]
     assert found["populations"].rows[1] == ("cells", "iaf_psc_exp", "2 x 2", "4")
     row = dict(zip(found["projections"].head, found["projections"].rows[0], strict=True))
-    assert row["synapses"] == "12"
-    assert row["delay (ms)"] == "1.5"
+    assert row[">synapses"] == "12"
+    assert row[">delay (ms)"] == "1.5"
     assert row["synapse"] == "stdp_dopa"
     assert found["more"].rows[-1] == ("probe", "v", "cells", "V_m every 0.5 ms")

@@ -17,6 +17,7 @@ LAYERS = (
     "compiler",
     "chips",
     "files",
+    "plots",
     "run",
     "verify",
     "events",
@@ -25,7 +26,16 @@ LAYERS = (
     "cli",
 )
 """From the ground up: a module imports from its own room and those before it."""
-PUBLIC = {"neuro", "neuro.chips", "neuro.coding", "neuro.compare", "neuro.events", "neuro.extend", "neuro.apps"}
+PUBLIC = {
+    "neuro",
+    "neuro.chips",
+    "neuro.coding",
+    "neuro.compare",
+    "neuro.events",
+    "neuro.plots",
+    "neuro.extend",
+    "neuro.apps",
+}
 """Modules whose names are promised; `neuro.events` has public modules of its own, without a `_`."""
 APPS = ("neuro_drone", "neuro_recognise", "neuro_remus")
 FOLDERS = {"neuro": ROOT, **{name: ROOT / name for name in ("apps", "backends", "models")}}

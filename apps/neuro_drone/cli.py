@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.apps import TARGETS, Backend, Seed, Set, Target, whole
+from neuro.apps import TARGETS, Backend, Seed, Set, Sources, Target, whole
 
 if TYPE_CHECKING:
     from neuro_drone.model import Model
@@ -189,6 +189,7 @@ def compare(
 def energy(
     model: ModelFile,
     target: Target = TARGETS,
+    sources: Sources = False,
     json: Annotated[bool, typer.Option("--json", help="Print the bills as JSON.")] = False,
 ) -> None:
     """Fly a lap and print what a control step takes on chips: joules, time, and whether it is in time."""
@@ -199,7 +200,7 @@ def energy(
     if json:
         typer.echo(words(bills))
     else:
-        show(bills)
+        show(bills, sources)
 
 
 @app.command()

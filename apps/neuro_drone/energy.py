@@ -179,8 +179,8 @@ def _in_time(share: float | None) -> bool | None:
     return None if share is None else bool(share <= 1.0 + 1e-9)
 
 
-def show(bills: Bills) -> None:
-    """Print a row for each target, what was counted, and the sources."""
+def show(bills: Bills, sources: bool = False) -> None:
+    """Print what was counted, what is assumed, the sources if asked for, and last a row for each target."""
     model, step = bills.model, bills.model.scenario.step
     rows: list[tuple[str, ...]] = []
     for bill in bills.spiking:
@@ -196,10 +196,13 @@ def show(bills: Bills) -> None:
         f"energy per control step of {step:g} ms; {model.controller} in {model.scenario.name}, "
         f"{bills.error_px:.2f} px, mean of {bills.steps:,} steps"
     )
-    console().print(table(columns, rows, title=title))
     counted = ", ".join(f"{number(count)} {name.replace('_', ' ')}" for name, count in _counted(bills).items())
     if counted:
         typer.echo(f"a control step: {counted}\n")
-    dense = dict.fromkeys(f"{one.target}: {one.what}, {one.macs:,} mac: {one.source}" for one in bills.dense)
-    for line in (*footnotes(bills.spiking), *dense, *notes(bills)):
+    dense = dict.fromkeys(
+        f"{one.target}: {one.what}, {one.macs:,} mac" + (f": {one.source}" if sources else "") for one in bills.dense
+    )
+    for line in (*footnotes(bills.spiking, sources), *dense, *notes(bills)):
         typer.echo(f"- {line}")
+    typer.echo()
+    console().print(table(columns, rows, title=title))

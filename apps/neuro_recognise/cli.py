@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from neuro.apps import TARGETS, Backend, Seed, Set, Target, assignments, whole
+from neuro.apps import TARGETS, Backend, Seed, Set, Sources, Target, assignments, whole
 from neuro_recognise.detection.commands import add_commands
 
 if TYPE_CHECKING:
@@ -253,10 +253,11 @@ def energy(
     data: Data,
     part: Part = "Test",
     target: Target = TARGETS,
+    sources: Sources = False,
     json: Json = False,
     backend: Backend = "event",
 ) -> None:
-    """Show recordings to a network and print what one of them takes on chips: joules, time, and the sources."""
+    """Show recordings to a network and print what one of them takes on chips: joules and time, the sums last."""
     from neuro_recognise.recogniser import Recogniser
     from neuro_recognise.telling import energy
     from neuro_recognise.telling.tried import try_out
@@ -268,7 +269,7 @@ def energy(
     if json:
         typer.echo(energy.words(trained, tried, priced))
     else:
-        energy.show(trained, tried, priced)
+        energy.show(trained, tried, priced, sources)
 
 
 @app.command()

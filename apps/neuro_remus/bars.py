@@ -1,26 +1,28 @@
-"""A bar for a long loop, on stderr and only where that is a terminal."""
+"""How far a long loop is, on stderr."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import TypeVar
+
+from neuro.apps import Bar
 
 T = TypeVar("T")
 
 
-def shown(items: Iterable[T], what: str, total: int, wanted: bool = True) -> Iterable[T]:
-    """The items, with a bar while they are gone through.
+def shown(items: Iterable[T], what: str, total: int, wanted: bool = True) -> Iterator[T]:
+    """The items, and how far it is while they are gone through.
 
     Args:
         items: to go through.
-        what: text before the bar.
+        what: is being done.
         total: the number of items.
-        wanted: False shows none.
+        wanted: False shows nothing.
     """
-    if not wanted or not sys.stderr.isatty():
-        return items
-    from rich.console import Console
-    from rich.progress import track
-
-    return track(items, what, total, console=Console(stderr=True), transient=True)
+    if not wanted:
+        yield from items
+        return
+    with Bar() as bar:
+        for done, item in enumerate(items, 1):
+            bar.show(done, total, f"{what}: {done:,} of {total:,}")
+            yield item

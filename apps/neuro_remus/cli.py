@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.apps import TARGETS, Backend, Seed, Set, Target, assignments, whole
+from neuro.apps import TARGETS, Backend, Seed, Set, Sources, Target, assignments, whole
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
@@ -89,10 +89,11 @@ def energy(
     model: ModelFile,
     data: Data,
     target: Target = TARGETS,
+    sources: Sources = False,
     json: Json = False,
     backend: Backend = "event",
 ) -> None:
-    """Show recordings to a model and print what one of them takes on chips: joules, time, and the sources."""
+    """Show recordings to a model and print what one of them takes on chips: joules and time, the sums last."""
     from neuro_recognise.telling import energy
     from neuro_recognise.telling.tried import try_out
     from neuro_remus.stored import load
@@ -104,7 +105,7 @@ def energy(
     if json:
         typer.echo(energy.words(trained, tried, priced))
     else:
-        energy.show(trained, tried, priced)
+        energy.show(trained, tried, priced, sources)
 
 
 @app.command()

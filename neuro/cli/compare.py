@@ -33,13 +33,14 @@ def compare(
     html: Html = None,
 ) -> None:
     """Run a network on several backends and compare spikes, weights, counts and joules with the first."""
-    from neuro.cli.progress import Bar, advance
     from neuro.compare import compare as run
     from neuro.compare.report import PAGE
     from neuro.compare.result import JSON
     from neuro.core.clock import Clock
     from neuro.core.outputs import output
+    from neuro.core.progress import Bar
     from neuro.model.language import load
+    from neuro.run.progress import advance
 
     net = load(file, params=assignments(set))
     names = [name.strip() for name in backends.split(",") if name.strip()]

@@ -24,6 +24,7 @@ Per = Annotated[
     tuple[int, str],
     typer.Option("--per", metavar="N WHAT", help="Divide by the N parts that the run has, e.g. 100 recording."),
 ]
+Sources = Annotated[bool, typer.Option("--sources", help="Tell of each figure where it comes from.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, with NeuroBench's metrics, instead of tables.")]
 
 
@@ -36,13 +37,15 @@ def energy(
     threads: Threads = 1,
     set: Set = [],  # noqa: B006
     per: Per = (1, "run"),
+    sources: Sources = False,
     as_json: Json = False,
 ) -> None:
-    """Run a network and print what that would take on chips: counts, joules and where the figures come from."""
+    """Run a network and print what that would take on chips: counts, joules, and the sums last."""
     from neuro.chips.pricing.price import price
-    from neuro.cli.progress import Bar, advance
     from neuro.core.clock import Clock
+    from neuro.core.progress import Bar
     from neuro.model.language import load
+    from neuro.run.progress import advance
     from neuro.run.simulation import compile as compiled
 
     if per[0] < 1:
@@ -65,7 +68,7 @@ def energy(
     if as_json:
         typer.echo(json.dumps(plain(sim, bills, placements[0], per), indent=2))
     else:
-        tell([priced.per(*per) for priced in bills])
+        tell([priced.per(*per) for priced in bills], sources)
 
 
 def priceable(name: str) -> Chip:
@@ -104,12 +107,12 @@ def plain(sim: Simulation, bills: list[Energy], placement: Placement | None, per
     return {**about, "bills": [priced.per(*per).as_dict() for priced in bills], "neurobench": told}
 
 
-def tell(bills: list[Energy]) -> None:
+def tell(bills: list[Energy], sources: bool) -> None:
     """Print the bills and, if there are several, a row of each."""
     from neuro.core.tables import console, table
 
     for priced in bills:
-        typer.echo(f"{priced}\n")
+        typer.echo(f"{priced.told(sources)}\n")
     if len(bills) > 1:
         rows = [(e.target, *e.sums(), *e.machine()) for e in bills]
         columns = ("target", ">dynamic", ">static", ">total", ">chip time", ">chips")

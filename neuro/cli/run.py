@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
+import time
+from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -33,13 +36,14 @@ def run(
     all_weights: AllWeights = False,
 ) -> None:
     """Run a network and write its spikes, traces and weights, and the network itself, to one HDF5 file."""
-    from neuro.cli.progress import Bar, advance
     from neuro.core.clock import Clock
     from neuro.core.launch import shared, speaks
     from neuro.core.outputs import check_output, output
+    from neuro.core.progress import Bar
     from neuro.files.results import KIND, write
     from neuro.model.language import load
     from neuro.run.collect import collect
+    from neuro.run.progress import advance
     from neuro.run.simulation import compile as compiled
 
     together(backend)
@@ -53,7 +57,9 @@ def run(
         try:
             bar.say("preparing")
             sim = compiled(net, backend=backend, seed=seed, threads=threads)
+            began = time.perf_counter()
             advance(sim, steps, bar)
+            taken = time.perf_counter() - began
             bar.say("writing")
             results = collect(sim, net, threads=threads, record=record, all_weights=all_weights)
             if speaks():
@@ -64,6 +70,8 @@ def run(
             raise typer.Exit(130) from None
     if speaks():
         report(results, out)
+        # What differs from run to run is not among what can be compared.
+        typer.echo(f"{duration:g} ms took {taken:.3g} s, {taken * 1000.0 / duration:.3g} x its own time", err=True)
 
 
 def together(backend: str) -> None:
@@ -96,16 +104,51 @@ def keep_spikes(net: Network, names: list[str]) -> None:
 
 
 def report(results: Results, out: Path) -> None:
-    """Print a row for each population."""
+    """Print rates, weights that learnt, what was recorded, and what to do next."""
     from neuro.core.tables import console, table
 
-    seconds = results.duration_ms / 1000.0
-    rows = []
-    for name, train in results.populations.items():
-        spikes = train.counts["spikes"]
-        rows.append((name, train.model, f"{train.size:,}", f"{spikes:,}", f"{spikes / train.size / seconds:.2f}"))
-    console().print(table(("population", "model", ">neurons", ">spikes", ">rate Hz"), rows))
+    columns = ("population", "model", ">neurons", ">spikes", ">rate Hz")
+    console().print(table(columns, rates(results)))
+    learnt = list(weights(results))
+    if learnt:
+        console().print(table(("projection", "synapse", ">synapses", ">weight", ">SD", ">from", ">to"), learnt))
+    typer.echo(recorded(results))
     left_out = [name for name, part in results.projections.items() if part.weight is None]
     if left_out:
         typer.echo(f"left out the static weights of {', '.join(left_out)}; --all-weights keeps them")
     typer.echo(f"{out}: {results.duration_ms:g} ms")
+    if any(part.recorded for part in results.populations.values()) or results.traces:
+        typer.echo(f"next: neuro plot {shlex.quote(str(out))}")
+
+
+def rates(results: Results) -> Iterator[tuple[str, ...]]:
+    """A row for each population."""
+    seconds = results.duration_ms / 1000.0
+    for name, train in results.populations.items():
+        spikes = train.counts["spikes"]
+        yield name, train.model, f"{train.size:,}", f"{spikes:,}", f"{spikes / train.size / seconds:.2f}"
+
+
+def weights(results: Results) -> Iterator[tuple[str, ...]]:
+    """A row for each projection whose weights have changed: their mean, standard deviation and bounds at the end."""
+    for name, part in results.projections.items():
+        if part.weight is not None and part.weight.size and part.counts["learning_updates"]:
+            w = part.weight
+            figures = (f"{value:.4g}" for value in (w.mean(), w.std(), w.min(), w.max()))
+            yield name, part.synapse, f"{w.size:,}", *figures
+
+
+def recorded(results: Results) -> str:
+    """What was recorded, in a line."""
+    spikes = [name for name, part in results.populations.items() if part.recorded]
+    told = [f"spikes of {', '.join(spikes)}"] if spikes else []
+    told += [
+        f"{name} ({part.state} of {some(part.values.shape[1], 'neuron')} at {some(part.times_ms.size, 'time')})"
+        for name, part in results.traces.items()
+    ]
+    return f"recorded: {'; '.join(told) or 'nothing'}"
+
+
+def some(n: int, noun: str) -> str:
+    """A number of something."""
+    return f"{n:,} {noun}{'s' * (n != 1)}"

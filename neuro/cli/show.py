@@ -10,8 +10,6 @@ from neuro.cli.options import NetworkFile, Seed, Set, assignments
 
 AsProgram = Annotated[bool, typer.Option("--program", help="Print the resolved form that backends get.")]
 
-NUMBERS = ("neurons", "synapses", "weight", "delay (ms)", "bytes")
-
 
 def show(file: NetworkFile, program: AsProgram = False, seed: Seed = 0, set: Set = []) -> None:  # noqa: B006
     """Show the populations, projections and memory of a network, or its resolved form."""
@@ -27,5 +25,4 @@ def show(file: NetworkFile, program: AsProgram = False, seed: Seed = 0, set: Set
         return
     out = console()
     for part in tables(net, resolved):
-        head = [f">{name}" if name in NUMBERS else name for name in part.head]
-        out.print(table(head, part.rows, title=part.title))
+        out.print(table(part.head, part.rows, title=part.title))

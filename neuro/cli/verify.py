@@ -23,7 +23,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a tabl
 
 def verify(folder: Folder, backend: Chosen = None, as_json: Json = False) -> None:
     """Compare a backend with golden traces; the exit status is 1 if a value is wrong."""
-    from neuro.cli.progress import Bar
+    from neuro.core.progress import Bar
     from neuro.program.backend import find_backend
     from neuro.verify.verify import verify as compare
 

@@ -38,10 +38,7 @@ def reason(run: Run) -> str:
 
 def earliest(comparison: Comparison, run: Run) -> str:
     """Where a run first differs from the first."""
-    if run is comparison.first:
-        return "-"
-    found = run.first
-    return "none" if found is None else f"{found[1].ms:g} ms, {found[0]}[{found[1].neuron}]"
+    return "-" if run is comparison.first else run.first_difference()
 
 
 def populations(comparison: Comparison) -> Iterator[tuple[str, ...]]:

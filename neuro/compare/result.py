@@ -12,6 +12,7 @@ from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.compare.spikes import Distance, Divergence, Train
 from neuro.compare.weights import Histogram, WeightDifference
 from neuro.core.outputs import sealed
+from neuro.core.tables import Table, as_html, as_text
 from neuro.program.counts import Counts
 from neuro.program.program import Floats, Program
 
@@ -120,6 +121,10 @@ class Run:
         found = [(name, part.first) for name, part in self.neurons.items() if part.first is not None]
         return min(found, key=lambda pair: pair[1].ms, default=None)
 
+    def first_difference(self) -> str:
+        """When and where it first differs from the first run, e.g. "12.5 ms, exc[3]"; "none" if nowhere."""
+        return "none" if self.first is None else f"{self.first[1].ms:g} ms, {self.first[0]}[{self.first[1].neuron}]"
+
     @property
     def per_spike(self) -> float | None:
         """Spike-train distance per spike over all populations of neurons; None where it was not measured."""
@@ -185,6 +190,27 @@ class Comparison:
     def ran(self) -> tuple[Run, ...]:
         """The runs that were not refused."""
         return tuple(run for run in self.runs if not run.refused)
+
+    def __repr__(self) -> str:
+        backends = ", ".join(run.backend for run in self.runs)
+        return f"Comparison({self.network!r}, {self.ms:g} ms on {backends})"
+
+    def __str__(self) -> str:
+        return as_text(repr(self), self._tables())
+
+    def _repr_html_(self) -> str:
+        return as_html(repr(self), self._tables())
+
+    def _tables(self) -> list[Table]:
+        """A row for each backend."""
+        rows = []
+        for run in self.runs:
+            counts, differs = run.counts, "-" if run is self.first else run.first_difference()
+            told = (
+                ("-", "-", "refused") if counts is None else (f"{counts.spikes:,}", f"{counts.synaptic_ops:,}", differs)
+            )
+            rows.append((run.backend, *told))
+        return [Table("", ("backend", ">spikes", ">synaptic ops", "first difference"), tuple(rows))]
 
     @property
     def bills(self) -> tuple[Bill, ...]:

@@ -3,32 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER, Clock
+from neuro.core.tables import Table
 from neuro.model.network import Network
 from neuro.program.program import Floats, Group, Population, Program, Projection, Trials
 
 _LISTED = 8
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """Rows of text under a head.
-
-    Attributes:
-        title: what the rows are.
-        head: names of the columns.
-        rows: one text for each column.
-    """
-
-    title: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
 
 
 def tables(net: Network, program: Program) -> list[Table]:
@@ -40,10 +25,10 @@ def tables(net: Network, program: Program) -> list[Table]:
     """
     clock = Clock(program.resolution)
     found = [
-        Table("populations", ("name", "model", "shape", "neurons"), tuple(map(_population_row, program.populations))),
+        Table("populations", ("name", "model", "shape", ">neurons"), tuple(map(_population_row, program.populations))),
         Table(
             "projections",
-            ("name", "from", "to", "rule", "synapses", "weight", "delay (ms)", "synapse", "bytes"),
+            ("name", "from", "to", "rule", ">synapses", ">weight", ">delay (ms)", "synapse", ">bytes"),
             tuple(_projection_row(net, program, part, clock) for part in program.projections),
         ),
     ]
@@ -53,7 +38,7 @@ def tables(net: Network, program: Program) -> list[Table]:
     neurons = sum(_bytes(*p.parameters.values(), *p.initial.values()) for p in program.populations)
     synapses = sum(_projection_bytes(p) for p in program.projections)
     total = (("neurons", _grouped(neurons)), ("synapses", _grouped(synapses)))
-    return [*found, Table("memory", ("what", "bytes"), total)]
+    return [*found, Table("memory", ("what", ">bytes"), total)]
 
 
 def program_text(program: Program) -> str:

@@ -112,10 +112,13 @@ class Choice:
 
     __hash__ = None  # type: ignore[assignment]
 
-    def __repr__(self) -> str:
+    def changed(self) -> dict[str, Any]:
+        """The parameters that are not as by default, by the names of their fields."""
         mine = {f.name: getattr(self, f.name) for f in fields(self)}
-        changed = {f.name for f in fields(self) if f.default is MISSING or not same(mine[f.name], f.default)}
-        return f"{self.name}({', '.join(f'{k}={shown(v)}' for k, v in mine.items() if k in changed)})"
+        return {f.name: mine[f.name] for f in fields(self) if f.default is MISSING or not same(mine[f.name], f.default)}
+
+    def __repr__(self) -> str:
+        return f"{self.name}({', '.join(f'{name}={shown(value)}' for name, value in self.changed().items())})"
 
 
 _CHECKED: dict[int, type[Choice]] = {}

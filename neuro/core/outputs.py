@@ -27,6 +27,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
@@ -59,6 +60,7 @@ _DESCRIPTOR = re.compile(
 )
 _NUMBERS = {"stdin": 0, "stdout": 1, "stderr": 2}
 _DIGITS = 32
+_PICTURE = "a picture of neuro"
 _number = itertools.count()
 _swept: set[Path] = set()
 
@@ -93,12 +95,12 @@ class Kind:
     seal: Callable[[str], str] = str
 
 
-def marked(what: str, mark: str, ask: str = "") -> Kind:
-    """A kind of file that has a text near its beginning."""
+def marked(what: str, mark: str, ask: str = "", anywhere: bool = False) -> Kind:
+    """A kind of file that has a text near its beginning, or anywhere."""
 
     def ours(path: Path) -> bool:
         with path.open("rb") as file:
-            return mark.encode() in file.read(HEAD)
+            return mark.encode() in file.read(-1 if anywhere else HEAD)
 
     return Kind(what, ours, ask)
 
@@ -137,7 +139,9 @@ def _digest(*parts: bytes) -> str:
 
 
 # The whole chunk of text: of the length 14, then its kind, keyword and text.
-PNG = marked("a picture of neuro", "\0\0\0\x0etEXtSoftware\0neuro")
+PNG = marked(_PICTURE, "\0\0\0\x0etEXtSoftware\0neuro")
+PDF = marked(_PICTURE, "/Creator (neuro)", anywhere=True)
+SVG = sealed(_PICTURE, "<!-- neuro picture -->", "<!-- digest {} -->")
 
 
 @contextmanager
@@ -266,9 +270,15 @@ def make_folder(path: Path) -> None:
 
 
 def write_picture(path: Path, figure: Figure) -> None:
-    """Write a figure as PNG; errors as of `output`."""
-    with output(path, PNG) as part:
-        figure.savefig(part, format="png", metadata={"Software": "neuro"})
+    """Write a figure as PNG, or as PDF or SVG where its name ends so; errors as of `output`."""
+    if path.suffix == ".svg":
+        text = StringIO()
+        figure.savefig(text, format="svg", metadata={"Date": None})
+        write_text(path, text.getvalue().replace("<svg ", "<!-- neuro picture --><svg ", 1), SVG)
+        return
+    kind, form, metadata = (PDF, "pdf", "Creator") if path.suffix == ".pdf" else (PNG, "png", "Software")
+    with output(path, kind) as part:
+        figure.savefig(part, format=form, metadata={metadata: "neuro"})
 
 
 @contextmanager

@@ -1,9 +1,62 @@
-"""Tables as all that prints in a terminal shows them."""
+"""Tables as all that is printed shows them, in a terminal, as plain text and in a notebook."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from html import escape
 from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows of text under a head.
+
+    Attributes:
+        title: what the rows are.
+        head: names of the columns; those that begin with ">" are numbers, set to the right.
+        rows: one text for each column.
+    """
+
+    title: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def as_text(heading: str, tables: Iterable[Table]) -> str:
+    """A heading and tables as plain text; tables without rows are left out."""
+    return "\n\n".join([heading, *("\n".join(_lines(each)) for each in tables if each.rows)])
+
+
+def _lines(told: Table) -> Iterator[str]:
+    names = [name.lstrip(">") for name in told.head]
+    widths = [max(map(len, column)) for column in zip(names, *told.rows, strict=True)]
+    right = [name.startswith(">") for name in told.head]
+    if told.title:
+        yield told.title
+    for row in (names, ["-" * width for width in widths], *told.rows):
+        cells = (cell.rjust(w) if r else cell.ljust(w) for cell, w, r in zip(row, widths, right, strict=True))
+        yield ("  " + "  ".join(cells)).rstrip()
+
+
+def as_html(heading: str, tables: Iterable[Table]) -> str:
+    """The same for a notebook: tables alone, everything escaped, no script and no style of the page."""
+    return f"<p><b>{escape(heading)}</b></p>" + "".join(_html(each) for each in tables if each.rows)
+
+
+def _html(told: Table) -> str:
+    sides = ["right" if name.startswith(">") else "left" for name in told.head]
+
+    def row(kind: str, cells: Iterable[str]) -> str:
+        return "".join(
+            f'<{kind} style="text-align:{side};padding:0.1em 1em 0.1em 0">{escape(cell)}</{kind}>'
+            for cell, side in zip(cells, sides, strict=True)
+        )
+
+    title = f'<caption style="text-align:left"><i>{escape(told.title)}</i></caption>' if told.title else ""
+    head = f"<thead><tr>{row('th', (name.lstrip('>') for name in told.head))}</tr></thead>"
+    body = "".join(f"<tr>{row('td', cells)}</tr>" for cells in told.rows)
+    return f'<table style="margin-bottom:1em">{title}{head}<tbody>{body}</tbody></table>'
 
 
 def console() -> Any:

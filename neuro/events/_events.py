@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from neuro.core.checks import refuse_masked
 from neuro.core.errors import ModelError
+from neuro.core.tables import Table, as_html
 from neuro.events._arguments import exact, sensor
 
 EVENT = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
@@ -146,6 +147,19 @@ class Events:
         width, height = self.sensor_size
         span = f", {self.t[0]} to {self.t[-1]} us" if len(self) else ""
         return f"<Events {len(self)} of {width}x{height}{span}>"
+
+    def _repr_html_(self) -> str:
+        width, height = self.sensor_size
+        seconds = (int(self.t[-1]) - int(self.t[0])) / 1e6 if len(self) else 0.0
+        rows = [
+            ("events", f"{len(self):,}"),
+            ("sensor", f"{width} x {height} px"),
+            ("from", f"{self.t[0]:,} us" if len(self) else "-"),
+            ("to", f"{self.t[-1]:,} us" if len(self) else "-"),
+            ("mean rate", f"{len(self) / seconds:,.0f} events/s" if seconds else "-"),
+            ("ON", f"{self.p.mean():.1%}" if len(self) else "-"),
+        ]
+        return as_html("Events", [Table("", ("", ">"), tuple(rows))])
 
     def between(self, start_us: int, stop_us: int) -> Events:
         """The events with ``start_us <= t < stop_us``.

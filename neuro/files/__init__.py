@@ -1,1 +1,1 @@
-"""What is kept on disk: states, results, and plots of them."""
+"""What is kept on disk: states and results, and the way to read both these and a simulation."""

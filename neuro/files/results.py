@@ -27,7 +27,7 @@ import tempfile
 from dataclasses import dataclass, fields
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import h5py
 import numpy as np
@@ -36,8 +36,15 @@ from numpy.typing import NDArray
 from neuro.core.errors import ModelError
 from neuro.core.hdf5 import kind, new_file
 from neuro.core.paths import existing
+from neuro.core.tables import Table, as_html, as_text
+from neuro.files.run_tables import projection_table, run_table
 from neuro.model.network import Network
 from neuro.program.program import Floats, Ints
+
+if TYPE_CHECKING:
+    import neo
+
+    from neuro.files.frames import Frames
 
 FORMAT = "neuro results 1"
 KIND = kind(FORMAT, "a file of results")
@@ -128,6 +135,44 @@ class Results:
     def duration_ms(self) -> float:
         """How long the run was."""
         return float(self.about["duration_ms"])
+
+    def __repr__(self) -> str:
+        name, backend = self.about["network"], self.about.get("backend", "")
+        return f"Results({name!r}, backend={backend!r}, duration={self.duration_ms:g} ms)"
+
+    def _repr_html_(self) -> str:
+        return as_html(repr(self), self._tables())
+
+    def __str__(self) -> str:
+        return as_text(repr(self), self._tables())
+
+    def _tables(self) -> list[Table]:
+        """A row for each population, projection and trace."""
+        trains, weights, traces = self.populations.items(), self.projections.items(), self.traces.items()
+        return [
+            run_table(self.duration_ms, ((name, t.model, t.size, t.counts["spikes"]) for name, t in trains)),
+            projection_table((name, w.source, w.target, w.synapse, w.synapses) for name, w in weights),
+            Table(
+                "traces",
+                ("name", "of", "state", ">neurons", ">times"),
+                tuple(
+                    (name, t.population, t.state, f"{t.values.shape[1]:,}", f"{t.times_ms.size:,}")
+                    for name, t in traces
+                ),
+            ),
+        ]
+
+    def to_neo(self) -> neo.Block:
+        """Spikes and traces as a block of Neo, see `neuro.files.neo_block.to_neo`; needs the extra `neo`."""
+        from neuro.files.neo_block import to_neo
+
+        return to_neo(self)
+
+    def to_pandas(self) -> Frames:
+        """Spikes, rates, traces and weights as data frames; needs the extra `pandas`."""
+        from neuro.files.frames import to_pandas
+
+        return to_pandas(self)
 
     def network(self) -> Network:
         """The network as it was before the run."""

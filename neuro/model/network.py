@@ -180,6 +180,18 @@ class Network(Description):
             f"resolution={self.resolution:g})"
         )
 
+    def __str__(self) -> str:
+        from neuro.core.tables import as_text
+        from neuro.model.printing import heading, tables
+
+        return as_text(heading(self), tables(self))
+
+    def _repr_html_(self) -> str:
+        from neuro.core.tables import as_html
+        from neuro.model.printing import heading, tables
+
+        return as_html(heading(self), tables(self))
+
     def _add(self, table: dict[str, P], part: P) -> P:
         check_name(part.name, part.word, self._where())
         if part.name in table:

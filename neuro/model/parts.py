@@ -34,6 +34,9 @@ class Part:
     word: ClassVar[str] = "part"
     name: str
 
+    def __init_subclass__(cls) -> None:
+        cls.__repr__ = Part.__repr__  # type: ignore[method-assign]  # or @dataclass would make its own
+
     def __eq__(self, other: object) -> bool:
         if type(self) is not type(other):
             return NotImplemented
@@ -41,6 +44,16 @@ class Part:
         return all(same(mine[k], theirs[k]) for k in mine if k != "origin")
 
     __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        from neuro.model.words import one_line
+
+        return one_line(self)
+
+    def __str__(self) -> str:
+        from neuro.model.words import in_full
+
+        return in_full(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,10 +43,24 @@ class Rule(Choice):
         """
         raise NotImplementedError
 
+    def synapses(self, source: int, target: int, same: bool) -> int | None:
+        """How many there are, where it follows from the sizes of source and target; None where it is drawn.
+
+        Args:
+            source: neurons of the source.
+            target: neurons of the target.
+            same: whether both are one population.
+        """
+        return None
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class one_to_one(Rule):
     """Neuron i reaches neuron i; both populations have the same size."""
+
+    def synapses(self, source: int, target: int, same: bool) -> int | None:
+        """How many there are."""
+        return source
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,6 +68,10 @@ class all_to_all(Rule):
     """Every neuron reaches every neuron, itself only with `autapses`."""
 
     autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
+
+    def synapses(self, source: int, target: int, same: bool) -> int | None:
+        """How many there are."""
+        return source * target - (source if same and not self.autapses else 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +82,10 @@ class fixed_indegree(Rule):
     autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
     multapses: bool = quantity(True, "", "whether a pair may be drawn twice", kind="boolean")
 
+    def synapses(self, source: int, target: int, same: bool) -> int | None:
+        """How many there are."""
+        return self.n * target
+
 
 @dataclass(frozen=True, eq=False)
 class fixed_outdegree(Rule):
@@ -72,6 +94,10 @@ class fixed_outdegree(Rule):
     n: int = quantity(doc="targets of each source", kind="integer", at_least=1)
     autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
     multapses: bool = quantity(True, "", "whether a pair may be drawn twice", kind="boolean")
+
+    def synapses(self, source: int, target: int, same: bool) -> int | None:
+        """How many there are."""
+        return source * self.n
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +122,10 @@ class pairs(Rule):
                 f"pairs: {len(self.pre)} sources and {len(self.post)} targets: expected as many of each",
                 path=("post",),
             )
+
+    def synapses(self, source: int, target: int, same: bool) -> int | None:
+        """How many there are."""
+        return len(self.pre)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,12 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from neuro.core.version import VERSION
+from neuro.files.recorded import SMALL
 from neuro.files.results import YAML, Results, Trace, Train, Weights
 from neuro.model.network import Network
 from neuro.program.program import Population, Projection
 from neuro.run.simulation import Simulation
-
-SMALL = 1_000_000
 
 
 def collect(

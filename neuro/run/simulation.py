@@ -17,8 +17,11 @@ from neuro.core.checks import check, is_number
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.core.paths import file_path
+from neuro.core.progress import Bar
 from neuro.core.quantities import Quantity, word_of
+from neuro.core.tables import Table, as_html, as_text
 from neuro.core.values import shown
+from neuro.files.run_tables import projection_table, run_table
 from neuro.files.state import Identity, fingerprint, read_state, write_state
 from neuro.model.network import Network
 from neuro.model.neurons import Generator, Neuron, spike_generator
@@ -31,12 +34,17 @@ from neuro.run import settable
 from neuro.run.finite import Watch
 from neuro.run.handles import Handles, Neurons
 from neuro.run.learned_network import learnt_network
+from neuro.run.progress import advance
 from neuro.run.recorder import Recorder
 from neuro.run.synapses import Synapses
 from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
 
 if TYPE_CHECKING:
+    import neo
+    from matplotlib.figure import Figure
+
     from neuro.chips.pricing.energy import Energy
+    from neuro.files.frames import Frames
 
 _THREADS = Quantity(kind="integer", at_least=1, at_most=max(64, os.cpu_count() or 1))
 _FLAG = Quantity(kind="boolean")
@@ -139,6 +147,23 @@ class Simulation:
     def __repr__(self) -> str:
         return f"Simulation({self.program.name!r}, backend={self.backend!r}, time={self.time:g} ms)"
 
+    def __str__(self) -> str:
+        return as_text(repr(self), self._tables())
+
+    def _repr_html_(self) -> str:
+        return as_html(repr(self), self._tables())
+
+    def _tables(self) -> list[Table]:
+        """A row for each population and projection."""
+        populations, counts = self.program.populations, self.counts().populations
+        return [
+            run_table(self.time, ((p.name, p.model.name, p.size, counts[p.name].spikes) for p in populations)),
+            projection_table(
+                (p.name, populations[p.source].name, populations[p.target].name, p.synapse.name, p.size)
+                for p in self.program.projections
+            ),
+        ]
+
     # time
 
     @property
@@ -146,8 +171,12 @@ class Simulation:
         """The end of the last finished step in ms."""
         return self._clock.ms(self._engine.step)
 
-    def run(self, ms: float) -> None:
+    def run(self, ms: float, progress: bool = False) -> None:
         """Advance by a multiple of the resolution; running in parts gives the same bits.
+
+        Args:
+            ms: how long.
+            progress: whether to tell on stderr how far it is: by a bar on a terminal, elsewhere a line every 10 s.
 
         Raises:
             ModelError: the time is no such multiple, or a state is no number at the end: a numerical instability.
@@ -155,6 +184,10 @@ class Simulation:
         steps = self._clock.step(ms, "run")
         if not 0 <= steps < NEVER:
             raise ModelError(f"run = {ms:g} ms: expected a finite time >= 0 ms")
+        if check(_FLAG, progress, "run: progress"):
+            with Bar() as bar:
+                advance(self, steps, bar)
+            return
         if self._recorder.probes:
             self._recorder.run(self._engine, steps)
         else:
@@ -396,6 +429,32 @@ class Simulation:
         step = self._clock.floor(before, "forget")
         self._engine.forget(step)
         self._recorder.forget(step)
+
+    def plot(self, of: Any = None, window: tuple[float, float] | None = None) -> Figure:
+        """Raster, rates and traces of the run so far, as `neuro.plots.overview` draws them.
+
+        Args:
+            of: a population or a list of these; all that is recorded if not given.
+            window: begin and end in ms; all of the run if not given.
+
+        Raises:
+            ModelError: nothing of this was recorded.
+        """
+        from neuro.plots import overview
+
+        return overview(self, of, window=window)
+
+    def to_neo(self) -> neo.Block:
+        """Spikes and traces so far as a block of Neo, see `neuro.files.neo_block.to_neo`; needs the extra `neo`."""
+        from neuro.files.neo_block import to_neo
+
+        return to_neo(self)
+
+    def to_pandas(self) -> Frames:
+        """Spikes, rates, traces and weights so far as data frames; needs the extra `pandas`."""
+        from neuro.files.frames import to_pandas
+
+        return to_pandas(self)
 
     # trials
 

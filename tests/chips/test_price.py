@@ -413,38 +413,51 @@ def test_what_is_not_known_is_null_in_json(run):
     assert [energy.machine() for energy in (dense, free)] == [("-", "-"), ("10 ms", "1")]
 
 
-TEXT = """\
+HEAD = """\
 SpiNNaker 2 (prototype) (spinnaker2), energy per half: 1 chip, 5 steps, 5 ms of chip time
 
-item                    of  count     each      energy  source
-neuron_update_active    a       6  2.19 nJ    13.14 nJ  [1]
-neuron_update_inactive  a       9  2.19 nJ    19.71 nJ  [1]
-neuron_update_active    b       6  2.19 nJ    13.14 nJ  [1]
-neuron_update_inactive  b       9  2.19 nJ    19.71 nJ  [1]
-synaptic_op             in      6   450 pJ      2.7 nJ  [2]
-synaptic_op             ab      6   450 pJ      2.7 nJ  [2]
-learning_update         ab     12        -  not priced
-dynamic                                        71.1 nJ
-static                                      not priced
-total                                          71.1 nJ
-
 """
+ROWS = """\
+item                    of  count     each      energy
+neuron_update_active    a       6  2.19 nJ    13.14 nJ
+neuron_update_inactive  a       9  2.19 nJ    19.71 nJ
+neuron_update_active    b       6  2.19 nJ    13.14 nJ
+neuron_update_inactive  b       9  2.19 nJ    19.71 nJ
+synaptic_op             in      6   450 pJ      2.7 nJ
+synaptic_op             ab      6   450 pJ      2.7 nJ
+learning_update         ab     12        -  not priced
+"""
+NOTES = """\
+- static power is not in the sums: no figure is published
+- generators are the host's: their spikes are priced, their updates are not
+- not priced, as no figure is published: learning_update
+"""
+SUMS = """
+dynamic     71.1 nJ
+static   not priced
+total       71.1 nJ"""
 
 
 def test_the_text(run):
-    text = str(price(*run, None, chip("spinnaker2")).per(2, "half"))
-    assert text.startswith(TEXT)
-    foot = text.removeprefix(TEXT).splitlines()
+    assert str(price(*run, None, chip("spinnaker2")).per(2, "half")) == HEAD + ROWS + "\n" + NOTES + SUMS
+
+
+def test_the_text_with_sources(run):
+    text = price(*run, None, chip("spinnaker2")).per(2, "half").told(sources=True)
+    rows = ROWS.splitlines()
+    marks = ["  source", *4 * ["  [1]"], *2 * ["  [2]"], ""]
+    cited = "\n".join(row + mark for row, mark in zip(rows, marks, strict=True)) + "\n\n"
+    assert text.startswith(HEAD + cited)
+    assert text.endswith(NOTES + SUMS)
+    foot = text.removeprefix(HEAD + cited).removesuffix(NOTES + SUMS).splitlines()
     assert foot[0].startswith("[1] Höppner et al., IEEE Trans. Circuits Syst. I 66:2973, 2019, as quoted by")
     assert foot[0].endswith("(prototype, 28 nm; every neuron is stepped alike)")
     assert foot[1].startswith("[2] Höppner")
     assert foot[2:] == [
+        "",
         "- chip time: a step of 1 ms takes 1 ms on the chip: "
         "Höppner et al., IEEE Trans. Circuits Syst. I 66:2973, 2019 "
         "(biological real time)",
-        "- static power is not in the sums: no figure is published",
-        "- generators are the host's: their spikes are priced, their updates are not",
-        "- not priced, as no figure is published: learning_update",
     ]
 
 

@@ -48,6 +48,15 @@ def test_one_bill(run, bill):
     assert out == f"{bill('spinnaker2')}\n\n"
 
 
+def test_sources_if_asked_for(run, bill):
+    plain, asked = (run(*RUN, "--target", "loihi", *words)[1] for words in ((), ("--sources",)))
+    assert "Davies" not in plain
+    assert "[1] Davies et al., IEEE Micro 38(1):82, 2018, Table 2 (" in asked
+    assert "- chip time: learning_update 6.1 ns: Davies et al." in asked
+    assert [line.split()[0] for line in asked.splitlines() if line][-3:] == ["dynamic", "static", "total"]
+    assert [line.split()[0] for line in plain.splitlines() if line][-3:] == ["dynamic", "static", "total"]
+
+
 def test_several_bills_and_a_row_of_each(run, bill):
     status, out, _ = run(*RUN, "--target", "truenorth", "--target", "cpu")
     assert status == 0
@@ -85,7 +94,7 @@ def test_parameters_and_seed_are_used(run, network):
 
 def test_a_table_of_the_user(run, network, tmp_path):
     (tmp_path / "half.yaml").write_text("like: truenorth\ncosts: {synaptic_op: {value: 13.0e-12, source: me}}\n")
-    status, out, _ = run(*RUN, "--target", "half.yaml")
+    status, out, _ = run(*RUN, "--target", "half.yaml", "--sources")
     assert status == 0
     assert out.startswith("IBM TrueNorth (half), energy per run: ")
     assert "] me\n" in out
@@ -103,7 +112,7 @@ def test_an_interrupted_run_prices_nothing(run, network, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("neuro.cli.progress.advance", interrupted)
+    monkeypatch.setattr("neuro.run.progress.advance", interrupted)
     assert run(*RUN, "--target", "cpu") == (130, "", "interrupted: nothing is priced\n")
 
 

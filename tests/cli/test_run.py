@@ -1,4 +1,5 @@
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -9,9 +10,10 @@ import numpy as np
 import pytest
 
 import neuro as framework
-from neuro.cli.progress import STRETCH_S
 from neuro.files.results import read
+from neuro.run.progress import STRETCH_S
 
+TOOK = r"{} ms took [\d.e-]+ s, [\d.e+-]+ x its own time\n"
 RUN = ("run", "net.yaml", "--backend", "reference", "--for", "50")
 
 
@@ -24,7 +26,8 @@ def simulated(network):
 
 def test_the_table(neuro, network):
     answer = neuro(*RUN, "--out", "a.h5")
-    assert (answer.status, answer.err) == (0, "")
+    assert answer.status == 0
+    assert re.fullmatch(TOOK.format(50), answer.err)
     rows = [line.split() for line in answer.out.splitlines() if line.strip()]
     assert rows[0] == ["population", "model", "neurons", "spikes", "rate", "Hz"]
     assert [row[:3] for row in rows[2:6]] == [
@@ -35,7 +38,27 @@ def test_the_table(neuro, network):
     ]
     spikes = read("a.h5").populations["exc"].counts["spikes"]
     assert rows[4][3:] == [str(spikes), f"{spikes / 8 / 0.05:.2f}"]
-    assert rows[-1] == ["a.h5:", "50", "ms"]
+    assert answer.out.splitlines()[-3:] == [
+        "recorded: spikes of exc, one; v (V_m of 8 neurons at 50 times); v_one (V_m of 1 neuron at 500 times)",
+        "a.h5: 50 ms",
+        "next: neuro plot a.h5",
+    ]
+
+
+def test_weights_that_learnt(neuro, network):
+    rows = [line.split() for line in neuro(*RUN).out.splitlines() if line.strip()]
+    head = rows.index(["projection", "synapse", "synapses", "weight", "SD", "from", "to"])
+    weight = read("out.h5").projections["noise_exc"].weight
+    figures = [f"{value:.4g}" for value in (weight.mean(), weight.std(), weight.min(), weight.max())]
+    assert rows[head + 2] == ["noise_exc", "stdp", "160", *figures]
+    assert rows[head + 3][0] == "recorded:"
+
+
+def test_a_run_without_a_record(neuro, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "net.yaml").write_text("neuro: 1\npopulations:\n  dc: {model: dc_generator, shape: 1}\n")
+    out = neuro("run", "net.yaml", "--for", "1", "--backend", "reference", "--out", "a file.h5").out
+    assert out.splitlines()[-2:] == ["recorded: nothing", "a file.h5: 1 ms"]
 
 
 def test_the_file_says_what_the_simulation_says(neuro, network, simulated):
@@ -66,7 +89,7 @@ def test_the_file_says_what_the_simulation_says(neuro, network, simulated):
 
 def test_a_long_run_in_stretches_is_the_same_run(neuro, network, monkeypatch):
     neuro(*RUN, "--out", "a.h5")
-    monkeypatch.setattr("neuro.cli.progress.STRETCH_S", STRETCH_S / 100)
+    monkeypatch.setattr("neuro.run.progress.STRETCH_S", STRETCH_S / 100)
     neuro(*RUN, "--out", "b.h5")
     a, b = read("a.h5"), read("b.h5")
     assert np.array_equal(a.populations["exc"].times_ms, b.populations["exc"].times_ms)
@@ -154,8 +177,9 @@ def test_independent_runs_under_mpirun(neuro, network, monkeypatch, words):
     for k in "01":
         monkeypatch.setenv(rank, k)
         answer = neuro("run", network, "--for", "1", "--out", f"{k}.h5")
-        assert (answer.status, answer.err) == (0, "")
-        assert answer.out.endswith(f"{k}.h5: 1 ms\n")
+        assert answer.status == 0
+        assert re.fullmatch(TOOK.format(1), answer.err)
+        assert answer.out.endswith(f"{k}.h5: 1 ms\nnext: neuro plot {k}.h5\n")
         assert Path(f"{k}.h5").exists()
         answer = neuro("check", "nope.yaml")
         assert (answer.status, answer.out) == (2, "")

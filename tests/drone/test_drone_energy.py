@@ -47,6 +47,8 @@ def test_in_time(bills):
 
 def test_table(bills, capsys):
     show(bills)
+    assert "Davies" not in capsys.readouterr().out
+    show(bills, sources=True)
     out = capsys.readouterr().out
     assert "energy per control step of 20 ms; static in" in out
     assert "dqn: 64-64-64-9" in out

@@ -104,14 +104,14 @@ def test_dense_once_a_frame(tried):
 
 
 def test_table(model, tried, capsys):
-    show(model, tried, bills(tried, TARGETS))
+    show(model, tried, bills(tried, TARGETS), sources=True)
     text = capsys.readouterr().out
     own = tried.own
     low, high = own.interval
-    assert " ".join(text.split()).startswith(
+    assert (
         f"energy per recording; {own.accuracy:.1%} of 26 right (95 % interval {low:.1%} - {high:.1%}) "
         "by remus on event target what "
-    )
+    ) in " ".join(text.split())
     rows = {line.split()[0]: line for line in text.splitlines() if line.strip().startswith(TARGETS)}
     assert tuple(rows) == TARGETS
     joules = f"{counted(bills(tried, ()))['steps'] * MACS * 0.3e-9 * 1e6:.4g}"
@@ -120,6 +120,9 @@ def test_table(model, tried, capsys):
     assert "- loihi: synaptic_op 23.6 pJ: Davies et al., IEEE Micro 38(1):82, 2018, Table 2 (minimum; " in text
     assert "- cpu, gpu: neuron updates, learning and static power are not in the sums\n" in text
     assert f"- {FRONT_END}\n" in text
+    assert text.rstrip().splitlines()[-1].split()[0] == TARGETS[-1], "the sums are last"
+    show(model, tried, bills(tried, TARGETS))
+    assert "Davies" not in capsys.readouterr().out
 
 
 def test_what_is_no_network_has_no_bill():

@@ -176,7 +176,7 @@ def test_demo_of_given_recordings(neuro, folder, tmp_path):
         assert code == 0
         assert "learning from 16 recordings of 2 classes" in out
         assert "testing on 8 recordings that it has never seen" in out
-        assert "\n gpu " in out.partition("demo/energy.json\n\nenergy per recording; ")[2]
+        assert "\n gpu " in out.partition("demo/energy.json\n")[2].partition("energy per recording; ")[2]
     assert json.loads((tmp_path / "demo" / "energy.json").read_text())["recordings"] == 8
 
 

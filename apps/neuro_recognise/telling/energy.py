@@ -95,20 +95,21 @@ def words(recogniser: Recogniser, tried: Tried, priced: Priced) -> str:
     return json.dumps(about | {"notes": notes(priced)}, indent=1)
 
 
-def show(recogniser: Recogniser, tried: Tried, priced: Priced) -> None:
-    """Print a row for each target, what was counted, and the sources."""
+def show(recogniser: Recogniser, tried: Tried, priced: Priced, sources: bool = False) -> None:
+    """Print what was counted, what is assumed, the sources if asked for, and last a row for each target."""
     own = tried.own
     low, high = own.interval
     right = f"{own.accuracy:.1%} of {own.n} right (95 % interval {low:.1%} - {high:.1%})"
     title = f"energy per recording; {right} by {recogniser.method.called()} on {priced.run[0].backend}"
     columns = ("target", "what", ">dynamic", ">static", ">total", ">chip time, us", ">chips")
     rows = [*map(_row, priced.bills.values()), *((name, "refused", *["-"] * 5) for name in priced.refused)]
-    console().print(table(columns, rows, title=title))
     told = ", ".join(f"{number(count)} {name.replace('_', ' ')}" for name, count in counted(priced).items())
     typer.echo(f"a recording: {told}\n")
     refused = (f"{name} refuses the network: {why}" for name, why in priced.refused.items())
-    for line in (*refused, *footnotes(priced.bills.values()), *notes(priced)):
+    for line in (*refused, *footnotes(priced.bills.values(), sources), *notes(priced)):
         typer.echo(f"- {line}")
+    typer.echo()
+    console().print(table(columns, rows, title=title))
 
 
 def _row(bill: Energy) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from neuro.chips.description import Chip
-from neuro.chips.pricing.energy import quantity, sourced
+from neuro.chips.pricing.energy import CHIP_TIME, quantity, sourced
 from neuro.program.counts import Counts
 from neuro.program.program import Program
 
@@ -58,7 +58,7 @@ def told_times(program: Program, chip: Chip) -> list[str]:
     if chip.step_s is not None:
         source = sourced(chip.step_s.source, chip.step_s.conditions)
         step = f"{program.resolution:g} ms takes {chip.step_s.value * 1e3:g} ms on the chip"
-        return [f"chip time: a step of {step}: {source}"]
+        return [f"{CHIP_TIME}a step of {step}: {source}"]
     by_source: dict[str, list[str]] = {}
     for name in (*BARRIERS, *WORK):
         if name in chip.costs:
@@ -66,4 +66,4 @@ def told_times(program: Program, chip: Chip) -> list[str]:
             figures = by_source.setdefault(sourced(figure.source, figure.conditions), [])
             figures.append(f"{name.removesuffix('_time')} {quantity(figure.value, 's')}")
     bound = "chip time is a lower bound: steps x barrier, linear in the tiles used, and the busiest core's work"
-    return [bound, *(f"chip time: {', '.join(names)}: {source}" for source, names in by_source.items())]
+    return [bound, *(f"{CHIP_TIME}{', '.join(names)}: {source}" for source, names in by_source.items())]

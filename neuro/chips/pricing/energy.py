@@ -10,6 +10,8 @@ from neuro.core.errors import ModelError
 
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"), (1e-15, "f"))
 STATIC = "static_per_chip"
+CHIP_TIME = "chip time: "
+"""How notes begin that say where figures of the chip time come from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +144,31 @@ class Energy:
         return {**about, **time, "items": [asdict(item) for item in self.items], "notes": list(self.notes)}
 
     def __str__(self) -> str:
-        return "\n".join((self._head(), "", *self._rows(), "", *self._foot()))
+        return self.told()
+
+    def told(self, sources: bool = False) -> str:
+        """The bill as text: its lines, what is assumed, and the sums last.
+
+        Args:
+            sources: whether to tell of each figure where it comes from.
+        """
+        cited = list(dict.fromkeys(sourced(item.source, item.conditions) for item in self.items if item.source))
+        table = [("item", "of", "count", "each", "energy", "source"), *(_row(item, cited) for item in self.items)]
+        rows = aligned(table if sources else [row[:-1] for row in table])
+        listed = [f"[{i}] {each}" for i, each in enumerate(cited, 1)] if sources else []
+        sums = zip(("dynamic", "static", "total"), self.sums(), strict=True)
+        parts = (
+            [self._head()],
+            rows,
+            listed,
+            [f"- {note}" for note in self.noted(sources)],
+            [f"{a:8} {b:>10}" for a, b in sums],
+        )
+        return "\n\n".join("\n".join(part) for part in parts if part)
+
+    def noted(self, sources: bool = False) -> tuple[str, ...]:
+        """The notes; those that say where the figures of the chip time come from only if sources are asked for."""
+        return self.notes if sources else tuple(note for note in self.notes if not note.startswith(CHIP_TIME))
 
     def _head(self) -> str:
         parts = [f"{number(self.steps)} steps"]
@@ -151,28 +177,14 @@ class Energy:
             parts = [chips, *parts, f"{quantity(self.chip_time_s, 's')} of chip time"]
         return f"{self.title} ({self.target}), energy per {self.of}: {', '.join(parts)}"
 
-    def _sources(self) -> list[str]:
-        told = (sourced(item.source, item.conditions) for item in self.items if item.source)
-        return list(dict.fromkeys(told))
 
-    def _rows(self) -> list[str]:
-        sources = self._sources()
-        table = [("item", "of", "count", "each", "energy", "source")]
-        for item in self.items:
-            told = sourced(item.source, item.conditions)
-            unit = "W" if item.what == STATIC else "J"
-            each = "-" if item.joules_each is None else quantity(item.joules_each, unit)
-            energy = "not priced" if item.joules is None else quantity(item.joules, "J")
-            mark = f"[{sources.index(told) + 1}]" if item.source else ""
-            count = f"{quantity(item.count, 's')}" if item.what == STATIC else number(item.count)
-            table.append((item.what, item.of, count, each, energy, mark))
-        for name, energy in zip(("dynamic", "static", "total"), self.sums(), strict=True):
-            table.append((name, "", "", "", energy, ""))
-        return aligned(table)
-
-    def _foot(self) -> list[str]:
-        sources = [f"[{i}] {told}" for i, told in enumerate(self._sources(), 1)]
-        return [*sources, *(f"- {note}" for note in self.notes)]
+def _row(item: Item, cited: list[str]) -> tuple[str, ...]:
+    unit = "W" if item.what == STATIC else "J"
+    each = "-" if item.joules_each is None else quantity(item.joules_each, unit)
+    energy = "not priced" if item.joules is None else quantity(item.joules, "J")
+    mark = f"[{cited.index(sourced(item.source, item.conditions)) + 1}]" if item.source else ""
+    count = f"{quantity(item.count, 's')}" if item.what == STATIC else number(item.count)
+    return item.what, item.of, count, each, energy, mark
 
 
 def _sum(items: Iterable[Item]) -> float:
@@ -202,7 +214,7 @@ def number(count: float) -> str:
 def aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
     """Columns of equal width; what is counted is set to the right."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    right = (False, False, True, True, True, False)
+    right = (False, False, True, True, True, False)[: len(widths)]
     cells = (
         [cell.rjust(w) if r else cell.ljust(w) for cell, w, r in zip(row, widths, right, strict=True)] for row in rows
     )

@@ -9,11 +9,11 @@ from neuro.chips.pricing.energy import STATIC, Energy, quantity, sourced
 __all__ = ["footnotes"]
 
 
-def footnotes(priced: Iterable[Energy]) -> Iterator[str]:
-    """Figures by their source, and the bills' notes; what holds for several targets is told once."""
+def footnotes(priced: Iterable[Energy], sources: bool = True) -> Iterator[str]:
+    """Figures by their source, if asked for, and the bills' notes; what holds for several targets is told once."""
     targets: dict[str, list[str]] = {}
     for bill in priced:
-        for line in (*_sources(bill), *bill.notes):
+        for line in (*(_sources(bill) if sources else ()), *bill.noted(sources)):
             targets.setdefault(line, []).append(bill.target)
     return (f"{', '.join(names)}: {line}" for line, names in targets.items())
 

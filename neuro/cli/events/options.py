@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from neuro.cli.options import whole
-from neuro.cli.progress import Bar
+from neuro.core.progress import Bar
 
 if TYPE_CHECKING:
     from neuro.core.outputs import Kind
@@ -107,7 +107,7 @@ class Counter(Bar):
 
     def count(self, what: str, done: int, total: int) -> None:
         """Show how many of how many are done."""
-        self._bar.update(self._task, description=f"{what}: {done:,} of {total:,}", completed=done, total=total)
+        self.show(done, total, f"{what}: {done:,} of {total:,}")
 
 
 @contextmanager

@@ -1,0 +1,67 @@
+"""How far long work is, on stderr: a bar on a terminal, elsewhere a line every ten seconds."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any
+
+EVERY_S = 10.0
+
+
+def _is_terminal() -> bool:
+    """Whether stderr is one; it is None where it was closed before the start."""
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
+class Bar:
+    """A bar with what is being done and how long it will still take, of which nothing stays.
+
+    Where stderr is no terminal, a log say, the same is told as a line every ten seconds.
+    """
+
+    def __enter__(self) -> Bar:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        self._moves = _is_terminal()
+        self._console = Console(stderr=True, highlight=False, soft_wrap=True)
+        columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+        self._bar = Progress(*columns, console=self._console, transient=True, disable=not self._moves)
+        self._task = self._bar.add_task("", total=None)
+        self._bar.start()
+        self._began = self._told = time.monotonic()
+        self._done = 0.0
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """Take the bar away."""
+        self._bar.stop()
+
+    def say(self, text: str) -> None:
+        """Say what is going on, how long it takes being unknown."""
+        self._bar.update(self._task, description=text, total=None)
+        self._line(text)
+
+    def show(self, done: float, total: float, text: str) -> None:
+        """Show how much is done of how much, and what it is; less than before is the begin of something else."""
+        if done < self._done:
+            self._bar.reset(self._task)
+            self._began = time.monotonic()
+        self._done = done
+        self._bar.update(self._task, description=text, completed=done, total=total)
+        left = (time.monotonic() - self._began) * (total - done) / done if done else 0.0
+        self._line(f"{text}, {left:,.0f} s left" if left >= 1 else text)
+
+    def keep(self, text: str) -> None:
+        """A line that stays."""
+        self._console.print(text, markup=False)
+
+    def _line(self, text: str) -> None:
+        now = time.monotonic()
+        if not self._moves and sys.stderr is not None and now - self._told >= EVERY_S:
+            self._told = now
+            self.keep(text)

@@ -1,0 +1,93 @@
+"""What was recorded as objects of Neo, for the tools of electrophysiology (elephant, viziphant, spikeinterface).
+
+Neo: Garcia et al., Front. Neuroinform. 8:10, 2014. Annotations have the names that PyNN gives them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from neuro.core.errors import ModelError
+from neuro.core.extras import install
+from neuro.files.recorded import Recorded, Trace, Train, recorded, trains
+
+if TYPE_CHECKING:
+    import neo
+
+_EVEN = 1e-9
+
+
+def to_neo(run: object) -> neo.Block:
+    """A block with one segment, the run, and a group for each population.
+
+    The segment has a `SpikeTrain` for each neuron of each population whose spikes were kept, silent ones too, in ms
+    from 0 to the end of the run, annotated with `source_population`, `source_id` (the neuron, counted from 0) and
+    `source_index` (likewise); and for each probe of a state an `AnalogSignal` of shape (times, neurons) in the unit of
+    the state, named after it, annotated with `probe` and `source_population`, with the neurons as the array annotation
+    `channel_index`. The block is annotated with `simulator`, `backend`, `seed` and `resolution_ms`. Weights are not
+    in it: Neo has no place for them.
+
+    Args:
+        run: a simulation or results.
+
+    Raises:
+        ModelError: the package neo is not installed.
+    """
+    try:
+        import neo
+    except ImportError:
+        raise ModelError("to_neo: the package neo is not installed", hint=install("neo")) from None
+    told = recorded(run)
+    about = {"simulator": "neuro", "backend": told.backend, "seed": told.seed, "resolution_ms": told.resolution_ms}
+    block, segment = neo.Block(name=told.network, **about), neo.Segment(name=told.network)
+    block.segments.append(segment)
+    parts: dict[str, list[Any]] = {}
+    for train in trains(told) if told.kept else []:
+        spikes = list(_spike_trains(train))
+        segment.spiketrains.extend(spikes)
+        parts.setdefault(train.population, []).extend(spikes)
+    for name in told.probes:
+        trace = told.trace(name)
+        if trace.times_ms.size:
+            signal = _signal(name, trace, told)
+            kind = segment.analogsignals if isinstance(signal, neo.AnalogSignal) else segment.irregularlysampledsignals
+            kind.append(signal)
+            parts.setdefault(trace.population, []).append(signal)
+    for population, objects in parts.items():
+        block.groups.append(neo.Group(objects, name=population))
+    return block
+
+
+def _spike_trains(train: Train) -> Any:
+    import neo
+
+    order = np.argsort(train.ids, kind="stable")
+    ends = np.searchsorted(train.ids[order], train.neurons, side="right")
+    begins = np.searchsorted(train.ids[order], train.neurons, side="left")
+    times = train.times_ms[order]
+    for neuron, begin, end in zip(train.neurons.tolist(), begins, ends, strict=True):
+        source = {"source_population": train.population, "source_id": neuron, "source_index": neuron}
+        yield neo.SpikeTrain(times[begin:end], units="ms", t_start=0.0, t_stop=train.window[1], **source)
+
+
+def _signal(name: str, trace: Trace, run: Recorded) -> Any:
+    """A signal; of one that has gaps, as parts of a run that were forgotten leave them, one with its times."""
+    import neo
+
+    unit = trace.unit or "dimensionless"
+    about: dict[str, Any] = {
+        "name": trace.state,
+        "array_annotations": {"channel_index": trace.neurons},
+        "probe": name,
+        "source_population": trace.population,
+    }
+    every = np.diff(trace.times_ms)
+    if every.size and np.ptp(every) > _EVEN * trace.times_ms[-1]:
+        return neo.IrregularlySampledSignal(trace.times_ms, trace.values, units=unit, time_units="ms", **about)
+    import quantities
+
+    period = float(trace.times_ms[-1] - trace.times_ms[0]) / every.size if every.size else run.resolution_ms
+    period, start = period * quantities.ms, trace.times_ms[0] * quantities.ms
+    return neo.AnalogSignal(trace.values, units=unit, t_start=start, sampling_period=period, **about)

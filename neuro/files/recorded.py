@@ -1,0 +1,274 @@
+"""What was recorded, read in one way of a simulation that runs and of the results that one has left."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.checks import is_number
+from neuro.core.errors import ModelError, unknown
+from neuro.core.values import shown
+from neuro.model.parts import Part
+from neuro.model.views import View
+from neuro.program.program import Floats, Ints, Program
+
+Window = tuple[float, float]
+SMALL = 1_000_000
+"""Static weights of more synapses, which follow from network and seed, are kept only where they are asked for."""
+_SAME = 1e-12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Train:
+    """Spikes of neurons of one population.
+
+    Attributes:
+        population: its name.
+        neurons: whose spikes these are, ascending.
+        times_ms, ids: one entry a spike, sorted by time.
+        window: the spikes are those after its begin and up to its end, in ms.
+    """
+
+    population: str
+    neurons: Ints
+    times_ms: Floats
+    ids: Ints
+    window: Window
+
+    @property
+    def rate_hz(self) -> float:
+        """The mean rate of a neuron; 0 of none, and of a window without length."""
+        seconds = (self.window[1] - self.window[0]) / 1000.0
+        return self.times_ms.size / (self.neurons.size * seconds) if self.neurons.size and seconds else 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trace:
+    """What a probe of a state recorded: `values` has the shape (times, neurons), in `unit`."""
+
+    population: str
+    state: str
+    unit: str
+    neurons: Ints
+    times_ms: Floats
+    values: NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Synapses:
+    """Weights of one projection: `pre` and `post` of each, None of a grid, whose weights are its kernels."""
+
+    shape: tuple[int, int]
+    pre: Ints | None
+    post: Ints | None
+    weight: Floats
+
+
+class Recorded(Protocol):
+    """What a simulation or results tell."""
+
+    network: str
+    seed: int
+    backend: str
+    duration_ms: float
+    resolution_ms: float
+    shapes: dict[str, tuple[int, ...]]
+    kept: list[str]
+    probes: list[str]
+    weighed: list[str]
+
+    def spikes(self, population: str, since: float) -> tuple[Floats, Ints]:
+        """Times in ms after `since`, and neurons, sorted by time."""
+
+    def trace(self, probe: str) -> Trace:
+        """What a probe of a state recorded."""
+
+    def weights(self, projection: str) -> Synapses:
+        """Weights of a projection."""
+
+
+class Live(Protocol):
+    """What is asked of a simulation."""
+
+    backend: str
+    program: Program
+
+    @property
+    def time(self) -> float:
+        """The present in ms."""
+
+    def spikes(self, name: str, since: float | None = None) -> tuple[Floats, Ints]:
+        """Recorded spikes."""
+
+    def trace(self, name: str) -> tuple[Floats, NDArray[Any]]:
+        """What a probe recorded."""
+
+    def weights(self, name: str) -> Any:
+        """Weights of a projection."""
+
+
+class Left(Protocol):
+    """What is asked of results."""
+
+    about: dict[str, Any]
+
+    @property
+    def populations(self) -> Mapping[str, Any]:
+        """Spikes by population."""
+
+    @property
+    def projections(self) -> Mapping[str, Any]:
+        """Weights by projection."""
+
+    @property
+    def traces(self) -> Mapping[str, Any]:
+        """States by probe."""
+
+
+def recorded(run: object) -> Recorded:
+    """What was recorded.
+
+    Args:
+        run: a `neuro.Simulation`, or results.
+
+    Raises:
+        ModelError: it is neither.
+    """
+    if hasattr(run, "program") and hasattr(run, "spikes"):
+        return _OfSimulation(run)  # type: ignore[arg-type]
+    if hasattr(run, "traces") and hasattr(run, "populations"):
+        return _OfResults(run)  # type: ignore[arg-type]
+    hint = "neuro.compile(net) gives a simulation" if hasattr(run, "populations") else ""
+    raise ModelError(f"found {shown(run)}: expected a simulation, or results of a run", hint=hint)
+
+
+class _OfSimulation:
+    def __init__(self, run: Live) -> None:
+        self._run, self._program = run, run.program
+        self.network, self.backend, self.seed = run.program.name, run.backend, run.program.seed
+        self.duration_ms, self.resolution_ms = run.time, run.program.resolution
+        self.shapes = {part.name: part.shape for part in run.program.populations}
+        self.kept = [part.name for part in run.program.populations if part.records]
+        self.probes = [probe.name for probe in run.program.probes if probe.record != "spikes"]
+        self.weighed = [part.name for part in run.program.projections if part.synapse.learns or part.size <= SMALL]
+
+    def spikes(self, population: str, since: float) -> tuple[Floats, Ints]:
+        return self._run.spikes(population, since=since if since > 0 else None)
+
+    def trace(self, probe: str) -> Trace:
+        part = next(each for each in self._program.probes if each.name == probe)
+        population = self._program.populations[part.population]
+        unit = next((state.unit for state in population.model.states if state.name == part.record), "")
+        times, values = self._run.trace(probe)
+        neurons = np.arange(population.size) if part.ids is None else part.ids
+        return Trace(population.name, part.record, unit, neurons, times, values)
+
+    def weights(self, projection: str) -> Synapses:
+        part = next((each for each in self._program.projections if each.name == projection), None)
+        if part is None:
+            raise unknown("projection", projection, [each.name for each in self._program.projections])
+        shape = (self._program.populations[part.source].size, self._program.populations[part.target].size)
+        found = self._run.weights(projection)
+        return Synapses(shape, *found) if part.grid is None else Synapses(shape, None, None, found)
+
+
+class _OfResults:
+    def __init__(self, run: Left) -> None:
+        self._run = run
+        self.network, self.duration_ms = str(run.about["network"]), float(run.about["duration_ms"])
+        self.backend, self.seed = str(run.about.get("backend", "")), int(run.about.get("seed", 0))
+        self.resolution_ms = float(run.about["resolution_ms"])
+        self.shapes = {name: tuple(part.shape) for name, part in run.populations.items()}
+        self.kept = [name for name, part in run.populations.items() if part.recorded]
+        self.probes = list(run.traces)
+        self.weighed = [name for name, part in run.projections.items() if part.weight is not None]
+
+    def spikes(self, population: str, since: float) -> tuple[Floats, Ints]:
+        if population not in self.kept:
+            hint = f"'neuro run --record {population}' keeps them"
+            raise ModelError(f"spikes of '{population}' were not kept", hint=hint)
+        part = self._run.populations[population]
+        first = up_to(part.times_ms, since) if since > 0 else 0
+        several = part.multiplicity[first:]
+        return np.repeat(part.times_ms[first:], several), np.repeat(part.ids[first:], several)
+
+    def trace(self, probe: str) -> Trace:
+        part = self._run.traces[probe]
+        neurons = np.arange(part.values.shape[1])
+        return Trace(part.population, part.state, part.unit, neurons, part.times_ms, part.values)
+
+    def weights(self, projection: str) -> Synapses:
+        if projection not in self._run.projections:
+            raise unknown("projection", projection, self._run.projections)
+        part = self._run.projections[projection]
+        if part.weight is None:
+            raise ModelError(f"weights of '{projection}' were not kept", hint="'neuro run --all-weights' keeps them")
+        sizes = [math.prod(self.shapes[name]) for name in (part.source, part.target)]
+        return Synapses((sizes[0], sizes[1]), part.pre, part.post, part.weight)
+
+
+def trains(run: Recorded, of: Any = None, window: Any = None) -> list[Train]:
+    """Spikes of populations or of some of their neurons.
+
+    Args:
+        run: what was recorded.
+        of: a population or a view of one, its name, or a list of these; all that was recorded if not given.
+        window: begin and end in ms; the whole run if not given.
+
+    Raises:
+        ModelError: there is no such population, nothing was recorded, or the window is none.
+    """
+    begin, end = checked_window(run, window)
+    if of is None and not run.kept:
+        raise ModelError("no spikes were recorded", hint="net.probe or 'neuro run --record NAME' keeps them")
+    asked = run.kept if of is None else [of] if _is_one(of) else list(of)
+    found = []
+    for each in asked:
+        name, neurons = _named(run, each)
+        times, ids = run.spikes(name, begin)
+        last = up_to(times, end)
+        times, ids = times[:last], ids[:last]
+        if neurons is None:
+            neurons = np.arange(math.prod(run.shapes[name]))
+        else:
+            mine = np.isin(ids, neurons)
+            times, ids = times[mine], ids[mine]
+        found.append(Train(name, np.sort(neurons), times, ids, (begin, end)))
+    return found
+
+
+def checked_window(run: Recorded, window: Any) -> Window:
+    """Begin and end in ms of what is looked at: the whole run if not given.
+
+    Raises:
+        ModelError: these are not two times, one before the other.
+    """
+    if window is None:
+        return 0.0, run.duration_ms
+    pair = tuple(window) if isinstance(window, (tuple, list, np.ndarray)) else ()
+    if len(pair) != 2 or not all(is_number(ms) and math.isfinite(ms) for ms in pair) or not 0 <= pair[0] < pair[1]:
+        raise ModelError(f"window = {shown(window)}: expected (begin, end) in ms with 0 <= begin < end")
+    return float(pair[0]), float(pair[1])
+
+
+def up_to(times_ms: Floats, ms: float) -> int:
+    """How many times are not after one; what differs in the last digits only is the same."""
+    return int(np.searchsorted(times_ms, ms * (1.0 + _SAME), side="right"))
+
+
+def _is_one(of: Any) -> bool:
+    return isinstance(of, (str, Part, View)) or not isinstance(of, Iterable)
+
+
+def _named(run: Recorded, of: Any) -> tuple[str, Ints | None]:
+    """The name of a population, and the neurons of a view of it."""
+    part = of.population if isinstance(of, View) else of
+    name = getattr(part, "name", part)
+    if not isinstance(name, str) or name not in run.shapes:
+        raise unknown("population", name, run.shapes)
+    return name, of.within(run.shapes[name])[0] if isinstance(of, View) else None

@@ -1,0 +1,97 @@
+"""Networks as people read them: tables of what was said."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from neuro.core.quantities import word_of
+from neuro.core.tables import Table
+from neuro.model.parts import Description, Population, Projection
+from neuro.model.words import in_words
+
+_UNKNOWN = "-"
+
+
+def heading(net: Description) -> str:
+    """The name of a network and its size."""
+    sizes = [neurons(part) for part in net.populations.values()]
+    some = "" if None in sizes else f"{sum(filter(None, sizes)):,} neurons in "
+    return f"{net.name}: {some}{_count(len(sizes), 'population')}, resolution {net.resolution:g} ms"
+
+
+def tables(net: Description) -> list[Table]:
+    """What a network consists of, as it was described; a kind of part that it has none of has no rows."""
+    trials = net.trials_section
+    said = ", ".join(f"{word_of(name)}={in_words(value)}" for name, value in trials.changed().items()) if trials else ""
+    return [
+        Table("populations", ("name", "model", "shape", "parameters"), tuple(_populations(net))),
+        Table(
+            "projections",
+            ("name", "from", "to", "rule", ">synapses", "synapse", ">weight", ">delay (ms)"),
+            tuple(_projections(net)),
+        ),
+        Table("signals", ("name", "to"), tuple((part.name, in_words(part.to)) for part in net.signals.values())),
+        Table("groups", ("name", "what"), tuple((part.name, in_words(part.choice)) for part in net.groups.values())),
+        Table("probes", ("name", "of", "record", ">every (ms)"), tuple(_probes(net))),
+        Table("trials", ("what",), ((said,),) if trials else ()),
+    ]
+
+
+def neurons(part: Population) -> int | None:
+    """The size of a population; None where a grid decides it."""
+    sizes = [axis for axis in part.shape if isinstance(axis, int)]
+    return math.prod(sizes) if len(sizes) == len(part.shape) else None
+
+
+def _populations(net: Description) -> Iterator[tuple[str, ...]]:
+    for part in net.populations.values():
+        units = {word: q.unit for word, q in part.model.quantities().items()}
+        units |= {state.name: state.unit for state in part.model.states}
+        said = {word_of(name): value for name, value in part.model.changed().items()}
+        told = [f"{word} = {in_words(value)} {units[word]}".rstrip() for word, value in said.items()]
+        told += [f"{word} at 0 ms = {in_words(value)} {units[word]}".rstrip() for word, value in part.initial.items()]
+        yield part.name, part.model.name, _shape(part.shape), ", ".join(told)
+
+
+def _projections(net: Description) -> Iterator[tuple[str, ...]]:
+    for part in net.projections.values():
+        synapses = _synapses(net, part)
+        yield (
+            part.name,
+            part.source if part.source_view is None else repr(part.source_view),
+            part.target if part.target_view is None else repr(part.target_view),
+            in_words(part.rule),
+            _UNKNOWN if synapses is None else f"{synapses:,}",
+            in_words(part.synapse),
+            in_words(part.weight),
+            in_words(part.delay),
+        )
+
+
+def _synapses(net: Description, part: Projection) -> int | None:
+    pre, post = (neurons(net.populations[name]) for name in (part.source, part.target))
+    if pre is None or post is None:
+        return None
+    pre = pre if part.source_view is None else len(part.source_view)
+    post = post if part.target_view is None else len(part.target_view)
+    same = part.source == part.target
+    # Between views of one population as many autapses are left out as neurons are in both.
+    if same and not (part.source_view is None and part.target_view is None):
+        return None
+    return part.rule.synapses(pre, post, same)
+
+
+def _probes(net: Description) -> Iterator[tuple[str, ...]]:
+    for part in net.probes.values():
+        every = "" if part.record == "spikes" else in_words(part.every) if part.every else f"{net.resolution:g}"
+        of = part.of if part.view is None else repr(part.view)
+        yield part.name, of, in_words(part.record), every
+
+
+def _shape(shape: tuple[int | str, ...]) -> str:
+    return " x ".join(f"{axis:,}" if isinstance(axis, int) else axis for axis in shape)
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}{'s' * (n != 1)}"

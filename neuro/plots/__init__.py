@@ -1,0 +1,18 @@
+"""Pictures of a run: of a simulation, or of the results that one has left.
+
+```python
+from neuro import plots
+
+plots.raster(sim, of=["exc", "inh"], window=(100.0, 200.0)).savefig("raster.png")
+```
+Each function gives a figure of matplotlib, or draws into the axes `ax` that it is given. None opens a window, changes a
+setting of matplotlib or keeps anything; what is too much to be drawn is drawn in part, and the picture says so.
+"""
+
+from neuro.plots._overview import overview
+from neuro.plots._regularity import cv, isi
+from neuro.plots._spikes import raster, rate
+from neuro.plots._synapses import weights
+from neuro.plots._traces import trace
+
+__all__ = ["cv", "isi", "overview", "raster", "rate", "trace", "weights"]

@@ -1,0 +1,158 @@
+"""Spikes as dots, and rates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from neuro.core.checks import is_number
+from neuro.core.errors import ModelError
+from neuro.core.values import shown
+from neuro.files.recorded import Recorded, Train, recorded, trains, up_to
+from neuro.plots._canvas import about, colours, given, label, legend, over_time, panels, whole_numbers
+from neuro.program.program import Floats, Ints
+
+MOST_DOTS = 100_000
+MOST_TICKS = 100
+MOST_VECTORS = 10_000
+MOST_BINS = 100_000
+LEAST_BAND = 0.08
+"""The share of the neurons that the band of a smaller population stands for."""
+
+
+def raster(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> Figure:
+    """Every spike as a dot, one panel for each population; of very many an even choice is drawn, and said.
+
+    Args:
+        run: a simulation or results.
+        of: a population, a view of one, a name, or a list of these; all that was recorded if not given.
+        window: begin and end in ms; the whole run if not given.
+        ax: axes to draw into, the populations above each other; a new figure if not given.
+
+    Returns:
+        the figure.
+
+    Raises:
+        ModelError: nothing of this was recorded.
+    """
+    told = recorded(run)
+    found = trains(told, of, window)
+    if ax is not None:
+        return _stacked(found, given(ax))
+    figure, axes = panels(f"{told.network}: spikes", len(found), found[0].window)
+    for axis, train, colour in zip(axes, found, colours(), strict=False):
+        times, ids, note = chosen(train, MOST_DOTS)
+        first, last = int(train.neurons[0]), int(train.neurons[-1])
+        height = 72 * axis.get_position().height * figure.get_figheight()
+        _dots(axis, times, ids, colour, height, last - first + 1)
+        margin = 0.5 + 0.02 * (last - first + 1)
+        axis.set_ylim(first - margin, last + margin)
+        whole_numbers(axis)
+        label(axis, f"{train.population}: {about(train)}{note}", "neuron")
+    return figure
+
+
+def _stacked(found: list[Train], axis: Any) -> Figure:
+    """All populations in one panel, the first one lowest: each in a band, of which the smallest can still be seen."""
+    figure: Figure = axis.get_figure(root=True)
+    points = 72 * axis.get_position().height * figure.get_figheight()
+    sizes = np.array([train.neurons.size for train in found], dtype=np.float64)
+    bands = np.maximum(sizes, LEAST_BAND * sizes.sum())
+    ends = np.cumsum(bands / bands.sum())
+    notes = []
+    for train, colour, end, band in zip(found, colours(), ends, bands / bands.sum(), strict=False):
+        times, ids, note = chosen(train, MOST_DOTS // len(found))
+        rows = (np.searchsorted(train.neurons, ids) + 0.5) / max(train.neurons.size, 1)
+        _dots(axis, times, end - band + 0.96 * band * rows, colour, points * band, train.neurons.size)
+        notes += [train.population + note] if note else []
+    axis.set_ylim(0.0, 1.0)
+    axis.set_yticks(ends - bands / bands.sum() / 2, [train.population for train in found])
+    axis.tick_params(axis="y", length=0.0)
+    label(axis, "; ".join(notes), "")
+    over_time(axis, found[0].window)
+    return figure
+
+
+def _dots(axis: Any, times: Floats, rows: NDArray[Any], colour: str, height: float, of: int) -> None:
+    """Dots, or ticks where there are few rows, as large as the rows of a panel of this height in points allow."""
+    marker, edge = ("|", 0.8) if of <= MOST_TICKS else ("o", 0.0)
+    size = float(np.clip(0.8 * height / of, 1.0 if times.size < MOST_DOTS // 5 else 0.6, 12.0))
+    # In a file of vectors very many dots would make it slow to show.
+    axis.plot(times, rows, marker, color=colour, ms=size, mew=edge, rasterized=times.size > MOST_VECTORS)
+
+
+def chosen(train: Train, most: int) -> tuple[Floats, Ints, str]:
+    """At most so many spikes, an even choice that is always the same, and words that say so."""
+    if train.times_ms.size <= most:
+        return train.times_ms, train.ids, ""
+    some = np.random.default_rng(0).choice(train.times_ms.size, most, replace=False)
+    return train.times_ms[some], train.ids[some], f", {most:,} of {train.times_ms.size:,} spikes drawn"
+
+
+def rate(run: object, of: Any = None, *, bin: float | None = None, window: Any = None, ax: Any = None) -> Figure:
+    """The mean rate of a neuron of each population in bins of equal length.
+
+    Args:
+        run: a simulation or results.
+        of: a population, a view of one, a name, or a list of these; all that was recorded if not given.
+        bin: length of a bin in ms; a round one if not given.
+        window: begin and end in ms; the whole run if not given.
+        ax: axes to draw into, all populations in one panel; a new figure if not given.
+
+    Returns:
+        the figure.
+
+    Raises:
+        ModelError: nothing of this was recorded, or the bin is no time.
+    """
+    told = recorded(run)
+    found = trains(told, of, window)
+    edges, width = _edges(told, found[0], bin)
+    if ax is not None:
+        axis = given(ax)
+        for train, colour in zip(found, colours(), strict=False):
+            axis.stairs(binned(train, edges), edges, color=colour, label=train.population)
+        legend(axis, min(len(found), 6))
+        label(axis, "", f"rate (Hz), {width:g} ms bins")
+        axis.set_ylim(bottom=0.0)
+        over_time(axis, found[0].window)
+        whole: Figure = axis.get_figure(root=True)
+        return whole
+    figure, axes = panels(f"{told.network}: mean rates in bins of {width:g} ms", len(found), found[0].window)
+    for axis, train, colour in zip(axes, found, colours(), strict=False):
+        hz = binned(train, edges)
+        axis.stairs(hz, edges, color=colour, fill=True, alpha=0.25)
+        axis.stairs(hz, edges, color=colour)
+        axis.set_ylim(bottom=0.0)
+        label(axis, f"{train.population}: {about(train)}", "rate (Hz)")
+    return figure
+
+
+def binned(train: Train, edges: Floats) -> Floats:
+    """The mean rate of a neuron in Hz between edges in ms; a spike on an edge belongs to the bin that ends there."""
+    last = [up_to(train.times_ms, edge) for edge in edges]
+    return np.diff(last) / max(train.neurons.size, 1) / np.diff(edges) * 1000.0
+
+
+def _edges(run: Recorded, train: Train, width: float | None) -> tuple[Floats, float]:
+    begin, end = train.window
+    if width is None:
+        least = max((end - begin) / 200.0, run.resolution_ms)
+        width = next(each for each in _nice() if each >= least)
+    elif not is_number(width) or not width > 0 or not width < np.inf:
+        raise ModelError(f"bin = {shown(width)}: expected a time > 0 ms")
+    elif (end - begin) / width > MOST_BINS:
+        raise ModelError(f"bin = {width:g} ms: expected at most {MOST_BINS:,} bins in {end - begin:g} ms")
+    whole = math.ceil((end - begin) / width * (1.0 - 1e-12))
+    return np.append(begin + width * np.arange(max(whole, 1)), max(end, begin + run.resolution_ms)), float(width)
+
+
+def _nice() -> Iterator[float]:
+    for exponent in range(-4, 12):
+        for digit in (1, 2, 5):
+            yield float(f"{digit}e{exponent}")

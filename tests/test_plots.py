@@ -1,0 +1,295 @@
+"""Pictures of simulations and results: what they show, what they leave out and say so; nothing stays behind."""
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import neuro
+from neuro import ModelError, plots
+from neuro.files.recorded import Train as Spikes
+from neuro.files.recorded import recorded, trains
+from neuro.files.results import Results, Trace, Train, Weights
+from neuro.plots import _regularity, _spikes, _synapses, _traces
+
+
+def results(size=10, spikes=100, traced=1, recorded=True, duration=1000.0):
+    rng = np.random.default_rng(1)
+    times = np.sort(rng.integers(1, 10 * duration, spikes)) / 10.0
+    train = Train(
+        "iaf_psc_exp",
+        (size,),
+        {"spikes": spikes},
+        recorded,
+        times,
+        rng.integers(0, size, spikes),
+        np.ones(spikes, "i4"),
+    )
+    trace = Trace("cells", "V_m", "mV", np.arange(1.0, duration + 1), rng.normal(-60.0, 5.0, (int(duration), traced)))
+    about = {"network": "test", "duration_ms": duration, "resolution_ms": 0.1}
+    pre, post = np.divmod(np.arange(size * size), size)
+    weights = Weights("cells", "cells", "static", size * size, {}, pre, post, np.arange(size * size, dtype=float))
+    return Results(about, {}, {"cells": train}, {"own": weights}, {"v": trace} if traced else {})
+
+
+@pytest.fixture
+def sim():
+    net = neuro.Network("two")
+    net.population("in", 4, neuro.spike_generator(spike_times=[[10.0, 20.0, 40.0], [30.0], [], [10.0, 20.0, 30.0]]))
+    net.population("noise", 5, neuro.poisson_generator(rate=10.0))
+    net.population("out", (2, 3), neuro.iaf_psc_exp(I_e=400.0))
+    net.connect("in", "out", neuro.all_to_all(), weight=100.0)
+    net.probe("v", "out", "V_m", every=1.0)
+    net.probe("fired", "out")
+    sim = neuro.compile(net, backend="reference")
+    sim.run(50.0)
+    return sim
+
+
+@pytest.mark.parametrize(("size", "spikes"), [(1, 0), (7, 1), (3000, 5000)])
+def test_any_size(size, spikes, tmp_path):
+    run = results(size, spikes, traced=size)
+    for draw in (plots.raster, plots.rate, plots.trace, plots.isi, plots.cv):
+        draw(run).savefig(tmp_path / "a.png", dpi=20)
+
+
+def test_titles_and_units():
+    axis = plots.raster(results()).axes[0]
+    assert axis.get_title("left") == "cells: 10 neurons, 10 Hz"
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("time (ms)", "neuron")
+    axis = plots.rate(results(size=1)).axes[0]
+    assert axis.get_title("left") == "cells: 1 neuron, 100 Hz"
+    assert axis.get_ylabel() == "rate (Hz)"
+    assert plots.trace(results(traced=2)).axes[0].get_ylabel() == "V_m (mV)"
+    assert plots.trace(results(traced=20)).axes[1].get_ylabel() == "V_m (mV)"
+
+
+def test_rates_add_up():
+    figure = plots.rate(results(size=10, spikes=500))
+    hz, edges, _ = figure.axes[0].patches[0].get_data()
+    assert (hz * np.diff(edges)).sum() * 10 / 1000.0 == pytest.approx(500)
+    assert figure.get_suptitle() == "test: mean rates in bins of 5 ms"
+
+
+def test_a_spike_on_an_edge_belongs_to_the_step_before_it(sim):
+    figure = plots.rate(sim, "in", bin=20.0)
+    hz, edges, _ = figure.axes[0].patches[0].get_data()
+    assert edges.tolist() == [0.0, 20.0, 40.0, 50.0]
+    assert (hz * 4 * np.diff(edges) / 1000.0).round(9).tolist() == [4.0, 3.0, 0.0]
+    tenths = plots.rate(sim, "in", bin=0.1, window=(29.9, 30.1)).axes[0].patches[0].get_data()[0]
+    assert (tenths * 4 * 0.1 / 1000.0).round(9).tolist() == [2.0, 0.0]
+
+
+def test_few_of_many_spikes_are_drawn_and_said(monkeypatch):
+    monkeypatch.setattr(_spikes, "MOST_DOTS", 50)
+    axis = plots.raster(results(spikes=100)).axes[0]
+    assert axis.get_title("left") == "cells: 10 neurons, 10 Hz, 50 of 100 spikes drawn"
+    assert axis.lines[0].get_xdata().size == 50
+
+
+def test_few_of_many_traces_are_drawn_and_said(monkeypatch):
+    monkeypatch.setattr(_traces, "MOST_ROWS", 5)
+    axis = plots.trace(results(traced=20)).axes[0]
+    assert axis.get_title("left") == "v: V_m of cells, 5 of 20 neurons drawn"
+    assert axis.images[0].get_array().shape == (5, 1000)
+
+
+def test_a_run_shorter_than_a_bin():
+    plots.rate(results(duration=1.0, spikes=3))
+
+
+def test_a_simulation_that_has_not_run(sim):
+    sim.reset()
+    for draw in (plots.raster, plots.rate, plots.isi, plots.cv, plots.overview):
+        assert isinstance(draw(sim), Figure)
+
+
+def test_a_simulation_is_drawn_as_its_results(sim):
+    from neuro.run.collect import collect
+
+    left = collect(sim, sim.network())
+    for of in ("in", ["out", "in"], None):
+        for mine, theirs in zip(trains(recorded(sim), of), trains(recorded(left), of), strict=True):
+            assert mine.population == theirs.population
+            for word in ("neurons", "times_ms", "ids", "window"):
+                assert np.array_equal(getattr(mine, word), getattr(theirs, word)), word
+    mine, theirs = recorded(sim).trace("v"), recorded(left).trace("v")
+    assert (mine.population, mine.state, mine.unit) == (theirs.population, theirs.state, theirs.unit)
+    assert np.array_equal(mine.values, theirs.values)
+
+
+def test_a_window_is_after_its_begin_up_to_its_end(sim):
+    (train,) = trains(recorded(sim), "in", (10.0, 30.0))
+    assert train.times_ms.tolist() == [20.0, 20.0, 30.0, 30.0]
+    assert train.ids.tolist() == [0, 3, 1, 3]
+    assert plots.raster(sim, "in", window=(10.0, 30.0)).axes[0].get_xlim() == (10.0, 30.0)
+    shown = plots.trace(sim, "v", window=(10.0, 12.0)).axes[0]
+    assert [line.get_xdata().tolist() for line in shown.lines] == [[10.0, 11.0, 12.0]] * 6
+
+
+def test_populations_by_name_by_part_and_by_view(sim):
+    part = sim.network().populations["in"]
+    assert plots.raster(sim, part).axes[0].get_title("left") == "in: 4 neurons, 35 Hz"
+    (train,) = trains(recorded(sim), part[[3, 1]])
+    assert train.neurons.tolist() == [1, 3]
+    assert train.ids.tolist() == [3, 3, 1, 3]
+    assert train.rate_hz == 40.0
+    assert plots.raster(sim, [part[[3, 1]]]).axes[0].get_title("left") == "in: 2 neurons, 40 Hz"
+
+
+def test_intervals_and_their_variation():
+    elephant = pytest.importorskip("elephant.statistics", reason="the extra compare is not installed")
+    rng = np.random.default_rng(2)
+    times, ids = np.sort(rng.uniform(0.0, 1000.0, 400)), rng.integers(0, 12, 400)
+    train = Spikes("cells", np.arange(14), times, ids, (0.0, 1000.0))
+    trains_ = [times[ids == neuron] for neuron in range(12)]
+    lengths, whose = _regularity.intervals(train)
+    for neuron, one in enumerate(trains_):
+        assert np.array_equal(lengths[whose == neuron], elephant.isi(one))
+    expected = [elephant.cv(elephant.isi(one)) for one in trains_]
+    assert _regularity.variation(train) == pytest.approx(expected, rel=1e-12)
+
+
+def test_what_intervals_and_cv_say(sim):
+    assert plots.isi(sim, "in").axes[0].get_title("left") == "in: 4 intervals, mean 12.5 ms"
+    heights, edges, _ = plots.isi(sim, "in").axes[0].patches[0].get_data()
+    assert heights.sum() == 4
+    assert edges[0] < 0.0
+    assert plots.cv(sim, "in").axes[0].get_title("left") == "in: mean 0.17 of 2 of 4 neurons"
+    assert plots.cv(results(spikes=1)).axes[0].get_title("left") == "cells: 0 of 10 neurons with two intervals"
+    assert plots.isi(results(spikes=1)).axes[0].get_title("left") == "cells: no intervals"
+
+
+def test_weights_as_a_histogram_and_a_matrix(sim):
+    figure = plots.weights(results(), "own")
+    heights = figure.axes[0].patches[0].get_data()[0]
+    assert heights.sum() == 100
+    assert figure.axes[0].get_title("left") == "own: 100 weights, 49.5 ± 28.9"
+    image = plots.weights(results(), "own", "matrix").axes[0].images[0].get_array()
+    assert np.array_equal(image, np.arange(100.0).reshape(10, 10))
+    shown = plots.weights(sim, "in_out", "matrix").axes[0]
+    assert shown.images[0].get_array().shape == (4, 6)
+    assert (shown.get_xlabel(), shown.get_ylabel()) == ("target neuron", "source neuron")
+
+
+def test_a_large_matrix_is_drawn_in_blocks(monkeypatch):
+    monkeypatch.setattr(_synapses, "MOST_CELLS", 4)
+    axis = plots.weights(results(), "own", "matrix").axes[0]
+    assert axis.get_title("left") == "own: 100 weights, means of blocks of 3 x 3"
+    image, whole = axis.images[0].get_array(), np.arange(100.0).reshape(10, 10)
+    assert image.shape == (4, 4)
+    assert image[0, 0] == whole[:3, :3].mean()
+    assert image[3, 3] == whole[9, 9]
+
+
+def test_kernels_side_by_side(monkeypatch):
+    run = results()
+    run.projections["grid"] = Weights("cells", "cells", "static", 30, {}, weight=np.arange(30.0).reshape(5, 1, 2, 3))
+    sheet = plots.weights(run, "grid", "matrix").axes[0].images[0].get_array()
+    assert sheet.shape == (5, 11)
+    assert sheet[3:, 4:7].tolist() == np.arange(24.0, 30.0).reshape(2, 3).tolist()
+    monkeypatch.setattr(_synapses, "MOST_KERNELS", 2)
+    axis = plots.weights(run, "grid", "matrix").axes[0]
+    assert axis.get_title("left") == "grid: kernels of 2 x 3, 2 of 5 drawn"
+
+
+def test_into_axes_that_are_given(sim):
+    figure = Figure()
+    axes = figure.subplots(5, 1)
+    assert plots.raster(sim, ax=axes[0]) is figure
+    assert [text.get_text() for text in axes[0].get_yticklabels()] == ["in", "out"]
+    assert plots.rate(sim, ax=axes[1]) is figure
+    assert [text.get_text() for text in axes[1].get_legend().get_texts()] == ["in", "out"]
+    assert plots.trace(sim, "v", ax=axes[2]) is figure
+    assert plots.isi(sim, "in", ax=axes[3]) is figure
+    assert [text.get_text() for text in axes[3].get_legend().get_texts()] == ["in: 4 intervals, mean 12.5 ms"]
+    assert plots.weights(sim, "in_out", ax=axes[4]) is figure
+
+
+def test_at_a_glance(sim):
+    figure = sim.plot()
+    assert figure.get_suptitle() == "two on reference: 50 ms, 10 neurons"
+    assert len(figure.axes) == 3
+    assert len(sim.plot("in", window=(0.0, 20.0)).axes) == 2
+
+
+def test_a_notebook_shows_it(sim):
+    assert plots.raster(sim)._repr_png_()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_nothing_global_changes(sim):
+    from matplotlib import _pylab_helpers
+
+    before = dict(matplotlib.rcParams)
+    plots.overview(sim)
+    plots.weights(sim, "in_out", "matrix")
+    assert dict(matplotlib.rcParams) == before
+    assert not _pylab_helpers.Gcf.figs
+
+
+MISTAKES = {
+    "no run": (lambda sim: plots.raster("out.h5"), "found 'out.h5': expected a simulation, or results of a run"),
+    "a network": (
+        lambda sim: plots.raster(neuro.Network("net")),
+        "found Network('net', 0 populations, 0 projections, resolution=0.1): "
+        "expected a simulation, or results of a run\n  hint: neuro.compile(net) gives a simulation",
+    ),
+    "an unknown population": (
+        lambda sim: plots.rate(sim, "uot"),
+        "unknown population 'uot'\n  hint: did you mean 'out'?",
+    ),
+    "not recorded": (
+        lambda sim: plots.raster(sim, "noise"),
+        "spikes of 'noise', a poisson_generator, are not recorded\n  hint: net.probe('name', 'noise') records them",
+    ),
+    "not kept": (
+        lambda sim: plots.raster(results(recorded=False), "cells"),
+        "spikes of 'cells' were not kept\n  hint: 'neuro run --record cells' keeps them",
+    ),
+    "no spikes": (
+        lambda sim: plots.raster(results(recorded=False)),
+        "no spikes were recorded\n  hint: net.probe or 'neuro run --record NAME' keeps them",
+    ),
+    "no traces": (
+        lambda sim: plots.trace(results(traced=0)),
+        "no traces were recorded\n  hint: a probe of a state, such as V_m, records one",
+    ),
+    "an unknown probe": (
+        lambda sim: plots.trace(sim, "w"),
+        "unknown probe of a state 'w'\n  hint: known: v",
+    ),
+    "a window that ends before it begins": (
+        lambda sim: plots.raster(sim, window=(5, 2)),
+        "window = [5, 2]: expected (begin, end) in ms with 0 <= begin < end",
+    ),
+    "a window that is none": (
+        lambda sim: plots.trace(sim, window=100.0),
+        "window = 100: expected (begin, end) in ms with 0 <= begin < end",
+    ),
+    "a window without a record": (
+        lambda sim: plots.trace(sim, "v", window=(60.0, 70.0)),
+        "probe 'v' recorded nothing in 60 to 70 ms",
+    ),
+    "a bin that is no time": (lambda sim: plots.rate(sim, bin=0), "bin = 0: expected a time > 0 ms"),
+    "a bin that is too short": (
+        lambda sim: plots.rate(sim, bin=1e-6),
+        "bin = 1e-06 ms: expected at most 100,000 bins in 50 ms",
+    ),
+    "no axes": (lambda sim: plots.raster(sim, ax=3), "ax = 3: expected axes of matplotlib, as plt.gca() gives"),
+    "an unknown projection": (
+        lambda sim: plots.weights(sim, "in_uot"),
+        "unknown projection 'in_uot'\n  hint: did you mean 'in_out'?",
+    ),
+    "an unknown kind": (
+        lambda sim: plots.weights(sim, "in_out", "matirx"),
+        "kind = 'matirx': expected one of histogram, matrix\n  hint: did you mean 'matrix'?",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", MISTAKES)
+def test_mistakes(what, sim):
+    call, message = MISTAKES[what]
+    with pytest.raises(ModelError) as told:
+        call(sim)
+    assert str(told.value) == message

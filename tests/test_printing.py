@@ -1,0 +1,236 @@
+"""Networks, their parts, runs and recordings as people read them."""
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro.run.collect import collect
+
+
+@pytest.fixture
+def net():
+    net = neuro.Network("brunel", resolution=0.1)
+    noise = net.population("noise", 100, neuro.poisson_generator(rate=8000.0))
+    exc = net.population(
+        "exc",
+        (80, 100),
+        neuro.iaf_psc_exp(tau_m=20.0, I_e=np.linspace(0.0, 10.0, 8000)),
+        initial={"V_m": neuro.uniform(low=-70.0, high=-55.0)},
+    )
+    inh = net.population("inh", 2000, neuro.iaf_psc_exp())
+    net.signal("reward", to=exc)
+    net.connect(noise, exc, neuro.all_to_all(), weight=20.0)
+    net.connect(exc, inh, neuro.fixed_indegree(n=100), neuro.stdp(lambda_=0.02), weight=20.0, delay=1.5)
+    net.connect(inh, exc, neuro.pairwise_bernoulli(p=0.1), weight=-100.0, delay=1.5)
+    net.connect(exc, exc, neuro.pairs([0, 1], [2, 3]), weight=[3.0, 4.0], name="listed")
+    net.group("wta", neuro.winner_take_all(of="inh"))
+    net.probe("v", exc, "V_m", every=1.0)
+    net.probe("s", noise)
+    return net
+
+
+PRINTED = """\
+brunel: 10,100 neurons in 3 populations, resolution 0.1 ms
+
+populations
+  name   model              shape     parameters
+  -----  -----------------  --------  -------------------------------------------------------------------------------------------
+  noise  poisson_generator  100       rate = 8000 Hz
+  exc    iaf_psc_exp        80 x 100  tau_m = 20 ms, I_e = 0 .. 10 (8,000 values) pA, V_m at 0 ms = uniform(low=-70, high=-55) mV
+  inh    iaf_psc_exp        2,000
+
+projections
+  name       from   to   rule                            synapses  synapse            weight  delay (ms)
+  ---------  -----  ---  ------------------------------  --------  -----------------  ------  ----------
+  noise_exc  noise  exc  all_to_all                       800,000  static                 20           1
+  exc_inh    exc    inh  fixed_indegree(n=100)            200,000  stdp(lambda=0.02)      20         1.5
+  inh_exc    inh    exc  pairwise_bernoulli(p=0.1)              -  static               -100         1.5
+  listed     exc    exc  pairs(pre=[0, 1], post=[2, 3])         2  static             [3, 4]           1
+
+signals
+  name    to
+  ------  ---
+  reward  exc
+
+groups
+  name  what
+  ----  -----------------------
+  wta   winner_take_all(of=inh)
+
+probes
+  name  of     record  every (ms)
+  ----  -----  ------  ----------
+  v     exc    V_m              1
+  s     noise  spikes"""  # noqa: E501
+
+
+def test_a_network(net):
+    assert str(net) == PRINTED
+    assert repr(net) == "Network('brunel', 3 populations, 4 projections, resolution=0.1)"
+
+
+def test_sizes_that_a_grid_decides():
+    net = neuro.Network("sheet", resolution=1.0)
+    net.population("in", (1, 9, 9), neuro.spike_generator())
+    net.population("out", (2, "auto", "auto"), neuro.iaf_psc_delta())
+    net.connect("in", "out", neuro.grid(kernel=(3, 3)), weight=np.zeros((2, 1, 3, 3)))
+    net.trials(input="in", duration=20.0)
+    lines = str(net).splitlines()
+    assert lines[0] == "sheet: 2 populations, resolution 1 ms"
+    assert "  out   iaf_psc_delta    2 x auto x auto" in lines
+    assert "0 .. 0 (18 values)" in lines[11]
+    assert lines[-1] == "  input=in, duration=20"
+
+
+def test_parts_in_one_line(net):
+    assert repr(net.populations["exc"]) == (
+        "Population('exc', shape=[80, 100], model=iaf_psc_exp(tau_m=20, I_e=array of shape (8000,)), "
+        "initial={V_m: uniform(low=-70, high=-55)})"
+    )
+    assert repr(net.projections["exc_inh"]) == (
+        "Projection('exc_inh', source='exc', target='inh', rule=fixed_indegree(n=100), "
+        "synapse=stdp(lambda_=0.02), weight=20, delay=1.5)"
+    )
+    assert repr(net.signals["reward"]) == "Signal('reward', to='exc')"
+    assert repr(net.groups["wta"]) == "Group('wta', choice=winner_take_all(of='inh'))"
+    assert repr([net.probes["s"]]) == "[Probe('s', of='noise', record='spikes')]"
+
+
+def test_a_part_in_full(net):
+    assert str(net.projections["exc_inh"]).splitlines()[-9:] == [
+        "stdp",
+        "  parameter  value  unit  default",
+        "  ---------  -----  ----  -------",
+        "  tau_plus      20  ms",
+        "  lambda      0.02           0.01",
+        "  alpha          1",
+        "  mu_plus        1",
+        "  mu_minus       1",
+        "  Wmax         100",
+    ]
+    assert str(net.populations["inh"]).splitlines()[:8] == [
+        "population 'inh'",
+        "",
+        "  word   value",
+        "  -----  -----------",
+        "  shape  [2000]",
+        "  model  iaf_psc_exp",
+        "",
+        "iaf_psc_exp",
+    ]
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        neuro.all_to_all(),
+        neuro.all_to_all(autapses=False),
+        neuro.one_to_one(),
+        neuro.fixed_indegree(n=2),
+        neuro.fixed_outdegree(n=3),
+        neuro.pairs([0, 1, 1], [2, 3, 3]),
+    ],
+    ids=repr,
+)
+def test_as_many_synapses_as_are_made(rule):
+    net = neuro.Network()
+    net.population("a", 5, neuro.iaf_psc_exp())
+    net.population("b", 5, neuro.iaf_psc_exp())
+    for target in "ab":
+        net.connect("a", target, rule)
+    sim = neuro.compile(net, backend="reference")
+    for target in "ab":
+        assert rule.synapses(5, 5, target == "a") == sim.program.projections["ab".index(target)].size
+
+
+def test_html_is_escaped(net):
+    net.name = "<script>"
+    page = net._repr_html_()
+    assert page.startswith("<p><b>&lt;script&gt;: 10,100 neurons")
+    assert "<script" not in page
+    assert page.count("<table") == 5
+
+
+def test_views_are_said(net):
+    net.connect(net.populations["exc"][:10, ::2], net.populations["inh"][[5, 3]], neuro.all_to_all(), name="some")
+    net.probe("few", net.populations["exc"][:3, 4], "V_m")
+    text = str(net)
+    assert "  some       exc[:10, ::2]  inh[[5, 3]]  all_to_all                         1,000" in text
+    assert "  few   exc[:3, 4]  V_m            0.1" in text
+
+
+TAGS = {"div", "p", "b", "i", "table", "caption", "thead", "tbody", "tr", "th", "td"}
+
+
+def tables(page):
+    """Rows of cells of the tables of a piece of HTML that has nothing else in it."""
+    root = ElementTree.fromstring(f"<div>{page}</div>")
+    assert {each.tag for each in root.iter()} <= TAGS
+    return root.find("p/b").text, [[cell.text or "" for cell in row] for row in root.iter("tr")]
+
+
+@pytest.fixture
+def sim():
+    net = neuro.Network("two")
+    net.population("in", 4, neuro.spike_generator(spike_times=[[10.0, 20.0]] * 4))
+    net.population("out", (2, 3), neuro.iaf_psc_exp())
+    net.connect("in", "out", neuro.all_to_all(), neuro.stdp())
+    net.probe("v", "out", "V_m", every=1.0)
+    sim = neuro.compile(net, backend="reference")
+    sim.run(50.0)
+    return sim
+
+
+ROWS = [
+    ["name", "model", "neurons", "spikes", "rate (Hz)"],
+    ["in", "spike_generator", "4", "8", "40.00"],
+    ["out", "iaf_psc_exp", "6", "0", "0.00"],
+    ["name", "from", "to", "synapse", "synapses"],
+    ["in_out", "in", "out", "stdp", "24"],
+]
+
+
+def test_a_simulation(sim):
+    assert tables(sim._repr_html_()) == ("Simulation('two', backend='reference', time=50 ms)", ROWS)
+    assert str(sim).startswith(f"{sim!r}\n\npopulations\n  name  model")
+    sim.reset()
+    assert tables(sim._repr_html_())[1][1] == ["in", "spike_generator", "4", "0", "-"]
+
+
+def test_results(sim):
+    results = collect(sim, sim.network())
+    head, rows = tables(results._repr_html_())
+    assert head == repr(results) == "Results('two', backend='reference', duration=50 ms)"
+    assert rows == [
+        *ROWS,
+        ["name", "of", "state", "neurons", "times"],
+        ["v", "out", "V_m", "6", "50"],
+    ]
+
+
+def test_a_comparison(sim):
+    found = neuro.compare.compare(sim.network(), ["reference", "event", "loihi"], 20.0)
+    head, rows = tables(found._repr_html_())
+    assert head == repr(found) == "Comparison('two', 20 ms on reference, event, loihi)"
+    assert rows[0] == ["backend", "spikes", "synaptic ops", "first difference"]
+    assert rows[1] == ["reference", "8", "48", "-"]
+    assert rows[2] == ["event", "8", "48", "none"]
+
+
+def test_events():
+    events = neuro.events.Events([0, 5, 500_000], [1, 2, 3], [0, 0, 1], [1, 1, 0], (4, 3), {"camera": "<script>"})
+    assert tables(events._repr_html_()) == (
+        "Events",
+        [
+            ["", ""],
+            ["events", "3"],
+            ["sensor", "4 x 3 px"],
+            ["from", "0 us"],
+            ["to", "500,000 us"],
+            ["mean rate", "6 events/s"],
+            ["ON", "66.7%"],
+        ],
+    )
+    assert tables(events[:0]._repr_html_())[1][3:] == [["from", "-"], ["to", "-"], ["mean rate", "-"], ["ON", "-"]]

@@ -1,0 +1,83 @@
+"""How far long work is: told on stderr, and never a change of what is computed."""
+
+import re
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro.core import progress
+from neuro_remus.bars import shown
+
+NET = """\
+neuro: 1
+name: small
+populations:
+  noise: {model: {poisson_generator: {rate: 900.0}}, shape: 20}
+  exc: {model: {iaf_psc_exp: {tau_m: 15.0}}, shape: 8}
+projections:
+  noise_exc: {from: noise, to: exc, rule: all_to_all, weight: 300.0, delay: 1.0, synapse: {stdp: {Wmax: 600.0}}}
+probes:
+  v: {of: exc, record: V_m, every: 0.7}
+"""
+
+
+@pytest.fixture
+def sim(tmp_path):
+    (tmp_path / "net.yaml").write_text(NET)
+    return lambda: neuro.compile(neuro.load(tmp_path / "net.yaml"), seed=3)
+
+
+def test_progress_changes_no_bit(sim, monkeypatch, capsys):
+    monkeypatch.setattr("neuro.run.progress.STRETCH_S", 1e-5)
+    once, told = sim(), sim()
+    once.run(300.0)
+    told.run(300.0, progress=True)
+    assert told.time == once.time == 300.0
+    for mine, theirs in zip(told.spikes("exc"), once.spikes("exc"), strict=True):
+        assert np.array_equal(mine, theirs)
+    for mine, theirs in zip(told.trace("v"), once.trace("v"), strict=True):
+        assert np.array_equal(mine, theirs)
+    assert np.array_equal(told.weights("noise_exc")[2], once.weights("noise_exc")[2])
+    assert capsys.readouterr() == ("", ""), "a short run tells nothing where there is no terminal"
+
+
+def test_lines_where_there_is_no_terminal(sim, monkeypatch, capsys):
+    monkeypatch.setattr(progress, "EVERY_S", 0.0)
+    sim().run(50.0, progress=True)
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.splitlines()
+    for line in err.splitlines():
+        assert re.fullmatch(r"\d+ of 50 ms, [\d,]+ ms/s(, \d+ s left)?", line), line
+    assert err.splitlines()[-1].startswith("50 of 50 ms")
+
+
+def test_a_line_every_ten_seconds(monkeypatch, capsys):
+    now = iter([0.0, 4.0, 9.0, 11.0, 11.0, 20.0, 20.0, 22.0, 22.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(now))
+    with progress.Bar() as bar:
+        bar.say("preparing")
+        bar.say("preparing more")
+        for done in (10, 20, 30):
+            bar.show(done, 100, f"{done} of 100")
+    assert capsys.readouterr().err == "10 of 100, 99 s left\n30 of 100, 51 s left\n"
+
+
+def test_a_bar_on_a_terminal(sim, monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setattr(progress, "_is_terminal", lambda: True)
+    sim().run(50.0, progress=True)
+    assert "50 of 50 ms" in capsys.readouterr().err
+
+
+def test_progress_is_true_or_false(sim):
+    with pytest.raises(neuro.ModelError, match=re.escape("run: progress = 3: expected true or false")):
+        sim().run(1.0, progress=3)
+
+
+def test_items_gone_through(monkeypatch, capsys):
+    assert list(shown("abc", "letters", 3, wanted=False)) == ["a", "b", "c"]
+    monkeypatch.setattr(progress, "EVERY_S", 0.0)
+    assert list(shown("abc", "letters", 3)) == ["a", "b", "c"]
+    assert capsys.readouterr().err.splitlines()[-1] == "letters: 3 of 3"
