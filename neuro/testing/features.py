@@ -190,7 +190,8 @@ def injected_spikes(start: Start) -> Found:
 def played_events(start: Start) -> Found:
     """An event camera that plays a recording, several events of a pixel in a step among them, and is fed beside it."""
     t = np.sort(np.random.default_rng(4).integers(5_000, 25_000, 400))
-    events = Events(t, t * 7 % 5, t * 3 % 4, t // 2 % 2, (5, 4))
+    x, y, p = (t * 7 % 5).astype(np.uint16), (t * 3 % 4).astype(np.uint16), (t // 2 % 2).astype(np.uint8)
+    events = Events(t, x, y, p, (5, 4))
     net = network()
     net.population("camera", "auto", event_camera(events=[events[:150], events[150:]], start=1.0))
     net.population("cells", 40, iaf_psc_exp())

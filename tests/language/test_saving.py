@@ -103,7 +103,7 @@ def values(q, names):
 def words(cls, names):
     """Some of the parameters of a choice, and all that it needs."""
     quantities = {w: q for w, q in cls.quantities().items() if q.kind != "name" or names[_kind(q)]}
-    quantities = {word: q for word, q in quantities.items() if q.kind not in ("file", "events")}
+    quantities = {word: q for word, q in quantities.items() if q.kind not in ("file", "events") and word != "crop"}
     strategies = {word: values(q, names) for word, q in quantities.items()}
     needed = {word: s for word, s in strategies.items() if word not in cls.defaults()}
     rest = {word: s for word, s in strategies.items() if word in cls.defaults()}
@@ -129,7 +129,7 @@ def choices(draw, cls, names):
     if "signal" in said or "tau_n" not in cls.quantities():
         said.pop("dopamine", None)
     if cls is neuro.event_camera:
-        for word in ("crop", "offset", "origin"):
+        for word in ("offset", "origin"):
             said.pop(word, None)
     if cls is neuro.encode:
         said["values"] = draw(st.floats(0.5, 1.0) | arrays(st.floats(0.5, 1.0)))
