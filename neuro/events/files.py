@@ -210,7 +210,7 @@ def save(
         with output(path, RECORDING, replace) as part:
             write(parts, part)
     except Unsavable as fault:
-        raise EventFileError(str(path), f"cannot hold event {fault.event}: {fault.what}") from None
+        raise EventFileError(str(path), f"cannot hold event {fault.event}: {fault.what}", hint=fault.hint) from None
     except Unwritable as error:
         raise EventFileError(str(path), error.what) from None
 

@@ -326,8 +326,8 @@ def test_damage_is_told(data):
 
 
 def steps(n):
-    t = np.arange(n)
-    return Events(1_600_000_000_000_000 + 3 * t, t % 346, t % 260, t % 2, (346, 260))
+    t = 3 * np.arange(n)
+    return Events(1_600_000_000_000_000 + t, t % 346, t % 260, t % 2, (346, 260))
 
 
 def test_what_is_written_is_what_others_read(tmp_path, monkeypatch):
@@ -356,7 +356,7 @@ def test_writing_and_reading(tmp_path, monkeypatch, packed, count):
 
 
 def test_the_table_at_the_end_tells_each_packet(tmp_path, monkeypatch):
-    """Its rows are as those that DV writes: where the packet's data begin, its size, its events, first and last time."""
+    """Its rows are as those that DV writes: where the packet's data begin, its size, its events, its times."""
     monkeypatch.setitem(sys.modules, "lz4.frame", None)
     save(steps(20_000), tmp_path / "a.aedat4")
     data = (tmp_path / "a.aedat4").read_bytes()

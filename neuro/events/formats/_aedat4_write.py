@@ -64,8 +64,8 @@ def write(parts: Iterator[Events], path: Path) -> None:
         for done, events in in_order(parts):
             if not file.tell():
                 file.write(MAGIC + _header(number, *events.sensor_size))
-            bad = (events.t < 0) | (events.x > LARGEST) | (events.y > LARGEST)
-            refuse(events, bad, done, f"t from 0 us on, x and y 0 to {LARGEST}")
+            outside = (events.x > LARGEST) | (events.y > LARGEST)
+            refuse(events, (events.t < 0) | outside, done, f"t from 0 us on, x and y 0 to {LARGEST}", outside)
             for k in range(0, len(events), PACKET):
                 rows.append(_put(file, events[k : k + PACKET], pack))
         place = file.tell()
