@@ -12,8 +12,11 @@ from neuro.core.quantities import Quantity
 from neuro.core.values import same, shown
 from neuro.model.neurons import Model
 from neuro.model.parts import (
+    AT,
+    CHOSEN,
     DELAY,
     EVERY,
+    MEAN,
     RECORD,
     RESOLUTION,
     SHAPE,
@@ -135,12 +138,45 @@ class Network(Description):
         self._expect(choice, Competition, f"group '{name}'", "a group such as neuro.winner_take_all(of='out')")
         return self._add(self.groups, Group(name, choice, self._where()))
 
-    def probe(self, name: str, of: Population | str, record: str = "spikes", *, every: float | None = None) -> Probe:
-        """Record the spikes of a population, or one of its states every `every` ms (each step if not given)."""
+    def probe(
+        self,
+        name: str,
+        of: Population | Projection | str,
+        record: str | Iterable[str] = "spikes",
+        *,
+        every: float | None = None,
+        at: str | None = None,
+        mean: bool = False,
+        synapses: Any = None,
+    ) -> Probe:
+        """Record a population or a projection while the network runs.
+
+        Args:
+            name: a new name.
+            of: a population or a projection of this network, or its name.
+            record: of a population "spikes", "rate" (spikes of a neuron in a second, the mean of a bin), or one or
+                several of its states; of a projection "weight" or other states of its synapses.
+            every: interval in ms, each step if not given; of a rate the length of its bins.
+            at: "pre_spikes" records the synapses of a neuron that fires, as its spike leaves and is sent with.
+            mean: whether to record the mean over neurons or synapses instead of each.
+            synapses: of a projection, which ones, in the order of its weights; all if not given.
+        """
         what = f"probe '{name}'"
-        interval = self._checked(EVERY, every, f"{what}: every", ("every",))
-        record = self._checked(RECORD, record, f"{what}: record", ("record",))
-        return self._add(self.probes, Probe(name, self._name_of(of, what, "of"), record, interval, self._where()))
+        states = self._checked(RECORD, record, f"{what}: record", ("record",))
+        if not states or len(set(states)) < len(states):
+            told = f"{what}: record = {shown(record)}: expected one or several names, each once"
+            raise ModelError(told, where=self._where(), path=("record",))
+        part = Probe(
+            name,
+            self._recorded(of, what),
+            record if isinstance(record, str) else states,
+            self._checked(EVERY, every, f"{what}: every", ("every",)),
+            self._where(),
+            self._checked(AT, at, f"{what}: at", ("at",)),
+            self._checked(MEAN, mean, f"{what}: mean", ("mean",)),
+            None if synapses is None else self._checked(CHOSEN, synapses, f"{what}: synapses", ("synapses",)),
+        )
+        return self._add(self.probes, part)
 
     def trials(self, **words: Any) -> Trials:
         """Say how trials go; the words are those of `neuro.Trials`."""
@@ -197,6 +233,16 @@ class Network(Description):
         if name not in self.populations:
             raise unknown("population", name, self.populations, path=(role,)).at(self._where(), what)
         return name
+
+    def _recorded(self, of: Population | Projection | str, what: str) -> str:
+        """The name of a population or a projection."""
+        name = of.name if isinstance(of, Projection) else of
+        if isinstance(name, str) and name in self.projections and name not in self.populations:
+            return name
+        if isinstance(name, str) and name not in self.populations:
+            known = [*self.populations, *self.projections]
+            raise unknown("population or projection", name, known, path=("of",)).at(self._where(), what)
+        return self._name_of(name, what, "of")
 
     def _expect(self, value: object, kind: type | tuple[type, ...], what: str, expected: str) -> None:
         if isinstance(value, type) and issubclass(value, kind):

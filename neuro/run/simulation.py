@@ -10,7 +10,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from neuro.compiler import compile_network
 from neuro.core.checks import check, is_number
@@ -24,7 +24,7 @@ from neuro.model.network import Network
 from neuro.model.neurons import Generator, Neuron, spike_generator
 from neuro.program.backend import Backend, Engine, Problem, Registers, find_backend, unreadable
 from neuro.program.counts import Counts, Tally
-from neuro.program.program import Floats, Ints, Program
+from neuro.program.program import Floats, Ints, Program, synapse_states
 from neuro.run import settable
 from neuro.run.finite import Watch, check_weights
 from neuro.run.learned_network import learnt_network
@@ -135,7 +135,11 @@ class Simulation:
         self._projections: Names[int] = Names({part.name: index for index, part in enumerate(program.projections)})
         self._signals: Names[int] = Names({part.name: index for index, part in enumerate(program.signals)})
         self._rules = {index: part.synapse for index, part in enumerate(program.projections)}
-        self._recorder = Recorder(program)
+        self._recorder = Recorder(program, engine)
+        self._at_pre = {probe.name: probe for probe in program.synapse_probes if not probe.every}
+        self._traces: Names[dict[str, str]] = Names(
+            {probe.name: probe.traces() for probe in net.probes.values() if not isinstance(probe.record, str)}
+        )
         self._tally = Tally(program)
         self._watch = Watch(program, engine, self._clock)
         self._ends: dict[int, tuple[Ints, Ints]] = {}
@@ -159,10 +163,7 @@ class Simulation:
         steps = self._clock.step(ms, "run")
         if not 0 <= steps < NEVER:
             raise ModelError(f"run = {ms:g} ms: expected a finite time >= 0 ms")
-        if self._recorder.probes:
-            self._recorder.run(self._engine, steps)
-        else:
-            self._engine.run(steps)
+        self._recorder.run(steps)
         self._watch.look()
 
     def reset(self, weights: bool = False) -> None:
@@ -219,7 +220,7 @@ class Simulation:
             return self._raw(name, what)
         if name in self._projections:
             index = self._projections[name]
-            known = settable.synapse_states(self.program.projections[index])
+            known = synapse_states(self.program.projections[index])
             if not isinstance(what, str) or what not in known:
                 raise unknown("state of synapses", what, known).at(None, f"projection '{name}'")
             return self._weights(index) if what == "weight" else self._engine.get_synapses(index, what)
@@ -342,15 +343,37 @@ class Simulation:
             steps, ids = np.repeat(steps, found.multiplicity), np.repeat(ids, found.multiplicity)
         return self._clock.array_ms(steps), ids
 
-    def trace(self, name: str) -> tuple[Floats, NDArray[Any]]:
-        """What a probe has recorded: times in ms and values, shape (times, neurons); of a spike probe the neurons."""
-        probes = Names({probe.name: probe for probe in self.program.probes})
-        if name not in probes:
-            raise unknown("probe", name, probes)
-        if probes[name].record == "spikes":
-            return self.spikes(self.program.populations[probes[name].population].name)
-        steps, values = self._recorder.read(name)
-        return self._clock.array_ms(steps), values
+    def trace(self, name: str) -> tuple[Floats, Any]:
+        """What a probe has recorded.
+
+        Returns:
+            times in ms, shape (times,), and values, shape (times, neurons or synapses), one column of a rate or a mean;
+            of a list of states the values by state. Of a spike probe the neurons, one for each time. At pre spikes one
+            entry for each synapse and spike, by time, then synapse: `pre`, `post` and the state, by name.
+        """
+        if name not in self._traces:
+            return self._trace(name)
+        found = {state: self._trace(trace) for state, trace in self._traces[name].items()}
+        times = next(iter(found.values()))[0]
+        by_name: dict[str, Any] = {}
+        for state, (_, values) in found.items():
+            by_name |= values if isinstance(values, dict) else {state: values}
+        return times, by_name
+
+    def _trace(self, name: str) -> tuple[Floats, Any]:
+        """What was recorded of one state, or the spikes."""
+        if name in self._recorder.series:
+            steps, values = self._recorder.read(name)
+            return self._clock.array_ms(steps), values
+        if name in self._recorder.pre_spikes:
+            sent, probe = self._recorder.sent(name), self._at_pre[name]
+            pre, post = self._connections(probe.projection)
+            ends = {"pre": pre[sent.synapses], "post": post[sent.synapses]}
+            return self._clock.array_ms(sent.steps), {**ends, probe.record: sent.values}
+        spikes = Names({probe.name: probe.population for probe in self.program.probes if probe.record == "spikes"})
+        if name not in spikes:
+            raise unknown("probe", name, [*self._traces, *spikes, *self._recorder.series, *self._recorder.pre_spikes])
+        return self.spikes(self.program.populations[spikes[name]].name)
 
     def forget(self, before: float) -> None:
         """Free the memory of spikes and traces recorded up to a time in ms."""
@@ -444,8 +467,7 @@ class Simulation:
         """
         self._check_weights()
         arrays = {f"engine/{name}": values for name, values in self._engine.snapshot().items()}
-        for name in self._recorder.probes:
-            arrays[f"probes/{name}/steps"], arrays[f"probes/{name}/values"] = self._recorder.read(name)
+        arrays |= {f"probes/{name}": values for name, values in self._recorder.snapshot().items()}
         for index, rule in self._rules.items():
             arrays[f"rules/{index}"] = rule.vector()
         if self.program.trials is not None:
@@ -461,8 +483,8 @@ class Simulation:
         arrays = read_state(file_path(path, "path"), self._identity)
         begin = len("engine/")
         self._engine.restore({name[begin:]: v for name, v in arrays.items() if name.startswith("engine/")})
-        for name in self._recorder.probes:
-            self._recorder.put(name, arrays[f"probes/{name}/steps"], arrays[f"probes/{name}/values"])
+        begin = len("probes/")
+        self._recorder.restore({name[begin:]: v for name, v in arrays.items() if name.startswith("probes/")})
         for index, rule in self._rules.items():
             self._rules[index] = settable.rule_of(rule, arrays[f"rules/{index}"])
         if self.program.trials is not None:

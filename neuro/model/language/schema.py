@@ -17,9 +17,12 @@ from neuro.model.language.sources import VERSION
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS
 from neuro.model.parts import (
+    AT,
+    CHOSEN,
     DELAY,
     EVERY,
     INITIAL,
+    MEAN,
     RECORD,
     RESOLUTION,
     SHAPE,
@@ -144,7 +147,14 @@ def _projection(own: bool) -> Schema:
 
 
 def _probe() -> Schema:
-    words = {"of": _text("the population"), "record": _quantity(RECORD, "spikes"), "every": _quantity(EVERY)}
+    words = {
+        "of": _text("the population or projection"),
+        "record": _quantity(RECORD, "spikes"),
+        "every": _quantity(EVERY),
+        "at": _quantity(AT),
+        "mean": _quantity(MEAN, False),
+        "synapses": _quantity(CHOSEN),
+    }
     return _closed(words, ["of"])
 
 
