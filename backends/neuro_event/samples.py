@@ -27,7 +27,7 @@ class Sampled:
         self._a, self.every, self._population = a, probe.every, probe.population
         part, place = a.program.populations[probe.population], a.places[probe.population]
         self._state = [s.name for s in type(part.model).states].index(probe.record)
-        ids = np.arange(part.size)
+        ids = np.arange(part.size) if probe.ids is None else probe.ids
         self._places = place.begin + (ids if place.inside is None else np.asarray(place.inside)[ids]).astype(np.int64)
         self._aside = np.zeros((a.net["state"].shape[0] + 1, t.BLOCK))
         self._rows = max(1, AT_ONCE // ids.size)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from neuro.compiler.check import recordable, refuse, telling
+from neuro.compiler.shapes import Shape
+from neuro.compiler.views import end_of
 from neuro.core.clock import Clock
 from neuro.core.errors import nearest
 from neuro.model.network import Network
@@ -19,7 +21,7 @@ AT_PRE = 0
 ALONE = ("spikes", "rate")
 
 
-def check_probes(net: Network, clock: Clock) -> None:
+def check_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> None:
     """What can be said of the probes before connections are made.
 
     Raises:
@@ -33,7 +35,9 @@ def check_probes(net: Network, clock: Clock) -> None:
             if (other := names.setdefault(name, part.name)) != part.name:
                 refuse(part, f"probe '{other}' has a trace of the name '{name}', too: expected another name")
         if part.of in net.populations:
-            _check_neurons(part, net.populations[part.of], clock)
+            with telling(part):
+                end_of(part.view, shapes[part.of])
+            _check_neurons(part, net.populations[part.of])
         if part.every is not None:
             with telling(part):
                 every = clock.step(part.every, "every")
@@ -41,7 +45,7 @@ def check_probes(net: Network, clock: Clock) -> None:
                 refuse(part, f"every = {part.every:g} ms: expected at least the resolution, {clock.resolution:g} ms")
 
 
-def _check_neurons(part: Probe, population: Population, clock: Clock) -> None:
+def _check_neurons(part: Probe, population: Population) -> None:
     states = list(part.traces())
     for word, given in (("at", part.at), ("synapses", part.synapses)):
         if given is not None:
@@ -70,11 +74,13 @@ def _check_alone(part: Probe, what: str, population: Population) -> None:
         refuse(part, told, "leave 'mean' out" if what == "rate" else "record: rate gives that of spikes")
 
 
-def resolve_probes(net: Network, clock: Clock) -> tuple[resolved.Probe, ...]:
+def resolve_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> tuple[resolved.Probe, ...]:
     """The probes of populations, one for each state."""
     names = list(net.populations)
     return tuple(
-        resolved.Probe(name, names.index(p.of), state, _every(p, clock), p.origin, p.mean)
+        resolved.Probe(
+            name, names.index(p.of), state, _every(p, clock), p.origin, end_of(p.view, shapes[p.of]).ids, p.mean
+        )
         for p in net.probes.values()
         if p.of in net.populations
         for state, name in p.traces().items()

@@ -17,6 +17,7 @@ from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_
 from neuro.compiler.receptors import check_conductance, receptor_of
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.values import LONGEST_DELAY, delay_steps, one_delay, per_neuron, per_synapse, too_late
+from neuro.compiler.views import end_of, own_places, placed
 from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
@@ -47,7 +48,7 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
     shapes = resolve_shapes(net)
     net = with_generators(net, shapes, clock, seed)
     check_network(net, shapes)
-    check_probes(net, clock)
+    check_probes(net, shapes, clock)
     trials = resolve_trials(net, shapes, clock)
     populations = tuple(_population(net, part, shapes[part.name], clock, seed) for part in net.populations.values())
     projections = packed(tuple(_projection(net, part, shapes, clock, seed) for part in net.projections.values()))
@@ -61,7 +62,7 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
         projections=projections,
         signals=tuple(resolved.Signal(s.name, names.index(s.to), s.origin) for s in net.signals.values()),
         groups=tuple(resolved.Group(g.name, names.index(g.choice.of), g.choice, g.origin) for g in net.groups.values()),
-        probes=resolve_probes(net, clock),
+        probes=resolve_probes(net, shapes, clock),
         trials=trials,
         synapse_probes=resolve_synapse_probes(net, projections, clock),
     )
@@ -157,11 +158,12 @@ def _projection(
     sizes = grid_of(part, shapes) if isinstance(part.rule, grid) else None
     if sizes is not None and not isinstance(part.delay, float):
         refuse(part, "delay: a shared kernel has one delay: expected a number")
-    same = part.source == part.target
+    source = end_of(part.source_view, shapes[part.source])
+    target = end_of(part.target_view, shapes[part.target])
+    own = own_places(source, target) if part.source == part.target else None
     with telling(part):
-        found = connect(
-            part.rule, shapes[part.source], shapes[part.target], same, sizes, generator(seed, "connect", part.name)
-        )
+        found = connect(part.rule, source.shape, target.shape, own, sizes, generator(seed, "connect", part.name))
+        found = placed(found, source, target)
         weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name))
         delay = delay_steps(part.delay, found, clock, "delay", generator(seed, "delay", part.name))
     if sizes is not None and weight.size == 1:

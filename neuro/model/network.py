@@ -33,6 +33,7 @@ from neuro.model.parts import (
 )
 from neuro.model.rules import Rule
 from neuro.model.synapses import Synapse, static
+from neuro.model.views import Laid, View
 
 P = TypeVar("P", bound=Part)
 
@@ -91,8 +92,8 @@ class Network(Description):
 
     def connect(
         self,
-        source: Population | str,
-        target: Population | str,
+        source: Population | View | str,
+        target: Population | View | str,
         rule: Rule,
         synapse: Synapse | None = None,
         *,
@@ -100,20 +101,20 @@ class Network(Description):
         delay: Any = 1.0,
         name: str | None = None,
     ) -> Projection:
-        """Connect two populations.
+        """Connect two populations, or some of their neurons.
 
         Args:
-            source: a population of this network, or its name.
+            source: a population of this network, its name, or a view of it such as `exc[:100]`.
             target: likewise.
-            rule: e.g. `neuro.all_to_all()`.
+            rule: e.g. `neuro.all_to_all()`; of views it sees their shapes, and counts their neurons from 0.
             synapse: e.g. `neuro.stdp(Wmax=3.0)`; static if not given.
             weight: a number, an array (one per synapse, see docs), or a distribution.
             delay: the same, in ms.
             name: a new name; `source_target` if not given.
         """
-        label = name if name is not None else f"{getattr(source, 'name', source)}_{getattr(target, 'name', target)}"
+        label = name if name is not None else f"{_called(source)}_{_called(target)}"
         what = f"projection '{label}'"
-        pre, post = self._name_of(source, what, "from"), self._name_of(target, what, "to")
+        (pre, source_view), (post, target_view) = self._neurons(source, what, "from"), self._neurons(target, what, "to")
         self._expect(rule, Rule, what, "a rule such as neuro.all_to_all()")
         chosen = static() if synapse is None else synapse
         self._expect(chosen, Synapse, what, "a synapse such as neuro.static()")
@@ -126,6 +127,8 @@ class Network(Description):
             self._checked(WEIGHT, weight, f"{what}: weight", ("weight",)),
             self._checked(DELAY, delay, f"{what}: delay", ("delay",)),
             self._where(),
+            source_view,
+            target_view,
         )
         return self._add(self.projections, part)
 
@@ -141,7 +144,7 @@ class Network(Description):
     def probe(
         self,
         name: str,
-        of: Population | Projection | str,
+        of: Population | View | Projection | str,
         record: str | Iterable[str] = "spikes",
         *,
         every: float | None = None,
@@ -153,7 +156,7 @@ class Network(Description):
 
         Args:
             name: a new name.
-            of: a population or a projection of this network, or its name.
+            of: a population of this network, a view of one, a projection, or its name.
             record: of a population "spikes", "rate" (spikes of a neuron in a second, the mean of a bin), or one or
                 several of its states; of a projection "weight" or other states of its synapses.
             every: interval in ms, each step if not given; of a rate the length of its bins.
@@ -166,12 +169,14 @@ class Network(Description):
         if not states or len(set(states)) < len(states):
             told = f"{what}: record = {shown(record)}: expected one or several names, each once"
             raise ModelError(told, where=self._where(), path=("record",))
+        population, view = self._recorded(of, what)
         part = Probe(
             name,
-            self._recorded(of, what),
+            population,
             record if isinstance(record, str) else states,
             self._checked(EVERY, every, f"{what}: every", ("every",)),
             self._where(),
+            view,
             self._checked(AT, at, f"{what}: at", ("at",)),
             self._checked(MEAN, mean, f"{what}: mean", ("mean",)),
             None if synapses is None else self._checked(CHOSEN, synapses, f"{what}: synapses", ("synapses",)),
@@ -226,23 +231,33 @@ class Network(Description):
         except ModelError as error:
             raise error.at(self._where()) from None
 
-    def _name_of(self, population: Population | str, what: str, role: str) -> str:
+    def _neurons(self, of: Population | View | str, what: str, role: str) -> tuple[str, View | None]:
+        """The name of a population, and the view if only some of its neurons are meant."""
+        if isinstance(of, View):
+            return self._name_of(of.population, what, role), of
+        return self._name_of(of, what, role), None
+
+    def _name_of(self, population: Laid | str, what: str, role: str) -> str:
         name = population.name if isinstance(population, Population) else population
         if not isinstance(name, str):
             raise ModelError(f"{what}: {role} = {shown(name)}: expected a name", where=self._where(), path=(role,))
         if name not in self.populations:
             raise unknown("population", name, self.populations, path=(role,)).at(self._where(), what)
+        if isinstance(population, Population) and population is not self.populations[name]:
+            told = f"{what}: {role}: population '{name}' is a part of another network: expected one of '{self.name}'"
+            raise ModelError(told, where=self._where(), hint=f"'{name}' names the one here", path=(role,))
         return name
 
-    def _recorded(self, of: Population | Projection | str, what: str) -> str:
-        """The name of a population or a projection."""
+    def _recorded(self, of: Population | View | Projection | str, what: str) -> tuple[str, View | None]:
+        """The name of a population or a projection, and the view if only some of its neurons are meant."""
+        if isinstance(of, Projection) and self.projections.get(of.name) is not of:
+            told = f"{what}: of: projection '{of.name}' is a part of another network: expected one of '{self.name}'"
+            raise ModelError(told, where=self._where(), path=("of",))
         name = of.name if isinstance(of, Projection) else of
         if isinstance(name, str) and name in self.projections and name not in self.populations:
-            return name
-        if isinstance(name, str) and name not in self.populations:
-            known = [*self.populations, *self.projections]
-            raise unknown("population or projection", name, known, path=("of",)).at(self._where(), what)
-        return self._name_of(name, what, "of")
+            return name, None
+        assert not isinstance(of, Projection)
+        return self._neurons(of, what, "of")
 
     def _expect(self, value: object, kind: type | tuple[type, ...], what: str, expected: str) -> None:
         if isinstance(value, type) and issubclass(value, kind):
@@ -252,6 +267,11 @@ class Network(Description):
         else:
             return
         raise ModelError(f"{what}: {message}: expected {expected}", where=self._where(), hint=hint)
+
+
+def _called(end: Population | View | str) -> str:
+    population = end.population if isinstance(end, View) else end
+    return population if isinstance(population, str) else population.name
 
 
 def check_name(name: Any, what: str, where: Where | None) -> str:

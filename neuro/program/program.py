@@ -189,15 +189,19 @@ class Group:
     origin: Where | None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Probe:
-    """What to record of a population: "spikes", its "rate" or a state, every `every` steps; or the mean of a state."""
+    """What to record of a population: "spikes", its "rate" or a state, every `every` steps; or the mean of a state.
+
+    `ids` are the neurons, in this order (None: all).
+    """
 
     name: str
     population: int
     record: str
     every: int
     origin: Where | None
+    ids: Ints | None = None
     mean: bool = False
 
 

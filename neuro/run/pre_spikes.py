@@ -24,12 +24,15 @@ class PreSpikes:
     Args:
         program: the whole network.
         index: which of its `synapse_probes`.
+
+    Attributes:
+        probe: that one.
     """
 
     def __init__(self, program: Program, index: int) -> None:
         self._program, self._index = program, index
-        self._probe = program.synapse_probes[index]
-        self._part = program.projections[self._probe.projection]
+        self.probe = program.synapse_probes[index]
+        self._part = program.projections[self.probe.projection]
         self._source = self._part.source
         self.clear()
 
@@ -57,16 +60,16 @@ class PreSpikes:
         gone, self._seen = steps < engine.step, engine.step
         self._waiting = steps[~gone], ids[~gone]
         synapses, number = self._rows(ids[gone])
-        values = engine.get_synapses(self._probe.projection, self._probe.record)
+        values = engine.get_synapses(self.probe.projection, self.probe.record)
         return Sent(np.repeat(steps[gone], number), synapses, values[synapses])
 
     def _rows(self, ids: Ints) -> tuple[Ints, Ints]:
         """The synapses of some sources, one after the other, and how many each has."""
-        sources, _ = self._program.connections(self._probe.projection)
-        if self._probe.synapses is None:
+        sources, _ = self._program.connections(self.probe.projection)
+        if self.probe.synapses is None:
             chosen = np.arange(sources.size)
         else:
-            chosen = np.sort(self._probe.synapses)
+            chosen = np.sort(self.probe.synapses)
         first, end = np.searchsorted(sources[chosen], ids), np.searchsorted(sources[chosen], ids, side="right")
         number = end - first
         places = np.arange(number.sum()) + np.repeat(first - np.cumsum(number) + number, number)

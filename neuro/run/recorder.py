@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.program.backend import Engine, Samples, Sent
+from neuro.program.backend import Engine, Samples
 from neuro.program.program import Floats, Ints, Probe, Program, SynapseProbe
 from neuro.run.pre_spikes import PreSpikes
 
@@ -112,24 +112,17 @@ class Recorder:
         elif probe.record == "rate":
             return self._rate(probe)
         else:
-            values = self._engine.get(probe.population, probe.record)
+            values = self._engine.get(probe.population, probe.record, probe.ids)
         return values.mean(keepdims=True) if probe.mean else values
 
     def _rate(self, probe: Probe) -> Floats:
         """Spikes of a neuron in a second, the mean since the last record."""
         spikes = self._engine.counts().spikes[probe.population]
+        spikes = spikes if probe.ids is None else spikes[probe.ids]
         before, since = self._counted[probe.name]
         total, step = int(spikes.sum()), self._engine.step
         self._counted[probe.name] = total, step
         return np.array([(total - before) / (spikes.size * (step - since) * self._resolution * 1e-3)])
-
-    def read(self, name: str) -> tuple[Ints, Floats]:
-        """Steps, and the values in them, shape (steps, columns), of a probe with an interval."""
-        return self.series[name].read()
-
-    def sent(self, name: str) -> Sent:
-        """What the pre spikes up to the last step have left, of a probe that records at these."""
-        return self.pre_spikes[name].read()
 
     def forget(self, before: int) -> None:
         """Drop what was recorded up to a step."""
@@ -167,4 +160,4 @@ def columns(program: Program, probe: Probe | SynapseProbe) -> int:
         return 1
     if isinstance(probe, SynapseProbe):
         return program.projections[probe.projection].size if probe.synapses is None else probe.synapses.size
-    return program.populations[probe.population].size
+    return program.populations[probe.population].size if probe.ids is None else probe.ids.size
