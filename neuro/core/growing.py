@@ -10,6 +10,7 @@ so a kill at any moment leaves the state before a commit or after it.
 from __future__ import annotations
 
 import errno
+import fcntl
 import io
 import os
 import struct
@@ -29,16 +30,26 @@ class Growing(io.RawIOBase):
     """A file for `h5py.File(..., "w")` that is whole on the disk after each commit.
 
     Args:
-        path: of the file, which is emptied.
+        path: of the file, which is emptied; nobody else may write it until it is closed.
 
     Attributes:
         error: of the first failure; what comes after it is thrown away.
+
+    Raises:
+        BlockingIOError: another process writes it.
+        OSError: it cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
         super().__init__()
         self._path = path
-        self._disk = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o666)
+        self._disk = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            fcntl.flock(self._disk, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            os.ftruncate(self._disk, 0)
+        except OSError:
+            os.close(self._disk)
+            raise
         self._at = self._size = self._committed = 0
         self._pages: dict[int, bytearray] = {}
         self.error: OSError | None = None

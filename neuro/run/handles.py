@@ -115,6 +115,10 @@ class Handles:
                         return replace(probe, name=name, record=state)
         return self._said[self._find("probe", Probe, of, self._probes, self._net.probes)]
 
+    def of_trace(self, name: str) -> str:
+        """The name of the probe that records a trace."""
+        return next(probe.name for probe in self._said if name in probe.traces().values())
+
     def recording(self, name: str) -> resolved.Probe:
         """The probe of a population that records a trace."""
         return next(probe for probe in self._program.probes if probe.name == name)

@@ -40,6 +40,12 @@ class Series:
         steps = np.array(self._steps, dtype=np.int64)
         return steps, np.array(self._values, dtype=np.float64).reshape(len(steps), self._columns)
 
+    def take(self) -> tuple[Ints, Floats]:
+        """Likewise; it is forgotten."""
+        found = self.read()
+        self._steps, self._values = [], []
+        return found
+
     def put(self, steps: Ints, values: Floats) -> None:
         """Set what has been recorded."""
         self._steps, self._values = steps.tolist(), list(values)

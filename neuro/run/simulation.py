@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any
@@ -37,6 +38,7 @@ from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
 
 if TYPE_CHECKING:
     from neuro.chips.pricing.energy import Energy
+    from neuro.run.recording import Recording
 
 _THREADS = Quantity(kind="integer", at_least=1, at_most=max(64, os.cpu_count() or 1))
 _FLAG = Quantity(kind="boolean")
@@ -133,6 +135,7 @@ class Simulation:
         self._rules = {index: part.synapse for index, part in enumerate(program.projections)}
         self._synapses = Synapses(program, engine, self._clock, self._rules)
         self._recorder = Recorder(program, engine)
+        self._recording: Recording | None = None
         self._tally = Tally(program)
         self._watch = Watch(program, engine, self._clock)
 
@@ -146,8 +149,12 @@ class Simulation:
         """The end of the last finished step in ms."""
         return self._clock.ms(self._engine.step)
 
-    def run(self, ms: float) -> None:
+    def run(self, ms: float, out: str | PathLike[str] | None = None) -> None:
         """Advance by a multiple of the resolution; running in parts gives the same bits.
+
+        Args:
+            ms: how far.
+            out: a file to which what is recorded goes, as of `record_to`.
 
         Raises:
             ModelError: the time is no such multiple, or a state is no number at the end: a numerical instability.
@@ -155,11 +162,56 @@ class Simulation:
         steps = self._clock.step(ms, "run")
         if not 0 <= steps < NEVER:
             raise ModelError(f"run = {ms:g} ms: expected a finite time >= 0 ms")
-        self._recorder.run(steps)
+        if out is not None:
+            with self.record_to(out):
+                self.run(ms)
+            return
+        if self._recording is not None:
+            self._recording.run(steps)
+        else:
+            self._recorder.run(steps)
         self._watch.look()
+
+    @contextmanager
+    def record_to(
+        self,
+        path: str | PathLike[str],
+        *,
+        threads: int = 1,
+        record: Collection[str] = (),
+        all_weights: bool = False,
+    ) -> Iterator[None]:
+        """Write what is recorded to a file of results while the network runs, and keep none of it in memory.
+
+        What memory holds of the time before goes there, too. `spikes` and `trace` read it from the file in the
+        meantime; `neuro.results.read` reads it later. The file is called PATH.part until the block ends well. If it
+        does not, or the process is killed, that has all but the last two seconds (of the clock on the wall).
+
+        Args:
+            path: of the file.
+            threads: that the network runs on, to be written there.
+            record: names of the populations whose spikes to keep; all that are recorded if empty.
+            all_weights: keep also the weights of static projections above a million synapses, which follow from
+                network and seed.
+
+        Raises:
+            ModelError: the file cannot be written, now or later, or the simulation records to a file already.
+        """
+        from neuro.run.recording import Recording
+
+        self._refuse_while_recording("record_to")
+        parts = (self, self._net, self._engine, self._recorder)
+        self._recording = Recording(*parts, path, threads=threads, record=record, all_weights=all_weights)
+        try:
+            yield
+            self._recording.finish()
+        finally:
+            recording, self._recording = self._recording, None
+            recording.close()
 
     def reset(self, weights: bool = False) -> None:
         """Back to time 0 and the initial states; weights only if asked. Parameters that were set stay."""
+        self._refuse_while_recording("reset")
         self._engine.reset(check(_FLAG, weights, "reset: weights"))
         self._recorder.clear()
         if self.program.trials is not None:
@@ -367,6 +419,8 @@ class Simulation:
         if not part.records:
             hint = f"net.probe('name', '{part.name}') records them" if isinstance(part.model, Generator) else ""
             raise ModelError(f"spikes of '{part.name}', a {part.model.name}, are not recorded", hint=hint)
+        if self._recording is not None:
+            return self._recording.results.spikes_of(part.name, of.ids, since, until)
         found = self._engine.spikes(of.index, -1 if since is None else self._clock.floor(since, "since"))
         end = None if until is None else np.searchsorted(found.steps, self._clock.floor(until, "until"), side="right")
         steps, ids, multiplicity = found.steps[:end], found.ids[:end], found.multiplicity[:end]
@@ -398,6 +452,8 @@ class Simulation:
 
     def _trace(self, name: str) -> tuple[Floats, Any]:
         """What was recorded of one state, or the spikes."""
+        if self._recording is not None and name in (*self._recorder.series, *self._recorder.pre_spikes):
+            return self._recording.results.trace(name)
         if name in self._recorder.series:
             steps, values = self._recorder.series[name].read()
             return self._clock.array_ms(steps), values
@@ -487,6 +543,12 @@ class Simulation:
 
     # files
 
+    def _refuse_while_recording(self, what: str) -> None:
+        """Refuse what would turn back the time of a file that is being written."""
+        if self._recording is not None:
+            path = self._recording.part
+            raise ModelError(f"{what}: found a simulation that records to {path}: expected the end of 'record_to'")
+
     @cached_property
     def _identity(self) -> Identity:
         program = self.program
@@ -513,6 +575,7 @@ class Simulation:
         Raises:
             ModelError: the file is of something else; the simulation stays as it is.
         """
+        self._refuse_while_recording("restore")
         arrays = read_state(file_path(path, "path"), self._identity)
         begin = len("engine/")
         self._engine.restore({name[begin:]: v for name, v in arrays.items() if name.startswith("engine/")})
