@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from types import ModuleType
 from typing import Any
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
-from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial, Wins
+from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wins
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program, Trials
 from neuro_event import build, late, layout, lazy, learning, loop, projections, reading, rewards, snapshot, sources
@@ -19,8 +19,10 @@ from neuro_event import tables as t
 from neuro_event.changes import Changes
 from neuro_event.currents import apply
 from neuro_event.listed import Listed
+from neuro_event.notes import Notes
 from neuro_event.peaks import Peaks
 from neuro_event.record import Record
+from neuro_event.samples import Samples
 from neuro_event.threads import Threads
 from neuro_event.views import table_of
 
@@ -41,6 +43,7 @@ class EventEngine:
         self._currents = Currents(self._program)
         self._threads = Threads(self._n_threads)
         self._listed = Listed(self._a)
+        self._samples, self._notes = Samples(self._a), Notes(self._a)
         self._trial_start = 0
         self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
         self._taught: dict[int, tuple[ModuleType, Floats]] = {}
@@ -74,16 +77,27 @@ class EventEngine:
     def _run_to(self, end: int) -> None:
         first = self._step + 1
         while first <= end:
+            last = self._next_stop(first, end)
             reached = self._threads.run(
-                self._view, first, end + 1, self._a.longest_slice, self._a.reach, self._program.resolution
+                self._view, first, last + 1, self._a.longest_slice, self._a.reach, self._program.resolution
             )
-            if reached <= end:
+            if reached <= last:
                 self._record.drain(self._a.net)
                 if reached == first:
                     self._grow_log()
+            else:
+                self._samples.read(self._view, last)
             first = int(reached)
         self._step = end
         self._check_histories()
+
+    def _next_stop(self, first: int, end: int) -> int:
+        """The last step that may be run at once: with notes one by one, for these must have room before."""
+        if self._notes:
+            if self._notes.make_room(self._view, first - 1):
+                self._pack()
+            end = first
+        return min(end, self._samples.next_due(first))
 
     def _check_histories(self) -> None:
         """Histories are as long as refractoriness lets them grow: a model that fires earlier has lost spikes."""
@@ -123,6 +137,19 @@ class EventEngine:
         """Drop recorded spikes with step <= before."""
         self._record.drain(self._a.net)
         self._record.forget(before)
+
+    def noted(self, probe: int) -> Sent:
+        """What pre spikes have left since this was last asked."""
+        return self._notes.take(probe)
+
+    @property
+    def samples(self) -> Collection[int]:
+        """The probes that are read while the engine runs."""
+        return self._samples.probes.keys()
+
+    def sampled(self, probe: int) -> tuple[Ints, Floats]:
+        """Steps and values of one of them since this was last asked."""
+        return self._samples.probes[probe].take()
 
     # --- trials -------------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
 from neuro.model.synapses.delays import DELAY
-from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
+from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference import snapshots
 from neuro_reference.course import Course
@@ -145,6 +145,10 @@ class ReferenceEngine:
     def spikes(self, population: int, since: int) -> Spikes:
         """Recorded spikes after a step."""
         return self.net.records[population].since(since)
+
+    def noted(self, probe: int) -> Sent:
+        """What pre spikes have left since this was last asked."""
+        return self.net.notes.take(probe)
 
     def forget(self, before: int) -> None:
         """Drop recorded spikes up to a step."""

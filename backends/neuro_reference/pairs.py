@@ -152,9 +152,14 @@ class Pairs:
             return self.sent.copy()
         y, reached = self.y.copy(), self.reached.copy()
         self._bring(step)
-        row = 0 if name == "weight" else 1 + [s.name for s in self.part.synapse.states].index(name)
-        values: Floats = self.y[row].copy()
+        values = self.state(name).copy()
         self.y, self.reached = y, reached
+        return values
+
+    def state(self, name: str) -> Floats:
+        """The weight or a state of every synapse as it was left."""
+        row = 0 if name == "weight" else 1 + [s.name for s in self.part.synapse.states].index(name)
+        values: Floats = self.y[row]
         return values
 
     def refresh(self) -> None:

@@ -12,7 +12,7 @@ from neuro.compiler.shapes import Shape, size
 from neuro.compiler.values import plain
 from neuro.compiler.views import end_of
 from neuro.core.clock import Clock
-from neuro.core.errors import ModelError, nearest, unknown
+from neuro.core.errors import ModelError, unknown
 from neuro.core.keyed_random import LARGEST_MEAN
 from neuro.core.registry import Registry
 from neuro.model.distributions import Distribution
@@ -41,7 +41,6 @@ def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
     for name in net.projections:
         if name in net.populations:
             refuse(net.projections[name], "a population has the same name: expected a name of its own")
-    clock = Clock(net.resolution)
     for population in net.populations.values():
         _check_population(population, shapes[population.name])
     for projection in net.projections.values():
@@ -49,7 +48,6 @@ def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
         _check_ends(net, projection)
         _check_synapse(net, projection, shapes)
     _check_groups(net, shapes)
-    _check_probes(net, clock, shapes)
 
 
 def refuse(part: AnyPart, message: str, hint: str = "") -> NoReturn:
@@ -248,29 +246,3 @@ def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:
         if of in members:
             refuse(part, f"'{of}' is already in group '{members[of]}': expected one group for each population")
         members[of] = part.name
-
-
-def _check_probes(net: Network, clock: Clock, shapes: Mapping[str, Shape]) -> None:
-    for part in net.probes.values():
-        population = net.populations[part.of]
-        with telling(part):
-            end_of(part.view, shapes[part.of])
-        if part.record == "spikes":
-            if isinstance(population.model, dc_generator):
-                refuse(part, f"spikes of '{part.of}', a dc_generator: it emits a current")
-            if part.every is not None:
-                refuse(part, "every is for states: spikes are all recorded", "leave 'every' out")
-            continue
-        known = recordable(population)
-        if part.record not in known:
-            refuse(
-                part,
-                f"'{part.of}', a {population.model.name}, has no state '{part.record}'",
-                nearest(part.record, [*known, "spikes"]),
-            )
-        if part.every is None:
-            continue
-        with telling(part):
-            every = clock.step(part.every, "every")
-        if every < 1:
-            refuse(part, f"every = {part.every:g} ms: expected at least the resolution, {clock.resolution:g} ms")

@@ -12,8 +12,11 @@ from neuro.core.quantities import Quantity
 from neuro.core.values import same, shown
 from neuro.model.neurons import Model
 from neuro.model.parts import (
+    AT,
+    CHOSEN,
     DELAY,
     EVERY,
+    MEAN,
     RECORD,
     RESOLUTION,
     SHAPE,
@@ -139,14 +142,46 @@ class Network(Description):
         return self._add(self.groups, Group(name, choice, self._where()))
 
     def probe(
-        self, name: str, of: Population | View | str, record: str = "spikes", *, every: float | None = None
+        self,
+        name: str,
+        of: Population | View | Projection | str,
+        record: str | Iterable[str] = "spikes",
+        *,
+        every: float | None = None,
+        at: str | None = None,
+        mean: bool = False,
+        synapses: Any = None,
     ) -> Probe:
-        """Record the spikes of a population or a view, or one of its states every `every` ms (or each step)."""
+        """Record a population or a projection while the network runs.
+
+        Args:
+            name: a new name.
+            of: a population of this network, a view of one, a projection, or its name.
+            record: of a population "spikes", "rate" (spikes of a neuron in a second, the mean of a bin), or one or
+                several of its states; of a projection "weight" or other states of its synapses.
+            every: interval in ms, each step if not given; of a rate the length of its bins.
+            at: "pre_spikes" records the synapses of a neuron that fires, as its spike leaves and is sent with.
+            mean: whether to record the mean over neurons or synapses instead of each.
+            synapses: of a projection, which ones, in the order of its weights; all if not given.
+        """
         what = f"probe '{name}'"
-        interval = self._checked(EVERY, every, f"{what}: every", ("every",))
-        record = self._checked(RECORD, record, f"{what}: record", ("record",))
-        population, view = self._neurons(of, what, "of")
-        return self._add(self.probes, Probe(name, population, record, interval, self._where(), view))
+        states = self._checked(RECORD, record, f"{what}: record", ("record",))
+        if not states or len(set(states)) < len(states):
+            told = f"{what}: record = {shown(record)}: expected one or several names, each once"
+            raise ModelError(told, where=self._where(), path=("record",))
+        population, view = self._recorded(of, what)
+        part = Probe(
+            name,
+            population,
+            record if isinstance(record, str) else states,
+            self._checked(EVERY, every, f"{what}: every", ("every",)),
+            self._where(),
+            view,
+            self._checked(AT, at, f"{what}: at", ("at",)),
+            self._checked(MEAN, mean, f"{what}: mean", ("mean",)),
+            None if synapses is None else self._checked(CHOSEN, synapses, f"{what}: synapses", ("synapses",)),
+        )
+        return self._add(self.probes, part)
 
     def trials(self, **words: Any) -> Trials:
         """Say how trials go; the words are those of `neuro.Trials`."""
@@ -224,6 +259,17 @@ class Network(Description):
             told = f"{what}: {role}: population '{name}' is a part of another network: expected one of '{self.name}'"
             raise ModelError(told, where=self._where(), hint=f"'{name}' names the one here", path=(role,))
         return name
+
+    def _recorded(self, of: Population | View | Projection | str, what: str) -> tuple[str, View | None]:
+        """The name of a population or a projection, and the view if only some of its neurons are meant."""
+        if isinstance(of, Projection) and self.projections.get(of.name) is not of:
+            told = f"{what}: of: projection '{of.name}' is a part of another network: expected one of '{self.name}'"
+            raise ModelError(told, where=self._where(), path=("of",))
+        name = of.name if isinstance(of, Projection) else of
+        if isinstance(name, str) and name in self.projections and name not in self.populations:
+            return name, None
+        assert not isinstance(of, Projection)
+        return self._neurons(of, what, "of")
 
     def _expect(self, value: object, kind: type | tuple[type, ...], what: str, expected: str) -> None:
         if isinstance(value, type) and issubclass(value, kind):

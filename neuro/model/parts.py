@@ -21,7 +21,12 @@ DELAY = Quantity(unit="ms", doc="delay, a multiple of the resolution", above=0, 
 INITIAL = Quantity(doc="state at time 0", arrays=True)
 RESOLUTION = Quantity(unit="ms", doc="length of a step", above=0)
 EVERY = Quantity(unit="ms", doc="interval between two records; each step if not given", above=0, optional=True)
-RECORD = Quantity(doc="spikes, or a state of the population's model", kind="name")
+RECORD = Quantity(
+    doc="spikes, rate, or one or several states: of a population's neurons, or of a projection's synapses", kind="names"
+)
+AT = Quantity(doc="when to record, if not every so often", kind="word", words=("pre_spikes",), optional=True)
+MEAN = Quantity(doc="whether to record the mean instead of each", kind="boolean")
+CHOSEN = Quantity(doc="synapses of a projection, in the order of its weights; all if not given", kind="ids")
 SHAPE = Quantity(
     doc="number of neurons, or sizes of the axes; auto where a grid or recording decides",
     kind="shape",
@@ -230,18 +235,32 @@ class Group(Part):
 
 @dataclass(frozen=True, eq=False)
 class Probe(Part):
-    """What to record of a population: its spikes, or a state at intervals of `every` ms (None: each step).
+    """What to record of a population or a projection: spikes, or states at intervals of `every` ms (None: each step).
 
     Attributes:
-        view: the neurons that are recorded; None: all.
+        of: the name of the population or projection.
+        record: "spikes", "rate", a state, or several states.
+        at: "pre_spikes" records synapses as each pre spike leaves them.
+        mean: whether the mean over neurons or synapses is recorded instead of each.
+        synapses: which ones of a projection, in the order of its weights; None: all.
+        view: the neurons of a population that are recorded; None: all.
     """
 
     word: ClassVar[str] = "probe"
     of: str
-    record: str
+    record: str | tuple[str, ...]
     every: float | None = None
     origin: Where | None = None
     view: View | None = None
+    at: str | None = None
+    mean: bool = False
+    synapses: Value | None = None
+
+    def traces(self) -> dict[str, str]:
+        """The name of the trace of each state; one of several states has a name of its own."""
+        if isinstance(self.record, str):
+            return {self.record: self.name}
+        return {state: f"{self.name}.{state}" for state in self.record}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any, Protocol, runtime_checkable
@@ -47,6 +47,21 @@ class Spikes:
     steps: Ints
     ids: Ints
     multiplicity: NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sent:
+    """A state of synapses as pre spikes have left it, and with which they are sent, by step.
+
+    Attributes:
+        steps: of the emission.
+        synapses: their places in the order of the program's weights.
+        values: of the state.
+    """
+
+    steps: Ints
+    synapses: Ints
+    values: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,6 +249,41 @@ class Registers(Protocol):
 
     def synapse_registers(self, projection: int, name: str) -> Ints:
         """A register of every synapse, in the order of the program's weights."""
+
+
+@runtime_checkable
+class Notes(Protocol):
+    """An engine that notes what pre spikes leave in synapses that learn from spike pairs."""
+
+    def noted(self, probe: int) -> Sent:
+        """What those of the program's `synapse_probes` number `probe` were left with since this was last asked."""
+
+
+@runtime_checkable
+class Samples(Protocol):
+    """An engine that reads states of neurons by itself while it runs, in the steps that are multiples of a probe's."""
+
+    @property
+    def samples(self) -> Collection[int]:
+        """The numbers of those of the program's `probes` that it reads."""
+
+    def sampled(self, probe: int) -> tuple[Ints, Floats]:
+        """Steps, and the values in them, shape (steps, neurons), of one of them since this was last asked."""
+
+
+def unnoted(program: Program) -> list[Problem]:
+    """The problems of a backend whose engine does not note what pre spikes leave."""
+    return [
+        Problem(
+            True,
+            f"probe '{probe.name}': {probe.record} at pre spikes",
+            "weights that learn are shown between steps only",
+            "record it every so many ms, or run it on backend 'event'",
+            probe.origin,
+        )
+        for probe in program.synapse_probes
+        if not probe.every and program.projections[probe.projection].synapse.learns == "pairs"
+    ]
 
 
 def unreadable(shows: Backend | Engine) -> frozenset[str]:

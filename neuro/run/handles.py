@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +63,8 @@ class Handles:
         self._populations = {part.name: index for index, part in enumerate(program.populations)}
         self._projections = {part.name: index for index, part in enumerate(program.projections)}
         self._signals = {part.name: index for index, part in enumerate(program.signals)}
-        self._probes = {part.name: index for index, part in enumerate(program.probes)}
+        self._probes = {part.name: index for index, part in enumerate(net.probes.values())}
+        self._said = tuple(net.probes.values())
         self._whole = {
             part.name: Neurons(index, part, End(part.shape, None, part.size))
             for index, part in enumerate(program.populations)
@@ -110,9 +111,22 @@ class Handles:
         """The index of a signal."""
         return self._find("signal", Signal, of, self._signals, self._net.signals)
 
-    def probe(self, of: Probe | str) -> resolved.Probe:
-        """A probe."""
-        return self._program.probes[self._find("probe", Probe, of, self._probes, self._net.probes)]
+    def probe(self, of: Probe | str) -> Probe:
+        """A probe, as it was said; its traces are named by `Probe.traces`."""
+        for probe in self._said:
+            if not isinstance(probe.record, str):
+                for state, name in probe.traces().items():
+                    if of == name:
+                        return replace(probe, name=name, record=state)
+        return self._said[self._find("probe", Probe, of, self._probes, self._net.probes)]
+
+    def of_trace(self, name: str) -> str:
+        """The name of the probe that records a trace."""
+        return next(probe.name for probe in self._said if name in probe.traces().values())
+
+    def recording(self, name: str) -> resolved.Probe:
+        """The probe of a population that records a trace."""
+        return next(probe for probe in self._program.probes if probe.name == name)
 
     def _find(
         self, word: str, kind: type[Part], of: object, known: Mapping[str, int], parts: Mapping[str, Laid | Part]

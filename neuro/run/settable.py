@@ -20,9 +20,9 @@ from neuro.core.quantities import Quantity, word_of
 from neuro.core.values import FromFile, shown
 from neuro.model.distributions import Distribution
 from neuro.model.neurons import Model
-from neuro.model.synapses import K_PLUS, Synapse
+from neuro.model.synapses import Synapse
 from neuro.program.backend import Engine
-from neuro.program.program import Floats, Ints, Population, Program, Projection
+from neuro.program.program import Floats, Ints, Population, Program, Projection, synapse_states
 from neuro.run.handles import Neurons
 
 _WEIGHT = Quantity(arrays=True)
@@ -52,16 +52,6 @@ def _states(model: Model) -> dict[str, Quantity]:
 def states(part: Population) -> list[str]:
     """The states of a population that can be read and set."""
     return [state.name for state in part.model.states if not state.hidden]
-
-
-def synapse_states(part: Projection) -> list[str]:
-    """What can be read of a projection's synapses."""
-    names = ["weight", *(state.name for state in part.synapse.states if not state.hidden)]
-    if part.synapse.learns == "pairs" and part.synapse.pre[:1] == (K_PLUS,):
-        names.append("K_plus")
-    if part.synapse.modulated:
-        names.append("n")
-    return names
 
 
 def new_values(neurons: Neurons, word: str, value: Any, engine: Engine, seed: int) -> Floats:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from neuro.compiler import compile_network
 from neuro.core.checks import check, is_number
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
 
     from neuro.chips.pricing.energy import Energy
     from neuro.files.frames import Frames
+    from neuro.run.recording import Recording
 
 _THREADS = Quantity(kind="integer", at_least=1, at_most=max(64, os.cpu_count() or 1))
 _FLAG = Quantity(kind="boolean")
@@ -141,7 +143,8 @@ class Simulation:
         self.handles = Handles(net, program)
         self._rules = {index: part.synapse for index, part in enumerate(program.projections)}
         self._synapses = Synapses(program, engine, self._clock, self._rules)
-        self._recorder = Recorder(program)
+        self._recorder = Recorder(program, engine)
+        self._recording: Recording | None = None
         self._tally = Tally(program)
         self._inflow = Inflow(program, engine)
         self._watch = Watch(program, engine, self._clock)
@@ -173,12 +176,13 @@ class Simulation:
         """The end of the last finished step in ms."""
         return self._clock.ms(self._engine.step)
 
-    def run(self, ms: float, progress: bool = False) -> None:
+    def run(self, ms: float, progress: bool = False, out: str | PathLike[str] | None = None) -> None:
         """Advance by a multiple of the resolution; running in parts gives the same bits.
 
         Args:
             ms: how long.
             progress: whether to tell on stderr how far it is: by a bar on a terminal, elsewhere a line every 10 s.
+            out: a file to which what is recorded goes, as of `record_to`.
 
         Raises:
             ModelError: the time is no such multiple, a recording that is played is damaged, before which the run
@@ -187,19 +191,59 @@ class Simulation:
         steps = self._clock.step(ms, "run")
         if not 0 <= steps < NEVER:
             raise ModelError(f"run = {ms:g} ms: expected a finite time >= 0 ms")
+        if out is not None:
+            with self.record_to(out):
+                self.run(ms, progress)
+            return
         if check(_FLAG, progress, "run: progress"):
             with Bar() as bar:
                 advance(self, steps, bar)
             return
+        recorded = self._recorder if self._recording is None else self._recording
         for stretch in self._inflow.stretches(steps):
-            if self._recorder.probes:
-                self._recorder.run(self._engine, stretch)
-            else:
-                self._engine.run(stretch)
+            recorded.run(stretch)
         self._watch.look()
+
+    @contextmanager
+    def record_to(
+        self,
+        path: str | PathLike[str],
+        *,
+        threads: int = 1,
+        record: Collection[str] = (),
+        all_weights: bool = False,
+    ) -> Iterator[None]:
+        """Write what is recorded to a file of results while the network runs, and keep none of it in memory.
+
+        What memory holds of the time before goes there, too. `spikes` and `trace` read it from the file in the
+        meantime; `neuro.results.read` reads it later. The file is called PATH.part until the block ends well. If it
+        does not, or the process is killed, that has all but the last two seconds (of the clock on the wall).
+
+        Args:
+            path: of the file.
+            threads: that the network runs on, to be written there.
+            record: names of the populations whose spikes to keep; all that are recorded if empty.
+            all_weights: keep also the weights of static projections above a million synapses, which follow from
+                network and seed.
+
+        Raises:
+            ModelError: the file cannot be written, now or later, or the simulation records to a file already.
+        """
+        from neuro.run.recording import Recording
+
+        self._refuse_while_recording("record_to")
+        parts = (self, self._net, self._engine, self._recorder)
+        self._recording = Recording(*parts, path, threads=threads, record=record, all_weights=all_weights)
+        try:
+            yield
+            self._recording.finish()
+        finally:
+            recording, self._recording = self._recording, None
+            recording.close()
 
     def reset(self, weights: bool = False) -> None:
         """Back to time 0 and the initial states; weights only if asked. Parameters that were set stay."""
+        self._refuse_while_recording("reset")
         weights = check(_FLAG, weights, "reset: weights")
         self._inflow.check_again("reset")
         self._engine.reset(weights)
@@ -437,6 +481,8 @@ class Simulation:
         if not part.records:
             hint = f"net.probe('name', '{part.name}') records them" if isinstance(part.model, Generator) else ""
             raise ModelError(f"spikes of '{part.name}', a {part.model.name}, are not recorded", hint=hint)
+        if self._recording is not None:
+            return self._recording.results.spikes_of(part.name, of.ids, since, until)
         found = self._engine.spikes(of.index, -1 if since is None else self._clock.floor(since, "since"))
         end = None if until is None else np.searchsorted(found.steps, self._clock.floor(until, "until"), side="right")
         steps, ids, multiplicity = found.steps[:end], found.ids[:end], found.multiplicity[:end]
@@ -447,16 +493,38 @@ class Simulation:
             steps, ids = np.repeat(steps, multiplicity), np.repeat(ids, multiplicity)
         return self._clock.array_ms(steps), ids
 
-    def trace(self, of: Probe | str) -> tuple[Floats, NDArray[Any]]:
-        """What a probe has recorded: times in ms and values, shape (times, neurons); of a spike probe the neurons.
+    def trace(self, of: Probe | str) -> tuple[Floats, Any]:
+        """What a probe has recorded.
 
-        Of a probe of a view the columns are its neurons, in its order.
+        Returns:
+            times in ms, shape (times,), and values, shape (times, neurons or synapses), one column of a rate or a mean;
+            of a list of states the values by state. Of a spike probe the neurons, one for each time. At pre spikes one
+            entry for each synapse and spike, by time, then synapse: `pre`, `post` and the state, by name. Columns of a
+            view or of chosen synapses are in their order.
         """
         probe = self.handles.probe(of)
-        if probe.record == "spikes":
-            return self._spikes(self.handles.recorded(probe), None, None)
-        steps, values = self._recorder.read(probe.name)
-        return self._clock.array_ms(steps), values
+        traces = {state: self._trace(name) for state, name in probe.traces().items()}
+        times, values = next(iter(traces.values()))
+        if isinstance(probe.record, str):
+            return times, values
+        by_name: dict[str, Any] = {}
+        for state, (_, found) in traces.items():
+            by_name |= found if isinstance(found, dict) else {state: found}
+        return times, by_name
+
+    def _trace(self, name: str) -> tuple[Floats, Any]:
+        """What was recorded of one state, or the spikes."""
+        if self._recording is not None and name in (*self._recorder.series, *self._recorder.pre_spikes):
+            return self._recording.results.trace(name)
+        if name in self._recorder.series:
+            steps, values = self._recorder.series[name].read()
+            return self._clock.array_ms(steps), values
+        if name in self._recorder.pre_spikes:
+            recorded = self._recorder.pre_spikes[name]
+            sent, (pre, post) = recorded.read(), self._synapses.ends(recorded.probe.projection)
+            ends = {"pre": pre[sent.synapses], "post": post[sent.synapses]}
+            return self._clock.array_ms(sent.steps), {**ends, recorded.probe.record: sent.values}
+        return self._spikes(self.handles.recorded(self.handles.recording(name)), None, None)
 
     def forget(self, before: float) -> None:
         """Free the memory of spikes and traces recorded up to a time in ms."""
@@ -563,6 +631,12 @@ class Simulation:
 
     # files
 
+    def _refuse_while_recording(self, what: str) -> None:
+        """Refuse what would turn back the time of a file that is being written."""
+        if self._recording is not None:
+            path = self._recording.part
+            raise ModelError(f"{what}: found a simulation that records to {path}: expected the end of 'record_to'")
+
     @cached_property
     def _identity(self) -> Identity:
         program = self.program
@@ -576,8 +650,7 @@ class Simulation:
         """
         self._check_weights()
         arrays = {f"engine/{name}": values for name, values in self._engine.snapshot().items()}
-        for name in self._recorder.probes:
-            arrays[f"probes/{name}/steps"], arrays[f"probes/{name}/values"] = self._recorder.read(name)
+        arrays |= {f"probes/{name}": values for name, values in self._recorder.snapshot().items()}
         for index, rule in self._rules.items():
             arrays[f"rules/{index}"] = rule.vector()
         arrays |= {f"streams/{name}": step for name, step in self._inflow.state().items()}
@@ -591,12 +664,13 @@ class Simulation:
         Raises:
             ModelError: the file is of something else; the simulation stays as it is.
         """
+        self._refuse_while_recording("restore")
         self._inflow.check_again("restore")
         arrays = read_state(file_path(path, "path"), self._identity)
         begin = len("engine/")
         self._engine.restore({name[begin:]: v for name, v in arrays.items() if name.startswith("engine/")})
-        for name in self._recorder.probes:
-            self._recorder.put(name, arrays[f"probes/{name}/steps"], arrays[f"probes/{name}/values"])
+        begin = len("probes/")
+        self._recorder.restore({name[begin:]: v for name, v in arrays.items() if name.startswith("probes/")})
         for index, rule in self._rules.items():
             self._rules[index] = settable.rule_of(rule, arrays[f"rules/{index}"])
         begin = len("streams/")

@@ -12,7 +12,7 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.model.synapses import Synapse
 from neuro.program.backend import Engine
-from neuro.program.program import Floats, Ints, Program
+from neuro.program.program import Floats, Ints, Program, synapse_states
 from neuro.run import settable
 from neuro.run.finite import check_weights
 from neuro.run.handles import Neurons
@@ -87,7 +87,7 @@ class Synapses:
             ModelError: they have no such state.
         """
         part = self._program.projections[index]
-        known = settable.synapse_states(part)
+        known = synapse_states(part)
         if what == "weight":
             return self.weights(index)
         if what == "delay" and not part.synapse.delays:

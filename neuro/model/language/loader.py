@@ -18,7 +18,7 @@ from neuro.model.language.sources import gather
 from neuro.model.language.views import neurons
 from neuro.model.network import Network, check_name
 from neuro.model.neurons import Model
-from neuro.model.parts import DELAY, WEIGHT, Trials
+from neuro.model.parts import CHOSEN, DELAY, WEIGHT, Trials
 from neuro.model.synapses import static
 
 VALUES = {"weight": WEIGHT, "delay": DELAY}
@@ -122,8 +122,11 @@ class _Builder:
         self.net.trials_origin = node.label
 
     def probe(self, name: str, node: Node) -> None:
-        said = words(node, ("of", "record", "every"), "a probe", needs=("of",))
-        rest = {word: plain(said[word]) for word in ("record", "every") if word in said}
+        known = ("of", "record", "every", "at", "mean", "synapses")
+        said = words(node, known, "a probe", needs=("of",))
+        rest = {word: plain(said[word]) for word in known[1:-1] if word in said}
+        if "synapses" in said:
+            rest["synapses"] = value(CHOSEN, said["synapses"], "synapses")
         of = neurons(said["of"], self.net.populations, "of")
         with about(node):
             self.net.probe(name, of, **rest)

@@ -18,9 +18,12 @@ from neuro.model.language.views import AXIS
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS
 from neuro.model.parts import (
+    AT,
+    CHOSEN,
     DELAY,
     EVERY,
     INITIAL,
+    MEAN,
     RECORD,
     RESOLUTION,
     SHAPE,
@@ -146,9 +149,12 @@ def _projection(own: bool) -> Schema:
 
 def _probe() -> Schema:
     words = {
-        "of": _neurons("the population, or some of its neurons"),
+        "of": _neurons("the population, some of its neurons, or the projection"),
         "record": _quantity(RECORD, "spikes"),
         "every": _quantity(EVERY),
+        "at": _quantity(AT),
+        "mean": _quantity(MEAN, False),
+        "synapses": _quantity(CHOSEN),
     }
     return _closed(words, ["of"])
 
