@@ -239,18 +239,3 @@ def test_a_generator_that_falls_silent_sends_what_is_under_way_and_nothing_old(d
 
     for expected, found in zip(potentials("reference"), potentials("event"), strict=True):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
-
-
-def test_spikes_of_many_short_runs_are_kept():
-    """More than the loop's buffer holds, and read at the end only."""
-    sims = []
-    for parts in (1, 400):
-        net = neuro.Network("short", resolution=1.0)
-        net.population("noise", 500, neuro.poisson_generator(rate=900.0))
-        net.probe("spikes", "noise")
-        sims.append(neuro.compile(net, "event"))
-        for _ in range(parts):
-            sims[-1].run(400.0 / parts)
-    assert sims[0].memory() == sims[1].memory()
-    assert np.array_equal(sims[0].spikes("noise"), sims[1].spikes("noise"))
-    assert sims[0].spikes("noise")[0].size > 100_000

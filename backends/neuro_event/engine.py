@@ -69,6 +69,7 @@ class EventEngine:
         while self._step < end:
             apply(self._currents, self._program, self._a, self._view, self._step)
             self._run_to(min(end, self._currents.next_change(self._step)))
+        self._record.drain(self._a.net)
 
     def _run_to(self, end: int) -> None:
         first = self._step + 1
@@ -76,8 +77,10 @@ class EventEngine:
             reached = self._threads.run(
                 self._view, first, end + 1, self._a.longest_slice, self._a.reach, self._program.resolution
             )
-            if reached <= end and not self._record.drain(self._a.net) and reached == first:
-                self._grow_log()
+            if reached <= end:
+                self._record.drain(self._a.net)
+                if reached == first:
+                    self._grow_log()
             first = int(reached)
         self._step = end
         self._check_histories()

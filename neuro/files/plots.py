@@ -83,9 +83,8 @@ def traces(results: Results) -> Figure:
 
 
 def _lines(axis: Any, trace: Trace) -> None:
-    neurons = range(trace.values.shape[1]) if trace.ids is None else trace.ids.tolist()
-    for k, (neuron, colour) in enumerate(zip(neurons, COLOURS, strict=False)):
-        axis.plot(trace.times_ms, trace.values[:, k], color=colour, lw=1.0, label=f"neuron {neuron}")
+    for neuron, colour in zip(range(trace.values.shape[1]), COLOURS, strict=False):
+        axis.plot(trace.times_ms, trace.values[:, neuron], color=colour, lw=1.0, label=f"neuron {neuron}")
     if trace.values.shape[1] > 1:
         axis.legend(loc="upper right", ncols=MOST_LINES)
 

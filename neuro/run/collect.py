@@ -14,7 +14,6 @@ import numpy as np
 from neuro.core.version import VERSION
 from neuro.files.results import YAML, Results, Trace, Train, Weights
 from neuro.model.network import Network
-from neuro.model.parts import Population as PopulationPart
 from neuro.program.program import Population, Projection
 from neuro.run.simulation import Simulation
 
@@ -22,12 +21,7 @@ SMALL = 1_000_000
 
 
 def collect(
-    sim: Simulation,
-    net: Network,
-    *,
-    threads: int = 1,
-    record: Collection[PopulationPart | str] = (),
-    all_weights: bool = False,
+    sim: Simulation, net: Network, *, threads: int = 1, record: Collection[str] = (), all_weights: bool = False
 ) -> Results:
     """Gather everything worth keeping.
 
@@ -35,7 +29,7 @@ def collect(
         sim: a simulation that has run.
         net: the network it was made of.
         threads: that it ran on.
-        record: the populations whose spikes to keep, or their names; all that were recorded if empty.
+        record: the populations whose spikes to keep; all that were recorded if empty.
         all_weights: keep also the weights of static projections above a million synapses, which follow from
             network and seed.
     """
@@ -53,7 +47,7 @@ def collect(
     }
     totals = ("steps", "spikes", "neuron_updates", "neuron_updates_active", "synaptic_ops", "learning_updates")
     about |= {f"counts.{name}": getattr(counts, name) for name in totals}
-    keep = [sim.handles.neurons(of).part.name for of in record or net.populations]
+    keep = record or [part.name for part in program.populations]
     return Results(
         about,
         files_of(net),
@@ -98,5 +92,5 @@ def _traces(sim: Simulation) -> dict[str, Trace]:
         if probe.record != "spikes":
             population = sim.program.populations[probe.population]
             unit = next((s.unit for s in population.model.states if s.name == probe.record), "")
-            traces[probe.name] = Trace(population.name, probe.record, unit, *sim.trace(probe.name), probe.ids)
+            traces[probe.name] = Trace(population.name, probe.record, unit, *sim.trace(probe.name))
     return traces
