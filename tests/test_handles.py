@@ -214,6 +214,14 @@ def test_setting_some_weights_leaves_what_others_have_learnt(backend):
     assert not np.allclose(found["all"][1:], found["none"][1:], rtol=1e-3, atol=0.0)
 
 
+def test_registers_of_a_view_and_of_single_synapses():
+    net = network()
+    sim = neuro.compile(net, "loihi")
+    cells, wires = net.populations["cells"], net.projections["some"]
+    assert np.array_equal(sim.get(cells[::-1], "V_th", raw=True), sim.get(cells, "V_th", raw=True)[::-1])
+    assert np.array_equal(sim.get(wires, "weight", raw=True, post=cells[3]), sim.get(wires, "weight", raw=True)[1:2])
+
+
 def test_the_kernels_of_a_grid_stay_whole():
     net = Network()
     sheet = net.population("sheet", (4, 4), neuro.iaf_psc_exp())

@@ -332,14 +332,16 @@ class Simulation:
             pre: of a projection only the synapses from these neurons; `weights` says which they are.
             post: likewise those onto these neurons.
         """
-        if check(_FLAG, raw, "raw"):
-            return self._raw(of, what)
+        registers = self._registers() if check(_FLAG, raw, "raw") else None
         neurons = self.handles.neurons_or_projection(of)
         if isinstance(neurons, int):
-            values = self._synapses.read(neurons, what)
+            values = registers.synapse_registers(neurons, what) if registers else self._synapses.read(neurons, what)
             chosen = self._synapses.chosen(neurons, *self._chosen(pre, post))
             return values if chosen is None else values[chosen]
         _refuse_ends(neurons, pre, post)
+        if registers is not None:
+            every = registers.registers(neurons.index, word_of(what))
+            return every if neurons.ids is None else every[neurons.ids]
         part = neurons.part
         word = word_of(what) if isinstance(what, str) else ""
         if word not in part.parameters and word not in settable.states(part):
@@ -352,15 +354,10 @@ class Simulation:
         hidden = unreadable(self._engine)
         return [word for word in settable.states(self.handles.neurons(of).part) if word not in hidden]
 
-    def _raw(self, of: Population | View | Projection | str, what: str) -> Any:
-        """A register of neurons or synapses, by its own name or that of what it stands for."""
+    def _registers(self) -> Registers:
         if not isinstance(self._engine, Registers):
             raise ModelError(f"raw = True: expected False, as backend '{self.backend}' has no registers")
-        neurons = self.handles.neurons_or_projection(of)
-        if isinstance(neurons, int):
-            return self._engine.synapse_registers(neurons, what)
-        every = self._engine.registers(neurons.index, word_of(what))
-        return every if neurons.ids is None else every[neurons.ids]
+        return self._engine
 
     def weights(
         self,
