@@ -56,7 +56,7 @@ class EventEngine:
         net["fired_words"] = net["fired"].view(np.uint64)
         self._a.plastic["traces"] = self._a.plastic["past"].view(np.float64)
         self._view = table_of(net, self._a.plastic)
-        self._copy = reading.Copy(self._a, self._view)
+        self._copy, self._cells = reading.Copy(self._a, self._view), reading.Cells(self._a)
 
     @property
     def step(self) -> int:
@@ -69,7 +69,6 @@ class EventEngine:
         while self._step < end:
             apply(self._currents, self._program, self._a, self._view, self._step)
             self._run_to(min(end, self._currents.next_change(self._step)))
-        self._record.drain(self._a.net)
 
     def _run_to(self, end: int) -> None:
         first = self._step + 1
@@ -77,10 +76,8 @@ class EventEngine:
             reached = self._threads.run(
                 self._view, first, end + 1, self._a.longest_slice, self._a.reach, self._program.resolution
             )
-            if reached <= end:
-                self._record.drain(self._a.net)
-                if reached == first:
-                    self._grow_log()
+            if reached <= end and not self._record.drain(self._a.net) and reached == first:
+                self._grow_log()
             first = int(reached)
         self._step = end
         self._check_histories()
@@ -228,7 +225,7 @@ class EventEngine:
         if layout.computes(p):
             states = [s.name for s in type(p.model).states]
             if name in states:
-                return reading.state(self._a, population, states.index(name), ids, self._step)
+                return self._cells.state(population, states.index(name), ids, self._step)
         every = self._parameter(population, name)
         return every if ids is None else every[ids]
 

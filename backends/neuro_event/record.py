@@ -22,8 +22,8 @@ class Record:
         self._places = places
         self._chunks: list[list[Part]] = []
 
-    def drain(self, net: Any) -> None:
-        """Take over what the loop has recorded."""
+    def drain(self, net: Any) -> bool:
+        """Take over what the loop has recorded; whether there was anything."""
         parts = []
         for thread in range(net["rec_at"].shape[0]):
             n = int(net["rec_at"][thread, 0])
@@ -33,6 +33,7 @@ class Record:
                 net["rec_at"][thread, 0] = 0
         if parts:
             self._chunks.append(parts)
+        return bool(parts)
 
     def spikes(self, population: int, since: int) -> Spikes:
         """Spikes of a population with step > since, by step, then id."""

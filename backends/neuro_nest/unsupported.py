@@ -24,6 +24,7 @@ UNSUPPORTED: dict[str, str] = {
     "initial_states": _CURRENTS,
     "states_and_parameters_change": _CURRENTS,
     "stdp_changes": _RULE,
+    "single_plastic_weights_change": _RULE,
     **dict.fromkeys(("best_of_each_step", "first_to_fire", "exact_best_of_each_step"), _GROUP),
     "local_winners_without_trials": "NEST has no competition",
     **dict.fromkeys(("first_along_an_axis", "maps_that_reset_each_other", "exact_lateral_reset"), _RIVALS),

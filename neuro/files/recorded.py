@@ -199,7 +199,7 @@ class _OfResults:
 
     def trace(self, probe: str) -> Trace:
         part = self._run.traces[probe]
-        neurons = np.arange(part.values.shape[1])
+        neurons = np.arange(part.values.shape[1]) if part.ids is None else part.ids
         return Trace(part.population, part.state, part.unit, neurons, part.times_ms, part.values)
 
     def weights(self, projection: str) -> Synapses:

@@ -16,6 +16,7 @@
 /traces/NAME        attributes: population, state, unit
     times_ms        float64
     values          float64, (times, neurons)
+    ids             int64, the neurons, of a probe of a view
 ```
 
 Spikes and weights that were not kept have no arrays.
@@ -106,13 +107,14 @@ class Weights:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace:
-    """What a probe of a state recorded: `values` has the shape (times, neurons)."""
+    """What a probe of a state recorded: `values` has the shape (times, neurons); of a view, `ids` are its neurons."""
 
     population: str
     state: str
     unit: str
     times_ms: Floats
     values: Floats
+    ids: Ints | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,12 +15,18 @@ from neuro.core.version import VERSION
 from neuro.files.recorded import SMALL
 from neuro.files.results import YAML, Results, Trace, Train, Weights
 from neuro.model.network import Network
+from neuro.model.parts import Population as PopulationPart
 from neuro.program.program import Population, Projection
 from neuro.run.simulation import Simulation
 
 
 def collect(
-    sim: Simulation, net: Network, *, threads: int = 1, record: Collection[str] = (), all_weights: bool = False
+    sim: Simulation,
+    net: Network,
+    *,
+    threads: int = 1,
+    record: Collection[PopulationPart | str] = (),
+    all_weights: bool = False,
 ) -> Results:
     """Gather everything worth keeping.
 
@@ -28,7 +34,7 @@ def collect(
         sim: a simulation that has run.
         net: the network it was made of.
         threads: that it ran on.
-        record: the populations whose spikes to keep; all that were recorded if empty.
+        record: the populations whose spikes to keep, or their names; all that were recorded if empty.
         all_weights: keep also the weights of static projections above a million synapses, which follow from
             network and seed.
     """
@@ -46,7 +52,7 @@ def collect(
     }
     totals = ("steps", "spikes", "neuron_updates", "neuron_updates_active", "synaptic_ops", "learning_updates")
     about |= {f"counts.{name}": getattr(counts, name) for name in totals}
-    keep = record or [part.name for part in program.populations]
+    keep = [sim.handles.neurons(of).part.name for of in record or net.populations]
     return Results(
         about,
         files_of(net),
@@ -91,5 +97,5 @@ def _traces(sim: Simulation) -> dict[str, Trace]:
         if probe.record != "spikes":
             population = sim.program.populations[probe.population]
             unit = next((s.unit for s in population.model.states if s.name == probe.record), "")
-            traces[probe.name] = Trace(population.name, probe.record, unit, *sim.trace(probe.name))
+            traces[probe.name] = Trace(population.name, probe.record, unit, *sim.trace(probe.name), probe.ids)
     return traces

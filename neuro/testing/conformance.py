@@ -20,6 +20,7 @@ from neuro.testing import (  # noqa: F401
     laws,
     learning,
     trials,
+    views,
     winners,
 )
 from neuro.testing.case import CASES, Found, differences
