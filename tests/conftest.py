@@ -30,6 +30,14 @@ def pytest_configure(config: pytest.Config) -> None:
         check_bounds()
 
 
+@pytest.fixture(scope="session", autouse=True)
+def progress_is_not_told() -> None:
+    """What a test hears on stderr does not depend on how fast the machine is; tests of progress set it themselves."""
+    from neuro.core import progress
+
+    progress.EVERY_S = float("inf")
+
+
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 

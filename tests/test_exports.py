@@ -20,7 +20,7 @@ def run(request):
     net.connect("in", "out", neuro.all_to_all(), weight=np.arange(24.0))
     net.connect("sheet", "maps", neuro.grid(kernel=(2, 2)), weight=np.arange(8.0).reshape(2, 1, 2, 2))
     net.probe("v", out, "V_m", every=2.0)
-    net.probe("current", out, "I_syn_ex")
+    net.probe("current", out[[5, 3]], "I_syn_ex")
     sim = neuro.compile(net, backend="reference", seed=7)
     sim.run(50.0)
     return sim if request.param == "live" else collect(sim, net)
@@ -45,6 +45,7 @@ def test_neo(run):
         (0.0, 50.0, "1.0 ms")
     }
     v, current = segment.analogsignals
+    assert current.array_annotations["channel_index"].tolist() == [5, 3]
     assert (v.name, v.annotations["probe"], v.annotations["source_population"]) == ("V_m", "v", "out")
     assert v.shape == (25, 6)
     assert v.array_annotations["channel_index"].tolist() == list(range(6))
@@ -78,19 +79,10 @@ def test_pandas(run):
     assert told.weights["in_out"].pivot(index="pre", columns="post", values="weight").to_numpy().tolist() == (
         np.arange(24.0).reshape(4, 6).tolist()
     )
+    assert told.traces["current"].columns.tolist() == [5, 3]
     kernel = told.weights["sheet_maps"].set_index(["map", "channel", "row", "column"]).weight
     assert kernel.loc[1, 0, 0, 1] == 5.0
     assert isinstance(spikes.population.dtype, pandas.CategoricalDtype)
-
-
-def test_a_probe_of_a_view(run):
-    pytest.importorskip("pandas", reason="the extra pandas is not installed")
-    net = neuro.Network("one")
-    cells = net.population("cells", 9, neuro.iaf_psc_exp(I_e=400.0))
-    net.probe("some", cells[[7, 2]], "V_m", every=1.0)
-    sim = neuro.compile(net, backend="reference")
-    sim.run(3.0)
-    assert sim.to_pandas().traces["some"].columns.tolist() == [7, 2]
 
 
 @pytest.mark.parametrize("package", ["neo", "pandas"])

@@ -519,7 +519,8 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "apps/neuro_recognise/detection/watching.py",
     }
     cache = {"neuro/kernels/kept.py"}  # machine code, in a folder of its own
-    assert found == {"neuro/core/outputs.py"} | formats | temporary | given | cache
+    memory = {"neuro/plots/_canvas.py"}  # a picture for a notebook
+    assert found == {"neuro/core/outputs.py"} | formats | temporary | given | cache | memory
 
 
 FORMATS = ("evt2", "evt3", "event_stream", "aedat2", "dat", "nmnist", "table", "npz")

@@ -238,6 +238,10 @@ MISTAKES = {
         lambda sim: plots.rate(sim, "uot"),
         "unknown population 'uot'\n  hint: did you mean 'out'?",
     ),
+    "no population": (
+        lambda sim: plots.raster(sim, []),
+        "of = []: expected a population, a view of one, a name, or a list of these",
+    ),
     "not recorded": (
         lambda sim: plots.raster(sim, "noise"),
         "spikes of 'noise', a poisson_generator, are not recorded\n  hint: net.probe('name', 'noise') records them",

@@ -39,7 +39,7 @@ def test_progress_changes_no_bit(sim, monkeypatch, capsys):
     for mine, theirs in zip(told.trace("v"), once.trace("v"), strict=True):
         assert np.array_equal(mine, theirs)
     assert np.array_equal(told.weights("noise_exc")[2], once.weights("noise_exc")[2])
-    assert capsys.readouterr() == ("", ""), "a short run tells nothing where there is no terminal"
+    assert capsys.readouterr().out == ""
 
 
 def test_lines_where_there_is_no_terminal(sim, monkeypatch, capsys):
@@ -54,6 +54,7 @@ def test_lines_where_there_is_no_terminal(sim, monkeypatch, capsys):
 
 
 def test_a_line_every_ten_seconds(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "EVERY_S", 10.0)
     now = iter([0.0, 4.0, 9.0, 11.0, 11.0, 20.0, 20.0, 22.0, 22.0])
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(now))
     with progress.Bar() as bar:

@@ -165,7 +165,7 @@ class _OfSimulation:
         population = self._program.populations[part.population]
         unit = next((state.unit for state in population.model.states if state.name == part.record), "")
         times, values = self._run.trace(probe)
-        neurons = np.arange(population.size) if part.ids is None else part.ids
+        neurons = np.arange(values.shape[1]) if part.ids is None else part.ids
         return Trace(population.name, part.record, unit, neurons, times, values)
 
     def weights(self, projection: str) -> Synapses:
@@ -199,7 +199,7 @@ class _OfResults:
 
     def trace(self, probe: str) -> Trace:
         part = self._run.traces[probe]
-        neurons = np.arange(part.values.shape[1])
+        neurons = np.arange(part.values.shape[1]) if part.ids is None else part.ids
         return Trace(part.population, part.state, part.unit, neurons, part.times_ms, part.values)
 
     def weights(self, projection: str) -> Synapses:
@@ -227,6 +227,8 @@ def trains(run: Recorded, of: Any = None, window: Any = None) -> list[Train]:
     if of is None and not run.kept:
         raise ModelError("no spikes were recorded", hint="net.probe or 'neuro run --record NAME' keeps them")
     asked = run.kept if of is None else [of] if _is_one(of) else list(of)
+    if not asked:
+        raise ModelError(f"of = {shown(of)}: expected a population, a view of one, a name, or a list of these")
     found = []
     for each in asked:
         name, neurons = _named(run, each)

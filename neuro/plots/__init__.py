@@ -3,7 +3,7 @@
 ```python
 from neuro import plots
 
-plots.raster(sim, of=["exc", "inh"], window=(100.0, 200.0)).savefig("raster.png")
+figure = plots.raster(sim, of=["exc", "inh"], window=(100.0, 200.0))
 ```
 Each function gives a figure of matplotlib, or draws into the axes `ax` that it is given. None opens a window, changes a
 setting of matplotlib or keeps anything; what is too much to be drawn is drawn in part, and the picture says so.

@@ -55,6 +55,7 @@ def isi(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> F
     Raises:
         ModelError: nothing of this was recorded.
     """
+    step = recorded(run).resolution_ms
 
     def draw(axis: Any, train: Train, colour: str) -> str:
         lengths, _ = intervals(train)
@@ -70,7 +71,6 @@ def isi(run: object, of: Any = None, *, window: Any = None, ax: Any = None) -> F
         note = f", {beyond:,} longer than {last * step:.3g} ms" if beyond else ""
         return f"{lengths.size:,} intervals, mean {lengths.mean():.3g} ms{note}"
 
-    step = recorded(run).resolution_ms
     return _each(run, of, window, ax, draw, "intervals between spikes", ("interval (ms)", "intervals"))
 
 

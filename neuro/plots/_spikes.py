@@ -63,15 +63,16 @@ def _stacked(found: list[Train], axis: Any) -> Figure:
     points = 72 * axis.get_position().height * figure.get_figheight()
     sizes = np.array([train.neurons.size for train in found], dtype=np.float64)
     bands = np.maximum(sizes, LEAST_BAND * sizes.sum())
-    ends = np.cumsum(bands / bands.sum())
+    bands /= bands.sum()
+    ends = np.cumsum(bands)
     notes = []
-    for train, colour, end, band in zip(found, colours(), ends, bands / bands.sum(), strict=False):
+    for train, colour, end, band in zip(found, colours(), ends, bands, strict=False):
         times, ids, note = chosen(train, MOST_DOTS // len(found))
         rows = (np.searchsorted(train.neurons, ids) + 0.5) / max(train.neurons.size, 1)
         _dots(axis, times, end - band + 0.96 * band * rows, colour, points * band, train.neurons.size)
         notes += [train.population + note] if note else []
     axis.set_ylim(0.0, 1.0)
-    axis.set_yticks(ends - bands / bands.sum() / 2, [train.population for train in found])
+    axis.set_yticks(ends - bands / 2, [train.population for train in found])
     axis.tick_params(axis="y", length=0.0)
     label(axis, "; ".join(notes), "")
     over_time(axis, found[0].window)
