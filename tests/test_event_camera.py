@@ -15,8 +15,8 @@ from neuro.events import EventFileError, Events, load, save, stream
 
 STEP = 0.1
 FORMATS = [
-    ("davis346_small.aedat4", {}),
-    ("ncars_cars_obj_004414_td.dat", {}),
+    ("davis346_small.aedat4", {"crop": {"x": [100, 220], "y": [80, 200]}, "scale": 3}),
+    ("ncars_cars_obj_004414_td.dat", {"crop": {"x": [0, 60], "y": [0, 60]}}),
     ("evt3_imx636_wrap.raw", {"crop": {"x": [400, 700], "y": [100, 400]}, "scale": 4}),
     ("es_poker_club_trcl0.es", {"polarity": "merge"}),
     ("nmnist_sample.bin", {"polarity": "off", "offset": 100.0}),
@@ -131,7 +131,7 @@ def test_the_step_of_an_event_is_exact(case, after):
     assert found == [row for row in rows if row[0] > after]
     given_up_to = [s.until for s in stretches]
     assert given_up_to == sorted(given_up_to)
-    assert all(s.steps.max(initial=0) <= s.until for s in stretches)
+    assert all(s.steps.max(initial=-(2**62)) <= s.until for s in stretches)
     assert all(s.steps.min(initial=2**62) > before for s, before in zip(stretches[1:], given_up_to, strict=False))
 
 
@@ -166,6 +166,23 @@ def test_a_state_of_another_recording_is_refused(walk, tmp_path):
     neuro.compile(network(neuro.event_camera(events=walk))).save(tmp_path / "state.h5")
     with pytest.raises(ModelError, match="a state of another network 'seen'"):
         neuro.compile(network(neuro.event_camera(events=walk[:99]))).restore(tmp_path / "state.h5")
+
+
+def test_what_has_no_file_here_cannot_be_saved(walk, tmp_path):
+    with pytest.raises(ModelError) as error:
+        network(neuro.event_camera(events=walk)).save(tmp_path / "net.yaml")
+    assert str(error.value) == (
+        "camera.model.events = events of a program: expected a file\n"
+        "  hint: neuro.events.save(events, 'walk.h5') makes one"
+    )
+    save(walk, tmp_path / "walk.dat")
+    (tmp_path / "sub").mkdir()
+    with pytest.raises(ModelError) as error:
+        network(neuro.event_camera(file=tmp_path / "walk.dat")).save(tmp_path / "sub" / "net.yaml")
+    assert str(error.value) == (
+        f"camera.model.file = '{tmp_path / 'walk.dat'}': expected a file in the folder of the description, or below\n"
+        f"  hint: copy it to {tmp_path / 'sub'}, or save the network beside it"
+    )
 
 
 def test_what_was_learnt_keeps_its_camera(walk, tmp_path):
@@ -239,6 +256,11 @@ def test_feeding_while_it_runs(walk):
     late = (int(walk.t[-1]) - origin) // 100 * 0.1 + 0.1
     assert str(error.value) == (
         f"feed: an event of 'camera' in the step that ends at {late:g} ms: expected later than 70 ms, the present"
+    )
+    with pytest.raises(ModelError) as error:
+        fed.feed("camera", Events([origin - 1], [0], [0], [1], (12, 9)))
+    assert str(error.value) == (
+        f"feed: 'camera': an event at {origin - 1} us: expected from {origin} us on, the beginning"
     )
     with pytest.raises(ModelError, match="feed: 'cells' is a iaf_psc_exp: expected an event_camera"):
         fed.feed("cells", walk)

@@ -66,7 +66,7 @@ class Camera:
         self._step_us = ratio.numerator, ratio.denominator
         self._offset = round(model.offset * 1000.0)
         self._start, self._stop = (clock.step(getattr(model, w), f"{model.name}.{w}") for w in ("start", "stop"))
-        self.shape = self._shape_of(part)
+        self.shape = self._shape_of(part.shape)
         self._origin = 0 if self._played is None else self._played.first()
         if model.origin is not None:
             self._origin = int(model.origin)
@@ -77,13 +77,13 @@ class Camera:
         said = {word: value for word, value in self._model.parameters().items() if word not in ("file", "events")}
         return f"{said} {'' if self._played is None else self._played.identity}"
 
-    def _shape_of(self, part: Population) -> Shape:
+    def _shape_of(self, said: tuple[int | str, ...]) -> Shape:
         """The shape that the sensor gives, which a shape that is said must agree with."""
         if self._sensor is None:
-            if AUTO in part.shape:
+            if AUTO in said:
                 hint = "write the numbers: [2, height, width], or [height, width] unless the polarities are split"
-                raise ModelError(f"shape {_written(part.shape)}: no sensor is told before it is played", hint=hint)
-            found = tuple(int(n) for n in part.shape)
+                raise ModelError(f"shape {_written(said)}: no sensor is told before it is played", hint=hint)
+            found = tuple(int(n) for n in said)
             if len(found) != 2 + self._split or (self._split and found[0] != 2):
                 wanted = "[2, height, width]" if self._split else "[height, width]"
                 raise ModelError(f"shape {list(found)}: expected {wanted} with polarity: {self._model.polarity}")
@@ -91,10 +91,10 @@ class Camera:
         columns, rows = self._sides(*self._sensor)
         sides = tuple(-(-(last - first) // self._model.scale) for first, last in (rows, columns))
         shape = (2, *sides) if self._split else sides
-        said = shape if part.shape == (AUTO,) else part.shape
-        if len(said) != len(shape) or any(w not in (AUTO, n) for w, n in zip(said, shape, strict=True)):
+        fits = len(said) == len(shape) and all(word in (AUTO, n) for word, n in zip(said, shape, strict=True))
+        if not fits and said != (AUTO,):
             width, height = self._sensor
-            told = f"shape {_written(part.shape)}: expected {list(shape)}, as the sensor is {width}x{height} px"
+            told = f"shape {_written(said)}: expected {list(shape)}, as the sensor is {width}x{height} px"
             raise ModelError(told, hint="'shape: auto' takes it from the recording")
         return shape
 
@@ -110,21 +110,26 @@ class Camera:
 
     def after(self, step: int) -> Iterator[Stretch]:
         """All spikes of later steps. The last step of what has been read is held back: more may come in it."""
-        if self._played is None or step >= self._stop:
-            return
         with telling(self._part):
             steps = ids = _NONE
-            for events in self._played.parts(self._begin(step)):
-                for k in range(0, len(events), MOST):
-                    found = self._spikes(events[k : k + MOST], step)
-                    steps, ids = np.concatenate((steps, found[0])), np.concatenate((ids, found[1]))
-                    if steps.size:
-                        done = int(np.searchsorted(steps, steps[-1]))
-                        yield Stretch(int(steps[-1]) - 1, steps[:done], ids[:done])
-                        steps, ids = steps[done:], ids[done:]
-                if len(events) and self._step(int(events.t[-1])) > self._stop:
-                    break
+            for events in self._read(step):
+                found = self._spikes(events, step)
+                steps, ids = np.concatenate((steps, found[0])), np.concatenate((ids, found[1]))
+                last = self._step(int(events.t[-1]))
+                done = int(np.searchsorted(steps, last))
+                yield Stretch(last - 1, steps[:done], ids[:done])
+                steps, ids = steps[done:], ids[done:]
             yield Stretch(NEVER, steps, ids)
+
+    def _read(self, step: int) -> Iterator[Any]:
+        """The events of later steps, up to the first part that reaches beyond the end."""
+        if self._played is None or step >= self._stop:
+            return
+        for events in self._played.parts(self._begin(step)):
+            for k in range(0, len(events), MOST):
+                yield events[k : k + MOST]
+            if len(events) and self._step(int(events.t[-1])) > self._stop:
+                return
 
     def given(self, events: Any) -> tuple[Ints, Ints]:
         """Steps and neurons of Events, a structured array, or an iterable of them."""
@@ -132,7 +137,12 @@ class Camera:
 
         if self._origin is None:
             raise ModelError("its recording has not begun to play: expected 'origin'", hint="or run first")
-        parts = [self._spikes(part, -NEVER) for part in played(events).parts()]
+        begin = self._origin + self._offset
+        parts = []
+        for part in played(events).parts():
+            if len(part) and part.t[0] < begin:
+                raise ModelError(f"an event at {part.t[0]} us: expected from {begin} us on, the beginning")
+            parts.append(self._spikes(part, -NEVER))
         steps, ids = (np.concatenate([_NONE, *(part[k] for part in parts)]) for k in (0, 1))
         return steps, ids
 

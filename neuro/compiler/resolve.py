@@ -121,7 +121,7 @@ def _records(net: Network, part: Population, stream: Stream | None) -> bool:
     if isinstance(part.model, dc_generator):
         return False
     asked = any(_sees_spikes(net, p, part.name) for p in net.probes.values())
-    return asked or not (isinstance(part.model, poisson_generator) or stream)
+    return asked or not (isinstance(part.model, poisson_generator) or stream is not None)
 
 
 def _sees_spikes(net: Network, probe: Probe, population: str) -> bool:
