@@ -198,6 +198,7 @@ class Recording:
         with suppress(ModelError, OSError, RuntimeError):  # after another error, which is the one to tell
             if self._file and self._disk.error is None:
                 self.commit()
+        with suppress(OSError, RuntimeError):
             self._file.close()
         self._disk.close()
 
