@@ -12,8 +12,9 @@ from neuro.compiler.check import check_network, check_values, refuse, telling
 from neuro.compiler.check_trials import resolve_trials
 from neuro.compiler.connect import connect
 from neuro.compiler.encoded import with_generators
+from neuro.compiler.generators import check_trains, schedule_of
 from neuro.compiler.pack import packed
-from neuro.compiler.receptors import check_conductance, receptor_of
+from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.values import LONGEST_DELAY, delay_steps, one_delay, per_neuron, per_synapse, too_late
 from neuro.core.checks import check
@@ -22,7 +23,7 @@ from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
 from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.network import Network
-from neuro.model.neurons import MODELS, Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.model.neurons import MODELS, CurrentGenerator, Generator, Neuron, poisson_generator, spike_generator
 from neuro.model.parts import Population, Projection
 from neuro.model.rules import RULES, grid
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated
@@ -50,7 +51,7 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
     populations = tuple(_population(net, part, shapes[part.name], clock, seed) for part in net.populations.values())
     projections = packed(tuple(_projection(net, part, shapes, clock, seed) for part in net.projections.values()))
     names = list(net.populations)
-    return resolved.Program(
+    program = resolved.Program(
         name=net.name,
         resolution=net.resolution,
         seed=seed,
@@ -67,6 +68,8 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
         ),
         trials=trials,
     )
+    check_trains(program)
+    return program
 
 
 def _delays(part: resolved.Projection, resolution: float) -> tuple[int, ...]:
@@ -80,18 +83,19 @@ def _population(net: Network, part: Population, shape: Shape, clock: Clock, seed
     model = part.model
     parameters: dict[str, Floats] = {}
     start, stop = 0, NEVER
-    fixed = ("start", "stop") if model.role in ("poisson", "current") else ()
+    timed = isinstance(model, Generator) and model.timed
     for word, quantity in model.quantities().items():
-        if quantity.kind not in ("number", "integer", "boolean") or word in fixed:
+        if quantity.kind not in ("number", "integer", "boolean") or (timed and word in ("start", "stop")):
             continue
         key = (seed, "parameter", f"{part.name}.{word}")
         with telling(part):
             parameters[word] = per_neuron(model.parameters()[word], shape, f"{model.name}.{word}", key)
     with telling(part):
         check_values(model, parameters, clock)
-        if isinstance(model, (poisson_generator, dc_generator)):
-            start, stop = clock.step(model.start, f"{model.name}.start"), clock.step(model.stop, f"{model.name}.stop")
+        if timed:
+            start, stop = (clock.step(getattr(model, word), f"{model.name}.{word}") for word in ("start", "stop"))
         steps, ids = _listed_spikes(model, clock)
+        schedule = schedule_of(model, size(shape), clock)
     return resolved.Population(
         name=part.name,
         model=model,
@@ -106,11 +110,12 @@ def _population(net: Network, part: Population, shape: Shape, clock: Clock, seed
         stop=stop,
         records=_records(net, part),
         origin=part.origin,
+        schedule=schedule,
     )
 
 
 def _records(net: Network, part: Population) -> bool:
-    if isinstance(part.model, dc_generator):
+    if isinstance(part.model, CurrentGenerator):
         return False
     asked = any(p.of == part.name and p.record == "spikes" for p in net.probes.values())
     return asked or not isinstance(part.model, poisson_generator)
@@ -118,7 +123,7 @@ def _records(net: Network, part: Population) -> bool:
 
 def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], seed: int) -> dict[str, Floats]:
     start: dict[str, Floats] = {state.name: np.zeros(1) for state in part.model.states}
-    if isinstance(part.model, Neuron):
+    if isinstance(part.model, (Neuron, Generator)):
         for name, value in part.model.initial(parameters).items():
             start[name] = np.asarray(value, dtype=np.float64).reshape(-1) + 0.0
     for name, value in part.initial.items():
@@ -165,7 +170,11 @@ def _projection(
     _check_delays(part, delay, clock)
     carries = "current" if net.populations[part.source].model.role == "current" else "spikes"
     with telling(part):
-        receptor = receptor_of(part.synapse, net.populations[part.target]) if carries == "spikes" else None
+        target = net.populations[part.target]
+        current = carries == "current"
+        receptor = (
+            receptor_of_current(part.synapse, target, part.source) if current else receptor_of(part.synapse, target)
+        )
         check_conductance(receptor, weight)
     names = list(net.populations)
     rule = part.synapse

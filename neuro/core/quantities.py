@@ -16,7 +16,8 @@ class Quantity:
         unit: physical unit, "" for none.
         doc: one line on its meaning.
         kind: "number", "integer", "boolean", "name" (of a part of the network), "receptor" (of neurons), "word" (one of
-            `words`), "shape" (a list of integers), "times" (spike times, a list per neuron), "ids",
+            `words`), "shape" (a list of integers), "times" (spike times, a list per neuron), "ids", "moments" (times at
+            which something changes), "series" (values at moments, in a list or a row per neuron),
             "delay" (a time that is no number of the rule), "names" (a list of names), "part" (a `part`) or "codes"
             (of `neuro.coding`).
         above, at_least, below, at_most: bounds of every element.
@@ -57,6 +58,8 @@ class Quantity:
             "shape": "whole numbers",
             "times": "a list of spike times in ms for each neuron",
             "ids": "whole numbers >= 0",
+            "moments": "times > 0 ms, each later than the one before",
+            "series": "a list of numbers",
             "delay": "a time > 0 ms",
             "names": "names",
             "codes": "a code, or a list of codes",

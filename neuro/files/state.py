@@ -117,6 +117,9 @@ def _digest(arrays: Arrays) -> str:
 _SAID_ELSEWHERE = {"origin", "kind", "carries", "receptor"}
 """Fields of a program that decide nothing, or follow from others; states of version 0.1.0 do not count them."""
 
+_NEW = {"schedule"}
+"""Fields that version 0.1.0 did not have; they count where they say something."""
+
 
 def fingerprint(program: Program) -> str:
     """A hash of everything that decides what a program does; places in files do not count."""
@@ -139,9 +142,10 @@ def _feed(digest: hashlib.blake2b, value: Any) -> None:
         _feed(digest, {k: v for k, v in value.parameters().items() if isinstance(v, (str, float, int))})
     elif is_dataclass(value):
         for field in fields(value):
-            if field.name not in _SAID_ELSEWHERE:
+            held = getattr(value, field.name)
+            if field.name not in _SAID_ELSEWHERE and not (field.name in _NEW and held is None):
                 digest.update(field.name.encode())
-                _feed(digest, getattr(value, field.name))
+                _feed(digest, held)
     elif isinstance(value, Mapping):
         for key in sorted(value):
             digest.update(key.encode())

@@ -72,14 +72,14 @@ def new_values(part: Population, word: str, value: Any, seed: int, step: int) ->
         seed: of a distribution's draws.
         step: the present one; draws differ from step to step.
     """
-    if word in part.parameters:
+    if word in part.parameters and word not in part.model.fixed:
         q = _quantities(part.model)[word]
     elif word in states(part):
         if any(state.follows for state in part.model.states if state.name == word):
             raise ModelError(f"{part.model.name}.{word} of '{part.name}' follows from its other states: set those")
         q = _states(part.model)[word]
     else:
-        known = [*part.parameters, *states(part)]
+        known = [*(name for name in part.parameters if name not in part.model.fixed), *states(part)]
         if word in _quantities(part.model):
             raise ModelError(
                 f"{part.model.name}.{word} of '{part.name}' is fixed: change the network and compile again"

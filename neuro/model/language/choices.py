@@ -78,6 +78,10 @@ def with_parameters(cls: type[C], node: Node) -> C:
         return cls.from_words(values)
 
 
+FILED = ("ids", "times", "moments", "series")
+"""Kinds of parameters that are lists, which a file may hold."""
+
+
 def value(q: Quantity, node: Node, what: str) -> Any:
     """The value of one parameter; whether it is accepted is checked where it is used.
 
@@ -90,7 +94,7 @@ def value(q: Quantity, node: Node, what: str) -> Any:
         return with_parameters(q.part, node)
     if q.kind == "codes":
         return codes(node)
-    if isinstance(node.value, dict) and "file" in node.value and (q.arrays or q.kind in ("ids", "times")):
+    if isinstance(node.value, dict) and "file" in node.value and (q.arrays or q.kind in FILED):
         return array(node)
     if q.arrays and isinstance(node.value, dict):
         _refuse_bare_parameters(node, what)
