@@ -19,6 +19,7 @@ NODES = {
     "sinusoidal_poisson_generator": "spike_train_injector",
     "gamma_sup_generator": "spike_train_injector",
     "spike_generator": "spike_train_injector",
+    "spike_train": "spike_train_injector",
     "dc_generator": "dc_generator",
     "step_current_generator": "step_current_generator",
     "ac_generator": "ac_generator",

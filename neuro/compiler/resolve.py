@@ -23,7 +23,16 @@ from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
 from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.network import Network
-from neuro.model.neurons import MODELS, CurrentGenerator, Generator, Neuron, poisson_generator, spike_generator
+from neuro.model.neurons import (
+    MODELS,
+    CurrentGenerator,
+    Generator,
+    Model,
+    Neuron,
+    poisson_generator,
+    spike_generator,
+    spike_train,
+)
 from neuro.model.parts import Population, Projection
 from neuro.model.rules import RULES, grid
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated
@@ -94,7 +103,7 @@ def _population(net: Network, part: Population, shape: Shape, clock: Clock, seed
         check_values(model, parameters, clock)
         if timed:
             start, stop = (clock.step(getattr(model, word), f"{model.name}.{word}") for word in ("start", "stop"))
-        steps, ids = _listed_spikes(model, clock)
+        steps, ids = _listed_spikes(model, size(shape), clock)
         schedule = schedule_of(model, size(shape), clock)
     return resolved.Population(
         name=part.name,
@@ -140,15 +149,29 @@ def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], s
     return start
 
 
-def _listed_spikes(model: object, clock: Clock) -> tuple[Ints, Ints]:
-    none = np.zeros(0, dtype=np.int64)
+def _listed_spikes(model: Model, neurons: int, clock: Clock) -> tuple[Ints, Ints]:
+    """The spikes that a generator lists, by step, then neuron."""
+    if isinstance(model, spike_train):
+        return _recorded(model, neurons, clock)
     if not isinstance(model, spike_generator) or not model.spike_times:
-        return none, none
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     steps = [clock.steps(t, f"spike_generator.spike_times[{i}]") for i, t in enumerate(model.spike_times)]
     ids = np.repeat(np.arange(len(steps), dtype=np.int64), [len(s) for s in steps])
     together = np.concatenate(steps)
     order = np.lexsort((ids, together))
     return together[order], ids[order]
+
+
+def _recorded(model: spike_train, neurons: int, clock: Clock) -> tuple[Ints, Ints]:
+    times, ids = model.spikes.T
+    bad = np.flatnonzero(ids >= neurons)
+    if bad.size:
+        raise ModelError(
+            f"spike_train.spikes[{bad[0]}] is of neuron {ids[bad[0]]:g}: expected a neuron from 0 to {neurons - 1}",
+            hint=f"shape: {int(ids.max()) + 1} has room for all",
+        )
+    steps, order = clock.steps(times, "spike_train.spikes"), np.lexsort((ids, times))
+    return steps[order], ids[order].astype(np.int64)
 
 
 def _projection(

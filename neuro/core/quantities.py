@@ -16,10 +16,10 @@ class Quantity:
         unit: physical unit, "" for none.
         doc: one line on its meaning.
         kind: "number", "integer", "boolean", "name" (of a part of the network), "receptor" (of neurons), "word" (one of
-            `words`), "shape" (a list of integers), "times" (spike times, a list per neuron), "ids", "moments" (times at
-            which something changes), "series" (values at moments, in a list or a row per neuron),
-            "delay" (a time that is no number of the rule), "names" (a list of names), "part" (a `part`) or "codes"
-            (of `neuro.coding`).
+            `words`), "shape" (a list of integers), "times" (spike times, a list per neuron), "moments" (times at which
+            something changes), "series" (values at moments, in a list or a row per neuron), "train" (spikes, a row of
+            time and neuron for each), "ids", "delay" (a time that is no number of the rule), "names" (a list of
+            names), "part" (a `part`) or "codes" (of `neuro.coding`).
         above, at_least, below, at_most: bounds of every element.
         nonzero: whether 0 has no meaning.
         infinite: whether an infinite value has a meaning.
@@ -60,6 +60,7 @@ class Quantity:
             "ids": "whole numbers >= 0",
             "moments": "times > 0 ms, each later than the one before",
             "series": "a list of numbers",
+            "train": "a row for each spike: a time > 0 ms, not before the last one, and a neuron",
             "delay": "a time > 0 ms",
             "names": "names",
             "codes": "a code, or a list of codes",

@@ -21,7 +21,7 @@ from neuro.core.quantities import Quantity, word_of
 from neuro.core.values import shown
 from neuro.files.state import Identity, fingerprint, read_state, write_state
 from neuro.model.network import Network
-from neuro.model.neurons import Generator, Neuron, spike_generator
+from neuro.model.neurons import Generator, Neuron
 from neuro.program.backend import Backend, Engine, Problem, Registers, find_backend, unreadable
 from neuro.program.counts import Counts, Tally
 from neuro.program.program import Floats, Ints, Program
@@ -303,7 +303,7 @@ class Simulation:
         """
         index = self._population(name)
         part = self.program.populations[index]
-        if not isinstance(part.model, spike_generator):
+        if part.kind != "listed":
             raise ModelError(f"inject: '{name}' is a {part.model.name}: expected a spike_generator")
         steps, neurons = settable.new_spikes(self._clock, times, ids, part.size)
         if steps.size and steps.min() <= self._engine.step:

@@ -15,6 +15,7 @@ from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.language.files import array
 from neuro.model.language.nodes import about, found, mistake, plain, words
 from neuro.model.language.reader import Node
+from neuro.model.language.trains import train
 from neuro.model.neurons import MODELS
 from neuro.model.parts import GROUPS
 from neuro.model.rules import RULES
@@ -94,6 +95,8 @@ def value(q: Quantity, node: Node, what: str) -> Any:
         return with_parameters(q.part, node)
     if q.kind == "codes":
         return codes(node)
+    if isinstance(node.value, dict) and "file" in node.value and q.kind == "train":
+        return train(node)
     if isinstance(node.value, dict) and "file" in node.value and (q.arrays or q.kind in FILED):
         return array(node)
     if q.arrays and isinstance(node.value, dict):

@@ -13,7 +13,12 @@ from neuro.model.neurons.current_generators import (
 )
 from neuro.model.neurons.encode import encode
 from neuro.model.neurons.gamma_sup_generator import gamma_sup_generator
-from neuro.model.neurons.generators import inhomogeneous_poisson_generator, poisson_generator, spike_generator
+from neuro.model.neurons.generators import (
+    inhomogeneous_poisson_generator,
+    poisson_generator,
+    spike_generator,
+    spike_train,
+)
 from neuro.model.neurons.hh_psc_alpha import hh_psc_alpha
 from neuro.model.neurons.iaf_cond_alpha import iaf_cond_alpha
 from neuro.model.neurons.iaf_cond_exp import iaf_cond_exp
@@ -36,6 +41,7 @@ GENERATORS: tuple[type[Generator], ...] = (
     sinusoidal_poisson_generator,
     gamma_sup_generator,
     spike_generator,
+    spike_train,
     dc_generator,
     step_current_generator,
     ac_generator,
@@ -100,6 +106,7 @@ __all__ = [
     "poisson_generator",
     "sinusoidal_poisson_generator",
     "spike_generator",
+    "spike_train",
     "spinnaker_lif",
     "srm0",
     "step_current_generator",

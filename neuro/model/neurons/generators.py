@@ -40,6 +40,25 @@ class spike_generator(Generator):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class spike_train(Generator):
+    """Emits the spikes of a recording; more can be injected while running. Two at one time make one of multiplicity 2.
+
+    In YAML `{file: ..., key: ...}` may stand for `spikes`: a group of an HDF5 file with data sets `times` and `ids`, as
+    `neuro run --out` writes them, or a data set with two columns; an NPY file with these columns or fields; a CSV file
+    whose first line names the columns.
+    """
+
+    equation: ClassVar[str] = "emits at the recorded times"
+    source: ClassVar[str] = "NEST 3.10 spike_generator, of which one is listed for each neuron"
+    role: ClassVar[str] = "listed"
+    file_of: ClassVar[str] = "spikes"
+
+    spikes: Any = quantity(
+        unit="ms", doc="a row for each spike, in ascending time: when, and which neuron", kind="train"
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class inhomogeneous_poisson_generator(Generator):
     """Emits a Poisson number of spikes each step, at a rate that changes at listed times and is 0 before the first.
 
