@@ -14,6 +14,7 @@ from neuro_event.tables import (
     DRIVEN,
     END,
     FIRST_BLOCK,
+    FIRST_VALUE,
     HOW,
     LAST_BLOCK,
     LATE,
@@ -22,6 +23,7 @@ from neuro_event.tables import (
     LINE_WEIGHT,
     SHARE,
     TO_ALL,
+    VALUES,
 )
 from neuro_event.views import net_of
 
@@ -39,7 +41,7 @@ def drive(view, thread, step):
                 lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
                 if line[BEGINS] == 1:
                     net.current[lo:hi] = 0.0
-                add_line(view, line, row, lo, hi, step, net.current)
+                add_line(view, k, row, lo, hi, step, net.current)
 
 
 @inner
@@ -52,13 +54,14 @@ def charge(view, thread, step):
             row = net.pops[line[DRIVEN]]
             lo = max(row[BEGIN], net.edges[thread] * BLOCK)
             hi = min(row[END], net.edges[thread + 1] * BLOCK)
-            add_line(view, line, row, lo, hi, step, net.state[line[CHARGED]])
+            add_line(view, k, row, lo, hi, step, net.state[line[CHARGED]])
 
 
 @inner
-def add_line(view, line, row, lo, hi, step, out):
+def add_line(view, number, row, lo, hi, step, out):
     """Add what arrives along a line in a step; where it charges a state, its share."""
     net = net_of(view)
+    line, rows = net.lines[number], net.emitted_rows[number]
     begin, weight, stride = row[BEGIN], line[LINE_WEIGHT], line[LINE_STRIDE]
     at = step - 1 - net.emitted_from[0]
     if line[HOW] == AS_LISTED:
@@ -66,25 +69,24 @@ def add_line(view, line, row, lo, hi, step, out):
             total = 0.0
             place = line[LINE_ENDS] + i - begin
             for k in range(net.line_ends[place], net.line_ends[place + 1]):
-                total += (
-                    net.emitted[at - net.line_lates[k], net.line_columns[k]] * net.line_weights[weight + k * stride]
-                )
+                value = line[FIRST_VALUE] + rows[at - net.line_lates[k]] * line[VALUES] + net.line_columns[k]
+                total += net.emitted[value] * net.line_weights[weight + k * stride]
             out[i] += total if line[CHARGED] < 0 else net.shares[line[SHARE] + i - begin] * total
         return
-    emitted, column = net.emitted[at - line[LATE]], line[COLUMN_AT]
+    first = line[FIRST_VALUE] + rows[at - line[LATE]] * line[VALUES] + line[COLUMN_AT]
     each = np.int64(line[HOW] != TO_ALL)
     if line[CHARGED] >= 0:
         for i in range(lo, hi):
-            arrived = emitted[column + (i - begin) * each] * net.line_weights[weight + (i - begin) * stride]
+            arrived = net.emitted[first + (i - begin) * each] * net.line_weights[weight + (i - begin) * stride]
             out[i] += net.shares[line[SHARE] + i - begin] * arrived
     elif each == 0 and stride == 0:
-        arrived = emitted[column] * net.line_weights[weight]
+        arrived = net.emitted[first] * net.line_weights[weight]
         for i in range(lo, hi):
             out[i] += arrived
     elif each == 1 and stride == 0:
-        from_column, factor = emitted[column + lo - begin : column + hi - begin], net.line_weights[weight]
+        emitted, factor = net.emitted[first + lo - begin : first + hi - begin], net.line_weights[weight]
         for i in range(lo, hi):
-            out[i] += from_column[i - lo] * factor
+            out[i] += emitted[i - lo] * factor
     else:
         for i in range(lo, hi):
-            out[i] += emitted[column + (i - begin) * each] * net.line_weights[weight + (i - begin) * stride]
+            out[i] += net.emitted[first + (i - begin) * each] * net.line_weights[weight + (i - begin) * stride]

@@ -62,27 +62,26 @@ class Drives:
 
     def _lay_out(self) -> None:
         """Lay out lines and weights anew."""
-        self._lines = lines_of(self._program, self._currents)
+        self._lines = [k for k in lines_of(self._program, self._currents) if k.weight.size]
         for line in self._lines:
             self._emissions.setdefault(line.projection, Emission(self._program, line.projection))
-        sizes = [self._emissions[line.projection].columns for line in self._lines]
-        firsts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-        parts = _Parts()
-        begun: set[int] = set()
-        for line, first in zip(self._lines, firsts.tolist(), strict=False):
+        columns = sum(self._emissions[line.projection].columns for line in self._lines)
+        self._steps = max(int(np.clip(HELD // max(1, columns), SHORTEST, LONGEST)), self._currents.longest)
+        parts, begun, first = _Parts(), set[int](), 0
+        span = self._steps + self._currents.longest
+        for line in self._lines:
             self._enter(parts, line, first, begun)
-        steps = int(np.clip(HELD // max(1, firsts[-1]), SHORTEST, LONGEST))
-        self._steps = max(steps, self._currents.longest)
+            emission = self._emissions[line.projection]
+            first += emission.room(span) * emission.columns
         self._a.net |= parts.tables()
-        self._a.net["emitted"] = np.zeros((self._steps + self._currents.longest, int(firsts[-1])))
+        self._a.net["emitted"] = np.zeros(first)
+        self._a.net["emitted_rows"] = np.zeros((len(self._lines), span), dtype=np.int64)
 
     def _enter(self, parts: _Parts, line: Line, first: int, begun: set[int]) -> None:
-        """Enter one line whose columns begin at `first`."""
+        """Enter one line whose values begin at `first`."""
         p = self._program.projections[line.projection]
         place, n = self._a.places[p.target], self._program.populations[p.target].size
         _, post = self._program.connections(line.projection)
-        if p.size == 0:
-            return
         row = parts.row()
         row[t.DRIVEN], row[t.CHARGED], row[t.BEGINS] = p.target, t.NONE, 0
         if p.receptor is not None:
@@ -92,7 +91,8 @@ class Drives:
         elif p.target not in begun:
             row[t.BEGINS] = 1
             begun.add(p.target)
-        column = first + self._emissions[line.projection].column
+        column = self._emissions[line.projection].column
+        row[t.FIRST_VALUE], row[t.VALUES] = first, self._emissions[line.projection].columns
         shared = bool(np.all(line.weight == line.weight[0]))
         each = np.array_equal(post, np.arange(n)) and place.inside is None and bool(np.all(p.delay == p.delay[0]))
         steady = bool(np.all(column == column[0]))
@@ -117,14 +117,13 @@ class Drives:
         """Work out what is emitted up to where it ends; a delay before the steps to come, it is still under way."""
         first = step - self._currents.longest + 1
         steps = np.arange(first, first + self._steps + self._currents.longest)
-        table, at = self._a.net["emitted"], 0
-        for line in self._lines:
-            emission = self._emissions[line.projection]
+        emitted, rows = self._a.net["emitted"], self._a.net["emitted_rows"]
+        for k, line in enumerate(self._lines):
             part = self._program.projections[line.projection]
-            here = table[:, at : at + emission.columns]
-            here[:] = emission.during(steps, self._currents.parameters(part.source))
-            here[(steps <= line.since) | (steps > line.until)] = 0.0
-            at += emission.columns
+            rows[k], values = self._emissions[line.projection].drawn(steps, self._currents.parameters(part.source))
+            rows[k, (steps <= line.since) | (steps > line.until)] = 0
+            begin = self._a.net["lines"][k, t.FIRST_VALUE]
+            emitted[begin : begin + values.size] = values.ravel()
         self._a.net["emitted_from"][0] = first
         self._until = step + self._steps
 
@@ -170,6 +169,7 @@ def _tables(rows: NDArray[np.int64]) -> dict[str, Numbers]:
         **numbers,
         "line_weights": np.zeros(0),
         "shares": np.zeros(0),
-        "emitted": np.zeros((0, 0)),
+        "emitted": np.zeros(0),
+        "emitted_rows": np.zeros((0, 0), dtype=np.int64),
         "emitted_from": np.zeros(1, dtype=np.int64),
     }

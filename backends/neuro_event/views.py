@@ -46,8 +46,9 @@ line_columns i8 1  columns of `emitted` of these synapses
 line_lates i8 1    their delays, steps
 line_weights f8 1  of all lines
 shares f8 1        of lines that charge a state: what a step adds of a current, for each neuron
-emitted f8 2       (steps, columns) currents that are emitted
-emitted_from i8 1  the step of its first row
+emitted f8 1       currents that are emitted, each value once: of each line (rows, columns)
+emitted_rows i8 2  (lines, steps) which row of a line is emitted
+emitted_from i8 1  the first of these steps
 fired u1 1         how often each reached threshold in the present step
 fired_words u8 1   the same memory, eight neurons at a time
 muted u1 1         who must not fire, and why: bits of `tables`

@@ -80,16 +80,29 @@ class Emission:
         z: Floats = keyed_random.normal_table(self._key, moments, self.columns) if self._model.draws else t
         return np.broadcast_to(self._model.values(own, t, z), (moments.size, self.columns))
 
-    def during(self, steps: Ints, histories: Mapping[str, History]) -> Floats:
-        """The current of neighbouring steps, 0 where the generator is off, shape (steps, columns)."""
-        found = np.zeros((steps.size, self.columns))
+    def drawn(self, steps: Ints, histories: Mapping[str, History]) -> tuple[Ints, Floats]:
+        """The current of neighbouring steps, each value once however long it is held.
+
+        Returns:
+            For each step a row of the values, whose first is 0: that of steps in which the generator is off.
+        """
+        rows, values = np.zeros(steps.size, dtype=np.int64), [np.zeros((1, self.columns))]
         on = self.on(steps)
         if on.size:
             moments, back = np.unique(self.moments(on), return_inverse=True)
-            drawn = np.concatenate([self.at(m, p) for m, p in _pieces(moments, histories)])
+            values += [self.at(m, p) for m, p in _pieces(moments, histories)]
             begin = int(on[0] - steps[0])
-            found[begin : begin + on.size] = drawn[back]
-        return found
+            rows[begin : begin + on.size] = back + 1
+        return rows, np.concatenate(values)
+
+    def during(self, steps: Ints, histories: Mapping[str, History]) -> Floats:
+        """The current of neighbouring steps, shape (steps, columns)."""
+        rows, values = self.drawn(steps, histories)
+        return values[rows]
+
+    def room(self, steps: int) -> int:
+        """The most rows that `drawn` gives for so many steps."""
+        return int(np.unique(self.moments(np.arange(self.first, self.first + steps))).size) + 2
 
 
 def _pieces(moments: Ints, histories: Mapping[str, History]) -> Iterable[tuple[Ints, dict[str, Floats]]]:

@@ -29,7 +29,8 @@ _RANGE = ("d_min", "d_max")
 _DRAWN = "a distribution is drawn where connections are made: net.connect(..., weight=...)"
 _KNOWN: dict[type[Model], dict[str, Quantity]] = {}
 _STATES: dict[type[Model], dict[str, Quantity]] = {}
-_PARTNERS = (("V_th", "V_reset"), ("V_reset", "V_th"), ("V_peak", "V_reset"), ("V_reset", "V_peak"))
+_PAIRS = (("V_th", "V_reset"), ("V_peak", "V_reset"), ("std", "std_mod"), ("rate", "amplitude"))
+_PARTNERS = (*_PAIRS, *((second, first) for first, second in _PAIRS))
 """Parameters that are checked together."""
 
 
