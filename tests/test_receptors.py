@@ -163,9 +163,13 @@ def test_mistakes_are_told():
         "projection 'a_b': 'b', a three_receptors, has 3 receptors: expected a synapse that names one\n"
         "  hint: write static with 'receptor', one of g_a, g_b, J"
     )
-    assert refusal(neuro.iaf_psc_exp(), static(receptor="ex"), source=neuro.dc_generator(amplitude=1.0)) == (
-        "projection 'a_b': static.receptor = 'ex' of a current from 'a', which goes to no receptor: expected none\n"
-        "  hint: leave it out"
+    current = neuro.dc_generator(amplitude=1.0)
+    assert refusal(neuro.iaf_psc_alpha(), static(receptor="ex"), source=current) == (
+        "projection 'a_b': static.receptor = 'ex' of a current from 'a', which goes to no receptor of a iaf_psc_alpha: "
+        "expected none\n  hint: leave it out"
+    )
+    assert refusal(neuro.iaf_psc_exp(), static(receptor="exc"), source=current) == (
+        "projection 'a_b': unknown receptor of 'b', a iaf_psc_exp, 'exc'\n  hint: did you mean 'ex'?"
     )
     conductance = (
         "onto receptor 'in', a conductance, which grows by it: expected at least 0\n"

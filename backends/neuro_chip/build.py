@@ -121,7 +121,7 @@ def _populations(a: Arrays, fixed: FixedProgram) -> None:
     family = family_of(fixed.chip)
     at = ring = arrived = 0
     for k, (part, cells) in enumerate(zip(program.populations, fixed.populations, strict=True)):
-        generator = t.POISSON if part.model.name == "poisson_generator" else t.LISTED
+        generator = t.POISSON if part.kind == "poisson" else t.LISTED
         kind = KINDS.get(cells.kind, generator)
         pops[k, [t.KIND, t.BEGIN, t.END]] = kind, at, at + part.size
         pops[k, [t.RECORD, t.GROUP, t.START, t.STOP]] = part.records, t.NONE, part.start, part.stop

@@ -85,7 +85,7 @@ class ChipEngine:
             arrays = {register: self._machine.arrays[array][here] for register, array in STATES.items()}
             return self._machine.cells.state(population, name, arrays)
         if part.kind == "current" and name == "amplitude":
-            return self._machine.currents.amplitude(population).copy()
+            return self._machine.currents.parameter(population, "amplitude").copy()
         return np.broadcast_to(self._machine.cells.parameters[population][name], part.size).copy()
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
@@ -105,7 +105,7 @@ class ChipEngine:
         if part.kind == "poisson":
             self._machine.set_rate(population, parameters["rate"])
         elif part.kind == "current":
-            self._machine.currents.set_amplitude(population, parameters["amplitude"], self.step)
+            self._machine.currents.set(population, "amplitude", parameters["amplitude"], self.step)
         elif parameters and part.kind != "listed":
             self._requantise(population)
         try:

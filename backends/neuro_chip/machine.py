@@ -15,6 +15,7 @@ from neuro.core.errors import ModelError
 from neuro.program.backend import OverflowWarning
 from neuro.program.currents import Currents
 from neuro.program.program import Floats
+from neuro.program.rates import Rates
 from neuro_chip import tables as t
 from neuro_chip.build import arrays_of, write_registers, write_states
 from neuro_chip.delays import Delays
@@ -51,7 +52,7 @@ class Machine:
         weights: the weight memory.
         learners: the projections that learn on the chip.
         delays: those that learn.
-        currents: of the dc_generators.
+        currents, rates: of the generators, as they change.
         listed: spikes that the host sends.
         record: spikes that are kept.
     """
@@ -64,13 +65,14 @@ class Machine:
         self.learners = Learners(fixed, self.weights, self.arrays)
         self.delays = Delays(fixed, self.arrays)
         self.currents = Currents(self.program)
+        self.rates = Rates(self.program)
         self.record = Record()
         self._warned: set[str] = set()
         self._live = _LIVE + (_WON if any(group.choice.several for group in self.program.groups) else ())
         for k, part in enumerate(self.program.populations):
             write_states(self.arrays, k, fixed.populations[k])
             if part.kind == "poisson":
-                self.set_rate(k, part.parameters["rate"])
+                self.set_rate(k, part.rate(1))
         self.listed = Listed(self.program, self.arrays)
         self.bind()
 
@@ -96,7 +98,10 @@ class Machine:
         while clock[t.STEP] < end:
             self._apply_currents()
             before = int(clock[t.STEP])
-            stop = before + 1 if by_step else min(end, self.currents.next_change(before))
+            for k, rate in self.rates.new(before):
+                self.set_rate(k, rate)
+            steady = min(self.currents.next_change(before), self.rates.next_change(before))
+            stop = before + 1 if by_step else min(end, steady)
             advance(self._net, stop)
             if by_step and clock[t.STEP] > before:
                 self.learners.after(before + 1)
@@ -175,18 +180,24 @@ class Machine:
         self.record = Record()
         self.listed = Listed(self.program, self.arrays)
         self._start_currents_anew()
+        self._list_rates(1)
         self.weights.start_anew(weights)
         self.learners.start_anew(weights)
         self.delays.start_anew(weights)
         self._warned.clear()
         self.bind()
 
+    def _list_rates(self, step: int) -> None:
+        """The host takes the rates that are listed for a step."""
+        for k, rate in self.rates.at(step):
+            self.set_rate(k, rate)
+
     def _start_currents_anew(self) -> None:
         """Amplitudes that were set hold from step 0."""
         before, self.currents = self.currents, Currents(self.program)
         for k, part in enumerate(self.program.populations):
-            if part.kind == "current":
-                self.currents.set_amplitude(k, before.amplitude(k), 0)
+            if part.kind == "current" and part.schedule is None:
+                self.currents.set(k, "amplitude", before.parameter(k, "amplitude"), 0)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs."""
@@ -215,6 +226,7 @@ class Machine:
         self.record.restore(arrays)
         self.listed.restore(arrays, self.step)
         self.currents.restore(arrays)
+        self._list_rates(self.step)
         self.weights.restore(arrays)
         self.learners.restore(arrays)
         self.delays.restore(arrays)

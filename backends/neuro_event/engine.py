@@ -14,10 +14,12 @@ from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wins
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program, Trials
+from neuro.program.rates import Rates
 from neuro_event import build, late, layout, lazy, learning, loop, projections, reading, rewards, snapshot, sources
 from neuro_event import tables as t
 from neuro_event.changes import Changes
 from neuro_event.currents import apply
+from neuro_event.drives import Drives
 from neuro_event.listed import Listed
 from neuro_event.notes import Notes
 from neuro_event.peaks import Peaks
@@ -41,6 +43,8 @@ class EventEngine:
         self._changes = Changes(self._program)
         self._record = Record(self._program, self._a.places)
         self._currents = Currents(self._program)
+        self._drives = Drives(self._program, self._currents, self._a, self._parameter)
+        self._rates = Rates(self._program)
         self._threads = Threads(self._n_threads)
         self._listed = Listed(self._a)
         self._samples, self._notes = Samples(self._a), Notes(self._a)
@@ -67,12 +71,21 @@ class EventEngine:
         return self._step
 
     def run(self, steps: int) -> None:
-        """Advance; stops at the steps where a current changes and where the record must be emptied."""
+        """Advance; stops at the steps where a current or a rate changes and where the record must be emptied."""
         end = self._step + steps
         while self._step < end:
-            apply(self._currents, self._program, self._a, self._view, self._step)
-            self._run_to(min(end, self._currents.next_change(self._step)))
+            self._run_to(min(end, self._prepare(self._step)))
         self._record.drain(self._a.net)
+
+    def _prepare(self, step: int) -> int:
+        """Write what generators are to send after a step; return the last step for which it is so."""
+        apply(self._currents, self._program, self._a, self._view, step)
+        for k, rate in self._rates.new(step):
+            sources.set_rate(self._a, k, self._a.places[k].by_place(rate) if rate.size > 1 else rate, step)
+        until, replaced = self._drives.prepare(step)
+        if replaced:
+            self._pack()
+        return min(until, self._currents.next_change(step), self._rates.next_change(step))
 
     def _run_to(self, end: int) -> None:
         first = self._step + 1
@@ -184,7 +197,7 @@ class EventEngine:
         step, last = self._step + 1, self._step + 1 + spec.duration
         groups, closed = self._a.net["groups"], self._a.net["closed"]
         while step < last and not (spec.stop_at_decision and closed[spec.group]):
-            end = last if peaks is None else step + 1
+            end = min(last if peaks is None else step + 1, self._prepare(step - 1) + 1)
             reached = loop.run_trial(
                 self._view, spec.group, step, end, spec.stop_at_decision, self._a.reach, self._program.resolution
             )
@@ -266,9 +279,9 @@ class EventEngine:
             return mean / (self._program.resolution * 1e-3)
         if layout.computes(p):
             rows = self._changes.rows.get(population, layout.parameter_rows(p, place))
-            column = rows[:, layout.numeric_words(type(p.model)).index(name)]
+            column = rows[:, list(p.parameters).index(name)]
             return np.broadcast_to(place.by_id(column) if column.size > 1 else column, p.size).copy()
-        value = self._currents.amplitude(population) if name == "amplitude" else p.parameters[name]
+        value = self._currents.parameter(population, name) if p.kind == "current" else p.parameters[name]
         return np.broadcast_to(value, p.size).astype(np.float64)
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
@@ -284,17 +297,19 @@ class EventEngine:
             sources.set_rate(self._a, population, values, self._step)
             return
         if not layout.computes(p):
-            self._currents.set_amplitude(population, values, self._step)
+            self._currents.set(population, name, values, self._step)
+            self._drives.changed()
             return
         if p.kind == "neuron":
             loop.wake_population(self._view, population, self._step, self._program.resolution)
+            self._drives.changed()
         inner = place.by_place(values) if values.size > 1 else values
         states = [s.name for s in type(p.model).states]
         if name in states:
             self._a.net["state"][states.index(name), place.begin : place.end] = inner
             return
         rows = self._changes.rows.get(population, layout.parameter_rows(p, place))
-        column = layout.numeric_words(type(p.model)).index(name)
+        column = list(p.parameters).index(name)
         if inner.size > 1 and rows.shape[0] == 1:
             rows = np.repeat(rows, p.size, axis=0)
         rows = rows.copy()
@@ -385,6 +400,7 @@ class EventEngine:
             return
         if p.source in self._currents:
             self._currents.set_weights(projection, weights, self._step)
+            self._drives.changed()
         order = self._a.synapses[projection].order
         inner = weights[order] if order is not None and weights.size > 1 else weights
         if projection in self._a.plastic_of:
@@ -482,5 +498,6 @@ class EventEngine:
         self._changes.restore(arrays)
         self._record.restore(arrays)
         self._currents.restore(arrays)
+        self._drives.changed()
         self._listed.restore(arrays, self._step)
         self._pack()

@@ -77,8 +77,10 @@ def draw_poisson(view, thread, pop, row, step, at, done, h):
 
 @inner
 def let_emit(view, thread, pop, row, step, at, done, h):
-    """One step of a stranger's generator."""
+    """One step of a generator with an entry of its own."""
     net = net_of(view)
+    if step <= row[START] or step > row[STOP]:
+        return at
     for block in range(max(row[FIRST_BLOCK], net.edges[thread]), min(row[LAST_BLOCK], net.edges[thread + 1])):
         lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
         call_entry(view, row, STEP, lo, hi, thread, step, h)

@@ -85,7 +85,7 @@ def kind(population: Population) -> int:
 
 
 def computes(population: Population) -> bool:
-    """Whether a population has constants and states: neurons, and generators of strangers."""
+    """Whether a population has constants and states: neurons, and generators with an `emit` of their own."""
     return population.kind in ("neuron", "generator")
 
 
@@ -99,14 +99,9 @@ def width(program: Program) -> int:
     return max([Model.width, *(p.model.width for p in program.populations if computes(p))])
 
 
-def numeric_words(model: type[Any]) -> list[str]:
-    """The parameters that constants are computed from, in order."""
-    return [word for word, q in model.quantities().items() if q.kind in ("number", "integer", "boolean")]
-
-
 def parameter_rows(population: Population, place: Place) -> Floats:
     """Parameters of a population of neurons: one row, or one per neuron where they differ."""
-    columns = [np.atleast_1d(population.parameters[w]) for w in numeric_words(type(population.model))]
+    columns = [np.atleast_1d(values) for values in population.parameters.values()]
     n = max(c.size for c in columns)
     return np.stack([np.broadcast_to(place.by_place(c) if c.size > 1 else c, n) for c in columns], axis=1).astype(
         np.float64

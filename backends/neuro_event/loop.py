@@ -7,6 +7,7 @@
 from neuro.kernels.jit import inner, kernel
 from neuro_event.candidates import weigh_maps
 from neuro_event.deliver import log_delivery
+from neuro_event.drive import charge, drive
 from neuro_event.generators import add_counts, draw_poisson, let_emit, list_spikes
 from neuro_event.groups import settle
 from neuro_event.local_winners import admit_all, open_groups
@@ -69,6 +70,7 @@ def advance(view, thread, first, last, h):
     for step in range(first, last):
         at = net.log_at[thread, 0]
         slot = step & (net.log_ends.shape[1] - 1)
+        drive(view, thread, step)
         for pop in range(net.pops.shape[0]):
             row = net.pops[pop]
             net.log_ends[thread, slot, pop] = at
@@ -92,6 +94,7 @@ def advance(view, thread, first, last, h):
                 at = list_spikes(view, thread, pop, row, step, at, done, h)
             elif row[KIND] == GENERATOR:
                 at = let_emit(view, thread, pop, row, step, at, done, h)
+        charge(view, thread, step)
         net.log_ends[thread, slot, net.pops.shape[0]] = at
         net.log_at[thread, 0] = at
 

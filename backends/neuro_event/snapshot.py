@@ -16,8 +16,19 @@ _GIVEN = {"edges", "rows", "targets", "delays", "order", "map_of", "initial", "r
 VIEWS = {"x", "bits", "awake_groups", "due_groups", "fired_words", "traces"}
 """Arrays that show others in another way."""
 _EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws", "won"}
-_REBUILT = {"incoming", "at_emission", "list_steps", "list_ids", "list_counts", "cursor"}
 _NOTES = {"note_this", "note_at", "note_steps", "note_synapses", "note_y"}
+_DRIVES = {
+    "lines",
+    "line_ends",
+    "line_columns",
+    "line_lates",
+    "line_weights",
+    "shares",
+    "emitted",
+    "emitted_rows",
+    "emitted_from",
+}
+_REBUILT = _DRIVES | {"incoming", "at_emission", "list_steps", "list_ids", "list_counts", "cursor"}
 _FIXED = _GIVEN | VIEWS | _EMPTY | _REBUILT
 """Arrays that a snapshot leaves out: they follow from the program, or hold nothing between two runs."""
 

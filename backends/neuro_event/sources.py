@@ -33,7 +33,7 @@ def add_generators(a: Arrays) -> None:
                 for q, projection in enumerate(a.program.projections):
                     if projection.source == k:
                         a.net["projections"][q, t.DENSE_COUNTS] = 1
-            set_rate(a, k, p.parameters["rate"], 0)
+            set_rate(a, k, p.rate(1), 0)
     a.net["counts"] = np.zeros(size, dtype=np.uint16)
 
 
@@ -45,7 +45,7 @@ def _keeps_counts(a: Arrays, k: int) -> bool:
         bool(outgoing)
         and not others
         and not a.program.populations[k].records
-        and float(a.program.populations[k].parameters["rate"].max()) * a.program.resolution > 50.0
+        and a.program.populations[k].largest("rate") * a.program.resolution > 50.0
         and all(
             a.synapses[q].layout == t.ONE_TO_ONE
             and not a.program.projections[q].synapse.learns

@@ -100,6 +100,26 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     PLASTIC_COLUMNS,
 ) = range(20)
 
+# lines of currents that change at every step
+(
+    DRIVEN,
+    CHARGED,
+    BEGINS,
+    HOW,
+    FIRST_VALUE,
+    VALUES,
+    COLUMN_AT,
+    LATE,
+    LINE_WEIGHT,
+    LINE_STRIDE,
+    LINE_ENDS,
+    SHARE,
+    LINE_COLUMNS,
+) = range(13)
+
+# how a line goes: one column to all neurons, one to each, or as it is listed
+TO_ALL, TO_EACH, AS_LISTED = range(3)
+
 # threads
 DONE, DONE_DOPAMINE, HORIZON, OVERRUN = range(4)
 

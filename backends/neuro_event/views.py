@@ -40,6 +40,15 @@ bits i8 2          the same memory as integers
 calm f8 2          no input
 buf f8 1           the memory of x, then the rings
 current f8 1       external current of the present step, pA
+lines i8 2         columns of `tables`, a row per line of currents that change at every step
+line_ends i8 1     of lines that are listed: where the synapses of each neuron end
+line_columns i8 1  columns of `emitted` of these synapses
+line_lates i8 1    their delays, steps
+line_weights f8 1  of all lines
+shares f8 1        of lines that charge a state: what a step adds of a current, for each neuron
+emitted f8 1       currents that are emitted, each value once: of each line (rows, columns)
+emitted_rows i8 2  (lines, steps) which row of a line is emitted
+emitted_from i8 1  the first of these steps
 fired u1 1         how often each reached threshold in the present step
 fired_words u8 1   the same memory, eight neurons at a time
 muted u1 1         who must not fire, and why: bits of `tables`

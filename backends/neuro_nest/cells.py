@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from neuro.core.clock import NEVER, Clock
-from neuro.program.program import Floats, Ints, Population
+from neuro.program.program import Floats, Ints, Population, Schedule
 from neuro_nest.kernel import set_nodes, told
+from neuro_nest.noise import is_noise
 from neuro_nest.ranks import Ranks
 from neuro_nest.sources import Train
 from neuro_nest.tables import ENDLESS, NODES, RK4, UNREADABLE
@@ -27,16 +28,27 @@ class Cells:
         parameters: by word, shape (1,) or (size,).
         clock: of the network.
         ranks: the processes.
+        number: of nodes, if it is not that of its neurons.
 
     Attributes:
         first: the number of the first node; the others follow.
     """
 
-    def __init__(self, nest: Any, part: Population, parameters: dict[str, Floats], clock: Clock, ranks: Ranks) -> None:
+    def __init__(
+        self,
+        nest: Any,
+        part: Population,
+        parameters: dict[str, Floats],
+        clock: Clock,
+        ranks: Ranks,
+        number: int | None = None,
+    ) -> None:
         self.part, self.parameters, self._clock, self._ranks = part, parameters, clock, ranks
-        self._nest, self.nodes = nest, nest.Create(NODES[part.model.name], part.size)
+        self._nest, self.nodes = nest, nest.Create(NODES[part.model.name], number or part.size)
         self.first = int(self.nodes[0].global_id)
         self._tell(self._first_words())
+        if part.kind == "current" and part.schedule is not None:
+            self._tell_schedule(part.schedule)
 
     def _first_words(self) -> dict[str, Floats]:
         """All that NEST must know before step 1."""
@@ -49,6 +61,12 @@ class Cells:
             return {}
         states = [state.name for state in self.part.model.states if not (state.hidden or state.follows)]
         return self.parameters | {name: self.part.initial[name] for name in states if name not in UNREADABLE}
+
+    def _tell_schedule(self, listed: Schedule) -> None:
+        """Tell when a current changes, and its values."""
+        times = self._clock.array_ms(listed.steps)
+        rows = np.broadcast_to(listed.values.T, (self.part.size, listed.steps.size))
+        set_nodes(self._nest, self.nodes, [{"amplitude_times": times, "amplitude_values": row.copy()} for row in rows])
 
     def emit(self, spikes: Train) -> None:
         """Let the injectors fire."""
@@ -97,7 +115,7 @@ class Cells:
         self.parameters.update(parameters)
 
     def _tell(self, values: Mapping[str, Floats]) -> None:
-        if self.part.kind in ("poisson", "listed"):
+        if self.part.kind in ("poisson", "listed", "generator") or is_noise(self.part):
             return
         if "E_L" in values:
             beside = [n for n in _WITH_E_L if n not in values and (n in self.parameters or n == "V_m")]

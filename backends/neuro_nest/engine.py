@@ -79,6 +79,8 @@ class NestEngine:
         if has_new_current(self.net.cells[population].parameters, values):
             raise ModelError(f"I_e of '{part.name}' cannot change: {NO_LEAK}", hint=FINITE)
         self.net.cells[population].set(values)
+        if population in self.net.noise:
+            self.net.set_noise(population, values)
 
     def get_synapses(self, projection: int, name: str) -> Floats:
         """A state of every synapse."""
@@ -119,7 +121,7 @@ class NestEngine:
         wires = self.net.wires[projection]
         if wires.part.synapse.learns:
             self._check_changeable(wires, "the weights")
-        elif not wires.part.as_by_sign(weights):
+        elif wires.part.carries == "spikes" and not wires.part.as_by_sign(weights):
             assert wires.part.receptor is not None
             what = f"weights of '{wires.part.name}' onto receptor '{wires.part.receptor.name}'"
             raise ModelError(f"{what}: {BY_SIGN}", hint=ELSEWHERE)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from neuro.core.clock import Clock
+from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program
 from neuro_nest.cells import Cells
 from neuro_nest.kernel import set_nodes, sign, told
+from neuro_nest.noise import Noise, is_noise, nodes_of
 from neuro_nest.ranks import Ranks
 from neuro_nest.record import Activity, Record
 from neuro_nest.sources import NONE, Source, Train, train
@@ -54,8 +57,8 @@ class Net:
             nest.set(min_delay=program.resolution, max_delay=self.clock.ms(self._longest_delay()))
             sign(nest)
             self.cells = [
-                Cells(nest, part, own, self.clock, self.ranks)
-                for part, own in zip(program.populations, parameters, strict=True)
+                Cells(nest, part, own, self.clock, self.ranks, nodes_of(program, k))
+                for k, (part, own) in enumerate(zip(program.populations, parameters, strict=True))
             ]
             self.wires = [Wires(program, i, w) for i, w in enumerate(weights)]
             for wires in self.wires:
@@ -64,8 +67,12 @@ class Net:
         self.sources = {
             index: Source(cells.part, cells.parameters, program.resolution, program.seed)
             for index, cells in enumerate(self.cells)
-            if cells.part.kind in ("poisson", "listed")
+            if cells.part.kind in ("poisson", "listed", "generator")
         }
+        self.currents = Currents(program)
+        self.noise = {k: Noise(program, k, self.currents) for k, p in enumerate(program.populations) if is_noise(p)}
+        for index in self.noise:
+            self.set_noise(index, parameters[index])
         self.records = [Record(p.size, p.records) for p in program.populations]
         self.activity = Activity(program, [w for w in self.wires if not self._sends_current(w.part.source)])
         self._stretch = max(1, min(LONGEST, CELLS_AT_ONCE // sum(p.size for p in program.populations)))
@@ -83,6 +90,8 @@ class Net:
             with told():
                 self.cells[index].emit(trains[index])
         with told():
+            for index, noise in self.noise.items():
+                noise.emit(self.nest, self.cells[index].nodes, self.step, to)
             self.nest.Simulate(self.clock.ms(to - self.step))
             senders, steps = self._recorded()
         for index, cells in enumerate(self.cells):
@@ -95,6 +104,11 @@ class Net:
         for wires in self.wires:
             wires.ran()
         self.step = to
+
+    def set_noise(self, population: int, values: Mapping[str, Floats]) -> None:
+        """Set parameters of noise; what is sent after the present step has them."""
+        for word, each in values.items():
+            self.currents.set(population, word, each, self.step)
 
     def _recorded(self) -> tuple[Ints, Ints]:
         """Senders and steps of the spikes of a stretch, by sender."""

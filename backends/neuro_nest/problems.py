@@ -6,10 +6,20 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from neuro.model.neurons import dc_generator
+from neuro.model.neurons import CurrentGenerator
 from neuro.program.backend import Problem, floats_only, unnoted
 from neuro.program.program import Floats, Population, Program, Projection
-from neuro_nest.tables import ALWAYS, NODES, OF_TARGET, RK4, SYNAPSE_MODELS, SYNAPSES, TICKS_PER_MS, UNREADABLE
+from neuro_nest.tables import (
+    ALWAYS,
+    NODES,
+    OF_TARGET,
+    RECEPTORS_OF_CURRENTS,
+    RK4,
+    SYNAPSE_MODELS,
+    SYNAPSES,
+    TICKS_PER_MS,
+    UNREADABLE,
+)
 
 ELSEWHERE = "backend 'event' runs it"
 NO_LEAK = "with an infinite tau_m NEST's propagator of a current, tau_m / C_m (1 - exp(-h / tau_m)), is no number"
@@ -27,7 +37,7 @@ def problems(program: Program) -> list[Problem]:
     for index, part in enumerate(program.populations):
         found += _of_population(program, index, part)
     for projection in program.projections:
-        found += _of_projection(projection)
+        found += _of_projection(program, projection)
     return [*found, *_of_copies(program), *_of_targets(program)]
 
 
@@ -78,21 +88,31 @@ def has_new_current(before: Mapping[str, Floats], change: Mapping[str, Floats]) 
 def _has_current(program: Program, index: int, part: Population) -> bool:
     """Whether more than spikes through delta or exponential synapses drives any of the neurons."""
     sources = [program.populations[p.source].model for p in program.projections if p.target == index]
-    driven = bool(np.any(part.parameters["I_e"] != 0.0)) or any(isinstance(m, dc_generator) for m in sources)
+    driven = bool(np.any(part.parameters["I_e"] != 0.0)) or any(isinstance(m, CurrentGenerator) for m in sources)
     return driven or part.model.name == "iaf_psc_alpha"
 
 
-def _of_projection(part: Projection) -> Iterator[Problem]:
+def _of_projection(program: Program, part: Projection) -> Iterator[Problem]:
     told = f"projection '{part.name}'"
     if part.synapse.name not in SYNAPSES:
         yield _refused(f"{told}: {part.synapse.name}", "NEST has no such rule", ELSEWHERE, part)
         return
-    if part.receptor is not None and not part.as_by_sign(part.weight):
+    if part.carries == "current":
+        yield from _of_current(program, part)
+    elif part.receptor is not None and not part.as_by_sign(part.weight):
         yield _refused(f"{told}: receptor '{part.receptor.name}' by name", BY_SIGN, ELSEWHERE, part)
     for word in ALWAYS & set(part.synapse.numbers()):
         if not part.synapse.parameters()[word]:
             what = f"{told}: {part.synapse.name}.{word} = false"
             yield _refused(what, "NEST acts as if it were true", f"set {word}: true, or {ELSEWHERE}", part)
+
+
+def _of_current(program: Program, part: Projection) -> Iterator[Problem]:
+    """NEST filters currents by one of the time constants only."""
+    name = program.populations[part.target].model.name
+    if part.receptor is not None and (name, part.receptor.name) not in RECEPTORS_OF_CURRENTS:
+        what = f"projection '{part.name}': a current to receptor '{part.receptor.name}' of a {name}"
+        yield _refused(what, "NEST has none for it", ELSEWHERE, part)
 
 
 def _of_copies(program: Program) -> Iterator[Problem]:

@@ -15,10 +15,20 @@ NODES = {
     "iaf_cond_exp": "iaf_cond_exp",
     "parrot_neuron": "parrot_neuron",
     "poisson_generator": "spike_train_injector",
+    "inhomogeneous_poisson_generator": "spike_train_injector",
+    "sinusoidal_poisson_generator": "spike_train_injector",
+    "gamma_sup_generator": "spike_train_injector",
     "spike_generator": "spike_train_injector",
+    "spike_train": "spike_train_injector",
     "dc_generator": "dc_generator",
+    "step_current_generator": "step_current_generator",
+    "ac_generator": "ac_generator",
+    "noise_generator": "step_current_generator",
 }
 """Our models and NEST's. An injector is a node as neurons are: it may be the source of plastic synapses."""
+
+RECEPTORS_OF_CURRENTS = {("iaf_psc_exp", "ex"): 1}
+"""Receptors to which a current may be sent, by model and our name, and NEST's number."""
 
 SYNAPSES = {
     "static": "static_synapse_lbl",

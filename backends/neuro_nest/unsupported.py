@@ -23,6 +23,7 @@ UNSUPPORTED: dict[str, str] = {
     "alpha_neuron_equal_time_constants": _NO_LEAK,
     "initial_states": _CURRENTS,
     "states_and_parameters_change": _CURRENTS,
+    "currents_to_both_receptors": "NEST filters a current by the time constant of excitation only",
     "stdp_changes": _RULE,
     "single_plastic_weights_change": _RULE,
     **dict.fromkeys(("best_of_each_step", "first_to_fire", "exact_best_of_each_step"), _GROUP),

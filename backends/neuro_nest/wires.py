@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import Clock
 from neuro.program.program import Floats, Ints, Program
+from neuro_nest.noise import first_node
 from neuro_nest.ranks import Ranks
-from neuro_nest.tables import SHARED, STATES, SYNAPSES
+from neuro_nest.tables import RECEPTORS_OF_CURRENTS, SHARED, STATES, SYNAPSES
 
 DEEPEST = 1 << 20
 """Labels that each projection has."""
@@ -47,11 +48,17 @@ class Wires:
     def __init__(self, program: Program, index: int, weights: Floats) -> None:
         self.part, self.index, self.weights = program.projections[index], index, weights
         source, target, slot = program.synapses(index)
+        own = first_node(program, index)
+        source = source if own is None else own + np.arange(source.size)
         self.source, self.target = source.astype(np.int32), target.astype(np.int32)
         self.slot = slice(None) if self.part.grid is None else slot
         self.delay = np.broadcast_to(self.part.delay, len(source))
         n_source, self.n_target = (program.populations[i].size for i in (self.part.source, self.part.target))
         self.row_ends = np.searchsorted(source, np.arange(n_source + 1))
+        self._receptor: dict[str, int] = {}
+        if self.part.carries == "current" and self.part.receptor is not None:
+            model = program.populations[self.part.target].model.name
+            self._receptor["receptor_type"] = RECEPTORS_OF_CURRENTS[model, self.part.receptor.name]
         self.longest_row = max(1, int(np.diff(self.row_ends).max(initial=0)))
         self._layer = layers(source, target).astype(np.int32)
         self._states: dict[str, Floats] = {}
@@ -103,7 +110,7 @@ class Wires:
                 "synapse_label": self._label(layer),
             }
             source, target = (ids[synapses].astype(np.int64) for ids in (self.source, self.target))
-            nest.Connect(source + first[0], target + first[1], "one_to_one", words | own)
+            nest.Connect(source + first[0], target + first[1], "one_to_one", words | self._receptor | own)
 
     def _label(self, layer: int) -> int:
         return self.index * DEEPEST + layer

@@ -92,6 +92,8 @@ class Cells:
     def _emit(self, step: int) -> Ints:
         model = self.part.model
         assert isinstance(model, Generator)
+        if not self._is_on(step):
+            return np.zeros(self.size, dtype=np.int64)
         u, out = keyed_random.uniform(self.key, step, np.arange(self.size)), np.zeros(self.size)
         for lo, hi in self.runs:
             model.arithmetic.emit(self.states, self.constants[lo], u, step, lo, hi, out)
@@ -99,19 +101,18 @@ class Cells:
 
     def _draw(self, step: int) -> Ints:
         numbers: Ints = np.zeros(self.size, dtype=np.int64)
-        if self.part.start < step <= self.part.stop and self.parameters["rate"].any():
+        rate = self.parameters["rate"] if self.part.schedule is None else self.part.schedule.at(step)
+        if self._is_on(step) and rate.any():
             u = keyed_random.uniform(self.key, step, np.arange(self.size))
-            means = np.broadcast_to(self.parameters["rate"] * self.resolution / 1000.0, self.size)
+            means = np.broadcast_to(rate * self.resolution / 1000.0, self.size)
             for mean in np.unique(means):
                 here = means == mean
                 numbers[here] = np.searchsorted(keyed_random.poisson_table(float(mean)), u[here], side="right")
         return numbers
 
-    def current(self, step: int) -> Floats | None:
-        """Current of each neuron of a dc_generator in a step, or None while it is off."""
-        if self.part.kind != "current" or not self.part.start <= step < self.part.stop:
-            return None
-        return np.broadcast_to(self.parameters["amplitude"], self.size)
+    def _is_on(self, step: int) -> bool:
+        """Whether a generator of spikes emits in a step."""
+        return self.part.start < step <= self.part.stop
 
     def drop_listed(self) -> None:
         """Forget the spikes that are listed."""

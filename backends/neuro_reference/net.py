@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from neuro.core import keyed_random
 from neuro.model.neurons import Neuron
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
+from neuro.program.drives import charges
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference.cells import Cells
 from neuro_reference.local import LocalWinners
@@ -101,9 +103,9 @@ class Net:
             self._emit(index, step, reached[index], x, presented)
             self._record(index, step, heard)
         for wires in self.wires:
-            amplitude = self.cells[wires.part.source].current(step)
-            if amplitude is not None:
-                wires.send_current(amplitude, step)
+            if self._carries_current(wires):
+                self._charge(wires, step)
+                wires.send_current(self._sent_by(wires), step)
         for pairs in self.pairs.values():
             pairs.emit_post(self.ids[pairs.part.target], self.multiplicity[pairs.part.target], step)
             pairs.arrive(step)
@@ -113,6 +115,18 @@ class Net:
 
     def _carries_current(self, wires: Wires) -> bool:
         return wires.part.carries == "current"
+
+    def _charge(self, wires: Wires, step: int) -> None:
+        """A current to a receptor adds to the state in which the receptor keeps its own."""
+        if wires.part.receptor is not None:
+            cells = self.cells[wires.part.target]
+            state, share = charges(self.program, wires.part, cells.parameters)
+            cells.states[state] += share * wires.arrive(step)[0][0]
+
+    def _sent_by(self, wires: Wires) -> Mapping[str, Floats]:
+        """The parameters of a generator of currents that are in force."""
+        cells = self.cells[wires.part.source]
+        return cells.parameters if cells.part.schedule is None else {"amplitude": cells.part.schedule.at(self.step + 1)}
 
     def _send(self) -> None:
         """The spikes of the last step teach and set out."""
@@ -138,7 +152,8 @@ class Net:
         x = np.zeros((self.cells[index].receptors, size))
         current, heard = np.zeros(size), np.zeros(size, dtype=bool)
         for wires in self.wires:
-            if wires.part.target == index:
+            charges_state = self._carries_current(wires) and wires.part.receptor is not None
+            if wires.part.target == index and not charges_state:
                 amount, some = wires.arrive(step)
                 if self._carries_current(wires):
                     current += amount[0]

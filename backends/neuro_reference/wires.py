@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.model.neurons import Neuron
 from neuro.model.synapses.delays import steps_of
+from neuro.program.currents import generator_of
+from neuro.program.drives import Emission
 from neuro.program.program import Floats, Ints, Program
 
 
@@ -24,6 +28,7 @@ class Wires:
         row_ends: synapses of source i are row_ends[i] : row_ends[i + 1].
         due: input that is to arrive, (steps modulo the longest delay + 2, receptor, target).
         heard: whether anything is to arrive, (steps, target).
+        emission, held: of a projection that carries a current: what is sent along it, and what it sent last.
 
     Args:
         program: the whole network.
@@ -46,6 +51,10 @@ class Wires:
             self.kept = (*self.kept, "late")
         self.fewest, self.most = part.delay_range(program.resolution)
         self.slots = self.most + 2
+        if part.carries == "current":
+            self.emission = Emission(program, index)
+            self.held: Floats = np.zeros(self.emission.columns)
+            self.kept = (*self.kept, *(("held",) if generator_of(program.populations[part.source]).draws else ()))
         model = program.populations[part.target].model
         assert isinstance(model, Neuron)
         self.receptors = model.receptors
@@ -78,9 +87,19 @@ class Wires:
             return np.full(len(amount), self.part.receptor.index)
         return ((amount < 0.0) & (self.receptors == 2)).astype(np.int64)
 
-    def send_current(self, amplitude: Floats, step: int) -> None:
-        """Send a current, emitted in `step`; it acts in the step after its arrival."""
-        amount = amplitude[self.source] * self.weights[self.slot]
+    def send_current(self, parameters: Mapping[str, Floats], step: int) -> None:
+        """Send the current emitted in `step`, if any; it acts in the step after its arrival.
+
+        Args:
+            parameters: of its generator, as they are now.
+            step: which it is.
+        """
+        now = np.array([step])
+        if not self.emission.on(now).size:
+            return
+        if self.emission.moments(now)[0] == step:
+            self.held = self.emission.at(now, parameters)[0]
+        amount = self.held[self.emission.column] * self.weights[self.slot]
         np.add.at(self.due[:, 0], ((step + self.delay + 1) % self.slots, self.target), amount)
 
     def arrive(self, step: int) -> tuple[Floats, NDArray[np.bool_]]:

@@ -115,16 +115,17 @@ def together(backend: str) -> None:
 def keep_spikes(net: Network, names: list[str]) -> None:
     """Ask for the spikes of the named populations; those of Poisson generators are not kept of themselves."""
     from neuro.core.errors import ModelError, Where, unknown
-    from neuro.model.neurons import dc_generator, poisson_generator
+    from neuro.model.neurons import CurrentGenerator, poisson_generator
 
     net.place = Where("--record")
     probed = {probe.of for probe in net.probes.values() if probe.record == "spikes"}
     for name in names:
         if name not in net.populations:
             raise unknown("population", name, net.populations, net.place)
-        if isinstance(net.populations[name].model, dc_generator):
-            raise ModelError(f"'{name}' is a dc_generator, which has no spikes", where=net.place)
-        if name not in probed and isinstance(net.populations[name].model, poisson_generator):
+        model = net.populations[name].model
+        if isinstance(model, CurrentGenerator):
+            raise ModelError(f"'{name}' is a {model.name}, which has no spikes", where=net.place)
+        if name not in probed and isinstance(model, poisson_generator):
             net.probe(f"{name}.spikes", name)
     net.place = None
 

@@ -24,7 +24,7 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.extras import install
 from neuro.model.network import Network
-from neuro.model.neurons import Generator, dc_generator, poisson_generator
+from neuro.model.neurons import CurrentGenerator, Generator, poisson_generator
 from neuro.program.backend import OverflowWarning, find_backend
 from neuro.program.program import Program
 from neuro.run.simulation import ApproximationWarning, Simulation, compile
@@ -155,7 +155,7 @@ def _gather(sim: Simulation, backend: str, first: bool) -> Run:
     clock = Clock(program.resolution)
     trains, results = dict[str, Train](), dict[str, PopulationResult]()
     for part in program.populations:
-        if isinstance(part.model, dc_generator):
+        if isinstance(part.model, CurrentGenerator):
             continue
         times, ids = sim.spikes(part.name)
         trains[part.name] = Train(part.size, times, clock.steps(times, "spikes"), ids)

@@ -8,19 +8,19 @@ from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
 
+from neuro.compiler.generators import check_generator
 from neuro.compiler.shapes import Shape, size
 from neuro.compiler.values import plain
 from neuro.compiler.views import end_of
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
-from neuro.core.keyed_random import LARGEST_MEAN
 from neuro.core.registry import Registry
 from neuro.model.distributions import Distribution
 from neuro.model.network import Network
-from neuro.model.neurons import MODELS, Model, Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.model.neurons import MODELS, CurrentGenerator, Generator, Model, Neuron, spike_generator
 from neuro.model.parts import Group, Population, Probe, Projection, Signal
 from neuro.model.rules import grid
-from neuro.model.synapses import SYNAPSES, Modulated, static
+from neuro.model.synapses import SYNAPSES, Modulated
 from neuro.program.program import Floats
 
 AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe
@@ -96,12 +96,8 @@ def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -
         parameters: one value for all neurons or one for each, by word; what is not given is not checked.
         clock: of the network.
     """
-    if "rate" in parameters and isinstance(model, poisson_generator):
-        rate, limit = parameters["rate"].max(), LARGEST_MEAN * 1000.0 / clock.resolution
-        if rate > limit:
-            raise ModelError(
-                f"{model.name}.rate = {rate:g} Hz: expected at most {limit:g} Hz, {LARGEST_MEAN:g} spikes a step"
-            )
+    if isinstance(model, Generator):
+        check_generator(model, parameters, clock)
     top = "V_peak" if "V_peak" in model.quantities() else "V_th"
     if "V_reset" in parameters and top in parameters:
         v_reset, v_top = np.broadcast_arrays(parameters["V_reset"], parameters[top])
@@ -133,7 +129,7 @@ def _check_ends(net: Network, part: Projection) -> None:
         refuse(
             part, f"its target '{part.target}' is a {target.name}, which takes no input: expected neurons", _swap(part)
         )
-    if isinstance(source, dc_generator):
+    if isinstance(source, CurrentGenerator):
         if not target.states:
             refuse(
                 part, f"a current from '{part.source}' into '{part.target}', a {target.name}: expected neurons with V_m"
@@ -149,9 +145,6 @@ def _check_ends(net: Network, part: Projection) -> None:
             )
         if isinstance(part.rule, grid):
             refuse(part, f"a grid on a current from '{part.source}': expected another rule")
-        if isinstance(part.synapse, static) and part.synapse.receptor is not None:
-            told = f"static.receptor = '{part.synapse.receptor}' of a current from '{part.source}'"
-            refuse(part, f"{told}, which goes to no receptor: expected none", "leave it out")
 
 
 def _swap(part: Projection) -> str:
@@ -216,8 +209,8 @@ def _check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: 
     if synapse.dopamine not in net.populations:
         error = unknown("population", synapse.dopamine, net.populations)
         refuse(part, f"{synapse.name}.dopamine: {error.message}", error.hint)
-    if isinstance(net.populations[synapse.dopamine].model, dc_generator):
-        told = f"{synapse.name}.dopamine '{synapse.dopamine}' is a dc_generator"
+    if isinstance(model := net.populations[synapse.dopamine].model, CurrentGenerator):
+        told = f"{synapse.name}.dopamine '{synapse.dopamine}' is a {model.name}"
         refuse(part, f"{told}: expected a population that spikes")
     n, m = size(shapes[synapse.dopamine]), size(shapes[part.target])
     if synapse.dopamine_rule == "one_to_one" and n != m:

@@ -12,7 +12,7 @@ from neuro.compiler.views import end_of
 from neuro.core.clock import Clock
 from neuro.core.errors import nearest
 from neuro.model.network import Network
-from neuro.model.neurons import dc_generator
+from neuro.model.neurons import CurrentGenerator
 from neuro.model.parts import Population, Probe
 from neuro.program import program as resolved
 from neuro.program.program import Ints, Projection, synapse_states
@@ -63,8 +63,8 @@ def _check_neurons(part: Probe, population: Population) -> None:
 
 
 def _check_alone(part: Probe, what: str, population: Population) -> None:
-    if isinstance(population.model, dc_generator):
-        refuse(part, f"{what} of '{part.of}', a dc_generator: it emits a current")
+    if isinstance(population.model, CurrentGenerator):
+        refuse(part, f"{what} of '{part.of}', a {population.model.name}: it emits a current")
     if what == "spikes" and part.every is not None:
         refuse(part, "every is for states: spikes are all recorded", "leave 'every' out")
     if what == "rate" and part.every is None:

@@ -44,6 +44,27 @@ def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
     return Receptor(named, index, conductance, conductance and len(names) == 2 and index == 1)
 
 
+def receptor_of_current(synapse: Synapse, target: Population, source: str) -> Receptor | None:
+    """The receptor that a current is sent to, which filters it; None where it acts on V_m as it is.
+
+    Raises:
+        ModelError: the neurons have no such receptor.
+    """
+    model = target.model
+    assert isinstance(model, Neuron)
+    named = synapse.receptor if isinstance(synapse, static) else None
+    if named is None:
+        return None
+    told = f"static.receptor = '{named}' of a current from '{source}'"
+    if not model.filters:
+        raise ModelError(f"{told}, which goes to no receptor of a {model.name}: expected none", hint="leave it out")
+    if named not in model.filters:
+        raise unknown(
+            f"receptor of '{target.name}', a {model.name},", named, list(model.filters), path=("synapse", "receptor")
+        )
+    return Receptor(named, model.named_receptors().index(named), False, False)
+
+
 def check_conductance(receptor: Receptor | None, weight: Floats) -> None:
     """Weights onto a conductance that is named are not negative.
 

@@ -13,9 +13,10 @@ from neuro.compiler.check import check_network, check_values, refuse, telling
 from neuro.compiler.check_trials import resolve_trials
 from neuro.compiler.connect import connect
 from neuro.compiler.encoded import with_generators
+from neuro.compiler.generators import check_trains, schedule_of
 from neuro.compiler.pack import packed
 from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
-from neuro.compiler.receptors import check_conductance, receptor_of
+from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.values import LONGEST_DELAY, delay_steps, one_delay, per_neuron, per_synapse, too_late
 from neuro.compiler.views import end_of, own_places, placed
@@ -25,7 +26,16 @@ from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
 from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.network import Network
-from neuro.model.neurons import MODELS, Neuron, dc_generator, poisson_generator, spike_generator
+from neuro.model.neurons import (
+    MODELS,
+    CurrentGenerator,
+    Generator,
+    Model,
+    Neuron,
+    poisson_generator,
+    spike_generator,
+    spike_train,
+)
 from neuro.model.parts import Population, Probe, Projection
 from neuro.model.rules import RULES, grid
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated
@@ -59,7 +69,7 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
     )
     projections = packed(tuple(_projection(net, part, shapes, clock, seed) for part in net.projections.values()))
     names = list(net.populations)
-    return resolved.Program(
+    program = resolved.Program(
         name=net.name,
         resolution=net.resolution,
         seed=seed,
@@ -72,6 +82,8 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
         trials=trials,
         synapse_probes=resolve_synapse_probes(net, projections, clock),
     )
+    check_trains(program)
+    return program
 
 
 def _delays(part: resolved.Projection, resolution: float) -> tuple[int, ...]:
@@ -87,18 +99,19 @@ def _population(
     model = part.model
     parameters: dict[str, Floats] = {}
     start, stop = 0, NEVER
-    fixed = ("start", "stop") if model.role in ("poisson", "current") else ()
+    timed = isinstance(model, Generator) and model.timed
     for word, quantity in model.quantities().items():
-        if quantity.kind not in ("number", "integer", "boolean") or word in fixed:
+        if quantity.kind not in ("number", "integer", "boolean") or (timed and word in ("start", "stop")):
             continue
         key = (seed, "parameter", f"{part.name}.{word}")
         with telling(part):
             parameters[word] = per_neuron(model.parameters()[word], shape, f"{model.name}.{word}", key)
     with telling(part):
         check_values(model, parameters, clock)
-        if isinstance(model, (poisson_generator, dc_generator)):
-            start, stop = clock.step(model.start, f"{model.name}.start"), clock.step(model.stop, f"{model.name}.stop")
-        steps, ids = _listed_spikes(model, clock)
+        if timed:
+            start, stop = (clock.step(getattr(model, word), f"{model.name}.{word}") for word in ("start", "stop"))
+        steps, ids = _listed_spikes(model, size(shape), clock)
+        schedule = schedule_of(model, size(shape), clock)
     return resolved.Population(
         name=part.name,
         model=model,
@@ -114,11 +127,12 @@ def _population(
         records=_records(net, part, stream),
         origin=part.origin,
         stream=stream,
+        schedule=schedule,
     )
 
 
 def _records(net: Network, part: Population, stream: Stream | None) -> bool:
-    if isinstance(part.model, dc_generator):
+    if isinstance(part.model, CurrentGenerator):
         return False
     asked = any(_sees_spikes(net, p, part.name) for p in net.probes.values())
     return asked or not (isinstance(part.model, poisson_generator) or stream is not None)
@@ -133,7 +147,7 @@ def _sees_spikes(net: Network, probe: Probe, population: str) -> bool:
 
 def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], seed: int) -> dict[str, Floats]:
     start: dict[str, Floats] = {state.name: np.zeros(1) for state in part.model.states}
-    if isinstance(part.model, Neuron):
+    if isinstance(part.model, (Neuron, Generator)):
         for name, value in part.model.initial(parameters).items():
             start[name] = np.asarray(value, dtype=np.float64).reshape(-1) + 0.0
     for name, value in part.initial.items():
@@ -150,15 +164,29 @@ def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], s
     return start
 
 
-def _listed_spikes(model: object, clock: Clock) -> tuple[Ints, Ints]:
-    none = np.zeros(0, dtype=np.int64)
+def _listed_spikes(model: Model, neurons: int, clock: Clock) -> tuple[Ints, Ints]:
+    """The spikes that a generator lists, by step, then neuron."""
+    if isinstance(model, spike_train):
+        return _recorded(model, neurons, clock)
     if not isinstance(model, spike_generator) or not model.spike_times:
-        return none, none
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     steps = [clock.steps(t, f"spike_generator.spike_times[{i}]") for i, t in enumerate(model.spike_times)]
     ids = np.repeat(np.arange(len(steps), dtype=np.int64), [len(s) for s in steps])
     together = np.concatenate(steps)
     order = np.lexsort((ids, together))
     return together[order], ids[order]
+
+
+def _recorded(model: spike_train, neurons: int, clock: Clock) -> tuple[Ints, Ints]:
+    times, ids = model.spikes.T
+    bad = np.flatnonzero(ids >= neurons)
+    if bad.size:
+        raise ModelError(
+            f"spike_train.spikes[{bad[0]}] is of neuron {ids[bad[0]]:g}: expected a neuron from 0 to {neurons - 1}",
+            hint=f"shape: {int(ids.max()) + 1} has room for all",
+        )
+    steps, order = clock.steps(times, "spike_train.spikes"), np.lexsort((ids, times))
+    return steps[order], ids[order].astype(np.int64)
 
 
 def _projection(
@@ -181,7 +209,11 @@ def _projection(
     _check_delays(part, delay, clock)
     carries = "current" if net.populations[part.source].model.role == "current" else "spikes"
     with telling(part):
-        receptor = receptor_of(part.synapse, net.populations[part.target]) if carries == "spikes" else None
+        target = net.populations[part.target]
+        current = carries == "current"
+        receptor = (
+            receptor_of_current(part.synapse, target, part.source) if current else receptor_of(part.synapse, target)
+        )
         check_conductance(receptor, weight)
     names = list(net.populations)
     rule = part.synapse

@@ -306,6 +306,47 @@ def _train(q: Quantity, row: Any, what: str, index: list[int]) -> NDArray[np.flo
     return times
 
 
+def _moments(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
+    times = value.values if isinstance(value, FromFile) else _listed(q, value, what)
+    if times.ndim != 1:
+        raise wrong(q, value, what)
+    bad = np.flatnonzero(~(np.isfinite(times) & (np.diff(times, prepend=0.0) > 0)))
+    if bad.size:
+        raise wrong(q, float(times[bad[0]]), what, int(bad[0]))
+    return times
+
+
+def _series(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
+    array = value.values if isinstance(value, FromFile) else _listed(q, value, what)
+    if array.ndim not in (1, 2):
+        raise wrong(q, value, what)
+    _each(q, array, what)
+    return array
+
+
+def _spikes(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
+    rows = value.values if isinstance(value, FromFile) else _listed(q, value, what)
+    rows = rows.reshape(0, 2) if rows.size == 0 else rows
+    if rows.ndim != 2 or rows.shape[1] != 2:
+        raise wrong(q, value, what)
+    times, ids = rows.T
+    bad = ~(np.isfinite(times) & (times > 0) & (np.diff(times, prepend=0.0) >= 0))
+    bad |= ~((ids >= 0) & (ids <= LARGEST) & (ids == np.floor(ids)))
+    if bad.any():
+        k = int(np.flatnonzero(bad)[0])
+        before = f" after {shown(float(times[k - 1]))} ms" if k and times[k] < times[k - 1] else ""
+        found = f"{shown(float(times[k]))} ms of neuron {shown(float(ids[k]))}{before}"
+        raise ModelError(f"{what}[{k}] = {found}: expected {q.expected()}", path=(str(k),))
+    return rows
+
+
+def _listed(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
+    """A list or an array; a distribution is none."""
+    if not isinstance(value, (list, tuple, np.ndarray)):
+        raise wrong(q, value, what)
+    return _array(q, value, what)
+
+
 def _codes(q: Quantity, value: Any, what: str) -> tuple[Any, ...]:
     if not isinstance(value, tuple) or not all(getattr(item, "kind", "") == "code" for item in value):
         raise wrong(q, value, what)
@@ -343,6 +384,9 @@ _CHECKERS: dict[str, Callable[[Quantity, Any, str], Any]] = {
     "shape": _shape,
     "times": _times,
     "ids": _ids,
+    "moments": _moments,
+    "series": _series,
+    "train": _spikes,
     "delay": _delay,
     "codes": _codes,
     "file": _file,

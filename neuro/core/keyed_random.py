@@ -73,3 +73,12 @@ def poisson_table(mean: float) -> NDArray[np.float64]:
             return found
         total += term
         table.append(total)
+
+
+def normal_table(part_key: int, steps: NDArray[np.int64], neurons: int) -> NDArray[np.float64]:
+    """Standard normal numbers for many steps and the first `neurons` neurons, shape (steps, neurons)."""
+    from scipy.special import ndtri
+
+    u = uniform_table(part_key, steps, neurons)
+    normal: NDArray[np.float64] = ndtri(np.maximum(u, 2.0**-54, out=u), out=u)  # of 0 it would be infinite
+    return normal

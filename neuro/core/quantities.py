@@ -16,10 +16,11 @@ class Quantity:
         unit: physical unit, "" for none.
         doc: one line on its meaning.
         kind: "number", "integer", "boolean", "name" (of a part of the network), "receptor" (of neurons), "word" (one of
-            `words`), "shape" (a list of integers), "times" (spike times, a list per neuron), "ids",
-            "delay" (a time that is no number of the rule), "names" (a list of names), "part" (a `part`), "codes"
-            (of `neuro.coding`), "file" (a path; in YAML inside the folder of the description) or "events" (what holds
-            events, in Python alone).
+            `words`), "shape" (a list of integers), "times" (spike times, a list per neuron), "moments" (times at which
+            something changes), "series" (values at moments, in a list or a row per neuron), "train" (spikes, a row of
+            time and neuron for each), "ids", "delay" (a time that is no number of the rule), "names" (a list of
+            names), "part" (a `part`), "codes" (of `neuro.coding`), "file" (a path; in YAML inside the folder of the
+            description) or "events" (what holds events, in Python alone).
         above, at_least, below, at_most: bounds of every element.
         nonzero: whether 0 has no meaning.
         infinite: whether an infinite value has a meaning.
@@ -58,6 +59,9 @@ class Quantity:
             "shape": "whole numbers",
             "times": "a list of spike times in ms for each neuron",
             "ids": "whole numbers >= 0",
+            "moments": "times > 0 ms, each later than the one before",
+            "series": "a list of numbers",
+            "train": "a row for each spike: a time > 0 ms, not before the last one, and a neuron",
             "delay": "a time > 0 ms",
             "names": "names",
             "codes": "a code, or a list of codes",

@@ -118,6 +118,9 @@ _SAID_ELSEWHERE = {"origin", "kind", "carries", "receptor", "stream"}
 """Fields of a program that decide nothing, follow from others, or count only where they are; states of version 0.1.0 do
 not count them."""
 
+_NEW = {"schedule"}
+"""Fields that version 0.1.0 did not have; they count where they say something."""
+
 
 def fingerprint(program: Program) -> str:
     """A hash of everything that decides what a program does; places in files do not count."""
@@ -140,9 +143,10 @@ def _feed(digest: hashlib.blake2b, value: Any) -> None:
         _feed(digest, {k: v for k, v in value.parameters().items() if isinstance(v, (str, float, int))})
     elif is_dataclass(value):
         for field in fields(value):
-            if field.name not in _SAID_ELSEWHERE:
+            held = getattr(value, field.name)
+            if field.name not in _SAID_ELSEWHERE and not (field.name in _NEW and held is None):
                 digest.update(field.name.encode())
-                _feed(digest, getattr(value, field.name))
+                _feed(digest, held)
         if (stream := getattr(value, "stream", None)) is not None:
             digest.update(stream.identity.encode())
     elif isinstance(value, Mapping):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, Where, nearest
 from neuro.core.registry import Registry
-from neuro.model.neurons import Model
+from neuro.model.neurons import CurrentGenerator, Model
 from neuro.model.synapses import Synapse
 from neuro.program.program import Floats, Ints, Program
 
@@ -312,18 +312,24 @@ def floats_only(program: Program) -> list[Problem]:
 
 
 def own_generators(program: Program) -> list[Problem]:
-    """The problems of a backend that does not run generators of strangers."""
-    return [
-        Problem(
-            True,
-            f"population '{p.name}': {p.model.name}",
-            "only poisson_generator, spike_generator and dc_generator emit here",
-            "run it on backend 'event', or inject the spikes that it emits there into a spike_generator",
-            p.origin,
-        )
-        for p in program.populations
-        if p.kind == "generator"
-    ]
+    """The problems of a backend whose host sends listed and Poisson spikes, and writes currents that change seldom."""
+    emitting = "only poisson_generator, inhomogeneous_poisson_generator and spike_generator emit spikes here"
+    inject = "run it on backend 'event', or inject the spikes that it emits there into a spike_generator"
+    varying = "its current changes at every step, and the host writes a current only when it changes"
+    found = []
+    for part in program.populations:
+        told = f"population '{part.name}': {part.model.name}"
+        if part.kind == "generator":
+            found.append(Problem(True, told, emitting, inject, part.origin))
+        elif isinstance(part.model, CurrentGenerator) and part.model.varies:
+            steps = "list its values in a step_current_generator, or run it on backend 'event'"
+            found.append(Problem(True, told, varying, steps, part.origin))
+    for projection in program.projections:
+        if projection.carries == "current" and projection.receptor is not None:
+            told = f"projection '{projection.name}': a current to receptor '{projection.receptor.name}'"
+            way_out = "leave the receptor out: the current then acts on V_m as it is"
+            found.append(Problem(True, told, "the host writes currents into the bias", way_out, projection.origin))
+    return found
 
 
 BACKENDS: Registry[Backend] = Registry(

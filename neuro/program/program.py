@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.clock import NEVER
 from neuro.core.errors import Where
 from neuro.model.neurons import Model
 from neuro.model.parts import Competition
@@ -18,6 +19,29 @@ from neuro.program.streams import Stream
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Schedule:
+    """A rate or an amplitude that changes at listed steps, and is 0 before the first.
+
+    Attributes:
+        steps: ascending, from 1.
+        values: those that hold from each of the steps on, shape (steps, 1) or (steps, size).
+    """
+
+    steps: Ints
+    values: Floats
+
+    def at(self, step: int) -> Floats:
+        """What holds in a step, shape (1,) or (size,)."""
+        k = int(np.searchsorted(self.steps, step, side="right"))
+        return self.values[k - 1] if k else np.zeros(1)
+
+    def next_change(self, step: int) -> int:
+        """The last step before the next change after step + 1, or a step that never comes."""
+        k = int(np.searchsorted(self.steps, step + 1, side="right"))
+        return int(self.steps[k]) - 1 if k < self.steps.size else NEVER
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +58,7 @@ class Population:
         start, stop: a generator emits spikes in steps start < k <= stop, and a current in steps start <= k < stop.
         records: whether its spikes are kept for reading.
         stream: gives spikes to a listed population while it runs; None where none does.
+        schedule: of a generator whose rate or amplitude is not a parameter but listed.
     """
 
     name: str
@@ -50,6 +75,16 @@ class Population:
     records: bool
     origin: Where | None
     stream: Stream | None = None
+    schedule: Schedule | None = None
+
+    def rate(self, step: int) -> Floats:
+        """The rate in Hz that a generator of kind "poisson" begins with, or comes to in a step."""
+        return self.parameters["rate"] if self.schedule is None else self.schedule.at(step)
+
+    def largest(self, word: str) -> float:
+        """The largest magnitude that its rate or amplitude has or comes to, as described."""
+        values = self.parameters[word] if self.schedule is None else self.schedule.values
+        return float(np.abs(values).max(initial=0.0))
 
 
 def drawn_for(population: Population) -> str:
@@ -120,7 +155,8 @@ class Projection:
         delay: in steps, shape (1,) or one per synapse, int32, >= 1.
         size: number of synapses (of a grid: of its kernels' weights).
         grid: the sizes of a grid, else None.
-        receptor: the one of its target that all spikes go to; None where each goes by the sign of its weight.
+        receptor: the one of its target that all spikes go to; None where each goes by the sign of its weight. That of a
+            current filters it; without one it acts on V_m as it is.
         signal: index of the signal that sets n, or -1.
         dopamine: index of the population that releases dopamine, or -1; `dopamine_one_to_one` and
             `dopamine_delay` (steps) say how.

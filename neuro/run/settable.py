@@ -31,7 +31,8 @@ _RANGE = ("d_min", "d_max")
 _DRAWN = "a distribution is drawn where connections are made: net.connect(..., weight=...)"
 _KNOWN: dict[type[Model], dict[str, Quantity]] = {}
 _STATES: dict[type[Model], dict[str, Quantity]] = {}
-_PARTNERS = (("V_th", "V_reset"), ("V_reset", "V_th"), ("V_peak", "V_reset"), ("V_reset", "V_peak"))
+_PAIRS = (("V_th", "V_reset"), ("V_peak", "V_reset"), ("std", "std_mod"), ("rate", "amplitude"))
+_PARTNERS = (*_PAIRS, *((second, first) for first, second in _PAIRS))
 """Parameters that are checked together."""
 
 
@@ -80,14 +81,14 @@ def new_values(neurons: Neurons, word: str, value: Any, engine: Engine, seed: in
 
 def _settable(part: Population, word: str) -> Quantity:
     """A parameter or state of a population that can be set."""
-    if word in part.parameters:
+    if word in part.parameters and word not in part.model.fixed:
         q = _quantities(part.model)[word]
     elif word in states(part):
         if any(state.follows for state in part.model.states if state.name == word):
             raise ModelError(f"{part.model.name}.{word} of '{part.name}' follows from its other states: set those")
         q = _states(part.model)[word]
     else:
-        known = [*part.parameters, *states(part)]
+        known = [*(name for name in part.parameters if name not in part.model.fixed), *states(part)]
         if word in _quantities(part.model):
             raise ModelError(
                 f"{part.model.name}.{word} of '{part.name}' is fixed: change the network and compile again"

@@ -25,7 +25,7 @@ from neuro.core.values import shown
 from neuro.files.run_tables import projection_table, run_table
 from neuro.files.state import Identity, fingerprint, read_state, write_state
 from neuro.model.network import Network
-from neuro.model.neurons import Generator, Neuron, spike_generator
+from neuro.model.neurons import Generator, Neuron
 from neuro.model.parts import Population, Probe, Projection, Signal
 from neuro.model.views import View
 from neuro.program.backend import Backend, Engine, Problem, Registers, find_backend, unreadable
@@ -415,7 +415,7 @@ class Simulation:
         """
         neurons = self.handles.neurons(of)
         part = neurons.part
-        if not isinstance(part.model, spike_generator):
+        if part.kind != "listed" or part.stream is not None:
             raise ModelError(f"inject: '{part.name}' is a {part.model.name}: expected a spike_generator")
         steps, emit = settable.new_spikes(self._clock, times, ids, neurons)
         if steps.size and steps.min() <= self._engine.step:

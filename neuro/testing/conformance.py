@@ -17,6 +17,7 @@ from neuro.testing import (  # noqa: F401
     exact_neurons,
     exact_trials,
     features,
+    generators,
     laws,
     learning,
     recorded,

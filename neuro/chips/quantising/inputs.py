@@ -14,6 +14,7 @@ from neuro.chips.quantising.fixed import Words
 from neuro.core.errors import Where
 from neuro.model.neurons import Neuron
 from neuro.program.backend import Problem
+from neuro.program.currents import generator_of
 from neuro.program.program import Floats, Ints, Population, Program
 
 
@@ -102,12 +103,15 @@ class Inputs:
         total = 0.0
         for index in self.currents:
             part = self.program.projections[index]
-            amplitude = self.program.populations[part.source].parameters["amplitude"]
+            source = self.program.populations[part.source]
+            if generator_of(source).varies:  # refused elsewhere
+                continue
+            amplitude = source.largest("amplitude")
             fan_in = 1
             if part.layout != "one_to_one":
                 _, post = self.program.connections(index)
                 fan_in = int(np.bincount(post, minlength=1).max(initial=0))
-            total += fan_in * float(np.abs(amplitude).max(initial=0.0)) * float(np.abs(part.weight).max(initial=0.0))
+            total += fan_in * amplitude * float(np.abs(part.weight).max(initial=0.0))
         return total
 
     def targets(self, index: int) -> Ints:

@@ -92,7 +92,7 @@ def merged(program: Program, arithmetic: Arithmetic) -> Iterator[Problem]:
     for part in program.populations:
         if part.kind != "poisson":
             continue
-        mean = float(part.parameters["rate"].max()) * program.resolution / 1000.0
+        mean = part.largest("rate") * program.resolution / 1000.0
         share = 1.0 - -np.expm1(-mean) / mean if mean > 0.0 else 0.0
         if share > limit.share:
             why = f"{share:.1%} {limit.text}, since a spike on {arithmetic.title} is one bit"

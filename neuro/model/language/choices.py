@@ -15,6 +15,7 @@ from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.language.files import array, inside
 from neuro.model.language.nodes import about, found, mistake, plain, words
 from neuro.model.language.reader import Node
+from neuro.model.language.trains import train
 from neuro.model.neurons import MODELS
 from neuro.model.parts import GROUPS
 from neuro.model.rules import RULES
@@ -78,6 +79,10 @@ def with_parameters(cls: type[C], node: Node) -> C:
         return cls.from_words(values)
 
 
+FILED = ("ids", "times", "moments", "series")
+"""Kinds of parameters that are lists, which a file may hold."""
+
+
 def value(q: Quantity, node: Node, what: str) -> Any:
     """The value of one parameter; whether it is accepted is checked where it is used.
 
@@ -94,7 +99,9 @@ def value(q: Quantity, node: Node, what: str) -> Any:
         return inside(node, node.value)
     if q.kind == "events":
         raise mistake(node, f"{what}: events of a program: expected a file", "write file: NAME")
-    if isinstance(node.value, dict) and "file" in node.value and (q.arrays or q.kind in ("ids", "times")):
+    if isinstance(node.value, dict) and "file" in node.value and q.kind == "train":
+        return train(node)
+    if isinstance(node.value, dict) and "file" in node.value and (q.arrays or q.kind in FILED):
         return array(node)
     if q.arrays and isinstance(node.value, dict):
         _refuse_bare_parameters(node, what)

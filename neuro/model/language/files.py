@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -14,7 +15,8 @@ from neuro.model.language.nodes import mistake, words
 from neuro.model.language.reader import Node
 
 MAX_ELEMENTS = 2**28
-ENDINGS = (".h5", ".hdf5", ".npy")
+HDF5 = (".h5", ".hdf5")
+ENDINGS = (*HDF5, ".npy")
 
 
 def inside(node: Node, name: str) -> Path:
@@ -47,33 +49,52 @@ def inside(node: Node, name: str) -> Path:
 
 def array(node: Node) -> FromFile:
     """The values that `{file: w.h5, key: name}` stands for."""
+    path, said = named(node, ENDINGS)
+    values = hdf5(path, said["file"], said["key"]) if "key" in said else npy(path, said["file"])
+    return held(said, values)
+
+
+def named(node: Node, endings: tuple[str, ...]) -> tuple[Path, dict[str, Node]]:
+    """The file that `{file: ..., key: ...}` names, and its words; only HDF5 has a key.
+
+    Args:
+        node: the words.
+        endings: those that a name may have.
+    """
     said = words(node, ("file", "key"), "a file", needs=("file",))
     for word in said:
         if not isinstance(said[word].value, str):
             raise mistake(said[word], f"{word} = {said[word].value!r}: expected a name")
     name, ending = said["file"].value, PurePosixPath(said["file"].value).suffix
-    if ending not in ENDINGS:
-        raise mistake(said["file"], f"file {shown(name)}: expected a name ending in {', '.join(ENDINGS)}")
-    if ending == ".npy" and "key" in said:
-        raise mistake(said["key"], f"a key for '{name}': expected none, an NPY file holds one array")
-    if ending != ".npy" and "key" not in said:
+    if ending not in endings:
+        raise mistake(said["file"], f"file {shown(name)}: expected a name ending in {', '.join(endings)}")
+    keyed = ending in HDF5
+    if not keyed and "key" in said:
+        holds = "an NPY file holds one array" if ending == ".npy" else "a CSV file holds one table"
+        raise mistake(said["key"], f"a key for '{name}': expected none, {holds}")
+    if keyed and "key" not in said:
         raise mistake(node, f"file {shown(name)} needs 'key', the data set in it")
-    path = inside(said["file"], name)
-    values = _hdf5(path, said["file"], said["key"]) if "key" in said else _npy(path, said["file"])
+    return inside(said["file"], name), said
+
+
+def held(said: Mapping[str, Node], values: NDArray[np.float64]) -> FromFile:
+    """Values with the words by which they were named."""
     values.flags.writeable = False
-    return FromFile(name, said["key"].value if "key" in said else "", values)
+    return FromFile(said["file"].value, said["key"].value if "key" in said else "", values)
 
 
-def _npy(path: Path, node: Node) -> NDArray[np.float64]:
+def npy(path: Path, node: Node) -> NDArray[np.float64]:
+    """The array of an NPY file."""
     try:
         values = np.load(path, mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError, EOFError, MemoryError, SyntaxError):
         raise mistake(node, f"file '{node.value}': expected an NPY file with an array of numbers") from None
-    _check(values, node, f"file '{node.value}'")
+    check_numbers(values, node, f"file '{node.value}'")
     return np.array(values, dtype=np.float64)
 
 
-def _hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
+def hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
+    """A data set of an HDF5 file."""
     import h5py
 
     what = f"'{key.value}' in '{file.value}'"
@@ -91,7 +112,7 @@ def _hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
                 raise mistake(key, f"{what} is a group: expected a data set", nearest("", _names(data)))
             if data.is_virtual or data.external:
                 raise mistake(key, f"{what} is kept in other files: expected a data set of the file itself")
-            _check(data, key, what)
+            check_numbers(data, key, what)
             return np.asarray(data[()], dtype=np.float64)
     except ModelError:
         raise
@@ -104,7 +125,7 @@ def _names(group: Any) -> list[str]:
     return [str(name) for name in group][:100]
 
 
-def _check(data: Any, node: Node, what: str) -> None:
+def check_numbers(data: Any, node: Node, what: str) -> None:
     """Refuse what is no array of numbers, or too large for memory whatever its file says."""
     if data.dtype is None or data.dtype.kind not in "iuf" or not data.shape:
         found = "one number" if not data.shape else f"elements of type {data.dtype}"

@@ -275,7 +275,7 @@ def _accepted(q: Quantity) -> list[Schema]:
             return [{"type": "array", "items": {"anyOf": sizes}, "minItems": 1}, *sizes]
         case "names":
             return [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
-        case "ids" | "times":
+        case "ids" | "times" | "moments" | "series" | "train":
             return [numbers, file, _PARAMETER]
         case "codes":
             code = {"$ref": "#/$defs/code"}

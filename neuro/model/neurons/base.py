@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
+from neuro.core.errors import ModelError, here
 from neuro.core.quantities import Quantity, Value, quantity
 from neuro.model.arithmetic import OfModule, check_functions, fill
 
@@ -75,6 +76,7 @@ class Model(Choice):
         role: what backends do with it: "neuron" (stepped), "poisson", "listed" and "current" (the generators of this
             package), "generator" (any other).
         width: the most numbers among its parameters, `tau_minus` among them, and the most constants.
+        fixed: parameters that cannot be set while it runs.
     """
 
     kind: ClassVar[str] = "model"
@@ -84,6 +86,7 @@ class Model(Choice):
     chip: ClassVar[str] = ""
     states: ClassVar[tuple[State, ...]] = ()
     width: ClassVar[int] = 20
+    fixed: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     def identity(cls) -> str:
@@ -96,11 +99,29 @@ class Generator(Model):
     """A population without input: each of its neurons emits one spike train, or a current.
 
     Class attributes:
+        timed: whether it has the words `start` and `stop`, and emits nothing before and after; backends see to it, so
+            `constants` is not given them.
+        schedule: the words of the times at which it changes, and of the values from each on; () if it has none.
         arithmetic: the module with `constants` and `emit`, see above: that of the class.
     """
 
     role: ClassVar[str] = "generator"
+    timed: ClassVar[bool] = False
+    schedule: ClassVar[tuple[str, ...]] = ()
     arithmetic: ClassVar[OfModule] = OfModule(("emit",))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.schedule:
+            times, values = (getattr(self, word) for word in self.schedule)
+            if len(times) != values.shape[-1]:
+                told = f"{self.name}.{self.schedule[1]}: {values.shape[-1]} values for {len(times)} times"
+                raise ModelError(f"{told}: expected as many", where=here(), path=(self.schedule[1],))
+
+    @staticmethod
+    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """The state at time 0, by name; a state that is not named starts at 0."""
+        return {}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,6 +134,8 @@ class Neuron(Model):
         receptor_names: their names, for synapses that name one; "ex" and "in" where two have none.
         conductances: those of them that are conductances, so that weights onto them by name are not negative. The
             second of two gets them with a minus, as it gets those that come to it by their sign.
+        filters: by name the receptors to which a current may be sent: the state that it charges, and the parameter that
+            is the time constant with which this state decays.
         relay: whether a spike carries the multiplicity that arrived, whatever the weight.
         linear: whether n quiet steps equal one step with the constants of n h.
         resets_in_step: whether `step` itself resets a neuron that spikes, and `fire` does nothing; a winner-take-all
@@ -127,6 +150,7 @@ class Neuron(Model):
     receptors: ClassVar[int] = 1
     receptor_names: ClassVar[tuple[str, ...]] = ()
     conductances: ClassVar[tuple[str, ...]] = ()
+    filters: ClassVar[Mapping[str, tuple[str, str]]] = {}
     relay: ClassVar[bool] = False
     linear: ClassVar[bool] = False
     resets_in_step: ClassVar[bool] = False
@@ -211,7 +235,8 @@ def _check_receptors(told: str, model: type[Neuron]) -> None:
 
 def _complete_numbers(told: str, model: type[Model]) -> NDArray[np.float64] | None:
     """The constants for the defaults, None if a parameter has none."""
-    kinds = {word: q.kind for word, q in model.quantities().items()}
+    timed = ("start", "stop") if getattr(model, "timed", False) else ()
+    kinds = {word: q.kind for word, q in model.quantities().items() if word not in timed}
     if other := [word for word, kind in kinds.items() if kind not in ("number", "integer", "boolean")]:
         raise TypeError(f"{told}: parameter '{other[0]}' is a {kinds[other[0]]}: expected a number or a boolean")
     if len(kinds) > model.width:

@@ -1,4 +1,4 @@
-"""Sources of spikes and currents."""
+"""Sources of spikes whose moments are listed, or follow from a rate."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ class poisson_generator(Generator):
     equation: ClassVar[str] = "number of spikes in a step ~ Poisson(rate h / 1000)"
     source: ClassVar[str] = "NEST 3.10 poisson_generator"
     role: ClassVar[str] = "poisson"
+    timed: ClassVar[bool] = True
 
     rate: Value = quantity(0.0, "Hz", "mean rate", at_least=0, arrays=True)
     start: float = quantity(0.0, "ms", "emits after this time", at_least=0)
@@ -39,13 +40,42 @@ class spike_generator(Generator):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class dc_generator(Generator):
-    """Sends a constant current; a projection scales it by its weight and delays it. Source: NEST 3.10."""
+class spike_train(Generator):
+    """Emits the spikes of a recording; more can be injected while running. Two at one time make one of multiplicity 2.
 
-    equation: ClassVar[str] = "I = amplitude for start <= t < stop"
-    source: ClassVar[str] = "NEST 3.10 dc_generator"
-    role: ClassVar[str] = "current"
+    In YAML `{file: ..., key: ...}` may stand for `spikes`: a group of an HDF5 file with data sets `times` and `ids`, as
+    `neuro run --out` writes them, or a data set with two columns; an NPY file with these columns or fields; a CSV file
+    whose first line names the columns.
+    """
 
-    amplitude: Value = quantity(0.0, "pA", "current", arrays=True)
-    start: float = quantity(0.0, "ms", "begin", at_least=0)
-    stop: float = quantity(math.inf, "ms", "end", at_least=0, infinite=True)
+    equation: ClassVar[str] = "emits at the recorded times"
+    source: ClassVar[str] = "NEST 3.10 spike_generator, of which one is listed for each neuron"
+    role: ClassVar[str] = "listed"
+    file_of: ClassVar[str] = "spikes"
+
+    spikes: Any = quantity(
+        unit="ms", doc="a row for each spike, in ascending time: when, and which neuron", kind="train"
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class inhomogeneous_poisson_generator(Generator):
+    """Emits a Poisson number of spikes each step, at a rate that changes at listed times and is 0 before the first.
+
+    One list of rates is for all neurons; an array of shape [neurons, times] has a row for each. All targets of
+    one of its neurons see the same train.
+    """
+
+    equation: ClassVar[str] = (
+        "number of spikes in a step ~ Poisson(rate h / 1000), "
+        "rate = rate_values[k] for rate_times[k] <= t < rate_times[k + 1]"
+    )
+    source: ClassVar[str] = "NEST 3.10 inhomogeneous_poisson_generator"
+    role: ClassVar[str] = "poisson"
+    timed: ClassVar[bool] = True
+    schedule: ClassVar[tuple[str, ...]] = ("rate_times", "rate_values")
+
+    rate_times: Any = quantity(unit="ms", doc="when the rate changes", kind="moments")
+    rate_values: Any = quantity(unit="Hz", doc="the rate from each of these times on", kind="series", at_least=0)
+    start: float = quantity(0.0, "ms", "emits after this time", at_least=0)
+    stop: float = quantity(math.inf, "ms", "and up to this one", at_least=0, infinite=True)

@@ -32,6 +32,10 @@ class iaf_psc_exp(Neuron):
         State("refractory", "steps", "steps left to hold", hidden=True),
     )
     receptors: ClassVar[int] = 2
+    filters: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "ex": ("I_syn_ex", "tau_syn_ex"),
+        "in": ("I_syn_in", "tau_syn_in"),
+    }
     linear: ClassVar[bool] = True
 
     tau_m: Value = quantity(10.0, "ms", "membrane time constant", above=0, infinite=True, arrays=True)

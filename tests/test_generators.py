@@ -1,0 +1,303 @@
+"""Generators whose current or rate changes: their statistics, what they refuse, and that a run may be cut anywhere."""
+
+# ruff: noqa: E501
+from typing import Any
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro.core.errors import ModelError
+from neuro.program.drives import Emission
+from neuro.testing.exact_trials import chooser
+from neuro.testing.generators import steered
+
+NOISE = {"mean": 50.0, "std": 120.0, "dt": 0.5}
+
+
+def emitted(model: Any, targets: int = 30, steps: int = 20000) -> Any:
+    """What a generator of currents sends along all its connections to some neurons, shape (steps, columns)."""
+    net = neuro.Network("sent", resolution=0.1)
+    net.population("source", 1, model)
+    net.population("cells", targets, neuro.iaf_psc_delta())
+    net.connect("source", "cells", neuro.all_to_all())
+    program = neuro.compile(net, "reference", seed=3).program
+    words = {word: [(0, values)] for word, values in program.populations[0].parameters.items()}
+    return Emission(program, 0).during(np.arange(1, steps + 1), words)
+
+
+def test_noise_is_white_of_its_mean_and_variance_and_held():
+    sent = emitted(neuro.noise_generator(**NOISE))
+    assert sent.shape == (20000, 30)
+    drawn = sent.reshape(4000, 5, 30)
+    assert np.all(drawn == drawn[:, :1])  # dt is 5 steps
+    z = (drawn[:, 0] - NOISE["mean"]) / NOISE["std"]
+    n = z.size
+    assert abs(z.mean()) < 4.0 / np.sqrt(n)
+    assert abs(z.var() - 1.0) < 4.0 * np.sqrt(2.0 / n)
+    assert abs((z**4).mean() - 3.0) < 4.0 * np.sqrt(96.0 / n)
+    for lag in (1, 2, 7):
+        assert abs((z[lag:] * z[:-lag]).mean()) < 4.0 / np.sqrt(n)
+    power = (np.abs(np.fft.rfft(z, axis=0)[1:-1]) ** 2).mean(axis=1) / len(z)
+    assert np.abs(power.reshape(-1, 1)[:1990].reshape(10, -1).mean(axis=1) - 1.0).max() < 4.0 / np.sqrt(199 * 30)
+
+
+def test_connections_have_noise_of_their_own_unless_it_is_shared():
+    own = emitted(neuro.noise_generator(**NOISE))[::5]
+    apart = np.corrcoef(own.T) - np.eye(30)
+    assert np.abs(apart).max() < 5.0 / np.sqrt(4000)
+    assert emitted(neuro.noise_generator(**NOISE, individual_noise=False)).shape == (20000, 1)
+
+
+def test_the_variance_of_noise_follows_a_sine():
+    sent = emitted(neuro.noise_generator(std=100.0, std_mod=80.0, frequency=5.0, phase=90.0), targets=400, steps=4000)
+    t = 0.1 * np.arange(1, 4001, 10)
+    expected = 100.0**2 + 80.0**2 * np.sin(2 * np.pi * 0.005 * t + np.pi / 2)
+    assert np.abs(sent[::10].var(axis=1) / expected - 1.0).max() < 5.0 * np.sqrt(2.0 / 400)
+
+
+def spikes_of(model: Any, n: int, ms: float) -> tuple[Any, Any]:
+    """Steps and neurons."""
+    net = neuro.Network("emitting", resolution=0.1)
+    net.population("source", n, model)
+    net.probe("all", "source")
+    sim = neuro.compile(net, "event", seed=5)
+    sim.run(ms)
+    times, ids = sim.spikes("source")
+    return np.rint(times / 0.1).astype(int), ids
+
+
+def test_a_sinusoidal_rate_is_followed_and_cut_off_at_zero():
+    model = neuro.sinusoidal_poisson_generator(rate=100.0, amplitude=300.0, frequency=10.0, phase=30.0)
+    steps, _ = spikes_of(model, 2000, 200.0)
+    k = np.arange(1, 2001)
+    rate = np.maximum(0.0, 100.0 + 300.0 * np.sin(2 * np.pi * 10.0 * k * 1e-4 + np.pi / 6))
+    counts = np.bincount(steps, minlength=2001)[1:]
+    assert counts[rate == 0.0].sum() == 0
+    expected, found = (each.reshape(40, 50).sum(axis=1) for each in (rate * 1e-4 * 2000, counts))
+    some = expected > 20
+    assert some.sum() > 20
+    assert np.abs((found - expected)[some] / np.sqrt(expected[some])).max() < 4.5
+
+
+def test_an_inhomogeneous_rate_holds_from_its_time_on():
+    model = neuro.inhomogeneous_poisson_generator(rate_times=[10.0, 30.0], rate_values=[200.0, 1000.0])
+    steps, _ = spikes_of(model, 1000, 60.0)
+    before, first, second = (
+        np.count_nonzero((steps >= a) & (steps < b)) for a, b in ((0, 100), (100, 300), (300, 601))
+    )
+    assert before == 0
+    assert abs(first - 4000) < 4.5 * np.sqrt(4000)
+    assert abs(second - 30100) < 4.5 * np.sqrt(30100)
+
+
+@pytest.mark.parametrize("shape", [1, 3, 10])
+def test_intervals_of_a_gamma_process(shape):
+    rate, n = 50.0, 300
+    steps, ids = spikes_of(neuro.gamma_sup_generator(rate=rate, gamma_shape=shape), n, 2000.0)
+    gaps = np.concatenate([np.diff(np.sort(steps[ids == i])) for i in range(n)])
+    p = rate * shape * 1e-4
+    assert abs(gaps.mean() / (shape / p) - 1.0) < 0.02  # a long interval is cut off by the end
+    assert abs(gaps.var() / (shape * (1 - p) / p**2) - 1.0) < 0.06
+
+
+def test_superposed_gamma_processes_come_to_their_rate_and_more_even_counts():
+    rate, n_proc, n, ms = 10.0, 200, 200, 1000.0
+    steps, ids = spikes_of(neuro.gamma_sup_generator(rate=rate, gamma_shape=4, n_proc=n_proc, start=5.0), n, ms + 5.0)
+    assert steps.min() > 50
+    counts = np.bincount(ids, minlength=n)
+    expected = rate * n_proc * ms / 1000.0
+    assert abs(counts.mean() - expected) < 4.0 * np.sqrt(expected / n)
+    assert counts.var() < 0.5 * expected  # a Poisson process has 1.0, gamma processes of shape 4 come to 1/4
+
+
+@pytest.mark.parametrize("backend", ["reference", "event"])
+def test_a_run_may_be_cut_and_continued_from_a_file(backend, tmp_path):
+    def made(**options: Any) -> neuro.Simulation:
+        net = steered(neuro.noise_generator(mean=100.0, std=300.0, dt=0.7), 1)
+        net.connect("source", "cells", neuro.all_to_all(), neuro.static(receptor="ex"), weight=0.5, name="filtered")
+        net.population("gamma", 3, neuro.gamma_sup_generator(rate=60.0, gamma_shape=3, n_proc=30))
+        net.population("steps", 3, neuro.inhomogeneous_poisson_generator(rate_times=[1.0, 9.0], rate_values=[3e3, 9e2]))
+        for name in ("gamma", "steps"):
+            net.connect(name, "cells", neuro.one_to_one(), weight=30.0, delay=0.5)
+        return neuro.compile(net, backend, seed=4, **options)
+
+    whole, cut, later = made(), made(threads=2) if backend == "event" else made(), made()
+    whole.run(11.0)
+    whole.set("source", mean=-40.0)
+    whole.set_weights("to_cells", 2.0)
+    whole.run(19.0)
+    for _ in range(110):
+        cut.run(0.1)
+    cut.set("source", mean=-40.0)
+    cut.set_weights("to_cells", 2.0)
+    cut.run(0.3)
+    if backend == "reference":
+        cut.save(tmp_path / "state.h5")
+        later.restore(tmp_path / "state.h5")
+        later.run(18.7)
+    cut.run(18.7)
+    for other in (cut, later) if backend == "reference" else (cut,):
+        for name in ("cells", "slow"):
+            assert np.array_equal(whole.get(name, "V_m"), other.get(name, "V_m"))
+    cut.reset()
+    whole.reset()
+    for sim in (whole, cut):
+        sim.run(30.0)
+    assert np.array_equal(whole.get("cells", "V_m"), cut.get("cells", "V_m"))
+
+
+def test_a_state_on_event_continues(tmp_path):
+    sims = [neuro.compile(steered(neuro.noise_generator(std=300.0), 1), "event", seed=4) for _ in range(2)]
+    sims[0].run(11.0)
+    sims[0].set("source", mean=-40.0)
+    sims[0].set_weights("to_cells", 2.0)
+    sims[0].run(0.3)
+    sims[0].save(tmp_path / "state.h5")
+    sims[1].restore(tmp_path / "state.h5")
+    for sim in sims:
+        sim.run(20.0)
+    assert np.array_equal(sims[0].get("cells", "V_m"), sims[1].get("cells", "V_m"))
+
+
+def test_chips_take_listed_currents_and_rates_and_refuse_what_changes_at_every_step():
+    net = neuro.Network("chip", resolution=1.0)
+    net.population("steps", 1, neuro.step_current_generator(amplitude_times=[5.0, 60.0], amplitude_values=[400.0, 0.0]))
+    net.population("rates", 5, neuro.inhomogeneous_poisson_generator(rate_times=[80.0], rate_values=[10.0]))
+    net.population("cells", 5, neuro.iaf_psc_exp())
+    net.connect("steps", "cells", neuro.all_to_all())
+    net.connect("rates", "cells", neuro.one_to_one(), weight=200.0)
+    spikes = {}
+    for backend in ("event", "loihi"):
+        sim = neuro.compile(net, backend, seed=2)
+        sim.run(200.0)
+        spikes[backend] = sim.spikes("cells")[0]
+        times, ids = sim.spikes("rates")
+        spikes[f"{backend} rates"] = np.stack([times, ids])
+    assert np.array_equal(np.unique(spikes["loihi rates"], axis=1), np.unique(spikes["event rates"], axis=1))
+    early = {
+        name: np.count_nonzero((times > 5) & (times < 62)) for name, times in spikes.items() if "rates" not in name
+    }
+    assert early["event"] > 0
+    assert abs(early["loihi"] - early["event"]) <= 5
+    assert not np.any((spikes["loihi"] > 65) & (spikes["loihi"] < 80))
+    net.population("noise", 1, neuro.noise_generator(std=10.0))
+    net.connect("noise", "cells", neuro.all_to_all())
+    with pytest.raises(ModelError) as told:
+        neuro.compile(net, "loihi")
+    assert "population 'noise': noise_generator" in str(told.value)
+    assert "its current changes at every step, and the host writes a current only when it changes" in str(told.value)
+
+
+def refused(model: Any, shape: int = 2) -> str:
+    net = neuro.Network("refused", resolution=0.1)
+    net.population("source", shape, model)
+    net.population("cells", 2, neuro.iaf_psc_exp())
+    net.connect("source", "cells", neuro.all_to_all())
+    with pytest.raises(ModelError) as told:
+        neuro.compile(net, "reference")
+    return str(told.value).partition(": ")[2]
+
+
+def wrong(make: Any) -> str:
+    with pytest.raises(ModelError) as told:
+        make()
+    return str(told.value).partition(": ")[2]
+
+
+def test_mistakes_are_told():
+    steps, rates = neuro.step_current_generator, neuro.inhomogeneous_poisson_generator
+    assert wrong(lambda: steps(amplitude_times=[1.0, 1.0], amplitude_values=[1.0, 2.0])) == (
+        "step_current_generator.amplitude_times[1] = 1: expected times > 0 ms, each later than the one before"
+    )
+    assert wrong(lambda: steps(amplitude_times=[0.0], amplitude_values=[1.0])) == (
+        "step_current_generator.amplitude_times[0] = 0: expected times > 0 ms, each later than the one before"
+    )
+    assert wrong(lambda: steps(amplitude_times=[1.0, 2.0], amplitude_values=[1.0])) == (
+        "step_current_generator.amplitude_values: 1 values for 2 times: expected as many"
+    )
+    assert wrong(lambda: rates(rate_times=[1.0], rate_values=[-1.0])) == (
+        "inhomogeneous_poisson_generator.rate_values[0] = -1: expected a list of numbers >= 0"
+    )
+    assert wrong(lambda: neuro.spike_train(spikes=[[1.0, 0.0], [0.5, 0.0]])) == (
+        "spike_train.spikes[1] = 0.5 ms of neuron 0 after 1 ms: "
+        "expected a row for each spike: a time > 0 ms, not before the last one, and a neuron"
+    )
+    assert wrong(lambda: neuro.spike_train(spikes=[[1.0, 0.0], [float("nan"), 0.0]])) == (
+        "spike_train.spikes[1] = .nan ms of neuron 0: expected a row for each spike: a time > 0 ms, not before the last "
+        "one, and a neuron"
+    )
+    assert refused(steps(amplitude_times=[1.05], amplitude_values=[1.0])) == (
+        "population 'source': step_current_generator.amplitude_times = 1.05 ms: expected a multiple of the resolution, "
+        "0.1 ms\n  hint: the nearest are 1 or 1.1 ms"
+    )
+    assert refused(steps(amplitude_times=[1.0], amplitude_values=[[1.0]] * 3)) == (
+        "population 'source': step_current_generator.amplitude_values has 3 rows: expected 2, one for each neuron, or one "
+        "list for all"
+    )
+    assert refused(neuro.noise_generator(std=1.0, std_mod=2.0)) == (
+        "population 'source': noise_generator.std_mod = 2 pA: expected at most std = 1 pA\n"
+        "  hint: the variance would be negative at times"
+    )
+    assert refused(neuro.noise_generator(dt=0.25)) == (
+        "population 'source': noise_generator.dt = 0.25 ms: expected a multiple of the resolution, 0.1 ms\n"
+        "  hint: the nearest are 0.2 or 0.3 ms"
+    )
+    assert refused(neuro.gamma_sup_generator(rate=6000.0)) == (
+        "population 'source': gamma_sup_generator.rate = 6000 Hz: expected at most 5000 Hz with gamma_shape = 1 and "
+        "n_proc = 1 at a resolution of 0.1 ms\n  hint: use a finer resolution or a lower rate"
+    )
+    assert refused(neuro.spike_train(spikes=[[1.0, 2.0]])) == (
+        "population 'source': spike_train.spikes[0] is of neuron 2: expected a neuron from 0 to 1\n"
+        "  hint: shape: 3 has room for all"
+    )
+    assert refused(neuro.spike_train(spikes=[[1.0, 0.0], [1.03, 1.0]])) == (
+        "population 'source': spike_train.spikes[1] = 1.03 ms: expected a multiple of the resolution, 0.1 ms\n"
+        "  hint: the nearest are 1 or 1.1 ms"
+    )
+    assert refused(neuro.sinusoidal_poisson_generator(rate=10.0)) == (
+        "projection 'source_cells': a neuron of 'source' has 2 targets, and individual_spike_trains is true: expected "
+        "one target for each\n  hint: give each target a neuron of its own, by one_to_one; or set "
+        "individual_spike_trains: false, and all targets of a neuron share its train"
+    )
+
+
+def test_what_is_fixed_is_told():
+    net = neuro.Network("fixed", resolution=0.1)
+    net.population("noise", 1, neuro.noise_generator(std=5.0))
+    net.population("steps", 1, neuro.step_current_generator(amplitude_times=[1.0], amplitude_values=[1.0]))
+    net.population("gamma", 1, neuro.gamma_sup_generator(rate=5.0))
+    net.population("cells", 2, neuro.iaf_psc_exp())
+    net.connect("noise", "cells", neuro.all_to_all())
+    sim = neuro.compile(net, "reference")
+    fixed = {"noise": ("dt", 0.5), "steps": ("amplitude_values", 2.0), "gamma": ("n_proc", 3)}
+    for name, (word, value) in fixed.items():
+        with pytest.raises(ModelError) as told:
+            sim.set(name, **{word: value})
+        model = net.populations[name].model.name
+        assert str(told.value) == f"{model}.{word} of '{name}' is fixed: change the network and compile again"
+    with pytest.raises(ModelError) as told:
+        sim.set("noise", std_mod=6.0)
+    assert "noise_generator.std_mod = 6 pA: expected at most std = 5 pA" in str(told.value)
+
+
+def test_currents_and_rates_change_within_a_trial():
+    def run(backend: str) -> Any:
+        net = chooser()
+        net.population(
+            "steps", 1, neuro.step_current_generator(amplitude_times=[7.0, 33.0], amplitude_values=[9.0, 2.0])
+        )
+        net.population("waves", 1, neuro.ac_generator(amplitude=5.0, frequency=30.0))
+        net.population("rates", 54, neuro.inhomogeneous_poisson_generator(rate_times=[12.0], rate_values=[100.0]))
+        net.connect("steps", "maps", neuro.all_to_all(), weight=0.1)
+        net.connect("waves", "maps", neuro.all_to_all(), weight=0.1, delay=3.0)
+        net.connect("rates", "maps", neuro.one_to_one(), weight=1.0)
+        sim = neuro.compile(net, backend, seed=2)
+        told = sim.trials([3.0, 3.0, 4.0, 9.0], [0, 40, 7, 11], [0, 2, 3, 4])
+        return told, sim.get("maps", "V_m"), sim.spikes("rates")[0]
+
+    (told, v, times), (expected, expected_v, expected_times) = run("event"), run("reference")
+    assert np.array_equal(told.winner, expected.winner)
+    assert np.abs(v - expected_v).max() < 1e-9
+    assert np.array_equal(times, expected_times)
+    assert times.size
