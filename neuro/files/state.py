@@ -118,9 +118,6 @@ _SAID_ELSEWHERE = {"origin", "kind", "carries", "receptor", "stream"}
 """Fields of a program that decide nothing, follow from others, or count only where they are; states of version 0.1.0 do
 not count them."""
 
-_NEW = {"schedule"}
-"""Fields that version 0.1.0 did not have; they count where they say something."""
-
 
 def fingerprint(program: Program) -> str:
     """A hash of everything that decides what a program does; places in files do not count."""
@@ -144,7 +141,8 @@ def _feed(digest: hashlib.blake2b, value: Any) -> None:
     elif is_dataclass(value):
         for field in fields(value):
             held = getattr(value, field.name)
-            if field.name not in _SAID_ELSEWHERE and not (field.name in _NEW and held is None):
+            # What came later has a default, which says nothing: states of versions without it go on.
+            if field.name not in _SAID_ELSEWHERE and held is not field.default:
                 digest.update(field.name.encode())
                 _feed(digest, held)
         if (stream := getattr(value, "stream", None)) is not None:
