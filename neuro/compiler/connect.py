@@ -7,18 +7,23 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.compiler.drawn import bernoulli_pairs, total_number
 from neuro.compiler.shapes import Shape, size
 from neuro.core.errors import ModelError
+from neuro.core.keyed_random import generator
+from neuro.core.keyed_random import key as key_of
 from neuro.model.rules import (
     RULES,
     Rule,
     all_to_all,
     fixed_indegree,
     fixed_outdegree,
+    fixed_total_number,
     grid,
     one_to_one,
     pairs,
     pairwise_bernoulli,
+    symmetric_pairwise_bernoulli,
 )
 from neuro.program.program import Grid, Ints
 
@@ -35,6 +40,7 @@ class Connections:
         layout, row_ends, targets, size: as in `neuro.program.program.Projection`.
         order: for listed pairs that were not sorted: which listed pair each synapse is, else None.
         listed: the shapes that an array of weights may have; empty where synapses are drawn at random.
+        shared: for synapses of which some share a drawn weight or delay: which draw each takes, else None.
     """
 
     layout: str
@@ -43,10 +49,11 @@ class Connections:
     targets: NDArray[np.int32] = field(default_factory=lambda: NO_TARGETS)
     order: Ints | None = None
     listed: tuple[tuple[int, ...], ...] = ()
+    shared: Ints | None = None
 
 
 def connect(
-    rule: Rule, source: Shape, target: Shape, same: bool, sizes: Grid | None, rng: np.random.Generator
+    rule: Rule, source: Shape, target: Shape, same: bool, sizes: Grid | None, key: tuple[int, str, str]
 ) -> Connections:
     """The synapses that a rule makes.
 
@@ -56,12 +63,13 @@ def connect(
         target: shape of the target.
         same: whether source and target are one population, so that autapses are possible.
         sizes: of a grid.
-        rng: for rules that draw.
+        key: of the draws, see `keyed_random`.
 
     Raises:
         ModelError: the rule does not fit the sizes.
     """
     n_pre, n_post = size(source), size(target)
+    rng = generator(*key)
     match rule:
         case one_to_one():
             if n_pre != n_post:
@@ -81,6 +89,17 @@ def connect(
             drawn = _draw(rule.n, n_pre, n_post, same and not rule.autapses, rule.multapses, rng, "targets")
             drawn.sort(axis=1)
             return _rows(np.arange(n_pre + 1, dtype=np.int64) * rule.n, drawn.reshape(-1))
+        case fixed_total_number():
+            but_self = same and not rule.autapses
+            pre, post = total_number(rule.n, n_pre, n_post, but_self, rule.multapses, key_of(*key))
+            return _rows(_ends(pre, n_pre), post)
+        case symmetric_pairwise_bernoulli():
+            if not same:
+                raise ModelError(
+                    f"{rule.name} between two populations: expected one population, which is connected with itself",
+                    hint="pairwise_bernoulli connects one population with another",
+                )
+            return _both_ways(*bernoulli_pairs(rule.p, n_pre, key_of(*key)), n_pre)
         case pairwise_bernoulli():
             return _bernoulli(rule.p, n_pre, n_post, same and not rule.autapses, rng)
         case pairs():
@@ -168,6 +187,20 @@ def _bernoulli(p: float, n_pre: int, n_post: int, but_self: bool, rng: np.random
     return _rows(np.cumsum(np.concatenate(degrees), dtype=np.int64), np.concatenate(targets))
 
 
+def _both_ways(pre: Ints, post: Ints, n: int) -> Connections:
+    """Each pair and its reverse, which take the same draw of a weight."""
+    place = np.concatenate((pre * n + post, post * n + pre))
+    order = np.argsort(place, kind="stable")
+    sources, targets = np.divmod(place[order], n)
+    row_ends = _ends(sources, n)
+    return Connections("csr", len(place), row_ends, targets.astype(np.int32), shared=order % max(len(pre), 1))
+
+
+def _ends(pre: Ints, n_pre: int) -> Ints:
+    """Where the synapses of each source end, from those of all synapses."""
+    return np.concatenate(([0], np.cumsum(np.bincount(pre, minlength=n_pre)))).astype(np.int64)
+
+
 def _listed(pre: Ints, post: Ints, n_pre: int, n_post: int, name: str) -> Connections:
     for word, ids, n in (("pre", pre, n_pre), ("post", post, n_post)):
         if len(ids) and ids.max() >= n:
@@ -176,5 +209,4 @@ def _listed(pre: Ints, post: Ints, n_pre: int, n_post: int, name: str) -> Connec
     place = pre * n_post + post
     order = None if np.all(place[1:] >= place[:-1]) else np.argsort(place, kind="stable")
     targets = (post if order is None else post[order]).astype(np.int32)
-    row_ends = np.concatenate(([0], np.cumsum(np.bincount(pre, minlength=n_pre)))).astype(np.int64)
-    return Connections("csr", len(targets), row_ends, targets, order, ((len(targets),),))
+    return Connections("csr", len(targets), _ends(pre, n_pre), targets, order, ((len(targets),),))

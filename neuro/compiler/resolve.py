@@ -154,9 +154,8 @@ def _projection(
         refuse(part, "delay: a shared kernel has one delay: expected a number")
     same = part.source == part.target
     with telling(part):
-        found = connect(
-            part.rule, shapes[part.source], shapes[part.target], same, sizes, generator(seed, "connect", part.name)
-        )
+        key = (seed, "connect", part.name)
+        found = connect(part.rule, shapes[part.source], shapes[part.target], same, sizes, key)
         weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name))
         delay = delay_steps(part.delay, found, clock, "delay", generator(seed, "delay", part.name))
     if sizes is not None and weight.size == 1:

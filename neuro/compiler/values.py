@@ -59,7 +59,7 @@ def per_synapse(value: Any, found: Connections, what: str, rng: np.random.Genera
     """
     value = plain(value)
     if isinstance(value, Distribution):
-        return value.drawn(rng, found.size) + 0.0
+        return _drawn(value, found, rng) + 0.0
     array = np.asarray(value, dtype=np.float64)
     if array.ndim == 0:
         return array.reshape(1) + 0.0
@@ -75,11 +75,18 @@ def per_synapse(value: Any, found: Connections, what: str, rng: np.random.Genera
     return (flat if found.order is None else flat[found.order]) + 0.0
 
 
+def _drawn(value: Distribution, found: Connections, rng: np.random.Generator) -> Floats:
+    """The draw that each synapse takes."""
+    if found.shared is None:
+        return value.drawn(rng, found.size)
+    return value.drawn(rng, int(found.shared.max(initial=-1)) + 1)[found.shared]
+
+
 def delay_steps(value: Any, found: Connections, clock: Clock, what: str, rng: np.random.Generator) -> NDArray[np.int32]:
     """Delays in steps. Drawn delays are rounded to the grid and are at least one step; given ones must lie on it."""
     value = plain(value)
     if isinstance(value, Distribution):
-        drawn = np.rint(value.drawn(rng, found.size) / clock.resolution)
+        drawn = np.rint(_drawn(value, found, rng) / clock.resolution)
         if drawn.size and drawn.max() > LONGEST_DELAY:
             raise too_late(f"the longest drawn {what}", int(drawn.max()), clock)
         return np.maximum(drawn, 1.0).astype(np.int32)

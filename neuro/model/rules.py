@@ -82,6 +82,27 @@ class pairwise_bernoulli(Rule):
 
 
 @dataclass(frozen=True, eq=False)
+class fixed_total_number(Rule):
+    """So many synapses in all, each between a source and a target drawn at random. NEST calls n N."""
+
+    n: int = quantity(doc="synapses", kind="integer", at_least=0)
+    autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
+    multapses: bool = quantity(True, "", "whether a pair may be drawn twice", kind="boolean")
+
+
+@dataclass(frozen=True, eq=False)
+class symmetric_pairwise_bernoulli(Rule):
+    """Neurons of one population are connected in both directions.
+
+    Each neuron draws each other one with probability p, and both reach each other; two that draw each other are
+    connected twice. So a neuron of n has 2 p (n - 1) sources in the mean. Both directions take one drawn weight.
+    Source: NEST, symmetric_pairwise_bernoulli with make_symmetric
+    """
+
+    p: float = quantity(doc="probability", at_least=0, at_most=1)
+
+
+@dataclass(frozen=True, eq=False)
 class pairs(Rule):
     """The listed pairs: source pre[k] reaches target post[k]; a pair may be listed twice."""
 
@@ -137,7 +158,17 @@ def complete(rule: type[Rule]) -> type[Rule]:
 
 RULES: Registry[type[Rule]] = Registry(
     "rule",
-    (one_to_one, all_to_all, fixed_indegree, fixed_outdegree, pairwise_bernoulli, pairs, grid),
+    (
+        one_to_one,
+        all_to_all,
+        fixed_indegree,
+        fixed_outdegree,
+        fixed_total_number,
+        pairwise_bernoulli,
+        symmetric_pairwise_bernoulli,
+        pairs,
+        grid,
+    ),
     takes=lambda part: isinstance(part, type) and issubclass(part, Rule),
     group="neuro.rules",
     complete=complete,

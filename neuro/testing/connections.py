@@ -20,10 +20,12 @@ from neuro.model.rules import (
     all_to_all,
     fixed_indegree,
     fixed_outdegree,
+    fixed_total_number,
     grid,
     one_to_one,
     pairs,
     pairwise_bernoulli,
+    symmetric_pairwise_bernoulli,
 )
 from neuro.testing.case import Found, Start, after, case, network
 
@@ -69,6 +71,23 @@ def rule_fixed_outdegree(start: Start) -> Found:
 def rule_pairwise_bernoulli(start: Start) -> Found:
     """pairwise_bernoulli."""
     return after(start, connected(pairwise_bernoulli(p=0.4)))
+
+
+@case
+def rule_fixed_total_number(start: Start) -> Found:
+    """fixed_total_number, with multapses and without."""
+    net = connected(fixed_total_number(n=17))
+    net.connect("cells", "cells", fixed_total_number(n=11, autapses=False, multapses=False), weight=90.0, name="once")
+    return after(start, net)
+
+
+@case
+def rule_symmetric_pairwise_bernoulli(start: Start) -> Found:
+    """symmetric_pairwise_bernoulli with drawn weights."""
+    net = connected(all_to_all())
+    rule = symmetric_pairwise_bernoulli(p=0.4)
+    net.connect("cells", "cells", rule, weight=normal(mean=200.0, std=300.0), delay=0.7, name="both")
+    return after(start, net)
 
 
 @case
