@@ -9,16 +9,17 @@ from typing import Any, NoReturn, TypeAlias
 import numpy as np
 
 from neuro.compiler.shapes import Shape, size
-from neuro.compiler.values import plain
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, nearest, unknown
 from neuro.core.keyed_random import LARGEST_MEAN
 from neuro.core.registry import Registry
+from neuro.core.values import plain
 from neuro.model.distributions import Distribution
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS, Model, Neuron, dc_generator, poisson_generator, spike_generator
 from neuro.model.parts import Group, Population, Probe, Projection, Signal
 from neuro.model.rules import grid
+from neuro.model.space import of_distance
 from neuro.model.synapses import SYNAPSES, Modulated, static
 from neuro.program.program import Floats
 
@@ -181,7 +182,7 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
 def _check_weight(part: Projection) -> None:
     """A weight said as a number lies within the bounds of its rule."""
     weight = plain(part.weight)
-    if isinstance(weight, Distribution) or np.ndim(weight):
+    if isinstance(weight, (Distribution, of_distance)) or np.ndim(weight):
         return
     low, high = part.synapse.bounds()
     if not low <= weight <= high:

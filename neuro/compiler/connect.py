@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.drawn import bernoulli_pairs, total_number
+from neuro.compiler.drawn import BLOCK, bernoulli_pairs, blocks, total_number
 from neuro.compiler.shapes import Shape, size
+from neuro.compiler.space import Between, distant_pairs
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
 from neuro.core.keyed_random import key as key_of
@@ -16,6 +19,7 @@ from neuro.model.rules import (
     RULES,
     Rule,
     all_to_all,
+    distance_dependent,
     fixed_indegree,
     fixed_outdegree,
     fixed_total_number,
@@ -27,6 +31,7 @@ from neuro.model.rules import (
 )
 from neuro.program.program import Grid, Ints
 
+Apart: TypeAlias = Callable[[], Between]
 _DRAWS = 1 << 22
 NO_ROWS: Ints = np.zeros(0, dtype=np.int64)
 NO_TARGETS: NDArray[np.int32] = np.zeros(0, dtype=np.int32)
@@ -51,9 +56,22 @@ class Connections:
     listed: tuple[tuple[int, ...], ...] = ()
     shared: Ints | None = None
 
+    def pairs(self, n_post: int) -> Iterator[tuple[Ints, NDArray[np.integer]]]:
+        """Source and target of all synapses but those of a grid, in order, a piece at a time."""
+        for first, last in blocks(0, self.size, BLOCK):
+            synapses = np.arange(first, last)
+            match self.layout:
+                case "one_to_one":
+                    yield synapses, synapses
+                case "dense":
+                    yield synapses // n_post, synapses % n_post
+                case _:
+                    pre = np.searchsorted(self.row_ends, synapses, side="right") - 1
+                    yield pre, self.targets[first:last]
+
 
 def connect(
-    rule: Rule, source: Shape, target: Shape, same: bool, sizes: Grid | None, key: tuple[int, str, str]
+    rule: Rule, source: Shape, target: Shape, same: bool, sizes: Grid | None, key: tuple[int, str, str], apart: Apart
 ) -> Connections:
     """The synapses that a rule makes.
 
@@ -64,6 +82,7 @@ def connect(
         same: whether source and target are one population, so that autapses are possible.
         sizes: of a grid.
         key: of the draws, see `keyed_random`.
+        apart: tells what lies between neurons, for rules that ask.
 
     Raises:
         ModelError: the rule does not fit the sizes.
@@ -100,6 +119,9 @@ def connect(
                     hint="pairwise_bernoulli connects one population with another",
                 )
             return _both_ways(*bernoulli_pairs(rule.p, n_pre, key_of(*key)), n_pre)
+        case distance_dependent():
+            but_self = same and not rule.autapses
+            return _in_blocks(distant_pairs(rule, apart(), but_self, key_of(*key)), n_pre)
         case pairwise_bernoulli():
             return _bernoulli(rule.p, n_pre, n_post, same and not rule.autapses, rng)
         case pairs():
@@ -185,6 +207,15 @@ def _bernoulli(p: float, n_pre: int, n_post: int, but_self: bool, rng: np.random
         degrees.append(np.count_nonzero(hit, axis=1))
         targets.append((np.flatnonzero(hit) % n_post).astype(np.int32))
     return _rows(np.cumsum(np.concatenate(degrees), dtype=np.int64), np.concatenate(targets))
+
+
+def _in_blocks(found: Iterable[tuple[Ints, NDArray[np.int32]]], n_pre: int) -> Connections:
+    """Pairs in order, a piece at a time."""
+    degrees, targets = np.zeros(n_pre, dtype=np.int64), [NO_TARGETS]
+    for pre, post in found:
+        degrees += np.bincount(pre, minlength=n_pre)
+        targets.append(post)
+    return _rows(np.concatenate(([0], np.cumsum(degrees))), np.concatenate(targets))
 
 
 def _both_ways(pre: Ints, post: Ints, n: int) -> Connections:

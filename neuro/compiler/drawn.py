@@ -11,7 +11,7 @@ from neuro.core.errors import ModelError
 from neuro.core.keyed_random import uniform, uniform_table
 from neuro.program.program import Ints
 
-BLOCK = 1 << 20
+BLOCK = 1 << 18
 """Draws at a time: what they take stays small beside the synapses."""
 
 
@@ -47,7 +47,7 @@ def total_number(
 def _below(bound: int, first: int, last: int, key: int) -> Ints:
     """Draws first, ..., last - 1 of a sequence of whole numbers below a bound."""
     drawn = np.empty(last - first, dtype=np.int64)
-    for begin, end in _blocks(first, last, BLOCK):
+    for begin, end in blocks(first, last, BLOCK):
         drawn[begin - first : end - first] = uniform(key, 0, np.arange(begin, end)) * bound
     return drawn
 
@@ -72,7 +72,7 @@ def _distinct(n: int, bound: int, key: int) -> Ints:
 def bernoulli_pairs(p: float, n: int, key: int) -> tuple[Ints, Ints]:
     """The pairs (i, j), i != j, of n neurons of which each is drawn with probability p, in order."""
     drawn_pre, drawn_post = [], []
-    for first, last in _blocks(0, n, max(1, BLOCK // n)):
+    for first, last in blocks(0, n, max(1, BLOCK // n)):
         hit = uniform_table(key, np.arange(first, last), n) < p
         hit[np.arange(last - first), np.arange(first, last)] = False
         pre, post = np.nonzero(hit)
@@ -81,7 +81,7 @@ def bernoulli_pairs(p: float, n: int, key: int) -> tuple[Ints, Ints]:
     return np.concatenate(drawn_pre), np.concatenate(drawn_post)
 
 
-def _blocks(first: int, last: int, length: int) -> Iterator[tuple[int, int]]:
+def blocks(first: int, last: int, length: int) -> Iterator[tuple[int, int]]:
     """The bounds of pieces of a range."""
     for begin in range(first, last, length):
         yield begin, min(begin + length, last)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from neuro.compiler.encoded import with_generators
 from neuro.compiler.pack import packed
 from neuro.compiler.receptors import check_conductance, receptor_of
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
+from neuro.compiler.space import Between, between
 from neuro.compiler.values import LONGEST_DELAY, delay_steps, one_delay, per_neuron, per_synapse, too_late
 from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
@@ -25,6 +27,7 @@ from neuro.model.network import Network
 from neuro.model.neurons import MODELS, Neuron, dc_generator, poisson_generator, spike_generator
 from neuro.model.parts import Population, Projection
 from neuro.model.rules import RULES, grid
+from neuro.model.space import PROFILES
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated
 from neuro.program import program as resolved
 from neuro.program.program import Floats, Ints
@@ -40,7 +43,7 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
     Raises:
         ModelError: the network cannot be run by any backend.
     """
-    for registry in (MODELS, SYNAPSES, RULES, DISTRIBUTIONS, CODES, RATE_CODES):
+    for registry in (MODELS, SYNAPSES, RULES, DISTRIBUTIONS, PROFILES, CODES, RATE_CODES):
         registry.close("a network was compiled")
     clock = Clock(net.resolution)
     shapes = resolve_shapes(net)
@@ -153,11 +156,16 @@ def _projection(
     if sizes is not None and not isinstance(part.delay, float):
         refuse(part, "delay: a shared kernel has one delay: expected a number")
     same = part.source == part.target
+
+    @cache
+    def apart() -> Between:
+        return between(net.populations[part.source], net.populations[part.target], shapes)
+
     with telling(part):
         key = (seed, "connect", part.name)
-        found = connect(part.rule, shapes[part.source], shapes[part.target], same, sizes, key)
-        weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name))
-        delay = delay_steps(part.delay, found, clock, "delay", generator(seed, "delay", part.name))
+        found = connect(part.rule, shapes[part.source], shapes[part.target], same, sizes, key, apart)
+        weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name), apart)
+        delay = delay_steps(part.delay, found, clock, "delay", generator(seed, "delay", part.name), apart)
     if sizes is not None and weight.size == 1:
         weight = np.repeat(weight, found.size)
     check_stdp_weights(part, weight)

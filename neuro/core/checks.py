@@ -81,7 +81,7 @@ def _hint(q: Quantity, value: Any) -> str:
     if q.kind == "shape":
         near = nearest(value, q.words)
         return axes(value) or (near if near.startswith("did") else "")
-    return notation(value, q.unit) if q.kind not in ("name", "receptor", "names", "part") else ""
+    return notation(value, q.unit) if q.kind not in ("name", "receptor", "names", "part", "choice") else ""
 
 
 def is_number(value: Any) -> bool:
@@ -111,7 +111,8 @@ def _number(q: Quantity, value: Any, what: str) -> Any:
         return float(value)
     if not q.arrays:
         raise wrong(q, value, what)
-    if getattr(value, "kind", "") == "distribution" and not isinstance(value, type):
+    kind = "" if isinstance(value, type) else getattr(value, "kind", "")
+    if kind == "distribution" or (q.of_distance and kind == "of_distance"):
         return value
     if isinstance(value, FromFile):
         _each(q, value.values, what)
@@ -310,6 +311,15 @@ def _codes(q: Quantity, value: Any, what: str) -> tuple[Any, ...]:
     return value
 
 
+def _choice(q: Quantity, value: Any, what: str) -> Any:
+    assert q.choice is not None
+    if q.at_least is not None and is_number(value):
+        return _number(q, value, what)
+    if not isinstance(value, q.choice):
+        raise wrong(q, value, what)
+    return value
+
+
 def _part(q: Quantity, value: Any, what: str) -> Any:
     assert q.part is not None
     if isinstance(value, q.part):
@@ -333,4 +343,5 @@ _CHECKERS: dict[str, Callable[[Quantity, Any, str], Any]] = {
     "delay": _delay,
     "codes": _codes,
     "part": _part,
+    "choice": _choice,
 }

@@ -17,8 +17,8 @@ class Quantity:
         doc: one line on its meaning.
         kind: "number", "integer", "boolean", "name" (of a part of the network), "receptor" (of neurons), "word" (one of
             `words`), "shape" (a list of integers), "times" (spike times, a list per neuron), "ids",
-            "delay" (a time that is no number of the rule), "names" (a list of names), "part" (a `part`) or "codes"
-            (of `neuro.coding`).
+            "delay" (a time that is no number of the rule), "names" (a list of names), "part" (a `part`), "choice" (a
+            `choice`; with bounds also a number) or "codes" (of `neuro.coding`).
         above, at_least, below, at_most: bounds of every element.
         nonzero: whether 0 has no meaning.
         infinite: whether an infinite value has a meaning.
@@ -27,6 +27,8 @@ class Quantity:
         optional: whether it may be left out for good (None).
         words: the accepted words of kind "word", and those accepted beside numbers by "integer" and "shape".
         part: the class of kind "part", a `Choice`.
+        choice: of kind "choice": the base of what may be chosen, a `Choice`.
+        of_distance: whether a function of the distance between two neurons is accepted.
     """
 
     unit: str = ""
@@ -43,6 +45,8 @@ class Quantity:
     optional: bool = False
     words: tuple[str, ...] = ()
     part: type[Any] | None = None
+    choice: type[Any] | None = None
+    of_distance: bool = False
 
     def expected(self) -> str:
         """The sentence part that says what is accepted, e.g. "a number > 0 ms"."""
@@ -60,6 +64,7 @@ class Quantity:
             "delay": "a time > 0 ms",
             "names": "names",
             "codes": "a code, or a list of codes",
+            "choice": ("a number" if self.at_least is not None else f"a {self.choice.kind}") if self.choice else "",
             "part": f"the words of {self.part.__name__}" if self.part else "",
         }[self.kind]
         bounds = [
@@ -75,6 +80,8 @@ class Quantity:
         if self.nonzero:
             bounds.append("other than 0")
         text = " ".join([noun, " and ".join(bounds)]) if bounds else noun
+        if self.choice and bounds:
+            text += f" or a {self.choice.kind}"
         if self.words:
             text += " or " + " or ".join(self.words)
         unit = f" {self.unit}" if self.unit and self.kind == "number" else ""

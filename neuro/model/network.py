@@ -6,14 +6,18 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from neuro.core.checks import check
+from neuro.core.checks import check, is_number
 from neuro.core.errors import ModelError, Where, here, unknown
 from neuro.core.quantities import Quantity
 from neuro.core.values import same, shown
+from neuro.model.distributions import Distribution
 from neuro.model.neurons import Model
 from neuro.model.parts import (
     DELAY,
     EVERY,
+    EXTENT,
+    PERIODIC,
+    POSITIONS,
     RECORD,
     RESOLUTION,
     SHAPE,
@@ -61,6 +65,9 @@ class Network(Description):
         model: Model,
         *,
         initial: Mapping[str, Any] | None = None,
+        positions: Any = None,
+        extent: Any = None,
+        periodic: bool = False,
     ) -> Population:
         """Add neurons of one model.
 
@@ -69,6 +76,9 @@ class Network(Description):
             shape: number of neurons, or sizes of the axes (`"auto"` where a grid decides).
             model: e.g. `neuro.iaf_psc_exp(tau_m=10.0)`.
             initial: states at time 0: a number, an array or a distribution by the state's name.
+            positions: where neurons lie: coordinates, shape (n, 1 to 3); by the shape if not given, centred at 0.
+            extent: length of each axis, in the unit of positions; without it neighbours are one unit apart.
+            periodic: whether what leaves at one edge comes in at the other.
 
         Returns:
             The part, to be passed to `connect` and others.
@@ -84,7 +94,17 @@ class Network(Description):
             if state not in states:
                 raise unknown(f"state of {model.name}", state, states, path=path).at(self._where(), what)
             start[state] = self._checked(states[state], value, f"{what}: initial.{state}", path)
-        return self._add(self.populations, Population(name, sizes, model, start, self._where()))
+        part = Population(
+            name,
+            sizes,
+            model,
+            start,
+            self._where(),
+            positions=self._array(POSITIONS, positions, f"{what}: positions", "positions"),
+            extent=self._array(EXTENT, extent, f"{what}: extent", "extent"),
+            periodic=self._checked(PERIODIC, periodic, f"{what}: periodic", ("periodic",)),
+        )
+        return self._add(self.populations, part)
 
     def connect(
         self,
@@ -104,7 +124,7 @@ class Network(Description):
             target: likewise.
             rule: e.g. `neuro.all_to_all()`.
             synapse: e.g. `neuro.stdp(Wmax=3.0)`; static if not given.
-            weight: a number, an array (one per synapse, see docs), or a distribution.
+            weight: a number, an array (one per synapse, see docs), a distribution, or `neuro.of_distance(...)`.
             delay: the same, in ms.
             name: a new name; `source_target` if not given.
         """
@@ -189,6 +209,12 @@ class Network(Description):
             return check(q, value, what, path)
         except ModelError as error:
             raise error.at(self._where()) from None
+
+    def _array(self, q: Quantity, value: Any, what: str, word: str) -> Any:
+        """Numbers that are no single one and not drawn."""
+        if isinstance(value, Distribution) or is_number(value):
+            raise ModelError(f"{what} = {shown(value)}: expected a list or a file", where=self._where(), path=(word,))
+        return self._checked(q, value, what, (word,))
 
     def _name_of(self, population: Population | str, what: str, role: str) -> str:
         name = population.name if isinstance(population, Population) else population

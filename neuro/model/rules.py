@@ -12,6 +12,7 @@ from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
 from neuro.core.registry import Registry
+from neuro.model.space import Mask, Profile
 
 SAME = "same"
 """The padding that keeps the size of a sheet."""
@@ -102,6 +103,20 @@ class symmetric_pairwise_bernoulli(Rule):
     p: float = quantity(doc="probability", at_least=0, at_most=1)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class distance_dependent(Rule):
+    """Every pair is connected with a probability that follows from the distance between the two.
+
+    The mask lies around the source; a target outside of it is not reached.
+    """
+
+    p: Any = quantity(
+        1.0, "", "probability, a function of the distance", kind="choice", choice=Profile, at_least=0, at_most=1
+    )
+    mask: Any = quantity(None, "", "where targets may lie; anywhere if not given", kind="choice", choice=Mask)
+    autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
+
+
 @dataclass(frozen=True, eq=False)
 class pairs(Rule):
     """The listed pairs: source pre[k] reaches target post[k]; a pair may be listed twice."""
@@ -166,6 +181,7 @@ RULES: Registry[type[Rule]] = Registry(
         fixed_total_number,
         pairwise_bernoulli,
         symmetric_pairwise_bernoulli,
+        distance_dependent,
         pairs,
         grid,
     ),

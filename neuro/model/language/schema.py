@@ -19,7 +19,10 @@ from neuro.model.neurons import MODELS
 from neuro.model.parts import (
     DELAY,
     EVERY,
+    EXTENT,
     INITIAL,
+    PERIODIC,
+    POSITIONS,
     RECORD,
     RESOLUTION,
     SHAPE,
@@ -126,7 +129,14 @@ def _population(own: bool) -> Schema:
     any_state = {"type": "object", "additionalProperties": _quantity(INITIAL)}
     initial = {**(any_state if own else _closed(known)), "description": INITIAL.doc}
     model = _chosen("model", MODELS, own)
-    return _closed({"model": model, "shape": _quantity(SHAPE), "initial": initial}, ["model", "shape"])
+    places = {"positions": _array(POSITIONS), "extent": _array(EXTENT), "periodic": _quantity(PERIODIC, False)}
+    return _closed({"model": model, "shape": _quantity(SHAPE), "initial": initial, **places}, ["model", "shape"])
+
+
+def _array(q: Quantity) -> Schema:
+    """An array that is not drawn."""
+    file, numbers = {"$ref": "#/$defs/file"}, {"$ref": "#/$defs/numbers"}
+    return {"anyOf": [numbers, file, _PARAMETER], "description": q.doc}
 
 
 def _projection(own: bool) -> Schema:
@@ -227,10 +237,15 @@ def _accepted(q: Quantity) -> list[Schema]:
         bounds["not"] = {"const": 0}
     file, numbers = {"$ref": "#/$defs/file"}, {"$ref": "#/$defs/numbers"}
     integer = {"type": "integer", **bounds}
+    far = [_closed({"of_distance": {"$ref": "#/$defs/profile"}}, ["of_distance"])] if q.of_distance else []
     match q.kind:
         case "number":
             more = [numbers, file, {"$ref": "#/$defs/distribution"}] if q.arrays else []
-            return [{"type": "number", **bounds}, *more, _PARAMETER]
+            return [{"type": "number", **bounds}, *more, *far, _PARAMETER]
+        case "choice":
+            assert q.choice is not None
+            number: list[Schema] = [{"type": "number", **bounds}] if bounds else []
+            return [*number, {"$ref": f"#/$defs/{q.choice.kind}"}]
         case "delay":
             return [{"type": "number", "exclusiveMinimum": 0}, _PARAMETER]
         case "integer":
