@@ -157,6 +157,19 @@ def test_weights_and_delays_of_distance(rule):
     assert part.delay.dtype == np.int32
 
 
+def test_neurons_of_a_view_lie_where_they_are():
+    net = neuro.Network("views")
+    cells = net.population("cells", [12, 15], neuro.iaf_psc_exp(), extent=[1.2, 1.5])
+    rule = neuro.distance_dependent(mask=neuro.circular(radius=0.35), autapses=False)
+    net.connect(cells[[40, 7, 39, 100]], cells[2:9, 3:], rule, delay=neuro.of_distance(neuro.linear(a=9.0)), name="p")
+    part = compile_network(net, 1).projections[0]
+    far = all_distances(SHEET, SHEET)
+    near = [(i, j) for i in (7, 39, 40, 100) for j in cells[2:9, 3:].ids if i != j and far[i, j] < 0.351]
+    pre, post = pairs_of(part)
+    assert list(zip(pre, post, strict=True)) == near
+    assert np.array_equal(part.delay, np.rint(90.0 * far[pre, post]))
+
+
 def test_delays_of_distance_are_at_least_one_step():
     part = compiled(neuro.all_to_all(), SHEET, delay=neuro.of_distance(neuro.linear(a=1.0)))
     assert part.delay.min() == 1

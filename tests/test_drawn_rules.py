@@ -53,15 +53,18 @@ def test_a_total_number_is_exact(n_pre, n_post, same, autapses, multapses, data)
 def test_every_pair_is_as_likely(n: int, multapses: bool):
     counts = np.zeros((10, 10))
     for key in range(1 if multapses else 1000):
-        np.add.at(counts, total_number(n, 10, 10, True, multapses, key), 1)
+        row_ends, post = total_number(n, 10, 10, np.arange(10), multapses, key)
+        np.add.at(counts, (np.repeat(np.arange(10), np.diff(row_ends)), post), 1)
     found = counts[~np.eye(10, dtype=bool)]
     assert np.all(np.diag(counts) == 0)
     assert p_of_chi_square(found, found.mean()) > 1e-3
 
 
 def test_a_synapse_keeps_its_draw_when_more_are_drawn():
-    few, more = (total_number(n, 50, 40, False, True, 7) for n in (BLOCK // 500, 2 * BLOCK))
-    few_places, more_places = (np.bincount(pre * 40 + post, minlength=2000) for pre, post in (few, more))
+    found = (total_number(n, 50, 40, None, True, 7) for n in (BLOCK // 500, 2 * BLOCK))
+    few_places, more_places = (
+        np.bincount(np.repeat(np.arange(50) * 40, np.diff(ends)) + post, minlength=2000) for ends, post in found
+    )
     assert np.all(more_places >= few_places)
 
 
@@ -119,7 +122,7 @@ def test_degrees_of_symmetric_pairs_are_binomial():
         (
             neuro.symmetric_pairwise_bernoulli(p=0.5),
             3,
-            "symmetric_pairwise_bernoulli between two populations: expected one population, which is connected with "
+            "symmetric_pairwise_bernoulli between different neurons: expected one population, or view, connected with "
             "itself\n  hint: pairwise_bernoulli connects one population with another",
         ),
     ],
@@ -134,3 +137,23 @@ def test_a_neuron_alone_has_no_other():
     rule = neuro.fixed_total_number(n=1, autapses=False)
     with pytest.raises(neuro.ModelError, match=r"n = 1 synapses: expected at most 0, as many as there are pairs$"):
         compiled(rule, 1)
+
+
+def test_views_are_connected_by_their_neurons():
+    net = neuro.Network("views")
+    cells = net.population("cells", [6, 5], neuro.iaf_psc_exp())
+    backwards, rest = cells[[7, 3, 5, 1]], cells[3:]
+    weight = neuro.uniform(low=1.0, high=2.0)
+    net.connect(backwards, backwards, neuro.symmetric_pairwise_bernoulli(p=0.7), weight=weight, name="both")
+    rule = neuro.fixed_total_number(n=295, autapses=False, multapses=False)
+    net.connect(cells[:4], rest, rule, name="all")
+    both, total = compile_network(net, 1).projections
+    pre, post = pairs_of(both)
+    forth, back = (
+        sorted(zip(a.tolist(), b.tolist(), both.weight.tolist(), strict=True)) for a, b in ((pre, post), (post, pre))
+    )
+    assert {*pre.tolist()} == {1, 3, 5, 7}
+    assert forth == back
+    pre, post = pairs_of(total)
+    everyone = [(i, j) for i in range(20) for j in range(15, 30) if i != j]
+    assert list(zip(pre.tolist(), post.tolist(), strict=True)) == everyone

@@ -222,16 +222,15 @@ class EventEngine:
 
     # --- states, parameters, weights ----------------------------------------------------------------------
 
-    def get(self, population: int, name: str) -> Floats:
-        """A state or parameter, shape (size,); sleeping neurons are brought up in a copy."""
-        p, place = self._program.populations[population], self._a.places[population]
+    def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
+        """A state or parameter of all neurons or of some; sleeping ones are brought up in a copy."""
+        p = self._program.populations[population]
         if layout.computes(p):
             states = [s.name for s in type(p.model).states]
             if name in states:
-                return place.by_id(
-                    reading.state(self._a, population, self._step)[states.index(name), place.begin : place.end].copy()
-                )
-        return self._parameter(population, name)
+                return reading.state(self._a, population, states.index(name), ids, self._step)
+        every = self._parameter(population, name)
+        return every if ids is None else every[ids]
 
     def _parameter(self, population: int, name: str) -> Floats:
         p, place = self._program.populations[population], self._a.places[population]
@@ -320,15 +319,15 @@ class EventEngine:
         self._changes.rules[projection] = parameters.copy()
         self._taught.pop(projection, None)
 
-    def set_weights(self, projection: int, weights: Floats) -> None:
-        """Replace all weights; spikes under way keep the old ones."""
+    def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
+        """Replace all weights, or those that are chosen; spikes under way keep the old ones."""
         row = self._a.net["projections"][projection]
         if row[t.DENSE_COUNTS] == 1:
             self._list_counts(projection, weights)
             return
         if self._step > 0 and projection not in self._a.plastic_of and row[t.LAG] > 0:
             self._deliver_ahead(projection, lazy.deliver_between)
-        self._write_weights(projection, weights)
+        self._write_weights(projection, weights, chosen)
 
     def _deliver_ahead(self, projection: int, deliver: Callable[..., None]) -> None:
         """Put what is under way into a ring, with the weights of now."""
@@ -353,7 +352,7 @@ class EventEngine:
             self._a.net["projections"][q, t.DENSE_COUNTS] = 0
         self._a.net["pops"][source, t.COUNTS] = t.NONE
 
-    def _write_weights(self, projection: int, weights: Floats) -> None:
+    def _write_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
         p, row = self._program.projections[projection], self._a.net["projections"][projection]
         if p.size == 0:
             return
@@ -365,8 +364,9 @@ class EventEngine:
             k = self._a.plastic_of[projection]
             reading.bring_all(self._a, self._view, k, self._step)
             first = self._a.plastic["table"][k, t.FIRST_SYNAPSE]
-            self._a.plastic["y"][0, first : first + p.size] = inner
-            self._a.plastic["sent"][first : first + p.size] = inner
+            changed = slice(None) if chosen is None else chosen if order is None else chosen[order]
+            for kept in (self._a.plastic["y"][0], self._a.plastic["sent"]):
+                kept[first : first + p.size][changed] = np.broadcast_to(inner, p.size)[changed]
             return
         if self._a.net["pops"][p.target, t.RELAY] == 1:
             self._changes.kept[projection] = weights.copy()

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.core import keyed_random
 from neuro.model.synapses import Trace
@@ -135,11 +136,11 @@ class Pairs:
         self.rule = rule.copy()
         self.refresh()
 
-    def set_weights(self, weights: Floats, step: int) -> None:
-        """Replace all weights at the end of a step."""
+    def set_weights(self, weights: Floats, step: int, where: slice | NDArray[np.bool_]) -> None:
+        """Replace the weights of some synapses at the end of a step."""
         self._bring(step)
-        self.y[0] = weights
-        self.sent = weights.copy()
+        self.y[0, where] = weights[where]
+        self.sent[where] = weights[where]
 
     def read(self, name: str, step: int) -> Floats:
         """A state of every synapse at the end of a step; nothing is changed by it."""

@@ -9,6 +9,7 @@ from typing import Any, NoReturn, TypeAlias
 import numpy as np
 
 from neuro.compiler.shapes import Shape, size
+from neuro.compiler.views import end_of
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, nearest, unknown
 from neuro.core.keyed_random import LARGEST_MEAN
@@ -45,10 +46,11 @@ def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
     for population in net.populations.values():
         _check_population(population, shapes[population.name])
     for projection in net.projections.values():
+        _check_views(projection, shapes)
         _check_ends(net, projection)
         _check_synapse(net, projection, shapes)
     _check_groups(net, shapes)
-    _check_probes(net, clock)
+    _check_probes(net, clock, shapes)
 
 
 def refuse(part: AnyPart, message: str, hint: str = "") -> NoReturn:
@@ -118,6 +120,14 @@ def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -
         clock.steps(parameters["t_ref"], f"{model.name}.t_ref")
     if isinstance(model, Neuron):
         model.check_steps(parameters, clock.resolution)
+
+
+def _check_views(part: Projection, shapes: Mapping[str, Shape]) -> None:
+    for role, name, view in (("from", part.source, part.source_view), ("to", part.target, part.target_view)):
+        with telling(part):
+            seen = end_of(view, shapes[name])
+        if isinstance(part.rule, grid) and seen.ids is not None:
+            refuse(part, f"a grid {role} {view}: expected the whole population", "all_to_all and pairs connect views")
 
 
 def _check_ends(net: Network, part: Projection) -> None:
@@ -241,9 +251,11 @@ def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:
         members[of] = part.name
 
 
-def _check_probes(net: Network, clock: Clock) -> None:
+def _check_probes(net: Network, clock: Clock, shapes: Mapping[str, Shape]) -> None:
     for part in net.probes.values():
         population = net.populations[part.of]
+        with telling(part):
+            end_of(part.view, shapes[part.of])
         if part.record == "spikes":
             if isinstance(population.model, dc_generator):
                 refuse(part, f"spikes of '{part.of}', a dc_generator: it emits a current")

@@ -16,32 +16,35 @@ BLOCK = 1 << 18
 
 
 def total_number(
-    n: int, n_pre: int, n_post: int, but_self: bool, repeats: bool, key: int
+    n: int, n_pre: int, n_post: int, but: Ints | None, repeats: bool, key: int
 ) -> tuple[Ints, NDArray[np.int32]]:
-    """Source and target of n synapses, in the order of the source, then the target; draw k is that of synapse k.
+    """Where the synapses of each source end, and the targets of n synapses; draw k is that of synapse k.
 
     Args:
         n: synapses.
         n_pre: neurons of the source.
         n_post: of the target.
-        but_self: whether a neuron does not reach itself.
+        but: of each source the target that it does not reach, -1: none; None: none of any.
         repeats: whether a pair may be drawn twice.
         key: of the draws.
 
     Raises:
         ModelError: there are not so many pairs.
     """
-    choices = n_post - but_self
-    pairs = n_pre * choices
+    choices = np.full(n_pre, n_post) if but is None else n_post - (but >= 0)
+    ends = np.concatenate(([0], np.cumsum(choices)))
+    pairs = int(ends[-1])
     if n and (pairs < 1 or (not repeats and n > pairs)):
         hint = "multapses: true allows a pair to be drawn twice" if pairs > 0 else ""
         raise ModelError(f"n = {n} synapses: expected at most {pairs}, as many as there are pairs", hint=hint)
     places = _below(pairs, 0, n, key) if repeats else _distinct(n, pairs, key)
     places.sort()
-    pre, post = np.divmod(places, max(choices, 1))
-    if but_self:
-        post += post >= pre
-    return pre, post.astype(np.int32)
+    row_ends = np.searchsorted(places, ends)
+    pre = np.repeat(np.arange(n_pre), np.diff(row_ends))
+    post = places - ends[pre]
+    if but is not None:
+        post += (but[pre] >= 0) & (post >= but[pre])
+    return row_ends, post.astype(np.int32)
 
 
 def _below(bound: int, first: int, last: int, key: int) -> Ints:

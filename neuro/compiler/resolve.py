@@ -18,6 +18,7 @@ from neuro.compiler.receptors import check_conductance, receptor_of
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.space import Between, between
 from neuro.compiler.values import LONGEST_DELAY, delay_steps, one_delay, per_neuron, per_synapse, too_late
+from neuro.compiler.views import end_of, own_places, placed
 from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
@@ -64,7 +65,12 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
         groups=tuple(resolved.Group(g.name, names.index(g.choice.of), g.choice, g.origin) for g in net.groups.values()),
         probes=tuple(
             resolved.Probe(
-                p.name, names.index(p.of), p.record, 1 if p.every is None else clock.step(p.every, "every"), p.origin
+                p.name,
+                names.index(p.of),
+                p.record,
+                1 if p.every is None else clock.step(p.every, "every"),
+                p.origin,
+                end_of(p.view, shapes[p.of]).ids,
             )
             for p in net.probes.values()
         ),
@@ -155,7 +161,9 @@ def _projection(
     sizes = grid_of(part, shapes) if isinstance(part.rule, grid) else None
     if sizes is not None and not isinstance(part.delay, float):
         refuse(part, "delay: a shared kernel has one delay: expected a number")
-    same = part.source == part.target
+    source = end_of(part.source_view, shapes[part.source])
+    target = end_of(part.target_view, shapes[part.target])
+    own = own_places(source, target) if part.source == part.target else None
 
     @cache
     def apart() -> Between:
@@ -163,7 +171,8 @@ def _projection(
 
     with telling(part):
         key = (seed, "connect", part.name)
-        found = connect(part.rule, shapes[part.source], shapes[part.target], same, sizes, key, apart)
+        seen = cache(lambda: apart().among(source.ids, target.ids))
+        found = placed(connect(part.rule, source.shape, target.shape, own, sizes, key, seen), source, target)
         weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name), apart)
         delay = delay_steps(part.delay, found, clock, "delay", generator(seed, "delay", part.name), apart)
     if sizes is not None and weight.size == 1:

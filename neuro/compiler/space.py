@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -109,6 +109,11 @@ class Between:
     source: Space
     target: Space
 
+    def among(self, pre: Ints | None, post: Ints | None) -> Between:
+        """What lies between some of the neurons, None: all."""
+        ends = [(self.source, pre), (self.target, post)]
+        return Between(*(end if ids is None else replace(end, places=end.places[ids]) for end, ids in ends))
+
     def displacement(self, pre: Ints, post: NDArray[np.integer]) -> Floats:
         """From each source to its target, the shortest way; shape (axes, pairs)."""
         apart = np.empty((len(self.source.periods), len(pre)))
@@ -175,9 +180,15 @@ def between(source: Population, target: Population, shapes: Mapping[str, tuple[i
 
 
 def distant_pairs(
-    rule: distance_dependent, apart: Between, but_self: bool, key: int
+    rule: distance_dependent, apart: Between, but: Ints | None, key: int
 ) -> Iterator[tuple[Ints, NDArray[np.int32]]]:
     """Pairs that are connected, a block of sources at a time, in order.
+
+    Args:
+        rule: says how likely each is.
+        apart: what lies between the neurons.
+        but: of each source the target that it does not reach, -1: none; None: none of any.
+        key: of the draws.
 
     Raises:
         ModelError: a probability is none, or the mask does not fit the space.
@@ -191,8 +202,8 @@ def distant_pairs(
     for pre, post in apart.near(reach):
         displacement = apart.displacement(pre, post)
         kept = np.ones(len(pre), dtype=bool) if mask is None else mask.inside(displacement)
-        if but_self:
-            kept &= pre != post
+        if but is not None:
+            kept &= but[pre] != post
         pre, post, far = pre[kept], post[kept], length(displacement[:, kept])
         hit = uniform_pairs(key, pre, post) < (_probability(profile, far) if isinstance(profile, Profile) else profile)
         yield pre[hit], post[hit].astype(np.int32)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -13,6 +13,7 @@ from neuro.core.values import same
 from neuro.model.neurons import Model
 from neuro.model.rules import Rule
 from neuro.model.synapses import Synapse
+from neuro.model.views import View, count, view
 
 AUTO = "auto"
 WEIGHT = Quantity(doc="weight: mV or pA by the target's model", arrays=True, of_distance=True)
@@ -49,6 +50,9 @@ class Part:
 class Population(Part):
     """Neurons of one model, laid out in a shape.
 
+    An index chooses some of them, see `View`: `exc[:100]`, `exc[::2]`, `exc[mask]`, `grid[2:4, :]`. `len` and iteration
+    count neurons, and each is a view of one.
+
     Attributes:
         shape: sizes of the axes; `"auto"` where a grid projection decides.
         model: what each neuron is.
@@ -67,10 +71,24 @@ class Population(Part):
     extent: Value = None
     periodic: bool = False
 
+    def __getitem__(self, index: Any) -> View:
+        return view(self, index)
+
+    def __len__(self) -> int:
+        return count(self)
+
+    def __iter__(self) -> Iterator[View]:
+        return iter(view(self, ...))
+
 
 @dataclass(frozen=True, eq=False)
 class Projection(Part):
-    """Connections from one population to another, by one rule and with one synapse model."""
+    """Connections from one population to another, by one rule and with one synapse model.
+
+    Attributes:
+        source, target: the populations.
+        source_view, target_view: the neurons of each that the rule sees; None: all.
+    """
 
     word: ClassVar[str] = "projection"
     source: str
@@ -80,6 +98,8 @@ class Projection(Part):
     weight: Value
     delay: Value
     origin: Where | None = None
+    source_view: View | None = None
+    target_view: View | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,13 +223,18 @@ class Group(Part):
 
 @dataclass(frozen=True, eq=False)
 class Probe(Part):
-    """What to record of a population: its spikes, or a state at intervals of `every` ms (None: each step)."""
+    """What to record of a population: its spikes, or a state at intervals of `every` ms (None: each step).
+
+    Attributes:
+        view: the neurons that are recorded; None: all.
+    """
 
     word: ClassVar[str] = "probe"
     of: str
     record: str
     every: float | None = None
     origin: Where | None = None
+    view: View | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -146,8 +146,8 @@ class Engine(Protocol):
     def signal(self, signal: int, values: Floats) -> None:
         """Set the dopamine concentration of every synapse that listens to a signal, one value per post neuron."""
 
-    def get(self, population: int, name: str) -> Floats:
-        """A state or parameter, shape (size,)."""
+    def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
+        """A state or parameter of all neurons, or of those of `ids` in their order; a copy."""
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Change states and parameters together, all or none; acts from the next step on.
@@ -165,8 +165,8 @@ class Engine(Protocol):
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model, all of them, in the order of `Synapse.vector`."""
 
-    def set_weights(self, projection: int, weights: Floats) -> None:
-        """Replace all weights."""
+    def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
+        """Replace all weights, or those that are chosen of them: the others are what a read shows, and stay."""
 
     def spikes(self, population: int, since: int) -> Spikes:
         """Recorded spikes with step > since."""

@@ -179,15 +179,16 @@ class Group:
     origin: Where | None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Probe:
-    """What to record: "spikes" or a state, every `every` steps."""
+    """What to record: "spikes" or a state, every `every` steps, of the neurons `ids` in this order (None: of all)."""
 
     name: str
     population: int
     record: str
     every: int
     origin: Where | None
+    ids: Ints | None = None
 
 
 @dataclass(frozen=True, slots=True)

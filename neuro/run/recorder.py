@@ -17,7 +17,10 @@ class Recorder:
 
     def __init__(self, program: Program) -> None:
         self.probes = {p.name: p for p in program.probes if p.record != "spikes"}
-        self.sizes = {name: program.populations[p.population].size for name, p in self.probes.items()}
+        self.sizes = {
+            name: program.populations[p.population].size if p.ids is None else p.ids.size
+            for name, p in self.probes.items()
+        }
         self.clear()
 
     def clear(self) -> None:
@@ -35,7 +38,7 @@ class Recorder:
             for name, probe in self.probes.items():
                 if engine.step % probe.every == 0:
                     self.steps[name].append(engine.step)
-                    self.values[name].append(engine.get(probe.population, probe.record))
+                    self.values[name].append(engine.get(probe.population, probe.record, probe.ids))
 
     def read(self, name: str) -> tuple[Ints, Floats]:
         """Steps, and the values in them, shape (steps, neurons)."""

@@ -15,6 +15,7 @@ from neuro.model.equations import EquationNeuron, EquationSynapse
 from neuro.model.language.sources import VERSION
 from neuro.model.parts import Description, Population, Projection
 from neuro.model.space import of_distance
+from neuro.model.views import View
 
 LARGEST_INLINE = 64
 NAMED = ("distribution", "code", "profile", "mask")
@@ -54,8 +55,8 @@ def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
     }
     sections["projections"] = {
         p.name: {
-            "from": p.source,
-            "to": p.target,
+            "from": _neurons(p.source, p.source_view, arrays, f"{p.name}.from"),
+            "to": _neurons(p.target, p.target_view, arrays, f"{p.name}.to"),
             "rule": _choice(p.rule, arrays, f"{p.name}.rule"),
             **_values({"weight": p.weight, "delay": p.delay}, arrays, p.name),
             "synapse": _choice(p.synapse, arrays, f"{p.name}.synapse"),
@@ -67,10 +68,18 @@ def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
     if net.trials_section is not None:
         sections["trials"] = _parameters(net.trials_section, arrays, "trials")
     sections["probes"] = {
-        p.name: {"of": p.of, "record": p.record, **({} if p.every is None else {"every": p.every})}
+        p.name: {
+            "of": _neurons(p.of, p.view, arrays, f"{p.name}.of"),
+            "record": p.record,
+            **({} if p.every is None else {"every": p.every}),
+        }
         for p in net.probes.values()
     }
     return {word: section for word, section in sections.items() if section != {}}
+
+
+def _neurons(population: str, view: View | None, arrays: Arrays, key: str) -> Any:
+    return population if view is None else {population: _value(view.written(), arrays, key)}
 
 
 def _space(part: Population) -> dict[str, Any]:
