@@ -28,6 +28,8 @@ class Quantity:
         words: the accepted words of kind "word", and those accepted beside numbers by "integer" and "shape".
         part: the class of kind "part", a `Choice`.
         choice: of kind "choice": the base of what may be chosen, a `Choice`.
+        of_value: whether its unit is that of the value which the distribution or function that has it stands for.
+        taken_in: the unit in which numbers with a unit are taken, where `unit` does not tell it.
         of_distance: whether a function of the distance between two neurons is accepted.
     """
 
@@ -47,6 +49,8 @@ class Quantity:
     part: type[Any] | None = None
     choice: type[Any] | None = None
     of_distance: bool = False
+    of_value: bool = False
+    taken_in: str = ""
 
     def expected(self) -> str:
         """The sentence part that says what is accepted, e.g. "a number > 0 ms"."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -141,7 +142,7 @@ class Network(Description):
             post,
             rule,
             chosen,
-            self._checked(WEIGHT, weight, f"{what}: weight", ("weight",)),
+            self._checked(self._weight(pre, post), weight, f"{what}: weight", ("weight",)),
             self._checked(DELAY, delay, f"{what}: delay", ("delay",)),
             self._where(),
             source_view,
@@ -215,6 +216,12 @@ class Network(Description):
             return check(q, value, what, path)
         except ModelError as error:
             raise error.at(self._where()) from None
+
+    def _weight(self, source: str, target: str) -> Quantity:
+        """What a weight may be; a number with a unit is taken in that of the target's model."""
+        if self.populations[source].model.role == "current":
+            return WEIGHT
+        return replace(WEIGHT, taken_in=getattr(self.populations[target].model, "weight_unit", ""))
 
     def _array(self, q: Quantity, value: Any, what: str, word: str) -> Any:
         """Numbers that are no single one and not drawn."""

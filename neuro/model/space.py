@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
-from neuro.core.quantities import quantity
+from neuro.core.quantities import Quantity, quantity
 from neuro.core.registry import Registry
 from neuro.core.values import shown
 
@@ -60,8 +60,8 @@ class Profile(Choice):
 class linear(Profile):
     """c + a d at the distance d."""
 
-    c: float = quantity(0.0, "", "value at distance 0")
-    a: float = quantity(1.0, "", "growth with each unit of distance")
+    c: float = quantity(0.0, "", "value at distance 0", of_value=True)
+    a: float = quantity(1.0, "", "growth with each unit of distance", of_value=True)
 
     def at(self, distance: Floats) -> Floats:
         """Its values."""
@@ -73,8 +73,8 @@ class exponential(Profile):
     """c + a exp(-d / beta) at the distance d."""
 
     beta: float = quantity(1.0, "", "distance over which it falls to 1/e", above=0)
-    a: float = quantity(1.0, "", "height above c at distance 0")
-    c: float = quantity(0.0, "", "value far away")
+    a: float = quantity(1.0, "", "height above c at distance 0", of_value=True)
+    c: float = quantity(0.0, "", "value far away", of_value=True)
 
     def at(self, distance: Floats) -> Floats:
         """Its values."""
@@ -87,8 +87,8 @@ class gaussian(Profile):
 
     std: float = quantity(1.0, "", "width", above=0)
     mean: float = quantity(0.0, "", "distance of the peak")
-    a: float = quantity(1.0, "", "height of the peak above c")
-    c: float = quantity(0.0, "", "value far away")
+    a: float = quantity(1.0, "", "height of the peak above c", of_value=True)
+    c: float = quantity(0.0, "", "value far away", of_value=True)
 
     def at(self, distance: Floats) -> Floats:
         """Its values."""
@@ -100,8 +100,8 @@ class box(Profile):
     """`a` up to a radius, c beyond it."""
 
     radius: float = quantity(1.0, "", "distance up to which it is a", at_least=0)
-    a: float = quantity(1.0, "", "value up to the radius")
-    c: float = quantity(0.0, "", "value beyond it")
+    a: float = quantity(1.0, "", "value up to the radius", of_value=True)
+    c: float = quantity(0.0, "", "value beyond it", of_value=True)
 
     @property
     def reach(self) -> float:
@@ -144,6 +144,11 @@ class of_distance(Choice):
 
     kind: ClassVar[str] = "of_distance"
     profile: Any = quantity(doc="the function", kind="choice", choice=Profile)
+
+    def in_unit(self, q: Quantity, what: str) -> of_distance:
+        """The same with numbers in place of parameters that were said with a unit."""
+        profile = self.profile.in_unit(q, what)
+        return self if profile is self.profile else of_distance(profile)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -113,6 +113,7 @@ class Neuron(Model):
         receptor_names: their names, for synapses that name one; "ex" and "in" where two have none.
         conductances: those of them that are conductances, so that weights onto them by name are not negative. The
             second of two gets them with a minus, as it gets those that come to it by their sign.
+        weight_unit: of the weights onto it, "" where they have none.
         relay: whether a spike carries the multiplicity that arrived, whatever the weight.
         linear: whether n quiet steps equal one step with the constants of n h.
         resets_in_step: whether `step` itself resets a neuron that spikes, and `fire` does nothing; a winner-take-all
@@ -127,6 +128,7 @@ class Neuron(Model):
     receptors: ClassVar[int] = 1
     receptor_names: ClassVar[tuple[str, ...]] = ()
     conductances: ClassVar[tuple[str, ...]] = ()
+    weight_unit: ClassVar[str] = ""
     relay: ClassVar[bool] = False
     linear: ClassVar[bool] = False
     resets_in_step: ClassVar[bool] = False
