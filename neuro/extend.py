@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     )
     from neuro.model.neurons.propagators import from_alpha, from_constant, from_exponential, leak
     from neuro.model.rules import Rule
+    from neuro.model.space import Profile
     from neuro.model.synapses.base import K_MINUS, K_PLUS, Synapse, Trace
     from neuro.model.synapses.delays import DelayRule
     from neuro.model.synapses.lessons import Growth, Lesson, TrialEnd
@@ -95,6 +96,7 @@ _HOMES = {
         "leak",
     ),
     "neuro.model.rules": ("Rule",),
+    "neuro.model.space": ("Profile",),
     "neuro.model.synapses.base": (
         "K_MINUS",
         "K_PLUS",
@@ -144,6 +146,7 @@ __all__ = [
     "Outcome",
     "Piece",
     "Problem",
+    "Profile",
     "Program",
     "Reader",
     "Rule",

@@ -32,6 +32,8 @@ RULES = {
     "fixed_outdegree once": fixed_outdegree(n=7, multapses=False, autapses=False),
     "pairwise_bernoulli": pairwise_bernoulli(p=0.3),
     "pairwise_bernoulli others": pairwise_bernoulli(p=0.3, autapses=False),
+    "fixed_total_number": neuro.fixed_total_number(n=300),
+    "fixed_total_number once": neuro.fixed_total_number(n=900, multapses=False, autapses=False),
     "all but itself": neuro.all_to_all(autapses=False),
 }
 
@@ -55,6 +57,8 @@ def test_rows_are_sorted_and_of_the_right_number(name: str, same: bool):
         assert np.all(np.bincount(post, minlength=n_post) == rule.n)
     if isinstance(rule, fixed_outdegree):
         assert np.all(np.diff(part.row_ends) == rule.n)
+    if isinstance(rule, neuro.fixed_total_number):
+        assert part.size == rule.n
     if same and not rule.autapses:  # type: ignore[attr-defined]
         assert not np.any(pre == post)
     if not getattr(rule, "multapses", True):

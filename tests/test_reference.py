@@ -69,6 +69,7 @@ def test_the_tables_of_models_are_those_of_the_code():
 def test_the_page_of_the_language_names_every_section_and_word():
     text = (REFERENCE / "language.md").read_text()
     words = [*SECTIONS, *Trials.quantities(), "from", "to", "rule", "weight", "delay", "synapse", "model", "shape"]
+    words += ["positions", "extent", "periodic", "of_distance"]
     words += ["initial", "of", "record", "every", "file", "key", "winner_take_all", "first_to_fire"]
     words += ["lateral_reset", "axis"]
     assert [word for word in words if f"`{word}`" not in text] == []

@@ -39,6 +39,7 @@ def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
     from neuro.model.neurons import MODELS, Generator
     from neuro.model.parts import GROUPS, dropout, labels, reward
     from neuro.model.rules import RULES
+    from neuro.model.space import MASKS, PROFILES
     from neuro.model.synapses import SYNAPSES
 
     return {
@@ -47,6 +48,8 @@ def catalogue() -> dict[str, Mapping[str, type[Choice]]]:
         "Neurons in a chip's registers": {name: model for name, model in MODELS.items() if model.chip},
         "Synapses": SYNAPSES,
         "Connection rules": RULES,
+        "Functions of distance": PROFILES,
+        "Masks": MASKS,
         "Distributions": DISTRIBUTIONS,
         "Codes": CHOICES,
         "Groups and trials": GROUPS | {part.__name__: part for part in (labels, reward, dropout)},

@@ -10,9 +10,15 @@ import typer
 
 
 def milliseconds(text: str) -> float:
-    """A time > 0 ms."""
+    """A time > 0 ms: a number, or one with its unit."""
+    from neuro.core.checks import in_ms
+    from neuro.core.errors import ModelError
+
     try:
-        ms = float(text)
+        ms = float(in_ms(text, "--for"))
+    except ModelError as error:
+        told = error.message.removeprefix(f"--for = {text.strip()}: ") + (f"; {error.hint}" if error.hint else "")
+        raise typer.BadParameter(f"'{text}': {told}") from None
     except ValueError:
         ms = math.nan
     if not 0 < ms < math.inf:

@@ -10,17 +10,18 @@ import numpy as np
 
 from neuro.compiler.generators import check_generator
 from neuro.compiler.shapes import Shape, size
-from neuro.compiler.values import plain
 from neuro.compiler.views import end_of
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.core.registry import Registry
+from neuro.core.values import plain
 from neuro.model.distributions import Distribution
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS, CurrentGenerator, Generator, Model, Neuron, spike_generator
 from neuro.model.parts import Group, Population, Probe, Projection, Signal
 from neuro.model.rules import grid
-from neuro.model.synapses import SYNAPSES, Modulated
+from neuro.model.space import of_distance
+from neuro.model.synapses import SYNAPSES, Modulated, static
 from neuro.program.program import Floats
 
 AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe
@@ -182,7 +183,7 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
 def _check_weight(part: Projection) -> None:
     """A weight said as a number lies within the bounds of its rule."""
     weight = plain(part.weight)
-    if isinstance(weight, Distribution) or np.ndim(weight):
+    if isinstance(weight, (Distribution, of_distance)) or np.ndim(weight):
         return
     low, high = part.synapse.bounds()
     if not low <= weight <= high:

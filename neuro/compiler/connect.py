@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.compiler.drawn import BLOCK, bernoulli_pairs, blocks, total_number
 from neuro.compiler.shapes import Shape, size
+from neuro.compiler.space import Between, distant_pairs
 from neuro.core.errors import ModelError
+from neuro.core.keyed_random import generator
+from neuro.core.keyed_random import key as key_of
 from neuro.model.rules import (
     RULES,
     Rule,
     all_to_all,
+    distance_dependent,
     fixed_indegree,
     fixed_outdegree,
+    fixed_total_number,
     grid,
     one_to_one,
     pairs,
     pairwise_bernoulli,
+    symmetric_pairwise_bernoulli,
 )
 from neuro.program.program import Grid, Ints
 
+Apart: TypeAlias = Callable[[], Between]
 _DRAWS = 1 << 22
 NO_ROWS: Ints = np.zeros(0, dtype=np.int64)
 NO_TARGETS: NDArray[np.int32] = np.zeros(0, dtype=np.int32)
@@ -35,6 +45,7 @@ class Connections:
         layout, row_ends, targets, size: as in `neuro.program.program.Projection`.
         order: for listed pairs that were not sorted: which listed pair each synapse is, else None.
         listed: the shapes that an array of weights may have; empty where synapses are drawn at random.
+        shared: for synapses of which some share a drawn weight or delay: which draw each takes, else None.
     """
 
     layout: str
@@ -43,10 +54,30 @@ class Connections:
     targets: NDArray[np.int32] = field(default_factory=lambda: NO_TARGETS)
     order: Ints | None = None
     listed: tuple[tuple[int, ...], ...] = ()
+    shared: Ints | None = None
+
+    def pairs(self, n_post: int) -> Iterator[tuple[Ints, NDArray[np.integer]]]:
+        """Source and target of all synapses but those of a grid, in order, a piece at a time."""
+        for first, last in blocks(0, self.size, BLOCK):
+            synapses = np.arange(first, last)
+            match self.layout:
+                case "one_to_one":
+                    yield synapses, synapses
+                case "dense":
+                    yield synapses // n_post, synapses % n_post
+                case _:
+                    pre = np.searchsorted(self.row_ends, synapses, side="right") - 1
+                    yield pre, self.targets[first:last]
 
 
 def connect(
-    rule: Rule, source: Shape, target: Shape, own: Ints | None, sizes: Grid | None, rng: np.random.Generator
+    rule: Rule,
+    source: Shape,
+    target: Shape,
+    own: Ints | None,
+    sizes: Grid | None,
+    key: tuple[int, str, str],
+    apart: Apart,
 ) -> Connections:
     """The synapses that a rule makes.
 
@@ -57,12 +88,14 @@ def connect(
         own: of each source its place among the targets, -1 where it is none of them; None where the two are of
             different populations, so that there are no autapses.
         sizes: of a grid.
-        rng: for rules that draw.
+        key: of the draws, see `keyed_random`.
+        apart: tells what lies between neurons, for rules that ask.
 
     Raises:
         ModelError: the rule does not fit the sizes.
     """
     n_pre, n_post = size(source), size(target)
+    rng, draws = generator(*key), key_of(*key)
     but = None if getattr(rule, "autapses", True) else own
     match rule:
         case one_to_one():
@@ -83,6 +116,17 @@ def connect(
             drawn = _draw(rule.n, n_pre, n_post, but, rule.multapses, rng, "targets")
             drawn.sort(axis=1)
             return _rows(np.arange(n_pre + 1, dtype=np.int64) * rule.n, drawn.reshape(-1))
+        case fixed_total_number():
+            return _rows(*total_number(rule.n, n_pre, n_post, but, rule.multapses, draws))
+        case symmetric_pairwise_bernoulli():
+            if not _is_same(own, n_post):
+                raise ModelError(
+                    f"{rule.name} between different neurons: expected one population, or view, connected with itself",
+                    hint="pairwise_bernoulli connects one population with another",
+                )
+            return _both_ways(*bernoulli_pairs(rule.p, n_pre, draws), n_pre)
+        case distance_dependent():
+            return _in_blocks(distant_pairs(rule, apart(), but, draws), n_pre)
         case pairwise_bernoulli():
             return _bernoulli(rule.p, n_pre, n_post, but, rng)
         case pairs():
@@ -92,8 +136,13 @@ def connect(
             shape = sizes.kernels
             n = int(np.prod(shape))
             return Connections("grid", n, listed=(shape, (n,), *(((shape[0], *shape[2:]),) if shape[1] == 1 else ())))
-    same = own is not None and n_pre == n_post and bool(np.array_equal(own, np.arange(n_pre)))
+    same = _is_same(own, n_post)
     return _listed(*_own_pairs(rule, source, target, same, rng), n_pre, n_post, rule.name)
+
+
+def _is_same(own: Ints | None, n_post: int) -> bool:
+    """Whether sources and targets are the same neurons in the same order."""
+    return own is not None and np.array_equal(own, np.arange(n_post))
 
 
 def _own_pairs(rule: Rule, source: Shape, target: Shape, same: bool, rng: np.random.Generator) -> tuple[Ints, Ints]:
@@ -185,6 +234,29 @@ def _bernoulli(p: float, n_pre: int, n_post: int, but: Ints | None, rng: np.rand
     return _rows(np.cumsum(np.concatenate(degrees), dtype=np.int64), np.concatenate(targets))
 
 
+def _in_blocks(found: Iterable[tuple[Ints, NDArray[np.int32]]], n_pre: int) -> Connections:
+    """Pairs in order, a piece at a time."""
+    degrees, targets = np.zeros(n_pre, dtype=np.int64), [NO_TARGETS]
+    for pre, post in found:
+        degrees += np.bincount(pre, minlength=n_pre)
+        targets.append(post)
+    return _rows(np.concatenate(([0], np.cumsum(degrees))), np.concatenate(targets))
+
+
+def _both_ways(pre: Ints, post: Ints, n: int) -> Connections:
+    """Each pair and its reverse, which take the same draw of a weight."""
+    place = np.concatenate((pre * n + post, post * n + pre))
+    order = np.argsort(place, kind="stable")
+    sources, targets = np.divmod(place[order], n)
+    row_ends = _ends(sources, n)
+    return Connections("csr", len(place), row_ends, targets.astype(np.int32), shared=order % max(len(pre), 1))
+
+
+def _ends(pre: Ints, n_pre: int) -> Ints:
+    """Where the synapses of each source end, from those of all synapses."""
+    return np.concatenate(([0], np.cumsum(np.bincount(pre, minlength=n_pre)))).astype(np.int64)
+
+
 def _listed(pre: Ints, post: Ints, n_pre: int, n_post: int, name: str) -> Connections:
     for word, ids, n in (("pre", pre, n_pre), ("post", post, n_post)):
         if len(ids) and ids.max() >= n:
@@ -193,5 +265,4 @@ def _listed(pre: Ints, post: Ints, n_pre: int, n_post: int, name: str) -> Connec
     place = pre * n_post + post
     order = None if np.all(place[1:] >= place[:-1]) else np.argsort(place, kind="stable")
     targets = (post if order is None else post[order]).astype(np.int32)
-    row_ends = np.concatenate(([0], np.cumsum(np.bincount(pre, minlength=n_pre)))).astype(np.int64)
-    return Connections("csr", len(targets), row_ends, targets, order, ((len(targets),),))
+    return Connections("csr", len(targets), _ends(pre, n_pre), targets, order, ((len(targets),),))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from neuro.compiler.pack import packed
 from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
 from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
+from neuro.compiler.space import Between, between
 from neuro.compiler.values import LONGEST_DELAY, delay_steps, one_delay, per_neuron, per_synapse, too_late
 from neuro.compiler.views import end_of, own_places, placed
 from neuro.core.checks import check
@@ -38,6 +40,7 @@ from neuro.model.neurons import (
 )
 from neuro.model.parts import Population, Probe, Projection
 from neuro.model.rules import RULES, grid
+from neuro.model.space import PROFILES
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated
 from neuro.program import program as resolved
 from neuro.program.program import Floats, Ints
@@ -54,7 +57,7 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
     Raises:
         ModelError: the network cannot be run by any backend.
     """
-    for registry in (MODELS, SYNAPSES, RULES, DISTRIBUTIONS, CODES, RATE_CODES):
+    for registry in (MODELS, SYNAPSES, RULES, DISTRIBUTIONS, PROFILES, CODES, RATE_CODES):
         registry.close("a network was compiled")
     clock = Clock(net.resolution)
     cameras = cameras_of(net, clock)
@@ -198,11 +201,17 @@ def _projection(
     source = end_of(part.source_view, shapes[part.source])
     target = end_of(part.target_view, shapes[part.target])
     own = own_places(source, target) if part.source == part.target else None
+
+    @cache
+    def apart() -> Between:
+        return between(net.populations[part.source], net.populations[part.target], shapes)
+
     with telling(part):
-        found = connect(part.rule, source.shape, target.shape, own, sizes, generator(seed, "connect", part.name))
-        found = placed(found, source, target)
-        weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name))
-        delay = delay_steps(part.delay, found, clock, "delay", generator(seed, "delay", part.name))
+        key = (seed, "connect", part.name)
+        seen = cache(lambda: apart().among(source.ids, target.ids))
+        found = placed(connect(part.rule, source.shape, target.shape, own, sizes, key, seen), source, target)
+        weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name), apart)
+        delay = delay_steps(part.delay, found, clock, "delay", generator(seed, "delay", part.name), apart)
     if sizes is not None and weight.size == 1:
         weight = np.repeat(weight, found.size)
     check_stdp_weights(part, weight)

@@ -7,21 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.connect import Connections
+from neuro.compiler.connect import Apart, Connections
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
-from neuro.core.values import FromFile
+from neuro.core.values import plain
 from neuro.model.distributions import Distribution
+from neuro.model.space import Profile, of_distance
 from neuro.program.program import Floats
 
 LONGEST_DELAY = 2**16
 """Steps that a delay may have."""
-
-
-def plain(value: Any) -> Any:
-    """A number, an array or a distribution: what a `FromFile` holds, and all else as it is."""
-    return value.values if isinstance(value, FromFile) else value
 
 
 def per_neuron(value: Any, shape: tuple[int, ...], what: str, key: tuple[int, str, str]) -> Floats:
@@ -48,18 +44,21 @@ def per_neuron(value: Any, shape: tuple[int, ...], what: str, key: tuple[int, st
     return array.reshape(-1) + 0.0
 
 
-def per_synapse(value: Any, found: Connections, what: str, rng: np.random.Generator) -> Floats:
+def per_synapse(value: Any, found: Connections, what: str, rng: np.random.Generator, apart: Apart) -> Floats:
     """One value for each synapse in the program's order, or one for all (shape (1,)).
 
     Args:
-        value: a number, an array in the order of the rule, or a distribution.
+        value: a number, an array in the order of the rule, a distribution or a function of distance.
         found: the synapses.
         what: its name in messages.
         rng: draws from a distribution.
+        apart: tells what lies between neurons, for a function of distance.
     """
     value = plain(value)
     if isinstance(value, Distribution):
-        return value.drawn(rng, found.size) + 0.0
+        return _drawn(value, found, rng) + 0.0
+    if isinstance(value, of_distance):
+        return _by_distance(value.profile, found, what, apart) + 0.0
     array = np.asarray(value, dtype=np.float64)
     if array.ndim == 0:
         return array.reshape(1) + 0.0
@@ -75,15 +74,39 @@ def per_synapse(value: Any, found: Connections, what: str, rng: np.random.Genera
     return (flat if found.order is None else flat[found.order]) + 0.0
 
 
-def delay_steps(value: Any, found: Connections, clock: Clock, what: str, rng: np.random.Generator) -> NDArray[np.int32]:
-    """Delays in steps. Drawn delays are rounded to the grid and are at least one step; given ones must lie on it."""
+def _drawn(value: Distribution, found: Connections, rng: np.random.Generator) -> Floats:
+    """The draw that each synapse takes."""
+    if found.shared is None:
+        return value.drawn(rng, found.size)
+    return value.drawn(rng, int(found.shared.max(initial=-1)) + 1)[found.shared]
+
+
+def _by_distance(profile: Profile, found: Connections, what: str, apart: Apart) -> Floats:
+    """The value of each synapse."""
+    if found.layout == "grid":
+        raise ModelError(f"{what} of distance: a shared kernel has none: expected numbers or a distribution")
+    space, values = apart(), np.empty(found.size)
+    last = 0
+    for pre, post in found.pairs(len(space.target.places)):
+        first, last = last, last + len(pre)
+        values[first:last] = profile.values(space.distance(pre, post))
+    return values
+
+
+def delay_steps(
+    value: Any, found: Connections, clock: Clock, what: str, rng: np.random.Generator, apart: Apart
+) -> NDArray[np.int32]:
+    """Delays in steps. Drawn ones and those of distance are rounded, to at least one step; given ones lie on it."""
     value = plain(value)
-    if isinstance(value, Distribution):
-        drawn = np.rint(value.drawn(rng, found.size) / clock.resolution)
+    if isinstance(value, (Distribution, of_distance)):
+        drawn = np.rint(per_synapse(value, found, what, rng, apart) / clock.resolution)
         if drawn.size and drawn.max() > LONGEST_DELAY:
-            raise too_late(f"the longest drawn {what}", int(drawn.max()), clock)
+            raise too_late(f"the longest {'drawn ' * isinstance(value, Distribution)}{what}", int(drawn.max()), clock)
         return np.maximum(drawn, 1.0).astype(np.int32)
-    steps = clock.steps(per_synapse(value, found, what, rng), what) if np.ndim(value) else one_delay(value, clock, what)
+    if np.ndim(value):
+        steps = clock.steps(per_synapse(value, found, what, rng, apart), what)
+    else:
+        steps = one_delay(value, clock, what)
     late = np.flatnonzero(steps > LONGEST_DELAY)
     if late.size:
         raise too_late(f"{what}[{late[0]}]" if steps.size > 1 else what, int(steps.ravel()[late[0]]), clock)

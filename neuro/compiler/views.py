@@ -59,14 +59,15 @@ def placed(found: Connections, source: End, target: End) -> Connections:
         row_ends, inner = np.arange(n_pre + 1), np.arange(n_pre, dtype=np.int32)
     elif found.layout == "dense":
         row_ends, inner = np.arange(n_pre + 1) * n_post, np.tile(np.arange(n_post, dtype=np.int32), n_pre)
-    sources, degrees, order = _ids(source), np.diff(row_ends), found.order
+    sources, degrees, order, shared = _ids(source), np.diff(row_ends), found.order, found.shared
     targets = _ids(target).astype(np.int32)[inner]
     if not (_ascend(sources) and _ascend(_ids(target))):
         moved = np.lexsort((targets, np.repeat(sources, degrees)))
         targets, order = targets[moved], moved if order is None else order[moved]
+        shared = None if shared is None else shared[moved]
     out = np.zeros(source.size + 1, dtype=np.int64)
     out[sources + 1] = degrees
-    return replace(found, layout="csr", row_ends=np.cumsum(out), targets=targets, order=order)
+    return replace(found, layout="csr", row_ends=np.cumsum(out), targets=targets, order=order, shared=shared)
 
 
 def _ids(end: End) -> Ints:

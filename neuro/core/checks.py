@@ -83,7 +83,7 @@ def _hint(q: Quantity, value: Any) -> str:
     if q.kind == "shape":
         near = nearest(value, q.words)
         return axes(value) or (near if near.startswith("did") else "")
-    return notation(value, q.unit) if q.kind not in ("name", "receptor", "names", "part") else ""
+    return notation(value) if q.kind not in ("name", "receptor", "names", "part", "choice") else ""
 
 
 def is_number(value: Any) -> bool:
@@ -106,15 +106,54 @@ def _within(q: Quantity, x: float) -> bool:
     )
 
 
+def with_unit(q: Quantity, value: str, what: str) -> float:
+    """A number that is written with its unit, in the unit of the quantity.
+
+    Raises:
+        ModelError: it has another dimension, or there is no such unit.
+    """
+    from neuro.core.units import converted
+
+    try:
+        number = converted(value, "ms" if q.kind in ("delay", "times") else q.unit or q.taken_in)
+    except ModelError as error:
+        raise ModelError(f"{what} = {value.strip()}: {error.message}", hint=error.hint) from None
+    if math.isinf(number):
+        raise ModelError(f"{what} = {value.strip()}: expected a number below 1.8e308")
+    return number
+
+
+def in_ms(value: Any, what: str) -> Any:
+    """A time that is said with its unit, as a number of ms; all else as it is.
+
+    Raises:
+        ModelError: it has another dimension, or there is no such unit.
+    """
+    return with_unit(Quantity("ms"), value, what) if _is_measure(value) else value
+
+
+def _is_measure(value: Any) -> bool:
+    if not isinstance(value, str):
+        return False
+    from neuro.core.units import is_measure
+
+    return is_measure(value)
+
+
 def _number(q: Quantity, value: Any, what: str) -> Any:
+    if _is_measure(value):
+        if q.of_value:
+            return value
+        value = with_unit(q, value, what)
     if is_number(value):
         if not _within(q, float(value)):
             raise wrong(q, value, what)
         return float(value)
     if not q.arrays:
         raise wrong(q, value, what)
-    if getattr(value, "kind", "") == "distribution" and not isinstance(value, type):
-        return value
+    kind = "" if isinstance(value, type) else getattr(value, "kind", "")
+    if kind == "distribution" or (q.of_distance and kind == "of_distance"):
+        return value.in_unit(q, what)
     if isinstance(value, FromFile):
         _each(q, value.values, what)
         return value
@@ -124,6 +163,8 @@ def _number(q: Quantity, value: Any, what: str) -> Any:
 
 
 def _delay(q: Quantity, value: Any, what: str) -> float:
+    if _is_measure(value):
+        value = with_unit(q, value, what)
     if not is_number(value) or not math.isfinite(value) or value <= 0:
         raise wrong(q, value, what)
     return float(value)
@@ -162,7 +203,7 @@ def _array(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     """A list, nested evenly, or an array of numbers as doubles that cannot be written."""
     refuse_masked(value, what)
     if isinstance(value, (list, tuple)):
-        _leaves(q, value, what)
+        value = _leaves(q, value, what)
     elif isinstance(value, (str, bytes)) or np.ndim(value) == 0 or np.asarray(value).dtype.kind not in "iuf":
         raise wrong(q, value, what)
     try:
@@ -173,13 +214,26 @@ def _array(q: Quantity, value: Any, what: str) -> NDArray[np.float64]:
     return array
 
 
-def _leaves(q: Quantity, items: Any, what: str, *index: int) -> None:
+def _leaves(q: Quantity, items: Any, what: str, *index: int) -> Any:
+    """The items, those with a unit as numbers; nothing is copied where none has one."""
+    found = items
     for k, item in enumerate(items):
         refuse_masked(item, f"{what}[{', '.join(map(str, (*index, k)))}]")
+        leaf = item
         if isinstance(item, (list, tuple)):
-            _leaves(q, item, what, *index, k)
+            leaf = _leaves(q, item, what, *index, k)
+        elif isinstance(item, str) and _is_measure(item):
+            try:
+                leaf = with_unit(q, item, f"{what}[{', '.join(map(str, (*index, k)))}]")
+            except ModelError as error:
+                error.path = tuple(map(str, (*index, k)))
+                raise
         elif not is_number(item) and not (isinstance(item, np.ndarray) and item.dtype.kind in "iuf"):
             raise wrong(q, item, what, *index, k)
+        if leaf is not item:
+            found = list(items) if found is items else found
+            found[k] = leaf
+    return found
 
 
 def _each(q: Quantity, array: NDArray[np.float64], what: str) -> None:
@@ -364,6 +418,15 @@ def _events(q: Quantity, value: Any, what: str) -> Any:
     return value
 
 
+def _choice(q: Quantity, value: Any, what: str) -> Any:
+    assert q.choice is not None
+    if q.at_least is not None and is_number(value):
+        return _number(q, value, what)
+    if not isinstance(value, q.choice):
+        raise wrong(q, value, what)
+    return value.in_unit(q, what) if q.at_least is not None else value
+
+
 def _part(q: Quantity, value: Any, what: str) -> Any:
     assert q.part is not None
     if isinstance(value, q.part):
@@ -392,4 +455,5 @@ _CHECKERS: dict[str, Callable[[Quantity, Any, str], Any]] = {
     "file": _file,
     "events": _events,
     "part": _part,
+    "choice": _choice,
 }

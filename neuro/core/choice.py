@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import MISSING, Field, dataclass, fields
+from dataclasses import MISSING, Field, dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
-from neuro.core.checks import check
+from neuro.core.checks import check, with_unit
 from neuro.core.errors import ModelError, here, nearest, unknown
 from neuro.core.quantities import Quantity, word_of
 from neuro.core.values import same, shown
@@ -52,6 +52,30 @@ class Choice:
                 object.__setattr__(self, entry.name, check(q, value, f"{self.name}.{word}", (word,)))
             except ModelError as error:
                 raise error.at(here()) from None
+
+    def in_unit(self, q: Quantity, what: str) -> Self:
+        """The same with numbers in place of those parameters that were said with the unit of the value they stand for.
+
+        Args:
+            q: what the value may be.
+            what: its name in messages.
+
+        Raises:
+            ModelError: one has another dimension; its path leads there.
+        """
+        said = [e for e in fields(self) if e.metadata["quantity"].of_value and isinstance(getattr(self, e.name), str)]
+        numbers = {}
+        for entry in said:
+            try:
+                numbers[entry.name] = with_unit(q, getattr(self, entry.name), f"{what}: {self.name}.{entry.name}")
+            except ModelError as error:
+                raise ModelError(error.message, hint=error.hint, path=(self.name, word_of(entry.name))) from None
+        return replace(self, **numbers) if numbers else self
+
+    @property
+    def measured(self) -> bool:
+        """Whether some parameters still have the unit of a value that is not known yet."""
+        return any(e.metadata["quantity"].of_value and isinstance(getattr(self, e.name), str) for e in fields(self))
 
     @classmethod
     def called(cls) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.checks import is_number
+from neuro.core.checks import in_ms, is_number
 from neuro.core.errors import ModelError
 from neuro.core.values import shown
 
@@ -48,12 +48,13 @@ class Clock:
         """The last step at or before a time; infinite times give -1 or `NEVER`.
 
         Args:
-            ms: the time.
+            ms: the time, a number or with its unit: "1 s".
             what: its name in the message.
 
         Raises:
             ModelError: it is no time.
         """
+        ms = in_ms(ms, what)
         if not is_number(ms) or math.isnan(ms):
             raise ModelError(f"{what} = {shown(ms)}: expected a time in ms")
         if not math.isfinite(ms):
@@ -74,12 +75,13 @@ class Clock:
         """The step of a time that must lie on the grid; infinity gives `NEVER`.
 
         Args:
-            ms: the time.
+            ms: the time, a number or with its unit: "1 s".
             what: its name in the message, e.g. "duration".
 
         Raises:
             ModelError: it is no time or lies between two steps; the nearest right ones are named.
         """
+        ms = in_ms(ms, what)
         if not is_number(ms) or math.isnan(ms):
             raise ModelError(f"{what} = {shown(ms)}: expected a time in ms")
         exact = float(ms) / self.resolution

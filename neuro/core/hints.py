@@ -36,6 +36,10 @@ ELSEWHERE: dict[str, tuple[str, ...]] = {
     "interval": ("every",),
     "dt": ("resolution", "every"),
     "timestep": ("resolution",),
+    "edge_wrap": ("periodic",),
+    "wrap": ("periodic",),
+    "pos": ("positions",),
+    "coordinates": ("positions",),
     "version": ("neuro",),
     "title": ("name",),
     "neurons": ("populations",),
@@ -86,6 +90,8 @@ ELSEWHERE: dict[str, tuple[str, ...]] = {
     "eta": ("lambda",),
     "mu": ("mean", "mu_plus", "mu_minus"),
     "sigma": ("std",),
+    "p_center": ("a",),
+    "p_max": ("a",),
     "sd": ("std",),
     "min": ("low", "Wmin"),
     "max": ("high", "Wmax"),
@@ -132,21 +138,13 @@ ELSEWHERE: dict[str, tuple[str, ...]] = {
     "log_i2l": ("log_intensity_to_latency",),
     "rank_order": ("rank",),
     "gaussian": ("normal",),
+    "circle": ("circular",),
+    "spherical": ("circular",),
+    "box": ("rectangular",),
     "gauss": ("normal",),
     "wta": ("winner_take_all",),
 }
 
-_UNITS = {
-    unit: (base, factor)
-    for base, units in {
-        "ms": {"us": 1e-3, "ms": 1.0, "s": 1e3},
-        "mV": {"uV": 1e-3, "mV": 1.0, "V": 1e3},
-        "pA": {"pA": 1.0, "nA": 1e3, "uA": 1e6},
-        "pF": {"pF": 1.0, "nF": 1e3, "uF": 1e6},
-        "Hz": {"Hz": 1.0, "kHz": 1e3},
-    }.items()
-    for unit, factor in units.items()
-}
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _MAX_LISTED = 12
 
@@ -180,12 +178,11 @@ def _similar(name: str, names: list[str]) -> list[str]:
     return parts if len(parts) <= 3 else []
 
 
-def notation(text: str, unit: str) -> str:
+def notation(text: str) -> str:
     """How to write the number that a piece of text seems to mean, or "".
 
     Args:
         text: what stands where a number is expected, e.g. "10 ms".
-        unit: of the number expected.
     """
     word = text.strip()
     if decimal := _decimal(word):
@@ -205,12 +202,7 @@ def notation(text: str, unit: str) -> str:
     if rest == "%":
         return f"write {float(number[0]) / 100!r}"
     if re.search(r"[-+*/()\d]", rest.lstrip("* ")):
-        return "formulas are not evaluated: write the result"
-    rest = rest.lstrip("* ")
-    if rest in _UNITS and _UNITS[rest][0] == unit:
-        return f"write {float(number[0]) * _UNITS[rest][1]!r}: numbers here are in {unit}"
-    if rest in _UNITS:
-        return f"write a number without its unit{', in ' + unit if unit else ''}"
+        return f"write $({word}) in YAML, or the result"
     return ""
 
 

@@ -57,6 +57,13 @@ def uniform_table(part_key: int, steps: NDArray[np.int64], neurons: int) -> NDAr
     return (words >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
 
+def uniform_pairs(part_key: int, pre: NDArray[np.int64], post: NDArray[np.int64]) -> NDArray[np.float64]:
+    """One number in [0, 1) for each pair of neurons: that of `uniform` for neuron `post` in place of step `pre`."""
+    base = mix(np.uint64(part_key) + pre.astype(np.uint64) * np.uint64(STEP_STRIDE))
+    words = mix(base + post.astype(np.uint64) * np.uint64(NEURON_STRIDE))
+    return (words >> np.uint64(11)).astype(np.float64) * 2.0**-53
+
+
 @lru_cache(maxsize=1024)
 def poisson_table(mean: float) -> NDArray[np.float64]:
     """Cumulative probabilities of a Poisson variable, up to where they stop growing.

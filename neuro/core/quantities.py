@@ -19,8 +19,9 @@ class Quantity:
             `words`), "shape" (a list of integers), "times" (spike times, a list per neuron), "moments" (times at which
             something changes), "series" (values at moments, in a list or a row per neuron), "train" (spikes, a row of
             time and neuron for each), "ids", "delay" (a time that is no number of the rule), "names" (a list of
-            names), "part" (a `part`), "codes" (of `neuro.coding`), "file" (a path; in YAML inside the folder of the
-            description) or "events" (what holds events, in Python alone).
+            names), "part" (a `part`), "codes" (of `neuro.coding`), "choice" (a `choice`; with bounds also a
+            number), "file" (a path; in YAML inside the folder of the description) or "events" (what holds events, in
+            Python alone).
         above, at_least, below, at_most: bounds of every element.
         nonzero: whether 0 has no meaning.
         infinite: whether an infinite value has a meaning.
@@ -29,6 +30,10 @@ class Quantity:
         optional: whether it may be left out for good (None).
         words: the accepted words of kind "word", and those accepted beside numbers by "integer" and "shape".
         part: the class of kind "part", a `Choice`.
+        choice: of kind "choice": the base of what may be chosen, a `Choice`.
+        of_value: whether its unit is that of the value which the distribution or function that has it stands for.
+        taken_in: the unit in which numbers with a unit are taken, where `unit` does not tell it.
+        of_distance: whether a function of the distance between two neurons is accepted.
     """
 
     unit: str = ""
@@ -45,6 +50,10 @@ class Quantity:
     optional: bool = False
     words: tuple[str, ...] = ()
     part: type[Any] | None = None
+    choice: type[Any] | None = None
+    of_distance: bool = False
+    of_value: bool = False
+    taken_in: str = ""
 
     def expected(self) -> str:
         """The sentence part that says what is accepted, e.g. "a number > 0 ms"."""
@@ -67,6 +76,7 @@ class Quantity:
             "codes": "a code, or a list of codes",
             "file": "the name of a file",
             "events": "events",
+            "choice": ("a number" if self.at_least is not None else f"a {self.choice.kind}") if self.choice else "",
             "part": f"the words of {self.part.__name__}" if self.part else "",
         }[self.kind]
         bounds = [
@@ -82,6 +92,8 @@ class Quantity:
         if self.nonzero:
             bounds.append("other than 0")
         text = " ".join([noun, " and ".join(bounds)]) if bounds else noun
+        if self.choice and bounds:
+            text += f" or a {self.choice.kind}"
         if self.words:
             text += " or " + " or ".join(self.words)
         unit = f" {self.unit}" if self.unit and self.kind == "number" else ""

@@ -24,6 +24,7 @@ _ROOMS = (
     "neuro.model.synapses",
     "neuro.model.rules",
     "neuro.model.distributions",
+    "neuro.model.space",
     "neuro.program.backend",
     "neuro.chips.known",
     "neuro.events",

@@ -26,10 +26,14 @@ class FromFile:
         return isinstance(other, FromFile) and same(self.values, other.values)
 
 
+def plain(value: Any) -> Any:
+    """A number, an array or a distribution: what a `FromFile` holds, and all else as it is."""
+    return value.values if isinstance(value, FromFile) else value
+
+
 def same(a: Any, b: Any) -> bool:
     """Equality that compares arrays by value and looks through `FromFile`."""
-    a = a.values if isinstance(a, FromFile) else a
-    b = b.values if isinstance(b, FromFile) else b
+    a, b = plain(a), plain(b)
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
         return type(a) is type(b) and a.shape == b.shape and bool(np.array_equal(a, b, equal_nan=True))
     if isinstance(a, tuple) and isinstance(b, tuple):

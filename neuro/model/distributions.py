@@ -45,12 +45,12 @@ class Distribution(Choice):
 class uniform(Distribution):
     """Evenly between `low` and `high`."""
 
-    low: float = quantity(0.0, "", "smallest value")
-    high: float = quantity(1.0, "", "values stay below it")
+    low: float = quantity(0.0, "", "smallest value", of_value=True)
+    high: float = quantity(1.0, "", "values stay below it", of_value=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.low > self.high:
+        if not self.measured and self.low > self.high:
             raise ModelError(f"uniform.low = {self.low:g}: expected at most high = {self.high:g}", path=("low",))
 
     def sample(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
@@ -62,12 +62,12 @@ class uniform(Distribution):
 class _Clipped(Distribution):
     """A distribution with bounds; values outside are drawn again."""
 
-    low: float = quantity(-math.inf, "", "values below are drawn again", infinite=True)
-    high: float = quantity(math.inf, "", "values above are drawn again", infinite=True)
+    low: float = quantity(-math.inf, "", "values below are drawn again", infinite=True, of_value=True)
+    high: float = quantity(math.inf, "", "values above are drawn again", infinite=True, of_value=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.low < self.high:
+        if not self.measured and not self.low < self.high:
             raise ModelError(f"{self.name}.low = {self.low:g}: expected less than high = {self.high:g}", path=("low",))
 
     def _draw(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
@@ -92,8 +92,8 @@ class _Clipped(Distribution):
 class normal(_Clipped):
     """Gaussian; with `low` and `high` truncated."""
 
-    mean: float = quantity(0.0, "", "mean before clipping")
-    std: float = quantity(1.0, "", "standard deviation before clipping", at_least=0)
+    mean: float = quantity(0.0, "", "mean before clipping", of_value=True)
+    std: float = quantity(1.0, "", "standard deviation before clipping", at_least=0, of_value=True)
 
     def _draw(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
         return rng.normal(self.mean, self.std, n)

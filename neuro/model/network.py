@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from neuro.core.checks import check
+from neuro.core.checks import check, is_number
 from neuro.core.errors import ModelError, Where, here, unknown
 from neuro.core.quantities import Quantity
 from neuro.core.values import same, shown
+from neuro.model.distributions import Distribution
 from neuro.model.neurons import Model
 from neuro.model.parts import (
     AT,
     CHOSEN,
     DELAY,
     EVERY,
+    EXTENT,
     MEAN,
+    PERIODIC,
+    POSITIONS,
     RECORD,
     RESOLUTION,
     SHAPE,
@@ -65,6 +70,9 @@ class Network(Description):
         model: Model,
         *,
         initial: Mapping[str, Any] | None = None,
+        positions: Any = None,
+        extent: Any = None,
+        periodic: bool = False,
     ) -> Population:
         """Add neurons of one model.
 
@@ -73,6 +81,9 @@ class Network(Description):
             shape: number of neurons, or sizes of the axes (`"auto"` where a grid decides).
             model: e.g. `neuro.iaf_psc_exp(tau_m=10.0)`.
             initial: states at time 0: a number, an array or a distribution by the state's name.
+            positions: where neurons lie: coordinates, shape (n, 1 to 3); by the shape if not given, centred at 0.
+            extent: length of each axis, in the unit of positions; without it neighbours are one unit apart.
+            periodic: whether what leaves at one edge comes in at the other.
 
         Returns:
             The part, to be passed to `connect` and others.
@@ -88,7 +99,17 @@ class Network(Description):
             if state not in states:
                 raise unknown(f"state of {model.name}", state, states, path=path).at(self._where(), what)
             start[state] = self._checked(states[state], value, f"{what}: initial.{state}", path)
-        return self._add(self.populations, Population(name, sizes, model, start, self._where()))
+        part = Population(
+            name,
+            sizes,
+            model,
+            start,
+            self._where(),
+            positions=self._array(POSITIONS, positions, f"{what}: positions", "positions"),
+            extent=self._array(EXTENT, extent, f"{what}: extent", "extent"),
+            periodic=self._checked(PERIODIC, periodic, f"{what}: periodic", ("periodic",)),
+        )
+        return self._add(self.populations, part)
 
     def connect(
         self,
@@ -108,7 +129,7 @@ class Network(Description):
             target: likewise.
             rule: e.g. `neuro.all_to_all()`; of views it sees their shapes, and counts their neurons from 0.
             synapse: e.g. `neuro.stdp(Wmax=3.0)`; static if not given.
-            weight: a number, an array (one per synapse, see docs), or a distribution.
+            weight: a number, an array (one per synapse, see docs), a distribution, or `neuro.of_distance(...)`.
             delay: the same, in ms.
             name: a new name; `source_target` if not given.
         """
@@ -124,7 +145,7 @@ class Network(Description):
             post,
             rule,
             chosen,
-            self._checked(WEIGHT, weight, f"{what}: weight", ("weight",)),
+            self._checked(self._weight(pre, post), weight, f"{what}: weight", ("weight",)),
             self._checked(DELAY, delay, f"{what}: delay", ("delay",)),
             self._where(),
             source_view,
@@ -242,6 +263,18 @@ class Network(Description):
             return check(q, value, what, path)
         except ModelError as error:
             raise error.at(self._where()) from None
+
+    def _weight(self, source: str, target: str) -> Quantity:
+        """What a weight may be; a number with a unit is taken in that of the target's model."""
+        if self.populations[source].model.role == "current":
+            return WEIGHT
+        return replace(WEIGHT, taken_in=getattr(self.populations[target].model, "weight_unit", ""))
+
+    def _array(self, q: Quantity, value: Any, what: str, word: str) -> Any:
+        """Numbers that are no single one and not drawn."""
+        if isinstance(value, Distribution) or is_number(value):
+            raise ModelError(f"{what} = {shown(value)}: expected a list or a file", where=self._where(), path=(word,))
+        return self._checked(q, value, what, (word,))
 
     def _neurons(self, of: Population | View | str, what: str, role: str) -> tuple[str, View | None]:
         """The name of a population, and the view if only some of its neurons are meant."""

@@ -16,8 +16,11 @@ from neuro.model.synapses import Synapse
 from neuro.model.views import View, count, view
 
 AUTO = "auto"
-WEIGHT = Quantity(doc="weight: mV or pA by the target's model", arrays=True)
-DELAY = Quantity(unit="ms", doc="delay, a multiple of the resolution", above=0, arrays=True)
+WEIGHT = Quantity(doc="weight: mV or pA by the target's model", arrays=True, of_distance=True)
+DELAY = Quantity(unit="ms", doc="delay, a multiple of the resolution", above=0, arrays=True, of_distance=True)
+POSITIONS = Quantity(doc="coordinates, a row of 1 to 3 for each neuron", arrays=True, optional=True)
+EXTENT = Quantity(doc="length of each axis, in the unit of positions", above=0, arrays=True, optional=True)
+PERIODIC = Quantity(doc="whether what leaves at one edge comes in at the other", kind="boolean")
 INITIAL = Quantity(doc="state at time 0", arrays=True)
 RESOLUTION = Quantity(unit="ms", doc="length of a step", above=0)
 EVERY = Quantity(unit="ms", doc="interval between two records; each step if not given", above=0, optional=True)
@@ -75,6 +78,9 @@ class Population(Part):
         shape: sizes of the axes; `"auto"` where a grid projection decides.
         model: what each neuron is.
         initial: states at time 0 that differ from the model's own, by name.
+        positions: coordinates, one row for each neuron; None where they follow from the shape.
+        extent: length of each axis; None where neighbours are one unit apart, or where edges are open.
+        periodic: whether what leaves at one edge comes in at the other.
     """
 
     word: ClassVar[str] = "population"
@@ -82,6 +88,9 @@ class Population(Part):
     model: Model
     initial: Mapping[str, Value] = field(default_factory=dict)
     origin: Where | None = None
+    positions: Value = None
+    extent: Value = None
+    periodic: bool = False
 
     def __getitem__(self, index: Any) -> View:
         return view(self, index)

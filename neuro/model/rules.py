@@ -12,6 +12,7 @@ from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.core.quantities import quantity
 from neuro.core.registry import Registry
+from neuro.model.space import Mask, Profile
 
 SAME = "same"
 """The padding that keeps the size of a sheet."""
@@ -109,6 +110,41 @@ class pairwise_bernoulli(Rule):
 
 
 @dataclass(frozen=True, eq=False)
+class fixed_total_number(Rule):
+    """So many synapses in all, each between a source and a target drawn at random. NEST calls n N."""
+
+    n: int = quantity(doc="synapses", kind="integer", at_least=0)
+    autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
+    multapses: bool = quantity(True, "", "whether a pair may be drawn twice", kind="boolean")
+
+
+@dataclass(frozen=True, eq=False)
+class symmetric_pairwise_bernoulli(Rule):
+    """Neurons of one population are connected in both directions.
+
+    Each neuron draws each other one with probability p, and both reach each other; two that draw each other are
+    connected twice. So a neuron of n has 2 p (n - 1) sources in the mean. Both directions take one drawn weight.
+    Source: NEST, symmetric_pairwise_bernoulli with make_symmetric
+    """
+
+    p: float = quantity(doc="probability", at_least=0, at_most=1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class distance_dependent(Rule):
+    """Every pair is connected with a probability that follows from the distance between the two.
+
+    The mask lies around the source; a target outside of it is not reached.
+    """
+
+    p: Any = quantity(
+        1.0, "", "probability, a function of the distance", kind="choice", choice=Profile, at_least=0, at_most=1
+    )
+    mask: Any = quantity(None, "", "where targets may lie; anywhere if not given", kind="choice", choice=Mask)
+    autapses: bool = quantity(True, "", "whether a neuron may reach itself", kind="boolean")
+
+
+@dataclass(frozen=True, eq=False)
 class pairs(Rule):
     """The listed pairs: source pre[k] reaches target post[k]; a pair may be listed twice."""
 
@@ -168,7 +204,18 @@ def complete(rule: type[Rule]) -> type[Rule]:
 
 RULES: Registry[type[Rule]] = Registry(
     "rule",
-    (one_to_one, all_to_all, fixed_indegree, fixed_outdegree, pairwise_bernoulli, pairs, grid),
+    (
+        one_to_one,
+        all_to_all,
+        fixed_indegree,
+        fixed_outdegree,
+        fixed_total_number,
+        pairwise_bernoulli,
+        symmetric_pairwise_bernoulli,
+        distance_dependent,
+        pairs,
+        grid,
+    ),
     takes=lambda part: isinstance(part, type) and issubclass(part, Rule),
     group="neuro.rules",
     complete=complete,

@@ -18,13 +18,17 @@ from neuro.model.neurons import (
 from neuro.model.rules import (
     Rule,
     all_to_all,
+    distance_dependent,
     fixed_indegree,
     fixed_outdegree,
+    fixed_total_number,
     grid,
     one_to_one,
     pairs,
     pairwise_bernoulli,
+    symmetric_pairwise_bernoulli,
 )
+from neuro.model.space import circular, exponential, gaussian, linear, of_distance
 from neuro.testing.case import Found, Start, after, case, network
 
 INF = float("inf")
@@ -69,6 +73,23 @@ def rule_fixed_outdegree(start: Start) -> Found:
 def rule_pairwise_bernoulli(start: Start) -> Found:
     """pairwise_bernoulli."""
     return after(start, connected(pairwise_bernoulli(p=0.4)))
+
+
+@case
+def rule_fixed_total_number(start: Start) -> Found:
+    """fixed_total_number, with multapses and without."""
+    net = connected(fixed_total_number(n=17))
+    net.connect("cells", "cells", fixed_total_number(n=11, autapses=False, multapses=False), weight=90.0, name="once")
+    return after(start, net)
+
+
+@case
+def rule_symmetric_pairwise_bernoulli(start: Start) -> Found:
+    """symmetric_pairwise_bernoulli with drawn weights."""
+    net = connected(all_to_all())
+    rule = symmetric_pairwise_bernoulli(p=0.4)
+    net.connect("cells", "cells", rule, weight=normal(mean=200.0, std=300.0), delay=0.7, name="both")
+    return after(start, net)
 
 
 @case
@@ -170,4 +191,17 @@ def networks_of_all_models(start: Start) -> Found:
                 net.connect(
                     pre.name, post.name, fixed_indegree(n=2), weight=0.5 * weight, delay=uniform(low=0.1, high=3)
                 )
+    return after(start, net)
+
+
+@case
+def rule_distance_dependent(start: Start) -> Found:
+    """distance_dependent with a mask and periodic edges; weights and delays of distance."""
+    net = network()
+    for name, model in (("source", poisson_generator(rate=900.0)), ("cells", iaf_psc_exp(I_e=300.0))):
+        net.population(name, (4, 5), model, extent=[4.0, 5.0], periodic=True)
+    near = distance_dependent(p=gaussian(std=2.0), mask=circular(radius=2.0))
+    delay = of_distance(linear(c=0.1, a=0.5))
+    net.connect("source", "cells", near, weight=of_distance(exponential(a=500.0)), delay=delay)
+    net.connect("cells", "cells", distance_dependent(p=0.4, autapses=False), weight=-90.0, delay=delay)
     return after(start, net)

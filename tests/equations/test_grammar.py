@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 import neuro
 from neuro import ModelError
+from neuro.core.grammar import MAX_DEPTH, MAX_TOKENS
 from neuro.model.equations import functions
-from neuro.model.equations.grammar import MAX_DEPTH, MAX_TOKENS, parse
+from neuro.model.equations.habits import parse
 from neuro.model.equations.writing import written
 
 ATTACKS = [

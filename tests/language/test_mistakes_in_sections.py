@@ -138,17 +138,15 @@ CASES = [
     ),
     (
         parameters("{w: 1.0}", "-$w"),
-        "net.yaml:7:51: found '-$w': expected a $name that stands alone\n"
-        "  hint: formulas are not evaluated: give the result a name of its own",
+        "net.yaml:7:51: found '-$w': expected a $name that stands alone, or $(...)\n  hint: write $(-w)",
     ),
     (
         parameters("{w: 1.0}", "2 * $w"),
-        "net.yaml:7:51: found '2 * $w': expected a $name that stands alone\n"
-        "  hint: formulas are not evaluated: give the result a name of its own",
+        "net.yaml:7:51: found '2 * $w': expected a $name that stands alone, or $(...)\n  hint: write $(2 * w)",
     ),
     (
         parameters("{w: 1.0}", "$"),
-        "net.yaml:7:51: found '$': expected a $name that stands alone",
+        "net.yaml:7:51: found '$': expected a $name that stands alone, or $(...)",
     ),
     (
         parameters("{$w: 1.0}", "$w"),

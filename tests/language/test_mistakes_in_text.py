@@ -86,12 +86,12 @@ CASES = [
         "net.yaml:2:13: resolution = 0: expected a number > 0 ms",
     ),
     (
-        "neuro: 1\nresolution: 0.1 ms\n",
-        "net.yaml:2:13: resolution = '0.1 ms': expected a number > 0 ms\n  hint: write 0.1: numbers here are in ms",
+        "neuro: 1\nresolution: 0.1 mV\n",
+        "net.yaml:2:13: resolution = 0.1 mV: expected a time in ms",
     ),
     (
-        "neuro: 1\nresolution: 100 us\n",
-        "net.yaml:2:13: resolution = '100 us': expected a number > 0 ms\n  hint: write 0.1: numbers here are in ms",
+        "neuro: 1\nresolution: 100 uS\n",
+        "net.yaml:2:13: resolution = 100 uS: expected a time in ms",
     ),
     (
         "neuro: 1\npopulations:\n\ta: 1\n",

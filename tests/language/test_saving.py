@@ -17,6 +17,7 @@ from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.neurons import MODELS
 from neuro.model.parts import Trials
 from neuro.model.rules import RULES
+from neuro.model.space import MASKS, PROFILES, Profile
 from neuro.model.synapses import SYNAPSES
 
 NAMES = st.one_of(
@@ -72,7 +73,10 @@ def values(q, names):
         case "number":
             plain = numbers(q)
             return (
-                plain | arrays(plain) | st.sampled_from(list(DISTRIBUTIONS)).flatmap(distribution)
+                plain
+                | arrays(plain)
+                | st.sampled_from(list(DISTRIBUTIONS)).flatmap(distribution)
+                | (profile().map(neuro.of_distance) if q.of_distance else st.nothing())
                 if q.arrays
                 else plain
             )
@@ -94,6 +98,9 @@ def values(q, names):
             return st.lists(train, max_size=5)
         case "codes":
             return st.sampled_from(CODES)
+        case "choice":
+            chosen = profile() if q.choice is Profile else mask()
+            return chosen | numbers(q) if q.at_least is not None else chosen
         case "part":
             return words(q.part, names).map(q.part.from_words)
         case _:
@@ -112,6 +119,15 @@ def words(cls, names):
 
 def _kind(q):
     return "signal" if "signal" in q.doc else "population"
+
+
+def profile():
+    return st.sampled_from(list(PROFILES)).flatmap(lambda name: choices(PROFILES[name], {}))
+
+
+def mask():
+    corners = st.just(neuro.rectangular(lower_left=[-1.0, 0.0], upper_right=[1.0, 0.5]))
+    return corners | choices(MASKS["circular"], {})
 
 
 def distribution(name):

@@ -19,14 +19,14 @@ resolution: 0.1
 parameters: {w: 2.0, n: 4, more: [1, 2]}
 populations:
   a: {model: poisson_generator, shape: 4}
-  b: {model: {iaf_psc_exp: {tau_m: [1.0, $w], V_th: {uniform: {low: -55.0, high: -50.0}}}}, shape: [$n, auto]}
+  b: {model: {iaf_psc_exp: {tau_m: [1.0, $w, 10 ms], V_th: {uniform: {low: -55.0, high: -50.0}}}}, shape: [$n, auto]}
   c: {model: {spike_generator: {spike_times: [[1.0], []]}}, shape: $n}
   d: {model: {iaf_psc_delta: {tau_m: .inf, refractory_input: true}}, shape: 2, initial: {V_m: normal}}
   e: {model: {encode: {file: x.h5, key: x, code: {rank: {ties: dense}}}}, shape: 4}
   f: {model: {encode: {values: [1.0, $w], code: [{rate: {r_min: 0, r_max: $w, max_rate: 9}}, rank]}}, shape: 2}
   g: {model: {event_camera: {file: walk.dat, polarity: on, crop: {x: [1, 9]}, scale: $n}}, shape: auto}
 projections:
-  a_b: {from: a, to: b, rule: all_to_all, weight: $w, delay: 1.5, synapse: {stdp: {lambda: 0.1, Wmax: $w}}}
+  a_b: {from: a, to: b, rule: all_to_all, weight: 3 nA, delay: 1.5 ms, synapse: {stdp: {lambda: $(w / 20), Wmax: $w}}}
   b_b: {from: b, to: b, rule: {pairs: {pre: [0], post: {file: p.npy}}}, weight: {file: w.h5, key: w}, synapse: r_stdp}
   a_d: {from: a, to: d, rule: {grid: {kernel: [3, $n]}}, weight: [[1.0]], synapse: {stdp_dopa: {dopamine: a}}}
 signals: {reward: {to: b}}
@@ -73,7 +73,7 @@ def test_the_networks_of_this_repository(validator, path):
         (", shape: 4}", "}"),
         ("shape: 4}", "shape: 4, tau_m: 10.0}"),
         ("model: poisson_generator", "model: poison_generator"),
-        ("[1.0, $w]", "[1.0, w]"),
+        ("[1.0, $w,", "[1.0, w,"),
         ("ties: dense", "ties: shared"),
         ("{rank: {ties: dense}}", "rnak"),
         ("file: x.h5, key", "key"),
@@ -88,9 +88,9 @@ def test_the_networks_of_this_repository(validator, path):
         ("rule: all_to_all", "rule: fixed_indegree"),
         ("rule: all_to_all, ", ""),
         ("from: a, to: b", "source: a, target: b"),
-        ("delay: 1.5", "delay: 0"),
-        ("delay: 1.5", "delay: 1.5 ms"),
-        ("lambda: 0.1", "lambda_: 0.1"),
+        ("delay: 1.5 ms", "delay: 0"),
+        ("delay: 1.5 ms", "delay: 1.5 mV"),
+        ("lambda: $(w", "lambda_: $(w"),
         ("{file: p.npy}", "{flie: p.npy}"),
         ("synapse: r_stdp", "synapse: {static: {w: 1}}"),
         ("reward: {to: b}", "reward: b"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping
 
-from neuro.model.equations.grammar import Binary, Call, Name, Negative, Number, Tree
+from neuro.core.grammar import Binary, Call, Name, Negative, Number, Tree
 
 ZERO, ONE = Number(0.0, "", 0), Number(1.0, "", 0)
 

@@ -9,14 +9,15 @@ from typing import Any
 
 from neuro.core.checks import check
 from neuro.core.errors import ModelError, unknown
+from neuro.core.grammar import Binary, Expression, Name, Tree
 from neuro.core.quantities import Quantity
+from neuro.core.units import CONDUCTANCE, CURRENT, NONE, TIME, VOLTAGE, Dimension
 from neuro.core.values import shown
 from neuro.model.equations import algebra, habits
 from neuro.model.equations.dimensions import Dimensions, Powers, is_comparison, refuse_inner_comparisons, unit_unknown
 from neuro.model.equations.functions import ARGUMENTS
-from neuro.model.equations.grammar import Binary, Expression, Name, Tree, parse
+from neuro.model.equations.habits import parse
 from neuro.model.equations.parameters import NAME, Parameter, read_parameters
-from neuro.model.equations.units import CONDUCTANCE, CURRENT, NONE, TIME, VOLTAGE, Dimension
 from neuro.model.neurons.base import Neuron
 
 CURRENT_NAME = "I"

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from neuro.core.errors import ModelError
+from neuro.core.grammar import COMPARISONS, Binary, Call, Expression, Name, Negative, Number, Tree
 from neuro.core.hints import nearest
+from neuro.core.units import NONE, UNITS, Dimension, times, told
 from neuro.model.equations import habits
 from neuro.model.equations.functions import ARGUMENTS
-from neuro.model.equations.grammar import COMPARISONS, Binary, Call, Expression, Name, Negative, Number, Tree
-from neuro.model.equations.units import NONE, UNITS, Dimension, times, told
 
 _MAX_POWER = 100
 _SAME = {"min", "max", "abs", "where"}

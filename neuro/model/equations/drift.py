@@ -5,9 +5,9 @@ The rate of the weight is a sum of products of what decays exponentially, so its
 
 from __future__ import annotations
 
+from neuro.core.grammar import Expression, Name, Tree
 from neuro.model.equations.algebra import culprit, names, polynomial
 from neuro.model.equations.dimensions import text_of
-from neuro.model.equations.grammar import Expression, Name, Tree
 from neuro.model.equations.pairs import DECAY_OF_SIGNAL, SIGNAL, WEIGHT, Pairs
 from neuro.model.equations.writing import Constants, local, written
 

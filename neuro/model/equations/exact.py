@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from neuro.core.grammar import Binary, Name, Tree
 from neuro.model.equations import algebra
 from neuro.model.equations.definition import CURRENT_NAME, Definition, Receptor
 from neuro.model.equations.exponential import ROOM
-from neuro.model.equations.grammar import Binary, Name, Tree
 from neuro.model.equations.writing import Constants, local
 
 REST = ""

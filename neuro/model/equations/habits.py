@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from neuro.core.grammar import Expression, Hints
+from neuro.core.grammar import parse as read
+
 _CHOICE = "write where(a > b, value, other)"
 _RECEPTOR = "spikes arrive in 'receptors', e.g. {g: {kernel: exp, tau: tau_syn}}"
 _NO_NOISE = "equations have no noise of their own: connect a poisson_generator"
@@ -59,3 +62,13 @@ WORDS: Mapping[str, str] = {
     "state": "a state is a word of 'equations', its first value one of 'initial'",
     "on_reward": "write on_signal",
 }
+_HINTS = Hints(SIGNS, "give parts of it a name in 'let'")
+
+
+def parse(text: object) -> Expression:
+    """Read an expression of a model; what other languages say otherwise is told how it is said here.
+
+    Raises:
+        ModelError: as `neuro.core.grammar.parse`.
+    """
+    return read(text, _HINTS)

@@ -9,15 +9,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from neuro.core.grammar import Binary, Call, Name, Negative, Tree
 from neuro.core.quantities import Quantity, Value
+from neuro.core.units import TIME, times, unit_of
 from neuro.model.equations import steps
 from neuro.model.equations.definition import CURRENT_NAME, HELD, Definition, read
 from neuro.model.equations.exact import matrix_lines, quiet_lines, room, slope_of, system
 from neuro.model.equations.functions import PUBLIC
 from neuro.model.equations.generated import module
-from neuro.model.equations.grammar import Binary, Call, Name, Negative, Tree
 from neuro.model.equations.twin import Twin, twin
-from neuro.model.equations.units import TIME, times, unit_of
 from neuro.model.equations.writing import Constants, function
 from neuro.model.neurons.base import Neuron, State
 

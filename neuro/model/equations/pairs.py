@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from neuro.core.errors import ModelError, unknown
+from neuro.core.grammar import Expression, Name
+from neuro.core.units import CONDUCTANCE, CURRENT, NONE, TIME, VOLTAGE, Dimension, told
 from neuro.core.values import shown
 from neuro.model.equations.algebra import within
 from neuro.model.equations.definition import at, check_name, expressions, mapping
 from neuro.model.equations.dimensions import Dimensions
 from neuro.model.equations.functions import ARGUMENTS
-from neuro.model.equations.grammar import Expression, Name
 from neuro.model.equations.parameters import Parameter, read_parameters
-from neuro.model.equations.units import CONDUCTANCE, CURRENT, NONE, TIME, VOLTAGE, Dimension, told
 from neuro.model.synapses.base import Synapse, Trace
 from neuro.model.synapses.modulated import Modulated
 

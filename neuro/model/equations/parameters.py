@@ -9,11 +9,12 @@ from typing import Any
 from neuro.core.checks import check
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError, unknown
+from neuro.core.grammar import Name
 from neuro.core.quantities import Quantity
+from neuro.core.units import Dimension, measured, unit
 from neuro.core.values import shown
 from neuro.model.equations.functions import ARGUMENTS
-from neuro.model.equations.grammar import Name, parse
-from neuro.model.equations.units import Dimension, measured, unit
+from neuro.model.equations.habits import parse
 
 BOUNDS = ("above", "at_least", "below", "at_most")
 WORDS = ("default", *BOUNDS, "doc")

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from neuro.core.grammar import Binary, Call, Name, Negative, Number, Tree
+from neuro.core.units import UNITS
 from neuro.model.equations.algebra import ONE, ZERO, added, divided, multiplied
 from neuro.model.equations.dimensions import text_of
-from neuro.model.equations.grammar import Binary, Call, Name, Negative, Number, Tree
-from neuro.model.equations.units import UNITS
 
 MOST = 64
 """Products of one sum; a longer one stays as it is, a factor."""

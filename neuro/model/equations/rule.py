@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from dataclasses import field, make_dataclass
 from typing import Any, ClassVar
 
+from neuro.core.grammar import Expression
+from neuro.core.units import unit_of
 from neuro.model.equations.algebra import names
 from neuro.model.equations.definition import at
 from neuro.model.equations.drift import advance_lines
 from neuro.model.equations.functions import PUBLIC
 from neuro.model.equations.generated import module
-from neuro.model.equations.grammar import Expression
 from neuro.model.equations.pairs import SPIKES, WEIGHT, Pairs, read
-from neuro.model.equations.units import unit_of
 from neuro.model.equations.writing import Constants, function, local, written
 from neuro.model.neurons.base import State
 from neuro.model.synapses.base import Synapse

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from neuro.core.errors import ModelError
+from neuro.core.grammar import Binary, Name, Tree
 from neuro.model.equations import algebra
 from neuro.model.equations.definition import CURRENT_NAME, HELD, Definition, Receptor
 from neuro.model.equations.exact import System, kernel_rows, slope_of, solution
-from neuro.model.equations.grammar import Binary, Name, Tree
 from neuro.model.equations.rungekutta import rk4_lines, rkf45_lines
 from neuro.model.equations.writing import Constants, hoisted, indented, local, unpacked, written
 

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
+from neuro.core.grammar import Binary, Name, Tree
+from neuro.core.units import UNITS
 from neuro.model.equations import algebra
 from neuro.model.equations.definition import CURRENT_NAME, Definition, Receptor
 from neuro.model.equations.dimensions import text_of
 from neuro.model.equations.exact import REST, System, system
 from neuro.model.equations.functions import PUBLIC
 from neuro.model.equations.generated import module
-from neuro.model.equations.grammar import Binary, Name, Tree
 from neuro.model.equations.products import Product, products, ratio, same
-from neuro.model.equations.units import UNITS
 from neuro.model.equations.writing import Constants, function
 from neuro.model.neurons.base import Neuron
 from neuro.model.neurons.iaf_psc_delta import iaf_psc_delta

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 
+from neuro.core.grammar import COMPARISONS, Binary, Call, Name, Negative, Number, Tree
+from neuro.core.units import UNITS
 from neuro.model.equations import algebra
-from neuro.model.equations.grammar import COMPARISONS, Binary, Call, Name, Negative, Number, Tree
 from neuro.model.equations.parameters import Parameter
-from neuro.model.equations.units import UNITS
 
 Leaf = Callable[[Tree], str | None]
 """How a part of a tree is written that is more than its parts; None if it is not."""

@@ -19,6 +19,7 @@ from neuro.model.language.trains import train
 from neuro.model.neurons import MODELS
 from neuro.model.parts import GROUPS
 from neuro.model.rules import RULES
+from neuro.model.space import MASKS, PROFILES, of_distance
 from neuro.model.synapses import SYNAPSES
 
 TABLES: dict[str, Mapping[str, type[Choice]]] = {
@@ -27,6 +28,8 @@ TABLES: dict[str, Mapping[str, type[Choice]]] = {
     "synapse": SYNAPSES,
     "group": GROUPS,
     "distribution": DISTRIBUTIONS,
+    "profile": PROFILES,
+    "mask": MASKS,
     "code": CHOICES,
 }
 FILE = ("file", "key")
@@ -101,6 +104,11 @@ def value(q: Quantity, node: Node, what: str) -> Any:
         raise mistake(node, f"{what}: events of a program: expected a file", "write file: NAME")
     if isinstance(node.value, dict) and "file" in node.value and q.kind == "train":
         return train(node)
+    if q.choice is not None and (q.at_least is None or isinstance(node.value, (str, dict))):
+        return choice(node, q.choice.kind)
+    if q.of_distance and isinstance(node.value, dict) and of_distance.called() in node.value:
+        said = words(node, (of_distance.called(),), what)
+        return of_distance(choice(said[of_distance.called()], "profile"))
     if isinstance(node.value, dict) and "file" in node.value and (q.arrays or q.kind in FILED):
         return array(node)
     if q.arrays and isinstance(node.value, dict):
@@ -164,6 +172,8 @@ def _named(name: str, node: Node, kind: str, own: Mapping[str, type[Choice]]) ->
     error = unknown(kind, name, [*own, *table])
     others = [f"'{name}' is a {other}, not a {kind}" for other, names in TABLES.items() if name in names]
     hint = others[0] if others else error.hint
+    if kind == "distribution" and name in PROFILES:
+        hint = f"'{name}' is a profile, write {{of_distance: {{{name}: ...}}}}"
     call = _CALL.fullmatch(name)
     if call and call[1] in table:
         hint = f"write {{{call[1]}: {{{call[2].replace('=', ': ')}}}}}"

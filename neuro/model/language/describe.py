@@ -15,9 +15,12 @@ from neuro.core.values import FromFile, same
 from neuro.model.equations import EquationNeuron, EquationSynapse
 from neuro.model.language.sources import VERSION
 from neuro.model.parts import Description, Population, Probe, Projection
+from neuro.model.space import of_distance
 from neuro.model.views import View
 
 LARGEST_INLINE = 64
+NAMED = ("distribution", "code", "profile", "mask")
+"""Kinds of choices that are values, said by their name."""
 
 
 class Arrays:
@@ -77,6 +80,7 @@ def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
         p.name: {
             "model": _choice(p.model, arrays, f"{p.name}.model"),
             "shape": list(p.shape),
+            **_values(_space(p), arrays, p.name),
             **({"initial": _values(p.initial, arrays, f"{p.name}.initial")} if p.initial else {}),
         }
         for p in net.populations.values()
@@ -109,6 +113,12 @@ def _probe(probe: Probe, arrays: Arrays) -> dict[str, Any]:
 
 def _neurons(population: str, view: View | None, arrays: Arrays, key: str) -> Any:
     return population if view is None else {population: _value(view.written(), arrays, key)}
+
+
+def _space(part: Population) -> dict[str, Any]:
+    """The words of a population's places."""
+    said = {"positions": part.positions, "extent": part.extent, "periodic": part.periodic or None}
+    return {word: value for word, value in said.items() if value is not None}
 
 
 def _models(net: Description) -> dict[str, Any]:
@@ -162,10 +172,10 @@ def _value(value: Any, arrays: Arrays, key: str) -> Any:
     if isinstance(value, np.ndarray):
         inline = value.size <= LARGEST_INLINE and np.array(value.tolist()).shape == value.shape
         return value.tolist() if inline else arrays.keep(key, value)
+    if isinstance(value, of_distance):
+        return {value.name: _choice(value.profile, arrays, key)}
     if isinstance(value, Choice):
-        return (
-            _choice(value, arrays, key) if value.kind in ("distribution", "code") else _parameters(value, arrays, key)
-        )
+        return _choice(value, arrays, key) if value.kind in NAMED else _parameters(value, arrays, key)
     if isinstance(value, tuple) and value and all(isinstance(row, np.ndarray) for row in value):
         if len(value) + sum(row.size for row in value) <= LARGEST_INLINE:
             return [row.tolist() for row in value]

@@ -18,10 +18,11 @@ from neuro.model.language.sources import gather
 from neuro.model.language.views import neurons
 from neuro.model.network import Network, check_name
 from neuro.model.neurons import Model
-from neuro.model.parts import CHOSEN, DELAY, WEIGHT, Trials
+from neuro.model.parts import CHOSEN, DELAY, EXTENT, POSITIONS, WEIGHT, Trials
 from neuro.model.synapses import static
 
 VALUES = {"weight": WEIGHT, "delay": DELAY}
+PLACES = {"positions": POSITIONS, "extent": EXTENT}
 
 
 def load(path: str | Path, params: Mapping[str, Any] | None = None) -> Network:
@@ -86,15 +87,19 @@ class _Builder:
             of[name] = model
 
     def population(self, name: str, node: Node) -> None:
-        said = part(node, ("model", "shape", "initial"), "a population", ("model", "shape"))
+        known = ("model", "shape", "initial", *PLACES, "periodic")
+        said = part(node, known, "a population", ("model", "shape"))
         model = choice(said["model"], "model", self.models)
         initial = {}
         if "initial" in said:
-            known = {state.name: state.quantity() for state in model.states if not state.hidden}
-            states = words(said["initial"], known, "initial", kind=f"state of {model.name}")
-            initial = {word: value(known[word], inner, f"initial.{word}") for word, inner in states.items()}
+            quantities = {state.name: state.quantity() for state in model.states if not state.hidden}
+            states = words(said["initial"], quantities, "initial", kind=f"state of {model.name}")
+            initial = {word: value(quantities[word], inner, f"initial.{word}") for word, inner in states.items()}
+        places = {word: value(q, said[word], word) for word, q in PLACES.items() if word in said}
+        if "periodic" in said:
+            places["periodic"] = plain(said["periodic"])
         with about(node):
-            self.net.population(name, plain(said["shape"]), model, initial=initial)
+            self.net.population(name, plain(said["shape"]), model, initial=initial, **places)
 
     def projection(self, name: str, node: Node) -> None:
         known = ("from", "to", "rule", "weight", "delay", "synapse")

@@ -6,9 +6,13 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, Where, unknown
+from neuro.core.grammar import Expression, Misread, Name
+from neuro.core.units import in_base, is_measure
 from neuro.core.values import shown
-from neuro.model.language.nodes import mistake
+from neuro.model.language.computed import Measure, computed
+from neuro.model.language.nodes import found, mistake
 from neuro.model.language.reader import MAX_DEPTH, Node
 
 MAX_PLACED = 1_000_000
@@ -78,20 +82,60 @@ class _Names:
         return node
 
     def _value(self, node: Node) -> Node:
+        if node.value.startswith("$("):
+            return self._computed(node)
         use = _USE.fullmatch(node.value)
         if use is None:
-            inner = _USE.search(node.value)
-            hint = "formulas are not evaluated: give the result a name of its own" if inner else ""
-            raise mistake(node, f"found '{node.value}': expected a $name that stands alone", hint)
+            hint = f"write $({node.value.replace('$', '')})" if _USE.search(node.value) else ""
+            raise mistake(node, f"found '{node.value}': expected a $name that stands alone, or $(...)", hint)
         name = use[1]
-        if name not in self.values:
-            if name in self.given:
-                raise mistake(node, f"${name} is used before it is set", f"set it above, see {self.given[name].label}")
-            error = unknown("parameter", f"${name}", (f"${known}" for known in self.given))
-            raise mistake(node, error.message, error.hint if self.given else f"add parameters: {{{name}: ...}}")
+        self._check(name, f"${name}", node)
         self.used.add(name)
         value, source = self.values[name]
         return self._moved(value, Node(None, node.where, node.label, source), 0)
+
+    def _computed(self, node: Node) -> Node:
+        """What stands between the brackets of `$(...)`, computed."""
+        text = node.value
+        if not text.endswith(")"):
+            hint = "a text with ',' needs quotes" if text.count("(") > text.count(")") + 1 else ""
+            raise mistake(node, f"found '{text}': expected '$(' and ')' around all of it", hint)
+        try:
+            value = computed(text[2:-1], lambda whole, name: self._measure(whole, name, node), self.given)
+        except Misread as error:
+            if node.text is None:
+                raise mistake(node, error.message, error.hint) from None
+            where = Where(node.text.file, node.text.line, node.text.column + 2 + error.place)
+            raise ModelError(f"{shown(text)}: {error.found}", where=where, hint=error.hint) from None
+        return Node(value, node.where, node.label, f"{text} is {value}")
+
+    def _measure(self, whole: Expression, name: Name, node: Node) -> Measure:
+        """The number that a name stands for."""
+        try:
+            self._check(name.name, name.name, node)
+        except ModelError as error:
+            raise whole.mistake(name.at, error.message, error.hint) from None
+        self.used.add(name.name)
+        value = self.values[name.name][0].value
+        if is_measure(value):
+            try:
+                return Measure(*in_base(value))
+            except ModelError as error:
+                raise whole.mistake(name.at, f"'{name.name}' = {value}: {error.message}", error.hint) from None
+        if not is_number(value):
+            told = found(self.values[name.name][0])
+            raise whole.mistake(name.at, f"'{name.name}': {told}: expected a number, with its unit or without")
+        return Measure(float(value))
+
+    def _check(self, name: str, told: str, node: Node) -> None:
+        """Refuse a name that stands for nothing yet."""
+        if name in self.values:
+            return
+        if name in self.given:
+            raise mistake(node, f"{told} is used before it is set", f"set it above, see {self.given[name].label}")
+        sign = told.removesuffix(name)
+        error = unknown("parameter", told, (f"{sign}{known}" for known in self.given))
+        raise mistake(node, error.message, error.hint if self.given else f"add parameters: {{{name}: ...}}")
 
     def _moved(self, value: Node, to: Node, depth: int) -> Node:
         """The value as if it stood where it is used."""

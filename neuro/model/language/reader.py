@@ -40,6 +40,7 @@ class Node:
         value: None, a boolean, number or word, a list of nodes, or a mapping from words to nodes.
         where: where it stands.
         label: where the word before it stands, if it has one.
+        text: where the first letter of a word stands; None if the others do not follow it as they are in the value.
         source: what else decides on it: "$w is set at net.yaml:4:3" for a value put in place of a parameter.
     """
 
@@ -47,6 +48,7 @@ class Node:
     where: Where
     label: Where
     source: str = ""
+    text: Where | None = None
 
 
 def read(path: Path, expected: str = "a network", begin: str = "neuro: 1") -> Node:
@@ -149,7 +151,7 @@ class _Reader:
                 value.append(self.node(item, depth + 1))
         else:
             value = self.mapping(depth)
-        return Node(value, where, label or where)
+        return Node(value, where, label or where, text=_letters(event, where))
 
     def mapping(self, depth: int) -> dict[str, Node]:
         words: dict[str, Node] = {}
@@ -216,6 +218,17 @@ class _Reader:
             begin = self.place(error.context_mark) if error.context_mark else where
             return ModelError("found the end of the file inside quotes", where=begin)
         return ModelError(f"not YAML: {problem}", where=where)
+
+
+def _letters(event: yaml.Event, where: Where) -> Where | None:
+    """Where the letters of a word begin, if they stand in the file as they are in its value."""
+    if not isinstance(event, yaml.ScalarEvent):
+        return None
+    quotes = 1 if event.style else 0
+    begin: Any = event.start_mark
+    end: Any = event.end_mark
+    as_it_is = begin.line == end.line and end.column - begin.column == len(event.value) + 2 * quotes
+    return Where(where.file, where.line, where.column + quotes) if as_it_is else None
 
 
 def scalar(text: str, where: Where) -> bool | int | float | str | None:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import inspect
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING
 from typing import Any
 
 from neuro.core.choice import Choice
+from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
+from neuro.core.units import UNITS, dimension_of
 from neuro.model.equations.definition import WORDS
 from neuro.model.equations.pairs import WORDS as RULE_WORDS
 from neuro.model.language.choices import TABLES
@@ -22,8 +25,11 @@ from neuro.model.parts import (
     CHOSEN,
     DELAY,
     EVERY,
+    EXTENT,
     INITIAL,
     MEAN,
+    PERIODIC,
+    POSITIONS,
     RECORD,
     RESOLUTION,
     SHAPE,
@@ -81,10 +87,14 @@ def schema() -> Schema:
         "then": _networks(own=True),
         "else": _networks(own=False),
         "$defs": {
-            "parameter": {"type": "string", "pattern": r"^\$[^\W\d]\w*$", "description": "the value of a parameter"},
+            "parameter": {
+                "type": "string",
+                "pattern": r"^\$([^\W\d]\w*|\(.*\))$",
+                "description": "the value of a parameter, or of arithmetic with numbers and parameters",
+            },
             "numbers": {
                 "type": "array",
-                "items": {"anyOf": [{"type": "number"}, _PARAMETER, {"$ref": "#/$defs/numbers"}]},
+                "items": {"anyOf": [{"type": "number"}, _measured(*UNITS), _PARAMETER, {"$ref": "#/$defs/numbers"}]},
             },
             "file": {
                 **_closed({"file": {"type": "string"}, "key": {"type": "string"}}, ["file"]),
@@ -130,7 +140,14 @@ def _population(own: bool) -> Schema:
     any_state = {"type": "object", "additionalProperties": _quantity(INITIAL)}
     initial = {**(any_state if own else _closed(known)), "description": INITIAL.doc}
     model = _chosen("model", MODELS, own)
-    return _closed({"model": model, "shape": _quantity(SHAPE), "initial": initial}, ["model", "shape"])
+    places = {"positions": _array(POSITIONS), "extent": _array(EXTENT), "periodic": _quantity(PERIODIC, False)}
+    return _closed({"model": model, "shape": _quantity(SHAPE), "initial": initial, **places}, ["model", "shape"])
+
+
+def _array(q: Quantity) -> Schema:
+    """An array that is not drawn."""
+    file, numbers = {"$ref": "#/$defs/file"}, {"$ref": "#/$defs/numbers"}
+    return {"anyOf": [numbers, file, _PARAMETER], "description": q.doc}
 
 
 def _projection(own: bool) -> Schema:
@@ -243,6 +260,24 @@ def _quantity(q: Quantity, default: Any = MISSING) -> Schema:
     return out
 
 
+def _units(q: Quantity) -> list[Schema]:
+    """The number with its unit, where the quantity has one or takes that of what it stands for."""
+    if q.of_value or q is WEIGHT or q is INITIAL:
+        return [_measured(*UNITS)]
+    try:
+        dimension = dimension_of(q.unit) if q.unit else None
+    except ModelError:
+        return []
+    alike = [name for name, (_, of) in UNITS.items() if of == dimension]
+    return [_measured(*alike, *([] if q.unit in alike else [q.unit]))] if q.unit else []
+
+
+def _measured(*units: str) -> Schema:
+    """A number with one of these units, or, in editors all the same, with another written by * / ^."""
+    known = "|".join(map(re.escape, units))
+    return {"type": "string", "pattern": rf"^[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)? *({known}|[^ ]*[*/^].*)$"}
+
+
 def _accepted(q: Quantity) -> list[Schema]:
     bounds: Schema = {
         word: bound
@@ -258,12 +293,17 @@ def _accepted(q: Quantity) -> list[Schema]:
         bounds["not"] = {"const": 0}
     file, numbers = {"$ref": "#/$defs/file"}, {"$ref": "#/$defs/numbers"}
     integer = {"type": "integer", **bounds}
+    far = [_closed({"of_distance": {"$ref": "#/$defs/profile"}}, ["of_distance"])] if q.of_distance else []
     match q.kind:
         case "number":
             more = [numbers, file, {"$ref": "#/$defs/distribution"}] if q.arrays else []
-            return [{"type": "number", **bounds}, *more, _PARAMETER]
+            return [{"type": "number", **bounds}, *_units(q), *more, *far, _PARAMETER]
+        case "choice":
+            assert q.choice is not None
+            number: list[Schema] = [{"type": "number", **bounds}] if bounds else []
+            return [*number, {"$ref": f"#/$defs/{q.choice.kind}"}]
         case "delay":
-            return [{"type": "number", "exclusiveMinimum": 0}, _PARAMETER]
+            return [{"type": "number", "exclusiveMinimum": 0}, _measured("us", "ms", "s"), _PARAMETER]
         case "integer":
             return [integer, *({"const": word} for word in q.words), _PARAMETER]
         case "boolean":

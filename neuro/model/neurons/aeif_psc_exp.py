@@ -42,6 +42,7 @@ class aeif_psc_exp(Neuron):
         "at V_m >= V_peak: V_m = V_reset, w += b"
     )
     source: ClassVar[str] = "NEST 3.10 aeif_psc_exp; Brette & Gerstner, J. Neurophysiol. 94:3637, 2005"
+    weight_unit: ClassVar[str] = "pA"
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
         State("w", "pA", "adaptation current"),

@@ -136,6 +136,7 @@ class Neuron(Model):
             second of two gets them with a minus, as it gets those that come to it by their sign.
         filters: by name the receptors to which a current may be sent: the state that it charges, and the parameter that
             is the time constant with which this state decays.
+        weight_unit: of the weights onto it, "" where they have none.
         relay: whether a spike carries the multiplicity that arrived, whatever the weight.
         linear: whether n quiet steps equal one step with the constants of n h.
         resets_in_step: whether `step` itself resets a neuron that spikes, and `fire` does nothing; a winner-take-all
@@ -151,6 +152,7 @@ class Neuron(Model):
     receptor_names: ClassVar[tuple[str, ...]] = ()
     conductances: ClassVar[tuple[str, ...]] = ()
     filters: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    weight_unit: ClassVar[str] = ""
     relay: ClassVar[bool] = False
     linear: ClassVar[bool] = False
     resets_in_step: ClassVar[bool] = False

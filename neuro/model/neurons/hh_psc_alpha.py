@@ -38,6 +38,7 @@ class hh_psc_alpha(Neuron):
         "x' = alpha_x(V_m) (1 - x) - beta_x(V_m) x for x = m, h, n; I_syn = sum w e t/tau_syn exp(-t/tau_syn)"
     )
     source: ClassVar[str] = "NEST 3.10 hh_psc_alpha; Hodgkin & Huxley, J. Physiol. 117:500, 1952"
+    weight_unit: ClassVar[str] = "pA"
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
         State("Act_m", "", "activation m of sodium", at_least=0.0, at_most=1.0),

@@ -29,6 +29,7 @@ class iaf_cond_alpha(Neuron):
         "g = sum |w| e t/tau_syn exp(-t/tau_syn); spike at V_m >= V_th"
     )
     source: ClassVar[str] = "NEST 3.10 iaf_cond_alpha; Meffin et al., J. Comput. Neurosci. 16:159, 2004"
+    weight_unit: ClassVar[str] = "nS"
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
         State("g_ex", "nS", "excitatory conductance", at_least=0.0),

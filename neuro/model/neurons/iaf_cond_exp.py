@@ -28,6 +28,7 @@ class iaf_cond_exp(Neuron):
         "g' = -g/tau_syn + sum |w| delta(t - t_spike); spike at V_m >= V_th"
     )
     source: ClassVar[str] = "NEST 3.10 iaf_cond_exp; Meffin et al., J. Comput. Neurosci. 16:159, 2004"
+    weight_unit: ClassVar[str] = "nS"
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
         State("g_ex", "nS", "excitatory conductance", at_least=0.0),

@@ -25,6 +25,7 @@ class iaf_linear_leak(Neuron):
         "V_m' = 0 at V_m = E_L if |I| <= C_m leak; spike at V_m >= V_th"
     )
     source: ClassVar[str] = "Fusi & Mattia, Neural Comput. 11:633, 1999"
+    weight_unit: ClassVar[str] = "mV"
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
         State("refractory", "steps", "steps left to hold", hidden=True),

@@ -26,6 +26,7 @@ class iaf_psc_alpha(Neuron):
         "I_syn = sum w e t/tau_syn exp(-t/tau_syn); spike at V_m >= V_th"
     )
     source: ClassVar[str] = "NEST 3.10 iaf_psc_alpha; Rotter & Diesmann, Biol. Cybern. 81:381, 1999"
+    weight_unit: ClassVar[str] = "pA"
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
         State("I_syn_ex", "pA", "excitatory synaptic current"),

@@ -22,6 +22,7 @@ class iaf_psc_delta(Neuron):
 
     equation: ClassVar[str] = "V_m' = -(V_m - E_L)/tau_m + I/C_m + sum w delta(t - t_spike); spike at V_m >= V_th"
     source: ClassVar[str] = "NEST 3.10 iaf_psc_delta; Rotter & Diesmann, Biol. Cybern. 81:381, 1999"
+    weight_unit: ClassVar[str] = "mV"
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
         State("refractory", "steps", "steps left to hold", hidden=True),

@@ -25,6 +25,7 @@ class iaf_psc_exp(Neuron):
         "C_m V_m' = -C_m (V_m - E_L)/tau_m + I_syn_ex + I_syn_in + I; I_syn' = -I_syn/tau_syn; spike at V_m >= V_th"
     )
     source: ClassVar[str] = "NEST 3.10 iaf_psc_exp; Tsodyks et al., J. Neurosci. 20:RC50, 2000"
+    weight_unit: ClassVar[str] = "pA"
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
         State("I_syn_ex", "pA", "excitatory synaptic current"),

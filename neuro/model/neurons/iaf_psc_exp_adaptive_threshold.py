@@ -29,6 +29,7 @@ class iaf_psc_exp_adaptive_threshold(Neuron):
         "theta' = -theta/tau_theta; at V_m >= V_th + theta: V_m = V_reset, theta += theta_plus"
     )
     source: ClassVar[str] = "Diehl & Cook, Front. Comput. Neurosci. 9:99, 2015"
+    weight_unit: ClassVar[str] = "pA"
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
         State("I_syn_ex", "pA", "excitatory synaptic current"),

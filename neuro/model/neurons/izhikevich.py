@@ -24,6 +24,7 @@ class izhikevich(Neuron):
         "V_m' = 0.04 V_m^2 + 5 V_m + 140 - U_m + I; U_m' = a (b V_m - U_m); at V_m >= V_th: V_m = c, U_m += d"
     )
     source: ClassVar[str] = "Izhikevich, IEEE Trans. Neural Networks 14:1569, 2003; NEST 3.10 izhikevich"
+    weight_unit: ClassVar[str] = "mV"
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
         State("U_m", "mV", "recovery variable"),

@@ -29,6 +29,7 @@ class mat2_psc_exp(Neuron):
         "which decay with tau_1 and tau_2; at V_m >= V_th they grow by alpha_1 and alpha_2"
     )
     source: ClassVar[str] = "NEST 3.10 mat2_psc_exp; Kobayashi et al., Front. Comput. Neurosci. 3:9, 2009"
+    weight_unit: ClassVar[str] = "pA"
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
         State("I_syn_ex", "pA", "excitatory synaptic current"),

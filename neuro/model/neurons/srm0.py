@@ -33,6 +33,7 @@ class srm0(Neuron):
         "spike at V_m >= V_th, or where lambda_0 > 0 with probability 1 - exp(-h lambda_0 exp((V_m - V_th)/Delta_V))"
     )
     source: ClassVar[str] = "Gerstner & Kistler, Spiking Neuron Models, 2002, sections 4.2.3 and 5.3"
+    weight_unit: ClassVar[str] = "pA"
     states: ClassVar[tuple[State, ...]] = (
         State("V_m", "mV", "membrane potential"),
         State("I_syn_ex", "pA", "excitatory synaptic current"),

@@ -14,11 +14,11 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from neuro.core.errors import ModelError
-from neuro.model.equations.habits import SIGNS
 
 MAX_CHARACTERS = 2000
 MAX_TOKENS = 400
@@ -88,12 +88,25 @@ class Expression:
     text: str
     tree: Tree
 
-    def mistake(self, at: int, message: str, hint: str = "") -> ModelError:
+    def mistake(self, at: int, message: str, hint: str = "") -> Misread:
         """The error for a place in the text."""
         return mistake(self.text, at, message, hint)
 
 
-def mistake(text: str, at: int, message: str, hint: str = "") -> ModelError:
+class Misread(ModelError):
+    """A mistake at a place of an expression.
+
+    Attributes:
+        place: of what is wrong, from 0.
+        found: the message without the place.
+    """
+
+    def __init__(self, told: str, hint: str, place: int, found: str) -> None:
+        super().__init__(told, hint=hint)
+        self.place, self.found = place, found
+
+
+def mistake(text: str, at: int, message: str, hint: str = "") -> Misread:
     """An error that shows its place.
 
     Args:
@@ -105,10 +118,18 @@ def mistake(text: str, at: int, message: str, hint: str = "") -> ModelError:
     begin = max(0, min(at - _WINDOW // 2, len(text) - _WINDOW))
     line = "".join(letter if letter.isprintable() else " " for letter in text[begin : begin + _WINDOW])
     told = f"column {at + 1}: {message}\n    {line}\n    {' ' * (at - begin)}^"
-    return ModelError(told, hint=hint)
+    return Misread(told, hint, at, message)
 
 
-def parse(text: object) -> Expression:
+@dataclass(frozen=True, slots=True)
+class Hints:
+    """Ways out that hang on what the expression is for: by a sign that is none, and for what is too long."""
+
+    signs: Mapping[str, str] = field(default_factory=dict)
+    shorter: str = ""
+
+
+def parse(text: object, hints: Hints = Hints()) -> Expression:
     """Read an expression.
 
     Raises:
@@ -120,8 +141,8 @@ def parse(text: object) -> Expression:
         raise ModelError(f"found {text!r:.40}: expected an expression as text")
     if len(text) > MAX_CHARACTERS:
         message = f"found {len(text)} characters: expected at most {MAX_CHARACTERS}"
-        raise mistake(text, MAX_CHARACTERS, message, "give parts of it a name in 'let'")
-    return Expression(text, _Parser(text).whole())
+        raise mistake(text, MAX_CHARACTERS, message, hints.shorter)
+    return Expression(text, _Parser(text, hints).whole())
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,8 +153,8 @@ class _Token:
 
 
 class _Parser:
-    def __init__(self, text: str) -> None:
-        self.text, self.next = text, 0
+    def __init__(self, text: str, hints: Hints) -> None:
+        self.text, self.hints, self.next = text, hints, 0
         self.tokens = self._tokens()
 
     def _tokens(self) -> list[_Token]:
@@ -143,19 +164,24 @@ class _Parser:
             found = _TOKEN.match(self.text, at)
             if found is None or found.lastgroup is None:
                 at += len(self.text[at:]) - len(self.text[at:].lstrip())
-                raise self.mistake(at, *_odd(self.text[at]))
+                raise self.mistake(at, *self.odd(self.text[at]))
             kind = found.lastgroup
             tokens.append(_Token(kind, found[kind].replace("**", "^"), found.start(kind)))
             if len(tokens) > MAX_TOKENS:
-                hint = "give parts of it a name in 'let'"
-                raise self.mistake(
-                    tokens[-1].at, f"found more than {MAX_TOKENS} numbers, names and signs: expected fewer", hint
-                )
+                message = f"found more than {MAX_TOKENS} numbers, names and signs: expected fewer"
+                raise self.mistake(tokens[-1].at, message, self.hints.shorter)
             at = found.end()
         return [*tokens, _Token("end", "the end", end)]
 
-    def mistake(self, at: int, message: str, hint: str = "") -> ModelError:
+    def mistake(self, at: int, message: str, hint: str = "") -> Misread:
         return mistake(self.text, at, message, hint)
+
+    def odd(self, letter: str) -> tuple[str, str]:
+        """What to say of a character that begins nothing."""
+        told = f"'{letter}'" if letter.isascii() and letter.isprintable() else f"the character U+{ord(letter):04X}"
+        message = f"found {told}: expected a number, a name or an operator"
+        ascii_only = "" if letter.isascii() else "names are of the letters A to Z and a to z, digits and '_'"
+        return message, self.hints.signs.get(letter, ascii_only)
 
     @property
     def token(self) -> _Token:
@@ -170,7 +196,9 @@ class _Parser:
         tree = self.expression(0, 0)
         if self.token.kind != "end":
             found = self.token.text
-            raise self.mistake(self.token.at, f"found '{found}': expected an operator or the end", SIGNS.get(found, ""))
+            raise self.mistake(
+                self.token.at, f"found '{found}': expected an operator or the end", self.hints.signs.get(found, "")
+            )
         return tree
 
     def expression(self, binding: int, depth: int) -> Tree:
@@ -223,17 +251,8 @@ class _Parser:
         token = self.take()
         if token.text != sign:
             message = f"found {_quoted(token)}: expected '{sign}'"
-            raise self.mistake(token.at, message, SIGNS.get(token.text, ""))
+            raise self.mistake(token.at, message, self.hints.signs.get(token.text, ""))
 
 
 def _quoted(token: _Token) -> str:
     return token.text if token.kind == "end" else f"'{token.text}'"
-
-
-def _odd(letter: str) -> tuple[str, str]:
-    """What to say of a character that begins nothing."""
-    told = f"'{letter}'" if letter.isascii() and letter.isprintable() else f"the character U+{ord(letter):04X}"
-    message = f"found {told}: expected a number, a name or an operator"
-    if letter in SIGNS:
-        return message, SIGNS[letter]
-    return message, "" if letter.isascii() else "names are of the letters A to Z and a to z, digits and '_'"

@@ -1,0 +1,90 @@
+"""Pairs drawn at random. A draw belongs to its pair or its synapse, in whatever order and by whomever it is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.errors import ModelError
+from neuro.core.keyed_random import uniform, uniform_table
+from neuro.program.program import Ints
+
+BLOCK = 1 << 18
+"""Draws at a time: what they take stays small beside the synapses."""
+
+
+def total_number(
+    n: int, n_pre: int, n_post: int, but: Ints | None, repeats: bool, key: int
+) -> tuple[Ints, NDArray[np.int32]]:
+    """Where the synapses of each source end, and the targets of n synapses; draw k is that of synapse k.
+
+    Args:
+        n: synapses.
+        n_pre: neurons of the source.
+        n_post: of the target.
+        but: of each source the target that it does not reach, -1: none; None: none of any.
+        repeats: whether a pair may be drawn twice.
+        key: of the draws.
+
+    Raises:
+        ModelError: there are not so many pairs.
+    """
+    choices = np.full(n_pre, n_post) if but is None else n_post - (but >= 0)
+    ends = np.concatenate(([0], np.cumsum(choices)))
+    pairs = int(ends[-1])
+    if n and (pairs < 1 or (not repeats and n > pairs)):
+        hint = "multapses: true allows a pair to be drawn twice" if pairs > 0 else ""
+        raise ModelError(f"n = {n} synapses: expected at most {pairs}, as many as there are pairs", hint=hint)
+    places = _below(pairs, 0, n, key) if repeats else _distinct(n, pairs, key)
+    places.sort()
+    row_ends = np.searchsorted(places, ends)
+    pre = np.repeat(np.arange(n_pre), np.diff(row_ends))
+    post = places - ends[pre]
+    if but is not None:
+        post += (but[pre] >= 0) & (post >= but[pre])
+    return row_ends, post.astype(np.int32)
+
+
+def _below(bound: int, first: int, last: int, key: int) -> Ints:
+    """Draws first, ..., last - 1 of a sequence of whole numbers below a bound."""
+    drawn = np.empty(last - first, dtype=np.int64)
+    for begin, end in blocks(first, last, BLOCK):
+        drawn[begin - first : end - first] = uniform(key, 0, np.arange(begin, end)) * bound
+    return drawn
+
+
+def _distinct(n: int, bound: int, key: int) -> Ints:
+    """The first n different numbers of that sequence; where they are most of all, those that remain."""
+    if 2 * n > bound:
+        remain = np.ones(bound, dtype=bool)
+        remain[_distinct(bound - n, bound, key)] = False
+        return np.flatnonzero(remain)
+    found, taken = _below(bound, 0, n, key), n
+    while True:
+        _, first = np.unique(found, return_index=True)
+        if first.size == n:
+            return found
+        first.sort()
+        missing = n - first.size
+        found = np.concatenate((found[first], _below(bound, taken, taken + missing, key)))
+        taken += missing
+
+
+def bernoulli_pairs(p: float, n: int, key: int) -> tuple[Ints, Ints]:
+    """The pairs (i, j), i != j, of n neurons of which each is drawn with probability p, in order."""
+    drawn_pre, drawn_post = [], []
+    for first, last in blocks(0, n, max(1, BLOCK // n)):
+        hit = uniform_table(key, np.arange(first, last), n) < p
+        hit[np.arange(last - first), np.arange(first, last)] = False
+        pre, post = np.nonzero(hit)
+        drawn_pre.append(pre + first)
+        drawn_post.append(post)
+    return np.concatenate(drawn_pre), np.concatenate(drawn_post)
+
+
+def blocks(first: int, last: int, length: int) -> Iterator[tuple[int, int]]:
+    """The bounds of pieces of a range."""
+    for begin in range(first, last, length):
+        yield begin, min(begin + length, last)

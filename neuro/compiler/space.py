@@ -1,0 +1,238 @@
+"""Where neurons lie, how far they are from each other, and which are connected by it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.compiler.drawn import BLOCK, blocks
+from neuro.core.errors import ModelError
+from neuro.core.keyed_random import uniform_pairs
+from neuro.core.values import plain
+from neuro.model.parts import Population
+from neuro.model.rules import distance_dependent
+from neuro.model.space import Profile
+from neuro.program.program import Floats, Ints
+
+MOST_AXES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """The places of neurons.
+
+    Attributes:
+        places: coordinates, shape (neurons, axes).
+        extent: length of each axis; None where nothing tells it.
+        periodic: whether what leaves at one edge comes in at the other.
+        lattice: the shape from which places follow, where their unit is the spacing; else None.
+    """
+
+    places: Floats
+    extent: Floats | None
+    periodic: bool
+    lattice: tuple[int, ...] | None
+
+    @property
+    def periods(self) -> Floats:
+        """Length after which an axis begins anew, 0 for an axis with edges."""
+        if self.periodic and self.extent is not None:
+            return np.asarray(self.extent)
+        return np.zeros(self.places.shape[1])
+
+
+def space_of(part: Population, shape: tuple[int, ...]) -> Space:
+    """Where the neurons of a population lie.
+
+    Raises:
+        ModelError: nothing tells it, or what is told does not fit.
+    """
+    told = f"population '{part.name}'"
+    extent: Floats | None = None if part.extent is None else plain(part.extent)
+    if part.positions is not None:
+        return _given(part, np.asarray(plain(part.positions)), extent, math.prod(shape))
+    if len(shape) > MOST_AXES:
+        raise ModelError(
+            f"{told} has no positions: its shape {list(shape)} has {len(shape)} axes: expected at most {MOST_AXES}",
+            where=part.origin,
+            hint="give it 'positions'",
+        )
+    if len(shape) == 1 and extent is None:
+        raise ModelError(
+            f"{told} has no positions: its shape is a number of neurons",
+            where=part.origin,
+            hint=f"give it 'positions', a shape of several axes, or the 'extent' of a line, e.g. [{shape[0]}.0]",
+        )
+    if extent is not None and extent.shape != (len(shape),):
+        raise ModelError(
+            f"{told}: extent = {extent.tolist()}: expected {len(shape)} numbers, one for each axis of its shape",
+            where=part.origin,
+        )
+    length = np.array(shape, dtype=np.float64) if extent is None else extent
+    axes = [(np.arange(n) + 0.5 - 0.5 * n) * (size / n) for n, size in zip(shape, length, strict=True)]
+    places = np.stack([axis.reshape(-1) for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
+    return Space(places, length, part.periodic, shape if extent is None else None)
+
+
+def _given(part: Population, places: Floats, extent: Floats | None, n: int) -> Space:
+    told = f"population '{part.name}': positions"
+    places = places[:, None] if places.ndim == 1 else places
+    if places.ndim != 2 or places.shape[0] != n or not 1 <= places.shape[1] <= MOST_AXES:
+        raise ModelError(
+            f"{told} have the shape {list(places.shape)}: expected [{n}, 1 to {MOST_AXES}], a row for each neuron",
+            where=part.origin,
+        )
+    if extent is not None and extent.shape != places.shape[1:]:
+        raise ModelError(
+            f"{told} have {places.shape[1]} coordinates, extent {extent.size}: expected as many", where=part.origin
+        )
+    if part.periodic and extent is None:
+        raise ModelError(f"{told} with periodic edges: expected 'extent', the length of each axis", where=part.origin)
+    if extent is not None and np.any(np.ptp(places, axis=0) > extent):
+        axis = int(np.flatnonzero(np.ptp(places, axis=0) > extent)[0])
+        raise ModelError(
+            f"{told} span {np.ptp(places[:, axis]):g} on axis {axis}: expected at most its extent, {extent[axis]:g}",
+            where=part.origin,
+        )
+    return Space(places, extent, part.periodic, None)
+
+
+@dataclass(frozen=True, eq=False)
+class Between:
+    """What lies between the neurons of two populations."""
+
+    source: Space
+    target: Space
+
+    def among(self, pre: Ints | None, post: Ints | None) -> Between:
+        """What lies between some of the neurons, None: all."""
+        ends = [(self.source, pre), (self.target, post)]
+        return Between(*(end if ids is None else replace(end, places=end.places[ids]) for end, ids in ends))
+
+    def displacement(self, pre: Ints, post: NDArray[np.integer]) -> Floats:
+        """From each source to its target, the shortest way; shape (axes, pairs)."""
+        apart = np.empty((len(self.source.periods), len(pre)))
+        for way, begin, end, period in zip(
+            apart, self.source.places.T, self.target.places.T, self.source.periods, strict=True
+        ):
+            np.subtract(end[post], begin[pre], out=way)
+            if period:
+                way -= period * np.rint(way / period)
+        return apart
+
+    def distance(self, pre: Ints, post: NDArray[np.integer]) -> Floats:
+        """Of each pair."""
+        return length(self.displacement(pre, post))
+
+    def near(self, reach: float) -> Iterator[tuple[Ints, Ints]]:
+        """All pairs that are not farther apart, and perhaps some that are, a block of sources at a time, in order."""
+        if not math.isfinite(reach):
+            yield from self._all()
+            return
+        from scipy.spatial import cKDTree
+
+        periods = self.source.periods
+        tree = cKDTree(_wrapped(self.target.places, periods), boxsize=periods)
+        places, radius = _wrapped(self.source.places, periods), reach * (1.0 + 1e-6)
+        counts = tree.query_ball_point(places, radius, return_length=True)
+        ends = np.cumsum(counts)
+        first = 0
+        while first < len(places):
+            before = ends[first - 1] if first else 0
+            last = max(first + 1, int(np.searchsorted(ends, before + BLOCK, side="right")))
+            found = tree.query_ball_point(places[first:last], radius, return_sorted=True)
+            post = np.fromiter(chain.from_iterable(found), np.int64, int(ends[last - 1] - before))
+            yield np.repeat(np.arange(first, last), counts[first:last]), post
+            first = last
+
+    def _all(self) -> Iterator[tuple[Ints, Ints]]:
+        n_post = len(self.target.places)
+        for first, last in blocks(0, len(self.source.places), max(1, BLOCK // n_post)):
+            yield np.repeat(np.arange(first, last), n_post), np.tile(np.arange(n_post), last - first)
+
+
+def between(source: Population, target: Population, shapes: Mapping[str, tuple[int, ...]]) -> Between:
+    """What lies between two populations, if their places are of one space.
+
+    Raises:
+        ModelError: they are not.
+    """
+    told = f"'{source.name}' and '{target.name}'"
+    one, other = (space_of(part, shapes[part.name]) for part in (source, target))
+    axes = one.places.shape[1], other.places.shape[1]
+    if axes[0] != axes[1]:
+        raise ModelError(f"positions of {told} have {axes[0]} and {axes[1]} coordinates: expected as many")
+    if one.lattice != other.lattice:
+        raise ModelError(
+            f"{told} have no common scale: neurons of one lie a unit apart by their shape: expected 'extent' of both",
+            hint="populations of one shape need none",
+        )
+    if not np.array_equal(one.periods, other.periods):
+        raise ModelError(
+            f"{told} have periodic edges of {_edges(one)} and {_edges(other)}: expected the same of both",
+        )
+    return Between(one, other)
+
+
+def distant_pairs(
+    rule: distance_dependent, apart: Between, but: Ints | None, key: int
+) -> Iterator[tuple[Ints, NDArray[np.int32]]]:
+    """Pairs that are connected, a block of sources at a time, in order.
+
+    Args:
+        rule: says how likely each is.
+        apart: what lies between the neurons.
+        but: of each source the target that it does not reach, -1: none; None: none of any.
+        key: of the draws.
+
+    Raises:
+        ModelError: a probability is none, or the mask does not fit the space.
+    """
+    mask, profile = rule.mask, rule.p
+    if mask is not None and (problem := mask.misfit(apart.source.places.shape[1])):
+        raise ModelError(f"distance_dependent.mask: {problem}")
+    reach = min(
+        mask.reach if mask is not None else math.inf, profile.reach if isinstance(profile, Profile) else math.inf
+    )
+    for pre, post in apart.near(reach):
+        displacement = apart.displacement(pre, post)
+        kept = np.ones(len(pre), dtype=bool) if mask is None else mask.inside(displacement)
+        if but is not None:
+            kept &= but[pre] != post
+        pre, post, far = pre[kept], post[kept], length(displacement[:, kept])
+        hit = uniform_pairs(key, pre, post) < (_probability(profile, far) if isinstance(profile, Profile) else profile)
+        yield pre[hit], post[hit].astype(np.int32)
+
+
+def _probability(profile: Profile, distance: Floats) -> Floats:
+    p = profile.values(distance)
+    bad = np.flatnonzero((p < 0.0) | (p > 1.0))
+    if bad.size:
+        raise ModelError(
+            f"distance_dependent.p is {p[bad[0]]:g} at the distance {distance[bad[0]]:g}: expected 0 to 1",
+            hint="a mask keeps it to distances where it is a probability",
+        )
+    return p
+
+
+def length(displacement: Floats) -> Floats:
+    """Of each column."""
+    return np.asarray(np.sqrt((displacement**2).sum(axis=0)))
+
+
+def _wrapped(places: Floats, periods: Floats) -> Floats:
+    """Places of periodic axes in [0, period)."""
+    places = places.copy()
+    for axis in np.flatnonzero(periods):
+        column = np.mod(places[:, axis], periods[axis])
+        places[:, axis] = np.where(column < periods[axis], column, 0.0)
+    return places
+
+
+def _edges(space: Space) -> str:
+    return str(space.periods.tolist()) if np.any(space.periods) else "no length"

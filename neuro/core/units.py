@@ -1,0 +1,206 @@
+"""Units: a dimension is powers of mV, ms and pA, in which all values are computed.
+
+These three fit each other: pA/mV is nS, pA ms/mV is pF, mV/pA is GOhm, 1/ms is kHz.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from fractions import Fraction
+from typing import TypeAlias
+
+from neuro.core.errors import ModelError, nearest
+from neuro.core.grammar import Binary, Call, Expression, Name, Negative, Number, Tree, mistake, parse
+
+Dimension: TypeAlias = tuple[Fraction, Fraction, Fraction]
+"""Powers of mV, ms and pA."""
+
+
+def _dimension(mv: int, ms: int, pa: int) -> Dimension:
+    return Fraction(mv), Fraction(ms), Fraction(pa)
+
+
+NONE = _dimension(0, 0, 0)
+VOLTAGE, TIME, CURRENT = _dimension(1, 0, 0), _dimension(0, 1, 0), _dimension(0, 0, 1)
+CONDUCTANCE = _dimension(-1, 0, 1)
+TENS: Mapping[str, tuple[int, Dimension]] = {
+    name: (tens, dimension)
+    for dimension, units in (
+        (VOLTAGE, {"mV": 0, "V": 3, "uV": -3}),
+        (TIME, {"ms": 0, "s": 3, "us": -3}),
+        (CURRENT, {"pA": 0, "nA": 3, "uA": 6}),
+        (CONDUCTANCE, {"nS": 0, "uS": 3, "mS": 6, "pS": -3}),
+        (_dimension(-1, 1, 1), {"pF": 0, "nF": 3, "uF": 6}),
+        (_dimension(1, 0, -1), {"GOhm": 0, "MOhm": -3, "kOhm": -6}),
+        (_dimension(0, -1, 0), {"kHz": 0, "Hz": -3}),
+    )
+    for name, tens in units.items()
+}
+"""What one of a unit is in mV, ms and pA, as a power of ten, and its dimension."""
+UNITS: Mapping[str, tuple[float, Dimension]] = {
+    name: (float(f"1e{tens}"), dimension) for name, (tens, dimension) in TENS.items()
+}
+"""Likewise as a number."""
+
+_NAMES = {dimension: name for name, (tens, dimension) in TENS.items() if tens == 0 and name != "kHz"}
+_MEASURED = re.compile(r"\s*([-+]?(?:inf\b|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?))\s*(.*)", re.S | re.ASCII)
+
+
+def times(a: Dimension, b: Dimension, power: Fraction | int = 1) -> Dimension:
+    """The dimension of a product of `a` and a power of `b`."""
+    return a[0] + power * b[0], a[1] + power * b[1], a[2] + power * b[2]
+
+
+def unit_of(dimension: Dimension) -> str:
+    """How a dimension is written: "mV", "pA/ms", "1/(mV ms)"; "" for none."""
+    if dimension == NONE:
+        return ""
+    if dimension in _NAMES:
+        return _NAMES[dimension]
+    if times(dimension, TIME) in _NAMES:
+        return f"{_NAMES[times(dimension, TIME)]}/ms"
+    powers = dict(zip(("mV", "ms", "pA"), dimension, strict=True))
+    over = [_power(name, power) for name, power in powers.items() if power > 0]
+    under = [_power(name, -power) for name, power in powers.items() if power < 0]
+    if not under:
+        return " ".join(over)
+    return f"{' '.join(over) or '1'}/{under[0] if len(under) == 1 else '(' + ' '.join(under) + ')'}"
+
+
+def _power(name: str, power: Fraction) -> str:
+    return name if power == 1 else f"{name}^{power}"
+
+
+def told(dimension: Dimension) -> str:
+    """A dimension in a sentence."""
+    return f"in {unit_of(dimension)}" if dimension != NONE else "without unit"
+
+
+def measured(value: object) -> tuple[float, str]:
+    """A number and its unit from `281 pF`, `0.04 1/(mV*ms)`, `-70 mV` or a number.
+
+    Raises:
+        ModelError: it is none of these.
+    """
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value), ""
+    found = _MEASURED.fullmatch(value) if isinstance(value, str) else None
+    text = found[2].strip() if found else ""
+    if found is None or text.startswith("*"):
+        hint = f"write {found[1]} {text.lstrip('* ')}" if found else ""
+        raise ModelError(f"found {value!r:.40}: expected a number with its unit, e.g. 281 pF", hint=hint)
+    return float(found[1]), text
+
+
+def unit(text: str) -> tuple[float, Dimension]:
+    """What one of a unit is in mV, ms and pA, and its dimension.
+
+    Raises:
+        ModelError: it is no unit; it tells the column.
+    """
+    tens, dimension = _tens_of(text)
+    return float(f"1e{tens}"), dimension
+
+
+def _tens_of(text: str) -> tuple[int, Dimension]:
+    if not text:
+        return 0, NONE
+    found = parse(f"1{text}" if text.startswith("/") else text)
+    return _unit(found, found.tree)
+
+
+def _unit(whole: Expression, tree: Tree) -> tuple[int, Dimension]:
+    match tree:
+        case Name(name) if name in TENS:
+            return TENS[name]
+        case Number(1.0, ""):
+            return 0, NONE
+        case Number(1.0, name) if name in TENS:
+            return TENS[name]
+        case Binary("*" | "/" as sign, left, right):
+            (a, of_a), (b, of_b) = _unit(whole, left), _unit(whole, right)
+            return (a + b, times(of_a, of_b)) if sign == "*" else (a - b, times(of_a, of_b, -1))
+        case Binary("^", left, Number(power, "")) if power in (1.0, 2.0, 3.0):
+            tens, dimension = _unit(whole, left)
+            return tens * int(power), times(NONE, dimension, int(power))
+        case Name() | Number() | Binary() | Call() | Negative():
+            known = ", ".join(UNITS)
+            raise mistake(whole.text, tree.at, "expected a unit", f"known: {known}, and their products with * / ^")
+
+
+_KINDS = {
+    VOLTAGE: "a voltage",
+    TIME: "a time",
+    CURRENT: "a current",
+    CONDUCTANCE: "a conductance",
+    times(times(CURRENT, TIME), VOLTAGE, -1): "a capacitance",
+    times(VOLTAGE, CURRENT, -1): "a resistance",
+    times(NONE, TIME, -1): "a rate",
+}
+_LONGEST = 100
+_WRITTEN = re.compile(
+    r"\s*(?!0[xobXOB])([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![eE]\d)"
+    r"\s*((?:1\s*)?/\s*[A-Za-z(].*|[A-Za-z].*?)\s*",
+    re.S | re.ASCII,
+)
+
+
+def is_measure(value: object) -> bool:
+    """Whether a value is a number and something after it that may be a unit: `10 ms`, `3 1/ms`, `3/ms`."""
+    return isinstance(value, str) and len(value) <= _LONGEST and _WRITTEN.fullmatch(value) is not None
+
+
+def dimension_of(text: str) -> Dimension:
+    """The dimension of a unit, e.g. of "ms".
+
+    Raises:
+        ModelError: it is no unit.
+    """
+    return _tens_of(text)[1]
+
+
+def in_base(value: str) -> tuple[float, Dimension]:
+    """A number with its unit, for which `is_measure` holds, in mV, ms and pA.
+
+    Raises:
+        ModelError: there is no such unit.
+    """
+    number, tens, dimension = _read(value)
+    return scaled(number, tens), dimension
+
+
+def converted(value: str, to: str) -> float:
+    """A number with its unit in another unit, to the nearest double: `1 s` in ms is 1000.
+
+    Args:
+        value: for which `is_measure` holds.
+        to: a unit, "" for none.
+
+    Raises:
+        ModelError: it has another dimension, or no unit that is known.
+    """
+    number, tens, dimension = _read(value)
+    try:
+        wanted_tens, wanted = _tens_of(to)
+    except ModelError:
+        raise ModelError(f"expected a number, in {to}") from None
+    if dimension != wanted:
+        kind = _KINDS.get(wanted, "a value")
+        raise ModelError(f"expected {kind} in {to}" if to else "expected a number without unit")
+    return scaled(number, tens - wanted_tens)
+
+
+def scaled(number: str, tens: int) -> float:
+    """A number as it is written, times a power of ten, to the nearest double."""
+    digits, _, exponent = number.lower().partition("e")
+    return float(f"{digits}e{int(exponent or 0) + tens}")
+
+
+def _read(value: str) -> tuple[str, int, Dimension]:
+    found = _WRITTEN.fullmatch(value)
+    assert found is not None
+    try:
+        return found[1], *_tens_of(found[2])
+    except ModelError:
+        raise ModelError(f"unknown unit '{found[2]}'", hint=nearest(found[2], UNITS)) from None

@@ -1,0 +1,144 @@
+"""`$(...)` in a file: its values, and mistakes at the very character."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import neuro
+
+NET = """\
+neuro: 1
+parameters: {g: 5.0, w_ex: 20 pA, tau: 10 ms, n: 8, many: [1, 2], word: ring}
+populations:
+  a: {model: iaf_psc_exp, shape: 2}
+projections:
+  a_a: {from: a, to: a, rule: all_to_all, weight: WEIGHT}
+"""
+COLUMN = NET.splitlines()[5].index("WEIGHT") + 1
+
+
+def weight(folder, text: str, params=None) -> object:
+    (folder / "net.yaml").write_text(NET.replace("WEIGHT", text))
+    return neuro.load(folder / "net.yaml", params).projections["a_a"].weight
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("$(-g * w_ex)", -100.0),
+        ("$(2 + 3 * 4)", 14.0),
+        ("$(2 ** 3 ** 2)", 512.0),
+        ("$(-2 ** 2)", -4.0),
+        ("$((1 + 2) / 4)", 0.75),
+        ("$(sqrt(16))", 4.0),
+        ("$(exp(0) + log(1))", 1.0),
+        ('"$(min(g, 3, 7))"', 3.0),
+        ('"$(max(w_ex, 0.1 nA))"', 100.0),
+        ("$(sqrt(w_ex * w_ex))", 20.0),
+        ("$(w_ex * tau / 5 ms)", 40.0),
+        ("'$(g)'", 5.0),
+        ("[[$(g), $(n / 2)], [1 nA, $(-w_ex)]]", [[5.0, 4.0], [1000.0, -20.0]]),
+        ("{normal: {mean: $(w_ex / 2), std: $(g / 10)}}", neuro.normal(mean=10.0, std=0.5)),
+    ],
+)
+def test_values(folder, text: str, expected: object):
+    found = weight(folder, text)
+    assert (found.tolist() if hasattr(found, "tolist") else found) == expected
+
+
+def test_parameters_of_parameters_overrides_and_whole_numbers(folder):
+    text = (
+        "neuro: 1\nparameters: {order: 100, n_ex: $(4 * order), n_in: $(n_ex / 4), rate: $(2 * 8 Hz)}\npopulations:\n"
+    )
+    text += "  a: {model: {poisson_generator: {rate: $rate}}, shape: [$n_in, $(n_ex / n_in)]}\n"
+    (folder / "net.yaml").write_text(text)
+    assert neuro.load("net.yaml").populations["a"].shape == (100, 4)
+    net = neuro.load("net.yaml", {"order": 30, "rate": "$(order * 1 Hz)"})
+    assert (net.populations["a"].shape, net.populations["a"].model.rate) == ((30, 4), 30.0)
+    net.save("saved.yaml")
+    assert "shape: [30, 4]" in (folder / "saved.yaml").read_text()
+
+
+@given(st.lists(st.sampled_from(["2", "0.5", "g", "(", ")", "+", "-", "*", "/", "**", "sqrt(", "1e300"]), max_size=12))
+def test_it_gives_what_python_gives_or_a_mistake(tmp_path_factory, words: list[str]):
+    inner = " ".join(words)
+    folder = tmp_path_factory.mktemp("sums")
+    try:
+        found = weight(folder, f"$({inner})")
+    except neuro.ModelError:
+        found = None
+    names = {"g": 5.0, "sqrt": math.sqrt, "__builtins__": {}}
+    try:
+        expected = eval(inner, names)  # these words only
+        expected = None if isinstance(expected, complex) or not math.isfinite(expected) else float(expected)
+    except (SyntaxError, TypeError, ValueError, ArithmeticError):
+        expected = None
+    if found is not None and expected is not None:
+        assert found == pytest.approx(expected, rel=1e-12)
+    else:
+        assert found is None or "**" in words or "g (" in inner or expected is not None
+
+
+EXPECTED = "expected a number, a name or an operator"
+MISTAKES = [
+    ("$(2 * w_exx)", 6, "unknown parameter 'w_exx'\n  hint: did you mean 'w_ex'?"),
+    ("$(-$g)", 3, f"found '$': {EXPECTED}\n  hint: inside the brackets names stand without $"),
+    ("$(g / (n - 8))", 4, "a division by 0: expected another divisor"),
+    ("$(1e300 * 1e300)", 8, "the result is no finite number: expected one below 1.8e308"),
+    ("$(10 ** 400)", 5, "the result is no finite number: expected one below 1.8e308"),
+    ("$(exp(1000))", 2, "the result is no finite number: expected one below 1.8e308"),
+    ("$(log(0))", 2, "log(0) is no number: expected more than 0"),
+    ("$(sqrt(-g))", 2, "sqrt(-5) is no number: expected at least 0"),
+    ("$((-8) ** 0.5)", 7, "-8**0.5 is no number"),
+    ("$(w_ex + tau)", 7, "a value in pA and one in ms: expected the same unit"),
+    ("$(w_ex + 1)", 7, "a value in pA and one without unit: expected the same unit"),
+    ("$(exp(tau))", 2, "exp of a value in ms: expected a number without unit"),
+    ("$(2 ** tau)", 4, "an exponent in ms: expected a number without unit"),
+    ("$(many * 2)", 2, "'many': found [1, 2]: expected a number, with its unit or without"),
+    ("$(2 * word)", 6, "'word': found 'ring': expected a number, with its unit or without"),
+    ("$(sin(g))", 2, "unknown function 'sin'\n  hint: did you mean 'min'?"),
+    ("$(3 n)", 2, "found 'n' after a number: expected a unit or an operator\n  hint: write *n"),
+    ("$(3 msc)", 2, "found 'msc' after a number: expected a unit or an operator\n  hint: did you mean 'mS' or 'ms'?"),
+    ("$(g < 3)", 4, "found '<': expected + - * / or **"),
+    ("$(g +)", 5, "found the end: expected a number, a name or '('"),
+    ("$()", 2, "found the end: expected a number, a name or '('"),
+    ("$(__import__)", 2, f"found '_': {EXPECTED}"),
+    ("$(g.real)", 3, f"found '.': {EXPECTED}"),
+    ('"$(max(g, tau))"', 3, "a value without unit and one in ms: expected the same unit"),
+]
+
+
+@pytest.mark.parametrize(("text", "at", "told"), MISTAKES, ids=[text for text, _, _ in MISTAKES])
+def test_mistakes(message, text: str, at: int, told: str):
+    assert message(NET.replace("WEIGHT", text)) == f"net.yaml:6:{COLUMN + at}: {text.strip(chr(34))!r}: {told}"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("$(tau * 2)", "projection 'a_a': weight = 20.0 ms: expected a current in pA\n  hint: $(tau * 2) is 20.0 ms"),
+        ("$(1 + 2", "found '$(1 + 2': expected '$(' and ')' around all of it"),
+        (
+            "$(min(1, 2))",
+            "found '$(min(1': expected '$(' and ')' around all of it\n  hint: a text with ',' needs quotes",
+        ),
+    ],
+)
+def test_mistakes_of_the_whole(message, text: str, told: str):
+    assert message(NET.replace("WEIGHT", text)) == f"net.yaml:6:{COLUMN}: {told}"
+
+
+def test_limits(message):
+    deep = message(NET.replace("WEIGHT", f"$({'(' * 50}1{')' * 50})"))
+    assert "found more than 40 levels: expected fewer" in deep
+    long = message(NET.replace("WEIGHT", f"$({'+1' * 300})"))
+    assert long.endswith("expected fewer\n  hint: give parts of it a name in 'parameters'")
+
+
+def test_a_name_is_set_before_it_is_used(message):
+    text = "neuro: 1\nparameters:\n  a: $(b + 1)\n  b: 2\npopulations: {}\n"
+    assert message(text) == (
+        "net.yaml:3:8: '$(b + 1)': b is used before it is set\n  hint: set it above, see net.yaml:4:3"
+    )
