@@ -17,10 +17,12 @@ LAYERS = (
     "compiler",
     "chips",
     "files",
+    "pages",
     "run",
     "verify",
     "events",
     "compare",
+    "report",
     "testing",
     "cli",
 )

@@ -10,8 +10,9 @@ from neuro.chips.placing.placement import Placement
 from neuro.chips.pricing.energy import Energy
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.compare.spikes import Distance, Divergence, Train
-from neuro.compare.weights import Histogram, WeightDifference
+from neuro.compare.weights import WeightDifference
 from neuro.core.outputs import sealed
+from neuro.pages.histograms import Histogram
 from neuro.program.counts import Counts
 from neuro.program.program import Floats, Program
 

@@ -69,15 +69,17 @@ class _Places:
         for tree in trees:
             self._walk(tree, ())
 
-    def _walk(self, node: Node, path: Words) -> None:
+    def _walk(self, node: Node, path: Words, listed: bool = False) -> None:
+        """Add what a path leads to; what is in a list has the path of the list."""
         self.values.setdefault(node.where, path)
         if isinstance(node.value, dict):
             for word, inner in node.value.items():
-                self.words.setdefault(inner.label, (*path, word))
-                self._walk(inner, (*path, word))
+                here = path if listed else (*path, word)
+                self.words.setdefault(inner.label, here)
+                self._walk(inner, here, listed)
         elif isinstance(node.value, list):
             for item in node.value:
-                self._walk(item, path)
+                self._walk(item, path, listed=True)
 
     def of(self, error: ModelError) -> Words:
         """The words that lead to what a mistake is about; none if it is about no word."""
@@ -178,9 +180,8 @@ class _Search:
             self.params.pop(path[-1], None)
         if len(path) == 2:
             self.lost |= set(_names(gone))
-            if path[0] == "populations" and gone.value != _STAND_IN:
-                # So that what names it is judged, too.
-                root.value["populations"].value[path[1]] = Node(_STAND_IN, gone.where, gone.label)
+            if path[0] == "populations" and gone.value != _stand_in():
+                root.value["populations"].value[path[1]] = Node(_stand_in(), gone.where, gone.label)
 
     def follows(self, root: Node, path: Words) -> bool:
         """Whether a mistake may only be there since something was taken out."""
@@ -196,37 +197,30 @@ class _Search:
         return path[0] == "populations" and "auto" in names and path[1] in self.lost
 
 
-_STAND_IN = {
-    "model": Node("parrot_neuron", Where(""), Where("")),
-    "shape": Node(1, Where(""), Where("")),
-}
+def _stand_in() -> dict[str, Node]:
+    """A population for those that name one that is mistaken."""
+    nowhere = Where("")
+    return {"model": Node("parrot_neuron", nowhere, nowhere), "shape": Node(1, nowhere, nowhere)}
 
 
 def _has(root: Node, file: str, path: Words) -> bool:
     """Whether a tree is of a file and has what a path leads to."""
     try:
         return bool(path) and root.where.file == file and _at(root, path) is not None
-    except (KeyError, TypeError, StopIteration):
+    except (KeyError, TypeError):
         return False
 
 
 def _at(root: Node, path: Words) -> Node:
     for word in path:
-        root = _mapping(root)[word]
+        root = root.value[word]
     return root
 
 
 def _taken(root: Node, path: Words) -> Node:
     """What a path leads to, taken out."""
-    gone: Node = _mapping(_at(root, path[:-1])).pop(path[-1])
+    gone: Node = _at(root, path[:-1]).value.pop(path[-1])
     return gone
-
-
-def _mapping(node: Node) -> dict[str, Node]:
-    """The words of a node, or of the only mapping in its list."""
-    return (
-        node.value if isinstance(node.value, dict) else next(n.value for n in node.value if isinstance(n.value, dict))
-    )
 
 
 def _names(node: Node) -> Iterator[str]:
