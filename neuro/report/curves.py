@@ -12,8 +12,8 @@ from neuro.pages.html import Html, tag
 from neuro.pages.raster import evenly
 from neuro.program.program import Floats
 
-WIDTH, HEIGHT = 330.0, 130.0
-_TOP, _FLOOR = 18.0, 104.0
+WIDTH, LANE = 330.0, 84.0
+_TOP = 18.0
 MOST = 60
 MOST_NEURONS = 4
 BINS = 150
@@ -30,7 +30,7 @@ def rates(results: Results) -> Html:
 def _rate(name: str, train: Train, results: Results) -> Html:
     step, last = results.about["resolution_ms"], results.duration_ms
     width = max(1, round(last / step / BINS)) * step
-    edges = np.append(np.arange(0.0, last - step / 2, width), last)
+    edges = np.append(np.arange(0.0, max(last - width / 2, step / 2), width), last)
     counts, _ = np.histogram(train.times_ms, edges, weights=train.multiplicity)
     hz = counts / (train.size * np.diff(edges) / 1000.0)
     picture = curves(edges[:-1] + np.diff(edges) / 2, [hz], 0.0, last, "Hz", f"rate of {name}")
@@ -58,31 +58,34 @@ def _grid(drawn: Sequence[Html], there: int, what: str) -> Html:
 
 
 def curves(x: Floats, each: Sequence[Floats], least: float | None, last: float, unit: str, label: str) -> Html:
-    """Lines along time, from 0 to `last` ms.
+    """Lines along time, from 0 to `last` ms, one below the other on one scale.
 
     Args:
         x: times of all lines, in ms.
         each: values of each line; what is not finite is left out.
-        least: the lowest value of the axis; the lowest of all values if None.
+        least: the lowest value of the scale; the lowest of all values if None.
         last: the end of the time axis.
         unit: of the values.
         label: for those who cannot see it.
     """
-    there = np.concatenate([y[np.isfinite(y)] for y in each]) if each else np.zeros(0)
-    low = float(there.min(initial=np.inf)) if least is None and there.size else least or 0.0
-    high = float(there.max(initial=low)) if there.size else low
-    flat = not high > low
-    across = WIDTH / last
-    down = 0.0 if flat else (_FLOOR - _TOP) / (high - low)
+    tall = LANE if len(each) == 1 else LANE / 2
+    floor = _TOP + tall * len(each)
+    finite = [y[np.isfinite(y)] for y in each]
+    there = np.concatenate(finite) if finite else np.zeros(0)
+    high = float(there.max()) if there.size else 0.0
+    low = least if least is not None else float(there.min()) if there.size else 0.0
     lines = []
     for index, y in enumerate(each):
-        points = _path(x * across, (_FLOOR + _TOP) / 2 + 0.0 * y if flat else _FLOOR - (y - low) * down)
-        lines.append(tag("path", d=points, class_=f"curve chip{index}"))
-    ends = [html.text(0.0, HEIGHT - 10, "0", "tick"), html.text(WIDTH, HEIGHT - 10, f"{last:g} ms", "tick", "end")]
-    ends += [html.text(0.0, _TOP - 6, f"{high:.4g} {unit}".rstrip(), "tick")]
-    if not flat:
-        ends.append(html.text(WIDTH / 2, HEIGHT - 10, f"lowest {low:.4g} {unit}".rstrip(), "tick", "middle"))
-    return html.svg(WIDTH, HEIGHT, html.line(0.0, _FLOOR, WIDTH, _FLOOR, "axis"), *lines, *ends, label=label)
+        share = (y - low) / (high - low) if high > low else np.full_like(y, 0.5)
+        at = _TOP + tall * (index + 1) - (tall - 4.0) * share
+        lines.append(tag("path", d=_path(x * (WIDTH / last), at), class_=f"curve chip{index}"))
+    told = f"{low:.4g} to {high:.4g} {unit}" if high > low else f"{high:.4g} {unit}"
+    words = [
+        html.text(0.0, _TOP - 7, told.rstrip(), "tick"),
+        html.text(0.0, floor + 16, "0", "tick"),
+        html.text(WIDTH, floor + 16, f"{last:g} ms", "tick", "end"),
+    ]
+    return html.svg(WIDTH, floor + 24, html.line(0.0, floor, WIDTH, floor, "axis"), *lines, *words, label=label)
 
 
 def _path(x: Floats, y: Floats) -> str:

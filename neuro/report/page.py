@@ -57,7 +57,7 @@ def page(results: Results, file: Path, target: str = "loihi") -> str:
         *_traces(results),
         *_weights(results),
         *_network(results),
-        *_energy(bill, reason, target),
+        *_energy(results, bill, reason, target),
         *_next(results, file),
         tag("footer", f"Written by neuro {VERSION} (neuro report)."),
     )
@@ -85,13 +85,18 @@ def _cards(results: Results, bill: Energy | None, target: str) -> Iterator[Html]
         sum(n) for n in ((p.size for p in populations.values()), (p.synapses for p in projections.values()))
     )
     spikes = int(results.about["counts.spikes"])
-    yield _card("spikes", f"{spikes:,}", f"of {neurons:,} neurons in {len(populations)} populations")
-    told = f"in {len(projections)} projections carried {int(results.about['counts.synaptic_ops']):,} operations"
+    yield _card("spikes", f"{spikes:,}", f"of {_many(neurons, 'neuron')} in {_many(len(populations), 'population')}")
+    carried = _many(int(results.about["counts.synaptic_ops"]), "operation")
+    told = f"in {_many(len(projections), 'projection')} carried {carried}"
     yield _card("synapses", f"{synapses:,}", told)
     if bill is not None:
         yield _card(
             f"energy on {target}", quantity(bill.total_j, "J"), f"{quantity(bill.dynamic_j, 'J')} of it dynamic"
         )
+
+
+def _many(n: int, what: str) -> str:
+    return f"{n:,} {what}{'s' * (n != 1)}"
 
 
 def _card(what: str, big: str, below: str) -> Html:
@@ -201,14 +206,14 @@ def _projection(name: str, part: Weights) -> tuple[object, ...]:
     )
 
 
-def _energy(bill: Energy | None, reason: str, target: str) -> Iterator[Html]:
+def _energy(results: Results, bill: Energy | None, reason: str, target: str) -> Iterator[Html]:
     yield tag("h2", "Energy")
     if bill is None:
         yield tag("p", f"There is no bill of {target}:")
         yield tag("ul", tag("li", reason), class_="remarks")
     else:
         yield tag("p", "Counts times published figures, and static power times the time of the emulated chip.")
-        yield joules([(f"counts of {bill.of}", bill)])
+        yield joules([(f"counts of {results.about['backend']}", bill)])
 
 
 def _next(results: Results, file: Path) -> Iterator[Html]:

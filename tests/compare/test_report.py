@@ -11,9 +11,9 @@ import neuro
 from neuro.chips import chip, place
 from neuro.compare import compare, raster
 from neuro.compare.chipmap import chip_map
+from neuro.compare.report import page
 from neuro.pages.html import Html, join, svg, table, tag
 from neuro.pages.raster import script
-from neuro.compare.report import page
 
 VOID = {"meta", "link"}
 
