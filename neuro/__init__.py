@@ -10,7 +10,7 @@ from neuro.core.version import VERSION
 __version__ = VERSION
 
 if TYPE_CHECKING:
-    from neuro import chips, coding, compare, events
+    from neuro import chips, coding, compare, events, results
     from neuro.core.errors import ModelError
     from neuro.core.registry import register
     from neuro.model.distributions import lognormal, normal, uniform
@@ -88,6 +88,7 @@ _HOMES = {
     "neuro.coding": (),
     "neuro.compare": (),
     "neuro.events": (),
+    "neuro.results": (),
     "neuro.core.errors": ("ModelError",),
     "neuro.core.registry": ("register",),
     "neuro.model.distributions": ("lognormal", "normal", "uniform"),
@@ -231,6 +232,7 @@ __all__ = [
     "r_stdp",
     "read_labels",
     "register",
+    "results",
     "reward",
     "reward_error",
     "spike_generator",

@@ -142,7 +142,7 @@ def test_no_name(sim, value):
     """What is the name of nothing is told like an unknown name, also where it cannot be looked up."""
     for call in (sim.set, sim.weights, sim.trace):
         assert told(call, value).startswith("unknown ")
-    assert told(sim.get, value, "V_m").startswith("unknown population '")
+    assert told(sim.get, value, "V_m").startswith("unknown population or projection '")
     assert told(sim.get, "a", value).startswith("population 'a': unknown parameter or state '")
     assert told(sim.get, "w", value).startswith("projection 'w': unknown state of synapses '")
     assert told(sim.signal, value, 1.0).startswith("unknown signal '")

@@ -11,7 +11,7 @@ import pytest
 import neuro
 from neuro.model.neurons import izhikevich
 from neuro.program.backend import EngineCounts, Problem
-from neuro.program.program import Floats, Program
+from neuro.program.program import Floats, Ints, Program
 from neuro.testing import CASES, NEEDS_FLOATS, check_backend, check_case, check_part
 from neuro_reference import ReferenceBackend
 from neuro_reference.engine import ReferenceEngine
@@ -67,8 +67,8 @@ class WholeEngine(ReferenceEngine):
         super().__init__(program)
         self.digits = digits
 
-    def get(self, population: int, name: str) -> Floats:
-        return np.round(super().get(population, name), self.digits)
+    def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
+        return np.round(super().get(population, name, ids), self.digits)
 
 
 class Miscounting(ReferenceBackend):

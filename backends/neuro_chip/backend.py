@@ -16,7 +16,7 @@ from neuro.chips.spinnaker.arithmetic import SPINNAKER
 from neuro.core.checks import check
 from neuro.core.errors import ModelError
 from neuro.core.quantities import Quantity
-from neuro.program.backend import Engine, Problem
+from neuro.program.backend import Engine, Problem, unnoted
 from neuro.program.program import Program
 
 OF_PLACE = ("order", "neurons_per_core")
@@ -84,7 +84,7 @@ class ChipBackend:
     def problems(self, program: Program, **options: Any) -> Sequence[Problem]:
         """What does not fit into the chip's integers or onto its cores, and what is approximated."""
         fixed = quantise(program, self.chip, **_of_quantise(options))
-        return (*fixed.problems, *place(program, self.chip, **_of_place(options)).problems)
+        return (*unnoted(program), *fixed.problems, *place(program, self.chip, **_of_place(options)).problems)
 
     def build(self, program: Program, *, threads: int = 1, **options: Any) -> Engine:
         """Make an engine at step 0.

@@ -74,8 +74,12 @@ class ChipEngine:
 
     # reading and writing
 
-    def get(self, population: int, name: str) -> Floats:
-        """A state in physical units, or a parameter as described."""
+    def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
+        """A state in physical units, or a parameter as described, of every neuron or of some."""
+        every = self._get(population, name)
+        return every if ids is None else every[ids]
+
+    def _get(self, population: int, name: str) -> Floats:
         part, here = self.program.populations[population], self._machine.slice(population)
         if name in [state.name for state in part.model.states]:
             arrays = {register: self._machine.arrays[array][here] for register, array in STATES.items()}
@@ -168,9 +172,9 @@ class ChipEngine:
             )
         self._machine.weights.rules[projection] = parameters.copy()
 
-    def set_weights(self, projection: int, weights: Floats) -> None:
-        """Replace all weights: the host writes them, rounded to mantissas."""
-        self._machine.weights.set(projection, weights)
+    def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
+        """Replace all weights, or those that are chosen: the host writes them, rounded to mantissas."""
+        self._machine.weights.set(projection, weights, chosen)
         if projection in self._machine.learners:
             self._machine.learners.set(projection, self._machine.weights.mantissas[projection])
         self._machine.bind()

@@ -82,8 +82,8 @@ class Weights:
             return self.wires_of(index).weights(self.mantissas[index])
         return self._given.get(index, part.weight)
 
-    def set(self, index: int, weights: Floats) -> None:
-        """Replace all weights by the nearest mantissas.
+    def set(self, index: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
+        """Replace all weights, or those that are chosen of them, by the nearest mantissas.
 
         Raises:
             ModelError: one is beyond the largest mantissa.
@@ -91,6 +91,8 @@ class Weights:
         part, wires = self._program.projections[index], self.wires[index]
         if wires is None:
             raise ModelError(f"weights of '{part.name}', which carries a current, are fixed on a chip")
+        if chosen is not None and not part.synapse.learns:
+            weights = np.where(chosen, weights, self._wanted(index))  # the others are rounded once, not twice
         mantissas = _nearest(wires, weights)
         own = wires.acting(self._family.words(wires, mantissas)) == weights  # what was read can be written
         exact = wires.exact(weights)
@@ -106,7 +108,7 @@ class Weights:
             )
         self._given[index] = weights.copy()
         self.put(index, mantissas)
-        self.writes += part.size
+        self.writes += part.size if chosen is None else int(np.count_nonzero(chosen))
 
     def _check_native(self, name: str, wires: FixedProjection, weights: Floats, own: NDArray[np.bool_]) -> None:
         """Refuse what is no mantissa, as where it is described; `own` marks what a mantissa sends."""

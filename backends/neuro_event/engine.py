@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from types import ModuleType
 from typing import Any
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
-from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial, Wins
+from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wins
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program, Trials
 from neuro_event import build, late, layout, lazy, learning, loop, projections, reading, rewards, snapshot, sources
@@ -19,8 +19,10 @@ from neuro_event import tables as t
 from neuro_event.changes import Changes
 from neuro_event.currents import apply
 from neuro_event.listed import Listed
+from neuro_event.notes import Notes
 from neuro_event.peaks import Peaks
 from neuro_event.record import Record
+from neuro_event.samples import Samples
 from neuro_event.threads import Threads
 from neuro_event.views import table_of
 
@@ -41,6 +43,7 @@ class EventEngine:
         self._currents = Currents(self._program)
         self._threads = Threads(self._n_threads)
         self._listed = Listed(self._a)
+        self._samples, self._notes = Samples(self._a), Notes(self._a)
         self._trial_start = 0
         self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
         self._taught: dict[int, tuple[ModuleType, Floats]] = {}
@@ -74,16 +77,27 @@ class EventEngine:
     def _run_to(self, end: int) -> None:
         first = self._step + 1
         while first <= end:
+            last = self._next_stop(first, end)
             reached = self._threads.run(
-                self._view, first, end + 1, self._a.longest_slice, self._a.reach, self._program.resolution
+                self._view, first, last + 1, self._a.longest_slice, self._a.reach, self._program.resolution
             )
-            if reached <= end:
+            if reached <= last:
                 self._record.drain(self._a.net)
                 if reached == first:
                     self._grow_log()
+            else:
+                self._samples.read(self._view, last)
             first = int(reached)
         self._step = end
         self._check_histories()
+
+    def _next_stop(self, first: int, end: int) -> int:
+        """The last step that may be run at once: with notes one by one, for these must have room before."""
+        if self._notes:
+            if self._notes.make_room(self._view, first - 1):
+                self._pack()
+            end = first
+        return min(end, self._samples.next_due(first))
 
     def _check_histories(self) -> None:
         """Histories are as long as refractoriness lets them grow: a model that fires earlier has lost spikes."""
@@ -123,6 +137,19 @@ class EventEngine:
         """Drop recorded spikes with step <= before."""
         self._record.drain(self._a.net)
         self._record.forget(before)
+
+    def noted(self, probe: int) -> Sent:
+        """What pre spikes have left since this was last asked."""
+        return self._notes.take(probe)
+
+    @property
+    def samples(self) -> Collection[int]:
+        """The probes that are read while the engine runs."""
+        return self._samples.probes.keys()
+
+    def sampled(self, probe: int) -> tuple[Ints, Floats]:
+        """Steps and values of one of them since this was last asked."""
+        return self._samples.probes[probe].take()
 
     # --- trials -------------------------------------------------------------------------------------------
 
@@ -222,16 +249,15 @@ class EventEngine:
 
     # --- states, parameters, weights ----------------------------------------------------------------------
 
-    def get(self, population: int, name: str) -> Floats:
-        """A state or parameter, shape (size,); sleeping neurons are brought up in a copy."""
-        p, place = self._program.populations[population], self._a.places[population]
+    def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
+        """A state or parameter of all neurons or of some; sleeping ones are brought up in a copy."""
+        p = self._program.populations[population]
         if layout.computes(p):
             states = [s.name for s in type(p.model).states]
             if name in states:
-                return place.by_id(
-                    reading.state(self._a, population, self._step)[states.index(name), place.begin : place.end].copy()
-                )
-        return self._parameter(population, name)
+                return reading.state(self._a, population, states.index(name), ids, self._step)
+        every = self._parameter(population, name)
+        return every if ids is None else every[ids]
 
     def _parameter(self, population: int, name: str) -> Floats:
         p, place = self._program.populations[population], self._a.places[population]
@@ -320,15 +346,15 @@ class EventEngine:
         self._changes.rules[projection] = parameters.copy()
         self._taught.pop(projection, None)
 
-    def set_weights(self, projection: int, weights: Floats) -> None:
-        """Replace all weights; spikes under way keep the old ones."""
+    def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
+        """Replace all weights, or those that are chosen; spikes under way keep the old ones."""
         row = self._a.net["projections"][projection]
         if row[t.DENSE_COUNTS] == 1:
             self._list_counts(projection, weights)
             return
         if self._step > 0 and projection not in self._a.plastic_of and row[t.LAG] > 0:
             self._deliver_ahead(projection, lazy.deliver_between)
-        self._write_weights(projection, weights)
+        self._write_weights(projection, weights, chosen)
 
     def _deliver_ahead(self, projection: int, deliver: Callable[..., None]) -> None:
         """Put what is under way into a ring, with the weights of now."""
@@ -353,7 +379,7 @@ class EventEngine:
             self._a.net["projections"][q, t.DENSE_COUNTS] = 0
         self._a.net["pops"][source, t.COUNTS] = t.NONE
 
-    def _write_weights(self, projection: int, weights: Floats) -> None:
+    def _write_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
         p, row = self._program.projections[projection], self._a.net["projections"][projection]
         if p.size == 0:
             return
@@ -365,8 +391,9 @@ class EventEngine:
             k = self._a.plastic_of[projection]
             reading.bring_all(self._a, self._view, k, self._step)
             first = self._a.plastic["table"][k, t.FIRST_SYNAPSE]
-            self._a.plastic["y"][0, first : first + p.size] = inner
-            self._a.plastic["sent"][first : first + p.size] = inner
+            changed = slice(None) if chosen is None else chosen if order is None else chosen[order]
+            for kept in (self._a.plastic["y"][0], self._a.plastic["sent"]):
+                kept[first : first + p.size][changed] = np.broadcast_to(inner, p.size)[changed]
             return
         if self._a.net["pops"][p.target, t.RELAY] == 1:
             self._changes.kept[projection] = weights.copy()

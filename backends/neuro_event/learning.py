@@ -17,6 +17,7 @@ from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.decays import DECAYS
 from neuro_event.models import MODULATED_RULES, RULES
+from neuro_event.notes import add_notes
 from neuro_event.own_rules import ENTRY, NEWEST, OF_NEURON, OWN, TAU, TIME, rule_entry
 
 
@@ -97,6 +98,7 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         "drawn_as": _drawn_as(a, learning),
     }
     a.plastic["others"] = np.zeros(_others_shape(a))
+    add_notes(a, learning)
 
 
 def _draw_key(program: Program, q: int) -> int:

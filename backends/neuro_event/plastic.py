@@ -12,6 +12,7 @@ import numpy as np
 from neuro.kernels.jit import inner, merged
 from neuro_event.decays import decayed
 from neuro_event.dispatch import advance, on_post, on_pre
+from neuro_event.noting import note
 from neuro_event.own_rules import (
     AHEAD,
     APPLIED,
@@ -44,6 +45,7 @@ from neuro_event.tables import (
     INCOMING,
     LONGEST,
     MODULATED,
+    NOTED,
     OVERRUN,
     PROJECTION,
     RECEPTORS,
@@ -356,3 +358,5 @@ def learn_step(view, step, done_dopamine, thread, h, dopamine_only):
                         call_rule(view, p.table[q], PRE_SPIKE + nth, local, step, thread, h)
                     else:
                         pre_spike(view, q, local, step, thread, h)
+                    if p.table[q, NOTED] == 1:
+                        note(view, q, local, step, thread)

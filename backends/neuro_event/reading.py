@@ -13,7 +13,18 @@ from neuro_event.own_rules import APPLIED
 from neuro_event.views import table_of, with_plastic
 
 
-def state(a: Arrays, population: int, step: int) -> Floats:
+def state(a: Arrays, population: int, row: int, ids: Ints | None, step: int) -> Floats:
+    """A state of a population as of `step`, of all neurons or of some; a copy."""
+    place = a.places[population]
+    if ids is None:
+        return place.by_id(_awake(a, population, step)[row, place.begin : place.end].copy())
+    neurons = place.begin + (ids if place.inside is None else place.inside[ids])
+    rows = a.net["state"] if a.net["awake"][neurons // t.BLOCK].all() else _awake(a, population, step)
+    some: Floats = rows[row, neurons]
+    return some
+
+
+def _awake(a: Arrays, population: int, step: int) -> Floats:
     """All state rows, those of one population as of `step`; a copy where some of its neurons sleep."""
     row = a.net["pops"][population]
     rows: Floats = a.net["state"]

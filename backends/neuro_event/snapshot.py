@@ -17,6 +17,7 @@ VIEWS = {"x", "bits", "awake_groups", "due_groups", "fired_words", "traces"}
 """Arrays that show others in another way."""
 _EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws", "won"}
 _REBUILT = {"incoming", "at_emission", "list_steps", "list_ids", "list_counts", "cursor"}
+_NOTES = {"note_this", "note_at", "note_steps", "note_synapses", "note_y"}
 _FIXED = _GIVEN | VIEWS | _EMPTY | _REBUILT
 """Arrays that a snapshot leaves out: they follow from the program, or hold nothing between two runs."""
 
@@ -26,7 +27,7 @@ def snapshot(a: Arrays) -> dict[str, NDArray[Any]]:
     net = {f"net.{k}": v.copy() for k, v in a.net.items() if k not in _FIXED}
     net["net.pops"] = a.net["pops"][:, : t.NUMBER].copy()  # what follows are addresses of this process
     net["net.projections"] = a.net["projections"][:, : t.CHANNEL_HEIGHT].copy()  # the rest follows from the program
-    plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS}
+    plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS | _NOTES}
     plastic["plastic.table"] = a.plastic["table"][:, : t.RULE_NUMBER].copy()
     return {**net, **plastic}
 

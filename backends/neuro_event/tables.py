@@ -96,8 +96,9 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     COLUMN,
     FEWEST,
     MOST,
+    NOTED,
     PLASTIC_COLUMNS,
-) = range(19)
+) = range(20)
 
 # threads
 DONE, DONE_DOPAMINE, HORIZON, OVERRUN = range(4)

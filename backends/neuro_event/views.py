@@ -118,6 +118,11 @@ columns i8 3       (populations, columns, 2) whose post trace a column of `other
 others f8 3        (histories, entries, columns) these traces just before each entry
 draw_keys u8 1     of the synapses' draws, by projection
 drawn_as i8 1      number of each synapse in the program's order; empty if no rule draws
+note_this u1 1     whether a synapse is noted at pre spikes; empty if none is
+note_at i8 2       (threads, cache line) where each thread notes next
+note_steps i8 2    (threads, room) step of a pre spike
+note_synapses i8 2 the synapse
+note_y f8 3        (threads, states, room) what it was left with
 """
 
 _TYPES = {"i8": "int64", "f8": "float64", "i4": "int32", "u1": "uint8", "u2": "uint16", "u8": "uint64"}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from neuro.core.clock import NEVER, Clock
-from neuro.program.program import Floats, Population
+from neuro.program.program import Floats, Ints, Population
 from neuro_nest.kernel import set_nodes, told
 from neuro_nest.ranks import Ranks
 from neuro_nest.sources import Train
@@ -60,13 +60,20 @@ class Cells:
             words = [{"spike_times": t, "spike_multiplicities": m} for t, m in zip(times, numbers, strict=True)]
             set_nodes(self._nest, self.nodes[ids.tolist()], words)
 
-    def get(self, name: str) -> Floats:
-        """A state or parameter of every neuron."""
+    def get(self, name: str, ids: Ints | None = None) -> Floats:
+        """A state or parameter of every neuron, or of some."""
         if name in self.parameters:
-            return np.broadcast_to(self.parameters[name], self.part.size).copy()
-        if self._ranks.size == 1:
+            every = np.broadcast_to(self.parameters[name], self.part.size)
+            return every.copy() if ids is None else every[ids]
+        if self._ranks.size > 1:
+            gathered = self._gathered(name)
+            return gathered if ids is None else gathered[ids]
+        if ids is None:
             return np.atleast_1d(np.array(self.nodes.get(name), dtype=np.float64))
-        return self._gathered(name)
+        order = np.argsort(ids)  # NEST takes its nodes in ascending order only
+        found: Floats = np.empty(ids.size)
+        found[order] = self.nodes[ids[order].tolist()].get(name)
+        return found
 
     def _gathered(self, name: str) -> Floats:
         """A state of the neurons of all processes."""

@@ -63,11 +63,11 @@ class NestEngine:
                 self._check_moment(wires, f"signal '{self.program.signals[signal].name}'")
                 self._write(wires, "n", values[wires.target])
 
-    def get(self, population: int, name: str) -> Floats:
-        """A state or parameter of every neuron."""
+    def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
+        """A state or parameter of every neuron, or of some."""
         self._check_shown(population, name)
         with told():
-            return self.net.cells[population].get(name)
+            return self.net.cells[population].get(name, ids)
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Change states and parameters."""
@@ -114,8 +114,8 @@ class NestEngine:
                 for word, value in words.items():
                     wires.write(self._nest, self.net.ends(wires), word, np.full(len(wires.source), value))
 
-    def set_weights(self, projection: int, weights: Floats) -> None:
-        """Replace all weights."""
+    def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
+        """Replace all weights; those that are not chosen are NEST's own."""
         wires = self.net.wires[projection]
         if wires.part.synapse.learns:
             self._check_changeable(wires, "the weights")

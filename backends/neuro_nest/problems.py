@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from neuro.model.neurons import dc_generator
-from neuro.program.backend import Problem, floats_only
+from neuro.program.backend import Problem, floats_only, unnoted
 from neuro.program.program import Floats, Population, Program, Projection
 from neuro_nest.tables import ALWAYS, NODES, OF_TARGET, RK4, SYNAPSE_MODELS, SYNAPSES, TICKS_PER_MS, UNREADABLE
 
@@ -23,7 +23,7 @@ def problems(program: Program) -> list[Problem]:
     chips = floats_only(program)
     if chips:
         return chips
-    found = [*_of_network(program)]
+    found = [*_of_network(program), *unnoted(program)]
     for index, part in enumerate(program.populations):
         found += _of_population(program, index, part)
     for projection in program.projections:

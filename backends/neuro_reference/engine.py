@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
 from neuro.model.synapses.delays import DELAY
-from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
+from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference import snapshots
 from neuro_reference.course import Course
@@ -102,11 +102,12 @@ class ReferenceEngine:
             if pairs.part.signal == signal:
                 pairs.signal(values, self.step)
 
-    def get(self, population: int, name: str) -> Floats:
-        """A state or parameter of every neuron."""
+    def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
+        """A state or parameter of every neuron, or of some."""
         cells = self.net.cells[population]
         values = cells.states[cells.names.index(name)] if name in cells.names else cells.parameters[name]
-        return np.broadcast_to(values, cells.size).copy()
+        every = np.broadcast_to(values, cells.size)
+        return every.copy() if ids is None else every[ids]
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Change states and parameters."""
@@ -133,15 +134,21 @@ class ReferenceEngine:
         else:
             self.net.rules[projection] = parameters.copy()
 
-    def set_weights(self, projection: int, weights: Floats) -> None:
-        """Replace all weights."""
-        self.net.wires[projection].weights[:] = weights
+    def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
+        """Replace all weights, or those that are chosen."""
+        where = slice(None) if chosen is None else chosen
+        kept = self.net.wires[projection].weights
+        kept[where] = np.broadcast_to(weights, kept.shape)[where]
         if projection in self.net.pairs:
-            self.net.pairs[projection].set_weights(self.net.wires[projection].weights, self.step)
+            self.net.pairs[projection].set_weights(kept, self.step, where)
 
     def spikes(self, population: int, since: int) -> Spikes:
         """Recorded spikes after a step."""
         return self.net.records[population].since(since)
+
+    def noted(self, probe: int) -> Sent:
+        """What pre spikes have left since this was last asked."""
+        return self.net.notes.take(probe)
 
     def forget(self, before: int) -> None:
         """Drop recorded spikes up to a step."""

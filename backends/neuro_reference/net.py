@@ -14,6 +14,7 @@ from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference.cells import Cells
 from neuro_reference.local import LocalWinners
+from neuro_reference.notes import Notes
 from neuro_reference.pairs import Pairs
 from neuro_reference.record import Record
 from neuro_reference.wires import Wires
@@ -36,6 +37,7 @@ class Net:
         rivals: of the groups in which a spike resets others, a number of each neuron, the same for those of which one
             fires, by group.
         silenced: neurons of each population that must not fire.
+        notes: what pre spikes leave in synapses that probes ask for.
         rules: numbers of the rules for trials, by projection.
         trial_updates: weights changed at the end of trials, for each projection.
     """
@@ -51,6 +53,7 @@ class Net:
             for i, wires in enumerate(self.wires)
             if wires.part.synapse.learns == "pairs"
         }
+        self.notes = Notes(program)
         self.rules = {i: w.part.synapse.vector() for i, w in enumerate(self.wires) if w.part.synapse.learns == "trials"}
         self.records = [Record(p.size, p.records) for p in program.populations]
         self.ties = [keyed_random.key(program.seed, "tie", group.name) for group in program.groups]
@@ -126,6 +129,7 @@ class Net:
                     continue
                 for nth in range(int(multiplicity)):
                     weights = self.pairs[index].spike(source, self.step, nth)
+                    self.notes.add(self.pairs[index], index, source, self.step)
                     wires.send(source, 1, self.step, weights, model.relay)
 
     def _arrivals(self, index: int, step: int) -> tuple[Floats, Floats, Bools]:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.core import keyed_random
 from neuro.model.synapses import Trace
@@ -135,11 +136,11 @@ class Pairs:
         self.rule = rule.copy()
         self.refresh()
 
-    def set_weights(self, weights: Floats, step: int) -> None:
-        """Replace all weights at the end of a step."""
+    def set_weights(self, weights: Floats, step: int, where: slice | NDArray[np.bool_]) -> None:
+        """Replace the weights of some synapses at the end of a step."""
         self._bring(step)
-        self.y[0] = weights
-        self.sent = weights.copy()
+        self.y[0, where] = weights[where]
+        self.sent[where] = weights[where]
 
     def read(self, name: str, step: int) -> Floats:
         """A state of every synapse at the end of a step; nothing is changed by it."""
@@ -151,9 +152,14 @@ class Pairs:
             return self.sent.copy()
         y, reached = self.y.copy(), self.reached.copy()
         self._bring(step)
-        row = 0 if name == "weight" else 1 + [s.name for s in self.part.synapse.states].index(name)
-        values: Floats = self.y[row].copy()
+        values = self.state(name).copy()
         self.y, self.reached = y, reached
+        return values
+
+    def state(self, name: str) -> Floats:
+        """The weight or a state of every synapse as it was left."""
+        row = 0 if name == "weight" else 1 + [s.name for s in self.part.synapse.states].index(name)
+        values: Floats = self.y[row]
         return values
 
     def refresh(self) -> None:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import sys
-from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from neuro.cli.options import Backend, NetworkFile, Seed, Set, Threads, assignments, milliseconds
 
 if TYPE_CHECKING:
+    from neuro.cli.progress import Bar
     from neuro.files.results import Results
     from neuro.model.network import Network
+    from neuro.run.simulation import Simulation
 
 Duration = Annotated[float, typer.Option("--for", metavar="MS", parser=milliseconds, help="How long, in ms.")]
 Record = Annotated[list[str], typer.Option(metavar="NAME", help="Keep only this population's spikes; repeatable.")]
@@ -36,34 +37,59 @@ def run(
     from neuro.cli.progress import Bar, advance
     from neuro.core.clock import Clock
     from neuro.core.launch import shared, speaks
-    from neuro.core.outputs import check_output, output
-    from neuro.files.results import KIND, write
+    from neuro.core.outputs import check_output
+    from neuro.files.results import KIND, read
     from neuro.model.language import load
-    from neuro.run.collect import collect
     from neuro.run.simulation import compile as compiled
 
     together(backend)
     net = load(file, params=assignments(set))
     steps = Clock(net.resolution).step(duration, "--for")
     keep_spikes(net, record)
-    with Bar() as bar, ExitStack() as files:
-        # One of several processes may be killed where it cannot tidy up: they begin the file when all else is done.
-        check_output(out, KIND)
-        part = files.enter_context(output(out, KIND)) if not shared() else None
+    check_output(out, KIND)
+    with Bar() as bar:
         try:
             bar.say("preparing")
             sim = compiled(net, backend=backend, seed=seed, threads=threads)
-            advance(sim, steps, bar)
-            bar.say("writing")
-            results = collect(sim, net, threads=threads, record=record, all_weights=all_weights)
-            if speaks():
-                write(results, part or files.enter_context(output(out, KIND)))
+            words: dict[str, Any] = {"threads": threads, "record": record, "all_weights": all_weights}
+            if shared() or (out.exists() and not out.is_file()):
+                results = _at_the_end(sim, net, steps, bar, out, words)
+            else:
+                with sim.record_to(out, **words):
+                    advance(sim, steps, bar)
+                    bar.say("writing")
+                results = read(out)
         except KeyboardInterrupt:
             bar.stop()
-            typer.echo(f"interrupted: {out} is not written", err=True)
+            _tell_interrupted(out)
             raise typer.Exit(130) from None
     if speaks():
         report(results, out)
+
+
+def _at_the_end(sim: Simulation, net: Network, steps: int, bar: Bar, out: Path, words: dict[str, Any]) -> Results:
+    """Run, and write all at once, into a pipe or by one of several processes, which may be killed untidily."""
+    from neuro.cli.progress import advance
+    from neuro.core.launch import speaks
+    from neuro.core.outputs import output
+    from neuro.files.results import KIND, write
+    from neuro.run.collect import collect
+
+    advance(sim, steps, bar)
+    bar.say("writing")
+    results = collect(sim, net, **words)
+    if speaks():
+        with output(out, KIND) as part:
+            write(results, part)
+    return results
+
+
+def _tell_interrupted(out: Path) -> None:
+    from neuro.files.results import read, unfinished
+
+    part = unfinished(out)
+    kept = f"{part} has what was recorded up to {read(part).time:g} ms" if part.exists() else f"{out} is not written"
+    typer.echo(f"interrupted: {kept}", err=True)
 
 
 def together(backend: str) -> None:

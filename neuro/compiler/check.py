@@ -10,8 +10,9 @@ import numpy as np
 
 from neuro.compiler.shapes import Shape, size
 from neuro.compiler.values import plain
+from neuro.compiler.views import end_of
 from neuro.core.clock import Clock
-from neuro.core.errors import ModelError, nearest, unknown
+from neuro.core.errors import ModelError, unknown
 from neuro.core.keyed_random import LARGEST_MEAN
 from neuro.core.registry import Registry
 from neuro.model.distributions import Distribution
@@ -40,14 +41,13 @@ def check_network(net: Network, shapes: Mapping[str, Shape]) -> None:
     for name in net.projections:
         if name in net.populations:
             refuse(net.projections[name], "a population has the same name: expected a name of its own")
-    clock = Clock(net.resolution)
     for population in net.populations.values():
         _check_population(population, shapes[population.name])
     for projection in net.projections.values():
+        _check_views(projection, shapes)
         _check_ends(net, projection)
         _check_synapse(net, projection, shapes)
     _check_groups(net, shapes)
-    _check_probes(net, clock)
 
 
 def refuse(part: AnyPart, message: str, hint: str = "") -> NoReturn:
@@ -117,6 +117,14 @@ def check_values(model: Model, parameters: Mapping[str, Floats], clock: Clock) -
         clock.steps(parameters["t_ref"], f"{model.name}.t_ref")
     if isinstance(model, Neuron):
         model.check_steps(parameters, clock.resolution)
+
+
+def _check_views(part: Projection, shapes: Mapping[str, Shape]) -> None:
+    for role, name, view in (("from", part.source, part.source_view), ("to", part.target, part.target_view)):
+        with telling(part):
+            seen = end_of(view, shapes[name])
+        if isinstance(part.rule, grid) and seen.ids is not None:
+            refuse(part, f"a grid {role} {view}: expected the whole population", "all_to_all and pairs connect views")
 
 
 def _check_ends(net: Network, part: Projection) -> None:
@@ -238,27 +246,3 @@ def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:
         if of in members:
             refuse(part, f"'{of}' is already in group '{members[of]}': expected one group for each population")
         members[of] = part.name
-
-
-def _check_probes(net: Network, clock: Clock) -> None:
-    for part in net.probes.values():
-        population = net.populations[part.of]
-        if part.record == "spikes":
-            if isinstance(population.model, dc_generator):
-                refuse(part, f"spikes of '{part.of}', a dc_generator: it emits a current")
-            if part.every is not None:
-                refuse(part, "every is for states: spikes are all recorded", "leave 'every' out")
-            continue
-        known = recordable(population)
-        if part.record not in known:
-            refuse(
-                part,
-                f"'{part.of}', a {population.model.name}, has no state '{part.record}'",
-                nearest(part.record, [*known, "spikes"]),
-            )
-        if part.every is None:
-            continue
-        with telling(part):
-            every = clock.step(part.every, "every")
-        if every < 1:
-            refuse(part, f"every = {part.every:g} ms: expected at least the resolution, {clock.resolution:g} ms")

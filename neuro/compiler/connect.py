@@ -46,7 +46,7 @@ class Connections:
 
 
 def connect(
-    rule: Rule, source: Shape, target: Shape, same: bool, sizes: Grid | None, rng: np.random.Generator
+    rule: Rule, source: Shape, target: Shape, own: Ints | None, sizes: Grid | None, rng: np.random.Generator
 ) -> Connections:
     """The synapses that a rule makes.
 
@@ -54,7 +54,8 @@ def connect(
         rule: the rule.
         source: shape of the source.
         target: shape of the target.
-        same: whether source and target are one population, so that autapses are possible.
+        own: of each source its place among the targets, -1 where it is none of them; None where the two are of
+            different populations, so that there are no autapses.
         sizes: of a grid.
         rng: for rules that draw.
 
@@ -62,6 +63,7 @@ def connect(
         ModelError: the rule does not fit the sizes.
     """
     n_pre, n_post = size(source), size(target)
+    but = None if getattr(rule, "autapses", True) else own
     match rule:
         case one_to_one():
             if n_pre != n_post:
@@ -71,18 +73,18 @@ def connect(
                 )
             return Connections("one_to_one", n_pre, listed=((n_pre,),))
         case all_to_all():
-            if same and not rule.autapses:
-                return _all_but_self(n_pre)
+            if but is not None:
+                return _all_but_self(but, n_post)
             return Connections("dense", n_pre * n_post, listed=((n_pre, n_post), (n_pre * n_post,)))
         case fixed_indegree():
-            drawn = _draw(rule.n, n_post, n_pre, same and not rule.autapses, rule.multapses, rng, "sources")
+            drawn = _draw(rule.n, n_post, n_pre, _turned(but, n_post), rule.multapses, rng, "sources")
             return _by_source(drawn, n_pre)
         case fixed_outdegree():
-            drawn = _draw(rule.n, n_pre, n_post, same and not rule.autapses, rule.multapses, rng, "targets")
+            drawn = _draw(rule.n, n_pre, n_post, but, rule.multapses, rng, "targets")
             drawn.sort(axis=1)
             return _rows(np.arange(n_pre + 1, dtype=np.int64) * rule.n, drawn.reshape(-1))
         case pairwise_bernoulli():
-            return _bernoulli(rule.p, n_pre, n_post, same and not rule.autapses, rng)
+            return _bernoulli(rule.p, n_pre, n_post, but, rng)
         case pairs():
             return _listed(rule.pre, rule.post, n_pre, n_post, "pairs")
         case grid():
@@ -90,6 +92,7 @@ def connect(
             shape = sizes.kernels
             n = int(np.prod(shape))
             return Connections("grid", n, listed=(shape, (n,), *(((shape[0], *shape[2:]),) if shape[1] == 1 else ())))
+    same = own is not None and n_pre == n_post and bool(np.array_equal(own, np.arange(n_pre)))
     return _listed(*_own_pairs(rule, source, target, same, rng), n_pre, n_post, rule.name)
 
 
@@ -113,32 +116,45 @@ def _rows(row_ends: Ints, targets: NDArray[np.int32]) -> Connections:
     return Connections("csr", len(targets), row_ends, targets)
 
 
-def _all_but_self(n: int) -> Connections:
-    targets = np.tile(np.arange(n, dtype=np.int32), (n, 1))
-    others = targets[~np.eye(n, dtype=bool)]
-    size = n * (n - 1)
-    order = np.flatnonzero(~np.eye(n, dtype=bool).reshape(-1))
-    return Connections("csr", size, np.arange(n + 1, dtype=np.int64) * (n - 1), others, order, ((n, n), (n * n,)))
+def _all_but_self(own: Ints, n_post: int) -> Connections:
+    n_pre = own.size
+    kept = np.ones((n_pre, n_post), dtype=bool)
+    kept[np.flatnonzero(own >= 0), own[own >= 0]] = False
+    order = np.flatnonzero(kept)
+    row_ends = np.concatenate(([0], np.cumsum(np.count_nonzero(kept, axis=1)))).astype(np.int64)
+    shapes = ((n_pre, n_post), (n_pre * n_post,))
+    return Connections("csr", order.size, row_ends, (order % n_post).astype(np.int32), order, shapes)
+
+
+def _turned(own: Ints | None, n_post: int) -> Ints | None:
+    """Of each target its place among the sources, from that of each source among the targets."""
+    if own is None:
+        return None
+    places = np.full(n_post, -1, dtype=np.int64)
+    places[own[own >= 0]] = np.flatnonzero(own >= 0)
+    return places
 
 
 def _draw(
-    n: int, rows: int, among: int, but_self: bool, repeats: bool, rng: np.random.Generator, what: str
+    n: int, rows: int, among: int, but: Ints | None, repeats: bool, rng: np.random.Generator, what: str
 ) -> NDArray[np.int32]:
-    """For each of `rows` neurons n partners `among` so many, shape (rows, n)."""
-    choices = among - but_self
-    if choices < 1 or (not repeats and n > choices):
+    """For each of `rows` neurons n partners `among` so many, `but` one of them where that is not -1; (rows, n)."""
+    choices = np.full(rows, among) if but is None else among - (but >= 0)
+    fewest = int(choices.min())
+    if fewest < 1 or (not repeats and n > fewest):
         raise ModelError(
-            f"n = {n} {what} of each neuron: expected at most {choices}, as many as there are",
-            hint="multapses: true allows a pair to be drawn twice" if choices > 0 else "",
+            f"n = {n} {what} of each neuron: expected at most {fewest}, as many as there are",
+            hint="multapses: true allows a pair to be drawn twice" if fewest > 0 else "",
         )
     if repeats:
-        drawn = rng.integers(0, choices, size=(rows, n), dtype=np.int32)
+        most = fewest if fewest == choices.max() else choices[:, None]
+        drawn = rng.integers(0, most, size=(rows, n), dtype=np.int32)
     else:
         drawn = np.empty((rows, n), dtype=np.int32)
-        for row in drawn:
-            row[:] = rng.choice(choices, n, replace=False, shuffle=False)
-    if but_self:
-        drawn += drawn >= np.arange(rows, dtype=np.int32)[:, None]
+        for row, most in zip(drawn, choices.tolist(), strict=True):
+            row[:] = rng.choice(most, n, replace=False, shuffle=False)
+    if but is not None:
+        drawn += (drawn >= but[:, None]) & (but >= 0)[:, None]
     return drawn
 
 
@@ -155,14 +171,15 @@ def _by_source(sources: NDArray[np.int32], n_pre: int) -> Connections:
     return _rows(table.indptr.astype(np.int64), table.indices.astype(np.int32, copy=False))
 
 
-def _bernoulli(p: float, n_pre: int, n_post: int, but_self: bool, rng: np.random.Generator) -> Connections:
+def _bernoulli(p: float, n_pre: int, n_post: int, but: Ints | None, rng: np.random.Generator) -> Connections:
     block = max(1, _DRAWS // n_post)
     degrees, targets = [np.zeros(1, dtype=np.int64)], [NO_TARGETS]
     for first in range(0, n_pre, block):
         last = min(first + block, n_pre)
         hit = rng.random((last - first, n_post)) < p
-        if but_self:
-            hit[np.arange(last - first), np.arange(first, last)] = False
+        if but is not None:
+            there = np.flatnonzero(but[first:last] >= 0)
+            hit[there, but[first:last][there]] = False
         degrees.append(np.count_nonzero(hit, axis=1))
         targets.append((np.flatnonzero(hit) % n_post).astype(np.int32))
     return _rows(np.cumsum(np.concatenate(degrees), dtype=np.int64), np.concatenate(targets))

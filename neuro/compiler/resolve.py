@@ -13,9 +13,11 @@ from neuro.compiler.check_trials import resolve_trials
 from neuro.compiler.connect import connect
 from neuro.compiler.encoded import with_generators
 from neuro.compiler.pack import packed
+from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
 from neuro.compiler.receptors import check_conductance, receptor_of
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.values import LONGEST_DELAY, delay_steps, one_delay, per_neuron, per_synapse, too_late
+from neuro.compiler.views import end_of, own_places, placed
 from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
@@ -23,7 +25,7 @@ from neuro.core.keyed_random import generator
 from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS, Neuron, dc_generator, poisson_generator, spike_generator
-from neuro.model.parts import Population, Projection
+from neuro.model.parts import Population, Probe, Projection
 from neuro.model.rules import RULES, grid
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated
 from neuro.program import program as resolved
@@ -46,6 +48,7 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
     shapes = resolve_shapes(net)
     net = with_generators(net, shapes, clock, seed)
     check_network(net, shapes)
+    check_probes(net, shapes, clock)
     trials = resolve_trials(net, shapes, clock)
     populations = tuple(_population(net, part, shapes[part.name], clock, seed) for part in net.populations.values())
     projections = packed(tuple(_projection(net, part, shapes, clock, seed) for part in net.projections.values()))
@@ -59,13 +62,9 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
         projections=projections,
         signals=tuple(resolved.Signal(s.name, names.index(s.to), s.origin) for s in net.signals.values()),
         groups=tuple(resolved.Group(g.name, names.index(g.choice.of), g.choice, g.origin) for g in net.groups.values()),
-        probes=tuple(
-            resolved.Probe(
-                p.name, names.index(p.of), p.record, 1 if p.every is None else clock.step(p.every, "every"), p.origin
-            )
-            for p in net.probes.values()
-        ),
+        probes=resolve_probes(net, shapes, clock),
         trials=trials,
+        synapse_probes=resolve_synapse_probes(net, projections, clock),
     )
 
 
@@ -112,8 +111,15 @@ def _population(net: Network, part: Population, shape: Shape, clock: Clock, seed
 def _records(net: Network, part: Population) -> bool:
     if isinstance(part.model, dc_generator):
         return False
-    asked = any(p.of == part.name and p.record == "spikes" for p in net.probes.values())
+    asked = any(_sees_spikes(net, p, part.name) for p in net.probes.values())
     return asked or not isinstance(part.model, poisson_generator)
+
+
+def _sees_spikes(net: Network, probe: Probe, population: str) -> bool:
+    """Whether a probe needs the spikes of a population."""
+    if probe.at is not None and probe.of in net.projections:
+        return net.projections[probe.of].source == population
+    return probe.of == population and probe.record == "spikes"
 
 
 def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], seed: int) -> dict[str, Floats]:
@@ -152,11 +158,12 @@ def _projection(
     sizes = grid_of(part, shapes) if isinstance(part.rule, grid) else None
     if sizes is not None and not isinstance(part.delay, float):
         refuse(part, "delay: a shared kernel has one delay: expected a number")
-    same = part.source == part.target
+    source = end_of(part.source_view, shapes[part.source])
+    target = end_of(part.target_view, shapes[part.target])
+    own = own_places(source, target) if part.source == part.target else None
     with telling(part):
-        found = connect(
-            part.rule, shapes[part.source], shapes[part.target], same, sizes, generator(seed, "connect", part.name)
-        )
+        found = connect(part.rule, source.shape, target.shape, own, sizes, generator(seed, "connect", part.name))
+        found = placed(found, source, target)
         weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name))
         delay = delay_steps(part.delay, found, clock, "delay", generator(seed, "delay", part.name))
     if sizes is not None and weight.size == 1:

@@ -109,7 +109,12 @@ def _rest(program: Program, clock: Clock) -> Iterator[tuple[str, str, str, str]]
         yield "group", group.name, name[group.population], _group_text(group)
     for probe in program.probes:
         every = "" if probe.record == "spikes" else f" every {clock.ms(probe.every):g} ms"
-        yield "probe", probe.name, name[probe.population], probe.record + every
+        yield "probe", probe.name, name[probe.population], ("mean " if probe.mean else "") + probe.record + every
+    for part in program.synapse_probes:
+        when = f" every {clock.ms(part.every):g} ms" if part.every else " at pre spikes"
+        chosen = "" if part.synapses is None else f", {part.synapses.size:,} synapses"
+        of = program.projections[part.projection].name
+        yield "probe", part.name, of, ("mean " if part.mean else "") + part.record + when + chosen
     if program.trials is not None:
         yield "trials", "", name[program.trials.output], _trials_text(program.trials, name, clock)
 
@@ -136,7 +141,13 @@ def _lines(program: Program) -> Iterator[str]:
     for number, group in enumerate(program.groups):
         yield f"group {number} {group.name}: population {group.population}, {_group_text(group)}"
     for number, probe in enumerate(program.probes):
-        yield f"probe {number} {probe.name}: population {probe.population}, {probe.record}, every {probe.every} steps"
+        mean = "mean " if probe.mean else ""
+        told = f"population {probe.population}, {mean}{probe.record}, every {probe.every} steps"
+        yield f"probe {number} {probe.name}: {told}"
+    for number, part in enumerate(program.synapse_probes):
+        mean, chosen = "mean " if part.mean else "", "all" if part.synapses is None else summary(part.synapses)
+        told = f"projection {part.projection}, {mean}{part.record}, every {part.every} steps, synapses {chosen}"
+        yield f"synapse probe {number} {part.name}: {told}"
     if program.trials is not None:
         yield from _trials_lines(program.trials)
 

@@ -1,8 +1,9 @@
-"""What a run left behind, as one HDF5 file that explains itself.
+"""What a run leaves behind, as one HDF5 file that explains itself; it may be read while parts of it are still to come.
 
 ```
-/                   attributes: format "neuro results 1", network (its name), backend, seed, threads, duration_ms,
-                    resolution_ms, counts.* of the run, and the versions of neuro, python, numpy and numba
+/                   attributes: format "neuro results 2", network (its name), backend, seed, threads, duration_ms,
+                    resolution_ms, counts.* of the run, the versions of neuro, python, numpy and numba, and
+                    finished: whether the run came to its end
 /network            the network as YAML text
 /network_files/F    file F that the YAML reads, byte for byte
 /populations/NAME   attributes: model, shape, recorded, counts.*
@@ -13,40 +14,54 @@
     pre, post       int64; not of a grid
     weight          float64 as stored at the end; of a grid (maps, channels, height, width)
     delay_ms        float64 at the end, of rules that change delays
-/traces/NAME        attributes: population, state, unit
+/traces/NAME        attributes: population or projection, state, unit, probe, mean
     times_ms        float64
-    values          float64, (times, neurons)
+    values          float64, (times, columns); at pre spikes (times,)
+    ids             int64, the neuron of each column; not where it is all of them
+    pre, post       int64, the ends of the synapse of each column; at pre spikes of each time
 ```
 
-Spikes and weights that were not kept have no arrays.
+A probe of several states has a trace NAME.STATE for each. Spikes and weights that were not kept have no arrays, and
+what is written while it runs (`neuro.files.recording`) has weights when it is finished. A file "neuro results 1" has
+neither synapses nor views in its traces, and is read likewise.
 """
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
-from neuro.core.errors import ModelError
-from neuro.core.hdf5 import kind, new_file
+from neuro.core.clock import NEVER, Clock
+from neuro.core.errors import ModelError, unknown
+from neuro.core.growing import reading_grown
+from neuro.core.hdf5 import has_format, new_file
+from neuro.core.outputs import Kind
 from neuro.core.paths import existing
+from neuro.files.stored import Lazy, Opener, Stored, kept, span
 from neuro.model.network import Network
+from neuro.model.parts import Part
+from neuro.model.views import View
+from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
 from neuro.program.program import Floats, Ints
 
-FORMAT = "neuro results 1"
-KIND = kind(FORMAT, "a file of results")
+FORMATS = ("neuro results 1", "neuro results 2")
+FORMAT = FORMATS[-1]
+KIND = Kind("a file of results", lambda path: any(has_format(path, format) for format in FORMATS))
+SECTIONS = ("populations", "projections", "traces")
 YAML = "network.yaml"
 _LARGE = 10_000
 _COUNT = "counts."
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Train:
     """Spikes of one population, by time, then neuron.
 
@@ -55,16 +70,16 @@ class Train:
         shape: its shape.
         counts: of the run, by name.
         recorded: whether its spikes were kept; if not the arrays are empty.
-        times_ms, ids, multiplicity: one entry for each neuron and step with spikes.
+        times_ms, ids, multiplicity: one entry for each neuron and step with spikes; read when they are asked for.
     """
 
     model: str
     shape: tuple[int, ...]
     counts: dict[str, int]
     recorded: bool
-    times_ms: Floats
-    ids: Ints
-    multiplicity: NDArray[np.int32]
+    times_ms: Lazy = Lazy()
+    ids: Lazy = Lazy()
+    multiplicity: Lazy = Lazy()
 
     @property
     def size(self) -> int:
@@ -72,7 +87,7 @@ class Train:
         return int(np.prod(self.shape))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Weights:
     """Weights of one projection at the end of a run, and its delays where these learn.
 
@@ -91,26 +106,54 @@ class Weights:
     synapse: str
     synapses: int
     counts: dict[str, int]
-    pre: Ints | None = None
-    post: Ints | None = None
-    weight: Floats | None = None
-    delay_ms: Floats | None = None
+    pre: Lazy = Lazy(None)
+    post: Lazy = Lazy(None)
+    weight: Lazy = Lazy(None)
+    delay_ms: Lazy = Lazy(None)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Trace:
-    """What a probe of a state recorded: `values` has the shape (times, neurons)."""
+    """What a probe recorded of one state.
+
+    Attributes:
+        population: whose neurons; "" of synapses.
+        state: its name, "rate" of a rate.
+        unit: of the values.
+        times_ms: shape (times,).
+        values: shape (times, neurons or synapses), one column of a rate or a mean; at pre spikes (times,).
+        projection: whose synapses; "" of neurons.
+        probe: the name of the probe, "" for that of the trace.
+        mean: whether it is a mean.
+        ids: the neuron of each column; None where it is all of them.
+        pre, post: the ends of the synapse of each column, at pre spikes of each time; None of neurons, means and grids.
+    """
 
     population: str
     state: str
     unit: str
-    times_ms: Floats
-    values: Floats
+    times_ms: Lazy = Lazy()
+    values: Lazy = Lazy()
+    projection: str = ""
+    probe: str = ""
+    mean: bool = False
+    ids: Lazy = Lazy(None)
+    pre: Lazy = Lazy(None)
+    post: Lazy = Lazy(None)
+
+    def read(self) -> Any:
+        """What `sim.trace` gives beside the times: the values, at pre spikes with the ends of the synapses, by name."""
+        if self.values.ndim == 1:
+            return {"pre": self.pre, "post": self.post, self.state: self.values}
+        return self.values
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Results:
-    """A run.
+    """A run; its spikes, traces and weights are asked for as of a simulation.
+
+    Parts are named by their names, or by parts and views of the network. Arrays are read from the file when they are
+    asked for, spikes of a time only as far as these reach.
 
     Attributes:
         about: attributes of the file: network, backend, seed, threads, duration_ms, resolution_ms, counts, versions.
@@ -129,6 +172,89 @@ class Results:
         """How long the run was."""
         return float(self.about["duration_ms"])
 
+    @property
+    def time(self) -> float:
+        """The end of the run in ms, as of a simulation."""
+        return self.duration_ms
+
+    @property
+    def finished(self) -> bool:
+        """Whether the run came to its end; if not, all is there that was recorded up to `time`."""
+        return bool(self.about.get("finished", True))
+
+    def spikes(self, of: Any, since: float | None = None, until: float | None = None) -> tuple[Floats, Ints]:
+        """Recorded spikes of a population or of a view.
+
+        Args:
+            of: the population, or its name, or a view.
+            since: only those after this time in ms.
+            until: only those up to this time in ms.
+
+        Returns:
+            times in ms and neurons, sorted by time, then neuron; several spikes of one neuron in one step are
+            listed as often. Neurons are ids of the population, also of a view.
+
+        Raises:
+            ModelError: there is no such population, or its spikes were not recorded.
+        """
+        return self.spikes_of(*self._neurons(of), since, until)
+
+    def spikes_of(self, name: str, ids: Ints | None, since: float | None, until: float | None) -> tuple[Floats, Ints]:
+        """Likewise of some neurons of a population, all if None."""
+        train = self.populations[name]
+        if not train.recorded:
+            raise ModelError(f"spikes of '{name}', a {train.model}, are not recorded")
+        clock = Clock(float(self.about["resolution_ms"]))
+        bounds = (-1.0 if since is None else since, np.inf if until is None else until)
+        after, to = (clock.floor(t, word) for t, word in zip(bounds, ("since", "until"), strict=True))
+        part = span(kept(train, "times_ms"), clock.ms(after), np.inf if to >= NEVER else clock.ms(to))
+        times, neurons, multiplicity = (kept(train, word)[part] for word in ("times_ms", "ids", "multiplicity"))
+        if ids is not None:
+            some = np.isin(neurons, ids)
+            times, neurons, multiplicity = times[some], neurons[some], multiplicity[some]
+        if multiplicity.size and multiplicity.max() > 1:
+            times, neurons = np.repeat(times, multiplicity), np.repeat(neurons, multiplicity)
+        return times, neurons
+
+    def trace(self, of: Any) -> tuple[Floats, Any]:
+        """What a probe has recorded, as `Simulation.trace` gives it.
+
+        Raises:
+            ModelError: there is no such probe of states or synapses.
+        """
+        name = _name(of)
+        if name in self.traces:
+            return self.traces[name].times_ms, self.traces[name].read()
+        several = [trace for trace in self.traces.values() if trace.probe == name]
+        if not several:
+            raise unknown("probe of a state", name, self.traces)
+        by_name: dict[str, Any] = {}
+        for trace in several:
+            found = trace.read()
+            by_name |= found if isinstance(found, dict) else {trace.state: found}
+        return several[0].times_ms, by_name
+
+    def weights(self, of: Any) -> Any:
+        """The weights of a projection at the end: (pre, post, weight), of a grid its kernels.
+
+        Raises:
+            ModelError: there is no such projection, or its weights were not kept.
+        """
+        name = _name(of)
+        if name not in self.projections:
+            raise unknown("projection", name, self.projections)
+        part = self.projections[name]
+        if part.weight is None:
+            hint = "--all-weights keeps them" if self.finished else "weights are written when a run ends"
+            raise ModelError(f"the weights of '{name}' were not kept", hint=hint)
+        return part.weight if part.pre is None else (part.pre, part.post, part.weight)
+
+    def counts(self) -> Counts:
+        """What happened in the run."""
+        populations = {name: PopulationCounts(**part.counts) for name, part in self.populations.items()}
+        projections = {name: ProjectionCounts(**part.counts) for name, part in self.projections.items()}
+        return Counts(int(self.about[f"{_COUNT}steps"]), populations, projections)
+
     def network(self) -> Network:
         """The network as it was before the run."""
         from neuro.model.language import load
@@ -138,33 +264,55 @@ class Results:
                 (Path(folder) / name).write_bytes(content)
             return load(Path(folder) / YAML)
 
+    def _neurons(self, of: Any) -> tuple[str, Ints | None]:
+        """The name of a population, and the neurons of a view."""
+        view = of if isinstance(of, View) else None
+        name = _name(of if view is None else view.population)
+        if name not in self.populations:
+            raise unknown("population", name, self.populations)
+        return name, None if view is None else view.within(self.populations[name].shape)[0]
+
+
+def _name(of: Any) -> Any:
+    return of.name if isinstance(of, Part) else of
+
 
 def write(results: Results, path: str | PathLike[str]) -> None:
     """Write the file in the place of any other; the caller asks before, with `neuro.core.outputs.output` and `KIND`."""
     with new_file(Path(path)) as file:
-        file.attrs["format"] = FORMAT
-        file.attrs.update(results.about)
-        file["network"] = results.files[YAML].decode()
-        for name, content in results.files.items():
-            if name != YAML:
-                file[f"network_files/{name}"] = np.frombuffer(content, np.uint8)
-        for section in ("populations", "projections", "traces"):
-            group = file.create_group(section, track_order=True)
+        write_head(file, results.about, results.files)
+        for section in SECTIONS:
             for name, part in getattr(results, section).items():
-                _write_part(group.create_group(name), part)
+                write_part(file[section].create_group(name), part)
+
+
+def write_head(file: h5py.File, about: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
+    """Write what a run is of, and make room for its parts."""
+    file.attrs["format"] = FORMAT
+    file.attrs.update(about)
+    file["network"] = files[YAML].decode()
+    for name, content in files.items():
+        if name != YAML:
+            file[f"network_files/{name}"] = np.frombuffer(content, np.uint8)
+    for section in SECTIONS:
+        file.create_group(section, track_order=True)
 
 
 def read(path: str | PathLike[str]) -> Results:
-    """Read the file.
+    """Read the file of a run, also of one that was ended while it wrote; arrays when they are asked for.
 
     Raises:
         ModelError: there is no such file, or it is none of this format.
     """
+    path = Path(path)
+    if not path.exists() and unfinished(path).exists():
+        hint = f"{unfinished(path)} has what a run recorded that did not come to its end"
+        raise ModelError(f"{path}: there is no such file", hint=hint)
     path = existing(path)
     try:
-        with h5py.File(path, "r") as file:
-            if file.attrs.get("format") == FORMAT:
-                return _read(file)
+        with reading_grown(path) as file:
+            if file.attrs.get("format") in FORMATS:
+                return read_file(file, partial(reading_grown, path))
     except OSError:
         pass
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -172,7 +320,13 @@ def read(path: str | PathLike[str]) -> Results:
     raise ModelError(f"{path}: not a file of results, as 'neuro run' writes it")
 
 
-def _read(file: h5py.File) -> Results:
+def unfinished(path: Path) -> Path:
+    """Where a run is recorded that is to have the name `path` when it ends."""
+    return path.with_name(path.name + ".part")
+
+
+def read_file(file: h5py.File, opener: Opener) -> Results:
+    """The results in an open file; `opener` opens it again for arrays that are asked for later."""
     about = {name: _plain(value) for name, value in file.attrs.items() if name != "format"}
     files = {YAML: file["network"][()]}
     for name, item in file.get("network_files", {}).items():
@@ -182,18 +336,21 @@ def _read(file: h5py.File) -> Results:
     return Results(
         about,
         files,
-        {name: _read_part(Train, group) for name, group in file["populations"].items()},
-        {name: _read_part(Weights, group) for name, group in file["projections"].items()},
-        {name: _read_part(Trace, group) for name, group in file["traces"].items()},
+        {name: _read_part(Train, group, opener) for name, group in file["populations"].items()},
+        {name: _read_part(Weights, group, opener) for name, group in file["projections"].items()},
+        {name: _read_part(Trace, group, opener) for name, group in file["traces"].items()},
     )
 
 
 P = TypeVar("P", Train, Weights, Trace)
 
 
-def _write_part(group: h5py.Group, part: Any) -> None:
+def write_part(group: h5py.Group, part: Any) -> None:
+    """Write the arrays and attributes of a part that are not there yet."""
     for field in fields(part):
         value = getattr(part, field.name)
+        if field.name in group:
+            continue
         if isinstance(value, np.ndarray):
             packing = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if value.size > _LARGE else {}
             group.create_dataset(field.name, data=value, **packing)
@@ -203,11 +360,11 @@ def _write_part(group: h5py.Group, part: Any) -> None:
             group.attrs[field.name] = value
 
 
-def _read_part(kind: type[P], group: h5py.Group) -> P:
+def _read_part(kind: type[P], group: h5py.Group, opener: Opener) -> P:
     words: dict[str, Any] = {
         field.name: _plain(group.attrs[field.name]) for field in fields(kind) if field.name in group.attrs
     }
-    words |= {name: item[()] for name, item in group.items()}
+    words |= {name: Stored(opener, f"{group.name}/{name}") for name in group}
     if any(field.name == "counts" for field in fields(kind)):
         counts = {name: value for name, value in group.attrs.items() if name.startswith(_COUNT)}
         words["counts"] = {name.removeprefix(_COUNT): int(value) for name, value in counts.items()}

@@ -12,8 +12,11 @@ from neuro.core.quantities import Quantity
 from neuro.core.values import same, shown
 from neuro.model.neurons import Model
 from neuro.model.parts import (
+    AT,
+    CHOSEN,
     DELAY,
     EVERY,
+    MEAN,
     RECORD,
     RESOLUTION,
     SHAPE,
@@ -30,6 +33,7 @@ from neuro.model.parts import (
 )
 from neuro.model.rules import Rule
 from neuro.model.synapses import Synapse, static
+from neuro.model.views import Laid, View
 
 P = TypeVar("P", bound=Part)
 
@@ -88,8 +92,8 @@ class Network(Description):
 
     def connect(
         self,
-        source: Population | str,
-        target: Population | str,
+        source: Population | View | str,
+        target: Population | View | str,
         rule: Rule,
         synapse: Synapse | None = None,
         *,
@@ -97,20 +101,20 @@ class Network(Description):
         delay: Any = 1.0,
         name: str | None = None,
     ) -> Projection:
-        """Connect two populations.
+        """Connect two populations, or some of their neurons.
 
         Args:
-            source: a population of this network, or its name.
+            source: a population of this network, its name, or a view of it such as `exc[:100]`.
             target: likewise.
-            rule: e.g. `neuro.all_to_all()`.
+            rule: e.g. `neuro.all_to_all()`; of views it sees their shapes, and counts their neurons from 0.
             synapse: e.g. `neuro.stdp(Wmax=3.0)`; static if not given.
             weight: a number, an array (one per synapse, see docs), or a distribution.
             delay: the same, in ms.
             name: a new name; `source_target` if not given.
         """
-        label = name if name is not None else f"{getattr(source, 'name', source)}_{getattr(target, 'name', target)}"
+        label = name if name is not None else f"{_called(source)}_{_called(target)}"
         what = f"projection '{label}'"
-        pre, post = self._name_of(source, what, "from"), self._name_of(target, what, "to")
+        (pre, source_view), (post, target_view) = self._neurons(source, what, "from"), self._neurons(target, what, "to")
         self._expect(rule, Rule, what, "a rule such as neuro.all_to_all()")
         chosen = static() if synapse is None else synapse
         self._expect(chosen, Synapse, what, "a synapse such as neuro.static()")
@@ -123,6 +127,8 @@ class Network(Description):
             self._checked(WEIGHT, weight, f"{what}: weight", ("weight",)),
             self._checked(DELAY, delay, f"{what}: delay", ("delay",)),
             self._where(),
+            source_view,
+            target_view,
         )
         return self._add(self.projections, part)
 
@@ -135,12 +141,47 @@ class Network(Description):
         self._expect(choice, Competition, f"group '{name}'", "a group such as neuro.winner_take_all(of='out')")
         return self._add(self.groups, Group(name, choice, self._where()))
 
-    def probe(self, name: str, of: Population | str, record: str = "spikes", *, every: float | None = None) -> Probe:
-        """Record the spikes of a population, or one of its states every `every` ms (each step if not given)."""
+    def probe(
+        self,
+        name: str,
+        of: Population | View | Projection | str,
+        record: str | Iterable[str] = "spikes",
+        *,
+        every: float | None = None,
+        at: str | None = None,
+        mean: bool = False,
+        synapses: Any = None,
+    ) -> Probe:
+        """Record a population or a projection while the network runs.
+
+        Args:
+            name: a new name.
+            of: a population of this network, a view of one, a projection, or its name.
+            record: of a population "spikes", "rate" (spikes of a neuron in a second, the mean of a bin), or one or
+                several of its states; of a projection "weight" or other states of its synapses.
+            every: interval in ms, each step if not given; of a rate the length of its bins.
+            at: "pre_spikes" records the synapses of a neuron that fires, as its spike leaves and is sent with.
+            mean: whether to record the mean over neurons or synapses instead of each.
+            synapses: of a projection, which ones, in the order of its weights; all if not given.
+        """
         what = f"probe '{name}'"
-        interval = self._checked(EVERY, every, f"{what}: every", ("every",))
-        record = self._checked(RECORD, record, f"{what}: record", ("record",))
-        return self._add(self.probes, Probe(name, self._name_of(of, what, "of"), record, interval, self._where()))
+        states = self._checked(RECORD, record, f"{what}: record", ("record",))
+        if not states or len(set(states)) < len(states):
+            told = f"{what}: record = {shown(record)}: expected one or several names, each once"
+            raise ModelError(told, where=self._where(), path=("record",))
+        population, view = self._recorded(of, what)
+        part = Probe(
+            name,
+            population,
+            record if isinstance(record, str) else states,
+            self._checked(EVERY, every, f"{what}: every", ("every",)),
+            self._where(),
+            view,
+            self._checked(AT, at, f"{what}: at", ("at",)),
+            self._checked(MEAN, mean, f"{what}: mean", ("mean",)),
+            None if synapses is None else self._checked(CHOSEN, synapses, f"{what}: synapses", ("synapses",)),
+        )
+        return self._add(self.probes, part)
 
     def trials(self, **words: Any) -> Trials:
         """Say how trials go; the words are those of `neuro.Trials`."""
@@ -190,13 +231,33 @@ class Network(Description):
         except ModelError as error:
             raise error.at(self._where()) from None
 
-    def _name_of(self, population: Population | str, what: str, role: str) -> str:
+    def _neurons(self, of: Population | View | str, what: str, role: str) -> tuple[str, View | None]:
+        """The name of a population, and the view if only some of its neurons are meant."""
+        if isinstance(of, View):
+            return self._name_of(of.population, what, role), of
+        return self._name_of(of, what, role), None
+
+    def _name_of(self, population: Laid | str, what: str, role: str) -> str:
         name = population.name if isinstance(population, Population) else population
         if not isinstance(name, str):
             raise ModelError(f"{what}: {role} = {shown(name)}: expected a name", where=self._where(), path=(role,))
         if name not in self.populations:
             raise unknown("population", name, self.populations, path=(role,)).at(self._where(), what)
+        if isinstance(population, Population) and population is not self.populations[name]:
+            told = f"{what}: {role}: population '{name}' is a part of another network: expected one of '{self.name}'"
+            raise ModelError(told, where=self._where(), hint=f"'{name}' names the one here", path=(role,))
         return name
+
+    def _recorded(self, of: Population | View | Projection | str, what: str) -> tuple[str, View | None]:
+        """The name of a population or a projection, and the view if only some of its neurons are meant."""
+        if isinstance(of, Projection) and self.projections.get(of.name) is not of:
+            told = f"{what}: of: projection '{of.name}' is a part of another network: expected one of '{self.name}'"
+            raise ModelError(told, where=self._where(), path=("of",))
+        name = of.name if isinstance(of, Projection) else of
+        if isinstance(name, str) and name in self.projections and name not in self.populations:
+            return name, None
+        assert not isinstance(of, Projection)
+        return self._neurons(of, what, "of")
 
     def _expect(self, value: object, kind: type | tuple[type, ...], what: str, expected: str) -> None:
         if isinstance(value, type) and issubclass(value, kind):
@@ -206,6 +267,11 @@ class Network(Description):
         else:
             return
         raise ModelError(f"{what}: {message}: expected {expected}", where=self._where(), hint=hint)
+
+
+def _called(end: Population | View | str) -> str:
+    population = end.population if isinstance(end, View) else end
+    return population if isinstance(population, str) else population.name
 
 
 def check_name(name: Any, what: str, where: Where | None) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -13,6 +13,7 @@ from neuro.core.values import same
 from neuro.model.neurons import Model
 from neuro.model.rules import Rule
 from neuro.model.synapses import Synapse
+from neuro.model.views import View, count, view
 
 AUTO = "auto"
 WEIGHT = Quantity(doc="weight: mV or pA by the target's model", arrays=True)
@@ -20,7 +21,12 @@ DELAY = Quantity(unit="ms", doc="delay, a multiple of the resolution", above=0, 
 INITIAL = Quantity(doc="state at time 0", arrays=True)
 RESOLUTION = Quantity(unit="ms", doc="length of a step", above=0)
 EVERY = Quantity(unit="ms", doc="interval between two records; each step if not given", above=0, optional=True)
-RECORD = Quantity(doc="spikes, or a state of the population's model", kind="name")
+RECORD = Quantity(
+    doc="spikes, rate, or one or several states: of a population's neurons, or of a projection's synapses", kind="names"
+)
+AT = Quantity(doc="when to record, if not every so often", kind="word", words=("pre_spikes",), optional=True)
+MEAN = Quantity(doc="whether to record the mean instead of each", kind="boolean")
+CHOSEN = Quantity(doc="synapses of a projection, in the order of its weights; all if not given", kind="ids")
 SHAPE = Quantity(
     doc="number of neurons, or sizes of the axes; auto where a grid decides", kind="shape", at_least=1, words=(AUTO,)
 )
@@ -46,6 +52,9 @@ class Part:
 class Population(Part):
     """Neurons of one model, laid out in a shape.
 
+    An index chooses some of them, see `View`: `exc[:100]`, `exc[::2]`, `exc[mask]`, `grid[2:4, :]`. `len` and iteration
+    count neurons, and each is a view of one.
+
     Attributes:
         shape: sizes of the axes; `"auto"` where a grid projection decides.
         model: what each neuron is.
@@ -58,10 +67,24 @@ class Population(Part):
     initial: Mapping[str, Value] = field(default_factory=dict)
     origin: Where | None = None
 
+    def __getitem__(self, index: Any) -> View:
+        return view(self, index)
+
+    def __len__(self) -> int:
+        return count(self)
+
+    def __iter__(self) -> Iterator[View]:
+        return iter(view(self, ...))
+
 
 @dataclass(frozen=True, eq=False)
 class Projection(Part):
-    """Connections from one population to another, by one rule and with one synapse model."""
+    """Connections from one population to another, by one rule and with one synapse model.
+
+    Attributes:
+        source, target: the populations.
+        source_view, target_view: the neurons of each that the rule sees; None: all.
+    """
 
     word: ClassVar[str] = "projection"
     source: str
@@ -71,6 +94,8 @@ class Projection(Part):
     weight: Value
     delay: Value
     origin: Where | None = None
+    source_view: View | None = None
+    target_view: View | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,13 +219,32 @@ class Group(Part):
 
 @dataclass(frozen=True, eq=False)
 class Probe(Part):
-    """What to record of a population: its spikes, or a state at intervals of `every` ms (None: each step)."""
+    """What to record of a population or a projection: spikes, or states at intervals of `every` ms (None: each step).
+
+    Attributes:
+        of: the name of the population or projection.
+        record: "spikes", "rate", a state, or several states.
+        at: "pre_spikes" records synapses as each pre spike leaves them.
+        mean: whether the mean over neurons or synapses is recorded instead of each.
+        synapses: which ones of a projection, in the order of its weights; None: all.
+        view: the neurons of a population that are recorded; None: all.
+    """
 
     word: ClassVar[str] = "probe"
     of: str
-    record: str
+    record: str | tuple[str, ...]
     every: float | None = None
     origin: Where | None = None
+    view: View | None = None
+    at: str | None = None
+    mean: bool = False
+    synapses: Value | None = None
+
+    def traces(self) -> dict[str, str]:
+        """The name of the trace of each state; one of several states has a name of its own."""
+        if isinstance(self.record, str):
+            return {self.record: self.name}
+        return {state: f"{self.name}.{state}" for state in self.record}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

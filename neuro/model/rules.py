@@ -29,9 +29,10 @@ class Rule(Choice):
         """The pairs of neurons that are connected, in any order; a pair may come twice.
 
         Args:
-            source: sizes of the axes of the source; its neurons are counted from 0 in C order.
+            source: sizes of the axes of the source, of a view those of the view; its neurons are counted from 0 in C
+                order.
             target: of the target.
-            same: whether both are one population.
+            same: whether both are the same neurons.
             rng: draws the same numbers in each run of a network, others with another seed.
 
         Returns:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any, Protocol, runtime_checkable
@@ -47,6 +47,21 @@ class Spikes:
     steps: Ints
     ids: Ints
     multiplicity: NDArray[np.int32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sent:
+    """A state of synapses as pre spikes have left it, and with which they are sent, by step.
+
+    Attributes:
+        steps: of the emission.
+        synapses: their places in the order of the program's weights.
+        values: of the state.
+    """
+
+    steps: Ints
+    synapses: Ints
+    values: Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,8 +161,8 @@ class Engine(Protocol):
     def signal(self, signal: int, values: Floats) -> None:
         """Set the dopamine concentration of every synapse that listens to a signal, one value per post neuron."""
 
-    def get(self, population: int, name: str) -> Floats:
-        """A state or parameter, shape (size,)."""
+    def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
+        """A state or parameter of all neurons, or of those of `ids` in their order; a copy."""
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:
         """Change states and parameters together, all or none; acts from the next step on.
@@ -165,8 +180,8 @@ class Engine(Protocol):
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model, all of them, in the order of `Synapse.vector`."""
 
-    def set_weights(self, projection: int, weights: Floats) -> None:
-        """Replace all weights."""
+    def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
+        """Replace all weights, or those that are chosen of them: the others are what a read shows, and stay."""
 
     def spikes(self, population: int, since: int) -> Spikes:
         """Recorded spikes with step > since."""
@@ -234,6 +249,41 @@ class Registers(Protocol):
 
     def synapse_registers(self, projection: int, name: str) -> Ints:
         """A register of every synapse, in the order of the program's weights."""
+
+
+@runtime_checkable
+class Notes(Protocol):
+    """An engine that notes what pre spikes leave in synapses that learn from spike pairs."""
+
+    def noted(self, probe: int) -> Sent:
+        """What those of the program's `synapse_probes` number `probe` were left with since this was last asked."""
+
+
+@runtime_checkable
+class Samples(Protocol):
+    """An engine that reads states of neurons by itself while it runs, in the steps that are multiples of a probe's."""
+
+    @property
+    def samples(self) -> Collection[int]:
+        """The numbers of those of the program's `probes` that it reads."""
+
+    def sampled(self, probe: int) -> tuple[Ints, Floats]:
+        """Steps, and the values in them, shape (steps, neurons), of one of them since this was last asked."""
+
+
+def unnoted(program: Program) -> list[Problem]:
+    """The problems of a backend whose engine does not note what pre spikes leave."""
+    return [
+        Problem(
+            True,
+            f"probe '{probe.name}': {probe.record} at pre spikes",
+            "weights that learn are shown between steps only",
+            "record it every so many ms, or run it on backend 'event'",
+            probe.origin,
+        )
+        for probe in program.synapse_probes
+        if not probe.every and program.projections[probe.projection].synapse.learns == "pairs"
+    ]
 
 
 def unreadable(shows: Backend | Engine) -> frozenset[str]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from neuro.core.errors import Where
 from neuro.model.neurons import Model
 from neuro.model.parts import Competition
-from neuro.model.synapses import DelayRule, Synapse
+from neuro.model.synapses import K_PLUS, DelayRule, Synapse
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -160,6 +160,16 @@ class Projection:
         return bool(np.all(arriving <= 0.0 if self.receptor.index == 1 else arriving >= 0.0))
 
 
+def synapse_states(part: Projection) -> list[str]:
+    """What can be read of a projection's synapses."""
+    names = ["weight", *(state.name for state in part.synapse.states if not state.hidden)]
+    if part.synapse.learns == "pairs" and part.synapse.pre[:1] == (K_PLUS,):
+        names.append("K_plus")
+    if part.synapse.modulated:
+        names.append("n")
+    return names
+
+
 @dataclass(frozen=True, slots=True)
 class Signal:
     """A signal and the index of the population it goes to."""
@@ -179,14 +189,38 @@ class Group:
     origin: Where | None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Probe:
-    """What to record: "spikes" or a state, every `every` steps."""
+    """What to record of a population: "spikes", its "rate" or a state, every `every` steps; or the mean of a state.
+
+    `ids` are the neurons, in this order (None: all).
+    """
 
     name: str
     population: int
     record: str
     every: int
+    origin: Where | None
+    ids: Ints | None = None
+    mean: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SynapseProbe:
+    """A state of synapses to record.
+
+    Attributes:
+        every: steps between two records; 0: as each pre spike leaves them.
+        synapses: which ones, in the order of the weights, ascending; None: all.
+        mean: whether their mean is recorded instead of each.
+    """
+
+    name: str
+    projection: int
+    record: str
+    every: int
+    synapses: Ints | None
+    mean: bool
     origin: Where | None
 
 
@@ -239,6 +273,7 @@ class Program:
     groups: tuple[Group, ...]
     probes: tuple[Probe, ...]
     trials: Trials | None
+    synapse_probes: tuple[SynapseProbe, ...] = ()
 
     def connections(self, index: int) -> tuple[Ints, Ints]:
         """Source and target of every synapse of a projection, in the order of its weights (not for a grid)."""

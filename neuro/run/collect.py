@@ -5,16 +5,19 @@ from __future__ import annotations
 import platform
 import tempfile
 from collections.abc import Collection
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from neuro.core.version import VERSION
 from neuro.files.results import YAML, Results, Trace, Train, Weights
 from neuro.model.network import Network
-from neuro.program.program import Population, Projection
+from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
+from neuro.program.program import Population, Probe, Projection, SynapseProbe
+from neuro.run.recorder import columns
 from neuro.run.simulation import Simulation
 
 SMALL = 1_000_000
@@ -34,7 +37,22 @@ def collect(
             network and seed.
     """
     program, counts = sim.program, sim.counts()
-    about = {
+    keep = record or [part.name for part in program.populations]
+    probes = [probe for probe in (*program.probes, *program.synapse_probes) if probe.record != "spikes"]
+    return Results(
+        {**about(sim, threads), "finished": True},
+        files_of(net),
+        {p.name: _train(sim, p, p.name in keep, counts) for p in program.populations},
+        {p.name: weights_of(sim, p, counts, all_weights=all_weights) for p in program.projections},
+        {p.name: _trace(sim, p) for p in probes},
+    )
+
+
+def about(sim: Simulation, threads: int) -> dict[str, Any]:
+    """What a run is of, how far it is, and what it has taken."""
+    program, counts = sim.program, sim.counts()
+    totals = ("steps", "spikes", "neuron_updates", "neuron_updates_active", "synaptic_ops", "learning_updates")
+    return {
         "network": program.name,
         "backend": sim.backend,
         "seed": program.seed,
@@ -44,17 +62,8 @@ def collect(
         "neuro": VERSION,
         "python": platform.python_version(),
         **{name: version(name) for name in ("numpy", "numba")},
+        **{f"counts.{name}": getattr(counts, name) for name in totals},
     }
-    totals = ("steps", "spikes", "neuron_updates", "neuron_updates_active", "synaptic_ops", "learning_updates")
-    about |= {f"counts.{name}": getattr(counts, name) for name in totals}
-    keep = record or [part.name for part in program.populations]
-    return Results(
-        about,
-        files_of(net),
-        {p.name: _train(sim, p, p.name in keep, asdict(counts.populations[p.name])) for p in program.populations},
-        {p.name: _weights(sim, p, all_weights, asdict(counts.projections[p.name])) for p in program.projections},
-        _traces(sim),
-    )
 
 
 def files_of(net: Network) -> dict[str, bytes]:
@@ -64,33 +73,74 @@ def files_of(net: Network) -> dict[str, bytes]:
         return {file.name: file.read_bytes() for file in sorted(Path(folder).iterdir())}
 
 
-def _train(sim: Simulation, part: Population, kept: bool, counts: dict[str, int]) -> Train:
-    recorded = kept and part.records
-    times, ids = sim.spikes(part.name) if recorded else (np.zeros(0), np.zeros(0, np.int64))
+def _train(sim: Simulation, part: Population, kept: bool, counts: Counts) -> Train:
+    empty = no_spikes(part, kept, counts)
+    if not empty.recorded:
+        return empty
+    times, ids = sim.spikes(part.name)
     first = np.ones(times.size, bool)
     first[1:] = (times[1:] != times[:-1]) | (ids[1:] != ids[:-1])
     at = np.flatnonzero(first)
     multiplicity = np.diff(at, append=times.size).astype(np.int32)
-    return Train(part.model.name, part.shape, counts, recorded, times[at], ids[at], multiplicity)
+    return replace(empty, times_ms=times[at], ids=ids[at], multiplicity=multiplicity)
 
 
-def _weights(sim: Simulation, part: Projection, every: bool, counts: dict[str, int]) -> Weights:
+def no_spikes(part: Population, kept: bool, counts: Counts) -> Train:
+    """A population without its spikes."""
+    recorded, none = kept and part.records, np.zeros(0, np.int64)
+    count = asdict(counts.populations[part.name])
+    return Train(part.model.name, part.shape, count, recorded, np.zeros(0), none, none.astype(np.int32))
+
+
+def weights_of(
+    sim: Simulation, part: Projection, counts: Counts, *, all_weights: bool = False, kept: bool = True
+) -> Weights:
+    """A projection, with its weights if they are kept."""
     names = [population.name for population in sim.program.populations]
-    about = (names[part.source], names[part.target], part.synapse.name, part.size, counts)
-    if not (every or part.synapse.learns or part.size <= SMALL):
-        return Weights(*about)
+    about = (names[part.source], names[part.target], part.synapse.name, part.size)
+    words = (*about, asdict(counts.projections[part.name]))
+    if not kept or not (all_weights or part.synapse.learns or part.size <= SMALL):
+        return Weights(*words)
     if part.grid is not None:
-        return Weights(*about, weight=sim.weights(part.name))
+        return Weights(*words, weight=sim.weights(part.name))
     delay = sim.get(part.name, "delay") if part.synapse.delays else None
     pre, post, weight = sim.weights(part.name)
-    return Weights(*about, pre, post, weight, delay)
+    return Weights(*words, pre, post, weight, delay)
 
 
-def _traces(sim: Simulation) -> dict[str, Trace]:
-    traces = {}
-    for probe in sim.program.probes:
-        if probe.record != "spikes":
-            population = sim.program.populations[probe.population]
-            unit = next((s.unit for s in population.model.states if s.name == probe.record), "")
-            traces[probe.name] = Trace(population.name, probe.record, unit, *sim.trace(probe.name))
-    return traces
+def _trace(sim: Simulation, probe: Probe | SynapseProbe) -> Trace:
+    times, values = sim.trace(probe.name)
+    if isinstance(values, dict):
+        ends = {"pre": values["pre"], "post": values["post"]}
+        return replace(trace_of(sim, probe), times_ms=times, values=values[probe.record], **ends)
+    return replace(trace_of(sim, probe), times_ms=times, values=values)
+
+
+def trace_of(sim: Simulation, probe: Probe | SynapseProbe) -> Trace:
+    """A trace of which nothing is recorded yet."""
+    about: dict[str, Any] = {"probe": sim.handles.of_trace(probe.name), "mean": probe.mean}
+    if isinstance(probe, Probe):
+        population = sim.program.populations[probe.population]
+        states = {state.name: state.unit for state in population.model.states}
+        unit = "Hz" if probe.record == "rate" else states[probe.record]
+        none = np.zeros((0, columns(sim.program, probe)))
+        ids = None if probe.mean or probe.record == "rate" else probe.ids
+        return Trace(population.name, probe.record, unit, np.zeros(0), none, ids=ids, **about)
+    part = sim.program.projections[probe.projection]
+    unit = {state.name: state.unit for state in part.synapse.states}.get(probe.record, "")
+    none = np.zeros(0 if probe.every == 0 else (0, columns(sim.program, probe)))
+    about["projection"] = part.name
+    if probe.every == 0:
+        ends = (np.zeros(0, np.int64), np.zeros(0, np.int64))
+    elif part.grid is not None or probe.mean:
+        return Trace("", probe.record, unit, np.zeros(0), none, **about)
+    else:
+        chosen = slice(None) if probe.synapses is None else probe.synapses
+        pre, post = sim.program.connections(probe.projection)
+        ends = (pre[chosen], post[chosen])
+    return Trace("", probe.record, unit, np.zeros(0), none, pre=ends[0], post=ends[1], **about)
+
+
+def counts_of(part: PopulationCounts | ProjectionCounts) -> dict[str, int]:
+    """Counts as attributes of a file."""
+    return {f"counts.{name}": count for name, count in asdict(part).items()}

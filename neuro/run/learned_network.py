@@ -12,7 +12,7 @@ from neuro.core.clock import Clock
 from neuro.core.quantities import word_of
 from neuro.model.network import Network
 from neuro.model.parts import Population, Projection
-from neuro.model.rules import all_to_all, grid, one_to_one, pairs
+from neuro.model.rules import all_to_all, grid, pairs
 from neuro.model.synapses import Synapse
 from neuro.model.synapses.delays import steps_of
 from neuro.program.backend import Engine
@@ -44,7 +44,10 @@ def learnt_network(
         copy.projections[projection.name] = _projection(
             net.projections[projection.name], projection, program, index, engine, clock, rules[index]
         )
-    copy.signals, copy.groups, copy.probes = dict(net.signals), dict(net.groups), dict(net.probes)
+    copy.signals, copy.groups = dict(net.signals), dict(net.groups)
+    for name, probe in net.probes.items():
+        view = None if probe.view is None else copy.populations[probe.of][probe.view.index]
+        copy.probes[name] = replace(probe, view=view)
     copy.trials_section, copy.trials_origin = net.trials_section, net.trials_origin
     return copy
 
@@ -80,10 +83,11 @@ def _projection(
     elif isinstance(rule, grid) and resolved.grid is not None:
         kernels = weight.reshape(resolved.grid.kernels)
         return replace(part, synapse=synapse, weight=kernels, delay=float(delay[0]))
-    elif not isinstance(rule, one_to_one):
+    elif resolved.layout != "one_to_one":
         pre, post = program.connections(index)
         rule = pairs(pre=pre, post=post)
-    return replace(part, rule=rule, synapse=synapse, weight=shape(weight), delay=shape(delay))
+    whole = replace(part, source_view=None, target_view=None)
+    return replace(whole, rule=rule, synapse=synapse, weight=shape(weight), delay=shape(delay))
 
 
 def _steps(part: ResolvedProjection, index: int, engine: Engine, h: float) -> Ints:

@@ -7,10 +7,11 @@ from numpy.typing import ArrayLike
 
 from neuro.coding.arguments import finite
 from neuro.core.errors import ModelError
+from neuro.model.parts import Projection
 from neuro.run.simulation import Simulation
 
 
-def normalise(sim: Simulation, projection: str, total: ArrayLike) -> None:
+def normalise(sim: Simulation, projection: Projection | str, total: ArrayLike) -> None:
     """Scale the weights onto each post neuron so that they have a given sum; call it now and then while it learns.
 
     The weights are those that `sim.weights` shows: of `stdp` and its like those sent last, so what post spikes have
@@ -18,7 +19,7 @@ def normalise(sim: Simulation, projection: str, total: ArrayLike) -> None:
 
     Args:
         sim: the simulation.
-        projection: its name; of a grid the weights of each map are scaled.
+        projection: the projection or its name; of a grid the weights of each map are scaled.
         total: the sum, in the unit of the weights: a number, or one for each post neuron (of a grid: map).
 
     Raises:
@@ -28,12 +29,13 @@ def normalise(sim: Simulation, projection: str, total: ArrayLike) -> None:
     Source: Diehl & Cook, Front. Comput. Neurosci. 9:99, 2015; von der Malsburg, Kybernetik 14:85, 1973.
     """
     found = sim.weights(projection)
+    part = sim.program.projections[sim.handles.projection(projection)]
     shared = not isinstance(found, tuple)
     weights = found.reshape(-1) if shared else found[2]
     onto = np.repeat(np.arange(len(found)), found[0].size) if shared else found[1]
     sums = np.bincount(onto, weights)
     wanted = finite(total, "total")
-    size = len(found) if shared else _targets(sim, projection)
+    size = len(found) if shared else sim.program.populations[part.target].size
     if wanted.shape not in ((), (size,)):
         raise ModelError(f"total has the shape {list(wanted.shape)}, expected a number or [{size}]", path=("total",))
     wanted = np.broadcast_to(wanted, size)[: sums.size]
@@ -42,14 +44,8 @@ def normalise(sim: Simulation, projection: str, total: ArrayLike) -> None:
     if bad.size:
         what = "map" if shared else "neuron"
         raise ModelError(
-            f"normalise: the weights of '{projection}' onto {what} {bad[0]} have the sum {sums[bad[0]]:g}: "
+            f"normalise: the weights of '{part.name}' onto {what} {bad[0]} have the sum {sums[bad[0]]:g}: "
             f"expected a sum that can be scaled to {wanted[bad[0]]:g}, of its sign and not 0"
         )
     scale = np.divide(wanted, sums, out=np.ones(sums.size), where=reached)
     sim.set_weights(projection, (weights * scale[onto]).reshape(found.shape if shared else -1))
-
-
-def _targets(sim: Simulation, projection: str) -> int:
-    """Neurons of the target of a projection."""
-    part = next(p for p in sim.program.projections if p.name == projection)
-    return int(sim.program.populations[part.target].size)

@@ -1,54 +1,169 @@
-"""Probes of states: the run is cut where one is due, so that any backend can be probed."""
+"""Probes: the run is cut where one is due, so that any backend can be probed."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
-from neuro.program.backend import Engine
-from neuro.program.program import Floats, Ints, Program
+from neuro.program.backend import Engine, Samples
+from neuro.program.program import Floats, Ints, Probe, Program, SynapseProbe
+from neuro.run.pre_spikes import PreSpikes
 
 
-class Recorder:
-    """Records the states that probes ask for, at the steps that are multiples of their interval.
+class Series:
+    """What one probe has recorded, by step.
 
     Args:
-        program: names the probes.
+        columns: how many numbers it records each time.
     """
 
-    def __init__(self, program: Program) -> None:
-        self.probes = {p.name: p for p in program.probes if p.record != "spikes"}
-        self.sizes = {name: program.populations[p.population].size for name, p in self.probes.items()}
-        self.clear()
+    def __init__(self, columns: int) -> None:
+        self._columns = columns
+        self._steps: list[int] = []
+        self._values: list[Floats] = []
 
-    def clear(self) -> None:
-        """Forget everything."""
-        self.steps: dict[str, list[int]] = {name: [] for name in self.probes}
-        self.values: dict[str, list[Floats]] = {name: [] for name in self.probes}
+    def add(self, step: int, values: Floats) -> None:
+        """Keep the values of a step."""
+        self._steps.append(step)
+        self._values.append(values)
 
-    def run(self, engine: Engine, steps: int) -> None:
-        """Advance an engine, recording on the way."""
-        end = engine.step + steps
-        while engine.step < end:
-            now = engine.step
-            stop = min((now - now % p.every + p.every for p in self.probes.values()), default=end)
-            engine.run(min(stop, end) - now)
-            for name, probe in self.probes.items():
-                if engine.step % probe.every == 0:
-                    self.steps[name].append(engine.step)
-                    self.values[name].append(engine.get(probe.population, probe.record))
+    def extend(self, steps: Ints, values: Floats) -> None:
+        """Keep the values of many steps, shape (steps, columns)."""
+        self._steps += steps.tolist()
+        self._values += list(values)
 
-    def read(self, name: str) -> tuple[Ints, Floats]:
-        """Steps, and the values in them, shape (steps, neurons)."""
-        steps = np.array(self.steps[name], dtype=np.int64)
-        values = np.array(self.values[name], dtype=np.float64).reshape(len(steps), self.sizes[name])
-        return steps, values
+    def read(self) -> tuple[Ints, Floats]:
+        """Steps, and the values in them, shape (steps, columns)."""
+        steps = np.array(self._steps, dtype=np.int64)
+        return steps, np.array(self._values, dtype=np.float64).reshape(len(steps), self._columns)
 
-    def put(self, name: str, steps: Ints, values: Floats) -> None:
+    def take(self) -> tuple[Ints, Floats]:
+        """Likewise; it is forgotten."""
+        found = self.read()
+        self._steps, self._values = [], []
+        return found
+
+    def put(self, steps: Ints, values: Floats) -> None:
         """Set what has been recorded."""
-        self.steps[name], self.values[name] = steps.tolist(), list(values)
+        self._steps, self._values = steps.tolist(), list(values)
 
     def forget(self, before: int) -> None:
         """Drop what was recorded up to a step."""
-        for name, steps in self.steps.items():
-            first = int(np.searchsorted(steps, before, side="right"))
-            del self.steps[name][:first], self.values[name][:first]
+        first = int(np.searchsorted(self._steps, before, side="right"))
+        del self._steps[:first], self._values[:first]
+
+
+class Recorder:
+    """Records what the probes of a program ask for: states at the steps that are multiples of their interval.
+
+    Args:
+        program: names the probes.
+        engine: runs it.
+
+    Attributes:
+        series: by name, what is recorded every so many steps.
+        pre_spikes: by name, what is recorded as pre spikes leave it.
+    """
+
+    def __init__(self, program: Program, engine: Engine) -> None:
+        self._engine = engine
+        probes = [p for p in program.probes if p.record != "spikes"]
+        self._due: dict[str, Probe | SynapseProbe] = {p.name: p for p in probes}
+        self._due |= {p.name: p for p in program.synapse_probes if p.every}
+        self._sampled: dict[str, int] = {}
+        self.series = {name: Series(columns(program, probe)) for name, probe in self._due.items()}
+        self.pre_spikes = {
+            p.name: PreSpikes(program, index) for index, p in enumerate(program.synapse_probes) if not p.every
+        }
+        if isinstance(engine, Samples):
+            self._sampled = {program.probes[number].name: number for number in engine.samples}
+            self._due = {name: probe for name, probe in self._due.items() if name not in self._sampled}
+        self._counted = {p.name: (0, 0) for p in probes if p.record == "rate"}
+        self._resolution = program.resolution
+
+    def clear(self) -> None:
+        """Forget everything."""
+        for series in self.series.values():
+            series.put(np.zeros(0, dtype=np.int64), np.zeros(0))
+        for sent in self.pre_spikes.values():
+            sent.clear()
+        self._counted = dict.fromkeys(self._counted, (0, 0))
+
+    def run(self, steps: int) -> None:
+        """Advance the engine, recording on the way."""
+        engine = self._engine
+        if not self._due:
+            engine.run(steps)
+        else:
+            end = engine.step + steps
+            while engine.step < end:
+                now = engine.step
+                engine.run(min(end, *(now - now % p.every + p.every for p in self._due.values())) - now)
+                for name, probe in self._due.items():
+                    if engine.step % probe.every == 0:
+                        self.series[name].add(engine.step, self._values(probe))
+        if isinstance(engine, Samples):
+            for name, number in self._sampled.items():
+                self.series[name].extend(*engine.sampled(number))
+        for sent in self.pre_spikes.values():
+            sent.look(engine)
+
+    def _values(self, probe: Probe | SynapseProbe) -> Floats:
+        if isinstance(probe, SynapseProbe):
+            values = self._engine.get_synapses(probe.projection, probe.record)
+            values = values if probe.synapses is None else values[probe.synapses]
+        elif probe.record == "rate":
+            return self._rate(probe)
+        else:
+            values = self._engine.get(probe.population, probe.record, probe.ids)
+        return values.mean(keepdims=True) if probe.mean else values
+
+    def _rate(self, probe: Probe) -> Floats:
+        """Spikes of a neuron in a second, the mean since the last record."""
+        spikes = self._engine.counts().spikes[probe.population]
+        spikes = spikes if probe.ids is None else spikes[probe.ids]
+        before, since = self._counted[probe.name]
+        total, step = int(spikes.sum()), self._engine.step
+        self._counted[probe.name] = total, step
+        return np.array([(total - before) / (spikes.size * (step - since) * self._resolution * 1e-3)])
+
+    def forget(self, before: int) -> None:
+        """Drop what was recorded up to a step."""
+        for series in self.series.values():
+            series.forget(before)
+        for sent in self.pre_spikes.values():
+            sent.forget(before)
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """All that has been recorded."""
+        arrays: dict[str, NDArray[Any]] = {}
+        for name, series in self.series.items():
+            arrays[f"{name}/steps"], arrays[f"{name}/values"] = series.read()
+        for name, counted in self._counted.items():
+            arrays[f"{name}/counted"] = np.array(counted)
+        for name, sent in self.pre_spikes.items():
+            arrays |= {f"{name}/{word}": array for word, array in sent.snapshot().items()}
+        return arrays
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Take over a snapshot."""
+        for name, series in self.series.items():
+            series.put(arrays[f"{name}/steps"], arrays[f"{name}/values"])
+        for name in self._counted:
+            spikes, step = arrays[f"{name}/counted"].tolist()
+            self._counted[name] = spikes, step
+        for name, sent in self.pre_spikes.items():
+            words = [key.removeprefix(f"{name}/") for key in arrays if key.startswith(f"{name}/")]
+            sent.restore({word: arrays[f"{name}/{word}"] for word in words})
+
+
+def columns(program: Program, probe: Probe | SynapseProbe) -> int:
+    """How many numbers a probe records each time."""
+    if probe.mean or probe.record == "rate":
+        return 1
+    if isinstance(probe, SynapseProbe):
+        return program.projections[probe.projection].size if probe.synapses is None else probe.synapses.size
+    return program.populations[probe.population].size if probe.ids is None else probe.ids.size

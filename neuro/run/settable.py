@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
@@ -19,9 +20,10 @@ from neuro.core.quantities import Quantity, word_of
 from neuro.core.values import FromFile, shown
 from neuro.model.distributions import Distribution
 from neuro.model.neurons import Model
-from neuro.model.synapses import K_PLUS, Synapse
+from neuro.model.synapses import Synapse
 from neuro.program.backend import Engine
-from neuro.program.program import Floats, Ints, Population, Program, Projection
+from neuro.program.program import Floats, Ints, Population, Program, Projection, synapse_states
+from neuro.run.handles import Neurons
 
 _WEIGHT = Quantity(arrays=True)
 _FIXED = ("deliver_interval",)
@@ -52,26 +54,32 @@ def states(part: Population) -> list[str]:
     return [state.name for state in part.model.states if not state.hidden]
 
 
-def synapse_states(part: Projection) -> list[str]:
-    """What can be read of a projection's synapses."""
-    names = ["weight", *(state.name for state in part.synapse.states if not state.hidden)]
-    if part.synapse.learns == "pairs" and part.synapse.pre[:1] == (K_PLUS,):
-        names.append("K_plus")
-    if part.synapse.modulated:
-        names.append("n")
-    return names
-
-
-def new_values(part: Population, word: str, value: Any, seed: int, step: int) -> Floats:
-    """Values of a state or parameter, shape (1,) or (size,).
+def new_values(neurons: Neurons, word: str, value: Any, engine: Engine, seed: int) -> Floats:
+    """Values of a state or parameter of a population, shape (1,) or (size,), of which some are new.
 
     Args:
-        part: the population.
+        neurons: those that are given values.
         word: the state or parameter.
         value: a number, an array or a distribution.
+        engine: has the values of the others; draws differ from step to step.
         seed: of a distribution's draws.
-        step: the present one; draws differ from step to step.
     """
+    part, ids = neurons.part, neurons.ids
+    q = _settable(part, word)
+    what = f"{part.name}.{word}"
+    key = (seed, "set", f"{what}@{engine.step}")
+    if ids is None:
+        return _one_or_each(q, value, part.shape, what, key)
+    values = engine.get(neurons.index, word)
+    if isinstance(value, Distribution):  # drawn for all, so that a neuron gets the same in whatever view
+        values[ids] = _one_or_each(q, value, part.shape, what, key)[ids]
+    else:
+        values[ids] = _one_or_each(q, value, neurons.end.shape, what, key)
+    return values
+
+
+def _settable(part: Population, word: str) -> Quantity:
+    """A parameter or state of a population that can be set."""
     if word in part.parameters:
         q = _quantities(part.model)[word]
     elif word in states(part):
@@ -85,13 +93,18 @@ def new_values(part: Population, word: str, value: Any, seed: int, step: int) ->
                 f"{part.model.name}.{word} of '{part.name}' is fixed: change the network and compile again"
             )
         raise unknown("parameter or state", word, known).at(None, f"population '{part.name}'")
-    what = f"{part.name}.{word}"
-    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == (part.size,) and _inside(q, value):
+    return q
+
+
+def _one_or_each(q: Quantity, value: Any, shape: tuple[int, ...], what: str, key: tuple[int, str, str]) -> Floats:
+    """Values of neurons of a shape, shape (1,) or (size,)."""
+    size = math.prod(shape)
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == (size,) and _inside(q, value):
         return value
     if q.kind == "boolean":
         return np.array([float(check(q, value, what))])
     accepted = check(q, value, what)
-    array = per_neuron(accepted, part.shape, what, (seed, "set", f"{what}@{step}"))
+    array = per_neuron(accepted, shape, what, key)
     if isinstance(accepted, (Distribution, FromFile)):
         check(q, array, what)
     return array
@@ -158,8 +171,6 @@ def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any]) -> Syna
 def _no_parameter(part: Projection, rule: Synapse, word: str, known: list[str]) -> ModelError:
     """The error for a word that is no parameter of a rule, told by what it is."""
     told = f"{rule.name}.{word} of '{part.name}' is"
-    if word == "weight":
-        return ModelError(f"{told} set for each synapse", hint=f"sim.set_weights('{part.name}', ...) sets it")
     if word in synapse_states(part):
         message = f"{told} a state of its synapses, which is read and not set"
         return ModelError(message, hint=f"sim.get('{part.name}', '{word}') reads it")
@@ -191,13 +202,23 @@ def check_rule(part: Projection, rule: Synapse, weight: Floats) -> None:
         )
 
 
-def new_weights(part: Projection, rule: Synapse, weights: ArrayLike) -> Floats:
-    """Weights of every synapse (of a grid: of its kernels), shape (size,)."""
+def new_weights(
+    part: Projection, rule: Synapse, weights: ArrayLike, among: tuple[Floats, NDArray[np.bool_]] | None = None
+) -> Floats:
+    """Weights of every synapse (of a grid: of its kernels), shape (size,).
+
+    Args:
+        part: the projection.
+        rule: its present synapse model.
+        weights: the new ones, a number or an array.
+        among: if only some change, the weights of all and which of them change.
+    """
     given = check(_WEIGHT, weights, f"weights of '{part.name}'")
     if isinstance(given, Distribution | FromFile):
         raise ModelError(f"weights of '{part.name}' = {shown(given)}: expected a number or an array", hint=_DRAWN)
     array = np.asarray(given, dtype=np.float64)
-    shapes: list[tuple[int, ...]] = [(part.size,)]
+    size = part.size if among is None else int(np.count_nonzero(among[1]))
+    shapes: list[tuple[int, ...]] = [(size,)]
     if part.grid is not None:
         shapes.append(part.grid.kernels)
     if array.ndim and array.shape not in shapes:
@@ -205,7 +226,11 @@ def new_weights(part: Projection, rule: Synapse, weights: ArrayLike) -> Floats:
             f"weights of '{part.name}': an array of shape {list(array.shape)}: "
             f"expected {' or '.join(str(list(s)) for s in reversed(shapes))}"
         )
-    full = np.broadcast_to(array.reshape(-1), part.size) + 0.0
+    full = np.broadcast_to(array.reshape(-1), size) + 0.0
+    if among is not None:
+        every, chosen = among[0].copy(), among[1]
+        every[chosen] = full
+        full = every
     check_rule(part, rule, full)
     try:
         check_conductance(part.receptor, full)
@@ -214,10 +239,15 @@ def new_weights(part: Projection, rule: Synapse, weights: ArrayLike) -> Floats:
     return full
 
 
-def new_spikes(clock: Clock, times: ArrayLike, ids: ArrayLike, size: int) -> tuple[Ints, Ints]:
-    """Steps and neurons of spikes, sorted by step, then neuron."""
+def new_spikes(clock: Clock, times: ArrayLike, ids: ArrayLike | None, of: Neurons) -> tuple[Ints, Ints]:
+    """Steps and neurons of spikes, sorted by step, then neuron; without ids each neuron of those emits at all times."""
     steps = clock.steps(_listed(numbers(times, "times"), "times"), "times")
-    neurons = _listed(neuron_ids(ids, size), "ids")
+    if ids is None:
+        every = np.flatnonzero(of.among())
+        steps, ids = np.repeat(steps, every.size), np.tile(every, steps.size)
+    neurons = _listed(neuron_ids(ids, of.part.size), "ids")
+    if of.ids is not None and (outside := np.flatnonzero(~of.among()[neurons])).size:
+        raise ModelError(f"ids[{outside[0]}] = {neurons[outside[0]]}: expected a neuron of {of.text}")
     if steps.shape != neurons.shape:
         raise ModelError(f"{steps.size} times and {neurons.size} ids: expected as many of each")
     order = np.lexsort((neurons, steps))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from os import PathLike
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from neuro.compiler import compile_network
 from neuro.core.checks import check, is_number
@@ -22,20 +23,23 @@ from neuro.core.values import shown
 from neuro.files.state import Identity, fingerprint, read_state, write_state
 from neuro.model.network import Network
 from neuro.model.neurons import Generator, Neuron, spike_generator
+from neuro.model.parts import Population, Probe, Projection, Signal
+from neuro.model.views import View
 from neuro.program.backend import Backend, Engine, Problem, Registers, find_backend, unreadable
 from neuro.program.counts import Counts, Tally
 from neuro.program.program import Floats, Ints, Program
 from neuro.run import settable
-from neuro.run.finite import Watch, check_weights
+from neuro.run.finite import Watch
+from neuro.run.handles import Handles, Neurons
 from neuro.run.learned_network import learnt_network
 from neuro.run.recorder import Recorder
+from neuro.run.synapses import Synapses
 from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
 
 if TYPE_CHECKING:
     from neuro.chips.pricing.energy import Energy
+    from neuro.run.recording import Recording
 
-T = TypeVar("T")
-_SMALL = 1_000_000
 _THREADS = Quantity(kind="integer", at_least=1, at_most=max(64, os.cpu_count() or 1))
 _FLAG = Quantity(kind="boolean")
 
@@ -109,36 +113,31 @@ def _report(backend: str, problems: Iterable[Problem]) -> None:
         warnings.warn(f"backend '{backend}': {text}", ApproximationWarning, stacklevel=3)
 
 
-class Names(dict[str, T]):
-    """Parts by name; a value that is no text is the name of none."""
-
-    def __contains__(self, name: object) -> bool:
-        return isinstance(name, str) and super().__contains__(name)
-
-
 class Simulation:
     """A network in execution; made by `neuro.compile`.
 
     Times are in ms, neurons are counted from 0 in C order of their population's shape, values are in the units
-    of their models.
+    of their models. A part is named by its name, or by what `net.population`, `net.connect` and others returned; where
+    neurons are asked for, also by a view such as `exc[:100]`. Values of a view are in its order; ids are always those
+    of the population.
 
     Attributes:
         backend: the name of the backend.
         program: the resolved network.
+        handles: finds its parts by what names them.
     """
 
     def __init__(self, net: Network, backend: str, program: Any, engine: Engine) -> None:
         self.backend, self.program = backend, program
         self._net, self._engine = net, engine
         self._clock = Clock(program.resolution)
-        self._populations: Names[int] = Names({part.name: index for index, part in enumerate(program.populations)})
-        self._projections: Names[int] = Names({part.name: index for index, part in enumerate(program.projections)})
-        self._signals: Names[int] = Names({part.name: index for index, part in enumerate(program.signals)})
+        self.handles = Handles(net, program)
         self._rules = {index: part.synapse for index, part in enumerate(program.projections)}
-        self._recorder = Recorder(program)
+        self._synapses = Synapses(program, engine, self._clock, self._rules)
+        self._recorder = Recorder(program, engine)
+        self._recording: Recording | None = None
         self._tally = Tally(program)
         self._watch = Watch(program, engine, self._clock)
-        self._ends: dict[int, tuple[Ints, Ints]] = {}
 
     def __repr__(self) -> str:
         return f"Simulation({self.program.name!r}, backend={self.backend!r}, time={self.time:g} ms)"
@@ -150,8 +149,12 @@ class Simulation:
         """The end of the last finished step in ms."""
         return self._clock.ms(self._engine.step)
 
-    def run(self, ms: float) -> None:
+    def run(self, ms: float, out: str | PathLike[str] | None = None) -> None:
         """Advance by a multiple of the resolution; running in parts gives the same bits.
+
+        Args:
+            ms: how far.
+            out: a file to which what is recorded goes, as of `record_to`.
 
         Raises:
             ModelError: the time is no such multiple, or a state is no number at the end: a numerical instability.
@@ -159,14 +162,56 @@ class Simulation:
         steps = self._clock.step(ms, "run")
         if not 0 <= steps < NEVER:
             raise ModelError(f"run = {ms:g} ms: expected a finite time >= 0 ms")
-        if self._recorder.probes:
-            self._recorder.run(self._engine, steps)
+        if out is not None:
+            with self.record_to(out):
+                self.run(ms)
+            return
+        if self._recording is not None:
+            self._recording.run(steps)
         else:
-            self._engine.run(steps)
+            self._recorder.run(steps)
         self._watch.look()
+
+    @contextmanager
+    def record_to(
+        self,
+        path: str | PathLike[str],
+        *,
+        threads: int = 1,
+        record: Collection[str] = (),
+        all_weights: bool = False,
+    ) -> Iterator[None]:
+        """Write what is recorded to a file of results while the network runs, and keep none of it in memory.
+
+        What memory holds of the time before goes there, too. `spikes` and `trace` read it from the file in the
+        meantime; `neuro.results.read` reads it later. The file is called PATH.part until the block ends well. If it
+        does not, or the process is killed, that has all but the last two seconds (of the clock on the wall).
+
+        Args:
+            path: of the file.
+            threads: that the network runs on, to be written there.
+            record: names of the populations whose spikes to keep; all that are recorded if empty.
+            all_weights: keep also the weights of static projections above a million synapses, which follow from
+                network and seed.
+
+        Raises:
+            ModelError: the file cannot be written, now or later, or the simulation records to a file already.
+        """
+        from neuro.run.recording import Recording
+
+        self._refuse_while_recording("record_to")
+        parts = (self, self._net, self._engine, self._recorder)
+        self._recording = Recording(*parts, path, threads=threads, record=record, all_weights=all_weights)
+        try:
+            yield
+            self._recording.finish()
+        finally:
+            recording, self._recording = self._recording, None
+            recording.close()
 
     def reset(self, weights: bool = False) -> None:
         """Back to time 0 and the initial states; weights only if asked. Parameters that were set stay."""
+        self._refuse_while_recording("reset")
         self._engine.reset(check(_FLAG, weights, "reset: weights"))
         self._recorder.clear()
         if self.program.trials is not None:
@@ -174,183 +219,250 @@ class Simulation:
 
     # parameters, states and weights
 
-    def set(self, name: str, **values: Any) -> None:
-        """Change parameters or states of a population, or parameters of a projection's synapse model.
+    def set(
+        self,
+        of: Population | View | Projection | str,
+        *,
+        pre: Population | View | None = None,
+        post: Population | View | None = None,
+        **values: Any,
+    ) -> None:
+        """Change parameters or states of neurons, or weights or parameters of the synapse model of a projection.
 
         The change acts from the next step on.
 
         Args:
-            name: the population or projection.
-            values: by name, one for all neurons or one for each (also a distribution).
+            of: the population, a view, or the projection.
+            pre: of a projection only the synapses from these neurons; their `weight` can be changed alone.
+            post: likewise those onto these neurons.
+            values: by name, one for all neurons or one for each (also a distribution, of which a neuron draws the same
+                value in whatever view); `weight` is one for all synapses or one for each, as `weights` gives them.
 
         Raises:
             ModelError: a name is unknown or a value is out of bounds.
         """
-        if name in self._populations:
-            self._set_population(self._populations[name], values)
-        elif name in self._projections:
-            self._set_rule(self._projections[name], {word_of(word): value for word, value in values.items()})
-        else:
-            raise unknown("population or projection", name, [*self._populations, *self._projections])
-
-    def _set_population(self, index: int, values: Mapping[str, Any]) -> None:
-        part, step = self.program.populations[index], self._engine.step
         named = {word_of(word): value for word, value in values.items()}
-        new = {word: settable.new_values(part, word, value, self.program.seed, step) for word, value in named.items()}
-        settable.check_together(self.program, index, new, self._engine, self._clock)
-        self._engine.set(index, new)
+        neurons = self.handles.neurons_or_projection(of)
+        if isinstance(neurons, int):
+            self._set_projection(neurons, named, *self._chosen(pre, post))
+            return
+        _refuse_ends(neurons, pre, post)
+        new = {
+            word: settable.new_values(neurons, word, value, self._engine, self.program.seed)
+            for word, value in named.items()
+        }
+        settable.check_together(self.program, neurons.index, new, self._engine, self._clock)
+        self._engine.set(neurons.index, new)
 
-    def _set_rule(self, index: int, values: Mapping[str, Any]) -> None:
-        rule = settable.new_rule(self.program.projections[index], self._rules[index], values)
-        settable.check_rule(self.program.projections[index], rule, self._engine.get_synapses(index, "weight"))
-        self._engine.set_rule(index, rule.vector())
-        self._rules[index] = rule
+    def _chosen(
+        self, pre: Population | View | None, post: Population | View | None
+    ) -> tuple[Neurons | None, Neurons | None]:
+        found = [None if end is None else self.handles.neurons(end) for end in (pre, post)]
+        return found[0], found[1]
 
-    def get(self, name: str, what: str, raw: bool = False) -> Any:
-        """A state or parameter of every neuron, or a state of every synapse, in physical units.
+    def _set_projection(self, index: int, values: dict[str, Any], pre: Neurons | None, post: Neurons | None) -> None:
+        part, chosen = self.program.projections[index], self._synapses.chosen(index, pre, post)
+        numbers = {word: value for word, value in values.items() if word != "weight"}
+        if numbers and (pre or post):
+            word = next(iter(numbers))
+            told = f"{part.synapse.name}.{word} of '{part.name}' is one for all synapses"
+            raise ModelError(f"{told}: expected 'weight' alone with pre or post")
+        rule = settable.new_rule(part, self._rules[index], numbers)
+        weights = None
+        if "weight" in values:
+            weights = self._synapses.new_weights(index, rule, values["weight"], chosen)
+        settable.check_rule(part, rule, self._engine.get_synapses(index, "weight") if weights is None else weights)
+        if numbers:
+            self._engine.set_rule(index, rule.vector())
+            self._rules[index] = rule
+        if weights is not None:
+            self._engine.set_weights(index, weights, chosen)
+
+    def get(
+        self,
+        of: Population | View | Projection | str,
+        what: str,
+        raw: bool = False,
+        *,
+        pre: Population | View | None = None,
+        post: Population | View | None = None,
+    ) -> Any:
+        """A state or parameter of neurons, or a state of synapses, in physical units; one value each, in a row.
 
         Args:
-            name: the population or projection.
-            what: a state or parameter of a population's model; of a projection "weight" or a state of its
-                synapses, where "K_plus" is the trace of each synapse's source and "n" the dopamine of its target.
+            of: the population, a view, or the projection.
+            what: a state or parameter of a population's model; of a projection "weight", "delay" in ms or a state of
+                its synapses, where "K_plus" is the trace of each synapse's source and "n" the dopamine of its target.
             raw: read a chip's registers instead.
+            pre: of a projection only the synapses from these neurons; `weights` says which they are.
+            post: likewise those onto these neurons.
         """
         if check(_FLAG, raw, "raw"):
-            return self._raw(name, what)
-        if name in self._projections:
-            index = self._projections[name]
-            known = settable.synapse_states(self.program.projections[index])
-            if not isinstance(what, str) or what not in known:
-                raise unknown("state of synapses", what, known).at(None, f"projection '{name}'")
-            return self._weights(index) if what == "weight" else self._engine.get_synapses(index, what)
-        index = self._population(name)
-        part = self.program.populations[index]
+            return self._raw(of, what)
+        neurons = self.handles.neurons_or_projection(of)
+        if isinstance(neurons, int):
+            values = self._synapses.read(neurons, what)
+            chosen = self._synapses.chosen(neurons, *self._chosen(pre, post))
+            return values if chosen is None else values[chosen]
+        _refuse_ends(neurons, pre, post)
+        part = neurons.part
         word = word_of(what) if isinstance(what, str) else ""
         if word not in part.parameters and word not in settable.states(part):
             known = [*settable.states(part), *part.parameters]
-            raise unknown("parameter or state", what, known).at(None, f"population '{name}'")
-        return self._engine.get(index, word)
+            raise unknown("parameter or state", what, known).at(None, f"population '{part.name}'")
+        return self._engine.get(neurons.index, word, neurons.ids)
 
-    def states(self, name: str) -> list[str]:
+    def states(self, of: Population | View | str) -> list[str]:
         """The states of a population's neurons that this backend shows, in the order of its model."""
         hidden = unreadable(self._engine)
-        return [
-            word for word in settable.states(self.program.populations[self._population(name)]) if word not in hidden
-        ]
+        return [word for word in settable.states(self.handles.neurons(of).part) if word not in hidden]
 
-    def _raw(self, name: str, what: str) -> Any:
-        """A register of every neuron or synapse, by its own name or that of what it stands for."""
+    def _raw(self, of: Population | View | Projection | str, what: str) -> Any:
+        """A register of neurons or synapses, by its own name or that of what it stands for."""
         if not isinstance(self._engine, Registers):
             raise ModelError(f"raw = True: expected False, as backend '{self.backend}' has no registers")
-        if name in self._projections:
-            return self._engine.synapse_registers(self._projections[name], what)
-        return self._engine.registers(self._population(name), word_of(what))
+        neurons = self.handles.neurons_or_projection(of)
+        if isinstance(neurons, int):
+            return self._engine.synapse_registers(neurons, what)
+        every = self._engine.registers(neurons.index, word_of(what))
+        return every if neurons.ids is None else every[neurons.ids]
 
-    def weights(self, name: str) -> Any:
+    def weights(
+        self,
+        of: Projection | str,
+        *,
+        pre: Population | View | None = None,
+        post: Population | View | None = None,
+        delays: bool = False,
+    ) -> Any:
         """The weights of a projection.
 
+        Args:
+            of: the projection.
+            pre: only of the synapses from these neurons.
+            post: only of the synapses onto these neurons.
+            delays: whether to give the delays in ms, too.
+
         Returns:
-            (pre, post, weight), one entry a synapse, sorted by pre, then post; of a grid its kernels, shape
-            (maps, channels, height, width). The weights are those stored, as in NEST: that of `stdp` changes
-            when a pre spike is sent.
+            (pre, post, weight), one entry a synapse, sorted by pre, then post, and with `delays` a fourth row; of a
+            grid its kernels, shape (maps, channels, height, width), with `delays` (kernels, delay). The weights are
+            those stored, as in NEST: that of `stdp` changes when a pre spike is sent.
 
         Raises:
             ModelError: there is no such projection, or a weight is no number: a numerical instability of its rule.
         """
-        index = self._projection(name)
-        weight = self._weights(index)
-        g = self.program.projections[index].grid
-        if g is not None:
-            return weight.reshape(g.kernels)
-        pre, post = self._connections(index)
-        return pre, post, weight
+        index = self.handles.projection(of)
+        chosen = self._synapses.chosen(index, *self._chosen(pre, post))
+        grid, weight = self.program.projections[index].grid, self._synapses.weights(index)
+        late = (self._synapses.read(index, "delay"),) if check(_FLAG, delays, "delays") else ()
+        if grid is not None:
+            return (weight.reshape(grid.kernels), float(late[0][0])) if late else weight.reshape(grid.kernels)
+        rows = (*self._synapses.ends(index), weight, *late)
+        return rows if chosen is None else tuple(row[chosen] for row in rows)
 
-    def _weights(self, index: int) -> Floats:
-        part, weight = self.program.projections[index], self._engine.get_synapses(index, "weight")
-        return check_weights(part.name, part.synapse.name, weight) if part.synapse.learns else weight
-
-    def set_weights(self, name: str, weights: ArrayLike) -> None:
+    def set_weights(self, of: Projection | str, weights: ArrayLike) -> None:
         """Replace the weights of a projection: one for all, or an array in the form that `weights` gives."""
-        index = self._projection(name)
-        part = self.program.projections[index]
-        array = settable.new_weights(part, self._rules[index], weights)
-        self._engine.set_weights(index, array)
+        index = self.handles.projection(of)
+        self._engine.set_weights(index, self._synapses.new_weights(index, self._rules[index], weights, None))
 
     def _check_weights(self) -> None:
         for index, part in enumerate(self.program.projections):
             if part.synapse.learns:
-                self._weights(index)
-
-    def _connections(self, index: int) -> tuple[Ints, Ints]:
-        if index in self._ends:
-            return self._ends[index]
-        ends: tuple[Ints, Ints] = self.program.connections(index)
-        for ids in ends:
-            ids.flags.writeable = False
-        if len(ends[0]) <= _SMALL:
-            self._ends[index] = ends
-        return ends
+                self._synapses.weights(index)
 
     # input and output
 
-    def inject(self, name: str, times: ArrayLike, ids: ArrayLike) -> None:
+    def inject(self, of: Population | View | str, times: ArrayLike, ids: ArrayLike | None = None) -> None:
         """Add spikes to a spike_generator.
 
         Args:
-            name: the population.
+            of: the population, or a view of it.
             times: in ms, on the grid of steps and later than `time`.
-            ids: its neurons, one for each time.
+            ids: its neurons, one for each time; of a view these are ids of the population, too, and must be among
+                those of the view. If not given, each neuron emits at all times.
         """
-        index = self._population(name)
-        part = self.program.populations[index]
+        neurons = self.handles.neurons(of)
+        part = neurons.part
         if not isinstance(part.model, spike_generator):
-            raise ModelError(f"inject: '{name}' is a {part.model.name}: expected a spike_generator")
-        steps, neurons = settable.new_spikes(self._clock, times, ids, part.size)
+            raise ModelError(f"inject: '{part.name}' is a {part.model.name}: expected a spike_generator")
+        steps, emit = settable.new_spikes(self._clock, times, ids, neurons)
         if steps.size and steps.min() <= self._engine.step:
             early = self._clock.ms(int(steps.min()))
             raise ModelError(f"inject: a spike at {early:g} ms: expected times after {self.time:g} ms, the present")
-        self._engine.inject(index, steps, neurons)
+        self._engine.inject(neurons.index, steps, emit)
 
-    def signal(self, name: str, values: ArrayLike) -> None:
+    def signal(self, of: Signal | str, values: ArrayLike) -> None:
         """Set a signal: one value for all neurons of its population or one for each; acts from the next step on."""
-        if name not in self._signals:
-            raise unknown("signal", name, self._signals)
-        index = self._signals[name]
-        size = self.program.populations[self.program.signals[index].target].size
-        self._engine.signal(index, settable.signal_values(name, values, size))
+        index = self.handles.signal(of)
+        part = self.program.signals[index]
+        size = self.program.populations[part.target].size
+        self._engine.signal(index, settable.signal_values(part.name, values, size))
 
-    def spikes(self, name: str, since: float | None = None) -> tuple[Floats, Ints]:
-        """Recorded spikes of a population.
+    def spikes(
+        self, of: Population | View | str, since: float | None = None, until: float | None = None
+    ) -> tuple[Floats, Ints]:
+        """Recorded spikes of a population or of some of its neurons.
 
         Args:
-            name: the population.
+            of: the population, or a view of it.
             since: only those after this time in ms.
+            until: only those up to this time in ms, so that `until` of one call is `since` of the next.
 
         Returns:
             times in ms and neurons, sorted by time, then neuron; several spikes of one neuron in one step are
-            listed as often.
+            listed as often. Neurons are ids of the population, also of a view.
         """
-        index = self._population(name)
-        part = self.program.populations[index]
+        return self._spikes(self.handles.neurons(of), since, until)
+
+    def _spikes(self, of: Neurons, since: float | None, until: float | None) -> tuple[Floats, Ints]:
+        part = of.part
         if not part.records:
-            what = part.model.name
-            hint = f"net.probe('name', '{name}') records them" if isinstance(part.model, Generator) else ""
-            raise ModelError(f"spikes of '{name}', a {what}, are not recorded", hint=hint)
-        found = self._engine.spikes(index, -1 if since is None else self._clock.floor(since, "since"))
-        steps, ids = found.steps, found.ids
-        if found.multiplicity.size and found.multiplicity.max() > 1:
-            steps, ids = np.repeat(steps, found.multiplicity), np.repeat(ids, found.multiplicity)
+            hint = f"net.probe('name', '{part.name}') records them" if isinstance(part.model, Generator) else ""
+            raise ModelError(f"spikes of '{part.name}', a {part.model.name}, are not recorded", hint=hint)
+        if self._recording is not None:
+            return self._recording.results.spikes_of(part.name, of.ids, since, until)
+        found = self._engine.spikes(of.index, -1 if since is None else self._clock.floor(since, "since"))
+        end = None if until is None else np.searchsorted(found.steps, self._clock.floor(until, "until"), side="right")
+        steps, ids, multiplicity = found.steps[:end], found.ids[:end], found.multiplicity[:end]
+        if of.ids is not None:
+            kept = of.among()[ids]
+            steps, ids, multiplicity = steps[kept], ids[kept], multiplicity[kept]
+        if multiplicity.size and multiplicity.max() > 1:
+            steps, ids = np.repeat(steps, multiplicity), np.repeat(ids, multiplicity)
         return self._clock.array_ms(steps), ids
 
-    def trace(self, name: str) -> tuple[Floats, NDArray[Any]]:
-        """What a probe has recorded: times in ms and values, shape (times, neurons); of a spike probe the neurons."""
-        probes = Names({probe.name: probe for probe in self.program.probes})
-        if name not in probes:
-            raise unknown("probe", name, probes)
-        if probes[name].record == "spikes":
-            return self.spikes(self.program.populations[probes[name].population].name)
-        steps, values = self._recorder.read(name)
-        return self._clock.array_ms(steps), values
+    def trace(self, of: Probe | str) -> tuple[Floats, Any]:
+        """What a probe has recorded.
+
+        Returns:
+            times in ms, shape (times,), and values, shape (times, neurons or synapses), one column of a rate or a mean;
+            of a list of states the values by state. Of a spike probe the neurons, one for each time. At pre spikes one
+            entry for each synapse and spike, by time, then synapse: `pre`, `post` and the state, by name. Columns of a
+            view or of chosen synapses are in their order.
+        """
+        probe = self.handles.probe(of)
+        traces = {state: self._trace(name) for state, name in probe.traces().items()}
+        times, values = next(iter(traces.values()))
+        if isinstance(probe.record, str):
+            return times, values
+        by_name: dict[str, Any] = {}
+        for state, (_, found) in traces.items():
+            by_name |= found if isinstance(found, dict) else {state: found}
+        return times, by_name
+
+    def _trace(self, name: str) -> tuple[Floats, Any]:
+        """What was recorded of one state, or the spikes."""
+        if self._recording is not None and name in (*self._recorder.series, *self._recorder.pre_spikes):
+            return self._recording.results.trace(name)
+        if name in self._recorder.series:
+            steps, values = self._recorder.series[name].read()
+            return self._clock.array_ms(steps), values
+        if name in self._recorder.pre_spikes:
+            recorded = self._recorder.pre_spikes[name]
+            sent, (pre, post) = recorded.read(), self._synapses.ends(recorded.probe.projection)
+            ends = {"pre": pre[sent.synapses], "post": post[sent.synapses]}
+            return self._clock.array_ms(sent.steps), {**ends, recorded.probe.record: sent.values}
+        return self._spikes(self.handles.recorded(self.handles.recording(name)), None, None)
 
     def forget(self, before: float) -> None:
         """Free the memory of spikes and traces recorded up to a time in ms."""
@@ -431,6 +543,12 @@ class Simulation:
 
     # files
 
+    def _refuse_while_recording(self, what: str) -> None:
+        """Refuse what would turn back the time of a file that is being written."""
+        if self._recording is not None:
+            path = self._recording.part
+            raise ModelError(f"{what}: found a simulation that records to {path}: expected the end of 'record_to'")
+
     @cached_property
     def _identity(self) -> Identity:
         program = self.program
@@ -444,8 +562,7 @@ class Simulation:
         """
         self._check_weights()
         arrays = {f"engine/{name}": values for name, values in self._engine.snapshot().items()}
-        for name in self._recorder.probes:
-            arrays[f"probes/{name}/steps"], arrays[f"probes/{name}/values"] = self._recorder.read(name)
+        arrays |= {f"probes/{name}": values for name, values in self._recorder.snapshot().items()}
         for index, rule in self._rules.items():
             arrays[f"rules/{index}"] = rule.vector()
         if self.program.trials is not None:
@@ -458,22 +575,18 @@ class Simulation:
         Raises:
             ModelError: the file is of something else; the simulation stays as it is.
         """
+        self._refuse_while_recording("restore")
         arrays = read_state(file_path(path, "path"), self._identity)
         begin = len("engine/")
         self._engine.restore({name[begin:]: v for name, v in arrays.items() if name.startswith("engine/")})
-        for name in self._recorder.probes:
-            self._recorder.put(name, arrays[f"probes/{name}/steps"], arrays[f"probes/{name}/values"])
+        begin = len("probes/")
+        self._recorder.restore({name[begin:]: v for name, v in arrays.items() if name.startswith("probes/")})
         for index, rule in self._rules.items():
             self._rules[index] = settable.rule_of(rule, arrays[f"rules/{index}"])
         if self.program.trials is not None:
             self._trials.put(arrays["trials"])
 
-    def _population(self, name: str) -> int:
-        if name not in self._populations:
-            raise unknown("population", name, self._populations)
-        return self._populations[name]
 
-    def _projection(self, name: str) -> int:
-        if name not in self._projections:
-            raise unknown("projection", name, self._projections)
-        return self._projections[name]
+def _refuse_ends(neurons: Neurons, pre: object, post: object) -> None:
+    if pre is not None or post is not None:
+        raise ModelError(f"pre and post of {neurons.text}: they choose synapses: expected a projection")

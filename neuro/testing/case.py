@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
 from neuro.model.network import Network
-from neuro.run.settable import synapse_states
+from neuro.program.program import synapse_states
 from neuro.run.simulation import Simulation
 
 Found = dict[str, NDArray[Any]]
@@ -106,6 +106,10 @@ def observe(sim: Simulation) -> Found:
     for probe in sim.program.probes:
         if probe.record != "spikes":
             found[f"trace of {probe.name}: times"], found[f"trace of {probe.name}"] = sim.trace(probe.name)
+    for part in sim.program.synapse_probes:
+        found[f"trace of {part.name}: times"], values = sim.trace(part.name)
+        by_word = values if isinstance(values, dict) else {part.record: values}
+        found |= {f"trace of {part.name}: {word}": array for word, array in by_word.items()}
     return found | counted(sim)
 
 

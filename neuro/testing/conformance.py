@@ -19,6 +19,7 @@ from neuro.testing import (  # noqa: F401
     features,
     laws,
     learning,
+    recorded,
     trials,
     winners,
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -102,8 +103,9 @@ def _change(sim: Simulation, part: Part) -> None:
     for word, value in part.parameters().items():
         if isinstance(value, float) and value != 0.0 and np.isfinite(value):
             for owner in owners:
+                changed: dict[str, Any] = {word: 1.05 * value}
                 with suppress(ModelError):  # fixed, or on the grid, or out of its bounds: refused on every backend
-                    sim.set(owner, **{word: 1.05 * value})
+                    sim.set(owner, **changed)
 
 
 def _networks(part: Part) -> Iterator[Network]:

@@ -13,7 +13,8 @@ from neuro.core.errors import ModelError
 from neuro.core.values import FromFile, same
 from neuro.model.equations import EquationNeuron, EquationSynapse
 from neuro.model.language.sources import VERSION
-from neuro.model.parts import Description, Population, Projection
+from neuro.model.parts import Description, Population, Probe, Projection
+from neuro.model.views import View
 
 LARGEST_INLINE = 64
 
@@ -50,8 +51,8 @@ def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
     }
     sections["projections"] = {
         p.name: {
-            "from": p.source,
-            "to": p.target,
+            "from": _neurons(p.source, p.source_view, arrays, f"{p.name}.from"),
+            "to": _neurons(p.target, p.target_view, arrays, f"{p.name}.to"),
             "rule": _choice(p.rule, arrays, f"{p.name}.rule"),
             **_values({"weight": p.weight, "delay": p.delay}, arrays, p.name),
             "synapse": _choice(p.synapse, arrays, f"{p.name}.synapse"),
@@ -62,11 +63,20 @@ def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
     sections["groups"] = {g.name: _choice(g.choice, arrays, g.name) for g in net.groups.values()}
     if net.trials_section is not None:
         sections["trials"] = _parameters(net.trials_section, arrays, "trials")
-    sections["probes"] = {
-        p.name: {"of": p.of, "record": p.record, **({} if p.every is None else {"every": p.every})}
-        for p in net.probes.values()
-    }
+    sections["probes"] = {p.name: _probe(p, arrays) for p in net.probes.values()}
     return {word: section for word, section in sections.items() if section != {}}
+
+
+def _probe(probe: Probe, arrays: Arrays) -> dict[str, Any]:
+    record = probe.record if isinstance(probe.record, str) else list(probe.record)
+    rest = {word: getattr(probe, word) for word in ("every", "at", "mean", "synapses")}
+    said = {word: value for word, value in rest.items() if value is not None and value is not False}
+    of = _neurons(probe.of, probe.view, arrays, f"{probe.name}.of")
+    return {"of": of, "record": record, **_values(said, arrays, probe.name)}
+
+
+def _neurons(population: str, view: View | None, arrays: Arrays, key: str) -> Any:
+    return population if view is None else {population: _value(view.written(), arrays, key)}
 
 
 def _models(net: Description) -> dict[str, Any]:

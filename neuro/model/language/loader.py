@@ -15,9 +15,10 @@ from neuro.model.language.nodes import about, follow, plain, within, words
 from neuro.model.language.parameters import resolve
 from neuro.model.language.reader import Node
 from neuro.model.language.sources import gather
+from neuro.model.language.views import neurons
 from neuro.model.network import Network, check_name
 from neuro.model.neurons import Model
-from neuro.model.parts import DELAY, WEIGHT, Trials
+from neuro.model.parts import CHOSEN, DELAY, WEIGHT, Trials
 from neuro.model.synapses import static
 
 VALUES = {"weight": WEIGHT, "delay": DELAY}
@@ -106,8 +107,8 @@ class _Builder:
         rule = choice(said["rule"], "rule")
         synapse = choice(said["synapse"], "synapse", self.synapses) if "synapse" in said else static()
         values = {word: value(q, said[word], word) for word, q in VALUES.items() if word in said}
+        ends = [neurons(said[word], self.net.populations, word) for word in ("from", "to")]
         with about(node):
-            ends = [plain(said[word]) for word in ("from", "to")]
             self.net.connect(ends[0], ends[1], rule, synapse, name=name, **values)
 
     def signal(self, name: str, node: Node) -> None:
@@ -126,10 +127,14 @@ class _Builder:
         self.net.trials_origin = node.label
 
     def probe(self, name: str, node: Node) -> None:
-        said = words(node, ("of", "record", "every"), "a probe", needs=("of",))
-        rest = {word: plain(said[word]) for word in ("record", "every") if word in said}
+        known = ("of", "record", "every", "at", "mean", "synapses")
+        said = words(node, known, "a probe", needs=("of",))
+        rest = {word: plain(said[word]) for word in known[1:-1] if word in said}
+        if "synapses" in said:
+            rest["synapses"] = value(CHOSEN, said["synapses"], "synapses")
+        of = neurons(said["of"], self.net.populations, "of")
         with about(node):
-            self.net.probe(name, plain(said["of"]), **rest)
+            self.net.probe(name, of, **rest)
 
     def references(self) -> None:
         """Check the names that choices hold; those of the parts are checked as the parts are added."""

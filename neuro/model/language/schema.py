@@ -14,12 +14,16 @@ from neuro.model.equations.definition import WORDS
 from neuro.model.equations.pairs import WORDS as RULE_WORDS
 from neuro.model.language.choices import TABLES
 from neuro.model.language.sources import VERSION
+from neuro.model.language.views import AXIS
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS
 from neuro.model.parts import (
+    AT,
+    CHOSEN,
     DELAY,
     EVERY,
     INITIAL,
+    MEAN,
     RECORD,
     RESOLUTION,
     SHAPE,
@@ -132,8 +136,8 @@ def _population(own: bool) -> Schema:
 def _projection(own: bool) -> Schema:
     return _closed(
         {
-            "from": _text("the population whose spikes are sent"),
-            "to": _text("the population that receives them"),
+            "from": _neurons("the population whose spikes are sent, or some of its neurons"),
+            "to": _neurons("the population that receives them, or some of its neurons"),
             "rule": {"$ref": "#/$defs/rule"},
             "weight": _quantity(WEIGHT, 1.0),
             "delay": _quantity(DELAY, 1.0),
@@ -144,8 +148,34 @@ def _projection(own: bool) -> Schema:
 
 
 def _probe() -> Schema:
-    words = {"of": _text("the population"), "record": _quantity(RECORD, "spikes"), "every": _quantity(EVERY)}
+    words = {
+        "of": _neurons("the population, some of its neurons, or the projection"),
+        "record": _quantity(RECORD, "spikes"),
+        "every": _quantity(EVERY),
+        "at": _quantity(AT),
+        "mean": _quantity(MEAN, False),
+        "synapses": _quantity(CHOSEN),
+    }
     return _closed(words, ["of"])
+
+
+def _neurons(description: str) -> Schema:
+    """The name of a population, or a view of it."""
+    index: list[Schema] = [
+        {"type": "string", "pattern": rf"^\s*({AXIS})\s*(,\s*({AXIS})\s*)*$"},
+        {"type": "integer"},
+        {"type": "array", "items": {"type": "integer", "minimum": 0}, "minItems": 1},
+        {"$ref": "#/$defs/file"},
+        _PARAMETER,
+    ]
+    one: Schema = {
+        "type": "object",
+        "propertyNames": {"pattern": _NAME},
+        "additionalProperties": {"anyOf": index},
+        "minProperties": 1,
+        "maxProperties": 1,
+    }
+    return {"anyOf": [{"type": "string"}, one], "description": description}
 
 
 def _text(description: str) -> Schema:

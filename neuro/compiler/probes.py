@@ -1,0 +1,145 @@
+"""What is recorded: checks, and from the probes of a network to those of a program."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from neuro.compiler.check import recordable, refuse, telling
+from neuro.compiler.shapes import Shape
+from neuro.compiler.views import end_of
+from neuro.core.clock import Clock
+from neuro.core.errors import nearest
+from neuro.model.network import Network
+from neuro.model.neurons import dc_generator
+from neuro.model.parts import Population, Probe
+from neuro.program import program as resolved
+from neuro.program.program import Ints, Projection, synapse_states
+
+AT_PRE = 0
+ALONE = ("spikes", "rate")
+
+
+def check_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> None:
+    """What can be said of the probes before connections are made.
+
+    Raises:
+        ModelError: a probe asks for what there is not.
+    """
+    names: dict[str, str] = {}
+    for part in net.probes.values():
+        if part.every is not None and part.at is not None:
+            refuse(part, f"every = {part.every:g} ms and at = {part.at}: expected one of both")
+        for name in {part.name, *part.traces().values()}:
+            if (other := names.setdefault(name, part.name)) != part.name:
+                refuse(part, f"probe '{other}' has a trace of the name '{name}', too: expected another name")
+        if part.of in net.populations:
+            with telling(part):
+                end_of(part.view, shapes[part.of])
+            _check_neurons(part, net.populations[part.of])
+        if part.every is not None:
+            with telling(part):
+                every = clock.step(part.every, "every")
+            if every < 1:
+                refuse(part, f"every = {part.every:g} ms: expected at least the resolution, {clock.resolution:g} ms")
+
+
+def _check_neurons(part: Probe, population: Population) -> None:
+    states = list(part.traces())
+    for word, given in (("at", part.at), ("synapses", part.synapses)):
+        if given is not None:
+            refuse(part, f"{word} is for synapses: '{part.of}' is a population")
+    if len(states) > 1 and (alone := next((state for state in states if state in ALONE), "")):
+        refuse(part, f"'{alone}' is recorded alone", "give it a probe of its own")
+    if states[0] in ALONE:
+        _check_alone(part, states[0], population)
+        return
+    known = recordable(population)
+    for state in states:
+        if state not in known:
+            told = f"'{part.of}', a {population.model.name}, has no state '{state}'"
+            refuse(part, told, nearest(state, [*known, *ALONE]))
+
+
+def _check_alone(part: Probe, what: str, population: Population) -> None:
+    if isinstance(population.model, dc_generator):
+        refuse(part, f"{what} of '{part.of}', a dc_generator: it emits a current")
+    if what == "spikes" and part.every is not None:
+        refuse(part, "every is for states: spikes are all recorded", "leave 'every' out")
+    if what == "rate" and part.every is None:
+        refuse(part, "a rate needs every, the length of its bins", "every: 10.0 is a common one")
+    if part.mean:
+        told = "a rate is a mean over the neurons" if what == "rate" else "mean is for states"
+        refuse(part, told, "leave 'mean' out" if what == "rate" else "record: rate gives that of spikes")
+
+
+def resolve_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> tuple[resolved.Probe, ...]:
+    """The probes of populations, one for each state."""
+    names = list(net.populations)
+    return tuple(
+        resolved.Probe(
+            name, names.index(p.of), state, _every(p, clock), p.origin, end_of(p.view, shapes[p.of]).ids, p.mean
+        )
+        for p in net.probes.values()
+        if p.of in net.populations
+        for state, name in p.traces().items()
+    )
+
+
+def resolve_synapse_probes(
+    net: Network, projections: Sequence[Projection], clock: Clock
+) -> tuple[resolved.SynapseProbe, ...]:
+    """The probes of projections, one for each state.
+
+    Raises:
+        ModelError: a probe asks for what there is not.
+    """
+    names, found = list(net.projections), []
+    for p in net.probes.values():
+        if p.of in net.populations:
+            continue
+        index = names.index(p.of)
+        _check_synapses(net, p, projections[index])
+        every = AT_PRE if p.at else _every(p, clock)
+        for state, name in p.traces().items():
+            chosen = _chosen(p, projections[index])
+            found.append(resolved.SynapseProbe(name, index, state, every, chosen, p.mean, p.origin))
+    return tuple(found)
+
+
+def _check_synapses(net: Network, part: Probe, projection: Projection) -> None:
+    known = synapse_states(projection)
+    for state in part.traces():
+        if state not in known:
+            hint = "a probe of its source records them" if state in ALONE else nearest(state, known)
+            refuse(part, f"the synapses of '{part.of}', {projection.synapse.name}, have no state '{state}'", hint)
+    if part.at is None:
+        return
+    if part.mean:
+        refuse(part, "mean is for records every so many ms, not at pre spikes", "leave 'mean' out")
+    if projection.carries == "current":
+        refuse(part, f"at = {part.at}: '{part.of}' carries a current, and no spikes")
+    if projection.grid is not None:
+        refuse(part, f"at = {part.at}: the synapses of a grid share their weights", "every: 10.0 records these")
+    if projection.synapse.learns == "chip" or net.trials_section is not None:
+        what = projection.synapse.name if net.trials_section is None else "a network with trials"
+        refuse(part, f"at = {part.at}: not of {what}", "every: 10.0 records its synapses")
+    for state in part.traces():
+        if state in ("K_plus", "n"):
+            refuse(part, f"at = {part.at}: '{state}' is of a neuron, not of a synapse", "every: 1.0 records it")
+
+
+def _chosen(part: Probe, projection: Projection) -> Ints | None:
+    if part.synapses is None:
+        return None
+    chosen = np.asarray(part.synapses)
+    if chosen.size and chosen.max() >= projection.size:
+        refuse(part, f"synapses: found {chosen.max()}: expected at most {projection.size - 1}, as '{part.of}' has them")
+    if np.unique(chosen).size < chosen.size or not chosen.size:
+        refuse(part, "synapses: expected at least one, and each once")
+    return chosen
+
+
+def _every(part: Probe, clock: Clock) -> int:
+    return 1 if part.every is None else clock.step(part.every, "every")

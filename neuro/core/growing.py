@@ -1,0 +1,233 @@
+"""HDF5 files that grow while they can be read: what is on the disk is whole, and that of the last `commit`.
+
+HDF5 changes its tables in place, so a file whose process is killed can be unreadable, and on a full disk HDF5 brings
+the process down. So it writes into `Growing` instead. New bytes go behind all that was committed, where no table leads
+to them yet; changes of older bytes are held back, in pages. A commit writes these pages behind the end, then a mark
+that they are whole, then puts each in its place, and cuts the end off. Who finds the mark reads the pages from there,
+so a kill at any moment leaves the state before a commit or after it.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import io
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+PAGE = 4096
+_MARK = struct.Struct("<8sQQI")  # word, where the pages begin, their length, their checksum
+_WORD = b"neuro\0\r\n"
+_HEAD = struct.Struct("<QI")  # of a page: where it belongs, its length
+
+
+class Growing(io.RawIOBase):
+    """A file for `h5py.File(..., "w")` that is whole on the disk after each commit.
+
+    Args:
+        path: of the file, which is emptied; nobody else may write it until it is closed.
+
+    Attributes:
+        error: of the first failure; what comes after it is thrown away.
+
+    Raises:
+        BlockingIOError: another process writes it.
+        OSError: it cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._path = path
+        self._disk = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            fcntl.flock(self._disk, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            os.ftruncate(self._disk, 0)
+        except OSError:
+            os.close(self._disk)
+            raise
+        self._at = self._size = self._committed = 0
+        self._pages: dict[int, bytearray] = {}
+        self.error: OSError | None = None
+
+    def readable(self) -> bool:
+        """It can be read, too."""
+        return True
+
+    def writable(self) -> bool:
+        """It can."""
+        return True
+
+    def seekable(self) -> bool:
+        """It can."""
+        return True
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Go to a place."""
+        self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
+        return self._at
+
+    def tell(self) -> int:
+        """The present place."""
+        return self._at
+
+    def readinto(self, buffer: Any) -> int:
+        """Read what was written, whether it is committed or not."""
+        view = memoryview(buffer).cast("B")
+        n = max(0, min(view.nbytes, self._size - self._at))
+        view[:n] = _read(self._disk, self._at, n)
+        _patch(view[:n], self._at, self._pages)
+        self._at += n
+        return n
+
+    def write(self, data: Any) -> int:
+        """Write all of it, or keep the first failure."""
+        view = memoryview(data).cast("B")
+        old = min(view.nbytes, max(0, self._committed - self._at))
+        try:
+            if self.error is None:
+                self._hold(view[:old], self._at)
+                _write(self._disk, self._at + old, view[old:])
+        except OSError as error:
+            self.error = error
+        self._at += view.nbytes
+        self._size = max(self._size, self._at)
+        return view.nbytes
+
+    def truncate(self, size: int | None = None) -> int:
+        """Make it as long; the disk follows at a commit."""
+        self._size = self._at if size is None else size
+        return self._size
+
+    def _hold(self, data: memoryview, at: int) -> None:
+        """Keep a change of what is committed."""
+        while data.nbytes:
+            number, begin = divmod(at, PAGE)
+            if number not in self._pages:
+                first = number * PAGE
+                self._pages[number] = bytearray(_read(self._disk, first, min(PAGE, self._committed - first)))
+            n = min(data.nbytes, PAGE - begin)
+            self._pages[number][begin : begin + n] = data[:n]
+            data, at = data[n:], at + n
+
+    def commit(self) -> None:
+        """Let all that was written be what a reader sees; HDF5 has been told to flush before.
+
+        Raises:
+            OSError: something could not be written, or the file is there no longer; what was committed before stays.
+        """
+        if self.error is None:
+            try:
+                self._commit()
+            except OSError as error:
+                self.error = error
+        if self.error is not None:
+            raise self.error
+
+    def _commit(self) -> None:
+        if os.fstat(self._disk).st_nlink == 0:
+            raise FileNotFoundError(errno.ENOENT, "it was removed", str(self._path))
+        if self._pages:
+            pages = b"".join(_HEAD.pack(n * PAGE, len(page)) + page for n, page in sorted(self._pages.items()))
+            mark = _MARK.pack(_WORD, self._size, len(pages), zlib.crc32(pages))
+            _write(self._disk, self._size, memoryview(pages))
+            _write(self._disk, self._size + len(pages), memoryview(mark))
+            for number, page in self._pages.items():
+                _write(self._disk, number * PAGE, memoryview(page))
+        os.ftruncate(self._disk, self._size)
+        self._pages, self._committed = {}, self._size
+
+    def close(self) -> None:
+        """Let go of the file; what was not committed is lost."""
+        if not self.closed:
+            os.close(self._disk)
+        super().close()
+
+
+class _Recovered(io.FileIO):
+    """A file whose last commit was cut short, with the pages that were to be put in their places."""
+
+    def __init__(self, path: Path, pages: dict[int, bytes], size: int) -> None:
+        super().__init__(path, "rb")
+        self._pages, self._size = pages, size
+
+    def readinto(self, buffer: Any) -> int:
+        """Read, with the pages in their places."""
+        at, view = self.tell(), memoryview(buffer).cast("B")
+        n = super().readinto(view) or 0
+        _patch(view[:n], at, self._pages)
+        return n
+
+
+@contextmanager
+def reading_grown(path: Path) -> Iterator[Any]:
+    """An HDF5 file to read, as of its last commit if it was written by `Growing`.
+
+    Raises:
+        OSError: it is no HDF5 file, or cannot be read.
+    """
+    import h5py
+
+    pages, size = _held_pages(path)
+    if not pages:
+        with h5py.File(path, "r") as file:
+            yield file
+        return
+    with _Recovered(path, pages, size) as disk, h5py.File(disk, "r") as file:
+        yield file
+
+
+def _held_pages(path: Path) -> tuple[dict[int, bytes], int]:
+    """The pages of a commit that was cut short, by number, and where they begin; none where there was none."""
+    with path.open("rb") as file:
+        end = file.seek(0, os.SEEK_END)
+        file.seek(max(0, end - _MARK.size))
+        tail = file.read()
+        if len(tail) < _MARK.size or not tail.startswith(_WORD):
+            return {}, 0
+        _, begin, length, checksum = _MARK.unpack(tail)
+        file.seek(begin)
+        data = file.read(length)
+    if len(data) < length or zlib.crc32(data) != checksum:
+        return {}, 0
+    pages, at = {}, 0
+    while at < length:
+        place, n = _HEAD.unpack_from(data, at)
+        at += _HEAD.size
+        pages[place // PAGE] = data[at : at + n]
+        at += n
+    return pages, begin
+
+
+def _patch(view: memoryview, at: int, pages: Any) -> None:
+    """Put pages over what was read from place `at` on."""
+    if not pages or not view.nbytes:
+        return
+    for number in range(at // PAGE, (at + view.nbytes - 1) // PAGE + 1):
+        page = pages.get(number)
+        if page is not None:
+            begin, end = max(at, number * PAGE), min(at + view.nbytes, number * PAGE + len(page))
+            if begin < end:
+                view[begin - at : end - at] = page[begin - number * PAGE : end - number * PAGE]
+
+
+def _read(disk: int, at: int, n: int) -> bytes:
+    """Bytes of a file; behind its end zeros."""
+    parts, left = [], n
+    while left:
+        part = os.pread(disk, left, at + n - left)
+        if not part:
+            break
+        parts.append(part)
+        left -= len(part)
+    return b"".join(parts) + bytes(left)
+
+
+def _write(disk: int, at: int, data: memoryview) -> None:
+    while data.nbytes:
+        n = os.pwrite(disk, data, at)
+        data, at = data[n:], at + n

@@ -1,0 +1,79 @@
+"""Arrays that lie in a file and are read when they are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Any
+
+import numpy as np
+
+Opener = Callable[[], AbstractContextManager[Any]]
+_MISSING: Any = object()
+
+
+class Stored:
+    """An array in an HDF5 file.
+
+    Args:
+        opener: gives the open file.
+        name: of the data set.
+    """
+
+    def __init__(self, opener: Opener, name: str) -> None:
+        self._opener, self._name = opener, name
+
+    def __getitem__(self, where: Any) -> Any:
+        with self._opener() as file:
+            return file[self._name][where]
+
+    def span(self, after: float, to: float) -> slice:
+        """Where those of ascending numbers lie that are in after < x <= to; few of them are read."""
+        with self._opener() as file:
+            data = file[self._name]
+            return slice(_first_above(data, after), _first_above(data, to))
+
+
+def span(times: Any, after: float, to: float) -> slice:
+    """Likewise of an array, stored or not."""
+    if isinstance(times, Stored):
+        return times.span(after, to)
+    return slice(*(int(np.searchsorted(times, bound, side="right")) for bound in (after, to)))
+
+
+def _first_above(data: Any, bound: float) -> int:
+    low, high = 0, int(data.shape[0])
+    if not high or data[high - 1] <= bound:
+        return high
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (middle + 1, high) if data[middle] <= bound else (low, middle)
+    return low
+
+
+class Lazy:
+    """A field of a dataclass that holds an array, or a `Stored` one that is read and kept when it is asked for."""
+
+    def __init__(self, default: Any = _MISSING) -> None:
+        self._default = default
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, part: Any, owner: type | None = None) -> Any:
+        if part is None:
+            if self._default is _MISSING:
+                raise AttributeError(self._name)
+            return self._default
+        value = vars(part)[self._name]
+        if isinstance(value, Stored):
+            value = vars(part)[self._name] = value[()]
+        return value
+
+    def __set__(self, part: Any, value: Any) -> None:
+        vars(part)[self._name] = value
+
+
+def kept(part: Any, name: str) -> Any:
+    """What a lazy field holds, an array or a `Stored` one, of which a slice can be read."""
+    return vars(part)[name]

@@ -1,0 +1,69 @@
+"""Neurons of a population in YAML: its name, `{exc: "0:100"}`, `{grid: "2:4, :"}`, or ids in a list or a file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from neuro.core.checks import check
+from neuro.core.errors import ModelError, unknown
+from neuro.core.quantities import Quantity
+from neuro.model.language.files import array
+from neuro.model.language.nodes import about, found, mistake, plain
+from neuro.model.language.reader import Node
+from neuro.model.parts import Population
+from neuro.model.views import View, view
+
+IDS = Quantity(doc="ids of neurons", kind="ids")
+AXIS = r"-?\d+|-?\d*:-?\d*(:-?\d+)?"
+"""One axis of an index: a number, or begin:end:step as in Python."""
+_AXIS = re.compile(AXIS)
+
+
+def neurons(node: Node, populations: Mapping[str, Population], role: str) -> Any:
+    """What `of`, `from` or `to` stands for: what is said if it is the name of a population, or a view of it.
+
+    Args:
+        node: what is said.
+        populations: those of the network.
+        role: the word before it, for messages.
+    """
+    if not isinstance(node.value, dict):
+        return plain(node)
+    if len(node.value) != 1:
+        raise mistake(node, f"{role}: {found(node)}: expected a name, or {{name: index}}")
+    [(name, index)] = node.value.items()
+    if name not in populations:
+        error = unknown("population", name, populations)
+        raise ModelError(f"{role}: {error.message}", where=index.label, hint=error.hint)
+    with about(index, role):
+        return _chosen(index, populations[name])
+
+
+def _chosen(node: Node, population: Population) -> View:
+    if isinstance(node.value, str):
+        return view(population, _index(node, population))
+    if isinstance(node.value, int) and not isinstance(node.value, bool):
+        return view(population, node.value)
+    if isinstance(node.value, (list, dict)):
+        ids = array(node) if isinstance(node.value, dict) else plain(node)
+        return view(population, check(IDS, ids, population.name))
+    raise mistake(node, f'{population.name}: {found(node)}: expected an index such as "0:100", or a list of ids')
+
+
+def _index(node: Node, population: Population) -> tuple[int | slice, ...]:
+    items = [item.strip() for item in node.value.split(",")]
+    for item in items:
+        if not _AXIS.fullmatch(item):
+            told = f"{population.name}: found '{item}'"
+            raise mistake(
+                node, f"{told}: expected a number or begin:end:step for each axis", 'write "0:100" or "2:4, :"'
+            )
+    return tuple(_axis(item) for item in items)
+
+
+def _axis(text: str) -> int | slice:
+    if ":" not in text:
+        return int(text)
+    return slice(*(int(part) if part else None for part in text.split(":")))

@@ -1,0 +1,288 @@
+"""Views: neurons of one population, chosen by an index."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.errors import ModelError
+from neuro.core.values import shown
+
+Ids = NDArray[np.int64]
+Axis = int | slice
+_LISTED = 6
+
+
+class Laid(Protocol):
+    """What has neurons laid out in a shape: a population."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def shape(self) -> tuple[int | str, ...]:
+        """Sizes of the axes, of which some may follow when a network is compiled."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class View:
+    """Neurons of one population, each once, in the order in which an index chose them.
+
+    An index is made as in NumPy: a number or a slice for each axis of the population's shape (`exc[:100]`, `exc[7]`,
+    `grid[2:4, :]`, counted from the end where negative), or a mask of that shape. A list of numbers is a list of neuron
+    ids, whatever the shape. A bound beyond the shape is refused, where Python would cut it. `len` and iteration count
+    neurons, and each is a view of one.
+
+    Attributes:
+        population: the population.
+        index: a number or a slice for each axis, or the ids.
+
+    Raises:
+        ModelError: of what is asked for a view of a population whose shape follows when it is compiled.
+    """
+
+    population: Laid
+    index: tuple[Axis, ...] | Ids
+
+    @cached_property
+    def _chosen(self) -> tuple[Ids, tuple[int, ...]]:
+        return self._resolved(_known(self.population, repr(self)))
+
+    @property
+    def ids(self) -> Ids:
+        """The neurons, counted from 0 in C order of their population's shape."""
+        return self._chosen[0]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Sizes of the axes; one that is chosen by a number is left out, and of one neuron the shape is (1,)."""
+        return self._chosen[1]
+
+    def within(self, shape: tuple[int, ...]) -> tuple[Ids, tuple[int, ...]]:
+        """The ids and the shape of the view in a population of a shape.
+
+        Raises:
+            ModelError: it reaches beyond the shape.
+        """
+        return self._chosen if shape == self.population.shape else self._resolved(shape)
+
+    def _resolved(self, shape: tuple[int, ...]) -> tuple[Ids, tuple[int, ...]]:
+        if not isinstance(self.index, tuple):
+            return self.index, self.index.shape
+        ids, sizes = np.zeros(1, dtype=np.int64), []
+        for item, n in zip(_axes(self.index, shape, repr(self)), shape, strict=True):
+            along = np.arange(n, dtype=np.int64)[item] if isinstance(item, slice) else np.array([item])
+            ids = (ids[:, None] * n + along).reshape(-1)
+            sizes += [along.size] if isinstance(item, slice) else []
+        ids.flags.writeable = False
+        return ids, tuple(sizes) or (1,)
+
+    def written(self) -> str | Ids:
+        """The index as a description has it: "0:100", "2:4, :", or ids."""
+        if not isinstance(self.index, tuple):
+            return self.index
+        return ", ".join(_text(item, n) for item, n in zip(self.index, self.population.shape, strict=True))
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def __iter__(self) -> Iterator[View]:
+        shape = _known(self.population, repr(self))
+        return (View(self.population, tuple(map(int, np.unravel_index(neuron, shape)))) for neuron in self.ids)
+
+    def __getitem__(self, index: Any) -> View:
+        inner = view(_Sheet(repr(self), self.shape), index)
+        if not (isinstance(self.index, tuple) and isinstance(inner.index, tuple)):
+            return View(self.population, _kept(self.ids[inner.ids]))
+        items, axes = iter(inner.index), []
+        for item, n in zip(self.index, _known(self.population, repr(self)), strict=True):
+            taken = range(n)[item][next(items)] if isinstance(item, slice) else item
+            axes.append(_tight(taken) if isinstance(taken, range) else taken)
+        return View(self.population, tuple(axes))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, View):
+            return NotImplemented
+        if self.population.name != other.population.name or self.population.shape != other.population.shape:
+            return False
+        if isinstance(self.index, tuple) and isinstance(other.index, tuple):
+            return self.index == other.index
+        return _is_known(self.population) and self.shape == other.shape and np.array_equal(self.ids, other.ids)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        written = self.written()
+        return f"{self.population.name}[{written if isinstance(written, str) else _listed(written)}]"
+
+
+@dataclass(frozen=True, slots=True)
+class _Sheet:
+    """A view as something that can be indexed in turn."""
+
+    name: str
+    shape: tuple[int | str, ...]
+
+
+def view(population: Laid, index: Any) -> View:
+    """The neurons of a population that an index chooses; `View` says what it may be.
+
+    Raises:
+        ModelError: it is no index, reaches beyond the population, or chooses no neuron, or one twice.
+    """
+    if isinstance(index, (list, np.ndarray)):
+        return View(population, _kept(_ids(population, _array(index))))
+    items = index if isinstance(index, tuple) else (index,)
+    what = f"{population.name}[{', '.join(_text(item) for item in items)}]"
+    return View(population, _axes(_full(items, len(population.shape), what), population.shape, what))
+
+
+def count(population: Laid) -> int:
+    """How many neurons a population has.
+
+    Raises:
+        ModelError: its shape follows when it is compiled.
+    """
+    return math.prod(_known(population, f"'{population.name}'"))
+
+
+def _is_known(population: Laid) -> bool:
+    return not any(isinstance(n, str) for n in population.shape)
+
+
+def _known(population: Laid, what: str) -> tuple[int, ...]:
+    if not _is_known(population):
+        raise ModelError(
+            f"{what}: the shape {shown(population.shape)} of '{population.name}' follows when it is compiled: "
+            "expected numbers",
+            hint="write the numbers, or index the population itself with a number or a slice for each axis",
+        )
+    return tuple(int(n) for n in population.shape)
+
+
+def _full(items: Sequence[Any], n_axes: int, what: str) -> tuple[Any, ...]:
+    """An item for each axis: `...` and the axes that are left out stand for whole ones."""
+    places = [k for k, item in enumerate(items) if item is Ellipsis]
+    if len(places) > 1 or len(items) - len(places) > n_axes:
+        raise ModelError(f"{what}: found {len(items)} indices: expected at most {n_axes}, one for each axis")
+    at = places[0] if places else len(items)
+    rest = (slice(None),) * (n_axes - len(items) + len(places))
+    return (*items[:at], *rest, *items[at + 1 :])
+
+
+def _axes(items: Sequence[Any], shape: Sequence[int | str], what: str) -> tuple[Axis, ...]:
+    return tuple(
+        _axis(item, n, f"{what}: axis {k}" if len(shape) > 1 else what)
+        for k, (item, n) in enumerate(zip(items, shape, strict=True))
+    )
+
+
+def _axis(item: Any, n: int | str, what: str) -> Axis:
+    """The item of one axis, counted from its beginning if its size is known."""
+    if not isinstance(item, slice):
+        number = _number(item, what)
+        return _inside(number, n, n - 1, what) % n if isinstance(n, int) else number
+    start, stop, step = (None if part is None else _number(part, what) for part in (item.start, item.stop, item.step))
+    if step == 0:
+        raise ModelError(f"{what}: found a step of 0: expected another number")
+    if isinstance(n, str):
+        return slice(start, stop, step)
+    for bound in (start, stop):
+        if bound is not None:
+            _inside(bound, n, n, what)
+    taken = range(n)[slice(start, stop, step)]
+    if not taken:
+        raise ModelError(f"{what} chooses no neuron: expected at least one")
+    return _tight(taken)
+
+
+def _number(item: Any, what: str) -> int:
+    if isinstance(item, (bool, np.bool_)):
+        raise ModelError(f"{what}: found {shown(bool(item))}: expected a number or a slice")
+    try:
+        return operator.index(item)
+    except TypeError:
+        hint = "a list of ids or a mask of the population's shape stands alone" if np.ndim(item) else ""
+        raise ModelError(f"{what}: found {shown(item)}: expected a number or a slice", hint=hint) from None
+
+
+def _inside(number: int, n: int, most: int, what: str) -> int:
+    if not -n <= number <= most:
+        raise ModelError(f"{what}: found {number}: expected {-n} to {most}")
+    return number
+
+
+def _tight(taken: range) -> slice:
+    """A slice for the numbers of a range, the same however they were asked for."""
+    first, last, step = taken[0], taken[-1], taken.step if len(taken) > 1 else 1
+    stop = last + (1 if step > 0 else -1)
+    return slice(first, None if stop < 0 else stop, step)
+
+
+def _array(index: Any) -> NDArray[Any]:
+    try:
+        return np.asarray(index)
+    except ValueError:  # rows of different lengths
+        return np.asarray(index, dtype=object)
+
+
+def _ids(population: Laid, array: NDArray[Any]) -> Ids:
+    """The neurons that a mask or a list of ids chooses."""
+    name = population.name
+    if array.dtype == bool:
+        shape = _known(population, f"{name}[mask]")
+        if array.shape not in (shape, (math.prod(shape),)):
+            raise ModelError(f"{name}[mask]: a mask of shape {list(array.shape)}: expected {list(shape)}")
+        ids = np.flatnonzero(array)
+    elif array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
+        found = f"{array.dtype} of shape {list(array.shape)}"
+        raise ModelError(f"{name}[...]: found an array of {found}: expected a list of whole numbers, or a mask")
+    else:
+        ids = array.astype(np.int64)
+    what = f"{name}[{_listed(ids)}]"
+    if ids.size == 0:
+        raise ModelError(f"{what} chooses no neuron: expected at least one")
+    size = math.prod(_known(population, what))
+    outside = np.flatnonzero((ids < -size) | (ids >= size))
+    if outside.size:
+        raise ModelError(f"{what}: found {ids[outside[0]]}: expected {-size} to {size - 1}")
+    ids = ids % size
+    numbers, times = np.unique(ids, return_counts=True)
+    if numbers.size < ids.size:
+        raise ModelError(f"{what} chooses neuron {numbers[times > 1][0]} more than once: expected each once")
+    return ids
+
+
+def _kept(ids: Ids) -> Ids:
+    ids.flags.writeable = False
+    return ids
+
+
+def _text(item: Any, n: int | str | None = None) -> str:
+    """One axis of an index as the language writes it; without the bounds that are those of an axis of n."""
+    if item is Ellipsis:
+        return "..."
+    if not isinstance(item, slice):
+        return shown(item)
+    start, stop, step = item.start, item.stop, item.step
+    if isinstance(n, int):
+        first = 0 if step > 0 else n - 1
+        start = None if start == first else start
+        stop = None if stop is not None and range(n)[item] == range(n)[item.start :: step] else stop
+    bounds = ":".join("" if bound is None else shown(bound) for bound in (start, stop))
+    return bounds if step in (None, 1) else f"{bounds}:{shown(step)}"
+
+
+def _listed(ids: Ids) -> str:
+    numbers = [str(neuron) for neuron in ids[: _LISTED - 1]]
+    if len(ids) > _LISTED:
+        numbers.append("...")
+    return f"[{', '.join(numbers + [str(neuron) for neuron in ids[_LISTED - 1 :][-1:]])}]"

@@ -1,0 +1,145 @@
+"""Parts of a network as callers name them: by name, by the part itself, or by a view of a population."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.compiler.views import End, end_of
+from neuro.core.errors import ModelError, unknown
+from neuro.model.network import Network
+from neuro.model.parts import Part, Population, Probe, Projection, Signal
+from neuro.model.views import Laid, View
+from neuro.program import program as resolved
+from neuro.program.program import Ints, Program
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Neurons:
+    """Neurons of a population that a caller names.
+
+    Attributes:
+        index: of the population in the program.
+        part: the population there.
+        end: which of its neurons.
+        text: what was named, for messages.
+    """
+
+    index: int
+    part: resolved.Population
+    end: End
+    text: str
+
+    @property
+    def ids(self) -> Ints | None:
+        """The neurons in their order, None for all."""
+        return self.end.ids
+
+    def among(self) -> NDArray[np.bool_]:
+        """Whether each neuron of the population is one of them."""
+        mask: NDArray[np.bool_] = np.full(self.part.size, self.ids is None)
+        mask[self.ids] = True
+        return mask
+
+
+class Handles:
+    """Finds parts of a compiled network.
+
+    Args:
+        net: the network that was compiled.
+        program: its resolved form.
+    """
+
+    def __init__(self, net: Network, program: Program) -> None:
+        self._net, self._program = net, program
+        self._populations = {part.name: index for index, part in enumerate(program.populations)}
+        self._projections = {part.name: index for index, part in enumerate(program.projections)}
+        self._signals = {part.name: index for index, part in enumerate(program.signals)}
+        self._probes = {part.name: index for index, part in enumerate(net.probes.values())}
+        self._said = tuple(net.probes.values())
+        self._whole = {
+            part.name: Neurons(index, part, End(part.shape, None, part.size), f"'{part.name}'")
+            for index, part in enumerate(program.populations)
+        }
+
+    def neurons_or_projection(self, of: Population | View | Projection | str) -> Neurons | int:
+        """The neurons, or the index of the projection.
+
+        Raises:
+            ModelError: this network has neither, or the view reaches beyond its population.
+        """
+        if isinstance(of, (Population, View)) or (isinstance(of, str) and of in self._whole):
+            return self.neurons(of)
+        if isinstance(of, Projection) or (isinstance(of, str) and of in self._projections):
+            return self.projection(of)
+        raise _none("population or projection", of, [*self._populations, *self._projections])
+
+    def neurons(self, of: Population | View | str) -> Neurons:
+        """The neurons of a population, or of a view of one.
+
+        Raises:
+            ModelError: this network has no such population, or the view reaches beyond it.
+        """
+        if isinstance(of, str) and of in self._whole:
+            return self._whole[of]
+        population = of.population if isinstance(of, View) else of
+        index = self._find("population", Population, population, self._populations, self._net.populations)
+        part = self._program.populations[index]
+        if not isinstance(of, View):
+            return self._whole[part.name]
+        return Neurons(index, part, end_of(of, part.shape), repr(of))
+
+    def recorded(self, probe: resolved.Probe) -> Neurons:
+        """The neurons that a probe records."""
+        part = self._program.populations[probe.population]
+        shape = part.shape if probe.ids is None else probe.ids.shape
+        return Neurons(probe.population, part, End(shape, probe.ids, part.size), f"probe '{probe.name}'")
+
+    def projection(self, of: Projection | str) -> int:
+        """The index of a projection."""
+        return self._find("projection", Projection, of, self._projections, self._net.projections)
+
+    def signal(self, of: Signal | str) -> int:
+        """The index of a signal."""
+        return self._find("signal", Signal, of, self._signals, self._net.signals)
+
+    def probe(self, of: Probe | str) -> Probe:
+        """A probe, as it was said; its traces are named by `Probe.traces`."""
+        for probe in self._said:
+            if not isinstance(probe.record, str):
+                for state, name in probe.traces().items():
+                    if of == name:
+                        return replace(probe, name=name, record=state)
+        return self._said[self._find("probe", Probe, of, self._probes, self._net.probes)]
+
+    def of_trace(self, name: str) -> str:
+        """The name of the probe that records a trace."""
+        return next(probe.name for probe in self._said if name in probe.traces().values())
+
+    def recording(self, name: str) -> resolved.Probe:
+        """The probe of a population that records a trace."""
+        return next(probe for probe in self._program.probes if probe.name == name)
+
+    def _find(
+        self, word: str, kind: type[Part], of: object, known: Mapping[str, int], parts: Mapping[str, Laid | Part]
+    ) -> int:
+        if isinstance(of, str) and of in known:
+            return known[of]
+        if not isinstance(of, kind):
+            raise _none(word, of, known)
+        if parts.get(of.name) is not of:
+            told = f"{word} '{of.name}' is a part of another network: expected one of '{self._net.name}'"
+            raise ModelError(told, hint=f"'{of.name}' names the one here" if of.name in known else "")
+        return known[of.name]
+
+
+def _none(word: str, found: object, known: Iterable[str]) -> ModelError:
+    """The error for what is no part of that word."""
+    if isinstance(found, Part):
+        return ModelError(f"found the {found.word} '{found.name}': expected a {word} or its name")
+    if isinstance(found, View):
+        return ModelError(f"found the view {found}: expected a {word} or its name")
+    return unknown(word, found, known)
