@@ -15,7 +15,7 @@ from neuro.program.program import Floats
 WIDTH, LANE = 330.0, 84.0
 _TOP = 18.0
 MOST = 60
-MOST_NEURONS = 4
+MOST_LINES = 4
 BINS = 150
 _POINTS = 300
 
@@ -28,7 +28,7 @@ def rates(results: Results) -> Html:
 
 
 def _rate(name: str, train: Train, results: Results) -> Html:
-    step, last = results.about["resolution_ms"], results.duration_ms
+    step, last = results.about["resolution_ms"], end_ms(results)
     width = max(1, round(last / step / BINS)) * step
     edges = np.append(np.arange(0.0, max(last - width / 2, step / 2), width), last)
     counts, _ = np.histogram(train.times_ms, edges, weights=train.multiplicity)
@@ -37,19 +37,29 @@ def _rate(name: str, train: Train, results: Results) -> Html:
     return html.figure(picture, f"bins of {width:g} ms", name)
 
 
-def traces(results: Results) -> Html:
-    """What each probe of a state recorded."""
-    parts = list(results.traces.items())
-    return _grid([_trace(name, trace, results.duration_ms) for name, trace in parts[:MOST]], len(parts), "traces")
+def traces(results: Results, of: str) -> Html:
+    """What each probe recorded of a "population", or of a "projection"."""
+    parts = [(name, trace) for name, trace in results.traces.items() if getattr(trace, of)]
+    return _grid([_trace(name, trace, end_ms(results)) for name, trace in parts[:MOST]], len(parts), "traces")
+
+
+def end_ms(results: Results) -> float:
+    """How long a run was, or one step where it has just begun."""
+    return max(results.duration_ms, float(results.about["resolution_ms"]))
 
 
 def _trace(name: str, trace: Trace, last: float) -> Html:
-    neurons = trace.values.shape[1]
-    chosen = evenly(neurons, MOST_NEURONS)
-    each = [np.asarray(trace.values[:, column]) for column in chosen]
-    picture = curves(trace.times_ms, each, None, last, trace.unit, f"{trace.state} of {trace.population}")
-    told = f"{trace.state} of {chosen.size} of {neurons:,} neurons" if chosen.size < neurons else trace.state
-    return html.figure(picture, f"{told} of {trace.population}", name)
+    of, what = (trace.population, "neuron") if trace.population else (trace.projection, "synapse")
+    values = trace.values.reshape(trace.times_ms.size, -1)
+    chosen = evenly(values.shape[1], MOST_LINES)
+    if trace.values.ndim == 1:
+        told = f"{trace.state} at each pre spike of {of}"
+    elif trace.mean or trace.state == "rate":
+        told = f"{'mean ' * trace.mean}{trace.state} of {of}"
+    else:
+        told = f"{trace.state} of {chosen.size:,} of {values.shape[1]:,} {what}s of {of}"
+    each = [values[:, column] for column in chosen]
+    return html.figure(curves(trace.times_ms, each, None, last, trace.unit, told), told, name)
 
 
 def _grid(drawn: Sequence[Html], there: int, what: str) -> Html:

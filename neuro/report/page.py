@@ -20,7 +20,7 @@ from neuro.pages.histograms import Histogram, drawings, histogram
 from neuro.pages.html import Html, table, tag
 from neuro.pages.raster import Strip, window
 from neuro.report.counted import energy
-from neuro.report.curves import rates, traces
+from neuro.report.curves import end_ms, rates, traces
 
 PAGE = sealed("a page of 'neuro report'", '<meta name="generator" content="neuro report">', "<!-- digest {} -->")
 
@@ -76,7 +76,8 @@ def _head(results: Results) -> Html:
     about = results.about
     told = f"{results.duration_ms:g} ms in steps of {about['resolution_ms']:g} ms on {about['backend']}"
     rest = f", seed {about['seed']}, by neuro {about['neuro']}."
-    return tag("header", tag("h1", about["network"]), tag("p", told + rest, class_="lead"))
+    early = None if results.finished else tag("p", "It did not come to its end: all is there that was recorded so far.")
+    return tag("header", tag("h1", about["network"]), tag("p", told + rest, class_="lead"), early)
 
 
 def _cards(results: Results, bill: Energy | None, target: str) -> Iterator[Html]:
@@ -125,7 +126,7 @@ def _spikes(results: Results) -> Iterator[Html]:
 
 def _raster(results: Results, names: list[str]) -> Html:
     """Strips of all populations."""
-    step, last = float(results.about["resolution_ms"]), results.duration_ms
+    step, last = float(results.about["resolution_ms"]), end_ms(results)
     clock = Clock(step)
     most = min(MOST_DOTS, MOST_DOTS_IN_ALL // len(names))
     strips = []
@@ -142,7 +143,7 @@ def _raster(results: Results, names: list[str]) -> Html:
 
 
 def _hz(train: Train, results: Results) -> str:
-    return f"{train.counts['spikes'] / train.size / (results.duration_ms / 1000.0):.2f}"
+    return f"{train.counts['spikes'] / train.size / (end_ms(results) / 1000.0):.2f}"
 
 
 def _population(name: str, train: Train, results: Results) -> tuple[object, ...]:
@@ -162,17 +163,22 @@ def _population(name: str, train: Train, results: Results) -> tuple[object, ...]
 
 
 def _traces(results: Results) -> Iterator[Html]:
-    if results.traces:
+    if any(trace.population for trace in results.traces.values()):
         yield tag("h2", "Traces")
-        yield traces(results)
+        yield traces(results, "population")
 
 
 def _weights(results: Results) -> Iterator[Html]:
     found = [_histogram(name, part) for name, part in results.projections.items() if part.weight is not None]
     found = [part for part in found if part.synapses]
-    if found:
+    probed = any(trace.projection for trace in results.traces.values())
+    if found or probed:
         yield tag("h2", "Weights")
-        yield tag("p", "At the end of the run.")
+    if probed:
+        yield tag("h3", "Along time")
+        yield traces(results, "projection")
+    if found:
+        yield tag("h3", "At the end of the run")
         yield drawings(found, {"end": "at the end"})
 
 

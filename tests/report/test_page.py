@@ -179,6 +179,32 @@ def test_commands_that_it_tells(run):
     assert "neuro compare net.yaml --for 250 --seed 3 --html compare.html" in text
 
 
+def test_what_probes_recorded_of_synapses_and_rates():
+    net = neuro.Network("learns", resolution=1.0)
+    noise = net.population("noise", 20, neuro.poisson_generator(rate=100.0))
+    cells = net.population("cells", 4, neuro.iaf_psc_exp())
+    learns = net.connect(noise, cells, neuro.all_to_all(), neuro.stdp(Wmax=900.0), weight=400.0, delay=1.0)
+    net.probe("v", cells, "V_m", every=1.0)
+    net.probe("r", cells, "rate", every=10.0)
+    net.probe("w", learns, "weight", every=5.0)
+    net.probe("wp", learns, "weight", at="pre_spikes")
+    sim = neuro.compile(net, seed=2)
+    sim.run(300.0)
+    text = shown(collect(sim, net)).text
+    for name, what in {"v": "V_m of 4 of 4 neurons of cells", "r": "rate of cells"}.items():
+        assert f" {name} {what} " in text
+    drawn = sim.trace("w")[1][:, [0, 26, 52, 79]]
+    assert f"w weight of 4 of 80 synapses of noise_cells {drawn.min():.4g} to {drawn.max():.4g} 0" in text
+    values = sim.trace("wp")[1]["weight"]
+    assert f"wp weight at each pre spike of noise_cells {values.min():.4g} to {values.max():.4g} 0" in text
+
+
+def test_a_run_that_did_not_come_to_its_end(run):
+    assert "It did not come to its end" not in shown(run).text
+    run.about["finished"] = False
+    assert "It did not come to its end: all is there that was recorded so far." in shown(run).text
+
+
 def test_names_are_text():
     net = neuro.Network("odd")
     net.population("a", 1, neuro.iaf_psc_exp())
