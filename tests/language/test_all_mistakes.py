@@ -1,12 +1,14 @@
 """`neuro check` tells every mistake of a file, each in the words that it has alone, and nothing that only follows."""
 
 import itertools
+import re
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import neuro
 from neuro.compiler.mistakes import mistakes
 
 RIGHT = """\
@@ -99,12 +101,40 @@ def test_they_are_told_by_place(folder, alone):
 
 @pytest.mark.parametrize("name", PLANTED)
 def test_loading_and_compiling_raise_the_first(folder, alone, name):
-    import neuro
-
     told(folder, (name,))
     with pytest.raises(neuro.ModelError) as caught:
         neuro.compile(neuro.load("net.yaml"), backend="reference")
     assert str(caught.value) == alone[name]
+
+
+PIECES = re.findall(r"[\w.$]+|[^\w.$]", RIGHT)
+
+
+INSTEAD = ("", "x", "-1", "exc", "auto", "{}", "[]")
+
+
+def first(path: str) -> list[str]:
+    """What loading and compiling raise."""
+    try:
+        neuro.compile(neuro.load(path), backend="reference")
+    except neuro.ModelError as error:
+        return [str(error)]
+    return []
+
+
+@given(st.lists(st.tuples(st.integers(0, len(PIECES) - 1), st.sampled_from(INSTEAD)), max_size=4))
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_of_any_text_the_first_is_among_them(folder, changes):
+    """Where loading and compiling succeed nothing is told; else what they raise is; each mistake once."""
+    pieces = list(PIECES)
+    for at, piece in changes:
+        pieces[at] = piece
+    (folder / "net.yaml").write_text("".join(pieces))
+    found = [str(error) for error in mistakes("net.yaml", None, 0).mistakes]
+    expected = first("net.yaml")
+    assert set(expected) <= set(found)
+    assert bool(expected) == bool(found)
+    assert len(set(found)) == len(found)
 
 
 TWO = "neuro: 1\npopulations:\n  a: {model: poisson_generator, shape: 3}\n  b: {model: iaf_psc_exp, shape: 2}\n"
