@@ -30,12 +30,30 @@ def page(generator: str, title: str, parts: Iterable[object], script: str = "") 
     template = Template((_FOLDER / "page.html").read_text("utf-8"))
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return template.substitute(
-        generator=generator,
-        title=tag("title", title),
+        head=head(generator, title, f"'sha256-{digest}'" if script else "'none'"),
         style=(_FOLDER / "page.css").read_text("utf-8").strip(),
         body=join(parts),
-        policy=f"; script-src 'sha256-{digest}'" if script else "",
         script=tag("script", Html(script)) if script else "",
+    )
+
+
+def head(generator: str, title: str, scripts: str = "'unsafe-inline'") -> Html:
+    """What the head of every page begins with.
+
+    Args:
+        generator: the command that makes it, by which the file is known.
+        title: of the window.
+        scripts: which scripts the browser may run, in the words of its Content-Security-Policy.
+    """
+    policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src {scripts}; img-src data:"
+    return Html(
+        f"""<meta charset="utf-8">
+<meta name="generator" content="{generator}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<meta name="color-scheme" content="light dark">
+<link rel="icon" href="data:,">
+{tag("title", title)}"""
     )
 
 
