@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from neuro.chips.pricing.energy import number, quantity, sourced
     from neuro.cli.energy import TARGETS, Sources, Target
     from neuro.cli.options import Backend, Seed, Set, assignments, whole
-    from neuro.compare import html
     from neuro.core import hdf5
     from neuro.core.checks import check, check_fields
     from neuro.core.errors import Where, unknown
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
     from neuro.files.checkpoint import Checkpoint
     from neuro.kernels.jit import allocating, inner, kernel
     from neuro.model.language import Node, about, mistake, plain, read, words
+    from neuro.pages import html
     from neuro.program.backend import find_backend
 
 _HOMES = {
@@ -61,7 +61,7 @@ _HOMES = {
         "Where",
         "unknown",
     ),
-    "neuro.compare.html": (),
+    "neuro.pages.html": (),
     "neuro.core.hdf5": (),
     "neuro.core.extension": ("extensions", "run_extensions"),
     "neuro.core.extras": ("install",),

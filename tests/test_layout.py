@@ -19,9 +19,11 @@ LAYERS = (
     "chips",
     "files",
     "plots",
+    "pages",
     "run",
     "verify",
     "compare",
+    "report",
     "testing",
     "cli",
 )

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import output, sealed
+from neuro.apps import html, output, sealed
 from neuro_drone.evaluate import Start
 from neuro_drone.flight import Flight, Spikes, fly
 from neuro_drone.model import Model
@@ -87,8 +87,10 @@ def page(flight: Flight) -> str:
     about += [f"network on {flight.backend}"] if flight.spikes and flight.backend != "event" else []
     about += [f"one of every {thinned} events is shown"] if thinned > 1 else []
     template = Template(files("neuro_drone").joinpath("watch.html").read_text("utf-8"))
+    title = f"{model.controller} in {world.name}"
     return template.substitute(
-        title=escape(f"{model.controller} in {world.name}"),
+        head=html.head("neuro drone watch", title),
+        title=escape(title),
         told=escape(" · ".join(about)),
         data=json.dumps(_data(flight, max(1, thinned))).replace("<", "\\u003c"),
     )

@@ -16,13 +16,14 @@ from neuro.cli.events import shell
 from neuro.cli.fit import fit
 from neuro.cli.models import models
 from neuro.cli.plot import plot
+from neuro.cli.report import report
 from neuro.cli.run import run
 from neuro.cli.schema import schema
 from neuro.cli.show import show
 from neuro.cli.verify import verify
 from neuro.core.version import VERSION
 
-COMMANDS = (run, plot, compare, check, show, fit, energy, schema, verify, models, backends, shell)
+COMMANDS = (run, plot, report, compare, check, show, fit, energy, schema, verify, models, backends, shell)
 
 app = typer.Typer(cls=Commands, name="neuro", add_completion=False, pretty_exceptions_enable=False)
 for command in COMMANDS:

@@ -2,30 +2,51 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import typer
 
 from neuro.cli.options import Backend, NetworkFile, Seed, Set, assignments
 
+if TYPE_CHECKING:
+    from neuro.program.backend import Problem
+    from neuro.program.program import Program
+
 
 def check(file: NetworkFile, backend: Backend = "event", seed: Seed = 0, set: Set = []) -> None:  # noqa: B006
-    """Load and compile a network, ask the backend whether it can run it, and say so."""
-    from neuro.compiler import compile_network
-    from neuro.model.language import load
+    """Load and compile a network, ask the backend whether it can run it, and say all that is wrong."""
+    from neuro.compiler.mistakes import mistakes
     from neuro.program.backend import find_backend
 
     chosen = find_backend(backend)
-    program = compile_network(load(file, params=assignments(set)), seed)
-    problems = chosen.problems(program)
+    found = mistakes(file, assignments(set), seed)
+    problems = () if found.program is None else chosen.problems(found.program)
+    problems = [problem for problem in problems if problem.origin not in found.unsure]
+    for error in found.mistakes:
+        typer.echo(f"error: {error}", err=True)
     for problem in problems:
-        place = f"{problem.origin}: " if problem.origin else ""
-        kind = "refused" if problem.refused else "approximated"
-        hint = f"\n  hint: {problem.way_out}" if problem.way_out else ""
-        typer.echo(f"{place}{kind}: {problem.what}: {problem.why}{hint}", err=True)
-    if any(problem.refused for problem in problems):
+        typer.echo(told(problem), err=True)
+    wrong = len(found.mistakes) + sum(problem.refused for problem in problems)
+    if wrong > 1:
+        typer.echo(f"{file}: {wrong} mistakes", err=True)
+    if wrong or found.program is None:
         raise typer.Exit(2)
+    typer.echo(f"{file}: ok on {backend}: {summary(found.program)}")
+
+
+def told(problem: Problem) -> str:
+    """A line for what a backend refuses or approximates."""
+    place = f"{problem.origin}: " if problem.origin else ""
+    kind = "refused" if problem.refused else "approximated"
+    hint = f"\n  hint: {problem.way_out}" if problem.way_out else ""
+    return f"{place}{kind}: {problem.what}: {problem.why}{hint}"
+
+
+def summary(program: Program) -> str:
+    """How large a network is."""
     neurons = sum(population.size for population in program.populations)
     synapses = sum(projection.size for projection in program.projections)
-    typer.echo(
-        f"{file}: ok on {backend}: {neurons} neurons in {len(program.populations)} populations, "
+    return (
+        f"{neurons} neurons in {len(program.populations)} populations, "
         f"{synapses} synapses in {len(program.projections)} projections, resolution {program.resolution:g} ms"
     )

@@ -1,4 +1,4 @@
-"""A comparison as one page that needs nothing else: no script, no font, no network."""
+"""A comparison as one page that needs nothing else: no font, no network, no script but its own."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from collections.abc import Iterator
 from neuro.chips.known import chip
 from neuro.chips.pricing.energy import quantity
 from neuro.chips.quantising.fixed_program import FixedProgram
-from neuro.compare import cells, html
-from neuro.compare.bars import learnt, weights
+from neuro.compare import cells
 from neuro.compare.chipmap import chip_map
-from neuro.compare.energybars import joules
-from neuro.compare.html import Html, join, table, tag
 from neuro.compare.raster import rasters
 from neuro.compare.result import Comparison, Run
 from neuro.core.outputs import sealed
 from neuro.core.version import VERSION
+from neuro.pages import html, raster
+from neuro.pages.bills import joules
+from neuro.pages.histograms import drawings
+from neuro.pages.html import Html, join, table, tag
 
 PAGE = sealed("a page of 'neuro compare'", '<meta name="generator" content="neuro compare">', "<!-- digest {} -->")
 
@@ -45,7 +46,7 @@ def page(comparison: Comparison) -> str:
         *_remarks(comparison),
         tag("footer", f"Written by neuro {VERSION} (neuro compare)."),
     )
-    return html.page("neuro compare", f"{comparison.network}: a comparison of backends", parts)
+    return html.page("neuro compare", f"{comparison.network}: a comparison of backends", parts, raster.script())
 
 
 def _head(comparison: Comparison) -> Html:
@@ -85,7 +86,7 @@ def _numbers(comparison: Comparison) -> Html:
 
 def _spikes(comparison: Comparison) -> Iterator[Html]:
     yield tag("h2", "Spikes")
-    yield tag("p", "A dashed line marks the first difference.")
+    yield tag("p", f"A dashed line marks the first difference. {raster.HELP}")
     yield rasters(comparison)
     yield tag("h3", "Populations")
     yield tag("p", DISTANCE)
@@ -98,10 +99,11 @@ def _weights(comparison: Comparison) -> Iterator[Html]:
     yield tag("h2", "Weights")
     if any(run.fixed for run in comparison.ran):
         yield tag("p", "Before and after quantisation: as described, and as the weight memory of each chip holds them.")
-    yield weights(comparison)
+    chips = [run.backend for run in comparison.ran if run.fixed]
+    yield drawings(comparison.histograms, {"described": "as described"} | {name: f"on {name}" for name in chips})
     yield tag("h3", f"At the end of the run, against {comparison.first.backend}")
     if comparison.learnt:
-        yield learnt(comparison)
+        yield drawings(comparison.learnt, {run.backend: f"on {run.backend}" for run in comparison.ran})
     yield tag("p", "The last column is what quantising alone does to the weights as described.")
     yield table(cells.PROJECTIONS, cells.projections(comparison))
 
@@ -117,11 +119,8 @@ def _maps(comparison: Comparison) -> Iterator[Html]:
 
 def _energy(comparison: Comparison) -> Iterator[Html]:
     yield tag("h2", "Energy")
-    told = (
-        "Counts times published figures, and static power times the time of the emulated chip. cpu and gpu do the same "
-    )
-    yield tag("p", f"{told}work as dense layers: every synapse in every step.")
-    yield joules(comparison)
+    yield tag("p", ENERGY)
+    yield joules([(f"counts of {bill.counted_on}", bill.energy) for bill in comparison.bills if bill.energy])
 
 
 def _rounding(comparison: Comparison) -> Iterator[Html]:

@@ -10,9 +10,10 @@ from neuro.chips.placing.placement import Placement
 from neuro.chips.pricing.energy import Energy
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.compare.spikes import Distance, Divergence, Train
-from neuro.compare.weights import Histogram, WeightDifference
+from neuro.compare.weights import WeightDifference
 from neuro.core.outputs import sealed
 from neuro.core.tables import Table, as_html, as_text
+from neuro.pages.histograms import Histogram
 from neuro.program.counts import Counts
 from neuro.program.program import Floats, Program
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from neuro.pages.raster import evenly
 from neuro.program.program import Floats, Ints
 
 COST_MS = 10.0
@@ -122,12 +123,6 @@ def distance(first: Train, other: Train, duration_ms: float) -> Distance | None:
         if not np.array_equal(a, b):
             edits += _edits(library, a, b, until)
     return Distance(edits, spikes, edits / spikes if spikes else 0.0, chosen.size, until)
-
-
-def evenly(size: int, most: int) -> Ints:
-    """At most so many of the neurons 0 .. size - 1, evenly spaced."""
-    chosen: Ints = np.unique(np.linspace(0, max(size - 1, 0), min(size, most)).astype(np.int64))
-    return chosen
 
 
 def _busiest(train: Train) -> int:

@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.model.neurons import Neuron
+from neuro.pages.histograms import Histogram, histogram
 from neuro.program.program import Floats, Program, Projection
 
-BINS = 48
 _LAST_BITS = 1e-12
 
 
@@ -29,29 +28,6 @@ class WeightDifference:
     largest: float
     rms: float
     relative: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Histogram:
-    """How weights of one projection are distributed.
-
-    Attributes:
-        projection: its name.
-        unit: of the weights, "" for registers of a chip.
-        synapses: how many there are (of a grid: weights of its kernels).
-        edges: of the bins, shape (bins + 1,); of length 1 where all weights are one number.
-        counts: by what the weights are of, e.g. "described" and the name of each chip, shape (bins,).
-        distinct: how many different weights there are, likewise.
-        extent: smallest and largest weight, likewise.
-    """
-
-    projection: str
-    unit: str
-    synapses: int
-    edges: Floats
-    counts: dict[str, NDArray[np.int64]]
-    distinct: dict[str, int]
-    extent: dict[str, tuple[float, float]]
 
 
 def difference(first: Floats, other: Floats) -> WeightDifference:
@@ -116,31 +92,13 @@ def learnt(program: Program, final: Mapping[str, Mapping[str, Floats]]) -> tuple
 
 
 def _histogram(program: Program, part: Projection, weights: Mapping[str, Floats], grain: float) -> Histogram:
-    if not part.size:
-        return Histogram(part.name, "", 0, np.zeros(1), {}, {}, {})
-    extent = {name: (float(values.min()), float(values.max())) for name, values in weights.items()}
-    low, high = min(low for low, _ in extent.values()), max(high for _, high in extent.values())
-    several = any(high > low for low, high in extent.values())
-    edges = _edges(low, high, grain) if several else np.array([low])
-    counts = {name: np.histogram(values, edges)[0] for name, values in weights.items()} if several else {}
-    distinct = {name: int(np.unique(values).size) for name, values in weights.items()}
-    return Histogram(part.name, unit(program, part), part.size, edges, counts, distinct, extent)
+    return histogram(part.name, unit(program, part), weights, grain)
 
 
 def _grain(chips: Mapping[str, FixedProgram], index: int) -> float:
     """The coarsest difference of two weights that a chip can hold; 0 without a chip."""
     parts = (fixed.projections[index] for fixed in chips.values())
     return max((float(max(p.step.max(), p.step_below.max())) * p.grain for p in parts if p is not None), default=0.0)
-
-
-def _edges(low: float, high: float, grain: float) -> Floats:
-    """Edges of about `BINS` bins, each of which holds as many of the coarsest chip's values as any other."""
-    if not 0.0 < grain < high - low:
-        return np.linspace(low, high, BINS + 1)
-    width = grain * np.ceil((high - low) / grain / BINS)
-    first = grain * (np.floor(low / grain + 0.5) - 0.5)
-    edges: Floats = first + width * np.arange(np.floor((high - first) / width) + 2)
-    return edges
 
 
 def unit(program: Program, part: Projection) -> str:

@@ -21,7 +21,7 @@ from neuro.model.neurons import MODELS, CurrentGenerator, Generator, Model, Neur
 from neuro.model.parts import Group, Population, Probe, Projection, Signal
 from neuro.model.rules import grid
 from neuro.model.space import of_distance
-from neuro.model.synapses import SYNAPSES, Modulated, static
+from neuro.model.synapses import SYNAPSES, Modulated
 from neuro.program.program import Floats
 
 AnyPart: TypeAlias = Population | Projection | Signal | Group | Probe

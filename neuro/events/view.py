@@ -23,6 +23,7 @@ from neuro.core.paths import file_path
 from neuro.events._arguments import flag
 from neuro.events._events import Events
 from neuro.events.parts import together
+from neuro.pages import html
 
 MOST = 500_000
 """Events of a page; 9 bytes each, so a page has at most 6 MB."""
@@ -112,7 +113,12 @@ def page(events: Events, title: str, total: int, step: int) -> str:
     if step > 1:
         told += f" · one of every {step:,} events is shown ({len(events):,})"
     template = Template(files("neuro.events").joinpath("view.html").read_text("utf-8"))
-    return template.substitute(title=escape(title), told=escape(told), data=json.dumps(data).replace("<", "\\u003c"))
+    return template.substitute(
+        head=html.head("neuro events view", title),
+        title=escape(title),
+        told=escape(told),
+        data=json.dumps(data).replace("<", "\\u003c"),
+    )
 
 
 def _base64(values: Any, kind: str) -> str:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import output, sealed
+from neuro.apps import html, output, sealed
 from neuro.events import Events, load
 from neuro_recognise.deciding.session import Decision
 from neuro_recognise.deciding.stopping import ASSURANCE
@@ -176,7 +176,10 @@ def filled(title: str, about: Sequence[str], data: Mapping[str, Any]) -> str:
     """
     template = Template(files("neuro_recognise.telling").joinpath("watch.html").read_text("utf-8"))
     return template.substitute(
-        title=escape(title), told=escape(" · ".join(about)), data=json.dumps(data).replace("<", "\\u003c")
+        head=html.head("neuro recognise", title),
+        title=escape(title),
+        told=escape(" · ".join(about)),
+        data=json.dumps(data).replace("<", "\\u003c"),
     )
 
 

@@ -40,6 +40,11 @@ def load(path: str | Path, params: Mapping[str, Any] | None = None) -> Network:
     """
     file = file_path(path, "path")
     sections = resolve(gather(file), {} if params is None else params, Where(str(file)))
+    return build(sections)
+
+
+def build(sections: Mapping[str, Node]) -> Network:
+    """The network that sections without `$names` describe; the same errors as of `load`."""
     return _Builder(sections).network()
 
 

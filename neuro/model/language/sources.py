@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from neuro.core.errors import ModelError
@@ -16,8 +17,12 @@ SECTIONS = (*OWN, "resolution", *GATHERED[:-1], "trials", "probes")
 VERSION = 1
 
 
-def gather(path: Path) -> dict[str, Node]:
+def gather(path: Path, reading: Callable[[Path], Node] = read) -> dict[str, Node]:
     """Read a file with everything it includes.
+
+    Args:
+        path: the file.
+        reading: gives the content of a file.
 
     Returns:
         The sections by name; the parts of included files come before the file's own.
@@ -25,17 +30,17 @@ def gather(path: Path) -> dict[str, Node]:
     Raises:
         ModelError: a file cannot be read, a word is unknown, or two files define the same part.
     """
-    return _sections(read(path), [path.resolve()], set())
+    return _sections(reading(path), [path.resolve()], set(), reading)
 
 
-def _sections(root: Node, chain: list[Path], seen: set[Path]) -> dict[str, Node]:
+def _sections(root: Node, chain: list[Path], seen: set[Path], reading: Callable[[Path], Node]) -> dict[str, Node]:
     own = words(root, SECTIONS, "a network")
     version = own.get("neuro")
     if version is not None and (type(version.value) is not int or version.value != VERSION):
         raise mistake(version, f"neuro = {shown(plain(version))}: expected {VERSION}, the version of the language")
     merged: dict[str, Node] = {}
     for node in _included(own):
-        for section, part in _included_sections(node, chain, seen).items():
+        for section, part in _included_sections(node, chain, seen, reading).items():
             _merge(merged, section, part)
     for section, part in own.items():
         if section in GATHERED:
@@ -58,7 +63,9 @@ def _included(own: dict[str, Node]) -> list[Node]:
     return node.value
 
 
-def _included_sections(node: Node, chain: list[Path], seen: set[Path]) -> dict[str, Node]:
+def _included_sections(
+    node: Node, chain: list[Path], seen: set[Path], reading: Callable[[Path], Node]
+) -> dict[str, Node]:
     with within("include"):
         path = inside(node, node.value)
         real = path.resolve()
@@ -68,7 +75,7 @@ def _included_sections(node: Node, chain: list[Path], seen: set[Path]) -> dict[s
         if real in seen:
             raise mistake(node, f"'{node.value}' is included twice", "include it once; its parts are seen everywhere")
     seen.add(real)
-    inner = _sections(read(path), [*chain, real], seen)
+    inner = _sections(reading(path), [*chain, real], seen, reading)
     return {section: part for section, part in inner.items() if section not in OWN}
 
 

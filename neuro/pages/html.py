@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
@@ -16,17 +18,43 @@ class Html(str):
     __slots__ = ()
 
 
-def page(generator: str, title: str, parts: Iterable[object]) -> str:
-    """A page that needs nothing else: no script, no font, no network.
+def page(generator: str, title: str, parts: Iterable[object], script: str = "") -> str:
+    """A page that needs nothing else: no font, no network, no script but its own.
 
     Args:
         generator: the command that makes it, by which the file is known.
         title: of the window.
         parts: what it contains.
+        script: what the page runs; its policy lets the browser run nothing else.
     """
     template = Template((_FOLDER / "page.html").read_text("utf-8"))
-    style = (_FOLDER / "page.css").read_text("utf-8").strip()
-    return template.substitute(generator=generator, title=tag("title", title), style=style, body=join(parts))
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    return template.substitute(
+        head=head(generator, title, f"'sha256-{digest}'" if script else "'none'"),
+        style=(_FOLDER / "page.css").read_text("utf-8").strip(),
+        body=join(parts),
+        script=tag("script", Html(script)) if script else "",
+    )
+
+
+def head(generator: str, title: str, scripts: str = "'unsafe-inline'") -> Html:
+    """What the head of every page begins with.
+
+    Args:
+        generator: the command that makes it, by which the file is known.
+        title: of the window.
+        scripts: which scripts the browser may run, in the words of its Content-Security-Policy.
+    """
+    policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src {scripts}; img-src data:"
+    return Html(
+        f"""<meta charset="utf-8">
+<meta name="generator" content="{generator}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<meta name="color-scheme" content="light dark">
+<link rel="icon" href="data:,">
+{tag("title", title)}"""
+    )
 
 
 def tag(name: str, *parts: object, **attributes: object) -> Html:
@@ -51,19 +79,26 @@ def join(parts: Iterable[object]) -> Html:
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str = "") -> Html:
-    """A table; columns whose name begins with ">" are numbers, set to the right."""
+    """A table; columns whose name begins with ">" are numbers, set to the right.
+
+    Where there is little room each row stands as a list, in which cells bear the names of their columns.
+    """
     kinds = ["n" if name.startswith(">") else None for name in columns]
-    head = [tag("th", name.lstrip(">"), class_=kind, scope="col") for name, kind in zip(columns, kinds, strict=True)]
-    body = [tag("tr", *(tag("td", cell, class_=k) for cell, k in zip(row, kinds, strict=True))) for row in rows]
+    names = [name.lstrip(">") for name in columns]
+    head = [tag("th", name, class_=kind, scope="col") for name, kind in zip(names, kinds, strict=True)]
+    body = [
+        tag("tr", *(tag("td", cell, class_=k, data_is=n) for cell, k, n in zip(row, kinds, names, strict=True)))
+        for row in rows
+    ]
     told = tag("caption", caption) if caption else None
     return tag("div", tag("table", told, tag("thead", tag("tr", *head)), tag("tbody", *body)), class_="scroll")
 
 
-def figure(picture: Html, caption: object, title: str = "") -> Html:
+def figure(picture: Html, caption: object, title: str = "", class_: str | None = None) -> Html:
     """A picture with words: a caption above it if it has a title, else below."""
     if title:
-        return tag("figure", tag("figcaption", tag("b", title), tag("span", caption)), picture)
-    return tag("figure", picture, tag("figcaption", caption))
+        return tag("figure", tag("figcaption", tag("b", title), tag("span", caption)), picture, class_=class_)
+    return tag("figure", picture, tag("figcaption", caption), class_=class_)
 
 
 def legend(*entries: tuple[str, str]) -> Html:

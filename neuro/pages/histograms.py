@@ -1,37 +1,85 @@
-"""Weights as histograms: before and after quantisation, and at the end of a run."""
+"""Weights as histograms: of each projection one drawing, where several kinds of weights lie over each other."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compare import html
-from neuro.compare.html import Html, tag
-from neuro.compare.result import Comparison
-from neuro.compare.weights import Histogram
+from neuro.pages import html
+from neuro.pages.html import Html, tag
 from neuro.program.program import Floats
 
+BINS = 48
 WIDTH, HEIGHT = 330.0, 150.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 8.0, 8.0, 10.0, 26.0
 _ROOM = 90.0
 MOST = 60
 
 
-def weights(comparison: Comparison) -> Html:
-    """Before and after quantisation: a histogram of each projection with several weights, a row of each with one."""
-    chips = [run.backend for run in comparison.ran if run.fixed]
-    return _drawings(comparison.histograms, {"described": "as described"} | {name: f"on {name}" for name in chips})
+@dataclass(frozen=True, slots=True, eq=False)
+class Histogram:
+    """How weights of one projection are distributed.
+
+    Attributes:
+        projection: its name.
+        unit: of the weights, "" for registers of a chip.
+        synapses: how many there are (of a grid: weights of its kernels).
+        edges: of the bins, shape (bins + 1,); of length 1 where all weights are one number.
+        counts: by what the weights are of, e.g. "described" and the name of each chip, shape (bins,).
+        distinct: how many different weights there are, likewise.
+        extent: smallest and largest weight, likewise.
+    """
+
+    projection: str
+    unit: str
+    synapses: int
+    edges: Floats
+    counts: dict[str, NDArray[np.int64]]
+    distinct: dict[str, int]
+    extent: dict[str, tuple[float, float]]
 
 
-def learnt(comparison: Comparison) -> Html:
-    """At the end of the run: the same of each projection that learns, on each backend."""
-    return _drawings(comparison.learnt, {run.backend: f"on {run.backend}" for run in comparison.ran})
+def histogram(projection: str, unit: str, weights: Mapping[str, Floats], grain: float = 0.0) -> Histogram:
+    """Weights of one projection as a histogram.
+
+    Args:
+        projection: its name.
+        unit: of the weights.
+        weights: by kind, as many of each.
+        grain: the coarsest difference of two weights, if they are of a chip.
+    """
+    size = next(iter(weights.values())).size if weights else 0
+    if not size:
+        return Histogram(projection, "", 0, np.zeros(1), {}, {}, {})
+    extent = {name: (float(values.min()), float(values.max())) for name, values in weights.items()}
+    low, high = min(low for low, _ in extent.values()), max(high for _, high in extent.values())
+    several = any(high > low for low, high in extent.values())
+    edges = _edges(low, high, grain) if several else np.array([low])
+    counts = {name: np.histogram(values, edges)[0] for name, values in weights.items()} if several else {}
+    distinct = {name: int(np.unique(values).size) for name, values in weights.items()}
+    return Histogram(projection, unit, size, edges, counts, distinct, extent)
 
 
-def _drawings(found: Sequence[Histogram], names: Mapping[str, str]) -> Html:
-    """Histograms; `names` says what each kind of weights is called, the first of which is filled."""
+def _edges(low: float, high: float, grain: float) -> Floats:
+    """Edges of about `BINS` bins, each of which holds as many of the coarsest chip's values as any other."""
+    if not 0.0 < grain < high - low:
+        return np.linspace(low, high, BINS + 1)
+    width = grain * np.ceil((high - low) / grain / BINS)
+    first = grain * (np.floor(low / grain + 0.5) - 0.5)
+    edges: Floats = first + width * np.arange(np.floor((high - first) / width) + 2)
+    return edges
+
+
+def drawings(found: Sequence[Histogram], names: Mapping[str, str]) -> Html:
+    """Histograms, and a table of those with one value.
+
+    Args:
+        found: one for each projection.
+        names: what each kind of weights is called; the first is filled.
+    """
     wide = [part for part in found if part.counts]
     single = [part for part in found if not part.counts]
     parts: list[object] = []

@@ -3,39 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 
 from neuro.chips.description import COSTS
 from neuro.chips.pricing.energy import STATIC, Energy, Item, number, quantity, sourced
-from neuro.compare import html
-from neuro.compare.html import Html, tag
-from neuro.compare.result import Bill, Comparison
+from neuro.pages import html
+from neuro.pages.html import Html, tag
 
-WIDTH, LEFT, RIGHT, ROW = 1040.0, 230.0, 90.0, 44.0
 MOST_LINES = 300
 COLOURS = 8
 FIGURE_COLUMNS = ("target", "what", ">each", "source")
 ITEM_COLUMNS = ("what", "of", ">count", ">each", ">energy", ">source")
 
+Bills = Sequence[tuple[str, Energy]]
+"""What is counted, as "counts of event", and its bill."""
 
-def joules(comparison: Comparison) -> Html:
+
+def joules(bills: Bills) -> Html:
     """Bars of all bills, and the lines of each."""
-    bills = [(bill, bill.energy) for bill in comparison.bills if bill.energy is not None]
     if not bills:
         return tag("p", "There is no bill.")
     kinds = list(dict.fromkeys(name for _, e in bills for name in e.by_cost() if name != STATIC))
-    return html.join([_totals(bills), _shares(bills, kinds), _figures(bills), *(_details(b, e) for b, e in bills)])
+    details = (_details(about, e) for about, e in bills)
+    return html.join([_totals(bills), _shares(bills, kinds), _figures(bills), *details])
 
 
-Bills = list[tuple[Bill, Energy]]
-
-
-def _name(bill: Bill, y: float) -> list[Html]:
-    about = f"counts of {bill.counted_on}"
-    return [
-        html.text(LEFT - 14, y - 1, bill.target, "name", "end"),
-        html.text(LEFT - 14, y + 13, about, "quiet", "end"),
-    ]
+def _row(about: str, e: Energy, *parts: object) -> Html:
+    return tag("div", tag("p", tag("b", e.target), tag("small", about)), tag("div", *parts), class_="bill")
 
 
 def _totals(bills: Bills) -> Html:
@@ -43,54 +37,43 @@ def _totals(bills: Bills) -> Html:
     values = [j for _, e in bills for j in (e.dynamic_j, e.static_j) if j > 0.0] or [1.0]
     low, high = math.floor(math.log10(min(values))), math.ceil(math.log10(max(values)) + 1e-9)
     high = max(high, low + 1)
-
-    def x(value: float) -> float:
-        return LEFT + (WIDTH - LEFT - RIGHT) * (math.log10(value) - low) / (high - low)
-
-    bottom = 10 + ROW * len(bills)
-    parts: list[object] = []
-    for exponent in range(low, high + 1):
-        at = x(10.0**exponent)
-        parts.append(html.line(at, 6, at, bottom, "rule"))
-        parts.append(html.text(at, bottom + 16, quantity(10.0**exponent, "J"), "tick", "middle"))
-    for row, (bill, e) in enumerate(bills):
-        y = 10 + ROW * (row + 0.5)
-        parts += _name(bill, y)
-        told = [(kind, j) for kind, j in (("static", e.static_j), ("dynamic", e.dynamic_j)) if j > 0.0]
-        if len(told) == 2:
-            parts.append(html.line(x(e.dynamic_j), y, x(e.static_j), y, "link"))
-        for kind, j in told:
-            dot = tag("circle", tag("title", f"{kind}: {quantity(j, 'J')}"), cx=x(j), cy=y, r=6, class_=kind)
-            parts += [dot, html.text(x(j), y - 11, quantity(j, "J"), "value", "middle")]
-    picture = html.svg(WIDTH, bottom + 24, *parts, label="joules of each target, logarithmic", class_="wide")
+    rows = []
+    for about, e in bills:
+        told = [(kind, j) for kind, j in (("dynamic", e.dynamic_j), ("static", e.static_j)) if j > 0.0]
+        dots = (_dot(kind, j, 100.0 * (math.log10(j) - low) / (high - low)) for kind, j in told)
+        words = ", ".join(f"{kind} {quantity(j, 'J')}" for kind, j in told) or "0 J"
+        rows.append(_row(about, e, tag("div", *dots, class_="track"), tag("small", words)))
+    ends = tag("div", *(tag("span", quantity(10.0**n, "J")) for n in (low, high)), class_="ends")
+    scale = tag("div", tag("p"), ends, class_="bill")
     key = html.legend(("dynamic", "dynamic: what is done"), ("static", "static: chips that are on"))
-    return html.figure(html.join([key, picture]), "Joules of the whole run on a logarithmic scale.")
+    return html.figure(html.join([key, *rows, scale]), "Joules of the whole run on a logarithmic scale.")
+
+
+def _dot(kind: str, j: float, percent: float) -> Html:
+    return tag("i", class_=kind, style=f"left:{percent:.1f}%", title=f"{kind}: {quantity(j, 'J')}")
 
 
 def _shares(bills: Bills, kinds: list[str]) -> Html:
     """What dynamic joules are spent on, and the share of static ones."""
-    parts: list[object] = []
-    for row, (bill, e) in enumerate(bills):
-        y = 6 + ROW * row
-        parts += _name(bill, y + 16)
+    rows = []
+    for about, e in bills:
         dynamic = [(f"item{kinds.index(name) % COLOURS}", name, j) for name, j in e.by_cost().items() if name != STATIC]
-        parts += _bar(dynamic, y, 20.0)
-        parts += _bar([("dynamic", "dynamic", e.dynamic_j), ("static", "static", e.static_j)], y + 23, 5.0)
-        parts.append(html.text(WIDTH - RIGHT + 10, y + 15, quantity(e.dynamic_j, "J"), "value"))
-    picture = html.svg(WIDTH, 6 + ROW * len(bills), *parts, label="what joules are spent on", class_="wide")
+        both = [("dynamic", "dynamic", e.dynamic_j), ("static", "static", e.static_j)]
+        told = f"{about}: {quantity(e.dynamic_j, 'J')}"
+        rows.append(_row(told, e, _bar(dynamic, "bar"), _bar(both, "bar thin")))
     key = html.legend(*((f"item{i % COLOURS}", _meaning(name)) for i, name in enumerate(kinds)))
     caption = "Thick: dynamic joules by what they are spent on. Thin: dynamic and static of the total."
-    return html.figure(html.join([key, picture]), caption)
+    return html.figure(html.join([key, *rows]), caption)
 
 
-def _bar(parts: list[tuple[str, str, float]], y: float, height: float) -> Iterator[Html]:
-    total, x = sum(j for _, _, j in parts), LEFT
-    for kind, name, j in parts:
-        width = (WIDTH - LEFT - RIGHT) * j / total if total else 0.0
-        if width > 0.2:
-            told = f"{_meaning(name)}: {quantity(j, 'J')}, {j / total:.1%}"
-            yield html.box(x, y, max(width - 1.0, 0.5), height, kind, told)
-        x += width
+def _bar(parts: Sequence[tuple[str, str, float]], class_: str) -> Html:
+    total = sum(j for _, _, j in parts)
+    return tag("div", *(_share(*part, total) for part in parts if part[2] > 0.0), class_=class_)
+
+
+def _share(kind: str, name: str, j: float, total: float) -> Html:
+    told = f"{_meaning(name)}: {quantity(j, 'J')}, {j / total:.1%}"
+    return tag("i", class_=kind, style=f"width:{100.0 * j / total:.2f}%", title=told)
 
 
 def _meaning(name: str) -> str:
@@ -113,14 +96,14 @@ def _each(item: Item) -> str:
     return "-" if item.joules_each is None else quantity(item.joules_each, unit)
 
 
-def _details(bill: Bill, e: Energy) -> Html:
+def _details(about: str, e: Energy) -> Html:
     sources = list(dict.fromkeys(sourced(item.source, item.conditions) for item in e.items if item.source))
     rows = [_line(item, sources) for item in e.items[:MOST_LINES]]
     if len(e.items) > MOST_LINES:
         rows.append((f"{len(e.items) - MOST_LINES:,} more lines", "", "", "", "", ""))
     rows += [(name, "", "", "", told, "") for name, told in zip(("dynamic", "static", "total"), e.sums(), strict=True)]
     time = "" if e.chip_time_s is None else f", {quantity(e.chip_time_s, 's')} of chip time"
-    head = f"{e.title}, counts of {bill.counted_on}: {quantity(e.total_j, 'J')}{time}"
+    head = f"{e.title}, {about}: {quantity(e.total_j, 'J')}{time}"
     foot = tag("ol", *(tag("li", source) for source in sources))
     notes = tag("ul", *(tag("li", note) for note in e.notes)) if e.notes else None
     return tag("details", tag("summary", head), html.table(ITEM_COLUMNS, rows), tag("h4", "Sources"), foot, notes)

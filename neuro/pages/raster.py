@@ -1,0 +1,160 @@
+"""Rasters on a canvas, to be zoomed: strips of spikes along one time.
+
+A spike is one number, step * rows + row; a page has the differences of these in ascending order, 7 bits a byte with the
+lowest first, as base64: 1 or 2 bytes a spike.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from neuro.pages import html
+from neuro.pages.html import Html, tag
+from neuro.program.program import Ints
+
+LEAST_ROWS = 8
+MOST_ROWS = 1000
+HELP = (
+    "Drag over a part to see it larger (along the time, or over neurons too); a double click shows the whole again. "
+    "Ctrl and the wheel zoom, the arrows move along. All rasters of this page show the same time."
+)
+_BUTTONS = (("left", "←"), ("right", "→"), ("in", "+"), ("out", "-"), ("whole", "whole"))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """What is drawn of a population.
+
+    Attributes:
+        neurons: which, ascending; each takes a row.
+        steps: up to this step, not included.
+        size: neurons of the population.
+    """
+
+    neurons: Ints
+    steps: int
+    size: int
+
+    def keys(self, steps: Ints, ids: Ints) -> Ints:
+        """Step and row of each spike that is drawn, as one number."""
+        keep = (steps < self.steps) & np.isin(ids, self.neurons)
+        row = np.searchsorted(self.neurons, ids[keep])
+        found: Ints = np.unique(steps[keep] * self.neurons.size + row)
+        return found
+
+    def told(self, ms: float, resolution_ms: float) -> str:
+        """How much of the population and of the run is drawn."""
+        n, end_ms = self.neurons.size, self.steps * resolution_ms
+        which = f"{self.size:,} neuron{'s' * (self.size != 1)}"
+        told = which if n == self.size else f"{n:,} of {which}, evenly chosen"
+        return told if end_ms >= ms else f"{told}; the first {end_ms:g} of {ms:g} ms"
+
+
+def window(size: int, trains: Sequence[tuple[Ints, Ints]], last: int, most: int, also: Iterable[int] = ()) -> Window:
+    """As many neurons as there is room for, whole if possible; then the first part of the run.
+
+    Args:
+        size: neurons of the population.
+        trains: steps and ids of the spikes of each strip.
+        last: the last step of the run.
+        most: spikes that a strip may have.
+        also: neurons that are drawn in any case.
+    """
+    total = max((ids.size for _, ids in trains), default=0)
+    rows = max(min(MOST_ROWS, int(0.9 * most * size / max(total, 1))), LEAST_ROWS)
+    neurons = np.union1d(evenly(size, rows), np.array([*also], dtype=np.int64)).astype(np.int64)
+    end = last + 1
+    for steps, ids in trains:
+        mine = steps[np.isin(ids, neurons)]
+        if mine.size > most:
+            end = min(end, int(mine[most]))
+    return Window(neurons, end, size)
+
+
+def evenly(size: int, most: int) -> Ints:
+    """At most so many of the neurons 0 .. size - 1, evenly spaced."""
+    chosen: Ints = np.unique(np.linspace(0, max(size - 1, 0), min(size, most)).astype(np.int64))
+    return chosen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Strip:
+    """One strip of a raster.
+
+    Attributes:
+        name: what its spikes are of.
+        about: a few words more.
+        window: what is drawn.
+        kinds: the keys of spikes by kind, a colour of the style.
+        mark: a time to be marked, in ms.
+    """
+
+    name: str
+    about: str
+    window: Window
+    kinds: Mapping[str, Ints] = field(default_factory=dict)
+    mark: float | None = None
+
+
+def raster(
+    strips: Sequence[Strip], ms: float, resolution_ms: float, *, label: str, tallest: int = 96, together: bool = False
+) -> Html:
+    """A drawing of strips; `together`: they have the same neurons, of which all show the same part."""
+    data = {
+        "ms": ms,
+        "step": resolution_ms,
+        "together": together,
+        "strips": [_plain(strip, tallest) for strip in strips],
+    }
+    text = Html(json.dumps(data, separators=(",", ":")).replace("<", "\\u003c"))
+    buttons = (tag("button", told, type="button", name_=name, aria_label=name) for name, told in _BUTTONS)
+    return html.join(
+        [
+            tag("div", *buttons, tag("output"), class_="tools"),
+            tag("div", tag("canvas", role="img", aria_label=label, tabindex=0, title=HELP)),
+            tag("script", text, type="application/json"),
+        ]
+    )
+
+
+@cache
+def script() -> str:
+    """What draws them; each page with rasters has it once."""
+    return (Path(__file__).parent / "raster.js").read_text("utf-8")
+
+
+def _plain(strip: Strip, tallest: int) -> dict[str, object]:
+    neurons = strip.window.neurons
+    rows = neurons.size
+    return {
+        "name": strip.name,
+        "about": strip.about,
+        "rows": rows,
+        "neurons": packed(neurons) if rows < strip.window.size else "",
+        "height": max(24, min(tallest, 3 * rows)),
+        "mark": strip.mark,
+        "kinds": {kind: packed(keys) for kind, keys in strip.kinds.items() if keys.size},
+    }
+
+
+def packed(keys: Ints) -> str:
+    """Ascending numbers as base64 of their differences, see above."""
+    gaps = np.diff(keys, prepend=0).astype(np.uint64)
+    digits = [gaps]
+    while (higher := digits[-1] >> np.uint64(7)).any():
+        digits.append(higher)
+    columns = np.stack(digits, axis=1)
+    there = columns > 0
+    there[:, 0] = True
+    more = np.zeros_like(there)
+    more[:, :-1] = there[:, 1:]
+    # Only what has a higher part goes on: these are the first bytes of each row.
+    content = (columns & np.uint64(127)) | (more.astype(np.uint64) << np.uint64(7))
+    return base64.b64encode(content[there].astype(np.uint8).tobytes()).decode("ascii")

@@ -1,0 +1,235 @@
+"""The page of a run: it needs nothing else, neither the network's file nor a network connection."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from neuro.chips.pricing.energy import Energy, quantity
+from neuro.core.clock import Clock
+from neuro.core.errors import ModelError
+from neuro.core.outputs import sealed
+from neuro.core.version import VERSION
+from neuro.files.results import Results, Train, Weights
+from neuro.pages import html, raster
+from neuro.pages.bills import joules
+from neuro.pages.histograms import Histogram, drawings, histogram
+from neuro.pages.html import Html, table, tag
+from neuro.pages.raster import Strip, window
+from neuro.report.counted import energy
+from neuro.report.curves import end_ms, rates, traces
+
+PAGE = sealed("a page of 'neuro report'", '<meta name="generator" content="neuro report">', "<!-- digest {} -->")
+
+MOST_STRIPS = 300
+MOST_DOTS = 40_000
+MOST_DOTS_IN_ALL = 600_000
+TALLEST, LOWER = 140, 60
+"""Pixels of a strip; of one of more than a dozen."""
+
+POPULATIONS = ("population", "model", "shape", ">neurons", ">spikes", ">rate Hz", ">that fired", ">active updates")
+PROJECTIONS = ("projection", "from", "to", "synapse", ">synapses", ">least", ">mean", ">largest", ">operations")
+TOTALS = {
+    "spikes": "spikes",
+    "synaptic_ops": "synaptic operations",
+    "neuron_updates": "neuron updates",
+    "neuron_updates_active": "of these with an arrival or a spike",
+    "learning_updates": "learning updates",
+}
+
+
+def page(results: Results, file: Path, target: str = "loihi") -> str:
+    """The page as HTML text.
+
+    Args:
+        results: what the run left behind.
+        file: where it is, for the commands that are told.
+        target: what its bill is of.
+    """
+    bill, reason = _bill(results, target)
+    parts = (
+        _head(results),
+        tag("div", *_cards(results, bill, target), class_="cards"),
+        *_spikes(results),
+        *_traces(results),
+        *_weights(results),
+        *_network(results),
+        *_energy(results, bill, reason, target),
+        *_next(results, file),
+        tag("footer", f"Written by neuro {VERSION} (neuro report)."),
+    )
+    return html.page("neuro report", f"{results.about['network']}: a run", parts, raster.script())
+
+
+def _bill(results: Results, target: str) -> tuple[Energy | None, str]:
+    """The bill, or why there is none."""
+    try:
+        return energy(results, results.network(), target), ""
+    except ModelError as error:
+        return None, str(error)
+
+
+def _head(results: Results) -> Html:
+    about = results.about
+    told = f"{results.duration_ms:g} ms in steps of {about['resolution_ms']:g} ms on {about['backend']}"
+    rest = f", seed {about['seed']}, by neuro {about['neuro']}."
+    early = None if results.finished else tag("p", "It did not come to its end: all is there that was recorded so far.")
+    return tag("header", tag("h1", about["network"]), tag("p", told + rest, class_="lead"), early)
+
+
+def _cards(results: Results, bill: Energy | None, target: str) -> Iterator[Html]:
+    populations, projections = results.populations, results.projections
+    neurons, synapses = (
+        sum(n) for n in ((p.size for p in populations.values()), (p.synapses for p in projections.values()))
+    )
+    spikes = int(results.about["counts.spikes"])
+    yield _card("spikes", f"{spikes:,}", f"of {_many(neurons, 'neuron')} in {_many(len(populations), 'population')}")
+    carried = _many(int(results.about["counts.synaptic_ops"]), "operation")
+    told = f"in {_many(len(projections), 'projection')} carried {carried}"
+    yield _card("synapses", f"{synapses:,}", told)
+    if bill is not None:
+        yield _card(
+            f"energy on {target}", quantity(bill.total_j, "J"), f"{quantity(bill.dynamic_j, 'J')} of it dynamic"
+        )
+
+
+def _many(n: int, what: str) -> str:
+    return f"{n:,} {what}{'s' * (n != 1)}"
+
+
+def _card(what: str, big: str, below: str) -> Html:
+    return tag("section", tag("h3", what), tag("p", big, class_="big"), tag("p", below), class_="card")
+
+
+def _spikes(results: Results) -> Iterator[Html]:
+    yield tag("h2", "Spikes")
+    shown = [name for name, train in results.populations.items() if train.times_ms.size]
+    if shown:
+        yield tag("p", raster.HELP)
+        yield _raster(results, shown[:MOST_STRIPS])
+    if len(shown) > MOST_STRIPS:
+        yield tag("p", f"{len(shown) - MOST_STRIPS} more populations are not drawn.")
+    silent = [name for name, train in results.populations.items() if not train.counts["spikes"]]
+    left_out = [n for n, train in results.populations.items() if train.counts["spikes"] and not train.times_ms.size]
+    if silent:
+        yield tag("p", f"Silent: {', '.join(silent)}.")
+    if left_out:
+        yield tag("p", f"Not kept: {', '.join(left_out)}; neuro run --record NAME keeps them.")
+    yield table(POPULATIONS, (_population(name, train, results) for name, train in results.populations.items()))
+    if shown:
+        yield tag("h3", "Rates along time")
+        yield rates(results)
+
+
+def _raster(results: Results, names: list[str]) -> Html:
+    """Strips of all populations."""
+    step, last = float(results.about["resolution_ms"]), end_ms(results)
+    clock = Clock(step)
+    most = min(MOST_DOTS, MOST_DOTS_IN_ALL // len(names))
+    strips = []
+    for name in names:
+        train = results.populations[name]
+        steps = clock.steps(train.times_ms, "spikes")
+        drawn = window(train.size, [(steps, train.ids)], int(results.about["counts.steps"]), most)
+        about = f"{_hz(train, results)} Hz, {drawn.told(last, step)}"
+        strips.append(Strip(name, about, drawn, {"spike": drawn.keys(steps, train.ids)}))
+    picture = raster.raster(
+        strips, last, step, label=f"raster of {', '.join(names)}", tallest=TALLEST if len(names) < 13 else LOWER
+    )
+    return html.figure(picture, "Each row is a neuron, the first at the bottom.", class_="raster")
+
+
+def _hz(train: Train, results: Results) -> str:
+    return f"{train.counts['spikes'] / train.size / (end_ms(results) / 1000.0):.2f}"
+
+
+def _population(name: str, train: Train, results: Results) -> tuple[object, ...]:
+    fired = f"{np.unique(train.ids).size:,}" if train.recorded else "-"
+    shape = " x ".join(map(str, train.shape))
+    active = f"{train.counts['neuron_updates_active']:,}"
+    return (
+        name,
+        train.model,
+        shape,
+        f"{train.size:,}",
+        f"{train.counts['spikes']:,}",
+        _hz(train, results),
+        fired,
+        active,
+    )
+
+
+def _traces(results: Results) -> Iterator[Html]:
+    if any(trace.population for trace in results.traces.values()):
+        yield tag("h2", "Traces")
+        yield traces(results, "population")
+
+
+def _weights(results: Results) -> Iterator[Html]:
+    found = [_histogram(name, part) for name, part in results.projections.items() if part.weight is not None]
+    found = [part for part in found if part.synapses]
+    probed = any(trace.projection for trace in results.traces.values())
+    if found or probed:
+        yield tag("h2", "Weights")
+    if probed:
+        yield tag("h3", "Along time")
+        yield traces(results, "projection")
+    if found:
+        yield tag("h3", "At the end of the run")
+        yield drawings(found, {"end": "at the end"})
+
+
+def _histogram(name: str, part: Weights) -> Histogram:
+    assert part.weight is not None
+    return histogram(name, "", {"end": part.weight.ravel()})
+
+
+def _network(results: Results) -> Iterator[Html]:
+    yield tag("h2", "Network")
+    if results.projections:
+        yield table(PROJECTIONS, (_projection(name, part) for name, part in results.projections.items()))
+    else:
+        yield tag("p", "Nothing is connected.")
+    yield tag("h3", "Counts")
+    yield table(("what", ">count"), [(told, f"{int(results.about[f'counts.{n}']):,}") for n, told in TOTALS.items()])
+
+
+def _projection(name: str, part: Weights) -> tuple[object, ...]:
+    w = part.weight
+    there = w is not None and w.size > 0
+    told = [f"{n:.4g}" for n in (w.min(), w.mean(), w.max())] if there and w is not None else ["-"] * 3
+    return (
+        name,
+        part.source,
+        part.target,
+        part.synapse,
+        f"{part.synapses:,}",
+        *told,
+        f"{part.counts['synaptic_ops']:,}",
+    )
+
+
+def _energy(results: Results, bill: Energy | None, reason: str, target: str) -> Iterator[Html]:
+    yield tag("h2", "Energy")
+    if bill is None:
+        yield tag("p", f"There is no bill of {target}:")
+        yield tag("ul", tag("li", reason), class_="remarks")
+    else:
+        yield tag("p", "Counts times published figures, and static power times the time of the emulated chip.")
+        yield joules([(f"counts of {results.about['backend']}", bill)])
+
+
+def _next(results: Results, file: Path) -> Iterator[Html]:
+    name, net = shlex.quote(str(file)), "net.yaml"
+    again = f"net.yaml --for {results.duration_ms:g} --seed {results.about['seed']}"
+    read = f'from neuro.files import results\nresults.read("{file}").network().save("{net}")'
+    yield tag("h2", "What next")
+    yield tag("p", "Pictures of it as files:")
+    yield tag("pre", f"neuro plot {name}")
+    yield tag("p", "The network is in the file; in Python:")
+    yield tag("pre", read)
+    yield tag("p", "Then on chips, side by side, and what each takes:")
+    yield tag("pre", f"neuro compare {again} --html compare.html\nneuro energy {again}\nneuro fit {net}")

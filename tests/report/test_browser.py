@@ -1,0 +1,56 @@
+"""The page in a browser: its script draws and zooms, and nothing is told on the console."""
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+import neuro
+from neuro.report.page import page
+from neuro.run.collect import collect
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+
+pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium on PATH")
+
+
+@pytest.fixture
+def picture(tmp_path):
+    """A page as a browser of some width draws it, and what its console says."""
+
+    def of(where, width):
+        fixed = ("--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}")
+        quiet = ("--no-first-run", "--disable-background-networking", "--disable-sync", "--hide-scrollbars")
+        look = (f"--window-size={width},1000", f"--screenshot={tmp_path / 'page.png'}")
+        log = ("--enable-logging=stderr", "--v=0")
+        done = subprocess.run([BROWSER, *fixed, *quiet, *log, *look, where], capture_output=True, text=True, timeout=60)
+        assert done.returncode == 0, done.stderr
+        assert [line for line in done.stderr.splitlines() if ":CONSOLE" in line] == []
+        return imread(tmp_path / "page.png")[..., :3]
+
+    return of
+
+
+def blue(pixels):
+    """Where spikes are drawn."""
+    return (pixels[..., 2] - pixels[..., 0] > 0.2) & (pixels[..., 0] < 0.5)
+
+
+def test_it_draws_and_zooms(tmp_path, picture):
+    net = neuro.Network("three", resolution=1.0)
+    net.population("cells", 30, neuro.spike_generator(spike_times=[[100.0, 300.0, 301.0]] * 30))
+    sim = neuro.compile(net)
+    sim.run(400.0)
+    (tmp_path / "page.html").write_text(page(collect(sim, net), "run.h5"), "utf-8")
+    where = f"file://{tmp_path / 'page.html'}"
+    whole, part = picture(where, 900), picture(f"{where}#299-302", 900)
+    columns = [np.flatnonzero(blue(pixels[:680]).sum(axis=0) > 20) for pixels in (whole, part)]
+    groups = [1 + int((np.diff(found) > 3).sum()) for found in columns]
+    assert groups == [2, 2]
+    assert columns[0].max() - columns[0].min() > 300  # 100 and 300 ms of 400
+    assert 200 < columns[1].max() - columns[1].min() < 320  # 300 and 301 ms of 3
+    narrow = picture(where, 420)
+    assert blue(narrow)[:, 380:].sum() == 0
+    assert blue(narrow).sum() > 60

@@ -1,0 +1,294 @@
+"""The page of `neuro report`: what it shows is what the run left behind."""
+
+import base64
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import neuro
+from neuro.files import results
+from neuro.pages.histograms import histogram
+from neuro.pages.raster import packed
+from neuro.report.counted import energy
+from neuro.report.curves import curves
+from neuro.report.page import page
+from neuro.run.collect import collect
+
+NETWORK = """\
+neuro: 1
+name: small
+resolution: 0.5
+populations:
+  noise: {model: {poisson_generator: {rate: 400.0}}, shape: 30}
+  exc: {model: iaf_psc_exp, shape: [4, 5]}
+  quiet: {model: iaf_psc_exp, shape: 1}
+projections:
+  noise_exc: {from: noise, to: exc, rule: {pairwise_bernoulli: {p: 0.3}}, weight: 300.0, synapse: {stdp: {Wmax: 900.0}}}
+  exc_quiet: {from: exc, to: quiet, rule: all_to_all, weight: -7.5}
+probes:
+  v: {of: exc, record: V_m, every: 1.0}
+"""
+
+
+@pytest.fixture
+def network(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "net.yaml").write_text(NETWORK)
+    return neuro.load("net.yaml")
+
+
+@pytest.fixture
+def ran(network):
+    sim = neuro.compile(network, seed=3)
+    sim.run(250.0)
+    return sim
+
+
+@pytest.fixture
+def run(ran, network):
+    return collect(ran, network)
+
+
+def unpacked(text):
+    """Keys of spikes as the page's script reads them."""
+    keys, key, gap, place = [], 0, 0, 1
+    for byte in base64.b64decode(text):
+        gap += (byte & 127) * place
+        place *= 128
+        if byte < 128:
+            key += gap
+            keys.append(key)
+            gap, place = 0, 1
+    return keys
+
+
+class Page(HTMLParser):
+    """Tables as lists of rows, the raster's data, links, and all words."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.rows, self.words, self.links, self.json, self.cell, self.scripts = [], [], [], None, None, 0
+        self.inside = ""
+        self.feed(text)
+
+    def handle_starttag(self, name, attributes):
+        found = dict(attributes)
+        self.links += [found[word] for word in ("src", "href") if word in found]
+        self.inside = "json" if found.get("type") == "application/json" else name
+        self.scripts += self.inside == "script"
+        if name == "tr":
+            self.rows.append([])
+        if name == "td":
+            self.rows[-1].append("")
+
+    def handle_endtag(self, name):
+        self.inside = ""
+
+    def handle_data(self, text):
+        if self.inside == "json":
+            self.json = json.loads(text)
+        elif self.inside not in ("script", "style"):
+            self.words.append(text)
+        if self.inside == "td":
+            self.rows[-1][-1] += text
+
+    def row(self, *begin):
+        """The only row of a table that begins so."""
+        [found] = [row for row in self.rows if tuple(row[: len(begin)]) == begin]
+        return found[len(begin) :]
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.words).split())
+
+
+def shown(run, file="run.h5", **words):
+    return Page(page(run, file, **words))
+
+
+def test_its_numbers_are_those_of_the_run(run, ran):
+    told, counts = shown(run), ran.counts()
+    exc = counts.populations["exc"].spikes
+    assert exc > 50
+    fired = len(set(ran.spikes("exc")[1].tolist()))
+    active = counts.populations["exc"].neuron_updates_active
+    rest = ["20", f"{exc:,}", f"{exc / 20 / 0.25:.2f}", f"{fired}", f"{active:,}"]
+    assert told.row("exc", "iaf_psc_exp", "4 x 5") == rest
+    assert told.row("noise", "poisson_generator", "30")[3] == "-"
+    weights = ran.weights("noise_exc")[2]
+    values = [f"{n:.4g}" for n in (weights.min(), weights.mean(), weights.max())]
+    carried = f"{counts.projections['noise_exc'].synaptic_ops:,}"
+    assert told.row("noise_exc", "noise", "exc", "stdp") == [f"{weights.size}", *values, carried]
+    for name, what in {"spikes": "spikes", "synaptic_ops": "synaptic operations"}.items():
+        assert told.row(what) == [f"{getattr(counts, name):,}"]
+    assert f"noise_exc {weights.size} synapses, {np.unique(weights).size} different weights" in told.text
+    assert "small 250 ms in steps of 0.5 ms on event, seed 3, by neuro" in told.text
+    assert "Silent: quiet." in told.text
+    assert "Not kept: noise; neuro run --record NAME keeps them." in told.text
+
+
+def test_its_raster_has_every_spike(run):
+    [strip] = shown(run).json["strips"]
+    train = run.populations["exc"]
+    keys = np.array(unpacked(strip["kinds"]["spike"]))
+    steps, rows = np.divmod(keys, strip["rows"])
+    found = set(zip(steps.tolist(), rows.tolist(), strict=True))
+    assert strip["rows"] == 20
+    assert found == set(zip(np.rint(train.times_ms / 0.5).astype(int).tolist(), train.ids.tolist(), strict=True))
+
+
+def test_its_bill_is_that_of_the_simulation(run, ran, network):
+    """Also where spikes of generators were not kept: they follow from the seed."""
+    for target in ("loihi", "spinnaker", "cpu"):
+        assert energy(run, network, target) == ran.energy(target)
+    told = shown(run)
+    dynamic, static, total = ran.energy("loihi").sums()
+    assert (told.row("dynamic")[3], told.row("static")[3], told.row("total")[3]) == (dynamic, static, total)
+
+
+def test_why_there_is_no_bill(run, ran, network):
+    told = shown(run, target="loihi2").text
+    assert "There is no bill of loihi2: target 'loihi2' has no costs: none is published" in told
+    left_out = collect(ran, network, record=["quiet"])
+    assert (
+        "There is no bill of loihi: the spikes of 'exc' were not kept hint: neuro run --record exc, or neuro energy"
+        in shown(left_out).text
+    )
+    run.populations["noise"].counts["spikes"] += 1
+    assert "the spikes of 'noise' are not all in the file, and do not follow from its seed" in shown(run).text
+
+
+def test_it_needs_nothing_else(run):
+    text = page(run, "run.h5")
+    told = Page(text)
+    assert told.links == ["data:,"]
+    assert told.scripts == 1
+    assert "@import" not in text
+    assert "url(" not in text
+
+
+def test_commands_that_it_tells(run):
+    text = shown(run, "my run.h5").text
+    assert "neuro plot 'my run.h5'" in text
+    assert 'results.read("my run.h5").network().save("net.yaml")' in text
+    assert "neuro compare net.yaml --for 250 --seed 3 --html compare.html" in text
+
+
+def test_what_probes_recorded_of_synapses_and_rates():
+    net = neuro.Network("learns", resolution=1.0)
+    noise = net.population("noise", 20, neuro.poisson_generator(rate=100.0))
+    cells = net.population("cells", 4, neuro.iaf_psc_exp())
+    learns = net.connect(noise, cells, neuro.all_to_all(), neuro.stdp(Wmax=900.0), weight=400.0, delay=1.0)
+    net.probe("v", cells, "V_m", every=1.0)
+    net.probe("r", cells, "rate", every=10.0)
+    net.probe("w", learns, "weight", every=5.0)
+    net.probe("wp", learns, "weight", at="pre_spikes")
+    sim = neuro.compile(net, seed=2)
+    sim.run(300.0)
+    text = shown(collect(sim, net)).text
+    for name, what in {"v": "V_m of 4 of 4 neurons of cells", "r": "rate of cells"}.items():
+        assert f" {name} {what} " in text
+    drawn = sim.trace("w")[1][:, [0, 26, 52, 79]]
+    assert f"w weight of 4 of 80 synapses of noise_cells {drawn.min():.4g} to {drawn.max():.4g} 0" in text
+    values = sim.trace("wp")[1]["weight"]
+    assert f"wp weight at each pre spike of noise_cells {values.min():.4g} to {values.max():.4g} 0" in text
+
+
+def test_a_run_that_did_not_come_to_its_end(run):
+    assert "It did not come to its end" not in shown(run).text
+    run.about["finished"] = False
+    assert "It did not come to its end: all is there that was recorded so far." in shown(run).text
+
+
+def test_names_are_text():
+    net = neuro.Network("odd")
+    net.population("a", 1, neuro.iaf_psc_exp())
+    sim = neuro.compile(net)
+    sim.run(1.0)
+    run = collect(sim, net)
+    run.about["network"] = "<b>&"
+    assert "<h1>&lt;b&gt;&amp;</h1>" in page(run, "run.h5")
+
+
+def test_a_run_in_which_nothing_is():
+    net = neuro.Network("still")
+    net.population("cells", 3, neuro.iaf_psc_exp())
+    sim = neuro.compile(net)
+    sim.run(0.1)
+    told = shown(collect(sim, net))
+    assert told.json is None
+    assert "Silent: cells." in told.text
+    assert "Nothing is connected." in told.text
+    assert "of 3 neurons in 1 population" in told.text
+
+
+def test_of_very_many_spikes_an_even_choice_is_shown():
+    net = neuro.Network("many", resolution=1.0)
+    net.population("cells", 4000, neuro.iaf_psc_exp(I_e=2000.0, t_ref=1.0))  # 250 Hz each
+    sim = neuro.compile(net)
+    sim.run(1000.0)
+    run = collect(sim, net)
+    assert run.populations["cells"].times_ms.size == 1_000_000
+    text = page(run, "run.h5")
+    assert len(text) < 150_000
+    assert re.search(r"250\.00 Hz, 144 of 4,000 neurons, evenly chosen", text)
+
+
+def test_two_hundred_populations_have_a_strip_each():
+    net = neuro.Network("wide", resolution=1.0)
+    for k in range(200):
+        net.population(f"p{k}", 4, neuro.iaf_psc_exp(I_e=500.0))
+    sim = neuro.compile(net)
+    sim.run(100.0)
+    told = shown(collect(sim, net))
+    assert [strip["name"] for strip in told.json["strips"]] == [f"p{k}" for k in range(200)]
+    assert "140 more populations are not drawn." in told.text  # as curves
+
+
+@given(st.lists(st.integers(0, 2**50), unique=True))
+def test_packed_keys_are_the_keys(keys):
+    assert unpacked(packed(np.array(sorted(keys), np.int64))) == sorted(keys)
+
+
+@pytest.mark.parametrize("values", [[1.0, np.nextafter(1.0, 2.0)], [-1e300, 1e300], [1e-300, 1e300], [0.0, 5e-324]])
+def test_weights_of_any_size_have_a_histogram(values):
+    part = histogram("p", "", {"end": np.array(values)})
+    assert part.extent == {"end": (values[0], values[1])}
+    assert not part.counts or part.counts["end"].sum() == 2
+
+
+def test_curves_leave_out_what_is_no_number():
+    x, y = np.arange(4.0), np.array([0.0, np.nan, np.inf, 2.0])
+    assert 'd="M0.0 102.0L330.0 22.0"' in curves(x, [y], None, 3.0, "mV", "v")
+    assert "0 to 2 mV" in curves(x, [y], None, 3.0, "mV", "v")
+    assert "5 mV" in curves(x, [np.full(4, 5.0)], None, 3.0, "mV", "v")
+
+
+def test_the_command(network, tmp_path, capsys, monkeypatch, run):
+    import sys
+
+    from neuro.cli import main
+
+    results.write(run, "run.h5")
+
+    def neuro_(*words):
+        monkeypatch.setattr(sys, "argv", ["neuro", *words])
+        with pytest.raises(SystemExit) as leaving:
+            main()
+        return leaving.value.code or 0, *capsys.readouterr()
+
+    assert neuro_("report", "run.h5") == (0, "run.html: written\n", "")
+    assert neuro_("report", "run.h5", "--out", "other.html", "--target", "cpu") == (0, "other.html: written\n", "")
+    assert "energy on cpu" in (tmp_path / "other.html").read_text()
+    status, _, told = neuro_("report", "net.yaml")
+    assert (status, told) == (2, "error: net.yaml: not a file of results, as 'neuro run' writes it\n")
+    status, _, told = neuro_("report", "run.h5", "--target", "lohi")
+    assert (status, told) == (2, "error: unknown target 'lohi'\n  hint: did you mean 'loihi'?\n")
+    status, _, told = neuro_("report", "run.h5", "--out", "net.yaml")
+    assert status == 2
+    assert told.startswith("error: net.yaml: exists and is not a page of 'neuro report'")
