@@ -114,6 +114,9 @@ class Growing(io.RawIOBase):
             self._pages[number][begin : begin + n] = data[:n]
             data, at = data[n:], at + n
 
+    def flush(self) -> None:
+        """Nothing is to be done before a commit."""
+
     def commit(self) -> None:
         """Let all that was written be what a reader sees; HDF5 has been told to flush before.
 
@@ -174,7 +177,7 @@ def reading_grown(path: Path) -> Iterator[Any]:
 
     pages, size = _held_pages(path)
     if not pages:
-        with h5py.File(path, "r") as file:
+        with h5py.File(path, "r", locking=False) as file:  # who writes it holds the lock
             yield file
         return
     with _Recovered(path, pages, size) as disk, h5py.File(disk, "r") as file:

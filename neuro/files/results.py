@@ -42,7 +42,7 @@ import numpy as np
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.core.growing import reading_grown
-from neuro.core.hdf5 import has_format, new_file
+from neuro.core.hdf5 import new_file
 from neuro.core.outputs import Kind
 from neuro.core.paths import existing
 from neuro.files.stored import Lazy, Opener, Stored, kept, span
@@ -54,7 +54,7 @@ from neuro.program.program import Floats, Ints
 
 FORMATS = ("neuro results 1", "neuro results 2")
 FORMAT = FORMATS[-1]
-KIND = Kind("a file of results", lambda path: any(has_format(path, format) for format in FORMATS))
+KIND = Kind("a file of results", lambda path: _is_ours(path))
 SECTIONS = ("populations", "projections", "traces")
 YAML = "network.yaml"
 _LARGE = 10_000
@@ -271,6 +271,14 @@ class Results:
         if name not in self.populations:
             raise unknown("population", name, self.populations)
         return name, None if view is None else view.within(self.populations[name].shape)[0]
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        with reading_grown(path) as file:
+            return file.attrs.get("format") in FORMATS
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError):
+        return False
 
 
 def _name(of: Any) -> Any:

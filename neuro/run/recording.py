@@ -5,26 +5,25 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.clock import Clock
+from neuro.core.errors import ModelError
 from neuro.core.growing import Growing
 from neuro.core.outputs import Unwritable, check_output
 from neuro.core.paths import file_path
 from neuro.files.results import KIND, Results, read_file, unfinished, write_head, write_part
 from neuro.model.network import Network
 from neuro.program.backend import Engine
-from neuro.run.collect import about, counts_of, files_of, no_spikes, trace_of, weights_of
+from neuro.program.program import Probe, SynapseProbe
+from neuro.run import collect
 from neuro.run.recorder import Recorder
-
-if TYPE_CHECKING:
-    from neuro.run.simulation import Simulation
 
 COMMIT_S = 1.0
 """Seconds after which what was recorded is committed; a kill loses what came after the last commit."""
@@ -54,7 +53,7 @@ class Recording:
 
     def __init__(
         self,
-        sim: Simulation,
+        sim: collect.Run,
         net: Network,
         engine: Engine,
         recorder: Recorder,
@@ -73,10 +72,11 @@ class Recording:
         self.part = unfinished(self._path)
         for each in (self._path, self.part):
             check_output(each, KIND)
+        files = collect.files_of(net)
         with self._telling():
             self._disk = Growing(self.part)
         self._file = h5py.File(self._disk, "w")
-        write_head(self._file, {**about(sim, threads), "finished": False}, files_of(net))
+        write_head(self._file, {**collect.about(sim, threads), "finished": False}, files)
         self._kept = [
             index
             for index, part in enumerate(sim.program.populations)
@@ -90,13 +90,14 @@ class Recording:
         """The parts of the file, still without content."""
         program, counts = self._sim.program, self._sim.counts()
         for index, part in enumerate(program.populations):
-            train = no_spikes(part, index in self._kept, counts)
+            train = collect.no_spikes(part, index in self._kept, counts)
             self._add("populations", part.name, train, ("times_ms", "ids", "multiplicity"), gzip=index in self._kept)
         for projection in program.projections:
-            self._add("projections", projection.name, weights_of(self._sim, projection, counts, kept=False), ())
-        for probe in (*program.probes, *program.synapse_probes):
+            self._add("projections", projection.name, collect.weights_of(self._sim, projection, counts, kept=False), ())
+        probes: list[Probe | SynapseProbe] = [*program.probes, *program.synapse_probes]
+        for probe in probes:
             if probe.record != "spikes":
-                trace = trace_of(self._sim, probe)
+                trace = collect.trace_of(self._sim, probe)
                 at_pre = ("pre", "post") if probe.every == 0 else ()
                 self._add("traces", probe.name, trace, ("times_ms", "values", *at_pre))
 
@@ -162,11 +163,11 @@ class Recording:
 
     def _count(self) -> None:
         """Write the time and the counts of now."""
-        self._file.attrs.update(about(self._sim, self._threads))
+        self._file.attrs.update(collect.about(self._sim, self._threads))
         counts = self._sim.counts()
         for section, parts in (("populations", counts.populations), ("projections", counts.projections)):
             for name, part in parts.items():
-                self._file[section][name].attrs.update(counts_of(part))
+                self._file[section][name].attrs.update(collect.counts_of(part))
 
     @property
     def results(self) -> Results:
@@ -182,7 +183,7 @@ class Recording:
         """
         counts = self._sim.counts()
         for part in self._sim.program.projections:
-            weights = weights_of(self._sim, part, counts, all_weights=self._all_weights)
+            weights = collect.weights_of(self._sim, part, counts, all_weights=self._all_weights)
             write_part(self._file["projections"][part.name], weights)
         self._file.attrs["finished"] = True
         self.commit()
@@ -193,9 +194,11 @@ class Recording:
 
     def close(self) -> None:
         """Let go of the file; a run that did not end stays in `part` as far as it was recorded."""
-        if self._file and self._disk.error is None:
-            self.commit()
-        self._file.close()
+        with suppress(ModelError, OSError, RuntimeError):  # after another error, which is the one to tell
+            if self._file and self._disk.error is None:
+                self.commit()
+        with suppress(OSError, RuntimeError):
+            self._file.close()
         self._disk.close()
 
     @contextmanager

@@ -124,16 +124,19 @@ def test_the_event_backend_is_the_default(neuro, network):
     assert read("out.h5").about["backend"] == "event"
 
 
-def test_an_interrupted_run_leaves_nothing(network):
+def test_an_interrupted_run_leaves_what_was_recorded(network):
     command = [sys.executable, "-c", "from neuro.cli import main; main()", *RUN[:-1], "1e6"]
     running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    while not any(name.endswith(".part") for name in os.listdir()) and running.poll() is None:
+    while not any(name.endswith("out.h5.part") for name in os.listdir()) and running.poll() is None:
         time.sleep(0.05)
-    time.sleep(1.0)
+    time.sleep(2.0)
     running.send_signal(signal.SIGINT)
     out, err = running.communicate(timeout=60)
-    assert (running.returncode, out, err) == (130, "", "interrupted: out.h5 is not written\n")
-    assert os.listdir() == [network]
+    results = read("out.h5.part")
+    told = f"interrupted: out.h5.part has what was recorded up to {results.time:g} ms\n"
+    assert (running.returncode, out, err) == (130, "", told)
+    assert sorted(os.listdir()) == [network, "out.h5.part"]
+    assert not results.finished
 
 
 def test_what_stood_there_stays_when_a_run_fails(neuro, network, monkeypatch):

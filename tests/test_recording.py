@@ -1,0 +1,266 @@
+"""What is recorded goes to a file while it runs, and is read from there as from a simulation."""
+
+import errno
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+
+import h5py
+import numpy as np
+import pytest
+
+import neuro
+from neuro import ModelError
+from neuro.core import growing
+from neuro.core.growing import Growing, reading_grown
+from neuro.files.stored import Stored
+
+
+def network():
+    net = neuro.Network("recorded")
+    net.population("in", 5, neuro.poisson_generator(rate=80.0))
+    net.population("parrots", 5, neuro.parrot_neuron())
+    cells = net.population("cells", 4, neuro.iaf_psc_exp(I_e=300.0))
+    net.connect("in", "parrots", neuro.one_to_one(), delay=1.0)
+    net.connect("in", cells, neuro.all_to_all(), weight=300.0, delay=1.0, name="fixed")
+    synapse = neuro.stdp(Wmax=400.0)
+    learning = net.connect("parrots", cells, neuro.all_to_all(), synapse, weight=100.0, delay=1.0, name="learning")
+    net.probe("states", cells[1:3], ["V_m", "I_syn_ex"], every=1.0)
+    net.probe("mean", cells, "V_m", every=0.5, mean=True)
+    net.probe("rate", cells, "rate", every=10.0)
+    net.probe("weights", learning, "weight", every=10.0, synapses=[3, 0])
+    net.probe("sent", learning, "weight", at="pre_spikes", synapses=[7, 3])
+    return net
+
+
+PROBES = ("states", "states.V_m", "mean", "rate", "weights", "sent")
+
+
+def equal(a, b):
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(np.array_equal(a[word], b[word]) for word in a)
+    return np.array_equal(a, b)
+
+
+def same(a, b):
+    return all(np.array_equal(mine, theirs) for mine, theirs in zip(a, b, strict=True))
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "run.h5"
+
+
+@pytest.fixture
+def simulated():
+    sim = neuro.compile(network(), "reference")
+    sim.run(80.0)
+    return sim
+
+
+@pytest.mark.parametrize("streamed", [True, False])
+def test_a_file_answers_as_the_simulation_does(path, simulated, streamed):
+    net = network()
+    sim = neuro.compile(net, "reference")
+    if streamed:
+        with sim.record_to(path):
+            sim.run(33.0)
+            assert same(sim.spikes("cells", since=5.0), simulated.spikes("cells", since=5.0, until=33.0))
+            assert sim.trace("rate")[0].tolist() == [10.0, 20.0, 30.0]
+            sim.run(47.0)
+    else:
+        sim.run(80.0, out=path)
+    results = neuro.results.read(path)
+    cells = net.populations["cells"]
+    for words in ({}, {"since": 10.0}, {"since": 3.3, "until": 40.0}, {"until": 12.0}):
+        for part in ("parrots", "cells"):
+            assert same(simulated.spikes(part, **words), results.spikes(part, **words))
+        assert same(sim_view(simulated, words), results.spikes(cells[:2], **words))
+    for name in PROBES:
+        mine, theirs = simulated.trace(name), results.trace(name)
+        assert np.array_equal(mine[0], theirs[0])
+        assert equal(mine[1], theirs[1])
+    for mine, theirs in zip(simulated.weights("learning"), results.weights(net.projections["learning"]), strict=True):
+        assert np.array_equal(mine, theirs)
+    assert results.counts() == simulated.counts()
+    assert (results.time, results.finished, results.network() == net) == (80.0, True, True)
+    assert (results.traces["states.V_m"].ids.tolist(), results.traces["states.V_m"].unit) == ([1, 2], "mV")
+    assert os.listdir(path.parent) == ["run.h5"]
+
+
+def sim_view(sim, words):
+    times, ids = sim.spikes("cells", **words)
+    return times[ids < 2], ids[ids < 2]
+
+
+def test_spikes_of_a_time_are_read_alone(path):
+    sim = neuro.compile(network(), "reference")
+    sim.run(60.0, out=path)
+    results = neuro.results.read(path)
+    times, _ = results.spikes("cells", since=20.0, until=40.0)
+    assert times.size
+    assert isinstance(vars(results.populations["cells"])["times_ms"], Stored)
+    assert isinstance(results.populations["cells"].times_ms, np.ndarray)
+
+
+def test_a_file_of_the_format_before(path):
+    sim = neuro.compile(network(), "reference")
+    sim.run(20.0, out=path)
+    with h5py.File(path, "a") as file:
+        file.attrs["format"] = "neuro results 1"
+        del file.attrs["finished"]
+    results = neuro.results.read(path)
+    assert results.finished
+    assert results.spikes("cells")[0].size == results.counts().populations["cells"].spikes
+    sim.run(1.0, out=path)  # it is ours, so it may be replaced
+    assert neuro.results.read(path).time == 21.0
+
+
+CHILD = """
+import sys
+import neuro
+import neuro.run.recording as recording
+sys.path.insert(0, sys.argv[1])
+from test_recording import network
+recording.COMMIT_S = 0.1
+sim = neuro.compile(network(), "reference")
+with sim.record_to("run.h5"):
+    while True:
+        sim.run(5.0)
+        print(sim.time, flush=True)
+"""
+
+
+def test_a_killed_run_leaves_what_it_has_committed(path, monkeypatch):
+    monkeypatch.chdir(path.parent)
+    folder = os.path.dirname(__file__)
+    child = subprocess.Popen([sys.executable, "-c", textwrap.dedent(CHILD), folder], stdout=subprocess.PIPE, text=True)
+    assert child.stdout is not None
+    for _ in range(12):
+        child.stdout.readline()
+    os.kill(child.pid, signal.SIGKILL)
+    child.communicate()
+    with pytest.raises(ModelError) as error:
+        neuro.results.read("run.h5")
+    hint = "run.h5.part has what a run recorded that did not come to its end"
+    assert str(error.value) == f"run.h5: there is no such file\n  hint: {hint}"
+    results = neuro.results.read("run.h5.part")
+    assert results.time >= 5.0
+    assert not results.finished
+    sim = neuro.compile(network(), "reference")
+    sim.run(results.time)
+    assert same(sim.spikes("cells"), results.spikes("cells"))
+    for name in PROBES:
+        assert equal(sim.trace(name)[1], results.trace(name)[1])
+    assert results.counts() == sim.counts()
+    with pytest.raises(ModelError) as error:
+        results.weights("learning")
+    assert str(error.value) == "the weights of 'learning' were not kept\n  hint: weights are written when a run ends"
+
+
+def test_a_kill_within_a_commit_leaves_one_state(tmp_path, monkeypatch):
+    """After each write, and in the middle of each, the file on the disk reads as of one commit, whole."""
+    path, copy = tmp_path / "a.h5", tmp_path / "copy.h5"
+    write, committed, seen = growing._write, [], set()
+
+    def torn(disk, at, data):
+        for part in (data[: data.nbytes // 2], data):
+            write(disk, at, part)
+            if committed:
+                shutil.copyfile(path, copy)
+                with reading_grown(copy) as file:
+                    k = int(file.attrs["k"])
+                    assert k in (len(committed) - 1, len(committed))
+                    assert np.array_equal(file["x"][()], np.arange(file["x"].size))
+                    assert file["x"].size == 700 * (k + 1)
+                    seen.add((len(committed), k))
+
+    monkeypatch.setattr(growing, "_write", torn)
+    with Growing(path) as disk:
+        file = h5py.File(disk, "w")
+        data = file.create_dataset("x", (0,), "f8", maxshape=(None,), chunks=(500,), compression="gzip")
+        for k in range(4):
+            data.resize(700 * (k + 1), axis=0)
+            data[700 * k :] = np.arange(700 * k, 700 * (k + 1))
+            file.attrs["k"] = k
+            file.create_dataset(f"more {k}", data=np.arange(100 * k))
+            file.flush()
+            disk.commit()
+            committed.append(k)
+        file.close()
+        disk.commit()
+    assert {(1, 0), (1, 1), (2, 1), (2, 2)} <= seen
+
+
+def _record(sim, path, after=lambda: None):
+    with sim.record_to(path):
+        sim.run(20.0)
+        sim._recording.commit()
+        after()
+        sim.run(20.0)
+
+
+def test_a_full_disk(path, monkeypatch):
+    sim = neuro.compile(network(), "reference")
+    write = growing._write
+
+    def full(disk, at, data):
+        if sim.time > 20.0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        write(disk, at, data)
+
+    monkeypatch.setattr(growing, "_write", full)
+    with pytest.raises(ModelError) as error:
+        _record(sim, path)
+    assert str(error.value) == f"{path}.part: cannot be written: No space left on device"
+    assert neuro.results.read(f"{path}.part").time == 20.0
+
+
+def test_a_folder_that_is_removed(tmp_path):
+    (tmp_path / "gone").mkdir()
+    path = tmp_path / "gone" / "run.h5"
+    sim = neuro.compile(network(), "reference")
+    with pytest.raises(ModelError) as error:
+        _record(sim, path, lambda: shutil.rmtree(path.parent))
+    assert str(error.value) == f"{path}.part: cannot be written: it was removed"
+
+
+def test_what_cannot_be_recorded_to(path):
+    sim, other = (neuro.compile(network(), "reference") for _ in range(2))
+    with sim.record_to(path):
+        for word, call in {
+            "record_to": lambda: sim.run(1.0, out=path),
+            "reset": sim.reset,
+            "restore": lambda: sim.restore("nothing.h5"),
+        }.items():
+            with pytest.raises(ModelError) as error:
+                call()
+            told = f"{word}: found a simulation that records to {path}.part: expected the end of 'record_to'"
+            assert str(error.value) == told
+        with pytest.raises(ModelError) as error:
+            other.run(1.0, out=path)
+        assert str(error.value) == f"{path}.part: another run writes it: expected another name"
+    path.write_text("a letter")
+    with pytest.raises(ModelError) as error:
+        other.run(1.0, out=path)
+    assert str(error.value) == f"{path}: exists and is not a file of results: expected a new name"
+
+
+@pytest.mark.parametrize(
+    ("ask", "expected"),
+    [
+        (lambda r: r.spikes("cels"), "unknown population 'cels'\n  hint: did you mean 'cells'?"),
+        (lambda r: r.spikes("in"), "spikes of 'in', a poisson_generator, are not recorded"),
+        (lambda r: r.trace("rats"), "unknown probe of a state 'rats'\n  hint: did you mean 'rate'?"),
+        (lambda r: r.weights("fix"), "unknown projection 'fix'\n  hint: did you mean 'fixed'?"),
+        (lambda r: r.spikes("cells", since="now"), "since = 'now': expected a time in ms"),
+    ],
+)
+def test_what_a_file_does_not_have(path, ask, expected):
+    neuro.compile(network(), "reference").run(1.0, out=path)
+    with pytest.raises(ModelError) as error:
+        ask(neuro.results.read(path))
+    assert str(error.value) == expected
