@@ -359,7 +359,7 @@ MISTAKES: dict[str, tuple[Callable[[Network], object], str, str]] = {
     "probe of a hidden state": (
         lambda net: net.probe("x", "cells", "refractory"),
         "probe 'x': 'cells', a iaf_psc_exp, has no state 'refractory'",
-        "known: I_syn_ex, I_syn_in, V_m, spikes",
+        "known: I_syn_ex, I_syn_in, V_m, rate, spikes",
     ),
     "spikes of a current": (
         lambda net: net.probe("x", "current"),
@@ -370,6 +370,41 @@ MISTAKES: dict[str, tuple[Callable[[Network], object], str, str]] = {
         lambda net: net.probe("x", "cells", every=1.0),
         "probe 'x': every is for states: spikes are all recorded",
         "leave 'every' out",
+    ),
+    "spikes among states": (
+        lambda net: net.probe("x", "cells", ["V_m", "spikes"]),
+        "probe 'x': 'spikes' is recorded alone",
+        "give it a probe of its own",
+    ),
+    "a rate without bins": (
+        lambda net: net.probe("x", "cells", "rate"),
+        "probe 'x': a rate needs every, the length of its bins",
+        "every: 10.0 is a common one",
+    ),
+    "the mean of a rate": (
+        lambda net: net.probe("x", "cells", "rate", every=1.0, mean=True),
+        "probe 'x': a rate is a mean over the neurons",
+        "leave 'mean' out",
+    ),
+    "the mean of spikes": (
+        lambda net: net.probe("x", "cells", mean=True),
+        "probe 'x': mean is for states",
+        "record: rate gives that of spikes",
+    ),
+    "pre spikes of a population": (
+        lambda net: net.probe("x", "cells", "V_m", at="pre_spikes"),
+        "probe 'x': at is for projections: 'cells' is a population",
+        "",
+    ),
+    "synapses of a population": (
+        lambda net: net.probe("x", "cells", "V_m", synapses=[1]),
+        "probe 'x': synapses is for projections: 'cells' is a population",
+        "",
+    ),
+    "two traces of a name": (
+        lambda net: (net.probe("x", "cells", ["V_m"]), net.probe("x.V_m", "cells", "V_m")),
+        "probe 'x.V_m': probe 'x' has a trace of the name 'x.V_m', too: expected another name",
+        "",
     ),
     "interval off the grid": (
         lambda net: net.probe("x", "cells", "V_m", every=0.25),

@@ -30,13 +30,7 @@ LAYERS = (
 """From the ground up: a module imports from its own room and those before it."""
 PUBLIC = {
     "neuro",
-    "neuro.chips",
-    "neuro.coding",
-    "neuro.compare",
-    "neuro.events",
-    "neuro.plots",
-    "neuro.extend",
-    "neuro.apps",
+    *(f"neuro.{name}" for name in ("chips", "coding", "compare", "events", "plots", "extend", "apps", "results")),
 }
 """Modules whose names are promised; `neuro.events` has public modules of its own, without a `_`."""
 APPS = ("neuro_drone", "neuro_recognise", "neuro_remus")
@@ -76,11 +70,11 @@ def room(module: str) -> str:
 
 def test_few_modules_stand_directly_in_the_package():
     direct = {path.name for path in (ROOT / "neuro").glob("*.py")}
-    assert direct <= {"__init__.py", "apps.py", "extend.py"}
+    assert direct <= {"__init__.py", "apps.py", "extend.py", "results.py"}
 
 
 def test_every_room_has_its_place_in_the_order():
-    assert {room(name) for name in MODULES if name.startswith("neuro.")} <= {*LAYERS, "apps", "extend"}
+    assert {room(name) for name in MODULES if name.startswith("neuro.")} <= {*LAYERS, "apps", "extend", "results"}
 
 
 @pytest.mark.parametrize("module", [name for name in MODULES if name.startswith("neuro.") and room(name) in LAYERS])

@@ -9,6 +9,7 @@ _GROUP = "NEST has no winner-take-all"
 _RIVALS = "NEST has no lateral reset"
 _RULE = "NEST's stdp_synapse applies changed numbers and weights to post spikes from before, too"
 _STATE = "NEST cannot write or read its state"
+_AT_PRE = "weights that learn are shown between steps only"
 _MOMENT = "NEST brings synapses under dopamine up to date at the moments of deliver_interval only"
 
 _LAWS = (
@@ -26,6 +27,8 @@ UNSUPPORTED: dict[str, str] = {
     "currents_to_both_receptors": "NEST filters a current by the time constant of excitation only",
     "stdp_changes": _RULE,
     "single_plastic_weights_change": _RULE,
+    **dict.fromkeys(("several_states_means_and_rates", "sleeping_neurons_are_recorded"), _CURRENTS),
+    **dict.fromkeys(("weights_at_pre_spikes", "states_at_pre_spikes"), _AT_PRE),
     **dict.fromkeys(("best_of_each_step", "first_to_fire", "exact_best_of_each_step"), _GROUP),
     "local_winners_without_trials": "NEST has no competition",
     **dict.fromkeys(("first_along_an_axis", "maps_that_reset_each_other", "exact_lateral_reset"), _RIVALS),

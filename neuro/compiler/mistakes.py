@@ -124,9 +124,8 @@ class _Search:
                 return resolve(gather(self.file, self.read), self.params, Where(str(self.file)))
             except ModelError as error:
                 path = _Places(*self.files.values()).of(error)
-                root = next(
-                    (root for root in self.files.values() if error.where and _has(root, error.where.file, path)), None
-                )
+                file = error.where.file if error.where else ""
+                root = next((root for root in self.files.values() if _has(root, file, path)), None)
                 if root is None:
                     self.told.append(error)
                     return None
@@ -190,7 +189,7 @@ class _Search:
         names = {*path[2:], *_names(_at(root, path))}
         if names & self.failed:
             return True
-        if path == ("trials",) or path[0] == "parameters":
+        if path == ("trials",) or (path[0] == "parameters" and path[-1] in self.params):
             return bool(self.mended)
         if len(path) == 2 and path[0] == "projections" and any(mended[0] == "trials" for mended in self.mended):
             return True

@@ -49,7 +49,7 @@ def _check_neurons(part: Probe, population: Population) -> None:
     states = list(part.traces())
     for word, given in (("at", part.at), ("synapses", part.synapses)):
         if given is not None:
-            refuse(part, f"{word} is for synapses: '{part.of}' is a population")
+            refuse(part, f"{word} is for projections: '{part.of}' is a population")
     if len(states) > 1 and (alone := next((state for state in states if state in ALONE), "")):
         refuse(part, f"'{alone}' is recorded alone", "give it a probe of its own")
     if states[0] in ALONE:

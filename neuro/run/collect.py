@@ -8,7 +8,7 @@ from collections.abc import Collection
 from dataclasses import asdict, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -18,13 +18,40 @@ from neuro.files.results import YAML, Results, Trace, Train, Weights
 from neuro.model.language import save
 from neuro.model.network import Network
 from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
-from neuro.program.program import Population, Probe, Projection, SynapseProbe
+from neuro.program.program import Floats, Ints, Population, Probe, Program, Projection, SynapseProbe
+from neuro.run.handles import Handles
 from neuro.run.recorder import columns
-from neuro.run.simulation import Simulation
+
+
+class Run(Protocol):
+    """What is asked of a simulation that has run."""
+
+    backend: str
+    program: Program
+    handles: Handles
+
+    @property
+    def time(self) -> float:
+        """The end of the last finished step in ms."""
+
+    def counts(self) -> Counts:
+        """What has happened."""
+
+    def spikes(self, of: str) -> tuple[Floats, Ints]:
+        """Times and neurons of a population."""
+
+    def trace(self, of: str) -> tuple[Floats, Any]:
+        """Times and values of a trace."""
+
+    def weights(self, of: str) -> Any:
+        """The weights of a projection with its ends, or kernels."""
+
+    def get(self, of: str, what: str) -> Any:
+        """A state of the synapses of a projection."""
 
 
 def collect(
-    sim: Simulation, net: Network, *, threads: int = 1, record: Collection[str] = (), all_weights: bool = False
+    sim: Run, net: Network, *, threads: int = 1, record: Collection[str] = (), all_weights: bool = False
 ) -> Results:
     """Gather everything worth keeping.
 
@@ -38,7 +65,8 @@ def collect(
     """
     program, counts = sim.program, sim.counts()
     keep = record or [part.name for part in program.populations]
-    probes = [probe for probe in (*program.probes, *program.synapse_probes) if probe.record != "spikes"]
+    probes: list[Probe | SynapseProbe] = [probe for probe in program.probes if probe.record != "spikes"]
+    probes += program.synapse_probes
     return Results(
         {**about(sim, threads), "finished": True},
         files_of(net),
@@ -48,7 +76,7 @@ def collect(
     )
 
 
-def about(sim: Simulation, threads: int) -> dict[str, Any]:
+def about(sim: Run, threads: int) -> dict[str, Any]:
     """What a run is of, how far it is, and what it has taken."""
     program, counts = sim.program, sim.counts()
     totals = ("steps", "spikes", "neuron_updates", "neuron_updates_active", "synaptic_ops", "learning_updates")
@@ -73,7 +101,7 @@ def files_of(net: Network) -> dict[str, bytes]:
         return {file.name: file.read_bytes() for file in sorted(Path(folder).iterdir())}
 
 
-def _train(sim: Simulation, part: Population, kept: bool, counts: Counts) -> Train:
+def _train(sim: Run, part: Population, kept: bool, counts: Counts) -> Train:
     empty = no_spikes(part, kept, counts)
     if not empty.recorded:
         return empty
@@ -92,9 +120,7 @@ def no_spikes(part: Population, kept: bool, counts: Counts) -> Train:
     return Train(part.model.name, part.shape, count, recorded, np.zeros(0), none, none.astype(np.int32))
 
 
-def weights_of(
-    sim: Simulation, part: Projection, counts: Counts, *, all_weights: bool = False, kept: bool = True
-) -> Weights:
+def weights_of(sim: Run, part: Projection, counts: Counts, *, all_weights: bool = False, kept: bool = True) -> Weights:
     """A projection, with its weights if they are kept."""
     names = [population.name for population in sim.program.populations]
     about = (names[part.source], names[part.target], part.synapse.name, part.size)
@@ -108,7 +134,7 @@ def weights_of(
     return Weights(*words, pre, post, weight, delay)
 
 
-def _trace(sim: Simulation, probe: Probe | SynapseProbe) -> Trace:
+def _trace(sim: Run, probe: Probe | SynapseProbe) -> Trace:
     times, values = sim.trace(probe.name)
     if isinstance(values, dict):
         ends = {"pre": values["pre"], "post": values["post"]}
@@ -116,7 +142,7 @@ def _trace(sim: Simulation, probe: Probe | SynapseProbe) -> Trace:
     return replace(trace_of(sim, probe), times_ms=times, values=values)
 
 
-def trace_of(sim: Simulation, probe: Probe | SynapseProbe) -> Trace:
+def trace_of(sim: Run, probe: Probe | SynapseProbe) -> Trace:
     """A trace of which nothing is recorded yet."""
     about: dict[str, Any] = {"probe": sim.handles.of_trace(probe.name), "mean": probe.mean}
     if isinstance(probe, Probe):

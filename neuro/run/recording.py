@@ -7,7 +7,7 @@ import time
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
@@ -21,11 +21,9 @@ from neuro.core.paths import file_path
 from neuro.files.results import KIND, Results, read_file, unfinished, write_head, write_part
 from neuro.model.network import Network
 from neuro.program.backend import Engine
+from neuro.program.program import Probe, SynapseProbe
 from neuro.run import collect
 from neuro.run.recorder import Recorder
-
-if TYPE_CHECKING:
-    from neuro.run.simulation import Simulation
 
 COMMIT_S = 1.0
 """Seconds after which what was recorded is committed; a kill loses what came after the last commit."""
@@ -55,7 +53,7 @@ class Recording:
 
     def __init__(
         self,
-        sim: Simulation,
+        sim: collect.Run,
         net: Network,
         engine: Engine,
         recorder: Recorder,
@@ -96,7 +94,8 @@ class Recording:
             self._add("populations", part.name, train, ("times_ms", "ids", "multiplicity"), gzip=index in self._kept)
         for projection in program.projections:
             self._add("projections", projection.name, collect.weights_of(self._sim, projection, counts, kept=False), ())
-        for probe in (*program.probes, *program.synapse_probes):
+        probes: list[Probe | SynapseProbe] = [*program.probes, *program.synapse_probes]
+        for probe in probes:
             if probe.record != "spikes":
                 trace = collect.trace_of(self._sim, probe)
                 at_pre = ("pre", "post") if probe.every == 0 else ()

@@ -171,6 +171,10 @@ FOLLOWING = {
         + "projections:\n  p: {from: a, to: b, rule: one_to_one}\n",
         ["net.yaml:2:14: parameter 'n' has no value"],
     ),
+    "but of two mistaken parameters both are": (
+        TWO.replace("neuro: 1\n", "neuro: 1\nparameters: {n: , m: }\n"),
+        ["net.yaml:2:14: parameter 'n' has no value", "net.yaml:2:19: parameter 'm' has no value"],
+    ),
     "steps of a mistaken resolution": (
         "neuro: 1\nresolution: -1\npopulations:\n  a: {model: {iaf_psc_exp: {t_ref: 0.25}}, shape: 3}\n",
         ["net.yaml:2:13: resolution = -1: expected a number > 0 ms"],

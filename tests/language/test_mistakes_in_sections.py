@@ -121,8 +121,8 @@ CASES = [
         "net.yaml:6:34: probe 'v': every = 0: expected a number > 0 ms",
     ),
     (
-        TWO + "probes:\n  v: {of: b, record: [V_m]}\n",
-        "net.yaml:6:22: probe 'v': record = [V_m]: expected a name",
+        TWO + "probes:\n  v: {of: b, record: [V_m, 3]}\n",
+        "net.yaml:6:28: probe 'v': record[1] = 3: expected names",
     ),
     (
         TWO + "probes:\n  v: {record: V_m}\n",
