@@ -11,8 +11,8 @@ import typer
 
 def milliseconds(text: str) -> float:
     """A time > 0 ms: a number, or one with its unit."""
-    from neuro.core.checks import in_ms
     from neuro.core.errors import ModelError
+    from neuro.core.measures import in_ms
 
     try:
         ms = float(in_ms(text, "--for"))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, nearest
 from neuro.core.hints import axes, notation
+from neuro.core.measures import is_written, with_unit
 from neuro.core.paths import file_path
 from neuro.core.quantities import Quantity
 from neuro.core.values import FromFile, shown
@@ -106,42 +107,8 @@ def _within(q: Quantity, x: float) -> bool:
     )
 
 
-def with_unit(q: Quantity, value: str, what: str) -> float:
-    """A number that is written with its unit, in the unit of the quantity.
-
-    Raises:
-        ModelError: it has another dimension, or there is no such unit.
-    """
-    from neuro.core.units import converted
-
-    try:
-        number = converted(value, "ms" if q.kind in ("delay", "times") else q.unit or q.taken_in)
-    except ModelError as error:
-        raise ModelError(f"{what} = {value.strip()}: {error.message}", hint=error.hint) from None
-    if math.isinf(number):
-        raise ModelError(f"{what} = {value.strip()}: expected a number below 1.8e308")
-    return number
-
-
-def in_ms(value: Any, what: str) -> Any:
-    """A time that is said with its unit, as a number of ms; all else as it is.
-
-    Raises:
-        ModelError: it has another dimension, or there is no such unit.
-    """
-    return with_unit(Quantity("ms"), value, what) if _is_measure(value) else value
-
-
-def _is_measure(value: Any) -> bool:
-    if not isinstance(value, str):
-        return False
-    from neuro.core.units import is_measure
-
-    return is_measure(value)
-
-
 def _number(q: Quantity, value: Any, what: str) -> Any:
-    if _is_measure(value):
+    if is_written(value):
         if q.of_value:
             return value
         value = with_unit(q, value, what)
@@ -163,7 +130,7 @@ def _number(q: Quantity, value: Any, what: str) -> Any:
 
 
 def _delay(q: Quantity, value: Any, what: str) -> float:
-    if _is_measure(value):
+    if is_written(value):
         value = with_unit(q, value, what)
     if not is_number(value) or not math.isfinite(value) or value <= 0:
         raise wrong(q, value, what)
@@ -222,7 +189,7 @@ def _leaves(q: Quantity, items: Any, what: str, *index: int) -> Any:
         leaf = item
         if isinstance(item, (list, tuple)):
             leaf = _leaves(q, item, what, *index, k)
-        elif isinstance(item, str) and _is_measure(item):
+        elif isinstance(item, str) and is_written(item):
             try:
                 leaf = with_unit(q, item, f"{what}[{', '.join(map(str, (*index, k)))}]")
             except ModelError as error:

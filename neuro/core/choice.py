@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
-from neuro.core.checks import check, with_unit
+from neuro.core.checks import check
 from neuro.core.errors import ModelError, here, nearest, unknown
+from neuro.core.measures import with_unit
 from neuro.core.quantities import Quantity, word_of
 from neuro.core.values import same, shown
 

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.core.checks import in_ms, is_number
+from neuro.core.checks import is_number
 from neuro.core.errors import ModelError
+from neuro.core.measures import in_ms
 from neuro.core.values import shown
 
 NEVER = 2**62
