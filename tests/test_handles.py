@@ -299,6 +299,10 @@ REFUSED = {
         lambda s, n: s.set("all", foo=1.0, post=n.populations["cells"][0]),
         "static.foo of 'all' is one for all synapses: expected 'weight' alone with pre or post",
     ),
+    "a number of a rule beside weights": (
+        lambda s, n: s.set("all", foo=1.0, weight=1.0),
+        "static.foo of 'all' is one for all synapses: expected 'weight' alone",
+    ),
     "weights of another number": (
         lambda s, n: s.set("all", weight=[1.0, 2.0], post=n.populations["cells"][0]),
         "weights of 'all': an array of shape [2]: expected [6]",

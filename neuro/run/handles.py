@@ -45,8 +45,8 @@ class Neurons:
 
     def among(self) -> NDArray[np.bool_]:
         """Whether each neuron of the population is one of them."""
-        mask: NDArray[np.bool_] = np.full(self.part.size, self.ids is None)
-        mask[self.ids] = True
+        mask = np.zeros(self.part.size, dtype=np.bool_)
+        mask[slice(None) if self.ids is None else self.ids] = True
         return mask
 
 

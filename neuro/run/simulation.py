@@ -271,7 +271,8 @@ class Simulation:
             pre: of a projection only the synapses from these neurons; their `weight` can be changed alone.
             post: likewise those onto these neurons.
             values: by name, one for all neurons or one for each (also a distribution, of which a neuron draws the same
-                value in whatever view); `weight` is one for all synapses or one for each, as `weights` gives them.
+                value in whatever view); `weight` stands alone, one for all synapses or one for each in the order of
+                `weights`.
 
         Raises:
             ModelError: a name is unknown or a value is out of bounds.
@@ -297,21 +298,18 @@ class Simulation:
 
     def _set_projection(self, index: int, values: dict[str, Any], pre: Neurons | None, post: Neurons | None) -> None:
         part, chosen = self.program.projections[index], self._synapses.chosen(index, pre, post)
-        numbers = {word: value for word, value in values.items() if word != "weight"}
-        if numbers and (pre or post):
-            word = next(iter(numbers))
+        if [*values] == ["weight"]:
+            new = self._synapses.new_weights(index, self._rules[index], values["weight"], chosen)
+            self._engine.set_weights(index, new, chosen)
+            return
+        if values and (pre or post or "weight" in values):
+            word = next((word for word in values if word != "weight"), "")
             told = f"{part.synapse.name}.{word} of '{part.name}' is one for all synapses"
-            raise ModelError(f"{told}: expected 'weight' alone with pre or post")
-        rule = settable.new_rule(part, self._rules[index], numbers)
-        weights = None
-        if "weight" in values:
-            weights = self._synapses.new_weights(index, rule, values["weight"], chosen)
-        settable.check_rule(part, rule, self._engine.get_synapses(index, "weight") if weights is None else weights)
-        if numbers:
-            self._engine.set_rule(index, rule.vector())
-            self._rules[index] = rule
-        if weights is not None:
-            self._engine.set_weights(index, weights, chosen)
+            raise ModelError(f"{told}: expected 'weight' alone" + " with pre or post" * bool(pre or post))
+        rule = settable.new_rule(part, self._rules[index], values)
+        settable.check_rule(part, rule, self._engine.get_synapses(index, "weight"))
+        self._engine.set_rule(index, rule.vector())
+        self._rules[index] = rule
 
     def get(
         self,
