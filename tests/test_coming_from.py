@@ -1,4 +1,4 @@
-"""The words of other simulators beside ours: the last column of the page is one program, and NEST has what is said of it."""
+"""Words of other simulators beside ours: the last column of the page is one program, and NEST has what is said of it."""
 
 import re
 from pathlib import Path
