@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         aeif_psc_exp,
         dc_generator,
         encode,
+        event_camera,
         hh_psc_alpha,
         iaf_cond_alpha,
         iaf_cond_exp,
@@ -97,6 +98,7 @@ _HOMES = {
     "neuro.model.neurons": (
         "dc_generator",
         "encode",
+        "event_camera",
         "mat2_psc_exp",
         "iaf_psc_exp_adaptive_threshold",
         "iaf_cond_alpha",
@@ -193,6 +195,7 @@ __all__ = [
     "dropout",
     "encode",
     "equations",
+    "event_camera",
     "events",
     "first_spike_stdp",
     "fixed_indegree",

@@ -1,4 +1,4 @@
-"""Words of other simulators beside ours: the last column of the page is one program, and NEST has what is said of it."""
+"""Words of other simulators beside ours: the page's last column is a program, and NEST has what is said of it."""
 
 import re
 from pathlib import Path

@@ -29,7 +29,7 @@ from neuro_drone.weather import Weather
 __all__ = ["ACTIONS", "DroneEnv"]
 
 CELLS = 8
-OBSERVATIONS = ("counts", "binary", "frame")
+OBSERVATIONS = ("counts", "binary", "frame", "normalised")
 MOST_EVENTS = 2**20
 
 
@@ -38,8 +38,9 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
 
     Args:
         scenario: a `Scenario`, the name of one, or a YAML file.
-        observation: counts (events in 8 x 8 cells), binary (whether there were any), or frame (128 x 128 x 1, each
-            pixel's last event: 255 brighter, 0 darker, 128 none).
+        observation: counts (events in 8 x 8 cells), binary (whether there were any), frame (128 x 128 x 1, each
+            pixel's last event: 255 brighter, 0 darker, 128 none), or normalised (a vector of 64 floats from 0 to 1: the
+            events of each cell, row by row, as a share of those of the cell with most).
         actions: continuous (two numbers in [-1, 1], three where the drone climbs) or discrete (one of nine, see
             `neuro_drone.actions.ACTIONS`, or of the eleven of `SPACE`).
         render_mode: rgb_array or None.
@@ -176,6 +177,8 @@ class DroneEnv(gymnasium.Env[npt.NDArray[Any], Any]):
             return counts.copy()
         if self.observation == "binary":
             return (counts > 0).astype(np.uint8)
+        if self.observation == "normalised":
+            return (counts / max(1, int(counts.max()))).astype(np.float32).ravel()
         frame = np.full((128, 128, 1), 128, np.uint8)
         frame[events.y, events.x, 0] = np.where(events.p, 255, 0)
         return frame
@@ -203,6 +206,8 @@ def _space(observation: str) -> gymnasium.Space[Any]:
         return gymnasium.spaces.Box(0, 255, (128, 128, 1), np.uint8)
     if observation == "binary":
         return gymnasium.spaces.Box(0, 1, (CELLS, CELLS), np.uint8)
+    if observation == "normalised":
+        return gymnasium.spaces.Box(0.0, 1.0, (CELLS * CELLS,), np.float32)
     return gymnasium.spaces.Box(0, MOST_EVENTS, (CELLS, CELLS), np.int64)
 
 

@@ -34,9 +34,7 @@ class Listed:
         """Add spikes after step `now`."""
         old_steps, old_ids = self._spikes[population]
         ahead = old_steps > now
-        steps, ids = np.concatenate([old_steps[ahead], steps]), np.concatenate([old_ids[ahead], ids])
-        order = np.lexsort((ids, steps))
-        self._spikes[population] = (steps[order], ids[order])
+        self._spikes[population] = (np.concatenate([old_steps[ahead], steps]), np.concatenate([old_ids[ahead], ids]))
         self._write(now)
 
     def replace(self, population: int, steps: Ints, ids: Ints, now: int) -> bool:
@@ -92,5 +90,11 @@ class Listed:
 
 def _joined(steps: Ints, neurons: Ints) -> Ints:
     """Rows (step, neuron, multiplicity), sorted; equal ones joined."""
-    pairs, counts = np.unique(np.stack([steps, neurons], axis=1).reshape(-1, 2), axis=0, return_counts=True)
-    return np.column_stack([pairs, counts]).astype(np.int64).reshape(-1, 3)
+    if steps.size == 0:
+        return np.zeros((0, 3), dtype=np.int64)
+    begin, span = int(steps.min()), int(neurons.max()) + 1
+    if (int(steps.max()) - begin + 1) * span >= 1 << 63:
+        pairs, counts = np.unique(np.stack([steps, neurons], axis=1), axis=0, return_counts=True)
+        return np.column_stack([pairs, counts])
+    keys, counts = np.unique((steps - begin) * span + neurons, return_counts=True)  # several times faster
+    return np.column_stack([keys // span + begin, keys % span, counts])

@@ -54,7 +54,7 @@ class NestEngine:
 
     def inject(self, population: int, steps: Ints, ids: Ints) -> None:
         """Add spikes of a spike_generator."""
-        self.net.sources[population].inject(steps, ids)
+        self.net.sources[population].inject(steps, ids, self.step)
 
     def signal(self, signal: int, values: Floats) -> None:
         """Set the dopamine of every synapse that listens."""

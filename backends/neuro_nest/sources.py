@@ -52,9 +52,11 @@ class Source:
         first, last = np.searchsorted(self._steps, (after, to), side="right")
         return train(self._steps[first:last], self._ids[first:last], self.part.size)
 
-    def inject(self, steps: Ints, ids: Ints) -> None:
-        """Add listed spikes."""
-        self._steps, self._ids = np.concatenate((self._steps, steps)), np.concatenate((self._ids, ids))
+    def inject(self, steps: Ints, ids: Ints, now: int) -> None:
+        """Add listed spikes; those up to step `now` are forgotten."""
+        ahead = self._steps > now
+        self._steps = np.concatenate((self._steps[ahead], steps))
+        self._ids = np.concatenate((self._ids[ahead], ids))
         order = np.lexsort((self._ids, self._steps))
         self._steps, self._ids = self._steps[order], self._ids[order]
 

@@ -117,7 +117,8 @@ class Cells:
         """Forget the spikes that are listed."""
         self.injected_steps = self.injected_ids = np.zeros(0, dtype=np.int64)
 
-    def inject(self, steps: Ints, ids: Ints) -> None:
-        """Add spikes of a spike_generator."""
-        self.injected_steps = np.concatenate((self.injected_steps, steps))
-        self.injected_ids = np.concatenate((self.injected_ids, ids))
+    def inject(self, steps: Ints, ids: Ints, now: int) -> None:
+        """Add spikes of a spike_generator; those up to step `now` are forgotten."""
+        ahead = self.injected_steps > now
+        self.injected_steps = np.concatenate((self.injected_steps[ahead], steps))
+        self.injected_ids = np.concatenate((self.injected_ids[ahead], ids))

@@ -94,7 +94,7 @@ class ReferenceEngine:
 
     def inject(self, population: int, steps: Ints, ids: Ints) -> None:
         """Add spikes of a spike_generator."""
-        self.net.cells[population].inject(steps, ids)
+        self.net.cells[population].inject(steps, ids, self.net.step)
 
     def signal(self, signal: int, values: Floats) -> None:
         """Set the dopamine of every synapse that listens."""

@@ -14,13 +14,15 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import key
 from neuro.model.network import Network
-from neuro.model.neurons import Generator, encode, poisson_generator, spike_generator
+from neuro.model.neurons import Generator, encode, event_camera, poisson_generator, spike_generator
 from neuro.model.parts import Population
 from neuro.program.program import Floats
 
 
 def with_generators(net: Network, shapes: Mapping[str, Shape], clock: Clock, seed: int) -> Network:
-    """A network in which a `spike_generator` or a `poisson_generator` stands for each `encode`.
+    """A network in which a `spike_generator` or a `poisson_generator` stands for each `encode` and `event_camera`.
+
+    That of a camera lists nothing; its spikes are streamed.
 
     Args:
         net: the network; it is not changed.
@@ -34,14 +36,16 @@ def with_generators(net: Network, shapes: Mapping[str, Shape], clock: Clock, see
     made = copy(net)
     made.populations = {
         name: replace(part, model=_generator(part, part.model, shapes[name], clock, seed))
-        if isinstance(part.model, encode)
+        if isinstance(part.model, encode | event_camera)
         else part
         for name, part in net.populations.items()
     }
     return made
 
 
-def _generator(part: Population, model: encode, shape: Shape, clock: Clock, seed: int) -> Generator:
+def _generator(part: Population, model: encode | event_camera, shape: Shape, clock: Clock, seed: int) -> Generator:
+    if isinstance(model, event_camera):
+        return spike_generator()
     with telling(part):
         found = model.spikes(key(seed, "encode", part.name))
         neurons = found.shape if model.gives_rates else found.shape[:-1]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.coding.codes import CODES, RATE_CODES
+from neuro.compiler.cameras import cameras_of
 from neuro.compiler.check import check_network, check_values, refuse, telling
 from neuro.compiler.check_trials import resolve_trials
 from neuro.compiler.connect import connect
@@ -28,6 +29,7 @@ from neuro.model.rules import RULES, grid
 from neuro.model.synapses import SYNAPSES, DelayRule, Modulated
 from neuro.program import program as resolved
 from neuro.program.program import Floats, Ints
+from neuro.program.streams import Stream
 
 
 def compile_network(net: Network, seed: int) -> resolved.Program:
@@ -43,11 +45,15 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
     for registry in (MODELS, SYNAPSES, RULES, DISTRIBUTIONS, CODES, RATE_CODES):
         registry.close("a network was compiled")
     clock = Clock(net.resolution)
-    shapes = resolve_shapes(net)
+    cameras = cameras_of(net, clock)
+    shapes = resolve_shapes(net, {name: camera.shape for name, camera in cameras.items()})
     net = with_generators(net, shapes, clock, seed)
     check_network(net, shapes)
     trials = resolve_trials(net, shapes, clock)
-    populations = tuple(_population(net, part, shapes[part.name], clock, seed) for part in net.populations.values())
+    populations = tuple(
+        _population(net, part, shapes[part.name], clock, seed, cameras.get(part.name))
+        for part in net.populations.values()
+    )
     projections = packed(tuple(_projection(net, part, shapes, clock, seed) for part in net.projections.values()))
     names = list(net.populations)
     return resolved.Program(
@@ -76,7 +82,9 @@ def _delays(part: resolved.Projection, resolution: float) -> tuple[int, ...]:
     return (shortest, part.dopamine_delay) if part.dopamine >= 0 else (shortest,)
 
 
-def _population(net: Network, part: Population, shape: Shape, clock: Clock, seed: int) -> resolved.Population:
+def _population(
+    net: Network, part: Population, shape: Shape, clock: Clock, seed: int, stream: Stream | None
+) -> resolved.Population:
     model = part.model
     parameters: dict[str, Floats] = {}
     start, stop = 0, NEVER
@@ -104,16 +112,17 @@ def _population(net: Network, part: Population, shape: Shape, clock: Clock, seed
         spike_ids=ids,
         start=start,
         stop=stop,
-        records=_records(net, part),
+        records=_records(net, part, stream),
         origin=part.origin,
+        stream=stream,
     )
 
 
-def _records(net: Network, part: Population) -> bool:
+def _records(net: Network, part: Population, stream: Stream | None) -> bool:
     if isinstance(part.model, dc_generator):
         return False
     asked = any(p.of == part.name and p.record == "spikes" for p in net.probes.values())
-    return asked or not isinstance(part.model, poisson_generator)
+    return asked or not (isinstance(part.model, poisson_generator) or stream)
 
 
 def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], seed: int) -> dict[str, Floats]:

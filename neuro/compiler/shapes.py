@@ -14,13 +14,17 @@ from neuro.program.program import Grid
 Shape = tuple[int, ...]
 
 
-def resolve_shapes(net: Network) -> dict[str, Shape]:
+def resolve_shapes(net: Network, known: Mapping[str, Shape]) -> dict[str, Shape]:
     """The shape of every population, with `auto` resolved along chains of grids.
+
+    Args:
+        net: the network.
+        known: shapes that follow from something else, by population.
 
     Raises:
         ModelError: an `auto` has no grid projection that decides it.
     """
-    shapes: dict[str, Shape] = {}
+    shapes: dict[str, Shape] = dict(known)
     for name in net.populations:
         _shape(net, name, shapes, ())
     return shapes

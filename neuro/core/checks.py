@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, nearest
 from neuro.core.hints import axes, notation
+from neuro.core.paths import file_path
 from neuro.core.quantities import Quantity
 from neuro.core.values import FromFile, shown
 
@@ -310,6 +312,17 @@ def _codes(q: Quantity, value: Any, what: str) -> tuple[Any, ...]:
     return value
 
 
+def _file(q: Quantity, value: Any, what: str) -> Path:
+    if isinstance(value, str) and not value:
+        raise wrong(q, value, what)
+    return file_path(value, what)
+
+
+def _events(q: Quantity, value: Any, what: str) -> Any:
+    """As it is: who takes events says which."""
+    return value
+
+
 def _part(q: Quantity, value: Any, what: str) -> Any:
     assert q.part is not None
     if isinstance(value, q.part):
@@ -332,5 +345,7 @@ _CHECKERS: dict[str, Callable[[Quantity, Any, str], Any]] = {
     "ids": _ids,
     "delay": _delay,
     "codes": _codes,
+    "file": _file,
+    "events": _events,
     "part": _part,
 }

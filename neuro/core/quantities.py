@@ -17,8 +17,9 @@ class Quantity:
         doc: one line on its meaning.
         kind: "number", "integer", "boolean", "name" (of a part of the network), "receptor" (of neurons), "word" (one of
             `words`), "shape" (a list of integers), "times" (spike times, a list per neuron), "ids",
-            "delay" (a time that is no number of the rule), "names" (a list of names), "part" (a `part`) or "codes"
-            (of `neuro.coding`).
+            "delay" (a time that is no number of the rule), "names" (a list of names), "part" (a `part`), "codes"
+            (of `neuro.coding`), "file" (a path; in YAML inside the folder of the description) or "events" (what holds
+            events, in Python alone).
         above, at_least, below, at_most: bounds of every element.
         nonzero: whether 0 has no meaning.
         infinite: whether an infinite value has a meaning.
@@ -60,6 +61,8 @@ class Quantity:
             "delay": "a time > 0 ms",
             "names": "names",
             "codes": "a code, or a list of codes",
+            "file": "the name of a file",
+            "events": "events",
             "part": f"the words of {self.part.__name__}" if self.part else "",
         }[self.kind]
         bounds = [

@@ -8,7 +8,7 @@ makes events from images.
 from __future__ import annotations
 
 from neuro.events import filters, representations, segmentation
-from neuro.events._events import EVENT, Events
+from neuro.events._events import EVENT, Event, Events
 from neuro.events.dataset import Dataset, Recording, Recordings, recordings
 from neuro.events.dvs import DVS, DVSParameters, dvs_events
 from neuro.events.errors import EventFileError, EventFileWarning
@@ -21,6 +21,7 @@ __all__ = [
     "EVENT",
     "DVSParameters",
     "Dataset",
+    "Event",
     "EventFileError",
     "EventFileWarning",
     "Events",

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro.core.checks import refuse_masked
 from neuro.core.errors import ModelError
+from neuro.core.values import same
 from neuro.events._arguments import exact, sensor
 
 EVENT = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
@@ -18,6 +19,16 @@ EVENT = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "u1")])
 
 T_MAX = (1 << 63) - 1
 """The latest time, us."""
+
+
+class Event(NamedTuple):
+    """One event: time in us, column and row in px, polarity (1 = ON)."""
+
+    t: int
+    x: int
+    y: int
+    p: int
+
 
 Index = slice | npt.NDArray[np.integer[Any]] | npt.NDArray[np.bool_]
 
@@ -63,7 +74,8 @@ class Events:
     """Events of one sensor in the order of time.
 
     Arrays of other integer types are converted; values that do not fit are refused.
-    ``events[mask_or_slice_or_indices]`` gives a part, with the same sensor and metadata.
+    ``events[mask_or_slice_or_indices]`` gives a part, with the same sensor and metadata; a loop gives each as an
+    `Event`; ``np.asarray(events)`` is the array of `records`; ``a + b`` has the events of both in the order of time.
 
     Attributes:
         t: (n,) int64, us, non-decreasing.
@@ -134,6 +146,42 @@ class Events:
             return Events._trusted(*parts, self.sensor_size, self.metadata)
         return Events(*parts, self.sensor_size, self.metadata)
 
+    def __iter__(self) -> Iterator[Event]:
+        """The events one by one; arrays are faster for many."""
+        return map(Event, *(getattr(self, name).tolist() for name in "txyp"))
+
+    def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> npt.NDArray[Any]:
+        """The array of `records`, or what numpy makes of it by `dtype`.
+
+        Raises:
+            ValueError: `copy` is False; the columns lie apart, so that an array of them is a copy.
+        """
+        if copy is False:
+            raise ValueError("events as one array are a copy: expected copy=None or True")
+        return self.records() if dtype is None else self.records().astype(dtype)
+
+    def __add__(self, other: Events) -> Events:
+        """The events of both recordings in the order of time; at one time those of the first stand first.
+
+        The metadata are what both say alike.
+
+        Raises:
+            ModelError: the sensors differ.
+        """
+        if not isinstance(other, Events):
+            return NotImplemented
+        if other.sensor_size != self.sensor_size:
+            (w, h), (width, height) = other.sensor_size, self.sensor_size
+            hint = "neuro.events.filters.Crop and Downsample change a sensor's size"
+            raise ModelError(f"events of a {width}x{height} sensor + events of {w}x{h}: expected one size", hint=hint)
+        columns = [np.concatenate((getattr(self, name), getattr(other, name))) for name in "txyp"]
+        if len(self) and len(other) and self.t[-1] > other.t[0]:
+            order = np.argsort(columns[0], kind="stable")
+            columns = [column[order] for column in columns]
+        alike = {k: v for k, v in self.metadata.items() if k in other.metadata and same(v, other.metadata[k])}
+        t, x, y, p = columns
+        return Events._trusted(t, x, y, p, self.sensor_size, alike)
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Events):
             return NotImplemented
@@ -146,6 +194,11 @@ class Events:
         width, height = self.sensor_size
         span = f", {self.t[0]} to {self.t[-1]} us" if len(self) else ""
         return f"<Events {len(self)} of {width}x{height}{span}>"
+
+    @property
+    def duration(self) -> int:
+        """Time from the first event to the last, us; 0 without events."""
+        return int(self.t[-1]) - int(self.t[0]) if len(self) else 0
 
     def between(self, start_us: int, stop_us: int) -> Events:
         """The events with ``start_us <= t < stop_us``.

@@ -24,9 +24,9 @@ class EventFileError(ModelError):
 
     path: str  # type: ignore[assignment]  # of the file, not of words inside a part of a network
 
-    def __init__(self, path: str, what: str, offset: int | None = None) -> None:
+    def __init__(self, path: str, what: str, offset: int | None = None, hint: str = "") -> None:
         place = path if offset is None else f"{path}: byte {offset}"
-        super().__init__(f"{place}: {what}")
+        super().__init__(f"{place}: {what}", hint=hint)
         self.path = path
         self.what = what
         self.offset = offset
@@ -35,8 +35,8 @@ class EventFileError(ModelError):
         """The same error: its file is the place."""
         return self
 
-    def __reduce__(self) -> tuple[type[EventFileError], tuple[str, str, int | None]]:
-        return (EventFileError, (self.path, self.what, self.offset))
+    def __reduce__(self) -> tuple[type[EventFileError], tuple[str, str, int | None, str]]:
+        return (EventFileError, (self.path, self.what, self.offset, self.hint))
 
 
 def let_go(error: BaseException) -> None:

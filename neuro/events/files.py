@@ -70,6 +70,23 @@ def load(
     return Events._trusted(t, x, y, p, size, metadata)
 
 
+def size_of(source: Given, *, format: str | None = None, name: str | None = None) -> tuple[int, int]:
+    """Width and height of a recording's sensor, px.
+
+    Those that the file or its format tells, else the smallest that holds all events, for which it is read once.
+
+    Args:
+        source: a path, bytes, or an open binary file.
+        format: as for `load`.
+        name: as for `load`.
+
+    Raises:
+        EventFileError: as for `load`, for what is read.
+    """
+    with opened(source, format, name) as file:
+        return file.sensor_size or file.scanned(BLOCK)
+
+
 def stream(
     source: Given,
     *,
@@ -193,7 +210,7 @@ def save(
         with output(path, RECORDING, replace) as part:
             write(parts, part)
     except Unsavable as fault:
-        raise EventFileError(str(path), f"cannot hold event {fault.event}: {fault.what}") from None
+        raise EventFileError(str(path), f"cannot hold event {fault.event}: {fault.what}", hint=fault.hint) from None
     except Unwritable as error:
         raise EventFileError(str(path), error.what) from None
 

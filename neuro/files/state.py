@@ -114,8 +114,9 @@ def _digest(arrays: Arrays) -> str:
     return _hashed({name: np.asarray(values) for name, values in arrays.items()})
 
 
-_SAID_ELSEWHERE = {"origin", "kind", "carries", "receptor"}
-"""Fields of a program that decide nothing, or follow from others; states of version 0.1.0 do not count them."""
+_SAID_ELSEWHERE = {"origin", "kind", "carries", "receptor", "stream"}
+"""Fields of a program that decide nothing, follow from others, or count only where they are; states of version 0.1.0 do
+not count them."""
 
 
 def fingerprint(program: Program) -> str:
@@ -142,6 +143,8 @@ def _feed(digest: hashlib.blake2b, value: Any) -> None:
             if field.name not in _SAID_ELSEWHERE:
                 digest.update(field.name.encode())
                 _feed(digest, getattr(value, field.name))
+        if (stream := getattr(value, "stream", None)) is not None:
+            digest.update(stream.identity.encode())
     elif isinstance(value, Mapping):
         for key in sorted(value):
             digest.update(key.encode())

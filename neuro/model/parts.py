@@ -22,7 +22,10 @@ RESOLUTION = Quantity(unit="ms", doc="length of a step", above=0)
 EVERY = Quantity(unit="ms", doc="interval between two records; each step if not given", above=0, optional=True)
 RECORD = Quantity(doc="spikes, or a state of the population's model", kind="name")
 SHAPE = Quantity(
-    doc="number of neurons, or sizes of the axes; auto where a grid decides", kind="shape", at_least=1, words=(AUTO,)
+    doc="number of neurons, or sizes of the axes; auto where a grid or recording decides",
+    kind="shape",
+    at_least=1,
+    words=(AUTO,),
 )
 
 

@@ -14,6 +14,7 @@ from neuro.core.errors import Where
 from neuro.model.neurons import Model
 from neuro.model.parts import Competition
 from neuro.model.synapses import DelayRule, Synapse
+from neuro.program.streams import Stream
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -32,6 +33,7 @@ class Population:
         spike_steps, spike_ids: a spike_generator's listed spikes, sorted by step, then id.
         start, stop: a generator emits spikes in steps start < k <= stop, and a current in steps start <= k < stop.
         records: whether its spikes are kept for reading.
+        stream: gives spikes to a listed population while it runs; None where none does.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Population:
     stop: int
     records: bool
     origin: Where | None
+    stream: Stream | None = None
 
 
 def drawn_for(population: Population) -> str:

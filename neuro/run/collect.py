@@ -13,6 +13,7 @@ import numpy as np
 
 from neuro.core.version import VERSION
 from neuro.files.results import YAML, Results, Trace, Train, Weights
+from neuro.model.language import save
 from neuro.model.network import Network
 from neuro.program.program import Population, Projection
 from neuro.run.simulation import Simulation
@@ -58,9 +59,9 @@ def collect(
 
 
 def files_of(net: Network) -> dict[str, bytes]:
-    """The files that `net.save` writes, by name."""
+    """The files that `net.save` writes, by name; recordings are named, not kept."""
     with tempfile.TemporaryDirectory() as folder:
-        net.save(Path(folder) / YAML)
+        save(net, Path(folder) / YAML, anywhere=True)
         return {file.name: file.read_bytes() for file in sorted(Path(folder).iterdir())}
 
 

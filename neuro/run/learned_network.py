@@ -50,6 +50,8 @@ def learnt_network(
 
 
 def _population(part: Population, resolved: ResolvedPopulation, index: int, engine: Engine) -> Population:
+    if resolved.stream is not None:
+        return replace(part, shape=resolved.shape)
     model = resolved.model
     changed = {}
     for entry in fields(model):

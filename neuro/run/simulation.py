@@ -27,6 +27,7 @@ from neuro.program.counts import Counts, Tally
 from neuro.program.program import Floats, Ints, Program
 from neuro.run import settable
 from neuro.run.finite import Watch, check_weights
+from neuro.run.inflow import Inflow
 from neuro.run.learned_network import learnt_network
 from neuro.run.recorder import Recorder
 from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
@@ -137,6 +138,7 @@ class Simulation:
         self._rules = {index: part.synapse for index, part in enumerate(program.projections)}
         self._recorder = Recorder(program)
         self._tally = Tally(program)
+        self._inflow = Inflow(program, engine)
         self._watch = Watch(program, engine, self._clock)
         self._ends: dict[int, tuple[Ints, Ints]] = {}
 
@@ -154,20 +156,25 @@ class Simulation:
         """Advance by a multiple of the resolution; running in parts gives the same bits.
 
         Raises:
-            ModelError: the time is no such multiple, or a state is no number at the end: a numerical instability.
+            ModelError: the time is no such multiple, a recording that is played is damaged, before which the run
+                stops, or a state is no number at the end: a numerical instability.
         """
         steps = self._clock.step(ms, "run")
         if not 0 <= steps < NEVER:
             raise ModelError(f"run = {ms:g} ms: expected a finite time >= 0 ms")
-        if self._recorder.probes:
-            self._recorder.run(self._engine, steps)
-        else:
-            self._engine.run(steps)
+        for stretch in self._inflow.stretches(steps):
+            if self._recorder.probes:
+                self._recorder.run(self._engine, stretch)
+            else:
+                self._engine.run(stretch)
         self._watch.look()
 
     def reset(self, weights: bool = False) -> None:
         """Back to time 0 and the initial states; weights only if asked. Parameters that were set stay."""
-        self._engine.reset(check(_FLAG, weights, "reset: weights"))
+        weights = check(_FLAG, weights, "reset: weights")
+        self._inflow.check_again("reset")
+        self._engine.reset(weights)
+        self._inflow.rewind()
         self._recorder.clear()
         if self.program.trials is not None:
             self._trials.start_anew()
@@ -311,6 +318,31 @@ class Simulation:
             raise ModelError(f"inject: a spike at {early:g} ms: expected times after {self.time:g} ms, the present")
         self._engine.inject(index, steps, neurons)
 
+    def feed(self, name: str, events: Any) -> None:
+        """Let an event camera emit more events than those of its recording, while it runs.
+
+        Args:
+            name: the population, an `event_camera`.
+            events: Events, a structured array with t, x, y and p, or an iterable of such, in the order of time. Their
+                times count as those of the recording do; without one from `origin`, or from 0.
+
+        Raises:
+            ModelError: they are of another sensor, or one comes too late: its step is not after the present.
+        """
+        index = self._population(name)
+        part = self.program.populations[index]
+        if part.stream is None:
+            raise ModelError(f"feed: '{name}' is a {part.model.name}: expected an event_camera")
+        try:
+            steps, ids = part.stream.given(events)
+        except ModelError as error:
+            raise error.at(None, f"feed: '{name}'") from None
+        if steps.size and steps.min() <= self._engine.step:
+            late = self._clock.ms(int(steps.min()))
+            told = f"feed: an event of '{name}' in the step that ends at {late:g} ms"
+            raise ModelError(f"{told}: expected later than {self.time:g} ms, the present")
+        self._engine.inject(index, steps, ids)
+
     def signal(self, name: str, values: ArrayLike) -> None:
         """Set a signal: one value for all neurons of its population or one for each; acts from the next step on."""
         if name not in self._signals:
@@ -448,6 +480,7 @@ class Simulation:
             arrays[f"probes/{name}/steps"], arrays[f"probes/{name}/values"] = self._recorder.read(name)
         for index, rule in self._rules.items():
             arrays[f"rules/{index}"] = rule.vector()
+        arrays |= {f"streams/{name}": step for name, step in self._inflow.state().items()}
         if self.program.trials is not None:
             arrays["trials"] = self._trials.state()
         write_state(file_path(path, "path"), self._identity, arrays)
@@ -458,6 +491,7 @@ class Simulation:
         Raises:
             ModelError: the file is of something else; the simulation stays as it is.
         """
+        self._inflow.check_again("restore")
         arrays = read_state(file_path(path, "path"), self._identity)
         begin = len("engine/")
         self._engine.restore({name[begin:]: v for name, v in arrays.items() if name.startswith("engine/")})
@@ -465,6 +499,8 @@ class Simulation:
             self._recorder.put(name, arrays[f"probes/{name}/steps"], arrays[f"probes/{name}/values"])
         for index, rule in self._rules.items():
             self._rules[index] = settable.rule_of(rule, arrays[f"rules/{index}"])
+        begin = len("streams/")
+        self._inflow.put({name[begin:]: step for name, step in arrays.items() if name.startswith("streams/")})
         if self.program.trials is not None:
             self._trials.put(arrays["trials"])
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from neuro.events import Events
 from neuro.model.distributions import uniform
 from neuro.model.network import Network
 from neuro.model.neurons import (
     Model,
     dc_generator,
+    event_camera,
     iaf_psc_alpha,
     iaf_psc_delta,
     iaf_psc_exp,
@@ -181,6 +183,25 @@ def injected_spikes(start: Start) -> Found:
     sim.run(3.0)
     sim.inject("source", [3.1, 3.1, 7.5], [1, 1, 1])
     sim.run(12.0)
+    return observe(sim)
+
+
+@case
+def played_events(start: Start) -> Found:
+    """An event camera that plays a recording, several events of a pixel in a step among them, and is fed beside it."""
+    t = np.sort(np.random.default_rng(4).integers(5_000, 25_000, 400))
+    x, y, p = (t * 7 % 5).astype(np.uint16), (t * 3 % 4).astype(np.uint16), (t // 2 % 2).astype(np.uint8)
+    events = Events(t, x, y, p, (5, 4))
+    net = network()
+    net.population("camera", "auto", event_camera(events=[events[:150], events[150:]], start=1.0))
+    net.population("cells", 40, iaf_psc_exp())
+    net.connect("camera", "cells", one_to_one(), weight=900.0, delay=0.5)
+    net.probe("sent", "camera")
+    sim = start(net)
+    for ms in (0.1, 7.9):
+        sim.run(ms)
+    sim.feed("camera", events[200:220])
+    sim.run(20.0)
     return observe(sim)
 
 

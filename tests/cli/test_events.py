@@ -237,7 +237,9 @@ def test_wrong_filters(run, recording, tmp_path, text, what):
 def test_filters_are_listed(run):
     status, out, _ = run("filter", "--list")
     assert status == 0
-    assert re.search(r"crop +x=None, y=None, move=True +Keep events of a rectangle\.", out)
+    assert re.search(r"crop +x=None px, y=None px, move=True +Keep events of a rectangle\.", out)
+    assert re.search(r"tar +tau=0\.08 s, theta=2\.4 events, ", out)
+    assert re.search(r"background +dt_us=10000 +Keep ", out)
 
 
 def test_split(run, recording, tmp_path):

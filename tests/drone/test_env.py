@@ -16,7 +16,7 @@ from neuro_drone.actions import ACTIONS
 from neuro_drone.env import DroneEnv
 from neuro_drone.scenario import load
 
-KINDS = [(o, a) for o in ("counts", "binary", "frame") for a in ("continuous", "discrete")]
+KINDS = [(o, a) for o in ("counts", "binary", "frame", "normalised") for a in ("continuous", "discrete")]
 
 
 def told(make):
@@ -49,7 +49,8 @@ def test_gymnasium_finds_nothing_wrong(scenario, observation, actions):
 def test_stable_baselines_finds_nothing_wrong(observation, actions):
     checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="stable-baselines3 is not installed")
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".*unconventional shape.*")  # 8 x 8 is neither picture nor vector
+        if observation != "normalised":
+            warnings.filterwarnings("ignore", message=".*unconventional shape.*")  # 8 x 8 is neither picture nor vector
         checker.check_env(DroneEnv("B60", observation=observation, actions=actions))
 
 
@@ -108,17 +109,21 @@ def test_starts():
 
 def test_observations_tell_the_same_events():
     actions = np.random.default_rng(3).uniform(-0.5, 0.5, (10, 2))
-    counts, binary, frame = (
+    counts, binary, frame, normalised = (
         episode(DroneEnv("B60", observation=o), actions, seed=2, options={"start": (0, 0)})
-        for o in ("counts", "binary", "frame")
+        for o in ("counts", "binary", "frame", "normalised")
     )
-    for (seen, _, info), (some, _, _), (picture, _, _) in zip(counts, binary, frame, strict=True):
+    for (seen, _, info), (some, _, _), (picture, _, _), (share, _, _) in zip(
+        counts, binary, frame, normalised, strict=True
+    ):
         events = info["events"]
         wanted = np.zeros((8, 8), np.int64)
         np.add.at(wanted, (events.y // 16, events.x // 16), 1)
         assert np.array_equal(seen, wanted)
         assert np.array_equal(info["counts"], wanted)
         assert np.array_equal(some, wanted > 0)
+        assert share.dtype == np.float32
+        np.testing.assert_allclose(share, wanted.ravel() / max(1, wanted.max()), rtol=1e-7)
         last = np.full((128, 128), 128, np.uint8)
         for x, y, p in zip(events.x, events.y, events.p, strict=True):
             last[y, x] = 255 * p
@@ -127,7 +132,7 @@ def test_observations_tell_the_same_events():
     assert counts[0][0].sum() == 0
 
 
-@pytest.mark.parametrize("observation", ["counts", "binary", "frame"])
+@pytest.mark.parametrize("observation", ["counts", "binary", "frame", "normalised"])
 def test_what_was_given_is_the_users_own(observation):
     """Writing into an observation changes nothing else, and no later step changes what was given."""
     env = DroneEnv("B60", observation=observation)
@@ -237,7 +242,7 @@ def test_mistakes():
     )
     assert told(lambda: DroneEnv("line").reset(options={"direction": 2})) == "option direction = 2: expected 1, -1 or 0"
     assert told(lambda: DroneEnv("B60", observation="count")) == (
-        "observation = 'count': expected counts or binary or frame"
+        "observation = 'count': expected counts or binary or frame or normalised"
     )
     assert told(lambda: DroneEnv("B60", actions="both")) == "actions = 'both': expected continuous or discrete"
     assert told(lambda: DroneEnv("B60", render_mode="human")) == "render_mode = 'human': expected None or rgb_array"

@@ -168,7 +168,7 @@ def test_cannot_hold(tmp_path, t, x, y):
     events = Events(np.array([0, t]), np.array([0, x]), np.array([0, y]), np.array([0, 0]), (1280, 720))
     with pytest.raises(EventFileError) as error:
         save(iter([events[:1], events[1:]]), tmp_path / "a.aedat")
-    assert str(error.value) == (
+    assert str(error.value).partition("\n")[0] == (
         f"{tmp_path / 'a.aedat'}: cannot hold event 1: t {t}, x {x}, y {y}; "
         "expected t 0 to 4294967295 us, x 0 to 639, y 0 to 479"
     )

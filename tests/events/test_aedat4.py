@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neuro.core.extras import install
-from neuro.events import EventFileError, EventFileWarning, Events, load, stream
+from neuro.events import EventFileError, EventFileWarning, Events, load, save, stream
 from neuro.events.formats._aedat4_packet import RECORD
+from neuro.events.formats._flatbuffers import I64, Table
 from neuro.events.formats.aedat4 import Aedat4
 from neuro.events.source import Source
 
@@ -322,3 +323,62 @@ def test_damage_is_told(data):
         else:
             fault = None
     assert fault is None or fault.offset is None or fault.offset <= HEAD
+
+
+def steps(n):
+    t = 3 * np.arange(n)
+    return Events(1_600_000_000_000_000 + t, t % 346, t % 260, t % 2, (346, 260))
+
+
+def test_what_is_written_is_what_others_read(tmp_path, monkeypatch):
+    """A file of these bytes was read by dv-processing 2.0.4, aedat 2.3.0 and faery 0.7.1, event for event."""
+    monkeypatch.setitem(sys.modules, "lz4.frame", None)
+    events = steps(20_000)
+    save([events[:5], events[5:5], events[5:]], tmp_path / "a.aedat4")
+    data = (tmp_path / "a.aedat4").read_bytes()
+    assert hashlib.sha256(data).hexdigest() == "4598f667f5e5a6335df53e32653d6067923435297fcbdefc6c69d7fce6cba44e"
+    assert load(data) == events
+
+
+@pytest.mark.parametrize("packed", [True, False])
+@pytest.mark.parametrize("count", [0, 1, 8192, 20_000])
+def test_writing_and_reading(tmp_path, monkeypatch, packed, count):
+    if not packed:
+        monkeypatch.setitem(sys.modules, "lz4.frame", None)
+    events = steps(count)
+    save(events, tmp_path / "a.aedat4")
+    again = load(tmp_path / "a.aedat4")
+    assert again == events
+    assert again.metadata["compression"] == ("LZ4" if packed else "none")
+    assert [len(part) for part in stream(tmp_path / "a.aedat4", count=7000)] == [7000] * (count // 7000) + [
+        n for n in [count % 7000] if n
+    ]
+
+
+def test_the_table_at_the_end_tells_each_packet(tmp_path, monkeypatch):
+    """Its rows are as those that DV writes: where the packet's data begin, its size, its events, its times."""
+    monkeypatch.setitem(sys.modules, "lz4.frame", None)
+    save(steps(20_000), tmp_path / "a.aedat4")
+    data = (tmp_path / "a.aedat4").read_bytes()
+    start, _ = Table(data[18:], b"IOHE").vector(2, 1)
+    assert data[18 + start :].startswith(b"<dv ")
+    place = Table(data[18:], b"IOHE").number(1, I64, -1)
+    end = data[place + 4 :]
+    begin, count = Table(end, b"FTAB").vector(0, 4)
+    assert count == 3
+    for k, n in enumerate((8192, 8192, 3616)):
+        at = begin + 4 * k + struct.unpack_from("<I", end, begin + 4 * k)[0]
+        fields = at - struct.unpack_from("<i", end, at)[0]
+        where = [at + offset for offset in struct.unpack_from("<5H", end, fields + 4)]
+        first, _, events, t, last = (struct.unpack_from("<q", end, w)[0] for w in where)
+        stream_, size = struct.unpack_from("<ii", end, where[1])
+        assert struct.unpack_from("<ii", data, first - 8) == (stream_, size) == (0, 32 + 16 * n)
+        assert (events, last - t) == (n, 3 * (n - 1))
+        assert all((w + 4) % 8 == 0 for w in where)
+
+
+def test_what_it_cannot_hold(tmp_path):
+    with pytest.raises(EventFileError) as error:
+        save(Events([-1], [0], [0], [1], (3, 2)), tmp_path / "a.aedat4")
+    assert error.value.what == ("cannot hold event 0: t -1, x 0, y 0; expected t from 0 us on, x and y 0 to 32767")
+    assert not (tmp_path / "a.aedat4").exists()

@@ -3,6 +3,7 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import given, strategies
 
 from neuro.core.errors import ModelError
 from neuro.events import EVENT, Events
@@ -34,6 +35,58 @@ def test_records_are_packed():
     records = make().records()
     assert records.dtype == EVENT
     assert records.tobytes()[:13] == bytes([1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0])
+
+
+def test_as_one_array():
+    events = make()
+    assert np.asarray(events).dtype == EVENT
+    np.testing.assert_array_equal(np.asarray(events), events.records())
+    assert np.asarray(events)["x"].tolist() == [0, 1, 2]
+    with pytest.raises(ValueError, match="events as one array are a copy: expected copy=None or True"):
+        np.array(events, copy=False)
+
+
+def test_one_by_one():
+    assert list(make()) == [(1, 0, 0, 0), (2, 1, 1, 1), (3, 2, 1, 0)]
+    assert [e.p for e in make()] == [0, 1, 0]
+    assert all(type(value) is int for e in make() for value in e)
+    assert list(make((), (), (), ())) == []
+
+
+def test_duration():
+    assert make(t=(5, 7, 1005)).duration == 1000
+    assert make((1,), (0,), (0,), (0,)).duration == make((), (), (), ()).duration == 0
+
+
+COLUMNS = strategies.lists(strategies.tuples(strategies.integers(-9, 9), strategies.integers(0, 2)), max_size=8)
+
+
+@given(COLUMNS, COLUMNS)
+def test_a_sum_is_sorted_by_time_and_the_first_comes_first(left, right):
+    """The polarity tells the two apart."""
+    a, b = (
+        make([t for t, _ in sorted(rows)], [x for _, x in sorted(rows)], [0] * len(rows), [p] * len(rows))
+        for p, rows in ((0, left), (1, right))
+    )
+    both = a + b
+    assert np.all(np.diff(both.t) >= 0)
+    assert both[both.p == 0] == a
+    assert both[both.p == 1] == b
+    assert np.all(np.diff(both.p.astype(int))[np.diff(both.t) == 0] >= 0)
+
+
+def test_a_sum_keeps_what_both_recordings_say():
+    a, b = (Events([1], [0], [0], [1], (3, 2), {"format": "dat", "t0": t0, "box": np.arange(3)}) for t0 in (1, 2))
+    assert sorted((a + b).metadata) == ["box", "format"]
+
+
+def test_a_sum_of_two_sensors_is_refused():
+    with pytest.raises(ModelError) as error:
+        make() + make(size=(4, 2))
+    assert str(error.value) == (
+        "events of a 3x2 sensor + events of 4x2: expected one size\n"
+        "  hint: neuro.events.filters.Crop and Downsample change a sensor's size"
+    )
 
 
 @pytest.mark.parametrize(
@@ -117,8 +170,8 @@ def test_between_any_whole_numbers():
     assert len(events.between(-(1 << 63), (1 << 63) - 1)) == 2
     assert len(events.between(1 << 63, 1 << 64)) == 0
     assert events.between(2.0, np.uint64(1 << 63)).t.tolist() == [2, (1 << 63) - 1]
-    for name, given in (("start_us", ("1", 2)), ("stop_us", (0, 2.5)), ("stop_us", (0, float("nan")))):
+    for name, times in (("start_us", ("1", 2)), ("stop_us", (0, 2.5)), ("stop_us", (0, float("nan")))):
         with pytest.raises(ModelError) as error:
-            events.between(*given)
-        bad = given[name == "stop_us"]
+            events.between(*times)
+        bad = times[name == "stop_us"]
         assert str(error.value) == f"{name} is {bad!r}, expected a whole number of us"

@@ -220,7 +220,7 @@ def test_cannot_hold(tmp_path, t, x, y):
     events = Events(np.array([0, t]), np.array([0, x]), np.array([0, y]), np.array([0, 0]), (3000, 3000))
     with pytest.raises(EventFileError) as error:
         save(events, tmp_path / "a.raw")
-    assert str(error.value) == (
+    assert str(error.value).partition("\n")[0] == (
         f"{tmp_path / 'a.raw'}: cannot hold event 1: t {t}, x {x}, y {y}; "
         "expected t 0 to 1099511627775 us, x and y 0 to 2047"
     )

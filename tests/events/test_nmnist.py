@@ -83,7 +83,7 @@ def test_cannot_hold(tmp_path, t, x, y):
     events = Events(np.array([0, t]), np.array([0, x]), np.array([0, y]), np.array([0, 0]), (300, 300))
     with pytest.raises(EventFileError) as error:
         save(iter([events[:1], events[1:]]), tmp_path / "a.bin")
-    assert str(error.value) == (
+    assert str(error.value).partition("\n")[0] == (
         f"{tmp_path / 'a.bin'}: cannot hold event 1: t {t}, x {x}, y {y}; "
         "expected t 0 to 8388607 us, x and y 0 to 255, y not 240"
     )

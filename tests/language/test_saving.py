@@ -39,7 +39,7 @@ CODES = (
 def numbers(q):
     """Numbers within the bounds of a quantity."""
     if q.whole:
-        return st.integers(int(q.at_least), int(q.at_most)).map(float)
+        return st.integers(*(None if bound is None else int(bound) for bound in (q.at_least, q.at_most))).map(float)
     low = next((b for b in (q.above, q.at_least) if b is not None), None)
     high = next((b for b in (q.below, q.at_most) if b is not None), None)
     finite = st.floats(
@@ -103,6 +103,7 @@ def values(q, names):
 def words(cls, names):
     """Some of the parameters of a choice, and all that it needs."""
     quantities = {w: q for w, q in cls.quantities().items() if q.kind != "name" or names[_kind(q)]}
+    quantities = {word: q for word, q in quantities.items() if q.kind not in ("file", "events") and word != "crop"}
     strategies = {word: values(q, names) for word, q in quantities.items()}
     needed = {word: s for word, s in strategies.items() if word not in cls.defaults()}
     rest = {word: s for word, s in strategies.items() if word in cls.defaults()}
@@ -127,6 +128,9 @@ def choices(draw, cls, names):
         said = {"pre": [pre for pre, _ in ids], "post": [post for _, post in ids]}
     if "signal" in said or "tau_n" not in cls.quantities():
         said.pop("dopamine", None)
+    if cls is neuro.event_camera:
+        for word in ("offset", "origin"):
+            said.pop(word, None)
     if cls is neuro.encode:
         said["values"] = draw(st.floats(0.5, 1.0) | arrays(st.floats(0.5, 1.0)))
     if cls is neuro.loihi_learning:

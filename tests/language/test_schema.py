@@ -24,6 +24,7 @@ populations:
   d: {model: {iaf_psc_delta: {tau_m: .inf, refractory_input: true}}, shape: 2, initial: {V_m: normal}}
   e: {model: {encode: {file: x.h5, key: x, code: {rank: {ties: dense}}}}, shape: 4}
   f: {model: {encode: {values: [1.0, $w], code: [{rate: {r_min: 0, r_max: $w, max_rate: 9}}, rank]}}, shape: 2}
+  g: {model: {event_camera: {file: walk.dat, polarity: on, crop: {x: [1, 9]}, scale: $n}}, shape: auto}
 projections:
   a_b: {from: a, to: b, rule: all_to_all, weight: $w, delay: 1.5, synapse: {stdp: {lambda: 0.1, Wmax: $w}}}
   b_b: {from: b, to: b, rule: {pairs: {pre: [0], post: {file: p.npy}}}, weight: {file: w.h5, key: w}, synapse: r_stdp}

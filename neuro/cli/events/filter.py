@@ -67,17 +67,18 @@ def _parsed(text: str) -> tuple[str, dict[str, Any]]:
     for key in values:
         if key not in known:
             raise unknown(f"parameter of filter '{name}'", str(key), known)
-    if any(told == key and key not in values for key, told in known.items()):
+    if any(told.split()[0] == key and key not in values for key, told in known.items()):
         raise ModelError(f"filter '{name}': expected all of {', '.join(known)}")
     return name, values
 
 
 def _parameters(kind: Any) -> dict[str, str]:
-    """Each parameter of a filter with what it is if not given."""
+    """Each parameter of a filter with what it is if not given, and its unit where its name does not tell it."""
     from dataclasses import MISSING, fields
 
     own = [f for f in fields(kind) if f.init and f.name != "sensor_size"]
-    return {f.name: f.name if f.default is MISSING else f"{f.name}={f.default}" for f in own}
+    told = {f.name: f.name if f.default is MISSING else f"{f.name}={f.default}" for f in own}
+    return {name: f"{text} {kind.units[name]}" if name in kind.units else text for name, text in told.items()}
 
 
 def _chain(size: tuple[int, int], chosen: Sequence[tuple[str, dict[str, Any]]]) -> Chain:

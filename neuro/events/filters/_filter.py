@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from inspect import get_annotations
 from typing import Any, ClassVar, Self
@@ -43,10 +43,12 @@ class Filter(ABC):
 
     Attributes:
         word: a short name for command lines; the name of the class where it is not given.
+        units: of the parameters whose names do not tell them.
         sensor_size: width and height of the events that come in, px.
     """
 
     word: ClassVar[str] = ""
+    units: ClassVar[Mapping[str, str]] = {}
 
     sensor_size: Size
     _clock: npt.NDArray[np.int64] = field(init=False, repr=False)

@@ -23,6 +23,7 @@ class Crop(Sieve):
     """
 
     word = "crop"
+    units = {"x": "px", "y": "px"}
     x: tuple[int, int] | None = None
     y: tuple[int, int] | None = None
     move: bool = True

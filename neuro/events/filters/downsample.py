@@ -27,6 +27,7 @@ class Downsample(Filter):
     """
 
     word = "downsample"
+    units = {"factor": "px", "integrate": "events"}
     factor: int | tuple[int, int] = 2
     integrate: int = 1
 

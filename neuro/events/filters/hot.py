@@ -21,6 +21,7 @@ class HotPixels(Sieve):
     """
 
     word = "hot"
+    units = {"pixels": "px"}
     pixels: npt.ArrayLike = ()
 
     def _check(self) -> None:

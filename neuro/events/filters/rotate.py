@@ -19,6 +19,7 @@ class Rotate90(Filter):
     """
 
     word = "rotate"
+    units = {"turns": "quarters"}
     turns: int = 1
 
     def _check(self) -> None:

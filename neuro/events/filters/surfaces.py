@@ -32,6 +32,7 @@ class TARSurfaces(Sieve):
     """
 
     word = "tar_surfaces"
+    units = {"tau": "s", "theta": "events", "radius": "px", "cell": "px"}
     tau: float = 0.08
     theta: float = 2.4
     radius: int = 1

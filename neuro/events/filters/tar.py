@@ -30,6 +30,7 @@ class TAR(Sieve):
     """
 
     word = "tar"
+    units = {"tau": "s", "theta": "events", "radius": "px", "first": "events"}
     tau: float = 0.08
     theta: float = 2.4
     radius: int = 1

@@ -33,12 +33,13 @@ class Damage(ValueError):
 
 
 class Unsavable(ValueError):
-    """Raised by a writer: the format has no room for event ``event``, because of ``what``."""
+    """Raised by a writer: the format has no room for event ``event``, because of ``what``; ``hint`` is the way out."""
 
-    def __init__(self, what: str, event: int) -> None:
-        super().__init__(what, event)
+    def __init__(self, what: str, event: int, hint: str = "") -> None:
+        super().__init__(what, event, hint)
         self.what = what
         self.event = event
+        self.hint = hint
 
 
 def _no_place(event: int) -> int | None:

@@ -150,5 +150,6 @@ def check_room(events: Events, done: int, times: int, side: int) -> None:
     Raises:
         Unsavable: there is an event that cannot.
     """
-    bad = (events.t < 0) | (events.t >= times) | (events.x >= side) | (events.y >= side)
-    refuse(events, bad, done, f"t 0 to {times - 1} us, x and y 0 to {side - 1}")
+    outside = (events.x >= side) | (events.y >= side)
+    bad = (events.t < 0) | (events.t >= times) | outside
+    refuse(events, bad, done, f"t 0 to {times - 1} us, x and y 0 to {side - 1}", outside)

@@ -35,7 +35,13 @@ def in_order(parts: Iterator[Events]) -> Iterator[tuple[int, Events]]:
         done += len(part)
 
 
-def refuse(events: Events, bad: npt.NDArray[np.bool_], done: int, limits: str) -> None:
+EARLIER = "the filter 'shift: {to_us: 0}' lets it begin at 0 us; what is longer fits in parts of 'neuro events split'"
+SMALLER = "the filters 'crop: {x: [0, 128], y: [0, 128]}' and 'downsample: {factor: 2}' make the sensor smaller"
+
+
+def refuse(
+    events: Events, bad: npt.NDArray[np.bool_], done: int, limits: str, outside: npt.NDArray[np.bool_] | None = None
+) -> None:
     """Refuse the first event of a part that is bad.
 
     Args:
@@ -43,10 +49,12 @@ def refuse(events: Events, bad: npt.NDArray[np.bool_], done: int, limits: str) -
         bad: (n,) which events do not fit.
         done: number of events before the part.
         limits: what was expected.
+        outside: (n,) which of them lie at a place for which there is no room; the others do so in time. None: not told.
 
     Raises:
         Unsavable: there is one.
     """
     if bad.any():
         k = int(bad.argmax())
-        raise Unsavable(f"t {events.t[k]}, x {events.x[k]}, y {events.y[k]}; expected {limits}", done + k)
+        hint = "" if outside is None else SMALLER if outside[k] else EARLIER
+        raise Unsavable(f"t {events.t[k]}, x {events.x[k]}, y {events.y[k]}; expected {limits}", done + k, hint)

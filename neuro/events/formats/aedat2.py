@@ -182,8 +182,9 @@ def write(parts: Iterator[Events], path: Path) -> None:
                 chip = fits[0] if fits else _CHIPS[-1]
                 file.write(_new_header(chip, f"# Sensor size: {width}x{height}\r\n"))
             columns, rows = chip.size
-            bad = (events.t < 0) | (events.t >= T_LIMIT) | (events.x >= columns) | (events.y >= rows)
-            refuse(events, bad, done, f"t 0 to {T_LIMIT - 1} us, x 0 to {columns - 1}, y 0 to {rows - 1}")
+            outside = (events.x >= columns) | (events.y >= rows)
+            limits = f"t 0 to {T_LIMIT - 1} us, x 0 to {columns - 1}, y 0 to {rows - 1}"
+            refuse(events, (events.t < 0) | (events.t >= T_LIMIT) | outside, done, limits, outside)
             words = np.empty((len(events), 2), ">u4")
             address = (events.p == chip.on).astype(np.uint32) << chip.polarity
             address |= events.x.astype(np.uint32) << chip.x[0] | events.y.astype(np.uint32) << chip.y[0]

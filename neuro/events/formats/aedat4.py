@@ -23,13 +23,13 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.events.formats._aedat4_packet import LIMIT, USUAL, Packets
+from neuro.events.formats._aedat4_write import MAGIC, write
 from neuro.events.formats._cursor import Cursor
 from neuro.events.formats._flatbuffers import I32, I64, U32, Malformed, Table
 from neuro.events.formats._format import Damage, Format, Piece, Size
 from neuro.events.formats._growing import Growing
 from neuro.events.source import Source
 
-MAGIC = b"#!AER-DAT4.0\r\n"
 COMPRESSIONS = ("none", "LZ4", "LZ4", "Zstandard", "Zstandard")
 """By the number in the header; LZ4 and Zstandard each have a thorough variant that is read alike."""
 
@@ -195,5 +195,5 @@ def _stream(node: ElementTree.Element) -> dict[str, Any]:
     return stream | ({"source": told["source"]} if told["source"] else {})
 
 
-AEDAT4 = Format("aedat4", "AEDAT 4", (".aedat4",), lambda head: head.startswith(MAGIC), Aedat4)
-"""Read only."""
+AEDAT4 = Format("aedat4", "AEDAT 4", (".aedat4",), lambda head: head.startswith(MAGIC), Aedat4, write)
+"""Read and written."""

@@ -25,7 +25,7 @@ import numpy as np
 from neuro.events._events import Events
 from neuro.events.errors import EventFileError, EventFileWarning
 from neuro.events.formats._format import Damage, Format, Piece, Size, Unsavable
-from neuro.events.formats._write import in_order, refuse
+from neuro.events.formats._write import SMALLER, in_order, refuse
 from neuro.events.source import Bytes, Given, Source, opened_source
 
 MAGIC = b"Event Stream"
@@ -176,7 +176,7 @@ def write(parts: Iterator[Events], path: Path) -> None:
                 file.write(_new_header(events.sensor_size))
             gaps = np.diff(events.t, prepend=now)
             limits = f"t from 0 us on, and at most {LONGEST_GAP} us after the event before or 0"
-            refuse(events, (gaps < 0) | (gaps > LONGEST_GAP), done, limits)
+            refuse(events, (gaps < 0) | (gaps > LONGEST_GAP), done, limits, np.zeros(len(events), np.bool_))
             out = np.empty(EVENT * len(events) + int((gaps // OVERFLOW_US).sum()), np.uint8)
             encode(events.t, events.x, events.y, events.p, now, out)
             file.write(out.tobytes())
@@ -187,7 +187,7 @@ def write(parts: Iterator[Events], path: Path) -> None:
 
 def _new_header(size: Size) -> bytes:
     if max(size) > 0xFFFF:
-        raise Unsavable(f"its sensor is {size[0]}x{size[1]}, expected at most 65535x65535", 0)
+        raise Unsavable(f"its sensor is {size[0]}x{size[1]}, expected at most 65535x65535", 0, SMALLER)
     return MAGIC + bytes(VERSION) + bytes([DVS]) + np.array(size, "<u2").tobytes()
 
 

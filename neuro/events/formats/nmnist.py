@@ -65,8 +65,8 @@ def write(parts: Iterator[Events], path: Path) -> None:
     limits = f"t 0 to {T_LIMIT - 1} us, x and y 0 to 255, y not {OVERFLOW_ROW}"
     with path.open("wb") as file:
         for done, events in in_order(parts):
-            bad = (events.t < 0) | (events.t >= T_LIMIT) | (events.x > 255) | (events.y > 255)
-            refuse(events, bad | (events.y == OVERFLOW_ROW), done, limits)
+            outside = (events.x > 255) | (events.y > 255) | (events.y == OVERFLOW_ROW)
+            refuse(events, (events.t < 0) | (events.t >= T_LIMIT) | outside, done, limits, outside)
             words = np.empty((len(events), WORD), np.uint8)
             words[:, 0], words[:, 1] = events.x, events.y
             words[:, 2] = events.p << 7 | (events.t >> 16).astype(np.uint8)

@@ -12,7 +12,7 @@ from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import Quantity
 from neuro.core.values import shown
 from neuro.model.distributions import DISTRIBUTIONS
-from neuro.model.language.files import array
+from neuro.model.language.files import array, inside
 from neuro.model.language.nodes import about, found, mistake, plain, words
 from neuro.model.language.reader import Node
 from neuro.model.neurons import MODELS
@@ -90,6 +90,10 @@ def value(q: Quantity, node: Node, what: str) -> Any:
         return with_parameters(q.part, node)
     if q.kind == "codes":
         return codes(node)
+    if q.kind == "file" and isinstance(node.value, str):
+        return inside(node, node.value)
+    if q.kind == "events":
+        raise mistake(node, f"{what}: events of a program: expected a file", "write file: NAME")
     if isinstance(node.value, dict) and "file" in node.value and (q.arrays or q.kind in ("ids", "times")):
         return array(node)
     if q.arrays and isinstance(node.value, dict):

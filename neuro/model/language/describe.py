@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,16 +20,47 @@ LARGEST_INLINE = 64
 
 
 class Arrays:
-    """The arrays that are too large to be read in a text; each is replaced by `{file, key}`."""
+    """What a text cannot hold: arrays that are too large, each replaced by `{file, key}`, and recordings.
 
-    def __init__(self, file: str) -> None:
-        self.file = file
+    Args:
+        file: the name of the file that takes the arrays.
+        folder: the folder of the text, in or below which recordings must lie; None: the text names them as they were
+            named, and stands for the network only where it was.
+    """
+
+    def __init__(self, file: str, folder: Path | None = None) -> None:
+        self.file, self._folder = file, folder
         self.kept: dict[str, NDArray[Any]] = {}
 
     def keep(self, key: str, array: NDArray[Any]) -> dict[str, str]:
         """Put an array aside."""
         self.kept[key] = array
         return {"file": self.file, "key": key}
+
+    def recording(self, path: Path, key: str) -> str:
+        """The name of a recording in the text.
+
+        Raises:
+            ModelError: it lies elsewhere than in the folder of the text.
+        """
+        if self._folder is None:
+            return path.as_posix()
+        folder = self._folder.resolve()
+        if not path.resolve().is_relative_to(folder):
+            told = f"{key} = {str(path)!r}: expected a file in the folder of the description, or below"
+            raise ModelError(told, hint=f"copy it to {self._folder}, or save the network beside it")
+        return path.resolve().relative_to(folder).as_posix()
+
+    def events(self, key: str) -> None:
+        """What stands for events of a program: nothing, where the text need not stand for the network.
+
+        Raises:
+            ModelError: it must.
+        """
+        if self._folder is not None:
+            raise ModelError(
+                f"{key} = events of a program: expected a file", hint="neuro.events.save(events, 'walk.h5') makes one"
+            )
 
 
 def describe(net: Description, arrays: Arrays) -> dict[str, Any]:
@@ -113,6 +145,10 @@ def _values(values: Any, arrays: Arrays, key: str) -> dict[str, Any]:
 def _value(value: Any, arrays: Arrays, key: str) -> Any:
     if isinstance(value, FromFile):
         value = value.values
+    if isinstance(value, Path):
+        return arrays.recording(value, key)
+    if key.endswith(".model.events"):
+        return arrays.events(key)
     if isinstance(value, np.ndarray):
         inline = value.size <= LARGEST_INLINE and np.array(value.tolist()).shape == value.shape
         return value.tolist() if inline else arrays.keep(key, value)

@@ -179,7 +179,8 @@ def _choice(table: Mapping[str, type[Choice]]) -> Schema:
 def _words(cls: type[Choice]) -> Schema:
     """The parameters of one choice."""
     defaults = cls.defaults()
-    words = {word: _quantity(q, defaults.get(word, MISSING)) for word, q in cls.quantities().items()}
+    said = {word: q for word, q in cls.quantities().items() if q.kind != "events"}
+    words = {word: _quantity(q, defaults.get(word, MISSING)) for word, q in said.items()}
     made = {"title": cls.called(), "description": _summary(cls), **_closed(words, _required(cls))}
     return _with_file(made, cls.file_of) if cls.file_of else made
 
@@ -249,6 +250,8 @@ def _accepted(q: Quantity) -> list[Schema]:
         case "codes":
             code = {"$ref": "#/$defs/code"}
             return [code, {"type": "array", "items": code, "minItems": 1}]
+        case "file":
+            return [{"type": "string"}]
         case "part":
             assert q.part is not None
             return [_words(q.part)]

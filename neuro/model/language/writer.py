@@ -27,12 +27,14 @@ _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]*")
 _ELSEWHERE_BOOLEANS = ("yes", "no", "on", "off", "y", "n", "true", "false", "null")
 
 
-def save(net: Description, path: str | Path) -> None:
+def save(net: Description, path: str | Path, anywhere: bool = False) -> None:
     """Write a network as YAML, with an HDF5 file of the same stem beside it if it has large arrays.
 
     Args:
         net: the network.
         path: ends in `.yaml` or `.yml`.
+        anywhere: whether recordings that the network plays may lie elsewhere or in memory; the file tells them then,
+            but stands for the network only where they are.
 
     Raises:
         ModelError: the file cannot be written, or an HDF5 file of that name holds something else.
@@ -42,7 +44,7 @@ def save(net: Description, path: str | Path) -> None:
     if file.suffix not in ENDINGS:
         raise ModelError("cannot be written: expected a name ending in .yaml or .yml", where=where)
     beside = file.with_name(re.sub(r"[^\w .-]", "_", file.stem) + ".h5")
-    arrays = Arrays(beside.name)
+    arrays = Arrays(beside.name, None if anywhere else file.parent)
     text = to_text(describe(net, arrays))
     with ExitStack() as files:
         files.enter_context(output(file, NETWORK)).write_text(NETWORK.seal(f"{MARK}\n{text}"), encoding="utf-8")

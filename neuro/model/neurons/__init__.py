@@ -5,6 +5,7 @@ from neuro.model.neurons.aeif_cond_exp import aeif_cond_exp
 from neuro.model.neurons.aeif_psc_exp import aeif_psc_exp
 from neuro.model.neurons.base import Generator, Model, Neuron, State, complete
 from neuro.model.neurons.encode import encode
+from neuro.model.neurons.event_camera import event_camera
 from neuro.model.neurons.generators import dc_generator, poisson_generator, spike_generator
 from neuro.model.neurons.hh_psc_alpha import hh_psc_alpha
 from neuro.model.neurons.iaf_cond_alpha import iaf_cond_alpha
@@ -21,7 +22,7 @@ from neuro.model.neurons.parrot_neuron import parrot_neuron
 from neuro.model.neurons.spinnaker_lif import spinnaker_lif
 from neuro.model.neurons.srm0 import srm0
 
-GENERATORS: tuple[type[Generator], ...] = (poisson_generator, spike_generator, dc_generator, encode)
+GENERATORS: tuple[type[Generator], ...] = (poisson_generator, spike_generator, dc_generator, encode, event_camera)
 INTEGRATED: tuple[type[Neuron], ...] = (iaf_cond_exp, iaf_cond_alpha, aeif_cond_exp, aeif_psc_exp, hh_psc_alpha)
 NEURONS: tuple[type[Neuron], ...] = (
     parrot_neuron,
@@ -60,6 +61,7 @@ __all__ = [
     "aeif_psc_exp",
     "dc_generator",
     "encode",
+    "event_camera",
     "hh_psc_alpha",
     "iaf_cond_alpha",
     "iaf_cond_exp",

@@ -1,0 +1,188 @@
+"""Event cameras: the shape of a population, and the spikes of its recording, by steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from neuro.compiler.check import telling
+from neuro.core.clock import NEVER, Clock
+from neuro.core.errors import ModelError
+from neuro.model.network import Network
+from neuro.model.neurons import event_camera
+from neuro.model.parts import AUTO, Population
+from neuro.program.program import Ints
+from neuro.program.streams import Stretch
+
+MOST = 1 << 17
+"""Events that become spikes at once."""
+_FINEST = 10**6
+"""A resolution is taken for the nearest ratio of ms with no larger denominator, so that steps are exact."""
+_NONE = np.zeros(0, dtype=np.int64)
+
+Shape = tuple[int, ...]
+
+
+def cameras_of(net: Network, clock: Clock) -> dict[str, Camera]:
+    """The event cameras of a network by population, with their recordings opened.
+
+    Raises:
+        ModelError: a recording cannot be played, or the population has another shape than it gives.
+    """
+    made = {}
+    for part in net.populations.values():
+        if isinstance(part.model, event_camera):
+            with telling(part):
+                made[part.name] = Camera(part, part.model, clock)
+                if net.trials_section is not None:
+                    told = "an event_camera in a network with trials, which show what they are given"
+                    raise ModelError(f"{told}: expected a spike_generator", hint="sim.trials(times, ids, offsets)")
+    return made
+
+
+class Camera:
+    """A population of pixels: what its recording makes it emit.
+
+    Args:
+        part: the population.
+        model: its model.
+        clock: of the network.
+
+    Attributes:
+        shape: of the population.
+        again: whether the recording can be played several times.
+        identity: of model and recording.
+    """
+
+    def __init__(self, part: Population, model: event_camera, clock: Clock) -> None:
+        self._part, self._model = part, model
+        self._played = model.played()
+        self._sensor = None if self._played is None else self._played.sensor_size
+        self.again = self._played is None or self._played.again
+        ratio = Fraction(clock.resolution).limit_denominator(_FINEST) * 1000
+        self._step_us = ratio.numerator, ratio.denominator
+        self._offset = round(model.offset * 1000.0)
+        self._start, self._stop = (clock.step(getattr(model, w), f"{model.name}.{w}") for w in ("start", "stop"))
+        self.shape = self._shape_of(part.shape)
+        self._origin = 0 if self._played is None else self._played.first()
+        if model.origin is not None:
+            self._origin = int(model.origin)
+
+    @property
+    def identity(self) -> str:
+        """What decides its spikes; where the file lies does not."""
+        said = {word: value for word, value in self._model.parameters().items() if word not in ("file", "events")}
+        return f"{said} {'' if self._played is None else self._played.identity}"
+
+    def _shape_of(self, said: tuple[int | str, ...]) -> Shape:
+        """The shape that the sensor gives, which a shape that is said must agree with."""
+        if self._sensor is None:
+            if AUTO in said:
+                hint = "write the numbers: [2, height, width], or [height, width] unless the polarities are split"
+                raise ModelError(f"shape {_written(said)}: no sensor is told before it is played", hint=hint)
+            found = tuple(int(n) for n in said)
+            if len(found) != 2 + self._split or (self._split and found[0] != 2):
+                wanted = "[2, height, width]" if self._split else "[height, width]"
+                raise ModelError(f"shape {list(found)}: expected {wanted} with polarity: {self._model.polarity}")
+            return found
+        columns, rows = self._sides(*self._sensor)
+        sides = tuple(-(-(last - first) // self._model.scale) for first, last in (rows, columns))
+        shape = (2, *sides) if self._split else sides
+        fits = len(said) == len(shape) and all(word in (AUTO, n) for word, n in zip(said, shape, strict=True))
+        if not fits and said != (AUTO,):
+            width, height = self._sensor
+            told = f"shape {_written(said)}: expected {list(shape)}, as the sensor is {width}x{height} px"
+            raise ModelError(told, hint="'shape: auto' takes it from the recording")
+        return shape
+
+    @property
+    def _split(self) -> bool:
+        return self._model.polarity == "split"
+
+    def _sides(self, width: int, height: int) -> tuple[tuple[int, int], tuple[int, int]]:
+        if self._model.crop is None:
+            return (0, width), (0, height)
+        with telling(self._part):
+            return self._model.crop.sides(width, height)  # type: ignore[no-any-return]
+
+    def after(self, step: int) -> Iterator[Stretch]:
+        """All spikes of later steps. The last step of what has been read is held back: more may come in it."""
+        with telling(self._part):
+            steps = ids = _NONE
+            for events in self._read(step):
+                found = self._spikes(events, step)
+                steps, ids = np.concatenate((steps, found[0])), np.concatenate((ids, found[1]))
+                last = self._step(int(events.t[-1]))
+                done = int(np.searchsorted(steps, last))
+                yield Stretch(last - 1, steps[:done], ids[:done])
+                steps, ids = steps[done:], ids[done:]
+            yield Stretch(NEVER, steps, ids)
+
+    def _read(self, step: int) -> Iterator[Any]:
+        """The events of later steps, up to the first part that reaches beyond the end."""
+        if self._played is None or step >= self._stop:
+            return
+        for events in self._played.parts(self._begin(step)):
+            for k in range(0, len(events), MOST):
+                yield events[k : k + MOST]
+            if len(events) and self._step(int(events.t[-1])) > self._stop:
+                return
+
+    def given(self, events: Any) -> tuple[Ints, Ints]:
+        """Steps and neurons of Events, a structured array, or an iterable of them."""
+        from neuro.events.playing import played
+
+        if self._origin is None:
+            raise ModelError("its recording has not begun to play: expected 'origin'", hint="or run first")
+        parts = [self._spikes(part, -NEVER) for part in played(events).parts()]
+        steps, ids = (np.concatenate([_NONE, *(part[k] for part in parts)]) for k in (0, 1))
+        return steps, ids
+
+    def _begin(self, step: int) -> int | None:
+        """The first time of the recording, us, that falls in a step after this one; None where all has to be read."""
+        if self._origin is None or (step <= self._start and not self._offset and self._model.origin is None):
+            return None
+        numerator, denominator = self._step_us
+        return self._origin + self._offset - (-(max(0, step - self._start) * numerator) // denominator)
+
+    def _step(self, t: int) -> int:
+        """The step in which an event at a time of the recording, us, is emitted."""
+        numerator, denominator = self._step_us
+        return self._start + (t - (self._origin or 0) - self._offset) * denominator // numerator + 1
+
+    def _spikes(self, events: Any, after: int) -> tuple[Ints, Ints]:
+        """Steps and neurons of the events that are seen, in steps after this one."""
+        model, (width, height) = self._model, self._sensor or events.sensor_size
+        if events.sensor_size != (width, height):
+            told = "{}x{}".format(*events.sensor_size)
+            raise ModelError(f"events of a {told} sensor: expected {width}x{height}, the recording's")
+        if self._origin is None and len(events):
+            self._origin = int(events.t[0])
+        numerator, denominator = self._step_us
+        since = events.t - ((self._origin or 0) + self._offset)
+        steps = since * denominator // numerator + (self._start + 1)
+        seen = (since >= 0) & (steps > after) & (steps <= self._stop)
+        (left, right), (top, bottom) = self._sides(width, height)
+        if (left, right, top, bottom) != (0, width, 0, height):
+            seen &= (events.x >= left) & (events.x < right) & (events.y >= top) & (events.y < bottom)
+        if model.polarity in ("on", "off"):
+            seen &= events.p == (model.polarity == "on")
+        if not seen.all():
+            events, steps = events[seen], steps[seen]
+        x = (events.x.astype(np.int64) - left) // model.scale
+        y = (events.y.astype(np.int64) - top) // model.scale
+        rows, columns = self.shape[-2:]
+        if self._sensor is None and x.size and (x.max() >= columns or y.max() >= rows):
+            k = int(((x >= columns) | (y >= rows)).argmax())
+            told = f"event at x = {events.x[k]}, y = {events.y[k]}, {events.t[k]} us"
+            raise ModelError(f"{told}: expected within its shape {list(self.shape)}")
+        ids = y * columns + x
+        return steps, ids + events.p * np.int64(rows * columns) if self._split else ids
+
+
+def _written(shape: tuple[int | str, ...]) -> str:
+    """A shape as the language writes it."""
+    return str(shape[0]) if len(shape) == 1 else f"[{', '.join(map(str, shape))}]"

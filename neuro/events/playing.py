@@ -1,0 +1,196 @@
+"""Recordings that are played: a file, or events of a program, given part by part and from any time on."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from neuro.core.errors import ModelError
+from neuro.events._events import EVENT, Events
+from neuro.events.errors import EventFileError
+from neuro.events.files import size_of, stream
+from neuro.events.formats import Unsavable, in_order
+
+Size = tuple[int, int]
+
+
+class Played(Protocol):
+    """A recording."""
+
+    @property
+    def sensor_size(self) -> Size | None:
+        """Width and height in px, None where they are not told before it is played."""
+
+    @property
+    def again(self) -> bool:
+        """Whether it can be played several times."""
+
+    @property
+    def identity(self) -> str:
+        """What tells it from another."""
+
+    def first(self) -> int | None:
+        """The time of the first event, us; None where that is not known before it is played.
+
+        Raises:
+            EventFileError: the recording has no events.
+        """
+
+    def parts(self, start_us: int | None = None) -> Iterator[Events]:
+        """Its events in the order of time; those before `start_us` may be left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class OfFile:
+    """A file, of which nothing is kept in memory."""
+
+    path: str
+    format: str | None
+    sensor_size: Size
+    again: bool = True
+
+    @property
+    def identity(self) -> str:
+        """Its bytes and the sensor: it may be moved."""
+        return f"file of {os.path.getsize(self.path)} bytes, {self.sensor_size}"
+
+    def first(self) -> int:
+        """The time of the first event."""
+        part = next(stream(self.path, format=self.format, sensor_size=self.sensor_size, count=1), None)
+        if part is None:
+            raise EventFileError(self.path, "has no events")
+        return int(part.t[0])
+
+    def parts(self, start_us: int | None = None) -> Iterator[Events]:
+        """Its events; formats that can be sought are not decoded before `start_us`."""
+        return stream(self.path, format=self.format, sensor_size=self.sensor_size, start_us=start_us)
+
+
+def of_file(path: str | os.PathLike[str], format: str | None = None) -> OfFile:
+    """A file that is played.
+
+    Raises:
+        EventFileError: there is no such file, it is of no known kind, or its header is damaged.
+    """
+    return OfFile(os.fspath(path), format, size_of(path, format=format))
+
+
+@dataclass(frozen=True, slots=True)
+class OfEvents:
+    """Events in memory, whole or in parts."""
+
+    whole: Sequence[Events]
+    again: bool = True
+
+    @property
+    def sensor_size(self) -> Size | None:
+        """That of the first part."""
+        return self.whole[0].sensor_size if self.whole else None
+
+    @property
+    def identity(self) -> str:
+        """Their number and the sensor."""
+        return f"{sum(map(len, self.whole))} events, {self.sensor_size}"
+
+    def first(self) -> int:
+        """The time of the first event."""
+        part = next((part for part in self.whole if len(part)), None)
+        if part is None:
+            raise ModelError("its recording has no events: expected at least one")
+        return int(part.t[0])
+
+    def parts(self, start_us: int | None = None) -> Iterator[Events]:
+        """The parts, looked at as they are given."""
+        return _in_order(iter(self.whole))
+
+
+@dataclass(slots=True, eq=False)
+class OfIterator:
+    """Parts that a program makes while they are played: by an iterator, once, or by a function that makes one."""
+
+    make: Callable[[], Iterable[Events]]
+    again: bool
+    sensor_size: Size | None = None
+    identity: str = "events of an iterator"
+    _begun: bool = field(default=False, init=False)
+
+    def first(self) -> None:
+        """Not known."""
+
+    def parts(self, start_us: int | None = None) -> Iterator[Events]:
+        """The parts, looked at as they are given."""
+        if self._begun and not self.again:
+            hint = "give Events, a list of them, or a function that makes an iterator"
+            raise ModelError("its events come from an iterator, which was begun already", hint=hint)
+        self._begun = True
+        made = self.make()
+        if not isinstance(made, Iterable):
+            raise ModelError(f"its function gave {made!r:.60}: expected an iterator of Events")
+        return _in_order(iter(made))
+
+
+def played(given: Any) -> Played:
+    """What a program gives as a recording.
+
+    Args:
+        given: Events, a structured array of them, a list or an iterator of Events, or a function that makes one.
+
+    Raises:
+        ModelError: it is none of these.
+    """
+    if isinstance(given, OfEvents | OfIterator):
+        return given
+    if isinstance(given, Events):
+        return OfEvents((given,))
+    if isinstance(given, np.ndarray):
+        return OfEvents((of_records(given),))
+    if isinstance(given, list | tuple):
+        return OfEvents(tuple(_events(part) for part in given))
+    if isinstance(given, Iterator):
+        return OfIterator(lambda: given, again=False)
+    if callable(given):
+        return OfIterator(given, again=True)
+    raise _no_events(given)
+
+
+def of_records(records: Any, sensor_size: Size | None = None) -> Events:
+    """A structured array with t, x, y and p as events.
+
+    Args:
+        records: the array.
+        sensor_size: width and height in px; the smallest sensor that holds all events if not given.
+
+    Raises:
+        ModelError: it has no such fields, or an event cannot be.
+    """
+    names = getattr(getattr(records, "dtype", None), "names", None) or ()
+    if not set(EVENT.names or ()) <= set(names):
+        raise _no_events(records)
+    t, x, y, p = (records[name] for name in "txyp")
+    return Events(t, x, y, p, sensor_size or (int(x.max(initial=0)) + 1, int(y.max(initial=0)) + 1))
+
+
+def _in_order(parts: Iterator[Any]) -> Iterator[Events]:
+    try:
+        yield from (part for _, part in in_order(_events(part) for part in parts))
+    except Unsavable as fault:
+        raise ModelError(f"event {fault.event}: {fault.what}") from None
+
+
+def _events(part: Any) -> Events:
+    if isinstance(part, np.ndarray):
+        return of_records(part)
+    if not isinstance(part, Events):
+        raise _no_events(part)
+    return part
+
+
+def _no_events(given: object) -> ModelError:
+    found = f"an array of {given.dtype}" if isinstance(given, np.ndarray) else f"{given!r:.60}"
+    wanted = "expected Events, or an array with the fields t, x, y and p, or an iterator of such"
+    hint = "write file=" if isinstance(given, str | os.PathLike) else ""
+    return ModelError(f"events: found {found}: {wanted}", hint=hint)
