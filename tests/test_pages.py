@@ -30,6 +30,7 @@ import traceback
 import warnings
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -60,6 +61,7 @@ _FILE = re.compile(r"# ([\w./-]+\.(?:py|yaml))\n")
 _MARK = re.compile(r"# needs (.+)\n")
 _SHELL = re.compile(r"[|;<>*]|&&")
 _CLOCK = re.compile(r"\d[\d,.]*( s\b| steps/s| events/s in)")
+_SESSION = "<stdin>"
 _NEURO = [sys.executable, "-c", "from neuro.cli import main; main()"]
 
 
@@ -225,12 +227,10 @@ def run_python(block: Block, space: dict[str, object]) -> str:
     printed = io.StringIO()
     try:
         with redirect_stdout(printed):
-            exec(compile("\n" * (block.line - 1) + block.text, str(block.page), "exec"), space)
+            exec(compile(block.text, _SESSION, "exec"), space)
     except Exception as error:
-        lines = [
-            frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(block.page)
-        ]
-        place = (lines[-1] or block.line) - block.line if lines else 0
+        frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == _SESSION]
+        place = (frames[-1].lineno or 1) - 1 if frames else 0
         raise block.fault(f"{type(error).__name__}: {error}", place) from error
     return printed.getvalue()
 
@@ -322,3 +322,30 @@ def test_every_example_is_on_a_page():
         name for line in re.findall(r"^(?:\$ )?neuro example (.*)$", told, re.M) for name in shlex.split(line, True)
     }
     assert asked - {"--list"} == set(shipped("examples"))
+
+
+@cache
+def every_command():
+    from typer.main import get_command
+
+    from neuro.cli.app import app
+
+    return get_command(app)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_in_sentences_are_commands(page):
+    whole = page.read_text("utf-8")
+    for number, line in enumerate(whole.splitlines(), 1):
+        for text in re.findall(r"`neuro ([a-z][^`]*)`", line):
+            if f'\n{text.split()[0]} = "' in whole:  # an entry point that the page adds
+                continue
+            command, rest = every_command(), text.split()
+            while hasattr(command, "resolve_command") and rest and rest[0].isalnum() and rest[0].islower():
+                try:
+                    _, command, rest = command.resolve_command(None, rest)
+                except Exception as error:
+                    raise AssertionError(f"{page.relative_to(ROOT)}:{number}: `neuro {text}`: {error}") from None
+            known = {"--help", *(option for part in command.params for option in part.opts)}
+            unknown = [word for word in rest if word.startswith("--") and word not in known]
+            assert not unknown, f"{page.relative_to(ROOT)}:{number}: `neuro {text}` has no {unknown[0]}"
