@@ -9,9 +9,10 @@
 | pycon | run, and what is printed compared |
 | yaml | written to the file that its first line names; a network that nothing else on the page names is compiled |
 | diff | a change of the file that its first line names |
+| toml | read, not run |
 
-**Printed** must be equal. `...` in a page stands for any text. Seconds of a clock (`0.21 s`, `12 steps/s`) differ from
-run to run and are compared as if equal; biological times are in ms.
+**Printed** must be equal. `...` in a page stands for any text. What a clock measured (`in 0.21 s`, `12 steps/s`)
+differs from run to run and is compared as if equal.
 
 **A command ends with 0**, unless the page shows an `error:` below it.
 
@@ -52,15 +53,16 @@ NEEDS = {
     "MPI": None,
     "NEST": "nest",
     "torch": "torch",
-    "scikit-learn": "sklearn",
 }
 """What blocks may need, and the module that shows that it is there; None: never asked for by a test."""
+
+KINDS = ("console", "sh", "python", "text", "pycon", "yaml", "diff", "toml")
 
 _BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)
 _FILE = re.compile(r"# ([\w./-]+\.(?:py|yaml))\n")
 _MARK = re.compile(r"# needs (.+)\n")
 _SHELL = re.compile(r"[|;<>*]|&&")
-_CLOCK = re.compile(r"\d[\d,.]*( s\b| steps/s| events/s in)")
+_CLOCK = re.compile(r"(?<=\bin )[\d,.]+(?= m?s\b)|\d[\d,.]*(?= steps/s)")
 _SESSION = "<stdin>"
 _NEURO = [sys.executable, "-c", "from neuro.cli import main; main()"]
 
@@ -163,8 +165,8 @@ def followed(page: Path) -> None:
             read_yaml(block, named[1] if named else "", whole)
         elif block.kind == "diff":
             change(block)
-        elif block.kind == "py":
-            raise block.fault("'py' is not run: expected 'python', with '# needs WHAT' where it cannot run here")
+        elif block.kind not in ("text", "toml"):
+            raise block.fault(f"a block of '{block.kind}' is not run: expected one of {', '.join(KINDS)}")
 
 
 def check_command(block: Block, place: int, line: str, told: str | None) -> None:
@@ -219,7 +221,7 @@ def alike(told: str, printed: str) -> bool:
 
 
 def without_clock(text: str) -> str:
-    return "\n".join(_CLOCK.sub(r"0\1", line.rstrip()) for line in text.strip("\n").splitlines())
+    return "\n".join(_CLOCK.sub("0", line.rstrip()) for line in text.strip("\n").splitlines())
 
 
 def run_python(block: Block, space: dict[str, object]) -> str:
@@ -298,6 +300,28 @@ def test_page(page, reader):
         wrong = str(fault)
     if wrong:
         pytest.fail(wrong, pytrace=False)
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [
+        ("```sh\nneuro backends\nneuro run gone.yaml  # a file\n```\n", "page.md:3: `neuro run gone.yaml` ended with 2: "),
+        ("```console\n$ neuro example net.yaml\nno.yaml\n```\n", "page.md:2: `neuro example net.yaml` prints\nnet.yaml\n"),
+        ("\n```sh\nmake test\n```\n", "page.md:3: `make test`: the reader of a page has 'neuro' and 'python'"),
+        ("```sh\n# needs luck\nneuro\n```\n", "page.md:2: 'luck' is nothing that a page may need: expected one of the"),
+        ("```python\na = 1\nb = a / 0\n```\n", "page.md:3: ZeroDivisionError: division by zero"),
+        ("```python\nprint(1)\n```\n```text\n2\n```\n", "page.md:5: the block above prints\n1\n"),
+        ("```pycon\n>>> 1 + 1\n3\n```\n", "Expected:\n    3\nGot:\n    2\n"),
+        ("```yaml\nneuro: 1\npopulatons: {}\n```\n", "page.md:2: block.yaml:2:1: unknown word of a network 'populatons'"),
+        ("```bash\nneuro\n```\n", "page.md:2: a block of 'bash' is not run: expected one of console, sh"),
+    ],
+)  # fmt: skip
+def test_a_wrong_page_is_told_with_its_place(text, wrong, reader, monkeypatch):
+    monkeypatch.setitem(globals(), "ROOT", reader)
+    (reader / "page.md").write_text(text)
+    with pytest.raises(Fault) as fault:
+        followed(reader / "page.md")
+    assert wrong in str(fault.value)
 
 
 def check_edited(page: Path, folder: Path) -> None:
