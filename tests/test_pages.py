@@ -305,14 +305,14 @@ def test_page(page, reader):
 @pytest.mark.parametrize(
     ("text", "wrong"),
     [
-        ("```sh\nneuro backends\nneuro run gone.yaml  # a file\n```\n", "page.md:3: `neuro run gone.yaml` ended with 2: "),
-        ("```console\n$ neuro example net.yaml\nno.yaml\n```\n", "page.md:2: `neuro example net.yaml` prints\nnet.yaml\n"),
+        ("```sh\nneuro backends\nneuro run gone.yaml  # no\n```\n", "page.md:3: `neuro run gone.yaml` ended with 2"),
+        ("```console\n$ neuro example net.yaml\nno.yaml\n```\n", "page.md:2: `neuro example net.yaml` prints\n"),
         ("\n```sh\nmake test\n```\n", "page.md:3: `make test`: the reader of a page has 'neuro' and 'python'"),
         ("```sh\n# needs luck\nneuro\n```\n", "page.md:2: 'luck' is nothing that a page may need: expected one of the"),
         ("```python\na = 1\nb = a / 0\n```\n", "page.md:3: ZeroDivisionError: division by zero"),
         ("```python\nprint(1)\n```\n```text\n2\n```\n", "page.md:5: the block above prints\n1\n"),
         ("```pycon\n>>> 1 + 1\n3\n```\n", "Expected:\n    3\nGot:\n    2\n"),
-        ("```yaml\nneuro: 1\npopulatons: {}\n```\n", "page.md:2: block.yaml:2:1: unknown word of a network 'populatons'"),
+        ("```yaml\nneuro: 1\npopulatons: {}\n```\n", "page.md:2: block.yaml:2:1: unknown word of a network"),
         ("```bash\nneuro\n```\n", "page.md:2: a block of 'bash' is not run: expected one of console, sh"),
     ],
 )  # fmt: skip
