@@ -187,7 +187,7 @@ def run(block: Block, place: int, line: str) -> tuple[int, str]:
     words = shlex.split(line, comments=True)
     if words[0] == "neuro" and not _SHELL.search(line.split(" #")[0]) and "--with" not in words:
         return inside(words)
-    if words[0] not in ("neuro", "python", "for", "mkdir", "cat", "head", "ls", "unzip"):
+    if words[0] not in ("neuro", "python", "for", "mkdir", "cat", "head", "ls"):
         raise block.fault(f"`{line}`: the reader of a page has 'neuro' and 'python', else say what is needed", place)
     done = subprocess.run(
         ["bash", "-ec", line], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=300, check=False
