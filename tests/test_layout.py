@@ -35,6 +35,8 @@ PUBLIC = {
 """Modules whose names are promised; `neuro.events` has public modules of its own, without a `_`."""
 APPS = ("neuro_drone", "neuro_recognise", "neuro_remus")
 FOLDERS = {"neuro": ROOT, **{name: ROOT / name for name in ("apps", "backends", "models")}}
+TEMPLATES = ROOT / "neuro" / "cli" / "templates"
+"""Scripts that `neuro new` copies: files of users, no modules of ours."""
 
 
 def module_name(path: Path) -> str:
@@ -47,6 +49,7 @@ MODULES = {
     module_name(path): path
     for folder in ("neuro", "apps", "backends", "models")
     for path in sorted((ROOT / folder).rglob("*.py"))
+    if TEMPLATES not in path.parents
 }
 
 

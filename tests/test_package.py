@@ -11,6 +11,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import neuro
+from neuro.cli.shipped import by_name, shipped
 from neuro.core import extras
 from neuro.core.extras import install
 
@@ -71,6 +72,19 @@ def test_names_and_versions_agree():
     assert PROJECT["name"] == extras.DISTRIBUTION
     assert PROJECT["version"] == neuro.__version__ == citation["version"]
     assert PROJECT["license"] == citation["license"] == "MIT"
+
+
+def test_what_is_copied_is_built_into_the_package():
+    """The wheel takes what lies in its folders and git does not ignore."""
+    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    copied = [*shipped("examples").values()]
+    copied += [file for folder in shipped("templates").values() for file in by_name(folder).values()]
+    assert len(copied) > 15
+    ignored = {line.strip("/") for line in (ROOT / ".gitignore").read_text().split()}
+    for file in map(Path, map(str, copied)):
+        inside = file.relative_to(ROOT)
+        assert inside.parts[0] in wheel["only-include"]
+        assert not any(part.match(pattern) for part in (inside, *inside.parents) for pattern in ignored), inside
 
 
 def test_every_python_that_is_promised_has_its_constraints():

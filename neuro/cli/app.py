@@ -13,8 +13,10 @@ from neuro.cli.compare import compare
 from neuro.cli.energy import energy
 from neuro.cli.events import app as events
 from neuro.cli.events import shell
+from neuro.cli.example import example
 from neuro.cli.fit import fit
 from neuro.cli.models import models
+from neuro.cli.new import new
 from neuro.cli.plot import plot
 from neuro.cli.report import report
 from neuro.cli.run import run
@@ -23,7 +25,7 @@ from neuro.cli.show import show
 from neuro.cli.verify import verify
 from neuro.core.version import VERSION
 
-COMMANDS = (run, plot, report, compare, check, show, fit, energy, schema, verify, models, backends, shell)
+COMMANDS = (new, example, run, plot, report, compare, check, show, fit, energy, schema, verify, models, backends, shell)
 
 app = typer.Typer(cls=Commands, name="neuro", add_completion=False, pretty_exceptions_enable=False)
 for command in COMMANDS:

@@ -1,0 +1,29 @@
+"""Run the network for a second and say how it fires. Next: python -m pytest."""
+
+from pathlib import Path
+
+import numpy as np
+
+import neuro
+
+NETWORK = Path(__file__).with_name("network.yaml")
+
+
+def firing(seed=1, **parameters):
+    """The rate of the excitatory neurons (Hz), and how irregular the times between their spikes are.
+
+    The coefficient of variation is 0 for a clock and 1 for a Poisson process.
+    """
+    sim = neuro.compile(neuro.load(NETWORK, params=parameters), seed=seed)
+    sim.run(1000.0)  # ms
+    times, ids = sim.spikes("exc")
+    late = times > 200.0  # the network has settled
+    times, ids = times[late], ids[late]
+    intervals = [np.diff(times[ids == i]) for i in np.unique(ids)]
+    variation = [t.std() / t.mean() for t in intervals if t.size > 4]
+    return times.size / 400 / 0.8, float(np.mean(variation))
+
+
+if __name__ == "__main__":
+    rate, irregularity = firing()
+    print(f"{rate:.1f} Hz, coefficient of variation {irregularity:.2f}")

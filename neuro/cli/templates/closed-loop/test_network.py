@@ -1,0 +1,13 @@
+"""Run me with python -m pytest; then change network.yaml or the world, and say here what must stay true."""
+
+from run import follow
+
+
+def test_it_learns_to_follow():
+    errors = follow()
+    assert errors[-100:].mean() < 0.5 * errors[:100].mean()
+
+
+def test_without_dopamine_it_learns_nothing():
+    errors = follow(dopamine=0.0)
+    assert errors[-100:].mean() > 0.8 * errors[:100].mean()

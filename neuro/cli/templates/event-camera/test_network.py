@@ -1,0 +1,13 @@
+"""Run me with python -m pytest; then change network.yaml, and say here what must stay true."""
+
+from run import seen
+
+
+def test_the_grid_sees_who_walks():
+    spikes = seen()
+    assert spikes[2:5].sum() > 50
+    assert spikes[0].sum() == 0  # nobody is up there
+
+
+def test_stronger_synapses_more_spikes():
+    assert seen(w=500.0).sum() > seen(w=300.0).sum()

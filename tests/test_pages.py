@@ -1,0 +1,375 @@
+"""Every page is followed from top to bottom in an empty folder, as its reader would.
+
+| a block | is |
+| --- | --- |
+| console | commands after `$ `, and below each what it prints, as on a terminal; nothing below: not told |
+| sh | commands, one a line |
+| python | run, all of a page in one namespace; written to a file if its first line is a comment with the file's name |
+| text | what the block of Python above it prints |
+| pycon | run, and what is printed compared |
+| yaml | written to the file that its first line names; a network that nothing else on the page names is compiled |
+| diff | a change of the file that its first line names |
+| toml | read, not run |
+
+**Printed** must be equal. `...` in a page stands for any text. What a clock measured (`in 0.21 s`, `12 steps/s`)
+differs from run to run and is compared as if equal.
+
+**A command ends with 0**, unless the page shows an `error:` below it.
+
+**What cannot run here says so** in the first line of its block, `# needs WHAT`, with one of the words of `NEEDS`. Any
+other is a fault of the page, so that nothing is left out in silence. New pages are found by themselves.
+"""
+
+import doctest
+import io
+import os
+import re
+import shlex
+import subprocess
+import sys
+import traceback
+import warnings
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+import neuro
+from neuro.cli import main
+from neuro.cli.shipped import shipped
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+NEEDS = {
+    "the folder of this project": None,
+    "the package index": None,
+    "a backend of yours": None,
+    "a terminal": None,
+    "minutes": None,
+    "N-MNIST": None,
+    "MPI": None,
+    "NEST": "nest",
+    "torch": "torch",
+}
+"""What blocks may need, and the module that shows that it is there; None: never asked for by a test."""
+
+KINDS = ("console", "sh", "python", "text", "pycon", "yaml", "diff", "toml")
+
+_BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.M | re.S)
+_FILE = re.compile(r"# ([\w./-]+\.(?:py|yaml))\n")
+_MARK = re.compile(r"# needs (.+)\n")
+_SHELL = re.compile(r"[|;<>*]|&&")
+_CLOCK = re.compile(r"(?<=\bin )[\d,.]+(?= m?s\b)|\d[\d,.]*(?= steps/s)")
+_SESSION = "<stdin>"
+_NEURO = [sys.executable, "-c", "from neuro.cli import main; main()"]
+
+
+class Fault(Exception):
+    """What is wrong with a page, with its place."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of a page, and the line of its first line."""
+
+    page: Path
+    line: int
+    kind: str
+    text: str
+
+    def fault(self, what: str, below: int = 0) -> Fault:
+        return Fault(f"{self.page.relative_to(ROOT)}:{self.line + below}: {what}")
+
+    @property
+    def need(self) -> str:
+        """What it says that it needs, "" for nothing."""
+        mark = _MARK.match(self.text)
+        if mark is None:
+            return ""
+        if mark[1] not in NEEDS:
+            raise self.fault(f"'{mark[1]}' is nothing that a page may need: expected one of {', '.join(NEEDS)}")
+        return mark[1]
+
+    @property
+    def runs(self) -> bool:
+        """Whether it runs here."""
+        module = NEEDS[self.need] if self.need else "sys"
+        return module is not None and find_spec(module) is not None
+
+
+def blocks(page: Path) -> list[Block]:
+    text = page.read_text("utf-8")
+    return [Block(page, text[: m.start()].count("\n") + 2, m[1], m[2]) for m in _BLOCK.finditer(text)]
+
+
+def commands(block: Block) -> list[tuple[int, str, str | None]]:
+    """The command lines of a block, each with its place in it and with what it prints, None where that is not told."""
+    lines = block.text.splitlines()
+    if block.kind == "sh":
+        return [(k, line, None) for k, line in enumerate(lines) if line and not line.startswith("#")]
+    starts = [k for k, line in enumerate(lines) if line.startswith("$ ")]
+    ends = [*starts[1:], len(lines)]
+    return [
+        (k, lines[k][2:], "\n".join(lines[k + 1 : end]) if end > k + 1 else None)
+        for k, end in zip(starts, ends, strict=True)
+    ]
+
+
+@pytest.fixture
+def reader(tmp_path, monkeypatch, registries):
+    """Somebody in an empty folder; what they import there is forgotten afterwards."""
+    tools = tmp_path / "bin"
+    tools.mkdir()
+    (tools / "neuro").write_text(f'#!/bin/sh\nexec {shlex.join(_NEURO)} "$@"\n')
+    (tools / "neuro").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tools}{os.pathsep}{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setenv("PYTHONUNBUFFERED", "1")
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(folder)
+    before = set(sys.modules)
+    yield folder
+    for name in set(sys.modules) - before:
+        if str(getattr(sys.modules[name], "__file__", None)).startswith(str(tmp_path)):
+            del sys.modules[name]
+
+
+def followed(page: Path) -> None:
+    """Do all that a page says, in the current folder.
+
+    Raises:
+        Fault: something does not do what the page says.
+    """
+    space, printed = {"__name__": "page"}, ""
+    whole = page.read_text("utf-8")
+    for block in blocks(page):
+        named = _FILE.match(block.text)
+        if not block.runs:
+            continue
+        if block.kind in ("sh", "console"):
+            for place, line, told in commands(block):
+                check_command(block, place, line, told)
+        elif block.kind == "python" and named:
+            Path(named[1]).write_text(block.text)
+        elif block.kind == "python":
+            printed = run_python(block, space)
+        elif block.kind == "text" and not alike(block.text, printed):
+            raise block.fault(f"the block above prints\n{printed}")
+        elif block.kind == "pycon":
+            run_session(block, space)
+        elif block.kind == "yaml":
+            read_yaml(block, named[1] if named else "", whole)
+        elif block.kind == "diff":
+            change(block)
+        elif block.kind not in ("text", "toml"):
+            raise block.fault(f"a block of '{block.kind}' is not run: expected one of {', '.join(KINDS)}")
+
+
+def check_command(block: Block, place: int, line: str, told: str | None) -> None:
+    status, printed = run(block, place, line)
+    shown = line.split("  #")[0].rstrip()
+    fails = told is not None and re.search(r"^error", told, re.M)
+    if bool(status) != bool(fails):
+        raise block.fault(f"`{shown}` ended with {status}: {printed.strip()[-1000:]}", place)
+    if told is not None and not alike(told, printed):
+        raise block.fault(f"`{shown}` prints\n{printed.rstrip()}\nand not\n{told.rstrip()}", place)
+
+
+def run(block: Block, place: int, line: str) -> tuple[int, str]:
+    """A command line's exit status, and what it prints, as a terminal shows it.
+
+    In this process where that is the same, which saves the start. What registers parts or pipes has its own.
+    """
+    words = shlex.split(line, comments=True)
+    if words[0] == "neuro" and not _SHELL.search(line.split(" #")[0]) and "--with" not in words:
+        return inside(words)
+    if words[0] not in ("neuro", "python", "for", "mkdir", "cat", "head", "ls"):
+        raise block.fault(f"`{line}`: the reader of a page has 'neuro' and 'python', else say what is needed", place)
+    done = subprocess.run(
+        ["bash", "-ec", line], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=300, check=False
+    )
+    told = [text for text in done.stdout.splitlines(keepends=True) if "compiling kernels for this machine" not in text]
+    return done.returncode, "".join(told)
+
+
+def inside(words: list[str]) -> tuple[int, str]:
+    """Run `neuro` in this process."""
+    printed, before = io.StringIO(), sys.argv
+    sys.argv = words
+    try:
+        with redirect_stdout(printed), redirect_stderr(printed), warnings.catch_warnings():
+            warnings.simplefilter("default")  # they are told, not raised
+            main()
+    except SystemExit as leaving:
+        return (leaving.code if isinstance(leaving.code, int) else 0), printed.getvalue()
+    except Exception:
+        return 1, printed.getvalue() + traceback.format_exc()
+    finally:
+        sys.argv = before
+    raise AssertionError("main always leaves")
+
+
+def alike(told: str, printed: str) -> bool:
+    """Whether this was printed as it is told, but for the clock and what `...` stands for."""
+    told, printed = (without_clock(text) for text in (told, printed))
+    pattern = re.escape(told).replace(r"\.\.\.", ".*")
+    return re.fullmatch(pattern, printed, re.S) is not None
+
+
+def without_clock(text: str) -> str:
+    return "\n".join(_CLOCK.sub("0", line.rstrip()) for line in text.strip("\n").splitlines())
+
+
+def run_python(block: Block, space: dict[str, object]) -> str:
+    """Run it in a namespace; what it prints."""
+    printed = io.StringIO()
+    try:
+        with redirect_stdout(printed):
+            exec(compile(block.text, _SESSION, "exec"), space)
+    except Exception as error:
+        frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == _SESSION]
+        place = (frames[-1].lineno or 1) - 1 if frames else 0
+        raise block.fault(f"{type(error).__name__}: {error}", place) from error
+    return printed.getvalue()
+
+
+def run_session(block: Block, space: dict[str, object]) -> None:
+    test = doctest.DocTestParser().get_doctest(block.text, space, "session", str(block.page), block.line)
+    told: list[str] = []
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+    runner.run(test, out=told.append, clear_globs=False)
+    if told:
+        raise block.fault("".join(told))
+
+
+def read_yaml(block: Block, name: str, page: str) -> None:
+    if not name and "neuro: 1" not in block.text:
+        return
+    path = Path(name or "block.yaml")
+    path.write_text(block.text)
+    if "neuro: 1" in block.text and page.count(path.name) <= 1:
+        try:
+            net = neuro.load(path)
+            if net.populations:
+                neuro.compile(net, backend="reference")
+        except neuro.ModelError as error:
+            raise block.fault(str(error)) from error
+
+
+def change(block: Block) -> None:
+    """Put each `+` line after the last line named, and remove each `-` line."""
+    first, *lines = block.text.splitlines()
+    path = Path(first.removeprefix("--- "))
+    text, place = path.read_text().splitlines(), -1
+    for line in lines:
+        if line[0] == "+":
+            place += 1
+            text.insert(place, line[1:])
+        else:
+            if line[1:] not in text:
+                raise block.fault(f"{path} has no line '{line[1:]}'")
+            place = text.index(line[1:])
+            if line[0] == "-":
+                del text[place]
+                place -= 1
+    path.write_text("\n".join(text) + "\n")
+
+
+EDITS = {
+    "add-a-neuron-model": ("lif_cond.py", "- x[1, i]", "- 3.0 * x[1, i]"),
+    "add-a-synapse-rule": ("triplets.py", "c[A2_PLUS] + c", "7.0 * c[A2_PLUS] + c"),
+    "add-a-trial-rule": ("early.py", "quantity(20.0", "quantity(25.0"),
+    "add-a-generator": ("sine_generator.py", "out[i] = 1.0", "out[i] = 2.0"),
+    "add-a-connection-rule": ("near.py", "self.p * np.exp", "0.5 * self.p * np.exp"),
+}
+"""A change of a stranger's file after which the page's first command prints something else."""
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_page(page, reader):
+    wrong = ""
+    try:
+        followed(page)
+        if page.stem in EDITS:
+            check_edited(page, reader)
+    except Fault as fault:
+        wrong = str(fault)
+    if wrong:
+        pytest.fail(wrong, pytrace=False)
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [
+        ("```sh\nneuro backends\nneuro run gone.yaml  # no\n```\n", "page.md:3: `neuro run gone.yaml` ended with 2"),
+        ("```console\n$ neuro example net.yaml\nno.yaml\n```\n", "page.md:2: `neuro example net.yaml` prints\n"),
+        ("\n```sh\nmake test\n```\n", "page.md:3: `make test`: the reader of a page has 'neuro' and 'python'"),
+        ("```sh\n# needs luck\nneuro\n```\n", "page.md:2: 'luck' is nothing that a page may need: expected one of the"),
+        ("```python\na = 1\nb = a / 0\n```\n", "page.md:3: ZeroDivisionError: division by zero"),
+        ("```python\nprint(1)\n```\n```text\n2\n```\n", "page.md:5: the block above prints\n1\n"),
+        ("```pycon\n>>> 1 + 1\n3\n```\n", "Expected:\n    3\nGot:\n    2\n"),
+        ("```yaml\nneuro: 1\npopulatons: {}\n```\n", "page.md:2: block.yaml:2:1: unknown word of a network"),
+        ("```bash\nneuro\n```\n", "page.md:2: a block of 'bash' is not run: expected one of console, sh"),
+    ],
+)  # fmt: skip
+def test_a_wrong_page_is_told_with_its_place(text, wrong, reader, monkeypatch):
+    monkeypatch.setitem(globals(), "ROOT", reader)
+    (reader / "page.md").write_text(text)
+    with pytest.raises(Fault) as fault:
+        followed(reader / "page.md")
+    assert wrong in str(fault.value)
+
+
+def check_edited(page: Path, folder: Path) -> None:
+    """An edited part runs as it is now: nothing compiled before is stale."""
+    block = next(block for block in blocks(page) if block.kind == "console")
+    place, line, _ = commands(block)[0]
+    _, before = run(block, place, line)
+    name, old, new = EDITS[page.stem]
+    text = (folder / name).read_text()
+    assert old in text
+    (folder / name).write_text(text.replace(old, new))
+    status, after = run(block, place, line)
+    if status or after == before:
+        raise block.fault(
+            f"after an edit of {name} `{line}` ended with {status} and prints what it printed before", place
+        )
+
+
+def test_every_example_is_on_a_page():
+    told = "\n".join(page.read_text("utf-8") for page in PAGES)
+    asked = {
+        name for line in re.findall(r"^(?:\$ )?neuro example (.*)$", told, re.M) for name in shlex.split(line, True)
+    }
+    assert asked - {"--list"} == set(shipped("examples"))
+
+
+@cache
+def every_command():
+    from typer.main import get_command
+
+    from neuro.cli.app import app
+
+    return get_command(app)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_in_sentences_are_commands(page):
+    whole = page.read_text("utf-8")
+    for number, line in enumerate(whole.splitlines(), 1):
+        for text in re.findall(r"`neuro ([a-z][^`]*)`", line):
+            if f'\n{text.split()[0]} = "' in whole:  # an entry point that the page adds
+                continue
+            command, rest = every_command(), text.split()
+            while hasattr(command, "resolve_command") and rest and rest[0].isalnum() and rest[0].islower():
+                try:
+                    _, command, rest = command.resolve_command(None, rest)
+                except Exception as error:
+                    raise AssertionError(f"{page.relative_to(ROOT)}:{number}: `neuro {text}`: {error}") from None
+            known = {"--help", *(option for part in command.params for option in part.opts)}
+            unknown = [word for word in rest if word.startswith("--") and word not in known]
+            assert not unknown, f"{page.relative_to(ROOT)}:{number}: `neuro {text}` has no {unknown[0]}"
