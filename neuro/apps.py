@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from neuro.chips.pricing.energy import number, quantity, sourced
     from neuro.cli.energy import TARGETS, Sources, Target
     from neuro.cli.options import Backend, Seed, Set, assignments, whole
-    from neuro.core import hdf5
+    from neuro.core import hdf5, html
     from neuro.core.checks import check, check_fields
     from neuro.core.errors import Where, unknown
     from neuro.core.extension import extensions, run_extensions
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from neuro.files.checkpoint import Checkpoint
     from neuro.kernels.jit import allocating, inner, kernel
     from neuro.model.language import Node, about, mistake, plain, read, words
-    from neuro.pages import html
     from neuro.program.backend import find_backend
 
 _HOMES = {
@@ -61,7 +60,7 @@ _HOMES = {
         "Where",
         "unknown",
     ),
-    "neuro.pages.html": (),
+    "neuro.core.html": (),
     "neuro.core.hdf5": (),
     "neuro.core.extension": ("extensions", "run_extensions"),
     "neuro.core.extras": ("install",),

@@ -7,8 +7,8 @@ import math
 from neuro.chips.description import Chip, Mesh
 from neuro.chips.placing.mesh import mesh_of
 from neuro.chips.placing.placement import Core, Placement
-from neuro.pages import html
-from neuro.pages.html import Html, tag
+from neuro.core import html
+from neuro.core.html import Html, tag
 
 CORE, TILE_GAP, CHIP_GAP = 24.0, 7.0, 26.0
 _HEAD = 20.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from neuro.compare.result import Comparison, Run
-from neuro.pages import html
-from neuro.pages.html import Html, tag
+from neuro.core import html
+from neuro.core.html import Html, tag
 from neuro.pages.raster import Strip, Window, raster, window
 
 MOST_DOTS = 40_000

@@ -11,12 +11,13 @@ from neuro.compare import cells
 from neuro.compare.chipmap import chip_map
 from neuro.compare.raster import rasters
 from neuro.compare.result import Comparison, Run
+from neuro.core import html
+from neuro.core.html import Html, join, table, tag
 from neuro.core.outputs import sealed
 from neuro.core.version import VERSION
-from neuro.pages import html, raster
+from neuro.pages import raster
 from neuro.pages.bills import joules
 from neuro.pages.histograms import drawings
-from neuro.pages.html import Html, join, table, tag
 
 PAGE = sealed("a page of 'neuro compare'", '<meta name="generator" content="neuro compare">', "<!-- digest {} -->")
 

@@ -218,11 +218,9 @@ def _projection(
     _check_delays(part, delay, clock)
     carries = "current" if net.populations[part.source].model.role == "current" else "spikes"
     with telling(part):
-        target = net.populations[part.target]
+        onto = net.populations[part.target]
         current = carries == "current"
-        receptor = (
-            receptor_of_current(part.synapse, target, part.source) if current else receptor_of(part.synapse, target)
-        )
+        receptor = receptor_of_current(part.synapse, onto, part.source) if current else receptor_of(part.synapse, onto)
         check_conductance(receptor, weight)
     names = list(net.populations)
     rule = part.synapse

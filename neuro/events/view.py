@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
+from neuro.core import html
 from neuro.core.errors import ModelError
 from neuro.core.outputs import sealed, write_text
 from neuro.core.paths import file_path
 from neuro.events._arguments import flag
 from neuro.events._events import Events
 from neuro.events.parts import together
-from neuro.pages import html
 
 MOST = 500_000
 """Events of a page; 9 bytes each, so a page has at most 6 MB."""

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from neuro.chips.description import COSTS
 from neuro.chips.pricing.energy import STATIC, Energy, Item, number, quantity, sourced
-from neuro.pages import html
-from neuro.pages.html import Html, tag
+from neuro.core import html
+from neuro.core.html import Html, tag
 
 MOST_LINES = 300
 COLOURS = 8

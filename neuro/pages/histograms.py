@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.pages import html
-from neuro.pages.html import Html, tag
+from neuro.core import html
+from neuro.core.html import Html, tag
 from neuro.program.program import Floats
 
 BINS = 48

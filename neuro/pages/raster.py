@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from neuro.pages import html
-from neuro.pages.html import Html, tag
+from neuro.core import html
+from neuro.core.html import Html, tag
 from neuro.program.program import Ints
 
 LEAST_ROWS = 8

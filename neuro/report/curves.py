@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from neuro.core import html
+from neuro.core.html import Html, tag
 from neuro.files.results import Results, Trace, Train
-from neuro.pages import html
-from neuro.pages.html import Html, tag
 from neuro.pages.raster import evenly
 from neuro.program.program import Floats
 

@@ -9,15 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from neuro.chips.pricing.energy import Energy, quantity
+from neuro.core import html
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
+from neuro.core.html import Html, table, tag
 from neuro.core.outputs import sealed
 from neuro.core.version import VERSION
 from neuro.files.results import Results, Train, Weights
-from neuro.pages import html, raster
+from neuro.pages import raster
 from neuro.pages.bills import joules
 from neuro.pages.histograms import Histogram, drawings, histogram
-from neuro.pages.html import Html, table, tag
 from neuro.pages.raster import Strip, window
 from neuro.report.counted import energy
 from neuro.report.curves import end_ms, rates, traces

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from neuro.model.network import Network
@@ -40,7 +42,7 @@ def steered(model: Generator, n: int = 2) -> Network:
     return net
 
 
-def set_twice(start: Start, net: Network, **values: float) -> Found:
+def set_twice(start: Start, net: Network, **values: Any) -> Found:
     """Run, set numbers of the source and weights while some of what it sent is under way, and run on."""
     sim = start(net)
     sim.run(20.3)

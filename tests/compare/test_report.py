@@ -12,7 +12,7 @@ from neuro.chips import chip, place
 from neuro.compare import compare, raster
 from neuro.compare.chipmap import chip_map
 from neuro.compare.report import page
-from neuro.pages.html import Html, join, svg, table, tag
+from neuro.core.html import Html, join, svg, table, tag
 from neuro.pages.raster import script
 
 VOID = {"meta", "link"}
