@@ -132,8 +132,8 @@ class Currents:
         """
         instead = instead or {}
         current = np.zeros(self._program.populations[population].size)
-        for q, weights in self._weights.items():
-            p = self._program.projections[q]
+        for q in self._steady:
+            p, weights = self._program.projections[q], self._weights[q]
             if p.target == population:
                 pre, post = self._program.connections(q)
                 value = np.broadcast_to(
