@@ -160,6 +160,21 @@ def test_a_state_on_event_continues(tmp_path):
     assert np.array_equal(sims[0].get("cells", "V_m"), sims[1].get("cells", "V_m"))
 
 
+def test_numbers_set_at_every_step_are_those_of_the_draw_that_holds():
+    v = {}
+    for backend in ("reference", "event"):
+        net = neuro.Network("steered", resolution=0.1)
+        net.population("noise", 1, neuro.noise_generator(std=50.0, dt=5.0))
+        net.population("cells", 3, neuro.iaf_psc_exp())
+        net.connect("noise", "cells", neuro.all_to_all(), delay=0.2)
+        sim = neuro.compile(net, backend, seed=2)
+        for k in range(120):
+            sim.set("noise", mean=float(k))
+            sim.run(0.1)
+        v[backend] = sim.get("cells", "V_m")
+    assert np.array_equal(v["event"], v["reference"])
+
+
 def test_chips_take_listed_currents_and_rates_and_refuse_what_changes_at_every_step():
     net = neuro.Network("chip", resolution=1.0)
     net.population("steps", 1, neuro.step_current_generator(amplitude_times=[5.0, 60.0], amplitude_values=[400.0, 0.0]))

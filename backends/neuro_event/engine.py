@@ -302,7 +302,8 @@ class EventEngine:
             return
         if p.kind == "neuron":
             loop.wake_population(self._view, population, self._step, self._program.resolution)
-            self._drives.changed()
+            if any(name == tau for _, tau in getattr(p.model, "filters", {}).values()):
+                self._drives.changed()
         inner = place.by_place(values) if values.size > 1 else values
         states = [s.name for s in type(p.model).states]
         if name in states:

@@ -59,6 +59,8 @@ class Currents:
             if p.source in self._parameters
         }
         self.longest = 1 + max([1, *(int(program.projections[q].delay.max(initial=1)) for q in self._weights)])
+        held = [generator_of(program.populations[k]).held(program.resolution) for k in self._parameters]
+        self._past = self.longest + max(held, default=1)
         elsewhere = driven(program)
         self.targets = sorted({program.projections[q].target for q in self._weights} - set(elsewhere))
         self._steady = [q for q in self._weights if program.projections[q].target in self.targets]
@@ -92,7 +94,7 @@ class Currents:
     def _append(self, history: History, step: int, values: Floats) -> None:
         """Enter values, and drop those of which nothing is under way any more."""
         history.append((step, values.astype(np.float64)))
-        while history[1][0] + self.longest < step:
+        while history[1][0] + self._past < step:
             del history[0]
         self._changes = self._steps_of_change()
 
@@ -132,8 +134,8 @@ class Currents:
         """
         instead = instead or {}
         current = np.zeros(self._program.populations[population].size)
-        for q, weights in self._weights.items():
-            p = self._program.projections[q]
+        for q in self._steady:
+            p, weights = self._program.projections[q], self._weights[q]
             if p.target == population:
                 pre, post = self._program.connections(q)
                 value = np.broadcast_to(

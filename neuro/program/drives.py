@@ -67,7 +67,8 @@ class Emission:
 
     def moments(self, steps: Ints) -> Ints:
         """The step whose current is emitted in each of some steps in which the generator is on."""
-        return self._model.moments(steps, self.first, self._h)
+        held = self._model.held(self._h)
+        return self.first + (steps - self.first) // held * held
 
     def on(self, steps: Ints) -> Ints:
         """Those of some steps in which the generator is on."""

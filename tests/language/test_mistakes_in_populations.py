@@ -144,7 +144,7 @@ CASES = [
     (
         model("qwerty"),
         "net.yaml:3:16: population 'exc': unknown model 'qwerty'\n"
-        "  hint: known: aeif_cond_exp, aeif_psc_exp, dc_generator, encode, event_camera, hh_psc_alpha, iaf_cond_alpha, iaf_cond_exp, iaf_linear_leak, iaf_psc_alpha, iaf_psc_delta, iaf_psc_exp, ...",
+        "  hint: known: ac_generator, aeif_cond_exp, aeif_psc_exp, dc_generator, encode, event_camera, gamma_sup_generator, hh_psc_alpha, iaf_cond_alpha, iaf_cond_exp, iaf_linear_leak, iaf_psc_alpha, ...",
     ),
     (
         model("stdp"),

@@ -96,6 +96,13 @@ def values(q, names):
         case "times":
             train = st.lists(st.floats(0.1, 100.0), max_size=30).map(sorted)
             return st.lists(train, max_size=5)
+        case "moments":
+            return st.lists(st.floats(0.1, 100.0), min_size=2, max_size=2, unique=True).map(sorted)
+        case "series":
+            row = st.lists(numbers(q), min_size=2, max_size=2)
+            return row | st.lists(row, min_size=1, max_size=40)
+        case "train":
+            return st.lists(st.tuples(st.floats(0.1, 100.0), st.integers(0, 9)), max_size=30).map(sorted)
         case "codes":
             return st.sampled_from(CODES)
         case "choice":

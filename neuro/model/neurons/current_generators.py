@@ -18,7 +18,6 @@ from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.base import Generator
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,9 +39,9 @@ class CurrentGenerator(Generator):
         """Whether each synapse has a current of its own, so that columns are synapses and not neurons."""
         return False
 
-    def moments(self, steps: Ints, first: int, resolution: float) -> Ints:
-        """The step whose current is emitted in each of some steps; `first` is the first one in which it is on."""
-        return steps
+    def held(self, resolution: float) -> int:
+        """For how many steps a value is sent."""
+        return 1
 
     @staticmethod
     def values(p: Mapping[str, Floats], t: Floats, z: Floats) -> Floats:
@@ -134,10 +133,9 @@ class noise_generator(CurrentGenerator):
         """As NEST's, unless it is told otherwise."""
         return self.individual_noise
 
-    def moments(self, steps: Ints, first: int, resolution: float) -> Ints:
-        """The step of the draw that holds."""
-        held = round(self.dt / resolution)
-        return first + (steps - first) // held * held
+    def held(self, resolution: float) -> int:
+        """Steps of `dt`."""
+        return round(self.dt / resolution)
 
     @staticmethod
     def values(p: Mapping[str, Floats], t: Floats, z: Floats) -> Floats:
