@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,10 +14,17 @@ from typing import Annotated
 import typer
 
 NETWORK = "network.yaml"
+NEXT = """\
+next:
+  cd {}
+  python run.py
+  python -m pytest     # needs pytest: pip install pytest
+  neuro run network.yaml --out out.h5
+"""
 _FIRST = "balanced-network"
 _RECORDINGS = {"event-camera": "walk.dat"}
 """The example that a template needs beside its own files."""
-_NAME = re.compile(r"[A-Za-z_][\w.-]*", re.ASCII)
+_NAME = re.compile(r"[A-Za-z][\w.-]*", re.ASCII)
 
 Folder = Annotated[Path | None, typer.Argument(metavar="NAME", help="The folder to make.")]
 Template = Annotated[str, typer.Option(metavar="NAME", help="What to begin with: see --list.")]
@@ -46,7 +54,7 @@ def new(name: Folder = None, template: Template = _FIRST, list_all: List = False
         for file, content in contents.items():
             (part / file).write_bytes(content.read_bytes())
     typer.echo(f"{name}: {', '.join(contents)}")
-    typer.echo(f"next:\n  cd {name}\n  python run.py\n  python -m pytest\n  neuro run {NETWORK} --out out.h5")
+    typer.echo(NEXT.format(shlex.quote(str(name))), nl=False)
 
 
 def check_name(path: Path) -> None:

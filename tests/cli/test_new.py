@@ -65,7 +65,8 @@ def test_what_is_told_next_works_in_a_shell(neuro, empty):
     answer = neuro("new", "mine")
     assert answer.out == (
         "mine: network.yaml, run.py, test_network.py\n"
-        "next:\n  cd mine\n  python run.py\n  python -m pytest\n  neuro run network.yaml --out out.h5\n"
+        "next:\n  cd mine\n  python run.py\n  python -m pytest     # needs pytest: pip install pytest\n"
+        "  neuro run network.yaml --out out.h5\n"
     )
     for words in (["run.py"], ["-m", "pytest", "-q", "-p", "no:cacheprovider"]):
         done = subprocess.run([sys.executable, *words], cwd="mine", env=os.environ, capture_output=True, text=True)
