@@ -168,6 +168,23 @@ def test_a_state_of_another_recording_is_refused(walk, tmp_path):
         neuro.compile(network(neuro.event_camera(events=walk[:99]))).restore(tmp_path / "state.h5")
 
 
+def test_what_has_no_file_here_cannot_be_saved(walk, tmp_path):
+    with pytest.raises(ModelError) as error:
+        network(neuro.event_camera(events=walk)).save(tmp_path / "net.yaml")
+    assert str(error.value) == (
+        "camera.model.events = events of a program: expected a file\n"
+        "  hint: neuro.events.save(events, 'walk.h5') makes one"
+    )
+    save(walk, tmp_path / "walk.dat")
+    (tmp_path / "sub").mkdir()
+    with pytest.raises(ModelError) as error:
+        network(neuro.event_camera(file=tmp_path / "walk.dat")).save(tmp_path / "sub" / "net.yaml")
+    assert str(error.value) == (
+        f"camera.model.file = '{tmp_path / 'walk.dat'}': expected a file in the folder of the description, or below\n"
+        f"  hint: copy it to {tmp_path / 'sub'}, or save the network beside it"
+    )
+
+
 def test_what_was_learnt_keeps_its_camera(walk, tmp_path):
     save(walk, tmp_path / "walk.npz")
     sim = neuro.compile(network(neuro.event_camera(file=tmp_path / "walk.npz")))
@@ -239,6 +256,11 @@ def test_feeding_while_it_runs(walk):
     late = (int(walk.t[-1]) - origin) // 100 * 0.1 + 0.1
     assert str(error.value) == (
         f"feed: an event of 'camera' in the step that ends at {late:g} ms: expected later than 70 ms, the present"
+    )
+    with pytest.raises(ModelError) as error:
+        fed.feed("camera", Events([origin - 1], [0], [0], [1], (12, 9)))
+    assert str(error.value) == (
+        f"feed: 'camera': an event at {origin - 1} us: expected from {origin} us on, the beginning"
     )
     with pytest.raises(ModelError, match="feed: 'cells' is a iaf_psc_exp: expected an event_camera"):
         fed.feed("cells", walk)

@@ -137,7 +137,12 @@ class Camera:
 
         if self._origin is None:
             raise ModelError("its recording has not begun to play: expected 'origin'", hint="or run first")
-        parts = [self._spikes(part, -NEVER) for part in played(events).parts()]
+        begin = self._origin + self._offset
+        parts = []
+        for part in played(events).parts():
+            if len(part) and part.t[0] < begin:
+                raise ModelError(f"an event at {part.t[0]} us: expected from {begin} us on, the beginning")
+            parts.append(self._spikes(part, -NEVER))
         steps, ids = (np.concatenate([_NONE, *(part[k] for part in parts)]) for k in (0, 1))
         return steps, ids
 

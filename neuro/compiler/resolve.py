@@ -122,7 +122,7 @@ def _records(net: Network, part: Population, stream: Stream | None) -> bool:
     if isinstance(part.model, dc_generator):
         return False
     asked = any(p.of == part.name and p.record == "spikes" for p in net.probes.values())
-    return asked or not (isinstance(part.model, poisson_generator) or stream)
+    return asked or not (isinstance(part.model, poisson_generator) or stream is not None)
 
 
 def _initial(part: Population, shape: Shape, parameters: Mapping[str, Floats], seed: int) -> dict[str, Floats]:

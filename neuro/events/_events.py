@@ -154,10 +154,10 @@ class Events:
         """The array of `records`, or what numpy makes of it by `dtype`.
 
         Raises:
-            ValueError: `copy` is False; the columns lie apart, so that an array of them is a copy.
+            ModelError: `copy` is False; the columns lie apart, so that an array of them is a copy.
         """
         if copy is False:
-            raise ValueError("events as one array are a copy: expected copy=None or True")
+            raise ModelError("events as one array are a copy: expected copy=None or True")
         return self.records() if dtype is None else self.records().astype(dtype)
 
     def __add__(self, other: Events) -> Events:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -83,6 +83,7 @@ def of_file(path: str | os.PathLike[str], format: str | None = None) -> OfFile:
 class OfEvents:
     """Events in memory, whole or in parts."""
 
+    kind: ClassVar[str] = "recording"
     whole: Sequence[Events]
     again: bool = True
 
@@ -112,6 +113,7 @@ class OfEvents:
 class OfIterator:
     """Parts that a program makes while they are played: by an iterator, once, or by a function that makes one."""
 
+    kind: ClassVar[str] = "recording"
     make: Callable[[], Iterable[Events]]
     again: bool
     sensor_size: Size | None = None

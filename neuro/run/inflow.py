@@ -31,7 +31,8 @@ class Inflow:
     def __init__(self, program: Program, engine: Engine) -> None:
         self._engine = engine
         self._names = [part.name for part in program.populations]
-        self._streams: dict[int, Stream] = {k: p.stream for k, p in enumerate(program.populations) if p.stream}
+        streams = {index: part.stream for index, part in enumerate(program.populations)}
+        self._streams: dict[int, Stream] = {k: stream for k, stream in streams.items() if stream is not None}
         self._coming: dict[int, Iterator[Stretch]] = {}
         self._filled = dict.fromkeys(self._streams, 0)
 

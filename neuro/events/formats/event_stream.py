@@ -176,7 +176,9 @@ def write(parts: Iterator[Events], path: Path) -> None:
                 file.write(_new_header(events.sensor_size))
             gaps = np.diff(events.t, prepend=now)
             limits = f"t from 0 us on, and at most {LONGEST_GAP} us after the event before or 0"
-            refuse(events, (gaps < 0) | (gaps > LONGEST_GAP), done, limits, np.zeros(len(events), np.bool_))
+            bad = (gaps < 0) | (gaps > LONGEST_GAP)
+            late = not done and bad[:1].any()  # where the recording begins, which a filter can move; no gap within it
+            refuse(events, bad, done, limits, np.zeros(len(events), np.bool_) if late else None)
             out = np.empty(EVENT * len(events) + int((gaps // OVERFLOW_US).sum()), np.uint8)
             encode(events.t, events.x, events.y, events.p, now, out)
             file.write(out.tobytes())

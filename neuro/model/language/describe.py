@@ -147,7 +147,7 @@ def _value(value: Any, arrays: Arrays, key: str) -> Any:
         value = value.values
     if isinstance(value, Path):
         return arrays.recording(value, key)
-    if key.endswith(".model.events"):
+    if getattr(value, "kind", "") == "recording":
         return arrays.events(key)
     if isinstance(value, np.ndarray):
         inline = value.size <= LARGEST_INLINE and np.array(value.tolist()).shape == value.shape
