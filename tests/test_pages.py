@@ -138,13 +138,16 @@ def reader(tmp_path, monkeypatch, registries):
             del sys.modules[name]
 
 
-def followed(page: Path) -> None:
+def followed(page: Path) -> dict[str, str]:
     """Do all that a page says, in the current folder.
+
+    Returns:
+        What each of its command lines printed.
 
     Raises:
         Fault: something does not do what the page says.
     """
-    space, printed = {"__name__": "page"}, ""
+    space, printed, by_line = {"__name__": "page"}, "", {}
     whole = page.read_text("utf-8")
     for block in blocks(page):
         named = _FILE.match(block.text)
@@ -152,7 +155,7 @@ def followed(page: Path) -> None:
             continue
         if block.kind in ("sh", "console"):
             for place, line, told in commands(block):
-                check_command(block, place, line, told)
+                by_line[line] = check_command(block, place, line, told)
         elif block.kind == "python" and named:
             Path(named[1]).write_text(block.text)
         elif block.kind == "python":
@@ -167,9 +170,11 @@ def followed(page: Path) -> None:
             change(block)
         elif block.kind not in ("text", "toml"):
             raise block.fault(f"a block of '{block.kind}' is not run: expected one of {', '.join(KINDS)}")
+    return by_line
 
 
-def check_command(block: Block, place: int, line: str, told: str | None) -> None:
+def check_command(block: Block, place: int, line: str, told: str | None) -> str:
+    """Run a command line and compare what it prints, which is returned."""
     status, printed = run(block, place, line)
     shown = line.split("  #")[0].rstrip()
     fails = told is not None and re.search(r"^error", told, re.M)
@@ -177,6 +182,7 @@ def check_command(block: Block, place: int, line: str, told: str | None) -> None
         raise block.fault(f"`{shown}` ended with {status}: {printed.strip()[-1000:]}", place)
     if told is not None and not alike(told, printed):
         raise block.fault(f"`{shown}` prints\n{printed.rstrip()}\nand not\n{told.rstrip()}", place)
+    return printed
 
 
 def run(block: Block, place: int, line: str) -> tuple[int, str]:
@@ -234,7 +240,8 @@ def run_python(block: Block, space: dict[str, object]) -> str:
         frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename == _SESSION]
         place = (frames[-1].lineno or 1) - 1 if frames else 0
         raise block.fault(f"{type(error).__name__}: {error}", place) from error
-    return printed.getvalue()
+    # A session has no file, so a mistake is told there without the place that it has here.
+    return re.sub(rf"^{Path(__file__).name}:\d+: ", "", printed.getvalue(), flags=re.M)
 
 
 def run_session(block: Block, space: dict[str, object]) -> None:
@@ -293,9 +300,9 @@ EDITS = {
 def test_page(page, reader):
     wrong = ""
     try:
-        followed(page)
+        printed = followed(page)
         if page.stem in EDITS:
-            check_edited(page, reader)
+            check_edited(page, reader, printed)
     except Fault as fault:
         wrong = str(fault)
     if wrong:
@@ -324,17 +331,16 @@ def test_a_wrong_page_is_told_with_its_place(text, wrong, reader, monkeypatch):
     assert wrong in str(fault.value)
 
 
-def check_edited(page: Path, folder: Path) -> None:
+def check_edited(page: Path, folder: Path, printed: dict[str, str]) -> None:
     """An edited part runs as it is now: nothing compiled before is stale."""
     block = next(block for block in blocks(page) if block.kind == "console")
     place, line, _ = commands(block)[0]
-    _, before = run(block, place, line)
     name, old, new = EDITS[page.stem]
     text = (folder / name).read_text()
     assert old in text
     (folder / name).write_text(text.replace(old, new))
     status, after = run(block, place, line)
-    if status or after == before:
+    if status or after == printed[line]:
         raise block.fault(
             f"after an edit of {name} `{line}` ended with {status} and prints what it printed before", place
         )
