@@ -22,8 +22,8 @@ class Frames:
     Attributes:
         spikes: a row a spike by time: `time_ms`, `population` (a category), `neuron`.
         populations: a row for each population whose spikes were kept, by its name: `neurons`, `spikes`, `rate_hz`.
-        traces: of each probe of a state a column for each neuron, by `time_ms`; `attrs` has `population`, `state` and
-            `unit`.
+        traces: of each state that a probe recorded a column for each neuron or synapse, by `time_ms`; of synapses at
+            pre spikes a row each: `time_ms`, `pre`, `post` and the state. `attrs` has `of`, `state` and `unit`.
         weights: of each projection a row a synapse: `pre`, `post`, `weight`; of a grid a row a weight of its kernels:
             `map`, `channel`, `row`, `column`, `weight`.
     """
@@ -75,9 +75,13 @@ def _of_spikes(pandas: Any, run: Recorded) -> tuple[Any, Any]:
 
 def _of_trace(pandas: Any, run: Recorded, name: str) -> Any:
     trace = run.trace(name)
-    times, neurons = pandas.Index(trace.times_ms, name="time_ms"), pandas.Index(trace.neurons, name="neuron")
-    frame = pandas.DataFrame(trace.values, index=times, columns=neurons)
-    frame.attrs |= {"population": trace.population, "state": trace.state, "unit": trace.unit}
+    if trace.at_pre_spikes:
+        columns = {"time_ms": trace.times_ms, "pre": trace.pre, "post": trace.post, trace.state: trace.values}
+        frame = pandas.DataFrame(columns)
+    else:
+        whose = pandas.Index(trace.columns, name=trace.noun) if trace.noun else pandas.Index([trace.state])
+        frame = pandas.DataFrame(trace.values, index=pandas.Index(trace.times_ms, name="time_ms"), columns=whose)
+    frame.attrs |= {"of": trace.of, "state": trace.state, "unit": trace.unit}
     return frame
 
 

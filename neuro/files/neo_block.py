@@ -24,10 +24,11 @@ def to_neo(run: object) -> neo.Block:
 
     The segment has a `SpikeTrain` for each neuron of each population whose spikes were kept, silent ones too, in ms
     from 0 to the end of the run, annotated with `source_population`, `source_id` (the neuron, counted from 0) and
-    `source_index` (likewise); and for each probe of a state an `AnalogSignal` of shape (times, neurons) in the unit of
-    the state, named after it, annotated with `probe` and `source_population`, with the neurons as the array annotation
-    `channel_index`. The block is annotated with `simulator`, `backend`, `seed` and `resolution_ms`. Weights are not
-    in it: Neo has no place for them.
+    `source_index` (likewise); and for each state that a probe recorded an `AnalogSignal` of shape (times, neurons or
+    synapses) in the unit of the state, named after it, annotated with `probe` and `source_population` or
+    `source_projection`, with the neurons or synapses as the array annotation `channel_index`. The block is annotated
+    with `simulator`, `backend`, `seed` and `resolution_ms`. Weights at the end, and what pre spikes leave in synapses,
+    are not in it: Neo has no place for them.
 
     Args:
         run: a simulation or results.
@@ -50,11 +51,12 @@ def to_neo(run: object) -> neo.Block:
         parts.setdefault(train.population, []).extend(spikes)
     for name in told.probes:
         trace = told.trace(name)
-        if trace.times_ms.size:
+        if trace.times_ms.size and not trace.at_pre_spikes:
             signal = _signal(name, trace, told)
             kind = segment.analogsignals if isinstance(signal, neo.AnalogSignal) else segment.irregularlysampledsignals
             kind.append(signal)
-            parts.setdefault(trace.population, []).append(signal)
+            if trace.noun != "synapse":
+                parts.setdefault(trace.of, []).append(signal)
     for population, objects in parts.items():
         block.groups.append(neo.Group(objects, name=population))
     return block
@@ -79,9 +81,9 @@ def _signal(name: str, trace: Trace, run: Recorded) -> Any:
     unit = trace.unit or "dimensionless"
     about: dict[str, Any] = {
         "name": trace.state,
-        "array_annotations": {"channel_index": trace.neurons},
+        "array_annotations": {"channel_index": trace.columns},
         "probe": name,
-        "source_population": trace.population,
+        "source_projection" if trace.noun == "synapse" else "source_population": trace.of,
     }
     every = np.diff(trace.times_ms)
     if every.size and np.ptp(every) > _EVEN * trace.times_ms[-1]:

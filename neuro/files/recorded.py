@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -49,14 +49,38 @@ class Train:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace:
-    """What a probe of a state recorded: `values` has the shape (times, neurons), in `unit`."""
+    """What a probe recorded of one state, in `unit`.
 
-    population: str
+    Attributes:
+        of: the population or projection.
+        noun: what a column is of, "neuron" or "synapse"; "" of a rate or a mean, which has one.
+        columns: their numbers: of neurons in the population, of synapses among those that are recorded.
+        values: shape (times, columns); of synapses at pre spikes (times,), one entry for each spike and synapse.
+        pre, post: the ends of each column, at pre spikes of each entry; None of neurons, means and grids.
+    """
+
+    of: str
     state: str
     unit: str
-    neurons: Ints
+    noun: str
+    columns: Ints
     times_ms: Floats
     values: NDArray[Any]
+    pre: Ints | None = None
+    post: Ints | None = None
+
+    @property
+    def at_pre_spikes(self) -> bool:
+        """Whether it has what pre spikes leave, at their times."""
+        return self.values.ndim == 1
+
+    def within(self, window: Window) -> Trace:
+        """What was recorded in a window, its begin and end included."""
+        inside = slice(int(np.searchsorted(self.times_ms, window[0])), up_to(self.times_ms, window[1]))
+        ends = {"pre": self.pre, "post": self.post}
+        if self.pre is not None and self.post is not None and self.at_pre_spikes:
+            ends = {"pre": self.pre[inside], "post": self.post[inside]}
+        return replace(self, times_ms=self.times_ms[inside], values=self.values[inside], **ends)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,14 +103,15 @@ class Recorded(Protocol):
     resolution_ms: float
     shapes: dict[str, tuple[int, ...]]
     kept: list[str]
-    probes: list[str]
+    probes: dict[str, str]
+    """The probe of each trace, by the name of the trace."""
     weighed: list[str]
 
     def spikes(self, population: str, since: float) -> tuple[Floats, Ints]:
         """Times in ms after `since`, and neurons, sorted by time."""
 
-    def trace(self, probe: str) -> Trace:
-        """What a probe of a state recorded."""
+    def trace(self, name: str) -> Trace:
+        """What a probe recorded of one state."""
 
     def weights(self, projection: str) -> Synapses:
         """Weights of a projection."""
@@ -105,8 +130,9 @@ class Live(Protocol):
     def spikes(self, name: str, since: float | None = None) -> tuple[Floats, Ints]:
         """Recorded spikes."""
 
-    def trace(self, name: str) -> tuple[Floats, NDArray[Any]]:
-        """What a probe recorded."""
+    @property
+    def traces(self) -> Mapping[str, Any]:
+        """States by the name of their trace."""
 
     def weights(self, name: str) -> Any:
         """Weights of a projection."""
@@ -127,7 +153,7 @@ class Left(Protocol):
 
     @property
     def traces(self) -> Mapping[str, Any]:
-        """States by probe."""
+        """States by the name of their trace."""
 
 
 def recorded(run: object) -> Recorded:
@@ -154,19 +180,14 @@ class _OfSimulation:
         self.duration_ms, self.resolution_ms = run.time, run.program.resolution
         self.shapes = {part.name: part.shape for part in run.program.populations}
         self.kept = [part.name for part in run.program.populations if part.records]
-        self.probes = [probe.name for probe in run.program.probes if probe.record != "spikes"]
+        self.probes = {name: trace.probe or name for name, trace in run.traces.items()}
         self.weighed = [part.name for part in run.program.projections if part.synapse.learns or part.size <= SMALL]
 
     def spikes(self, population: str, since: float) -> tuple[Floats, Ints]:
         return self._run.spikes(population, since=since if since > 0 else None)
 
-    def trace(self, probe: str) -> Trace:
-        part = next(each for each in self._program.probes if each.name == probe)
-        population = self._program.populations[part.population]
-        unit = next((state.unit for state in population.model.states if state.name == part.record), "")
-        times, values = self._run.trace(probe)
-        neurons = np.arange(values.shape[1]) if part.ids is None else part.ids
-        return Trace(population.name, part.record, unit, neurons, times, values)
+    def trace(self, name: str) -> Trace:
+        return _trace(self._run.traces[name])
 
     def weights(self, projection: str) -> Synapses:
         part = next((each for each in self._program.projections if each.name == projection), None)
@@ -185,7 +206,7 @@ class _OfResults:
         self.resolution_ms = float(run.about["resolution_ms"])
         self.shapes = {name: tuple(part.shape) for name, part in run.populations.items()}
         self.kept = [name for name, part in run.populations.items() if part.recorded]
-        self.probes = list(run.traces)
+        self.probes = {name: trace.probe or name for name, trace in run.traces.items()}
         self.weighed = [name for name, part in run.projections.items() if part.weight is not None]
 
     def spikes(self, population: str, since: float) -> tuple[Floats, Ints]:
@@ -197,10 +218,8 @@ class _OfResults:
         several = part.multiplicity[first:]
         return np.repeat(part.times_ms[first:], several), np.repeat(part.ids[first:], several)
 
-    def trace(self, probe: str) -> Trace:
-        part = self._run.traces[probe]
-        neurons = np.arange(part.values.shape[1]) if part.ids is None else part.ids
-        return Trace(part.population, part.state, part.unit, neurons, part.times_ms, part.values)
+    def trace(self, name: str) -> Trace:
+        return _trace(self._run.traces[name])
 
     def weights(self, projection: str) -> Synapses:
         if projection not in self._run.projections:
@@ -210,6 +229,15 @@ class _OfResults:
             raise ModelError(f"weights of '{projection}' were not kept", hint="'neuro run --all-weights' keeps them")
         sizes = [math.prod(self.shapes[name]) for name in (part.source, part.target)]
         return Synapses((sizes[0], sizes[1]), part.pre, part.post, part.weight)
+
+
+def _trace(part: Any) -> Trace:
+    """A trace of `neuro.files.results`."""
+    single = part.mean or part.state == "rate"
+    noun = "" if single else "synapse" if part.projection else "neuron"
+    columns = part.ids if part.ids is not None else np.arange(part.values.shape[1] if part.values.ndim > 1 else 0)
+    words = (part.state, part.unit, noun, columns, part.times_ms, part.values)
+    return Trace(part.projection or part.population, *words, part.pre, part.post)
 
 
 def trains(run: Recorded, of: Any = None, window: Any = None) -> list[Train]:

@@ -148,6 +148,11 @@ class Trace:
     pre: Lazy = Lazy(None)
     post: Lazy = Lazy(None)
 
+    @property
+    def columns(self) -> int:
+        """How many neurons or synapses are recorded each time; at pre spikes one."""
+        return int(self.values.shape[1]) if self.values.ndim > 1 else 1
+
     def read(self) -> Any:
         """What `sim.trace` gives beside the times: the values, at pre spikes with the ends of the synapses, by name."""
         if self.values.ndim == 1:
@@ -197,9 +202,9 @@ class Results:
             projection_table((name, w.source, w.target, w.synapse, w.synapses) for name, w in weights),
             Table(
                 "traces",
-                ("name", "of", "state", ">neurons", ">times"),
+                ("name", "of", "state", ">columns", ">times"),
                 tuple(
-                    (name, t.population, t.state, f"{t.values.shape[1]:,}", f"{t.times_ms.size:,}")
+                    (name, t.projection or t.population, t.state, f"{t.columns:,}", f"{t.times_ms.size:,}")
                     for name, t in traces
                 ),
             ),

@@ -85,8 +85,10 @@ def _synapses(net: Description, part: Projection) -> int | None:
 def _probes(net: Description) -> Iterator[tuple[str, ...]]:
     for part in net.probes.values():
         every = "" if part.record == "spikes" else in_words(part.every) if part.every else f"{net.resolution:g}"
+        every = every if part.at is None else f"at {part.at.replace('_', ' ')}"
+        record = part.record if isinstance(part.record, str) else ", ".join(part.record)
         of = part.of if part.view is None else repr(part.view)
-        yield part.name, of, in_words(part.record), every
+        yield part.name, of, f"mean {record}" if part.mean else record, every
 
 
 def _shape(shape: tuple[int | str, ...]) -> str:

@@ -31,7 +31,7 @@ def overview(run: object, of: Any = None, *, window: Any = None) -> Figure:
     """
     told = recorded(run)
     found = trains(told, of, window)
-    probes = told.probes if of is None else []
+    probes = list(told.probes) if of is None else []
     drawn = [name for name in probes if told.trace(name).times_ms.size][:MOST_TRACES]
     heights = [_PANELS_IN[0], _PANELS_IN[1], *[_PANELS_IN[2]] * len(drawn)]
     figure = Picture(figsize=(WIDTH_IN, 0.9 + sum(heights)), layout="constrained", dpi=150)

@@ -1,4 +1,4 @@
-"""Weights: how they are distributed, and from where to where they lead."""
+"""Weights: how they are distributed, from where to where they lead, and how they change."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from matplotlib.ticker import MaxNLocator
 
 from neuro.core.errors import ModelError, nearest
 from neuro.core.values import shown
-from neuro.files.recorded import Synapses, recorded
+from neuro.files.recorded import Recorded, Synapses, recorded
 from neuro.plots._canvas import COLOURS, Picture, given, label, tidy
+from neuro.plots._traces import trace
 from neuro.program.program import Floats
 
 BINS = 100
 MOST_CELLS = 500
 MOST_KERNELS = 100
-KINDS = ("histogram", "matrix")
+KINDS = ("histogram", "matrix", "time")
 _MAP: dict[str, Any] = {"cmap": "cividis", "interpolation": "nearest"}
 
 
@@ -30,6 +31,7 @@ def weights(run: object, projection: Any, kind: str = "histogram", *, ax: Any = 
         projection: the projection or its name.
         kind: "histogram", or "matrix": source by target, white where there is no synapse; of a grid its kernels.
             Several synapses in a cell are drawn as their mean; a matrix of more than 500 lines is drawn in blocks.
+            "time": what a probe of the projection recorded of them, as `trace` draws it.
         ax: axes to draw into; a new figure if not given.
 
     Returns:
@@ -43,6 +45,8 @@ def weights(run: object, projection: Any, kind: str = "histogram", *, ax: Any = 
     if kind not in KINDS:
         hint = nearest(str(kind), KINDS)
         raise ModelError(f"kind = {shown(kind)}: expected one of {', '.join(KINDS)}", hint=hint)
+    if kind == "time":
+        return trace(run, _probe_of(told, name), ax=ax)
     found = told.weights(name)
     if ax is None:
         figure: Figure = Picture(figsize=(7.0, 5.0), layout="constrained", dpi=150)
@@ -59,6 +63,15 @@ def weights(run: object, projection: Any, kind: str = "histogram", *, ax: Any = 
     else:
         _matrix(figure, axis, name, found)
     return figure
+
+
+def _probe_of(run: Recorded, projection: Any) -> str:
+    """The trace of the weights of a projection."""
+    found = [name for name in run.probes if (t := run.trace(name)).of == projection and t.state == "weight"]
+    if not found:
+        hint = f"net.probe('w', '{projection}', 'weight', every=10.0) does"
+        raise ModelError(f"no probe recorded the weights of {shown(projection)}", hint=hint)
+    return found[0]
 
 
 def _histogram(axis: Any, name: str, found: Synapses) -> None:

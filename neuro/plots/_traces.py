@@ -1,4 +1,4 @@
-"""What probes recorded: lines of a few neurons, a map of many."""
+"""What probes recorded: lines of a few neurons or synapses, a map of many, dots at pre spikes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from neuro.core.errors import ModelError, unknown
-from neuro.files.recorded import Recorded, Trace, Window, checked_window, recorded, up_to
+from neuro.files.recorded import Recorded, Trace, Window, checked_window, recorded
 from neuro.plots._canvas import COLOURS, given, label, legend, over_time, panels, whole_numbers
 
 MOST_LINES = 6
@@ -17,11 +17,14 @@ MOST_TIMES = 4000
 
 
 def trace(run: object, probe: Any = None, *, window: Any = None, ax: Any = None) -> Figure:
-    """What a probe recorded: lines of up to six neurons, a map of more; of very many an even choice is drawn.
+    """What a probe recorded: lines of up to six neurons or synapses, a map of more, of very many an even choice.
+
+    What pre spikes leave in synapses is a dot for each, in a colour of its own for each of up to six synapses.
 
     Args:
         run: a simulation or results.
-        probe: a probe or its name, or a list of these, a panel for each; all probes of states if not given.
+        probe: a probe or its name, or a list of these, a panel for each; all that recorded states if not given.
+            One of several states has a panel for each.
         window: begin and end in ms; the whole run if not given.
         ax: axes to draw one probe into; a new figure if not given.
 
@@ -33,7 +36,7 @@ def trace(run: object, probe: Any = None, *, window: Any = None, ax: Any = None)
     """
     told = recorded(run)
     span = checked_window(told, window)
-    shown = [_cut(found, span) for found in _asked(told, probe)]
+    shown = [(name, _cut(name, found, span)) for name, found in _asked(told, probe)]
     if ax is not None:
         if len(shown) != 1:
             raise ModelError(f"ax is given for {len(shown)} probes: expected one", hint="name the probe")
@@ -51,25 +54,51 @@ def trace(run: object, probe: Any = None, *, window: Any = None, ax: Any = None)
 def draw(figure: Figure, axis: Any, name: str, found: Trace) -> None:
     """Draw one trace into axes of a figure, and say what it is."""
     quantity = f"{found.state} ({found.unit})" if found.unit else found.state
-    title = f"{name}: {found.state} of {found.population}"
-    if found.neurons.size <= MOST_LINES:
-        for column, (neuron, colour) in enumerate(zip(found.neurons, COLOURS, strict=False)):
-            axis.plot(found.times_ms, found.values[:, column], color=colour, lw=1.0, label=f"neuron {neuron}")
-        if found.neurons.size > 1:
+    title = f"{name}: {'mean ' * (found.noun == '' and found.state != 'rate')}{found.state} of {found.of}"
+    if found.at_pre_spikes:
+        _dots(axis, found)
+        label(axis, f"{title} at pre spikes", quantity)
+    elif found.columns.size <= MOST_LINES:
+        for column, (called, colour) in enumerate(zip(_called(found), COLOURS, strict=False)):
+            axis.plot(found.times_ms, found.values[:, column], color=colour, lw=1.0, label=called)
+        if found.columns.size > 1:
             legend(axis, MOST_LINES, "right")
         label(axis, title, quantity)
+    else:
+        image, note = _map(axis, found)
+        figure.colorbar(image, ax=axis, label=quantity, pad=0.01)
+        label(axis, title + note, found.noun)
+
+
+def _called(found: Trace) -> list[str]:
+    """What each column is of."""
+    if found.pre is not None and found.post is not None:
+        return [f"{pre} to {post}" for pre, post in zip(found.pre, found.post, strict=True)]
+    return [f"{found.noun} {number}" for number in found.columns]
+
+
+def _dots(axis: Any, found: Trace) -> None:
+    assert found.pre is not None
+    assert found.post is not None
+    ends, which = np.unique(np.stack([found.pre, found.post]), axis=1, return_inverse=True)
+    if ends.shape[1] > MOST_LINES:
+        axis.plot(found.times_ms, found.values, ".", color=COLOURS[0], ms=2.0)
         return
-    image, note = _map(axis, found)
-    figure.colorbar(image, ax=axis, label=quantity, pad=0.01)
-    label(axis, title + note, "neuron")
+    for k, (pre, post) in enumerate(ends.T.tolist()):
+        mine = which.ravel() == k
+        axis.plot(found.times_ms[mine], found.values[mine], ".", color=COLOURS[k], ms=4.0, label=f"{pre} to {post}")
+    if ends.shape[1] > 1:
+        legend(axis, MOST_LINES, "right")
 
 
 def _asked(run: Recorded, probe: Any) -> list[tuple[str, Trace]]:
     asked = list(probe) if isinstance(probe, (list, tuple)) else run.probes if probe is None else [probe]
-    names = [getattr(each, "name", each) for each in asked]
-    for name in names:
-        if name not in run.probes:
+    names = []
+    for name in (getattr(each, "name", each) for each in asked):
+        mine = [trace for trace, probe in run.probes.items() if name in (trace, probe)]
+        if not mine:
             raise unknown("probe of a state", name, run.probes)
+        names += mine
     found = [(name, run.trace(name)) for name in names]
     found = [pair for pair in found if pair[1].times_ms.size]
     if not found:
@@ -77,27 +106,25 @@ def _asked(run: Recorded, probe: Any) -> list[tuple[str, Trace]]:
     return found
 
 
-def _cut(found: tuple[str, Trace], window: Window) -> tuple[str, Trace]:
-    """What a probe recorded in a window, its begin and end included."""
-    name, t = found
-    inside = slice(int(np.searchsorted(t.times_ms, window[0])), up_to(t.times_ms, window[1]))
-    if not t.times_ms[inside].size:
+def _cut(name: str, found: Trace, window: Window) -> Trace:
+    cut = found.within(window)
+    if not cut.times_ms.size:
         raise ModelError(f"probe '{name}' recorded nothing in {window[0]:g} to {window[1]:g} ms")
-    return name, Trace(t.population, t.state, t.unit, t.neurons, t.times_ms[inside], t.values[inside])
+    return cut
 
 
 def _map(axis: Any, found: Trace) -> tuple[Any, str]:
     steps = slice(None, None, -(-found.times_ms.size // MOST_TIMES))
     times, values = found.times_ms[steps], found.values[steps]
-    n = found.neurons.size
+    n = found.columns.size
     pick = np.unique(np.linspace(0, n - 1, MOST_ROWS).astype(int))
     every = times[1] - times[0] if times.size > 1 else 1.0
-    # Neurons that a view chose at random are counted by their place in it.
-    first = int(found.neurons[0]) if (np.diff(found.neurons) == 1).all() else 0
+    # Those that a view chose at random are counted by their place in it.
+    first = int(found.columns[0]) if (np.diff(found.columns) == 1).all() else 0
     extent = (times[0] - every, times[-1], first - 0.5, first + n - 0.5)
     whole_numbers(axis)
     options: dict[str, Any] = {"aspect": "auto", "origin": "lower", "cmap": "cividis", "interpolation": "nearest"}
     limits = axis.get_xlim()
     image = axis.imshow(values[:, pick].T, extent=extent, **options)
     axis.set_xlim(limits)
-    return image, f", {pick.size} of {n:,} neurons drawn" if pick.size < n else ""
+    return image, f", {pick.size} of {n:,} {found.noun}s drawn" if pick.size < n else ""

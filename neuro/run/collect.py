@@ -65,15 +65,19 @@ def collect(
     """
     program, counts = sim.program, sim.counts()
     keep = record or [part.name for part in program.populations]
-    probes: list[Probe | SynapseProbe] = [probe for probe in program.probes if probe.record != "spikes"]
-    probes += program.synapse_probes
     return Results(
         {**about(sim, threads), "finished": True},
         files_of(net),
         {p.name: _train(sim, p, p.name in keep, counts) for p in program.populations},
         {p.name: weights_of(sim, p, counts, all_weights=all_weights) for p in program.projections},
-        {p.name: _trace(sim, p) for p in probes},
+        traces(sim),
     )
+
+
+def traces(sim: Run) -> dict[str, Trace]:
+    """What the probes of states have recorded, by the names of the traces."""
+    probes: list[Probe | SynapseProbe] = [probe for probe in sim.program.probes if probe.record != "spikes"]
+    return {probe.name: _trace(sim, probe) for probe in [*probes, *sim.program.synapse_probes]}
 
 
 def about(sim: Run, threads: int) -> dict[str, Any]:

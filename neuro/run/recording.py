@@ -68,9 +68,9 @@ class Recording:
         probed = {probe.projection for probe in sim.program.synapse_probes if not probe.every}
         self._ends = {index: sim.program.connections(index) for index in probed}
         self._threads, self._all_weights = threads, all_weights
-        self._path = Path(os.path.realpath(file_path(path, "path")))
-        self.part = unfinished(self._path)
-        for each in (self._path, self.part):
+        self.path = Path(os.path.realpath(file_path(path, "path")))
+        self.part = unfinished(self.path)
+        for each in (self.path, self.part):
             check_output(each, KIND)
         files = collect.files_of(net)
         with self._telling():
@@ -190,7 +190,7 @@ class Recording:
         with self._telling():
             self._file.close()
             self._disk.commit()
-            self.part.replace(self._path)
+            self.part.replace(self.path)
 
     def close(self) -> None:
         """Let go of the file; a run that did not end stays in `part` as far as it was recorded."""

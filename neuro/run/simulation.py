@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 
     from neuro.chips.pricing.energy import Energy
     from neuro.files.frames import Frames
+    from neuro.files.results import Results, Trace
     from neuro.run.recording import Recording
 
 _THREADS = Quantity(kind="integer", at_least=1, at_most=max(64, os.cpu_count() or 1))
@@ -145,6 +147,7 @@ class Simulation:
         self._synapses = Synapses(program, engine, self._clock, self._rules)
         self._recorder = Recorder(program, engine)
         self._recording: Recording | None = None
+        self._left: tuple[int, Path] | None = None
         self._tally = Tally(program)
         self._inflow = Inflow(program, engine)
         self._watch = Watch(program, engine, self._clock)
@@ -215,9 +218,10 @@ class Simulation:
     ) -> Iterator[None]:
         """Write what is recorded to a file of results while the network runs, and keep none of it in memory.
 
-        What memory holds of the time before goes there, too. `spikes` and `trace` read it from the file in the
-        meantime; `neuro.results.read` reads it later. The file is called PATH.part until the block ends well. If it
-        does not, or the process is killed, that has all but the last two seconds (of the clock on the wall).
+        What memory holds of the time before goes there, too. `spikes` and `trace` read it from the file until the
+        network runs on after the block, and then have what came since; `neuro.results.read` reads it at any time. The
+        file is called PATH.part until the block ends well. If it does not, or the process is killed, that has all but
+        the last two seconds (of the clock on the wall).
 
         Args:
             path: of the file.
@@ -237,6 +241,7 @@ class Simulation:
         try:
             yield
             self._recording.finish()
+            self._left = self._engine.step, self._recording.path
         finally:
             recording, self._recording = self._recording, None
             recording.close()
@@ -249,6 +254,7 @@ class Simulation:
         self._engine.reset(weights)
         self._inflow.rewind()
         self._recorder.clear()
+        self._left = None
         if self.program.trials is not None:
             self._trials.start_anew()
 
@@ -476,8 +482,8 @@ class Simulation:
         if not part.records:
             hint = f"net.probe('name', '{part.name}') records them" if isinstance(part.model, Generator) else ""
             raise ModelError(f"spikes of '{part.name}', a {part.model.name}, are not recorded", hint=hint)
-        if self._recording is not None:
-            return self._recording.results.spikes_of(part.name, of.ids, since, until)
+        if (results := self._file()) is not None:
+            return results.spikes_of(part.name, of.ids, since, until)
         found = self._engine.spikes(of.index, -1 if since is None else self._clock.floor(since, "since"))
         end = None if until is None else np.searchsorted(found.steps, self._clock.floor(until, "until"), side="right")
         steps, ids, multiplicity = found.steps[:end], found.ids[:end], found.multiplicity[:end]
@@ -509,8 +515,8 @@ class Simulation:
 
     def _trace(self, name: str) -> tuple[Floats, Any]:
         """What was recorded of one state, or the spikes."""
-        if self._recording is not None and name in (*self._recorder.series, *self._recorder.pre_spikes):
-            return self._recording.results.trace(name)
+        if name in (*self._recorder.series, *self._recorder.pre_spikes) and (results := self._file()) is not None:
+            return results.trace(name)
         if name in self._recorder.series:
             steps, values = self._recorder.series[name].read()
             return self._clock.array_ms(steps), values
@@ -521,11 +527,28 @@ class Simulation:
             return self._clock.array_ms(sent.steps), {**ends, recorded.probe.record: sent.values}
         return self._spikes(self.handles.recorded(self.handles.recording(name)), None, None)
 
+    def _file(self) -> Results | None:
+        """What was recorded, where that is in a file: while it is written, and after that until the network runs on."""
+        if self._recording is not None:
+            return self._recording.results
+        if self._left is None or self._left[0] != self._engine.step:
+            return None
+        from neuro.files.results import read
+
+        return read(self._left[1])
+
     def forget(self, before: float) -> None:
         """Free the memory of spikes and traces recorded up to a time in ms."""
         step = self._clock.floor(before, "forget")
         self._engine.forget(step)
         self._recorder.forget(step)
+
+    @property
+    def traces(self) -> dict[str, Trace]:
+        """What probes of states have recorded so far, by the names of their traces, with units, as of results."""
+        from neuro.run.collect import traces
+
+        return traces(self)
 
     def plot(self, of: Any = None, window: tuple[float, float] | None = None) -> Figure:
         """Raster, rates and traces of the run so far, as `neuro.plots.overview` draws them.
@@ -662,6 +685,7 @@ class Simulation:
         self._refuse_while_recording("restore")
         self._inflow.check_again("restore")
         arrays = read_state(file_path(path, "path"), self._identity)
+        self._left = None
         begin = len("engine/")
         self._engine.restore({name[begin:]: v for name, v in arrays.items() if name.startswith("engine/")})
         begin = len("probes/")
