@@ -75,6 +75,7 @@ if TYPE_CHECKING:
         tsodyks2,
         vogels_sprekeler,
     )
+    from neuro.model.views import View
     from neuro.program.backend import OverflowWarning
     from neuro.program.counts import Counts
     from neuro.run.assignment import assign_labels, read_labels
@@ -161,6 +162,7 @@ _HOMES = {
         "vogels_sprekeler",
         "tempotron",
     ),
+    "neuro.model.views": ("View",),
     "neuro.program.backend": ("OverflowWarning",),
     "neuro.program.counts": ("Counts",),
     "neuro.run.assignment": ("assign_labels", "read_labels"),
@@ -181,6 +183,7 @@ __all__ = [
     "TrialCounts",
     "TrialResults",
     "Trials",
+    "View",
     "__version__",
     "aeif_cond_exp",
     "aeif_psc_exp",

@@ -59,7 +59,7 @@ class EventEngine:
         net["fired_words"] = net["fired"].view(np.uint64)
         self._a.plastic["traces"] = self._a.plastic["past"].view(np.float64)
         self._view = table_of(net, self._a.plastic)
-        self._copy = reading.Copy(self._a, self._view)
+        self._copy, self._cells = reading.Copy(self._a, self._view), reading.Cells(self._a)
 
     @property
     def step(self) -> int:
@@ -255,7 +255,7 @@ class EventEngine:
         if layout.computes(p):
             states = [s.name for s in type(p.model).states]
             if name in states:
-                return reading.state(self._a, population, states.index(name), ids, self._step)
+                return self._cells.state(population, states.index(name), ids, self._step)
         every = self._parameter(population, name)
         return every if ids is None else every[ids]
 

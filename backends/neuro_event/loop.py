@@ -207,6 +207,15 @@ def drop_all(view, step):
 
 
 @kernel
+def wake_blocks(view, pop, blocks, step, h):
+    """Bring the sleeping ones of some blocks of a population to the end of a step."""
+    net = net_of(view)
+    for block in blocks:
+        if net.awake[block] == 0:
+            wake(view, 0, net.pops[pop], block, step, h)
+
+
+@kernel
 def wake_population(view, pop, step, h):
     """Bring the sleeping blocks of a population to the end of a step."""
     net = net_of(view)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,27 +15,40 @@ from neuro_event.own_rules import APPLIED
 from neuro_event.views import table_of, with_plastic
 
 
-def state(a: Arrays, population: int, row: int, ids: Ints | None, step: int) -> Floats:
-    """A state of a population as of `step`, of all neurons or of some; a copy."""
-    place = a.places[population]
-    if ids is None:
-        return place.by_id(_awake(a, population, step)[row, place.begin : place.end].copy())
-    neurons = place.begin + (ids if place.inside is None else place.inside[ids])
-    rows = a.net["state"] if a.net["awake"][neurons // t.BLOCK].all() else _awake(a, population, step)
-    some: Floats = rows[row, neurons]
-    return some
+class Cells:
+    """A second place for the states of neurons, where sleeping ones are brought to the present for a read."""
 
+    def __init__(self, a: Arrays) -> None:
+        self._a = a
+        self._copied: dict[str, NDArray[Any]] = {}
 
-def _awake(a: Arrays, population: int, step: int) -> Floats:
-    """All state rows, those of one population as of `step`; a copy where some of its neurons sleep."""
-    row = a.net["pops"][population]
-    rows: Floats = a.net["state"]
-    if a.net["awake"][row[t.FIRST_BLOCK] : row[t.LAST_BLOCK]].all():
+    def state(self, population: int, row: int, ids: Ints | None, step: int) -> Floats:
+        """A state of a population as of `step`, of all neurons or of some; a copy. It costs with the blocks read."""
+        place, pop = self._a.places[population], self._a.net["pops"][population]
+        if ids is None:
+            blocks = np.arange(pop[t.FIRST_BLOCK], pop[t.LAST_BLOCK])
+            return place.by_id(self._awake(population, blocks, step)[row, place.begin : place.end].copy())
+        neurons = place.begin + (ids if place.inside is None else place.inside[ids])
+        some: Floats = self._awake(population, neurons // t.BLOCK, step)[row, neurons]
+        return some
+
+    def _awake(self, population: int, blocks: Ints, step: int) -> Floats:
+        """All state rows, those of some blocks as of `step`."""
+        net = self._a.net
+        rows: Floats = net["state"]
+        asleep = net["awake"][blocks] == 0
+        if not asleep.any():
+            return rows
+        if not self._copied:
+            self._copied = {name: np.empty_like(net[name]) for name in ("state", "awake", "busy", "fired", "scratch")}
+            self._view = table_of({**net, **self._copied}, self._a.plastic)
+        blocks = np.unique(blocks)
+        for name, shape in (("awake", (-1, 1)), ("busy", (-1, 1)), ("fired", (-1, t.BLOCK)), ("state", (-1, t.BLOCK))):
+            lead = net[name].shape[:-1]
+            self._copied[name].reshape(*lead, *shape)[..., blocks, :] = net[name].reshape(*lead, *shape)[..., blocks, :]
+        loop.wake_blocks(self._view, population, blocks, step, self._a.program.resolution)
+        rows = self._copied["state"]
         return rows
-    copied = {name: a.net[name].copy() for name in ("state", "awake", "busy", "fired", "scratch")}
-    loop.wake_population(table_of({**a.net, **copied}, a.plastic), population, step, a.program.resolution)
-    rows = copied["state"]
-    return rows
 
 
 class Copy:

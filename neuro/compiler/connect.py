@@ -154,7 +154,7 @@ def _draw(
         for row, most in zip(drawn, choices.tolist(), strict=True):
             row[:] = rng.choice(most, n, replace=False, shuffle=False)
     if but is not None:
-        drawn += (drawn >= but[:, None]) & (but >= 0)[:, None]
+        drawn += drawn >= np.where(but < 0, among, but).astype(np.int32)[:, None]
     return drawn
 
 

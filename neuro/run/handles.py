@@ -25,23 +25,28 @@ class Neurons:
         index: of the population in the program.
         part: the population there.
         end: which of its neurons.
-        text: what was named, for messages.
+        view: the view that was named, if one was.
     """
 
     index: int
     part: resolved.Population
     end: End
-    text: str
+    view: View | None = None
 
     @property
     def ids(self) -> Ints | None:
         """The neurons in their order, None for all."""
         return self.end.ids
 
+    @property
+    def text(self) -> str:
+        """What was named, for messages."""
+        return f"'{self.part.name}'" if self.view is None else repr(self.view)
+
     def among(self) -> NDArray[np.bool_]:
         """Whether each neuron of the population is one of them."""
-        mask: NDArray[np.bool_] = np.full(self.part.size, self.ids is None)
-        mask[self.ids] = True
+        mask = np.zeros(self.part.size, dtype=np.bool_)
+        mask[slice(None) if self.ids is None else self.ids] = True
         return mask
 
 
@@ -61,7 +66,7 @@ class Handles:
         self._probes = {part.name: index for index, part in enumerate(net.probes.values())}
         self._said = tuple(net.probes.values())
         self._whole = {
-            part.name: Neurons(index, part, End(part.shape, None, part.size), f"'{part.name}'")
+            part.name: Neurons(index, part, End(part.shape, None, part.size))
             for index, part in enumerate(program.populations)
         }
 
@@ -90,13 +95,13 @@ class Handles:
         part = self._program.populations[index]
         if not isinstance(of, View):
             return self._whole[part.name]
-        return Neurons(index, part, end_of(of, part.shape), repr(of))
+        return Neurons(index, part, end_of(of, part.shape), of)
 
     def recorded(self, probe: resolved.Probe) -> Neurons:
         """The neurons that a probe records."""
         part = self._program.populations[probe.population]
         shape = part.shape if probe.ids is None else probe.ids.shape
-        return Neurons(probe.population, part, End(shape, probe.ids, part.size), f"probe '{probe.name}'")
+        return Neurons(probe.population, part, End(shape, probe.ids, part.size))
 
     def projection(self, of: Projection | str) -> int:
         """The index of a projection."""

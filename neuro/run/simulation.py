@@ -236,7 +236,8 @@ class Simulation:
             pre: of a projection only the synapses from these neurons; their `weight` can be changed alone.
             post: likewise those onto these neurons.
             values: by name, one for all neurons or one for each (also a distribution, of which a neuron draws the same
-                value in whatever view); `weight` is one for all synapses or one for each, as `weights` gives them.
+                value in whatever view); `weight` stands alone, one for all synapses or one for each in the order of
+                `weights`.
 
         Raises:
             ModelError: a name is unknown or a value is out of bounds.
@@ -262,21 +263,18 @@ class Simulation:
 
     def _set_projection(self, index: int, values: dict[str, Any], pre: Neurons | None, post: Neurons | None) -> None:
         part, chosen = self.program.projections[index], self._synapses.chosen(index, pre, post)
-        numbers = {word: value for word, value in values.items() if word != "weight"}
-        if numbers and (pre or post):
-            word = next(iter(numbers))
+        if [*values] == ["weight"]:
+            new = self._synapses.new_weights(index, self._rules[index], values["weight"], chosen)
+            self._engine.set_weights(index, new, chosen)
+            return
+        if values and (pre or post or "weight" in values):
+            word = next((word for word in values if word != "weight"), "")
             told = f"{part.synapse.name}.{word} of '{part.name}' is one for all synapses"
-            raise ModelError(f"{told}: expected 'weight' alone with pre or post")
-        rule = settable.new_rule(part, self._rules[index], numbers)
-        weights = None
-        if "weight" in values:
-            weights = self._synapses.new_weights(index, rule, values["weight"], chosen)
-        settable.check_rule(part, rule, self._engine.get_synapses(index, "weight") if weights is None else weights)
-        if numbers:
-            self._engine.set_rule(index, rule.vector())
-            self._rules[index] = rule
-        if weights is not None:
-            self._engine.set_weights(index, weights, chosen)
+            raise ModelError(f"{told}: expected 'weight' alone" + " with pre or post" * bool(pre or post))
+        rule = settable.new_rule(part, self._rules[index], values)
+        settable.check_rule(part, rule, self._engine.get_synapses(index, "weight"))
+        self._engine.set_rule(index, rule.vector())
+        self._rules[index] = rule
 
     def get(
         self,
@@ -297,14 +295,16 @@ class Simulation:
             pre: of a projection only the synapses from these neurons; `weights` says which they are.
             post: likewise those onto these neurons.
         """
-        if check(_FLAG, raw, "raw"):
-            return self._raw(of, what)
+        registers = self._registers() if check(_FLAG, raw, "raw") else None
         neurons = self.handles.neurons_or_projection(of)
         if isinstance(neurons, int):
-            values = self._synapses.read(neurons, what)
+            values = registers.synapse_registers(neurons, what) if registers else self._synapses.read(neurons, what)
             chosen = self._synapses.chosen(neurons, *self._chosen(pre, post))
             return values if chosen is None else values[chosen]
         _refuse_ends(neurons, pre, post)
+        if registers is not None:
+            every = registers.registers(neurons.index, word_of(what))
+            return every if neurons.ids is None else every[neurons.ids]
         part = neurons.part
         word = word_of(what) if isinstance(what, str) else ""
         if word not in part.parameters and word not in settable.states(part):
@@ -317,15 +317,10 @@ class Simulation:
         hidden = unreadable(self._engine)
         return [word for word in settable.states(self.handles.neurons(of).part) if word not in hidden]
 
-    def _raw(self, of: Population | View | Projection | str, what: str) -> Any:
-        """A register of neurons or synapses, by its own name or that of what it stands for."""
+    def _registers(self) -> Registers:
         if not isinstance(self._engine, Registers):
             raise ModelError(f"raw = True: expected False, as backend '{self.backend}' has no registers")
-        neurons = self.handles.neurons_or_projection(of)
-        if isinstance(neurons, int):
-            return self._engine.synapse_registers(neurons, what)
-        every = self._engine.registers(neurons.index, word_of(what))
-        return every if neurons.ids is None else every[neurons.ids]
+        return self._engine
 
     def weights(
         self,

@@ -21,6 +21,7 @@ from neuro.testing import (  # noqa: F401
     learning,
     recorded,
     trials,
+    views,
     winners,
 )
 from neuro.testing.case import CASES, Found, differences

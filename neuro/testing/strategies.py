@@ -23,6 +23,7 @@ from neuro.model.neurons import (
     poisson_generator,
     spike_generator,
 )
+from neuro.model.parts import Population
 from neuro.model.rules import (
     Rule,
     all_to_all,
@@ -33,6 +34,7 @@ from neuro.model.rules import (
     pairwise_bernoulli,
 )
 from neuro.model.synapses import Synapse, static, stdp, stdp_dopa
+from neuro.model.views import View
 from neuro.testing.exact_strategies import groups
 
 _WEIGHT = {"iaf_psc_delta": 4.0, "izhikevich": 6.0, "parrot_neuron": 1.0}
@@ -65,7 +67,21 @@ def networks(draw: st.DrawFn, largest: int = 12) -> Network:
         pre = draw(st.sampled_from(_partners(net, post)))
         _connect(draw, net, pre, post, draw(_synapses(net, post)))
     _add_group(draw, net, cells)
+    seen = net.populations[draw(st.sampled_from(cells))]
+    if seen.model.states:
+        net.probe("seen", draw(views(seen)), "V_m", every=5 * h)
     return net
+
+
+@st.composite
+def views(draw: st.DrawFn, population: Population) -> View:
+    """Some neurons of a row of them, or all."""
+    n = len(population)
+    if draw(st.booleans()):
+        return population[draw(st.lists(st.integers(0, n - 1), min_size=1, unique=True))]
+    first, last = sorted(draw(st.tuples(st.integers(0, n - 1), st.integers(0, n - 1))))
+    step = draw(st.integers(1, 3))
+    return population[first : last + 1 : step] if draw(st.booleans()) else population[first : last + 1][::-step]
 
 
 def _add_sources(draw: st.DrawFn, net: Network, largest: int) -> None:
@@ -138,7 +154,8 @@ def _connect(draw: st.DrawFn, net: Network, pre: str, post: str, synapse: Synaps
     model = net.populations[post].model
     if pre == "current" and not model.states:
         return
-    sizes = [int(net.populations[name].shape[0]) for name in (pre, post)]
+    whole = [net.populations[name] for name in (pre, post)]
+    ends: list[Population | View] = [draw(st.one_of(st.just(end), views(end))) for end in whole]
     h = net.resolution
     delay: Any = draw(st.one_of(st.integers(1, 20).map(lambda k: k * h), st.just(uniform(low=h, high=15 * h))))
     unit = _WEIGHT.get(model.name, 400.0) if pre != "current" else _CURRENT.get(model.name, 300.0)
@@ -147,7 +164,8 @@ def _connect(draw: st.DrawFn, net: Network, pre: str, post: str, synapse: Synaps
     if synapse.learns:
         weight = draw(st.sampled_from([4.0, uniform(low=0.0, high=8.0)]))
     name = f"wires{len(net.projections)}"
-    net.connect(pre, post, draw(_rules(*sizes)), synapse, weight=weight, delay=delay, name=name)
+    rule = draw(_rules(*map(len, ends)))
+    net.connect(ends[0], ends[1], rule, synapse, weight=weight, delay=delay, name=name)
 
 
 def _partners(net: Network, post: str) -> list[str]:

@@ -9,11 +9,12 @@ from typing import Any
 from neuro.core.checks import check
 from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import Quantity
+from neuro.core.values import FromFile
 from neuro.model.language.files import array
-from neuro.model.language.nodes import about, found, mistake, plain
+from neuro.model.language.nodes import about, found, mistake, plain, within
 from neuro.model.language.reader import Node
 from neuro.model.parts import Population
-from neuro.model.views import View, view
+from neuro.model.views import view
 
 IDS = Quantity(doc="ids of neurons", kind="ids")
 AXIS = r"-?\d+|-?\d*:-?\d*(:-?\d+)?"
@@ -37,22 +38,25 @@ def neurons(node: Node, populations: Mapping[str, Population], role: str) -> Any
     if name not in populations:
         error = unknown("population", name, populations)
         raise ModelError(f"{role}: {error.message}", where=index.label, hint=error.hint)
-    with about(index, role):
-        return _chosen(index, populations[name])
+    with within(role):
+        chosen = _index(index, populations[name])
+        with about(index):
+            ids = isinstance(chosen, (list, FromFile))
+            return view(populations[name], check(IDS, chosen, name) if ids else chosen)
 
 
-def _chosen(node: Node, population: Population) -> View:
+def _index(node: Node, population: Population) -> Any:
+    """The index that is written, or ids that are not yet checked."""
     if isinstance(node.value, str):
-        return view(population, _index(node, population))
-    if isinstance(node.value, int) and not isinstance(node.value, bool):
-        return view(population, node.value)
-    if isinstance(node.value, (list, dict)):
-        ids = array(node) if isinstance(node.value, dict) else plain(node)
-        return view(population, check(IDS, ids, population.name))
+        return _axes(node, population)
+    if isinstance(node.value, dict):
+        return array(node)
+    if isinstance(node.value, (int, list)) and not isinstance(node.value, bool):
+        return plain(node)
     raise mistake(node, f'{population.name}: {found(node)}: expected an index such as "0:100", or a list of ids')
 
 
-def _index(node: Node, population: Population) -> tuple[int | slice, ...]:
+def _axes(node: Node, population: Population) -> tuple[int | slice, ...]:
     items = [item.strip() for item in node.value.split(",")]
     for item in items:
         if not _AXIS.fullmatch(item):

@@ -1,0 +1,141 @@
+"""Views in YAML: of, from and to."""
+
+import json
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro import ModelError
+from neuro.model.language.schema import schema
+
+NETWORK = """neuro: 1
+populations:
+  exc: {{model: iaf_psc_exp, shape: 10}}
+  grid: {{model: iaf_psc_exp, shape: [4, 3]}}
+projections:
+  wires: {{from: {source}, to: {target}, rule: all_to_all}}
+probes:
+  v: {{of: {of}, record: V_m}}
+"""
+
+
+def load(folder, source="exc", target="grid", of="exc"):
+    np.save(folder / "ids.npy", np.array([4, 1, 7]))
+    file = folder / "net.yaml"
+    file.write_text(NETWORK.format(source=source, target=target, of=of))
+    return neuro.load(file)
+
+
+@pytest.mark.parametrize(
+    ("written", "index"),
+    [
+        ('{exc: "0:5"}', slice(0, 5)),
+        ("{exc: 0:5}", slice(0, 5)),
+        ('{exc: "::2"}', slice(None, None, 2)),
+        ('{exc: "-3:"}', slice(-3, None)),
+        ('{exc: "::-1"}', slice(None, None, -1)),
+        ("{exc: 7}", 7),
+        ("{exc: -1}", -1),
+        ("{exc: [5, 0, 7]}", [5, 0, 7]),
+        ("{exc: {file: ids.npy}}", [4, 1, 7]),
+    ],
+)
+def test_neurons_in_yaml(tmp_path, written, index):
+    net = load(tmp_path, source=written, of=written)
+    expected = net.populations["exc"][index]
+    assert net.projections["wires"].source_view == expected
+    assert net.probes["v"].view == expected
+    net.save(tmp_path / "saved.yaml")
+    assert neuro.load(tmp_path / "saved.yaml") == net
+
+
+@pytest.mark.parametrize(
+    ("written", "index"),
+    [
+        ('{grid: "2:4, :"}', (slice(2, 4), slice(None))),
+        ('{grid: " 1 ,::2"}', (1, slice(None, None, 2))),
+        ('{grid: "1:3"}', (slice(1, 3),)),
+        ("{grid: [11, 0]}", [11, 0]),
+    ],
+)
+def test_neurons_by_shape_in_yaml(tmp_path, written, index):
+    net = load(tmp_path, target=written)
+    assert net.projections["wires"].target_view == net.populations["grid"][index]
+    net.save(tmp_path / "saved.yaml")
+    assert neuro.load(tmp_path / "saved.yaml") == net
+
+
+def test_many_ids_go_to_a_file(tmp_path):
+    net = neuro.Network()
+    exc = net.population("exc", 1000, neuro.iaf_psc_exp())
+    net.probe("v", exc[np.arange(1000) % 3 == 1], "V_m")
+    net.save(tmp_path / "net.yaml")
+    assert "v: {of: {exc: {file: net.h5, key: v.of}}, record: V_m}" in (tmp_path / "net.yaml").read_text()
+    assert neuro.load(tmp_path / "net.yaml") == net
+
+
+def test_a_saved_view_is_read_by_people(tmp_path):
+    load(tmp_path, source='{exc: "0:5"}', target='{grid: "0:4, -1"}', of="{exc: [3, 5]}").save(tmp_path / "saved.yaml")
+    lines = (tmp_path / "saved.yaml").read_text()
+    assert 'wires: {from: {exc: ":5"}, to: {grid: ":, 2"}, rule: all_to_all' in lines
+    assert "v: {of: {exc: [3, 5]}, record: V_m}" in lines
+
+
+def test_an_index_may_be_a_parameter(tmp_path):
+    file = tmp_path / "net.yaml"
+    file.write_text("parameters: {seen: ':4'}\n" + NETWORK.format(source="exc", target="grid", of="{exc: $seen}"))
+    assert repr(neuro.load(file).probes["v"].view) == "exc[:4]"
+    assert len(neuro.load(file, {"seen": [1, 2]}).probes["v"].view) == 2
+
+
+MISTAKES = {
+    '{exc: "0:50"}': "8:17: probe 'v': of: exc[0:50]: found 50: expected -10 to 10",
+    '{exx: "0:5"}': "8:12: probe 'v': of: unknown population 'exx'\n  hint: did you mean 'exc'?",
+    '{exc: "0-5"}': (
+        "8:17: probe 'v': of: exc: found '0-5': expected a number or begin:end:step for each axis\n"
+        '  hint: write "0:100" or "2:4, :"'
+    ),
+    '{exc: "5:5"}': "8:17: probe 'v': of: exc[5:5] chooses no neuron: expected at least one",
+    '{exc: "1, 2"}': "8:17: probe 'v': of: exc[1, 2]: found 2 indices: expected at most 1, one for each axis",
+    "{exc: 12}": "8:17: probe 'v': of: exc[12]: found 12: expected -10 to 9",
+    "{exc: [1, 1]}": "8:17: probe 'v': of: exc[[1, 1]] chooses neuron 1 more than once: expected each once",
+    "{exc: [1, 20]}": "8:17: probe 'v': of: exc[[1, 20]]: found 20: expected -10 to 9",
+    "{exc: [-1]}": "8:17: probe 'v': of: exc[0] = -1: expected whole numbers >= 0",
+    "{exc: 1.5}": "8:17: probe 'v': of: exc: found 1.5: expected an index such as \"0:100\", or a list of ids",
+    "{exc: true}": "8:17: probe 'v': of: exc: found true: expected an index such as \"0:100\", or a list of ids",
+    "{exc: }": "8:12: probe 'v': of: exc: found nothing: expected an index such as \"0:100\", or a list of ids",
+    "{exc: {file: x.npy}}": (
+        "8:24: probe 'v': of: no file 'x.npy' beside the description\n  hint: did you mean 'ids.npy'?"
+    ),
+    '{grid: "2:5, :"}': "8:18: probe 'v': of: grid[2:5, :]: axis 0: found 5: expected -4 to 4",
+    "{exc: 1, grid: 1}": "8:11: probe 'v': of: found {exc: 1, grid: 1}: expected a name, or {name: index}",
+    "[exc]": "8:11: probe 'v': of = [exc]: expected a name",
+}
+
+
+@pytest.mark.parametrize("written", MISTAKES)
+def test_mistakes(tmp_path, written):
+    with pytest.raises(ModelError) as error:
+        load(tmp_path, of=written)
+    assert str(error.value) == f"{tmp_path / 'net.yaml'}:{MISTAKES[written]}"
+
+
+def test_mistakes_of_ends(tmp_path):
+    for word in ("source", "target"):
+        with pytest.raises(ModelError) as error:
+            load(tmp_path, **{word: '{exc: ":11"}'})
+        role, column = ("from", 23) if word == "source" else ("to", 32)
+        place = f"{tmp_path / 'net.yaml'}:6:{column}"
+        assert str(error.value) == f"{place}: projection 'wires': {role}: exc[:11]: found 11: expected -10 to 10"
+
+
+def test_the_schema_takes_what_the_loader_takes():
+    validator = pytest.importorskip("jsonschema").Draft202012Validator(schema())
+    part = {"model": "iaf_psc_exp", "shape": [10]}
+    for index in ("0:5", "::2", "2:4, :", "1 , -1", 7, [0, 5], {"file": "ids.npy"}, "$seen"):
+        net = {"populations": {"exc": part}, "probes": {"v": {"of": {"exc": index}}}}
+        assert validator.is_valid(net), json.dumps(index)
+    for index in ("0-5", 1.5, [], [-1], "a:b", True, None):
+        net = {"populations": {"exc": part}, "probes": {"v": {"of": {"exc": index}}}}
+        assert not validator.is_valid(net), json.dumps(index)

@@ -1,0 +1,338 @@
+"""Views: neurons of a population by an index, wherever neurons are named."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import neuro
+from neuro import ModelError
+from neuro.compiler import compile_network
+from neuro.extend import Rule
+from neuro.model.network import Network
+from neuro.model.parts import Population
+from neuro.testing.case import differences, observe
+from neuro.testing.strategies import views
+
+SETTINGS = settings(max_examples=60, deadline=None, derandomize=True)
+FLOATS = ("reference", "event")
+
+
+def row(n: int = 10, name: str = "exc") -> Population:
+    return Network().population(name, n, neuro.iaf_psc_exp())
+
+
+def sheet(*shape: int | str) -> Population:
+    return Network().population("grid", shape, neuro.iaf_psc_exp())
+
+
+def told(call, *args, **words) -> str:
+    with pytest.raises(ModelError) as error:
+        call(*args, **words)
+    return str(error.value)
+
+
+def message(call, *args, **words) -> str:
+    """The message without the place of the caller."""
+    return told(call, *args, **words).partition(".py:")[2].partition(": ")[2]
+
+
+# what an index chooses
+
+
+@given(st.data())
+@SETTINGS
+def test_an_index_is_that_of_numpy(data):
+    shape = tuple(data.draw(st.lists(st.integers(1, 5), min_size=1, max_size=3)))
+    part = sheet(*shape)
+    table = np.arange(len(part)).reshape(shape)
+
+    def item(n):
+        bound = st.none() | st.integers(-n, n)
+        return st.integers(-n, n - 1) | st.builds(slice, bound, bound, st.sampled_from([None, 1, 2, 3, -1, -2]))
+
+    index = data.draw(st.tuples(*(item(n) for n in shape[: data.draw(st.integers(1, len(shape)))])))
+    expected = table[index]
+    if expected.size == 0:
+        assert "chooses no neuron: expected at least one" in told(part.__getitem__, index)
+        return
+    found = part[index]
+    assert found.ids.tolist() == expected.reshape(-1).tolist()
+    assert found.shape == (expected.shape or (1,))
+    assert len(found) == expected.size
+    assert [one.ids.tolist() for one in found] == [[neuron] for neuron in found.ids]
+    assert eval(repr(found), {"grid": part}) == found
+
+
+@given(st.data())
+@SETTINGS
+def test_a_view_of_a_view_is_one_of_the_population(data):
+    part = row(data.draw(st.integers(1, 12)))
+    first = data.draw(views(part))
+    inner = data.draw(views(row(len(first))))
+    index = inner.index
+    found = first[index[0] if isinstance(index, tuple) else index]
+    assert found.ids.tolist() == first.ids[inner.ids].tolist()
+    assert found.population is part
+
+
+def test_axes_of_a_view_are_those_of_its_index():
+    part = sheet(3, 4, 5)
+    assert part[1:, 2, ::2].shape == (2, 3)
+    assert repr(part[1:, 2, ::2][0]) == "grid[1, 2, ::2]"
+    assert repr(part[..., -1][1:, ::-1]) == "grid[1:, ::-1, 4]"
+    assert repr(part[0, 1, 2][0]) == "grid[0, 1, 2]"
+    assert repr(part[1][[0, 7]]) == "grid[[20, 27]]"
+
+
+def test_views_are_told_shortly():
+    part = row(100)
+    assert [repr(part[index]) for index in (slice(None, 7), -1, [3, 5], slice(None), slice(90, 5, -7))] == [
+        *("exc[:7]", "exc[99]", "exc[[3, 5]]", "exc[:]", "exc[90::-7]"),
+    ]
+    assert repr(part[np.arange(40, 60)[::-1]]) == "exc[[59, 58, 57, 56, 55, ..., 40]]"
+
+
+def test_views_of_the_same_neurons_are_equal():
+    part = row()
+    assert part[:3] == part[[0, 1, 2]] == part[0:3:1] == part[np.arange(10) < 3] == part[:5][:3]
+    assert part[:3] != part[2::-1]
+    assert part[:3] != row(10, "inh")[:3]
+    assert part[:3] != [0, 1, 2]
+
+
+def test_a_shape_that_follows_is_resolved_when_compiled():
+    net = Network(resolution=1.0)
+    net.population("sheet", (6, 6), neuro.poisson_generator(rate=100.0))
+    maps = net.population("maps", (2, "auto", "auto"), neuro.iaf_psc_exp())
+    out = net.population("out", 2, neuro.iaf_psc_exp())
+    net.connect("sheet", "maps", neuro.grid(kernel=(3, 3)), weight=100.0)
+    net.connect(maps[1, -1, :2], out, neuro.one_to_one(), name="last")
+    hint = "\n  hint: write the numbers, or index the population itself with a number or a slice for each axis"
+    follows = "the shape [2, auto, auto] of 'maps' follows when it is compiled: expected numbers" + hint
+    assert told(len, maps) == f"'maps': {follows}"
+    assert told(maps.__getitem__, [1]) == f"maps[[1]]: {follows}"
+    assert told(len, maps[1, :, :2]) == f"maps[1, :, :2]: {follows}"
+    assert maps[1, -1] == maps[1, -1] != maps[1, 3]
+    sim = neuro.compile(net)
+    assert sim.weights("last")[0].tolist() == [28, 29]
+    assert sim.get(maps[0, 3], "V_m").shape == (4,)
+    assert told(sim.get, maps[:, 4], "V_m") == "maps[:, 4, :]: axis 1: found 4: expected -4 to 3"
+
+
+@pytest.mark.parametrize(
+    ("index", "expected"),
+    [
+        (10, "exc[10]: found 10: expected -10 to 9"),
+        (slice(0, 11), "exc[0:11]: found 11: expected -10 to 10"),
+        (slice(-11, None), "exc[-11:]: found -11: expected -10 to 10"),
+        (slice(5, 5), "exc[5:5] chooses no neuron: expected at least one"),
+        (slice(None, None, 0), "exc[::0]: found a step of 0: expected another number"),
+        (slice(0.5, None), "exc[0.5:]: found 0.5: expected a number or a slice"),
+        ("a", "exc['a']: found 'a': expected a number or a slice"),
+        (True, "exc[true]: found true: expected a number or a slice"),
+        (None, "exc[None]: found None: expected a number or a slice"),
+        ((0, 1), "exc[0, 1]: found 2 indices: expected at most 1, one for each axis"),
+        ([], "exc[[]] chooses no neuron: expected at least one"),
+        ([3, 5, 3], "exc[[3, 5, 3]] chooses neuron 3 more than once: expected each once"),
+        ([9, -1], "exc[[9, -1]] chooses neuron 9 more than once: expected each once"),
+        ([3, 10], "exc[[3, 10]]: found 10: expected -10 to 9"),
+        ([0.5], "exc[...]: found an array of float64 of shape [1]: expected a list of whole numbers, or a mask"),
+        ([[1], [2, 3]], "exc[...]: found an array of object of shape [2]: expected a list of whole numbers, or a mask"),
+        (np.zeros(10, bool), "exc[[]] chooses no neuron: expected at least one"),
+        (np.ones(9, bool), "exc[mask]: a mask of shape [9]: expected [10]"),
+    ],
+    ids=str,
+)
+def test_an_index_that_chooses_nothing_is_refused(index, expected):
+    assert told(row().__getitem__, index) == expected
+
+
+def test_a_list_on_an_axis_is_refused():
+    assert told(sheet(3, 4).__getitem__, ([0, 1], slice(None))) == (
+        "grid[[0, 1], :]: axis 0: found [0, 1]: expected a number or a slice\n"
+        "  hint: a list of ids or a mask of the population's shape stands alone"
+    )
+
+
+# connections
+
+
+def ends(net: Network, name: str = "wires", seed: int = 3) -> list[tuple[int, int]]:
+    """The pairs of a projection."""
+    program = compile_network(net, seed)
+    index = [part.name for part in program.projections].index(name)
+    return list(zip(*(ids.tolist() for ids in program.connections(index)), strict=True))
+
+
+def rules():
+    n = st.integers(1, 3)
+    return st.one_of(
+        st.just(neuro.all_to_all()),
+        st.builds(neuro.pairwise_bernoulli, p=st.floats(0.0, 1.0)),
+        st.builds(neuro.fixed_indegree, n=n),
+        st.builds(neuro.fixed_outdegree, n=n),
+    )
+
+
+@given(data=st.data(), rule=rules())
+@SETTINGS
+def test_a_rule_sees_views_as_populations_of_their_own(data, rule):
+    """What is drawn between views is what is drawn between populations of their sizes, weight by weight."""
+    weight, delay = neuro.normal(mean=1.0, std=1.0), neuro.uniform(low=0.1, high=3.0)
+    whole, small = Network(), Network()
+    pre, post = (whole.population(name, 9, neuro.iaf_psc_exp()) for name in ("a", "b"))
+    source, target = data.draw(views(pre)), data.draw(views(post))
+    whole.connect(source, target, rule, weight=weight, delay=delay, name="wires")
+    for name, view in (("a", source), ("b", target)):
+        small.population(name, len(view), neuro.iaf_psc_exp())
+    small.connect("a", "b", rule, weight=weight, delay=delay, name="wires")
+    expected = [(int(source.ids[i]), int(target.ids[j])) for i, j in ends(small)]
+    assert ends(whole) == sorted(expected)
+    program, other = (compile_network(net, 3).projections[0] for net in (whole, small))
+    assert np.array_equal(program.weight, other.weight)
+    assert np.array_equal(program.delay, other.delay)
+
+
+@given(data=st.data(), kind=st.sampled_from(["all", "into", "out", "chance"]), repeats=st.booleans())
+@SETTINGS
+def test_autapses_of_overlapping_views(data, kind, repeats):
+    """Without autapses no neuron reaches itself, and all else is as the rule says."""
+    net = Network()
+    cells = net.population("cells", 9, neuro.iaf_psc_exp())
+    source, target = data.draw(views(cells)), data.draw(views(cells))
+    among_source, among_target = set(source.ids.tolist()), set(target.ids.tolist())
+    n = {"multapses": repeats, "autapses": False}
+    rule = {
+        "all": neuro.all_to_all(autapses=False),
+        "into": neuro.fixed_indegree(n=2, **n),
+        "out": neuro.fixed_outdegree(n=2, **n),
+        "chance": neuro.pairwise_bernoulli(p=1.0, autapses=False),
+    }[kind]
+    net.connect(source, target, rule, name="wires")
+    each, among = (among_target, among_source) if kind == "into" else (among_source, among_target)
+    least = min(len(among - {neuron}) for neuron in each)
+    if kind in ("into", "out") and least < (1 if repeats else 2):
+        assert f"expected at most {least}, as many as there are" in told(compile_network, net, 0)
+        return
+    found = ends(net)
+    assert found == sorted(found)
+    assert all(pre != post and pre in among_source and post in among_target for pre, post in found)
+    if kind in ("all", "chance"):
+        assert found == [(i, j) for i in sorted(among_source) for j in sorted(among_target) if i != j]
+    else:
+        one = 1 if kind == "into" else 0
+        assert sorted(pair[one] for pair in found) == sorted(list(each) * 2)
+        assert repeats or len(set(found)) == len(found)
+
+
+@given(st.data())
+@SETTINGS
+def test_arrays_have_the_shapes_of_the_views(data):
+    net = Network()
+    cells, other = net.population("cells", 8, neuro.iaf_psc_exp()), net.population("other", 8, neuro.iaf_psc_exp())
+    source, target = data.draw(views(cells)), data.draw(views(data.draw(st.sampled_from([cells, other]))))
+    autapses = data.draw(st.booleans())
+    weight = np.arange(1.0, 1.0 + len(source) * len(target)).reshape(len(source), len(target))
+    net.connect(source, target, neuro.all_to_all(autapses=autapses), weight=weight, delay=0.1 * weight, name="wires")
+    pre, post, found, late = neuro.compile(net, "reference").weights("wires", delays=True)
+    table = np.zeros((8, 8))
+    table[np.ix_(source.ids, target.ids)] = weight
+    if target.population is cells and not autapses:
+        np.fill_diagonal(table, 0.0)
+    expected = np.zeros((8, 8))
+    expected[pre, post] = found
+    assert np.array_equal(expected, table)
+    assert np.allclose(late, 0.1 * found)
+
+
+@pytest.mark.parametrize("backend", FLOATS)
+def test_views_equal_listed_pairs(backend):
+    """A network of views runs as the same one with its pairs listed by hand."""
+    found = []
+    for by_hand in (False, True):
+        net = Network("n")
+        cells = net.population(
+            "cells", (2, 6), neuro.iaf_psc_exp(I_e=400.0), initial={"V_m": neuro.uniform(low=-70, high=-56)}
+        )
+        weight = np.linspace(-100.0, 300.0, 12).reshape(4, 3)
+        if by_hand:
+            pre, post = np.repeat([1, 3, 5, 0], 3), np.tile([11, 9, 7], 4)
+            net.connect(cells, cells, neuro.pairs(pre=pre, post=post), weight=weight.reshape(-1), name="wires")
+            net.connect(cells, cells, neuro.pairs(pre=[0, 1], post=[1, 0]), neuro.stdp(), weight=0.5, name="learns")
+        else:
+            net.connect(cells[[1, 3, 5, 0]], cells[1, ::-2], neuro.all_to_all(), weight=weight, name="wires")
+            some = cells[0, :2]
+            net.connect(some, some, neuro.all_to_all(autapses=False), neuro.stdp(), weight=0.5, name="learns")
+        sim = neuro.compile(net, backend, seed=2)
+        sim.run(80.0)
+        found.append(observe(sim))
+    assert found[0]["spikes of cells: steps"].size > 20
+    assert differences(*found, exact=True) == []
+
+
+def test_a_whole_view_is_the_population():
+    net = Network()
+    cells = net.population("cells", (2, 3), neuro.iaf_psc_exp())
+    net.connect(cells[:], cells[:, :], neuro.all_to_all(), name="wires")
+    net.connect(cells[::-1], cells, neuro.one_to_one(), name="turned")
+    net.probe("v", cells[...], "V_m")
+    program = compile_network(net, 0)
+    assert [part.layout for part in program.projections] == ["dense", "csr"]
+    assert program.probes[0].ids is None
+
+
+def test_a_rule_of_ones_own_is_told_whether_its_ends_are_the_same():
+    seen = []
+
+    class noted(Rule):
+        def connect(self, source, target, same, rng):
+            seen.append((source, target, same))
+            return [0], [1]
+
+    net = Network()
+    cells = net.population("cells", (2, 4), neuro.iaf_psc_exp())
+    for name, pre, post in (("a", cells[1], cells[1]), ("b", cells[0], cells[1]), ("c", cells, cells)):
+        net.connect(pre, post, noted(), name=name)
+    program = compile_network(net, 0)
+    assert seen == [((4,), (4,), True), ((4,), (4,), False), ((2, 4), (2, 4), True)]
+    assert [program.connections(index)[1].tolist() for index in range(3)] == [[5], [5], [1]]
+
+
+def test_a_grid_connects_whole_populations():
+    net = Network()
+    sheet = net.population("sheet", (4, 4), neuro.iaf_psc_exp())
+    maps = net.population("maps", (2, 2, 2), neuro.iaf_psc_exp())
+    net.connect(sheet, maps[:1], neuro.grid(kernel=(3, 3)), name="wires")
+    assert message(compile_network, net, 0) == (
+        "projection 'wires': a grid to maps[:1, :, :]: expected the whole population\n"
+        "  hint: all_to_all and pairs connect views"
+    )
+
+
+def test_the_learnt_network_of_views():
+    net = Network()
+    cells = net.population("cells", 6, neuro.iaf_psc_exp(I_e=500.0))
+    net.connect(cells[:3], cells[3:], neuro.one_to_one(), weight=[1.0, 2.0, 3.0], name="wires")
+    net.probe("v", cells[[4, 1]], "V_m")
+    sim = neuro.compile(net)
+    sim.run(10.0)
+    learnt = sim.network()
+    assert learnt.probes["v"].view == cells[[4, 1]]
+    assert ends(learnt) == [(0, 3), (1, 4), (2, 5)]
+    again = neuro.compile(learnt)
+    again.run(10.0)
+    assert np.array_equal(again.trace("v")[1], sim.trace("v")[1])
+
+
+def test_parts_of_another_network_are_refused():
+    net, other = Network("here"), Network("there")
+    cells = net.population("cells", 3, neuro.iaf_psc_exp())
+    stranger = other.population("cells", 3, neuro.iaf_psc_exp())
+    alone = other.population("alone", 3, neuro.iaf_psc_exp())
+    told = "is a part of another network: expected one of 'here'"
+    for end in (stranger, stranger[:2]):
+        assert message(net.connect, cells, end, neuro.one_to_one(), name="w") == (
+            f"projection 'w': to: population 'cells' {told}\n  hint: 'cells' names the one here"
+        )
+    assert message(net.probe, "p", alone[1]).startswith("probe 'p': unknown population 'alone'")
