@@ -88,13 +88,17 @@ def kill(seconds: float) -> None:
     """Print what a kill loses."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "run.h5"
-        child = subprocess.Popen([sys.executable, __file__, "_run", str(path)], stdout=subprocess.PIPE, text=True)
-        assert child.stdout is not None
-        child.stdout.readline()
+        log = Path(folder) / "log"
+        with log.open("w") as told:
+            child = subprocess.Popen([sys.executable, __file__, "_run", str(path)], stdout=told)
+        while not log.read_text():
+            time.sleep(0.1)
         time.sleep(seconds)
         os.kill(child.pid, signal.SIGKILL)
         killed = time.time()
-        done = [tuple(map(float, line.split())) for line in child.stdout.read().splitlines() if len(line.split()) == 2]
+        child.wait()
+        lines = log.read_text().splitlines()
+        done = [(float(line.split()[0]), float(line.split()[1])) for line in lines[:-1]]
         results = neuro.results.read(f"{path}.part")
         written = max((wall for wall, ms in done if ms <= results.time), default=0.0)
         print(f"killed at {done[-1][1]:.0f} ms; the file has {results.time:.0f} ms: lost {killed - written:.2f} s")

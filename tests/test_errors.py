@@ -18,6 +18,8 @@ INSIDE = {
     ("Malformed", "neuro/events/formats/"): "of a packet; its reader tells it as Damage",
     ("ValueError", "neuro/events/formats/"): "of an array or a packet; its reader tells it as Damage",
     ("EOFError", "neuro/events/formats/"): "of an array or a packet that ends early; its reader tells it as Damage",
+    ("FileNotFoundError", "neuro/core/growing.py"): "as of the system; a recording tells it as Unwritable",
+    ("AttributeError", "neuro/files/stored.py"): "says that a field has no default, to Python of a dataclass",
     ("ValueError", "neuro/files/results.py"): "of a damaged file, beside those of h5py; read tells it as ModelError",
     ("OverflowError", "neuro/events/filters/_noise_kernel.py"): "a promise of a compiled kernel to its caller",
     ("PermissionError", "neuro/core/outputs.py"): "as of the system; _telling tells it as Unwritable",

@@ -61,11 +61,21 @@ if TYPE_CHECKING:
 
 FORMATS = ("neuro results 1", "neuro results 2")
 FORMAT = FORMATS[-1]
-KIND = Kind("a file of results", lambda path: _is_ours(path))
 SECTIONS = ("populations", "projections", "traces")
 YAML = "network.yaml"
 _LARGE = 10_000
 _COUNT = "counts."
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        with reading_grown(path) as file:
+            return file.attrs.get("format") in FORMATS
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError):
+        return False
+
+
+KIND = Kind("a file of results", _is_ours)
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,14 +331,6 @@ class Results:
         if name not in self.populations:
             raise unknown("population", name, self.populations)
         return name, None if view is None else view.within(self.populations[name].shape)[0]
-
-
-def _is_ours(path: Path) -> bool:
-    try:
-        with reading_grown(path) as file:
-            return file.attrs.get("format") in FORMATS
-    except (OSError, RuntimeError, KeyError, TypeError, ValueError):
-        return False
 
 
 def _name(of: Any) -> Any:
