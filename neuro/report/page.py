@@ -226,7 +226,7 @@ def _energy(results: Results, bill: Energy | None, reason: str, target: str) -> 
 def _next(results: Results, file: Path) -> Iterator[Html]:
     name, net = shlex.quote(str(file)), "net.yaml"
     again = f"net.yaml --for {results.duration_ms:g} --seed {results.about['seed']}"
-    read = f'from neuro.files import results\nresults.read("{file}").network().save("{net}")'
+    read = f'from neuro import results\nresults.read("{file}").network().save("{net}")'
     yield tag("h2", "What next")
     yield tag("p", "Pictures of it as files:")
     yield tag("pre", f"neuro plot {name}")
