@@ -510,6 +510,9 @@ def test_no_file_is_opened_for_writing_elsewhere():
     temporary = {"neuro/files/results.py", "neuro/events/formats/rosbag.py", "apps/neuro_recognise/parts/layers.py"}
     given = {
         "neuro/cli/compare.py",
+        "neuro/cli/example.py",
+        "neuro/cli/new.py",
+        "neuro/cli/report.py",
         "neuro/cli/events/frames.py",
         "neuro/model/language/writer.py",
         "apps/neuro_drone/watch.py",
