@@ -114,7 +114,7 @@ def test_a_simulation_is_drawn_as_its_results(sim):
             for word in ("neurons", "times_ms", "ids", "window"):
                 assert np.array_equal(getattr(mine, word), getattr(theirs, word)), word
     mine, theirs = recorded(sim).trace("v"), recorded(left).trace("v")
-    assert (mine.population, mine.state, mine.unit) == (theirs.population, theirs.state, theirs.unit)
+    assert (mine.of, mine.state, mine.unit) == (theirs.of, theirs.state, theirs.unit)
     assert np.array_equal(mine.values, theirs.values)
 
 
@@ -286,7 +286,7 @@ MISTAKES = {
     ),
     "an unknown kind": (
         lambda sim: plots.weights(sim, "in_out", "matirx"),
-        "kind = 'matirx': expected one of histogram, matrix\n  hint: did you mean 'matrix'?",
+        "kind = 'matirx': expected one of histogram, matrix, time\n  hint: did you mean 'matrix'?",
     ),
 }
 

@@ -48,7 +48,7 @@ class Growing(io.RawIOBase):
             fcntl.flock(self._disk, fcntl.LOCK_EX | fcntl.LOCK_NB)
             os.ftruncate(self._disk, 0)
         except OSError:
-            os.close(self._disk)
+            self.close()
             raise
         self._at = self._size = self._committed = 0
         self._pages: dict[int, bytearray] = {}
@@ -151,52 +151,94 @@ class Growing(io.RawIOBase):
         super().close()
 
 
-class _Recovered(io.FileIO):
-    """A file whose last commit was cut short, with the pages that were to be put in their places."""
+class Grown:
+    """An HDF5 file to read, of `Growing` or any other; where another takes its name it stays this one.
 
-    def __init__(self, path: Path, pages: dict[int, bytes], size: int) -> None:
-        super().__init__(path, "rb")
-        self._pages, self._size = pages, size
+    Args:
+        path: of the file.
 
-    def readinto(self, buffer: Any) -> int:
-        """Read, with the pages in their places."""
-        at, view = self.tell(), memoryview(buffer).cast("B")
-        n = super().readinto(view) or 0
-        _patch(view[:n], at, self._pages)
-        return n
+    Raises:
+        OSError: it cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._disk = os.open(path, os.O_RDONLY)
+
+    def __del__(self) -> None:
+        if hasattr(self, "_disk"):
+            os.close(self._disk)
+
+    @contextmanager
+    def reading(self) -> Iterator[Any]:
+        """What is in it as of the last commit.
+
+        Raises:
+            OSError: it is no HDF5 file, or cannot be read.
+        """
+        import h5py
+
+        with _Committed(self._disk) as disk, h5py.File(disk, "r") as file:
+            yield file
 
 
 @contextmanager
 def reading_grown(path: Path) -> Iterator[Any]:
-    """An HDF5 file to read, as of its last commit if it was written by `Growing`.
+    """Likewise of a file that need not be held.
 
     Raises:
         OSError: it is no HDF5 file, or cannot be read.
     """
-    import h5py
-
-    pages, size = _held_pages(path)
-    if not pages:
-        with h5py.File(path, "r", locking=False) as file:  # who writes it holds the lock
-            yield file
-        return
-    with _Recovered(path, pages, size) as disk, h5py.File(disk, "r") as file:
+    with Grown(path).reading() as file:
         yield file
 
 
-def _held_pages(path: Path) -> tuple[dict[int, bytes], int]:
-    """The pages of a commit that was cut short, by number, and where they begin; none where there was none."""
-    with path.open("rb") as file:
-        end = file.seek(0, os.SEEK_END)
-        file.seek(max(0, end - _MARK.size))
-        tail = file.read()
-        if len(tail) < _MARK.size or not tail.startswith(_WORD):
-            return {}, 0
-        _, begin, length, checksum = _MARK.unpack(tail)
-        file.seek(begin)
-        data = file.read(length)
-    if len(data) < length or zlib.crc32(data) != checksum:
-        return {}, 0
+class _Committed(io.RawIOBase):
+    """A file to read; where its last commit was cut short, with the pages that were to be put in their places."""
+
+    def __init__(self, disk: int) -> None:
+        super().__init__()
+        self._disk, self._at = disk, 0
+        self._pages, self._size = _held_pages(disk)
+
+    def readable(self) -> bool:
+        """It can be read."""
+        return True
+
+    def seekable(self) -> bool:
+        """It can."""
+        return True
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Go to a place."""
+        self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
+        return self._at
+
+    def tell(self) -> int:
+        """The present place."""
+        return self._at
+
+    def readinto(self, buffer: Any) -> int:
+        """Read, with the pages in their places."""
+        view = memoryview(buffer).cast("B")
+        n = max(0, min(view.nbytes, self._size - self._at))
+        view[:n] = _read(self._disk, self._at, n)
+        _patch(view[:n], self._at, self._pages)
+        self._at += n
+        return n
+
+
+def _held_pages(disk: int) -> tuple[dict[int, bytes], int]:
+    """The pages of a commit that was cut short, by number, and where they begin; else none, and the end of the file."""
+    end = os.fstat(disk).st_size
+    tail = os.pread(disk, _MARK.size, max(0, end - _MARK.size))
+    if len(tail) < _MARK.size or not tail.startswith(_WORD):
+        return {}, end
+    _, begin, length, checksum = _MARK.unpack(tail)
+    if begin + length > end:
+        return {}, end
+    data = _read(disk, begin, length)
+    if zlib.crc32(data) != checksum:
+        return {}, end
     pages, at = {}, 0
     while at < length:
         place, n = _HEAD.unpack_from(data, at)

@@ -31,7 +31,6 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -41,7 +40,7 @@ import numpy as np
 
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError, unknown
-from neuro.core.growing import reading_grown
+from neuro.core.growing import Grown, reading_grown
 from neuro.core.hdf5 import new_file
 from neuro.core.outputs import Kind
 from neuro.core.paths import existing
@@ -370,9 +369,10 @@ def read(path: str | PathLike[str]) -> Results:
         raise ModelError(f"{path}: there is no such file", hint=hint)
     path = existing(path)
     try:
-        with reading_grown(path) as file:
+        held = Grown(path)
+        with held.reading() as file:
             if file.attrs.get("format") in FORMATS:
-                return read_file(file, partial(reading_grown, path))
+                return read_file(file, held.reading)
     except OSError:
         pass
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -424,7 +424,7 @@ def _read_part(kind: type[P], group: h5py.Group, opener: Opener) -> P:
     words: dict[str, Any] = {
         field.name: _plain(group.attrs[field.name]) for field in fields(kind) if field.name in group.attrs
     }
-    words |= {name: Stored(opener, f"{group.name}/{name}") for name in group}
+    words |= {name: Stored(opener, f"{group.name}/{name}", len(data)) for name, data in group.items()}
     if any(field.name == "counts" for field in fields(kind)):
         counts = {name: value for name, value in group.attrs.items() if name.startswith(_COUNT)}
         words["counts"] = {name.removeprefix(_COUNT): int(value) for name, value in counts.items()}

@@ -18,10 +18,15 @@ class Stored:
     Args:
         opener: gives the open file.
         name: of the data set.
+        length: what comes after so many entries, as in a file that grows, is not seen, so that arrays of one part fit.
     """
 
-    def __init__(self, opener: Opener, name: str) -> None:
-        self._opener, self._name = opener, name
+    def __init__(self, opener: Opener, name: str, length: int) -> None:
+        self._opener, self._name, self._length = opener, name, length
+
+    def read(self) -> Any:
+        """All of it."""
+        return self[: self._length]
 
     def __getitem__(self, where: Any) -> Any:
         with self._opener() as file:
@@ -31,7 +36,7 @@ class Stored:
         """Where those of ascending numbers lie that are in after < x <= to; few of them are read."""
         with self._opener() as file:
             data = file[self._name]
-            return slice(_first_above(data, after), _first_above(data, to))
+            return slice(*(_first_above(data, bound, self._length) for bound in (after, to)))
 
 
 def span(times: Any, after: float, to: float) -> slice:
@@ -41,8 +46,8 @@ def span(times: Any, after: float, to: float) -> slice:
     return slice(*(int(np.searchsorted(times, bound, side="right")) for bound in (after, to)))
 
 
-def _first_above(data: Any, bound: float) -> int:
-    low, high = 0, int(data.shape[0])
+def _first_above(data: Any, bound: float, length: int) -> int:
+    low, high = 0, length
     if not high or data[high - 1] <= bound:
         return high
     while low < high:
@@ -67,7 +72,7 @@ class Lazy:
             return self._default
         value = vars(part)[self._name]
         if isinstance(value, Stored):
-            value = vars(part)[self._name] = value[()]
+            value = vars(part)[self._name] = value.read()
         return value
 
     def __set__(self, part: Any, value: Any) -> None:
