@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -54,6 +55,17 @@ def nest() -> None:
     """NEST, where there is one: its wheels are for Linux only."""
     if find_spec("nest") is None:
         pytest.skip("NEST is not installed: pip install nest-simulator")
+
+
+@pytest.fixture
+def own_nest(nest: None) -> Iterator[Any]:
+    """NEST for a network of its own, which is gone afterwards: a process has one."""
+    import nest as simulator
+
+    simulator.ResetKernel()
+    simulator.verbosity = simulator.VerbosityLevel.ERROR
+    yield simulator
+    simulator.ResetKernel()
 
 
 @pytest.fixture(scope="session")

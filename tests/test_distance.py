@@ -177,17 +177,14 @@ def test_delays_of_distance_are_at_least_one_step():
 
 @pytest.mark.parametrize("periodic", [False, True])
 @pytest.mark.parametrize("mask", [{"circular": {"radius": 0.31}}, {"circular": {"radius": 0.27}}])
-def test_nest_makes_the_same_pairs(nest, mask: dict, periodic: bool):
-    import nest as simulator
-
-    simulator.ResetKernel()
+def test_nest_makes_the_same_pairs(own_nest, mask: dict, periodic: bool):
     places = space_of(population(SHEET), (12, 15)).places.tolist()
-    layer = simulator.Create(
-        "iaf_psc_exp", positions=simulator.spatial.free(places, extent=[1.2, 1.5], edge_wrap=periodic)
+    layer = own_nest.Create(
+        "iaf_psc_exp", positions=own_nest.spatial.free(places, extent=[1.2, 1.5], edge_wrap=periodic)
     )
-    delay = 0.5 + 2.0 * simulator.spatial.distance
-    simulator.Connect(layer, layer, {"rule": "pairwise_bernoulli", "p": 1.0, "mask": mask}, {"delay": delay})
-    made = simulator.GetConnections()
+    delay = 0.5 + 2.0 * own_nest.spatial.distance
+    own_nest.Connect(layer, layer, {"rule": "pairwise_bernoulli", "p": 1.0, "mask": mask}, {"delay": delay})
+    made = own_nest.GetConnections()
     theirs = sorted(zip(made.source, made.target, made.delay, strict=True))
     rule = neuro.distance_dependent(mask=neuro.circular(**mask["circular"]))
     part = compiled(rule, {**SHEET, "periodic": periodic}, delay=neuro.of_distance(neuro.linear(c=0.5, a=2.0)))

@@ -1,7 +1,6 @@
 """The first hour of who comes from NEST: our script does what the one for NEST does, and is no longer."""
 
 import runpy
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -66,13 +65,8 @@ def test_all_is_there_at_its_end(run):
     assert all(Path(name).read_bytes().startswith(b"\x89PNG") for name in ("glance.png", "weights.png"))
 
 
-@pytest.mark.skipif(not find_spec("nest"), reason="NEST is not installed")
-def test_the_network_does_what_that_of_nest_does(run):
-    import nest
-
-    nest.ResetKernel()
-    nest.verbosity = nest.VerbosityLevel.ERROR
-    there = {"nest": nest}
+def test_the_network_does_what_that_of_nest_does(run, own_nest):
+    there = {"nest": own_nest}
     exec(NEST, there)
     theirs = there["times"][there["times"] > 100.0].size
     assert run["times"].size == pytest.approx(theirs, rel=0.15)

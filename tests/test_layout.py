@@ -77,7 +77,13 @@ def test_few_modules_stand_directly_in_the_package():
 
 
 def test_every_room_has_its_place_in_the_order():
-    assert {room(name) for name in MODULES if name.startswith("neuro.")} <= {*LAYERS, "apps", "extend", "results", "__main__"}
+    assert {room(name) for name in MODULES if name.startswith("neuro.")} <= {
+        *LAYERS,
+        "apps",
+        "extend",
+        "results",
+        "__main__",
+    }
 
 
 @pytest.mark.parametrize("module", [name for name in MODULES if name.startswith("neuro.") and room(name) in LAYERS])

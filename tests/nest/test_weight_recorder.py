@@ -31,6 +31,7 @@ def of_nest():
     senders, targets = events["senders"] - parrots[0].global_id, events["targets"] - cells[0].global_id
     steps = np.rint(events["times"] * 10.0).astype(int)
     order = np.lexsort((targets, senders, steps))
+    nest.ResetKernel()
     return steps[order], senders[order], targets[order], events["weights"][order]
 
 
