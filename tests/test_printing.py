@@ -205,7 +205,7 @@ def test_results(sim):
     assert head == repr(results) == "Results('two', backend='reference', duration=50 ms)"
     assert rows == [
         *ROWS,
-        ["name", "of", "state", "neurons", "times"],
+        ["name", "of", "state", "columns", "times"],
         ["v", "out", "V_m", "6", "50"],
     ]
 
