@@ -5,12 +5,6 @@ import pytest
 import neuro
 
 CASES = [
-    (neuro.stdp(), "weight", "stdp.weight of 'x' is set for each synapse\n  hint: sim.set_weights('x', ...) sets it"),
-    (
-        neuro.static(),
-        "weight",
-        "static.weight of 'x' is set for each synapse\n  hint: sim.set_weights('x', ...) sets it",
-    ),
     (neuro.stdp(), "delay", "stdp.delay of 'x' is fixed: change the network and compile again"),
     (
         neuro.stddp(),

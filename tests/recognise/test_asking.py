@@ -59,7 +59,9 @@ def test_a_network_is_compiled_once(letters, model, monkeypatch):
     compile_ = neuro.compile
     monkeypatch.setattr(neuro, "compile", lambda *args, **words: compiled.append(1) or compile_(*args, **words))
     again = Recogniser(model.method, model.classes, model.learnt)
-    ask = [again._ask(again.learnt, backend) for backend in ("event", "event", "reference", "event")]
+    ask = [
+        again._ready.asker(again.method, again.learnt, backend) for backend in ("event", "event", "reference", "event")
+    ]
     assert ask[0] is ask[1] is ask[3]
     assert len(compiled) == 2
     assert same(ask[0](letters), model.method.answer(model.learnt, letters))
@@ -71,5 +73,5 @@ def test_few_are_kept_and_copies_begin_anew(model):
     made = [ready.asker(model.method, one, "event") for one in learnt]
     assert all(ready.asker(model.method, one, "event") is ask for one, ask in zip(learnt[1:], made[1:], strict=True))
     assert ready.asker(model.method, learnt[0], "event") is not made[0]
-    model._ask(model.learnt, "event")
+    model._ready.asker(model.method, model.learnt, "event")
     assert pickle.loads(pickle.dumps(model)).classes == model.classes
