@@ -526,4 +526,4 @@ def test_no_file_is_opened_for_writing_elsewhere():
     assert found == {"neuro/core/outputs.py"} | formats | temporary | given | cache | memory
 
 
-FORMATS = ("evt2", "evt3", "event_stream", "aedat2", "dat", "nmnist", "table", "npz")
+FORMATS = ("_aedat4_write", "evt2", "evt3", "event_stream", "aedat2", "dat", "nmnist", "table", "npz")

@@ -15,7 +15,7 @@ from neuro.cli.options import Backend, NetworkFile, Seed, Set, Threads, assignme
 
 if TYPE_CHECKING:
     from neuro.core.progress import Bar
-    from neuro.files.results import Results
+    from neuro.files.results import Results, Trace
     from neuro.model.network import Network
     from neuro.run.simulation import Simulation
 
@@ -145,7 +145,7 @@ def report(results: Results, out: Path) -> None:
         typer.echo(f"left out the static weights of {', '.join(left_out)}; --all-weights keeps them")
     typer.echo(f"{out}: {results.duration_ms:g} ms")
     if any(part.recorded for part in results.populations.values()) or results.traces:
-        typer.echo(f"next: neuro plot {shlex.quote(str(out))}")
+        typer.echo(f"next: neuro plot {shlex.quote(str(out))}, or neuro report {shlex.quote(str(out))}")
 
 
 def rates(results: Results) -> Iterator[tuple[str, ...]]:
@@ -169,11 +169,18 @@ def recorded(results: Results) -> str:
     """What was recorded, in a line."""
     spikes = [name for name, part in results.populations.items() if part.recorded]
     told = [f"spikes of {', '.join(spikes)}"] if spikes else []
-    told += [
-        f"{name} ({part.state} of {some(part.values.shape[1], 'neuron')} at {some(part.times_ms.size, 'time')})"
-        for name, part in results.traces.items()
-    ]
+    told += [f"{name} ({what(part)})" for name, part in results.traces.items()]
     return f"recorded: {'; '.join(told) or 'nothing'}"
+
+
+def what(trace: Trace) -> str:
+    """What a probe recorded, in a few words."""
+    of, times = trace.projection or trace.population, some(trace.times_ms.size, "time")
+    if trace.at_pre_spikes:
+        return f"{trace.state} of {of} at {some(trace.times_ms.size, 'pre spike')}"
+    if trace.single:
+        return f"{'mean ' * trace.mean}{trace.state} of {of} at {times}"
+    return f"{trace.state} of {some(trace.columns, 'synapse' if trace.projection else 'neuron')} at {times}"
 
 
 def some(n: int, noun: str) -> str:

@@ -233,9 +233,8 @@ class _OfResults:
 
 def _trace(part: Any) -> Trace:
     """A trace of `neuro.files.results`."""
-    single = part.mean or part.state == "rate"
-    noun = "" if single else "synapse" if part.projection else "neuron"
-    columns = part.ids if part.ids is not None else np.arange(part.values.shape[1] if part.values.ndim > 1 else 0)
+    noun = "" if part.single else "synapse" if part.projection else "neuron"
+    columns = part.ids if part.ids is not None else np.arange(0 if part.at_pre_spikes else part.columns)
     words = (part.state, part.unit, noun, columns, part.times_ms, part.values)
     return Trace(part.projection or part.population, *words, part.pre, part.post)
 

@@ -158,13 +158,23 @@ class Trace:
     post: Lazy = Lazy(None)
 
     @property
+    def at_pre_spikes(self) -> bool:
+        """Whether it has what pre spikes leave in synapses."""
+        return bool(self.values.ndim == 1)
+
+    @property
+    def single(self) -> bool:
+        """Whether it is one number for all, a rate or a mean."""
+        return self.mean or self.state == "rate"
+
+    @property
     def columns(self) -> int:
         """How many neurons or synapses are recorded each time; at pre spikes one."""
-        return int(self.values.shape[1]) if self.values.ndim > 1 else 1
+        return 1 if self.at_pre_spikes else int(self.values.shape[1])
 
     def read(self) -> Any:
         """What `sim.trace` gives beside the times: the values, at pre spikes with the ends of the synapses, by name."""
-        if self.values.ndim == 1:
+        if self.at_pre_spikes:
             return {"pre": self.pre, "post": self.post, self.state: self.values}
         return self.values
 

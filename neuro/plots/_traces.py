@@ -14,6 +14,7 @@ from neuro.plots._canvas import COLOURS, given, label, legend, over_time, panels
 MOST_LINES = 6
 MOST_ROWS = 500
 MOST_TIMES = 4000
+FAINTEST = 0.02
 
 
 def trace(run: object, probe: Any = None, *, window: Any = None, ax: Any = None) -> Figure:
@@ -82,7 +83,8 @@ def _dots(axis: Any, found: Trace) -> None:
     assert found.post is not None
     ends, which = np.unique(np.stack([found.pre, found.post]), axis=1, return_inverse=True)
     if ends.shape[1] > MOST_LINES:
-        axis.plot(found.times_ms, found.values, ".", color=COLOURS[0], ms=2.0)
+        thin = max(FAINTEST, min(1.0, MOST_TIMES / found.values.size))
+        axis.plot(found.times_ms, found.values, ".", color=COLOURS[0], ms=2.0, mew=0.0, alpha=thin, rasterized=True)
         return
     for k, (pre, post) in enumerate(ends.T.tolist()):
         mine = which.ravel() == k

@@ -50,16 +50,26 @@ def end_ms(results: Results) -> float:
 
 def _trace(name: str, trace: Trace, last: float) -> Html:
     of, what = (trace.population, "neuron") if trace.population else (trace.projection, "synapse")
-    values = trace.values.reshape(trace.times_ms.size, -1)
+    x, values = _of_synapses(trace) if trace.at_pre_spikes else (trace.times_ms, trace.values)
     chosen = evenly(values.shape[1], MOST_LINES)
-    if trace.values.ndim == 1:
-        told = f"{trace.state} at each pre spike of {of}"
-    elif trace.mean or trace.state == "rate":
+    if trace.single:
         told = f"{'mean ' * trace.mean}{trace.state} of {of}"
     else:
         told = f"{trace.state} of {chosen.size:,} of {values.shape[1]:,} {what}s of {of}"
+        told += ", as pre spikes leave it" * trace.at_pre_spikes
     each = [values[:, column] for column in chosen]
-    return html.figure(curves(trace.times_ms, each, None, last, trace.unit, told), told, name)
+    return html.figure(curves(x, each, None, last, trace.unit, told), told, name)
+
+
+def _of_synapses(trace: Trace) -> tuple[Floats, Floats]:
+    """What pre spikes left, a column a synapse, of as many as are drawn; not a number where it had no pre spike."""
+    ends, which = np.unique(np.stack([trace.pre, trace.post]), axis=1, return_inverse=True)
+    drawn = evenly(ends.shape[1], MOST_LINES)
+    values = np.where(which.reshape(-1, 1) == np.arange(ends.shape[1])[None, drawn], trace.values[:, None], np.nan)
+    mine = np.isfinite(values).any(axis=1)
+    table = np.full((int(mine.sum()), ends.shape[1]), np.nan)
+    table[:, drawn] = values[mine]
+    return trace.times_ms[mine], table
 
 
 def _grid(drawn: Sequence[Html], there: int, what: str) -> Html:

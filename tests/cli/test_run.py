@@ -41,7 +41,7 @@ def test_the_table(neuro, network):
     assert answer.out.splitlines()[-3:] == [
         "recorded: spikes of exc, one; v (V_m of 8 neurons at 50 times); v_one (V_m of 1 neuron at 500 times)",
         "a.h5: 50 ms",
-        "next: neuro plot a.h5",
+        "next: neuro plot a.h5, or neuro report a.h5",
     ]
 
 
@@ -183,7 +183,7 @@ def test_independent_runs_under_mpirun(neuro, network, monkeypatch, words):
         answer = neuro("run", network, "--for", "1", "--out", f"{k}.h5")
         assert answer.status == 0
         assert re.fullmatch(TOOK.format(1), answer.err)
-        assert answer.out.endswith(f"{k}.h5: 1 ms\nnext: neuro plot {k}.h5\n")
+        assert answer.out.endswith(f"{k}.h5: 1 ms\nnext: neuro plot {k}.h5, or neuro report {k}.h5\n")
         assert Path(f"{k}.h5").exists()
         answer = neuro("check", "nope.yaml")
         assert (answer.status, answer.out) == (2, "")
@@ -218,3 +218,37 @@ def test_a_closed_stream_is_no_error(network, words):
     main = f'"{sys.executable}" -c "from neuro.cli import main; main()" {words}'
     done = subprocess.run(["sh", "-c", main], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+PROBED = """\
+neuro: 1
+populations:
+  noise: {model: {poisson_generator: {rate: 500.0}}, shape: 4}
+  cells: {model: iaf_psc_exp, shape: 3}
+projections:
+  into: {from: noise, to: cells, rule: all_to_all, weight: 400.0, synapse: {stdp: {Wmax: 900.0}}}
+probes:
+  both: {of: {cells: "0:2"}, record: [V_m, I_syn_ex], every: 1.0}
+  one: {of: {cells: 0}, record: V_m, every: 10.0}
+  mean: {of: cells, record: V_m, mean: true, every: 10.0}
+  rate: {of: cells, record: rate, every: 10.0}
+  w: {of: into, record: weight, every: 50.0}
+  sent: {of: into, record: weight, at: pre_spikes}
+"""
+
+
+def test_every_kind_of_probe_is_told_drawn_and_shown(neuro, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "probed.yaml").write_text(PROBED)
+    answer = neuro("run", "probed.yaml", "--for", "100", "--out", "out.h5")
+    assert answer.status == 0
+    (told,) = (line for line in answer.out.splitlines() if line.startswith("recorded:"))
+    sent = read("out.h5").trace("sent")[0].size
+    assert told == (
+        "recorded: spikes of noise, cells; both.V_m (V_m of 2 neurons at 100 times); both.I_syn_ex (I_syn_ex of 2 "
+        "neurons at 100 times); one (V_m of 1 neuron at 10 times); mean (mean V_m of cells at 10 times); "
+        f"rate (rate of cells at 10 times); w (weight of 12 synapses at 2 times); sent (weight of into at {sent} pre spikes)"
+    )
+    assert neuro("plot", "out.h5").status == 0
+    assert neuro("report", "out.h5").status == 0
+    assert "weight of 4 of 12 synapses of into, as pre spikes leave it" in (tmp_path / "out.html").read_text()
