@@ -77,10 +77,10 @@ class Trace:
     def within(self, window: Window) -> Trace:
         """What was recorded in a window, its begin and end included."""
         inside = slice(int(np.searchsorted(self.times_ms, window[0])), up_to(self.times_ms, window[1]))
-        ends = {"pre": self.pre, "post": self.post}
-        if self.pre is not None and self.post is not None and self.at_pre_spikes:
-            ends = {"pre": self.pre[inside], "post": self.post[inside]}
-        return replace(self, times_ms=self.times_ms[inside], values=self.values[inside], **ends)
+        pre, post = self.pre, self.post
+        if pre is not None and post is not None and self.at_pre_spikes:
+            pre, post = pre[inside], post[inside]
+        return replace(self, times_ms=self.times_ms[inside], values=self.values[inside], pre=pre, post=post)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

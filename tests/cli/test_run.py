@@ -247,7 +247,8 @@ def test_every_kind_of_probe_is_told_drawn_and_shown(neuro, tmp_path, monkeypatc
     assert told == (
         "recorded: spikes of noise, cells; both.V_m (V_m of 2 neurons at 100 times); both.I_syn_ex (I_syn_ex of 2 "
         "neurons at 100 times); one (V_m of 1 neuron at 10 times); mean (mean V_m of cells at 10 times); "
-        f"rate (rate of cells at 10 times); w (weight of 12 synapses at 2 times); sent (weight of into at {sent} pre spikes)"
+        "rate (rate of cells at 10 times); w (weight of 12 synapses at 2 times); "
+        f"sent (weight of into at {sent} pre spikes)"
     )
     assert neuro("plot", "out.h5").status == 0
     assert neuro("report", "out.h5").status == 0
