@@ -145,14 +145,17 @@ class Net:
         """The first node of source and target."""
         return self.cells[wires.part.source].first, self.cells[wires.part.target].first
 
-    def words(self, wires: Wires) -> dict[str, float]:
-        """The numbers of a synapse model in NEST's words, and the states in which its synapses start."""
+    def words(self, wires: Wires) -> dict[str, Any]:
+        """The numbers of a synapse model in NEST's words, and the states in which its synapses start.
+
+        Each is of all synapses, or has a value for each.
+        """
         elsewhere = {"deliver_interval", *OF_TARGET, *ALWAYS}
         numbers = self._numbers(wires)
         return {w: value for w, value in numbers.items() if w not in elsewhere} | wires.part.synapse.initial(numbers)
 
-    def _numbers(self, wires: Wires) -> dict[str, float]:
-        return dict(zip(wires.part.synapse.numbers(), self.rules[wires.index].tolist(), strict=True))
+    def _numbers(self, wires: Wires) -> dict[str, Any]:
+        return dict(zip(wires.part.synapse.numbers(), self.rules[wires.index].T, strict=True))
 
     def grid(self, wires: Wires) -> int:
         """Steps between the moments at which NEST brings a synapse under dopamine up to date."""
