@@ -267,6 +267,7 @@ def _rule(part: Projection, found: Connections, seed: int, apart: Apart) -> Syna
             continue
         drawn = generator(seed, "synapse_parameter", f"{part.name}.{word}")
         each = per_synapse(values[word], found, f"{rule.name}.{word}", drawn, apart)
+        each = check(entry.metadata["quantity"], each, f"{rule.name}.{word}")  # what was drawn may be out of bounds
         resolved[entry.name] = each if each.size else entry.default  # of no synapses, which have any
     return replace(rule, **resolved) if resolved else rule
 

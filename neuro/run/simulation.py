@@ -313,7 +313,7 @@ class Simulation:
         shared = [word for word in values if word != "weight" and not (word in quantities and quantities[word].arrays)]
         if "weight" in values or (shared and (pre or post)):
             word = next((word for word in [*shared, *values] if word != "weight"), "")
-            alone = "is one for all synapses" if word in shared else "is a number of the model"
+            alone = "is one for all synapses" if word in shared else "is set without weights"
             told = f"{part.synapse.name}.{word} of '{part.name}' {alone}"
             raise ModelError(f"{told}: expected 'weight' alone" + " with pre or post" * bool(pre or post))
         rule = settable.new_rule(part, self._rules[index], values, chosen)
