@@ -171,7 +171,11 @@ def test_an_array_for_drawn_synapses_is_refused():
 
 
 def test_what_is_no_value_of_a_synapse_is_refused():
-    assert told(neuro.stdp, tau_plus=[1.0, 2.0]) == "stdp.tau_plus = [1, 2]: expected a number > 0 ms"
+    assert told(neuro.stdp, tau_plus=[1.0, 2.0]) == (
+        "stdp.tau_plus = [1, 2]: expected a number > 0 ms\n"
+        "  hint: a trace belongs to a neuron, so all its synapses have one time constant"
+    )
+    assert told(neuro.stdp, tau_plus=-1.0) == "stdp.tau_plus = -1: expected a number > 0 ms"
     assert told(neuro.stdp_pl_hom, lambda_=[1.0, 2.0]) == "stdp_pl_hom.lambda = [1, 2]: expected a number >= 0"
     assert told(neuro.stdp, Wmax=[1.0, 0.0]) == "stdp.Wmax[1] = 0: expected a number other than 0"
 

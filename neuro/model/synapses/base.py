@@ -116,6 +116,17 @@ class Synapse(Choice):
     width: ClassVar[int] = 20
     arithmetic: ClassVar[OfModule] = OfModule(("on_post", "on_pre", "advance", "teach", "settle", "encourage"))
 
+    def __post_init__(self) -> None:
+        try:
+            super().__post_init__()
+        except ModelError as error:
+            word = error.path[0] if error.path else ""
+            if word in {trace.tau for trace in (*self.pre, *self.post)} and not isinstance(
+                getattr(self, word), (str, int, float)
+            ):
+                error.hint = error.hint or "a trace belongs to a neuron, so all its synapses have one time constant"
+            raise
+
     @classmethod
     def identity(cls) -> str:
         """The names of a stranger's states: an edit may swap two, and all arrays still fit."""
