@@ -42,7 +42,7 @@ def learnt(net: neuro.Network, backend: str) -> np.ndarray:
 
 RULES = (
     *(neuro.stdp, neuro.stdp_nn_symm, neuro.stdp_nn_restr, neuro.stdp_nn_pre_centered),
-    *(neuro.vogels_sprekeler, neuro.tsodyks2),
+    *(neuro.stdp_triplet, neuro.vogels_sprekeler, neuro.tsodyks2),
 )
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from neuro.core.clock import Clock
+from neuro.model.synapses.base import common
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program
 from neuro_nest.cells import Cells
@@ -137,7 +138,8 @@ class Net:
     def _connect(self, wires: Wires) -> None:
         part = wires.part
         transmitters = self._transmitters(wires) if part.synapse.modulated else None
-        if of_target := {word: value for word, value in self._numbers(wires).items() if word in OF_TARGET}:
+        shared = zip(part.synapse.numbers(), common(self.rules[wires.index]), strict=True)
+        if of_target := {word: value for word, value in shared if word in OF_TARGET}:
             set_nodes(self.nest, self.cells[part.target].nodes, [of_target])
         wires.connect(self.nest, self.ends(wires), self.clock, self.words(wires), transmitters)
 

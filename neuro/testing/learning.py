@@ -15,7 +15,7 @@ from neuro.model.neurons import (
     spike_generator,
 )
 from neuro.model.rules import Rule, all_to_all, fixed_indegree, one_to_one, pairs, pairwise_bernoulli
-from neuro.model.synapses import Synapse, stdp, stdp_dopa, stdp_nn_symm, tsodyks2, vogels_sprekeler
+from neuro.model.synapses import Synapse, stdp, stdp_dopa, stdp_nn_symm, stdp_triplet, tsodyks2, vogels_sprekeler
 from neuro.testing.case import Found, Start, after, case, network, observe
 
 
@@ -108,6 +108,8 @@ def synapses_that_differ(start: Start) -> Found:
     net.connect("source", "cells", all_to_all(), nearest, weight=50.0, name="nearest")
     homeostatic = vogels_sprekeler(eta=uniform(low=0.5, high=2.0), alpha=np.linspace(0.0, 0.4, 5), Wmax=-90.0)
     net.connect("source", "cells", pairs(pre=pre, post=post), homeostatic, weight=-30.0, name="homeostatic")
+    triplets = stdp_triplet(Aplus=uniform(low=0.0, high=3.0), Aminus_triplet=np.linspace(0.0, 2.0, 5), Wmax=70.0)
+    net.connect("source", "cells", pairs(pre=pre, post=post), triplets, weight=40.0, name="triplets")
     release = tsodyks2(U=np.array([0.1, 0.3, 0.5, 0.7, 0.9]), tau_fac=100.0)
     net.connect("source", "cells", pairs(pre=pre, post=post), release, weight=200.0, name="release")
     return after(start, net, 150.0)
