@@ -15,7 +15,8 @@ HEAD = """\
 
 Each is named in YAML as `name` or `{name: {parameter: value}}`, in Python as `neuro.name(parameter=value)`;
 codes are functions `neuro.coding.name(values, parameter=value)`.
-*Array*: a list of one value per neuron, a file or a distribution is accepted, too. `neuro models NAME` prints the same.
+*Array*: a list of one value per neuron or synapse, a file or a distribution is accepted, too,
+of synapses also `of_distance`. `neuro models NAME` prints the same.
 
 This page is written by `python tests/test_reference.py`.
 """

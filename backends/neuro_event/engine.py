@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
+from neuro.model.synapses.base import common
 from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wins
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program, Trials
@@ -349,13 +350,14 @@ class EventEngine:
             k = self._a.plastic_of[projection]
             reading.bring_all(self._a, self._view, k, self._step)
             plastic = self._a.plastic
-            learning.set_rule_constants(
-                plastic["rule"][k],
+            if learning.set_constants(self._a, projection, parameters):
+                self._pack()
+            learning.set_traces(
                 plastic["tau"][k],
                 plastic["table"][k],
                 plastic["decay"][k],
                 plastic["kinds"][k],
-                parameters,
+                common(parameters),
                 p.synapse,
                 self._program,
             )
@@ -440,7 +442,7 @@ class EventEngine:
         """Bytes by what they hold."""
         net, plastic = self._a.net, self._a.plastic
         static = ("rows", "targets", "weights", "delays")
-        learning = ("y", "sent", "reached", "in_synapse", "in_source", "incoming")
+        learning = ("y", "sent", "reached", "rule", "in_synapse", "in_source", "incoming")
         logs = ("log_ids", "log_counts", "log_ends", "rec_steps", "rec_ids", "rec_counts")
         rest = [k for k in net if k not in {*static, *logs, *snapshot.VIEWS}]
         traces = [k for k in plastic if k not in {*learning, *snapshot.VIEWS}]
@@ -497,6 +499,7 @@ class EventEngine:
         self._step = int(arrays["engine.step"])
         self._trial_updates = arrays["engine.trial_updates"].copy()
         self._changes.restore(arrays)
+        learning.lay_constants(self._a, self._changes.rules)
         self._record.restore(arrays)
         self._currents.restore(arrays)
         self._drives.changed()

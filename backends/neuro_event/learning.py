@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core import keyed_random
-from neuro.model.synapses import Synapse
+from neuro.model.synapses.base import common
 from neuro.model.synapses.delays import DELAY
 from neuro.program.program import Floats, Ints, Program, Projection
 from neuro_event import layout
@@ -26,8 +27,7 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
     threads = a.net["edges"].size - 1
     program, pops = a.program, a.net["pops"]
     table = np.full((len(learning), t.PLASTIC_COLUMNS), t.NONE, dtype=np.int64)
-    width = max([Synapse.width, *(program.projections[q].synapse.width for q in learning)])
-    rules, tau = np.zeros((len(learning), width)), np.zeros((len(learning), 2))
+    tau = np.zeros((len(learning), 2))
     kinds = np.zeros((len(learning), 2 * _most_traces(program, learning), 3))
     decay = np.zeros((len(learning), OWN + kinds.shape[1], DECAYS))
     incoming: list[Ints] = [np.zeros(1, dtype=np.int64)]
@@ -52,7 +52,7 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         row[t.DOPAMINE], row[t.DOPAMINE_ONE_TO_ONE] = p.dopamine, int(p.dopamine_one_to_one)
         row[t.DOPAMINE_DELAY], row[t.LONGEST] = p.dopamine_delay, _longest_back(p)
         row[t.FEWEST], row[t.MOST] = p.delay_range(program.resolution)
-        set_rule_constants(rules[k], tau[k], row, decay[k], kinds[k], p.synapse.vector(), p.synapse, program)
+        set_traces(tau[k], row, decay[k], kinds[k], common(p.synapse.vector()), p.synapse, program)
         tau_minus = program.populations[p.target].parameters["tau_minus"]
         if np.all(tau_minus == tau_minus[0]):
             decay[k, 2] = _decay(tau_minus[0], program.resolution)
@@ -77,7 +77,6 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         _start(a, q, row, states, k_plus)
     a.plastic |= {
         "table": table,
-        "rule": rules,
         "tau": tau,
         "decay": decay,
         "y": states,
@@ -99,6 +98,7 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
     }
     a.plastic["others"] = np.zeros(_others_shape(a))
     add_notes(a, learning)
+    lay_constants(a, {q: program.projections[q].synapse.vector() for q in learning})
 
 
 def _draw_key(program: Program, q: int) -> int:
@@ -116,8 +116,10 @@ def _drawn_as(a: Arrays, learning: list[int]) -> Ints:
 def _start(a: Arrays, q: int, row: Ints, states: Floats, k_plus: Floats) -> None:
     """Put the synapses' states and the sources' traces of a projection to where its rule starts."""
     p, program = a.program.projections[q], a.program
-    first, of_states = row[t.FIRST_SYNAPSE], p.synapse.first_states()
-    states[1 : 1 + of_states.size, first : first + p.size] = of_states[:, None]
+    first, of_states, order = row[t.FIRST_SYNAPSE], p.synapse.first_states(), a.synapses[q].order
+    if order is not None and of_states.shape[1] > 1:
+        of_states = of_states[:, order]
+    states[1 : 1 + len(of_states), first : first + p.size] = of_states
     if p.synapse.delays:
         at = a.net["projections"][q, t.DELAY]
         states[DELAY, first : first + p.size] = a.net["delays"][at : at + p.size] * program.resolution
@@ -202,12 +204,44 @@ def _width(entries: int) -> int:
     return 8 * (lines + 1 - lines % 2)
 
 
-def set_rule_constants(
-    rule: Floats, tau: Floats, row: Ints, decay: Floats, kinds: Floats, vector: Floats, synapse: Any, program: Program
+def lay_constants(a: Arrays, rules: Mapping[int, Floats]) -> None:
+    """Lay out the constants of all rules: a row for each projection, then rows of synapses that have their own.
+
+    Args:
+        a: all arrays.
+        rules: the parameters, in the form of `Synapse.vector`, by projection.
+    """
+    width = max([1, *(a.program.projections[q].synapse.width for q in a.plastic_of)])
+    a.plastic["rule"] = np.zeros((len(a.plastic_of), width))
+    for q, k in a.plastic_of.items():
+        row = a.plastic["table"][k]
+        row[t.CONSTANTS], row[t.CONSTANTS_STRIDE] = k, 0
+        set_constants(a, q, rules[q])
+
+
+def set_constants(a: Arrays, projection: int, vector: Floats) -> bool:
+    """Fill the constants of a projection; return whether the table was replaced by a longer one.
+
+    Synapse z reads row CONSTANTS + z CONSTANTS_STRIDE. Rows that synapses have got they keep, though all be the same.
+    """
+    p, order, k = a.program.projections[projection], a.synapses[projection].order, a.plastic_of[projection]
+    row, kept = a.plastic["table"][k], a.plastic["rule"]
+    given = p.synapse.constants_of(vector, a.program.resolution)
+    grows = given.ndim == 2 and row[t.CONSTANTS_STRIDE] == 0
+    if grows:
+        row[t.CONSTANTS], row[t.CONSTANTS_STRIDE] = len(kept) - row[t.FIRST_SYNAPSE], 1
+        a.plastic["rule"] = np.concatenate([kept, np.zeros((p.size, kept.shape[1]))])
+    first, n = (row[t.CONSTANTS] + row[t.FIRST_SYNAPSE], p.size) if row[t.CONSTANTS_STRIDE] else (k, 1)
+    in_order = given[order] if given.ndim == 2 and order is not None else given
+    a.plastic["rule"][first : first + n, : p.synapse.width] = in_order
+    return bool(grows)
+
+
+def set_traces(
+    tau: Floats, row: Ints, decay: Floats, kinds: Floats, vector: Floats, synapse: Any, program: Program
 ) -> None:
-    """Fill the constants of one plastic projection from the rule's parameters."""
+    """Fill what the traces and the dopamine of one plastic projection take from the rule's parameters."""
     words = dict(zip(synapse.numbers(), vector, strict=True))
-    synapse.arithmetic.constants(vector, program.resolution, rule)
     tau[0] = words.get("tau_plus", 1.0)
     tau[1] = words.get("tau_n", math.inf)  # n is held
     for k in range(2):

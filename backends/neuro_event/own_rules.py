@@ -21,6 +21,8 @@ from neuro_event.decays import left
 from neuro_event.tables import (
     BEGIN,
     COLUMN,
+    CONSTANTS,
+    CONSTANTS_STRIDE,
     DELAY,
     DELAY_STRIDE,
     FEWEST,
@@ -84,6 +86,12 @@ def slot_of_first(net, row, receptors, step):
         return np.int64(0)
     at = step + np.int64(net.delays[row[DELAY]])
     return address(net.buf) + 8 * (row[RING] + (at & row[RING_MASK]) * receptors * row[RING_SIZE])
+
+
+@inner
+def row_of(p, q, z):
+    """Where the constants of a synapse's rule are: all share a row, or each has one."""
+    return p.table[q, CONSTANTS] + p.table[q, CONSTANTS_STRIDE] * z
 
 
 @inner
@@ -169,13 +177,13 @@ def rule_entry(model):
         @inner
         def learn_pre(p, q, z, step, nth, pre, post):
             u = uniform(step_word(p.draw_keys[q], step + nth * NTH_STRIDE), p.drawn_as[z])
-            on_pre(p.y, z, p.rule[q], pre, post, u)
+            on_pre(p.y, z, p.rule[row_of(p, q, z)], pre, post, u)
 
     else:
 
         @inner
         def learn_pre(p, q, z, step, nth, pre, post):
-            on_pre(p.y, z, p.rule[q], pre, post)
+            on_pre(p.y, z, p.rule[row_of(p, q, z)], pre, post)
 
     if modulated:
 
@@ -238,14 +246,14 @@ def rule_entry(model):
             since = time + delay
             pre = pre_values(p, q, thread, own, since, h)
             for m in range(past[NEWEST + ENTRY * k + 2]):
-                on_post(p.y, z, p.rule[q], pre, kept_values(p, column, history, k, m))
+                on_post(p.y, z, p.rule[row_of(p, q, z)], pre, kept_values(p, column, history, k, m))
         if whole and since < upto:
             pass_time(view, q, z, target, since, upto, h)
 
     @inner
     def pre_spike(view, q, source, step, nth, thread, h):
         net, p = net_of(view), plastic_of(view)
-        table, c, column = p.table[q], p.rule[q], p.table[q, COLUMN]
+        table, column = p.table[q], p.table[q, COLUMN]
         row = net.projections[table[PROJECTION]]
         target_row = net.pops[row[TARGET]]
         receptors, relay = target_row[RECEPTORS], target_row[RELAY]
@@ -274,7 +282,7 @@ def rule_entry(model):
             newest = newest_before(p.past[history], step - delay)
             post = post_values(net, p, q, column, history, newest, neuron, step - delay, h)
             learn_pre(p, q, z, step, nth, pre, post)
-            weight = sent(p.y, z, c)
+            weight = sent(p.y, z, p.rule[row_of(p, q, z)])
             second = 1 if receptors == 2 and weight < 0.0 else 0
             at = step + taken(p, q, z, delay, h)
             ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]

@@ -29,6 +29,8 @@ from neuro_event.own_rules import (
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
+    CONSTANTS,
+    CONSTANTS_STRIDE,
     DELAY,
     DELAY_STRIDE,
     DOPAMINE,
@@ -108,7 +110,7 @@ def flow(view, q, z, own, thread, target, past, upto, whole, delay, h):
     and reads only: not for making room in a history.
     """
     p = plastic_of(view)
-    modulated, c, grid = p.table[q, MODULATED], p.rule[q], p.table[q, GRID_STEPS]
+    modulated, c, grid = p.table[q, MODULATED], p.rule[q], p.table[q, GRID_STEPS]  # one rule for all, as dopamine acts
     k_plus, then, since = p.k_plus[thread, own], p.k_time[thread, own], p.reached[z]
     for i in range(arrived_since(past, since, delay) - 1, -1, -1):
         arrival = past[NEWEST + ENTRY * i] + delay
@@ -140,7 +142,8 @@ def post_trace(decay, past, traces, before, h, tau_minus, neuron):
 def pre_spike(view, q, source, step, thread, h):
     """A pre spike: each synapse of this thread catches up, learns and sends; then K+ grows."""
     net, p = net_of(view), plastic_of(view)
-    table, rule, number, y = p.table[q], p.rule[q], p.table[q, RULE], p.y
+    table, number, y = p.table[q], p.table[q, RULE], p.y
+    constants, stride = table[CONSTANTS], table[CONSTANTS_STRIDE]
     plus, minus, tau = p.decay[q, PLUS], p.decay[q, MINUS], p.tau[q]
     row = net.projections[table[PROJECTION]]
     target_row = net.pops[row[TARGET]]
@@ -164,6 +167,7 @@ def pre_spike(view, q, source, step, thread, h):
         target = np.int64(net.targets[e])
         delay = np.int64(net.delays[row[DELAY] + s * row[DELAY_STRIDE]])
         past = p.past[target_row[HISTORY] + target]
+        rule = p.rule[constants + stride * z]
         if table[MODULATED] >= 0:
             flow(view, q, z, own, thread, target, past, step, True, delay, h)
         else:
@@ -225,7 +229,7 @@ def bring_target(view, q, thread, target, step, whole, h):
             p.sent[z] = p.y[0, z]
         potentiate(
             table[RULE],
-            p.rule[q],
+            p.rule[table[CONSTANTS] + table[CONSTANTS_STRIDE] * z],
             p.y,
             z,
             p.decay[q, PLUS],

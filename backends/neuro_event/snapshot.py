@@ -38,7 +38,7 @@ def snapshot(a: Arrays) -> dict[str, NDArray[Any]]:
     net = {f"net.{k}": v.copy() for k, v in a.net.items() if k not in _FIXED}
     net["net.pops"] = a.net["pops"][:, : t.NUMBER].copy()  # what follows are addresses of this process
     net["net.projections"] = a.net["projections"][:, : t.CHANNEL_HEIGHT].copy()  # the rest follows from the program
-    plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS | _NOTES}
+    plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS | _NOTES | {"rule"}}
     plastic["plastic.table"] = a.plastic["table"][:, : t.RULE_NUMBER].copy()
     return {**net, **plastic}
 
@@ -57,7 +57,7 @@ def restore(a: Arrays, arrays: Mapping[str, NDArray[Any]]) -> None:
             a.net[rest] = value.copy()
         elif name == "plastic.table":
             a.plastic["table"][:, : t.RULE_NUMBER] = value
-        elif part == "plastic":
+        elif part == "plastic" and rest != "rule":  # laid out again, from the parameters
             a.plastic[rest] = value.copy()
     if "plastic.spiked" not in arrays:  # version 0.1.0
         a.plastic["spiked"] = a.plastic["k_time"].copy()

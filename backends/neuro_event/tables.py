@@ -97,8 +97,10 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     FEWEST,
     MOST,
     NOTED,
+    CONSTANTS,
+    CONSTANTS_STRIDE,
     PLASTIC_COLUMNS,
-) = range(20)
+) = range(22)
 
 # lines of currents that change at every step
 (

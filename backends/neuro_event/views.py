@@ -106,7 +106,7 @@ resets i8 1        state rows that a trial starts anew
 
 PLASTIC = """
 table i8 2         columns of `tables`, a row per plastic projection
-rule f8 2          constants of each rule
+rule f8 2          constants of each rule, then those of synapses that have their own
 tau f8 2           tau_plus and tau_n of each
 decay f8 3         (projections, 3 + traces, steps) of tau_plus, tau_n, the targets' tau_minus, `kinds`; or 0
 y f8 2             (states, synapses)

@@ -114,7 +114,7 @@ class NestEngine:
                     self._nest.SetDefaults(name, words)
             else:
                 for word, value in words.items():
-                    wires.write(self._nest, self.net.ends(wires), word, np.full(len(wires.source), value))
+                    wires.write(self._nest, self.net.ends(wires), word, np.broadcast_to(value, len(wires.source)))
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
         """Replace all weights; those that are not chosen are NEST's own."""

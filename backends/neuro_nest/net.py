@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from neuro.core.clock import Clock
+from neuro.model.synapses.base import common
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program
 from neuro_nest.cells import Cells
@@ -137,7 +138,8 @@ class Net:
     def _connect(self, wires: Wires) -> None:
         part = wires.part
         transmitters = self._transmitters(wires) if part.synapse.modulated else None
-        if of_target := {word: value for word, value in self._numbers(wires).items() if word in OF_TARGET}:
+        shared = zip(part.synapse.numbers(), common(self.rules[wires.index]), strict=True)
+        if of_target := {word: value for word, value in shared if word in OF_TARGET}:
             set_nodes(self.nest, self.cells[part.target].nodes, [of_target])
         wires.connect(self.nest, self.ends(wires), self.clock, self.words(wires), transmitters)
 
@@ -145,14 +147,17 @@ class Net:
         """The first node of source and target."""
         return self.cells[wires.part.source].first, self.cells[wires.part.target].first
 
-    def words(self, wires: Wires) -> dict[str, float]:
-        """The numbers of a synapse model in NEST's words, and the states in which its synapses start."""
+    def words(self, wires: Wires) -> dict[str, Any]:
+        """The numbers of a synapse model in NEST's words, and the states in which its synapses start.
+
+        Each is of all synapses, or has a value for each.
+        """
         elsewhere = {"deliver_interval", *OF_TARGET, *ALWAYS}
         numbers = self._numbers(wires)
         return {w: value for w, value in numbers.items() if w not in elsewhere} | wires.part.synapse.initial(numbers)
 
-    def _numbers(self, wires: Wires) -> dict[str, float]:
-        return dict(zip(wires.part.synapse.numbers(), self.rules[wires.index].tolist(), strict=True))
+    def _numbers(self, wires: Wires) -> dict[str, Any]:
+        return dict(zip(wires.part.synapse.numbers(), self.rules[wires.index].T, strict=True))
 
     def grid(self, wires: Wires) -> int:
         """Steps between the moments at which NEST brings a synapse under dopamine up to date."""

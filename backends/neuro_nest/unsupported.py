@@ -25,7 +25,7 @@ UNSUPPORTED: dict[str, str] = {
     "initial_states": _CURRENTS,
     "states_and_parameters_change": _CURRENTS,
     "currents_to_both_receptors": "NEST filters a current by the time constant of excitation only",
-    "stdp_changes": _RULE,
+    **dict.fromkeys(("stdp_changes", "synapses_that_come_to_differ"), _RULE),
     **dict.fromkeys(("several_states_means_and_rates", "sleeping_neurons_are_recorded"), _CURRENTS),
     **dict.fromkeys(("weights_at_pre_spikes", "states_at_pre_spikes"), _AT_PRE),
     "single_plastic_weights_change": _RULE,

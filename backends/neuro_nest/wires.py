@@ -84,7 +84,7 @@ class Wires:
             nest: the module.
             first: the first node of source and target.
             clock: of the network.
-            words: parameters of the synapse model in NEST's words.
+            words: parameters of the synapse model in NEST's words, of all synapses or one for each.
             transmitters: of dopamine, one or one for each post neuron; None for other models.
         """
         model = SYNAPSES[self.part.synapse.name]
@@ -110,6 +110,7 @@ class Wires:
                 "synapse_label": self._label(layer),
             }
             source, target = (ids[synapses].astype(np.int64) for ids in (self.source, self.target))
+            own |= {word: value[synapses] for word, value in words.items() if np.ndim(value)}
             nest.Connect(source + first[0], target + first[1], "one_to_one", words | self._receptor | own)
 
     def _label(self, layer: int) -> int:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from neuro.core import keyed_random
 from neuro.model.synapses import Trace
+from neuro.model.synapses.base import common
 from neuro.model.synapses.delays import DELAY
 from neuro.program.program import Floats, Ints, Program
 from neuro_reference.traces import Traces
@@ -25,7 +26,8 @@ class Pairs:
     """States of the plastic synapses of one projection.
 
     Attributes:
-        rule: the numbers of the synapse model.
+        rule: the numbers of the synapse model, of all synapses or a row for each.
+        c: the constants that follow, a row for each synapse.
         y: weight and states of every synapse.
         back: steps after which a synapse hears a spike of its target.
         sent: weight after the last pre spike, which `stdp` shows.
@@ -46,7 +48,7 @@ class Pairs:
         self.grid = program.min_delay * int(part.synapse.parameters().get("deliver_interval", 1))
         self.y: Floats = np.zeros((1 + len(part.synapse.states), len(wires.target)))
         self.sent = wires.weights.copy()
-        self.y[0], self.y[1:] = self.sent, part.synapse.first_states()[:, None]
+        self.y[0], self.y[1:] = self.sent, part.synapse.first_states()
         self.delays = part.synapse.delays
         if self.delays:
             self.y[DELAY] = wires.delay * self.h
@@ -94,7 +96,7 @@ class Pairs:
             multiplicity = int(self.posts[step % len(self.posts), e])
             pre = self.pre.at(self.wires.source[e], step)
             for _ in range(multiplicity):
-                self.arithmetic.on_post(self.y, e, self.c, pre, self.post.at(e, step))
+                self.arithmetic.on_post(self.y, e, self.c[e], pre, self.post.at(e, step))
                 self.post.spike(e, step)
         self.posts[step % len(self.posts)] = 0
 
@@ -110,12 +112,12 @@ class Pairs:
         for e in range(row.start, row.stop):
             self._integrate(e, step)
             drawn = self._draw(e, step, nth) if self.part.synapse.draws else ()
-            self.arithmetic.on_pre(self.y, e, self.c, pre, self.post.earlier(e, step), *drawn)
+            self.arithmetic.on_pre(self.y, e, self.c[e], pre, self.post.earlier(e, step), *drawn)
         self.pre.spike(source, step)
         self.sent[row] = self.y[0, row]
         if self.delays:
             self.wires.set_out(row, self.y[DELAY, row])
-        return np.array([self.send(self.y, e, self.c) for e in range(row.start, row.stop)])
+        return np.array([self.send(self.y, e, self.c[e]) for e in range(row.start, row.stop)])
 
     def _draw(self, e: int, step: int, nth: int) -> tuple[float]:
         """The random number of a synapse for a spike."""
@@ -164,8 +166,8 @@ class Pairs:
 
     def refresh(self) -> None:
         """Work out the constants after a change of the rule."""
-        self.c: Floats = np.zeros(self.part.synapse.width)
-        self.arithmetic.constants(self.rule, self.h, self.c)
+        constants = self.part.synapse.constants_of(self.rule, self.h)
+        self.c: Floats = np.broadcast_to(constants, (len(self.wires.target), self.part.synapse.width))
         self.tau_n = float(self._numbers().get("tau_n", math.inf))  # without one n is held
         self.pre.taus = [np.broadcast_to(tau, self.n_source) for tau in self._taus(self.part.synapse.pre)]
         self.post.taus = [np.broadcast_to(tau, len(self.wires.target)) for tau in self._taus(self.part.synapse.post)]
@@ -176,8 +178,8 @@ class Pairs:
         return [own.get(trace.tau, self.tau_minus) if trace.tau else np.zeros(1) for trace in traces]
 
     def _numbers(self) -> dict[str, float]:
-        """The rule's numbers by name."""
-        return dict(zip(self.part.synapse.numbers(), self.rule.tolist(), strict=True))
+        """The rule's numbers by name, of those that all synapses share."""
+        return dict(zip(self.part.synapse.numbers(), common(self.rule).tolist(), strict=True))
 
     def _bring(self, step: int) -> None:
         for e in range(len(self.wires.target)):
@@ -189,7 +191,7 @@ class Pairs:
             return
         begin = int(self.reached[e])
         n = self._dopamine(self.wires.target[e], begin)
-        self.arithmetic.advance(self.y, e, self.c, begin, step, n, self.grid)
+        self.arithmetic.advance(self.y, e, self.c[e], begin, step, n, self.grid)
         self.reached[e] = step
 
     def _dopamine(self, target: int, step: int) -> float:

@@ -181,9 +181,9 @@ def _check_synapse(net: Network, part: Projection, shapes: Mapping[str, Shape]) 
 
 
 def _check_weight(part: Projection) -> None:
-    """A weight said as a number lies within the bounds of its rule."""
+    """A weight said as a number lies within the bounds of its rule, where these are numbers."""
     weight = plain(part.weight)
-    if isinstance(weight, (Distribution, of_distance)) or np.ndim(weight):
+    if isinstance(weight, (Distribution, of_distance)) or np.ndim(weight) or part.synapse.of_each():
         return
     low, high = part.synapse.bounds()
     if not low <= weight <= high:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,7 @@ from neuro.coding.codes import CODES, RATE_CODES
 from neuro.compiler.cameras import cameras_of
 from neuro.compiler.check import check_network, check_values, refuse, telling
 from neuro.compiler.check_trials import resolve_trials
-from neuro.compiler.connect import connect
+from neuro.compiler.connect import Apart, Connections, connect
 from neuro.compiler.encoded import with_generators
 from neuro.compiler.generators import check_trains, schedule_of
 from neuro.compiler.pack import packed
@@ -26,6 +28,7 @@ from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
+from neuro.core.quantities import word_of
 from neuro.model.distributions import DISTRIBUTIONS
 from neuro.model.network import Network
 from neuro.model.neurons import (
@@ -41,7 +44,7 @@ from neuro.model.neurons import (
 from neuro.model.parts import Population, Probe, Projection
 from neuro.model.rules import RULES, grid
 from neuro.model.space import PROFILES
-from neuro.model.synapses import SYNAPSES, DelayRule, Modulated
+from neuro.model.synapses import SYNAPSES, DelayRule, Modulated, Synapse
 from neuro.program import program as resolved
 from neuro.program.program import Floats, Ints
 from neuro.program.streams import Stream
@@ -212,9 +215,10 @@ def _projection(
         found = placed(connect(part.rule, source.shape, target.shape, own, sizes, key, seen), source, target)
         weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name), apart)
         delay = delay_steps(part.delay, found, clock, "delay", generator(seed, "delay", part.name), apart)
+        rule = _rule(part, found, seed, apart)
     if sizes is not None and weight.size == 1:
         weight = np.repeat(weight, found.size)
-    check_stdp_weights(part, weight)
+    check_stdp_weights(part, rule, weight)
     _check_delays(part, delay, clock)
     carries = "current" if net.populations[part.source].model.role == "current" else "spikes"
     with telling(part):
@@ -223,7 +227,6 @@ def _projection(
         receptor = receptor_of_current(part.synapse, onto, part.source) if current else receptor_of(part.synapse, onto)
         check_conductance(receptor, weight)
     names = list(net.populations)
-    rule = part.synapse
     signal, dopamine, one_to_one, later = -1, -1, False, 1
     if isinstance(rule, Modulated):
         signal = -1 if rule.signal is None else list(net.signals).index(rule.signal)
@@ -254,7 +257,22 @@ def _projection(
     )
 
 
-def check_stdp_weights(part: Projection, weight: Floats) -> None:
+def _rule(part: Projection, found: Connections, seed: int, apart: Apart) -> Synapse:
+    """The synapse model with a number for each synapse, in the order of weights, where it has no single one."""
+    rule, values = part.synapse, part.synapse.parameters()
+    resolved: dict[str, Any] = {}
+    for entry in fields(rule):
+        word = word_of(entry.name)
+        if word not in rule.of_each():
+            continue
+        drawn = generator(seed, "synapse_parameter", f"{part.name}.{word}")
+        each = per_synapse(values[word], found, f"{rule.name}.{word}", drawn, apart)
+        each = check(entry.metadata["quantity"], each, f"{rule.name}.{word}")  # what was drawn may be out of bounds
+        resolved[entry.name] = each if each.size else entry.default  # of no synapses, which have any
+    return replace(rule, **resolved) if resolved else rule
+
+
+def check_stdp_weights(part: Projection, rule: Synapse, weight: Floats) -> None:
     """Weights that pairs change lie within their rule's bounds.
 
     Raises:
@@ -262,13 +280,12 @@ def check_stdp_weights(part: Projection, weight: Floats) -> None:
     """
     if part.synapse.learns != "pairs":
         return
-    low, high = part.synapse.bounds()
-    bad = np.flatnonzero((weight < low) | (weight > high))
-    if bad.size:
-        raised = f", or raise {part.synapse.name}.Wmax" if "Wmax" in part.synapse.parameters() else ""
+    bad = rule.outside(weight)
+    if bad is not None:
+        raised = f", or raise {rule.name}.Wmax" if "Wmax" in rule.parameters() else ""
         raise ModelError(
-            f"projection '{part.name}': weight[{bad[0]}] = {weight[bad[0]]:g}: "
-            f"expected {part.synapse.expected_weight()}",
+            f"projection '{part.name}': weight[{bad}] = {weight[bad if weight.size > 1 else 0]:g}: "
+            f"expected {rule.expected_weight(bad)}",
             where=part.origin,
             hint="give the distribution 'low' and 'high'" + raised,
         )

@@ -166,8 +166,9 @@ def _projection_lines(number: int, part: Projection) -> Iterator[str]:
     if part.receptor is not None:
         yield f"  receptor {part.receptor.index} {part.receptor.name}"
     if part.synapse.learns:
-        numbers = zip(part.synapse.numbers(), part.synapse.vector().tolist(), strict=True)
-        yield f"  {part.synapse.name}: " + ", ".join(f"{word} {value:g}" for word, value in numbers)
+        values = part.synapse.parameters()
+        numbers = (f"{word} {summary(np.asarray(values[word], dtype=np.float64))}" for word in part.synapse.numbers())
+        yield f"  {part.synapse.name}: " + ", ".join(numbers)
     if part.signal >= 0:
         yield f"  dopamine from signal {part.signal}"
     if part.dopamine >= 0:

@@ -209,6 +209,8 @@ def _each(q: Quantity, array: NDArray[np.float64], what: str) -> None:
         good &= np.isfinite(array)
     if q.whole:
         good &= array == np.floor(array)
+    if q.nonzero:
+        good &= array != 0.0
     for bound, compare in (
         (q.above, np.greater),
         (q.at_least, np.greater_equal),

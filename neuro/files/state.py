@@ -15,6 +15,7 @@ from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.core.hdf5 import writing
 from neuro.core.paths import existing
+from neuro.model.synapses import Synapse
 from neuro.program.program import Program
 
 if TYPE_CHECKING:
@@ -137,7 +138,8 @@ def _feed(digest: hashlib.blake2b, value: Any) -> None:
     elif isinstance(value, Choice):
         digest.update(value.name.encode())
         digest.update(value.identity().encode())
-        _feed(digest, {k: v for k, v in value.parameters().items() if isinstance(v, (str, float, int))})
+        counted = (str, float, int, np.ndarray) if isinstance(value, Synapse) else (str, float, int)
+        _feed(digest, {k: v for k, v in value.parameters().items() if isinstance(v, counted)})
     elif is_dataclass(value):
         for field in fields(value):
             held = getattr(value, field.name)

@@ -178,7 +178,10 @@ class Engine(Protocol):
         """
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
-        """Change the numbers of a synapse model, all of them, in the order of `Synapse.vector`."""
+        """Change the numbers of a synapse model, all of them, in the order of `Synapse.vector`.
+
+        Shape (numbers,), or (synapses, numbers) where a rule takes a value for each, see `Synapse.of_each`.
+        """
 
     def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
         """Replace all weights, or those that are chosen of them: the others are what a read shows, and stay."""

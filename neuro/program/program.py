@@ -155,6 +155,7 @@ class Projection:
         delay: in steps, shape (1,) or one per synapse, int32, >= 1.
         size: number of synapses (of a grid: of its kernels' weights).
         grid: the sizes of a grid, else None.
+        synapse: the model; a parameter is a number, or one for each synapse in the order of the weights.
         receptor: the one of its target that all spikes go to; None where each goes by the sign of its weight. That of a
             current filters it; without one it acts on V_m as it is.
         signal: index of the signal that sets n, or -1.

@@ -89,6 +89,8 @@ def _projection(
         pre, post = program.connections(index)
         rule = pairs(pre=pre, post=post)
     whole = replace(part, source_view=None, target_view=None)
+    each = {f.name: shape(value) for f in fields(synapse) if isinstance(value := getattr(synapse, f.name), np.ndarray)}
+    synapse = replace(synapse, **each) if each else synapse
     return replace(whole, rule=rule, synapse=synapse, weight=shape(weight), delay=shape(delay))
 
 

@@ -20,6 +20,7 @@ from neuro.core.quantities import Quantity, word_of
 from neuro.core.values import FromFile, shown
 from neuro.model.distributions import Distribution
 from neuro.model.neurons import Model
+from neuro.model.space import of_distance
 from neuro.model.synapses import Synapse
 from neuro.program.backend import Engine
 from neuro.program.program import Floats, Ints, Population, Program, Projection, synapse_states
@@ -150,8 +151,17 @@ def check_together(program: Program, index: int, new: Mapping[str, Floats], engi
         raise error.at(None, f"population '{part.name}'") from None
 
 
-def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any]) -> Synapse:
-    """A synapse model with some numbers changed."""
+def new_rule(
+    part: Projection, rule: Synapse, values: Mapping[str, Any], chosen: NDArray[np.bool_] | None = None
+) -> Synapse:
+    """A synapse model with some numbers changed.
+
+    Args:
+        part: the projection.
+        rule: its present synapse model.
+        values: by word, a number, or an array with a value for each synapse where the model takes them.
+        chosen: which synapses they are for, None for all.
+    """
     names = {word_of(entry.name): entry.name for entry in fields(rule)}
     fixed = {*_FIXED, *(trace.starts for trace in rule.pre), *(_RANGE if rule.delays else ())}
     settable = [word for word in rule.numbers() if word not in fixed]
@@ -166,7 +176,27 @@ def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any]) -> Syna
             raise ModelError(f"{rule.name}.{word} of '{part.name}' is fixed: change the network and compile again")
         if word not in settable:
             raise _no_parameter(part, rule, word, settable)
-    return replace(rule, **{names[word]: value for word, value in values.items()})
+    new = {word: _of_synapses(part, rule, word, value, chosen) for word, value in values.items()}
+    return replace(rule, **{names[word]: value for word, value in new.items()})
+
+
+def _of_synapses(part: Projection, rule: Synapse, word: str, value: Any, chosen: NDArray[np.bool_] | None) -> Any:
+    """A parameter of all synapses, or of each, of which some are new."""
+    what, old = f"{rule.name}.{word} of '{part.name}'", rule.parameters()[word]
+    given = check(rule.quantities()[word], value, f"{rule.name}.{word}")
+    if isinstance(given, (Distribution, FromFile, of_distance)):
+        hint = "it is drawn where connections are made: net.connect(...)"
+        raise ModelError(f"{what} = {shown(given)}: expected a number or an array", hint=hint)
+    size = part.size if chosen is None else int(np.count_nonzero(chosen))
+    if np.ndim(given) and given.shape != (size,):
+        raise ModelError(f"{what}: an array of shape {list(given.shape)}: expected [{size}]")
+    if chosen is None:
+        return given if part.size or not np.ndim(given) else old
+    if size == 0:
+        return old
+    each = np.full(part.size, old, dtype=np.float64)
+    each[chosen] = given
+    return each
 
 
 def _no_parameter(part: Projection, rule: Synapse, word: str, known: list[str]) -> ModelError:
@@ -181,13 +211,14 @@ def _no_parameter(part: Projection, rule: Synapse, word: str, known: list[str]) 
 
 
 def rule_of(rule: Synapse, vector: Floats) -> Synapse:
-    """A synapse model with the numbers of a vector."""
+    """A synapse model with the numbers of a vector, or of one for each synapse."""
     kinds = {word_of(entry.name): entry for entry in fields(rule)}
     convert = {"boolean": bool, "integer": int}
-    changed = {
-        kinds[word].name: convert.get(kinds[word].metadata["quantity"].kind, float)(value)
-        for word, value in zip(rule.numbers(), vector.tolist(), strict=True)
-    }
+    changed: dict[str, Any] = {}
+    for word, values in zip(rule.numbers(), vector.T, strict=True):
+        one = bool((values == values.flat[0]).all())
+        kind = kinds[word].metadata["quantity"].kind
+        changed[kinds[word].name] = convert.get(kind, float)(values.flat[0]) if one else values
     return replace(rule, **changed)
 
 
@@ -195,11 +226,10 @@ def check_rule(part: Projection, rule: Synapse, weight: Floats) -> None:
     """Weights that pairs change stay within their rule's bounds."""
     if rule.learns != "pairs":
         return
-    low, high = rule.bounds()
-    bad = np.flatnonzero((weight < low) | (weight > high))
-    if bad.size:
+    bad = rule.outside(weight)
+    if bad is not None:
         raise ModelError(
-            f"projection '{part.name}': weight[{bad[0]}] = {weight[bad[0]]:g}: expected {rule.expected_weight()}"
+            f"projection '{part.name}': weight[{bad}] = {weight[bad]:g}: expected {rule.expected_weight(bad)}"
         )
 
 

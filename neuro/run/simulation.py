@@ -274,11 +274,12 @@ class Simulation:
 
         Args:
             of: the population, a view, or the projection.
-            pre: of a projection only the synapses from these neurons; their `weight` can be changed alone.
+            pre: of a projection only the synapses from these neurons, whose `weight` can be changed, or parameters of
+                which each synapse has its own.
             post: likewise those onto these neurons.
             values: by name, one for all neurons or one for each (also a distribution, of which a neuron draws the same
                 value in whatever view); `weight` stands alone, one for all synapses or one for each in the order of
-                `weights`.
+                `weights`; so may parameters of a synapse model be that have a value for each synapse.
 
         Raises:
             ModelError: a name is unknown or a value is out of bounds.
@@ -308,11 +309,14 @@ class Simulation:
             new = self._synapses.new_weights(index, self._rules[index], values["weight"], chosen)
             self._engine.set_weights(index, new, chosen)
             return
-        if values and (pre or post or "weight" in values):
-            word = next((word for word in values if word != "weight"), "")
-            told = f"{part.synapse.name}.{word} of '{part.name}' is one for all synapses"
+        quantities = part.synapse.quantities()
+        shared = [word for word in values if word != "weight" and not (word in quantities and quantities[word].arrays)]
+        if "weight" in values or (shared and (pre or post)):
+            word = next((word for word in [*shared, *values] if word != "weight"), "")
+            alone = "is one for all synapses" if word in shared else "is set without weights"
+            told = f"{part.synapse.name}.{word} of '{part.name}' {alone}"
             raise ModelError(f"{told}: expected 'weight' alone" + " with pre or post" * bool(pre or post))
-        rule = settable.new_rule(part, self._rules[index], values)
+        rule = settable.new_rule(part, self._rules[index], values, chosen)
         settable.check_rule(part, rule, self._engine.get_synapses(index, "weight"))
         self._engine.set_rule(index, rule.vector())
         self._rules[index] = rule
@@ -330,8 +334,9 @@ class Simulation:
 
         Args:
             of: the population, a view, or the projection.
-            what: a state or parameter of a population's model; of a projection "weight", "delay" in ms or a state of
-                its synapses, where "K_plus" is the trace of each synapse's source and "n" the dopamine of its target.
+            what: a state or parameter of a population's model; of a projection "weight", "delay" in ms, a parameter or
+                a state of its synapses, where "K_plus" is the trace of each synapse's source and "n" the dopamine of
+                its target.
             raw: read a chip's registers instead.
             pre: of a projection only the synapses from these neurons; `weights` says which they are.
             post: likewise those onto these neurons.

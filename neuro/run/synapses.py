@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
+from neuro.core.quantities import word_of
 from neuro.model.synapses import Synapse
 from neuro.program.backend import Engine
 from neuro.program.program import Floats, Ints, Program, synapse_states
@@ -81,7 +82,7 @@ class Synapses:
         return check_weights(part.name, part.synapse.name, weight) if part.synapse.learns else weight
 
     def read(self, index: int, what: str) -> Floats:
-        """A state, the weight or the delay in ms of all synapses.
+        """A state, the weight, the delay in ms or a parameter of the model of all synapses.
 
         Raises:
             ModelError: they have no such state.
@@ -92,6 +93,9 @@ class Synapses:
             return self.weights(index)
         if what == "delay" and not part.synapse.delays:
             return np.broadcast_to(self._clock.array_ms(part.delay.astype(np.int64)), part.size).copy()
+        rule, word = self._rules[index], word_of(what) if isinstance(what, str) else ""
+        if word in rule.numbers() and word not in known:
+            return np.full(part.size, rule.parameters()[word], dtype=np.float64)
         if not isinstance(what, str) or what not in known:
             raise unknown("state of synapses", what, [*known, "delay"]).at(None, f"projection '{part.name}'")
         return self._engine.get_synapses(index, what)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from neuro.model.distributions import uniform
+from neuro.model.distributions import normal, uniform
 from neuro.model.network import Network
 from neuro.model.neurons import (
     iaf_psc_delta,
@@ -15,7 +15,7 @@ from neuro.model.neurons import (
     spike_generator,
 )
 from neuro.model.rules import Rule, all_to_all, fixed_indegree, one_to_one, pairs, pairwise_bernoulli
-from neuro.model.synapses import Synapse, stdp, stdp_dopa
+from neuro.model.synapses import Synapse, stdp, stdp_dopa, stdp_nn_symm, stdp_triplet, tsodyks2, vogels_sprekeler
 from neuro.testing.case import Found, Start, after, case, network, observe
 
 
@@ -86,6 +86,49 @@ def stdp_changes(start: Start) -> Found:
     sim.set("plastic", tau_plus=40.0)
     sim.run(60.0)
     return observe(sim)
+
+
+@case
+def synapses_that_differ(start: Start) -> Found:
+    """Rules with a value for each synapse: drawn, listed in any order, of both signs of Wmax; states that start so."""
+    net = network()
+    net.population("source", 6, poisson_generator(rate=120.0))
+    net.population("cells", 4, iaf_psc_exp(I_e=450.0))
+    pre, post = [4, 0, 2, 0, 5], [1, 3, 0, 0, 1]
+    drawn = stdp(
+        lambda_=uniform(low=0.0, high=0.2), mu_plus=uniform(low=0.0, high=1.0), Wmax=normal(mean=150.0, std=5.0)
+    )
+    net.connect(
+        "source", "cells", fixed_indegree(n=5), drawn, weight=60.0, delay=uniform(low=0.1, high=4.0), name="drawn"
+    )
+    listed = stdp(alpha=np.linspace(0.5, 2.5, 5), Wmax=np.array([90.0, -80.0, 70.0, -60.0, 50.0]), lambda_=0.1)
+    weight = np.array([45.0, -40.0, 35.0, -30.0, 25.0])
+    net.connect("source", "cells", pairs(pre=pre, post=post), listed, weight=weight, name="listed")
+    nearest = stdp_nn_symm(lambda_=np.linspace(0.0, 0.2, 24).reshape(6, 4), mu_minus=0.5, pre_at_start=True)
+    net.connect("source", "cells", all_to_all(), nearest, weight=50.0, name="nearest")
+    homeostatic = vogels_sprekeler(eta=uniform(low=0.5, high=2.0), alpha=np.linspace(0.0, 0.4, 5), Wmax=-90.0)
+    net.connect("source", "cells", pairs(pre=pre, post=post), homeostatic, weight=-30.0, name="homeostatic")
+    triplets = stdp_triplet(Aplus=uniform(low=0.0, high=3.0), Aminus_triplet=np.linspace(0.0, 2.0, 5), Wmax=70.0)
+    net.connect("source", "cells", pairs(pre=pre, post=post), triplets, weight=40.0, name="triplets")
+    release = tsodyks2(U=np.array([0.1, 0.3, 0.5, 0.7, 0.9]), tau_fac=100.0)
+    net.connect("source", "cells", pairs(pre=pre, post=post), release, weight=200.0, name="release")
+    return after(start, net, 150.0)
+
+
+@case
+def synapses_that_come_to_differ(start: Start) -> Found:
+    """Numbers of a rule that are set between runs: for each synapse, for those of a view, for all again."""
+    net = learner(stdp(lambda_=0.05))
+    sim = start(net)
+    sim.run(50.0)
+    sim.set("plastic", lambda_=np.linspace(0.0, 0.3, 24), Wmax=np.linspace(200.0, 110.0, 24))
+    sim.run(50.0)
+    sim.set("plastic", pre=net.populations["source"][:2], alpha=2.0)
+    sim.run(50.0)
+    sim.set("plastic", lambda_=0.1, tau_plus=40.0)
+    sim.run(50.0)
+    found = observe(sim)
+    return {**found, "lambda": sim.get("plastic", "lambda"), "alpha": sim.get("plastic", "alpha")}
 
 
 @case

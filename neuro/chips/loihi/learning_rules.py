@@ -81,6 +81,9 @@ def _no_rule(program: Program, index: int) -> Problem | None:
         )
     elif synapse.chip and not target.chip and not isinstance(target, parrot_neuron):
         why, way = f"its weights are mantissas, but {target.name} has mV and pA", "use static or stdp, or a loihi_lif"
+    elif words := synapse.of_each():
+        why = f"{', '.join(words)} of each synapse: a rule of the chip is one for the whole projection"
+        way = "give all synapses one number, split the projection, or run on event"
     elif synapse.learns == "pairs" and target.chip:
         why, way = f"its weights are in mV or pA, but {target.name} has registers", "use loihi_learning"
     else:

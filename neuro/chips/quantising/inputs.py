@@ -64,9 +64,8 @@ class Inputs:
     def range_of(self, index: int) -> Floats:
         """The weights of a projection, followed by the bounds between which learning may move them."""
         part = self.program.projections[index]
-        limits = part.synapse.parameters()
-        if part.synapse.learns in ("pairs", "trials") and "Wmax" in limits:
-            bounds = np.array([limits.get("Wmin", 0.0), limits["Wmax"]])
+        if part.synapse.learns in ("pairs", "trials"):
+            bounds = np.concatenate([np.ravel(end) for end in part.synapse.bounds()])
             return np.concatenate((part.weight, bounds[np.isfinite(bounds)]))
         return part.weight
 

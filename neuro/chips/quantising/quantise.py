@@ -132,7 +132,7 @@ def _unbounded(program: Program) -> Iterator[Problem]:
     """Rules for trials that may move a weight anywhere: the words of a projection have one scale."""
     for part in program.projections:
         bounds = part.synapse.parameters()
-        ends = [word for word in ("Wmin", "Wmax") if not np.isfinite(bounds.get(word, np.inf))]
+        ends = [word for word in ("Wmin", "Wmax") if not np.all(np.isfinite(bounds.get(word, np.inf)))]
         if part.synapse.learns == "trials" and not part.synapse.delays and ends:
             yield refused(
                 part.origin,

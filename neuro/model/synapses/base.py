@@ -4,7 +4,8 @@ A pairwise rule reads traces that the backend keeps, as the rule lists them: of 
 its target (`post`). A post spike reaches the synapse after the synapse's delay. At one instant dopamine comes first,
 then post, then pre. Synapse `e` has the states `y[:, e]`; the first is the weight; `c` holds the rule's constants.
 
-    constants(p, h, c)                        fill `c` from the parameters `p` (numbers only, in order of definition)
+    constants(p, h, c)                        fill `c` from the parameters `p` (numbers only, in order of definition);
+                                              once, or for each synapse where parameters have a value for each
     on_post(y, e, c, pre, post)               a post spike arrives; the traces there, of strictly earlier spikes
     on_pre(y, e, c, pre, post)                a pre spike; likewise. With `draws` also `u`, a random number in [0, 1)
     sent(y, e, c)                             what the pre spike sends then; without this function the weight
@@ -29,13 +30,14 @@ A rule for trials says in its method `lessons` whom the end of a trial teaches (
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.checks import is_number
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
 from neuro.model.arithmetic import OfModule
@@ -72,6 +74,9 @@ class Trace:
     adds: float = 1.0
     starts: str = ""
 
+
+OF_EACH: Mapping[str, Any] = {"arrays": True, "of_distance": True}
+"""What a parameter accepts that may have a value for each synapse: what weights do."""
 
 K_PLUS, K_MINUS = Trace("tau_plus"), Trace("tau_minus")
 """The traces of spike pairs, all to all, of NEST's models."""
@@ -111,14 +116,25 @@ class Synapse(Choice):
     width: ClassVar[int] = 20
     arithmetic: ClassVar[OfModule] = OfModule(("on_post", "on_pre", "advance", "teach", "settle", "encourage"))
 
+    def __post_init__(self) -> None:
+        try:
+            super().__post_init__()
+        except ModelError as error:
+            word = error.path[0] if error.path else ""
+            if word in {trace.tau for trace in (*self.pre, *self.post)} and not isinstance(
+                getattr(self, word), (str, int, float)
+            ):
+                error.hint = error.hint or "a trace belongs to a neuron, so all its synapses have one time constant"
+            raise
+
     @classmethod
     def identity(cls) -> str:
         """The names of a stranger's states: an edit may swap two, and all arrays still fit."""
         return "" if cls.__module__.startswith("neuro.") else repr([state.name for state in cls.states])
 
     @staticmethod
-    def initial(parameters: Mapping[str, Any]) -> dict[str, float]:
-        """Where its states start, by name; those not named start at 0."""
+    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
+        """Where its states start, by name, as a number or one for each synapse; those not named start at 0."""
         return {}
 
     @classmethod
@@ -132,39 +148,71 @@ class Synapse(Choice):
         found: Callable[..., Any] = getattr(cls.arithmetic, "sent", weight)
         return found
 
+    def of_each(self) -> list[str]:
+        """Words of the parameters that are no single number: one for each synapse, or what says these."""
+        values = self.parameters()
+        return [word for word in self.numbers() if not isinstance(values[word], bool) and not is_number(values[word])]
+
     def first_states(self) -> NDArray[np.float64]:
-        """The states at step 0, without the weight."""
+        """The states at step 0, without the weight, shape (states, 1) or (states, synapses)."""
         given = self.initial(self.parameters())
-        return np.array([given.get(state.name, 0.0) for state in self.states], dtype=np.float64)
+        return _columns([given.get(state.name, 0.0) for state in self.states])
 
     def first_traces(self) -> NDArray[np.float64]:
         """The pre traces at step 0."""
         given = self.parameters()
         return np.array([given.get(trace.starts, 0.0) for trace in self.pre], dtype=np.float64)
 
-    def bounds(self) -> tuple[float, float]:
-        """The smallest and the largest weight; Wmax below 0 is the smallest."""
+    def bounds(self) -> tuple[Any, Any]:
+        """The smallest and the largest weight, of all or of each synapse; Wmax below 0 is the smallest."""
         limits = self.parameters()
         if "Wmax" not in limits:
             return -math.inf, math.inf
-        low, high = sorted((limits.get("Wmin", 0.0), limits["Wmax"]))
-        return low, high
+        ends = limits.get("Wmin", 0.0), limits["Wmax"]
+        return np.minimum(*ends), np.maximum(*ends)
 
-    def expected_weight(self) -> str:
-        """Which weights it takes, for messages."""
+    def outside(self, weight: NDArray[np.float64]) -> int | None:
+        """The first synapse whose weight is not within the bounds; weights of all or one."""
         low, high = self.bounds()
+        bad = np.flatnonzero((weight < low) | (weight > high))
+        return int(bad[0]) if bad.size else None
+
+    def expected_weight(self, synapse: int = 0) -> str:
+        """Which weights a synapse takes, for messages."""
+        low, high = (end[synapse] if np.ndim(end) else end for end in self.bounds())
         if math.isinf(high):
             return f"a weight >= {low:g}, as {self.name} takes no other"
         return f"{low:g} to {high:g}, the bounds of {self.name}"
 
     def vector(self) -> NDArray[np.float64]:
-        """The numeric parameters as one vector."""
+        """The numeric parameters as one vector; a row for each synapse where some have a value for each."""
         values = self.parameters()
-        return np.array([float(values[word]) for word in self.numbers()], dtype=np.float64)
+        columns = _columns([values[word] for word in self.numbers()])
+        return np.ascontiguousarray(columns.T) if self.of_each() else columns[:, 0]
+
+    def constants_of(self, vector: NDArray[np.float64], h: float) -> NDArray[np.float64]:
+        """The constants for parameters in the form of `vector`, shape (width,) or (synapses, width)."""
+        c = np.zeros((*vector.shape[:-1], self.width))
+        for synapse in np.ndindex(vector.shape[:-1]):
+            self.arithmetic.constants(vector[synapse], h, c[synapse])
+        return c
 
     def lessons(self, end: TrialEnd) -> Iterable[Lesson | Growth]:
         """Whom the end of a trial teaches, for rules for trials, in this order: here the neuron that decided."""
         return (Lesson(end.winner, end.tick, end.reward),) if end.reward else ()
+
+
+def common(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What all synapses share in parameters in the form of `Synapse.vector`; of others the first synapse's."""
+    return vector if vector.ndim == 1 else vector[0]
+
+
+def _columns(values: Sequence[Any]) -> NDArray[np.float64]:
+    """A row for each value, as long as the longest of them."""
+    table = np.zeros((len(values), max((np.size(value) for value in values), default=1)))
+    for row, value in zip(table, values, strict=True):
+        row[:] = value
+    return table
 
 
 def check_below(rule: Synapse, low: str, high: str) -> None:

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from neuro.core.quantities import quantity
+from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.base import State
-from neuro.model.synapses.base import Synapse, Trace
+from neuro.model.synapses.base import OF_EACH, Synapse, Trace
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,17 +28,18 @@ class tsodyks2(Synapse):
     learns: ClassVar[str] = "pairs"
     pre: ClassVar[tuple[Trace, ...]] = (Trace("tau_rec", nearest=True), Trace("tau_fac", nearest=True))
     post: ClassVar[tuple[Trace, ...]] = ()
+    width: ClassVar[int] = 1
     states: ClassVar[tuple[State, ...]] = (
         State("u", "", "share of the resources that a spike releases"),
         State("x", "", "share of the resources that is left"),
     )
 
-    U: float = quantity(0.5, "", "what a spike adds to u, of what is missing to 1", at_least=0, at_most=1)
+    U: Value = quantity(0.5, "", "what a spike adds to u, of what is missing to 1", at_least=0, at_most=1, **OF_EACH)
     tau_rec: float = quantity(800.0, "ms", "time constant of recovery", above=0)
     tau_fac: float = quantity(0.0, "ms", "time constant of facilitation; with 0 there is none", at_least=0)
 
     @staticmethod
-    def initial(parameters: Mapping[str, Any]) -> dict[str, float]:
+    def initial(parameters: Mapping[str, Any]) -> dict[str, Any]:
         """Rested: u is U and x is 1."""
         return {"u": parameters["U"], "x": 1.0}
 

@@ -7,8 +7,8 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from neuro.core.quantities import quantity
-from neuro.model.synapses.base import Synapse, Trace
+from neuro.core.quantities import Value, quantity
+from neuro.model.synapses.base import OF_EACH, Synapse, Trace
 from neuro.model.synapses.within import within
 
 
@@ -25,11 +25,16 @@ class vogels_sprekeler(Synapse):
     source: ClassVar[str] = "NEST 3.10 vogels_sprekeler_synapse; Vogels et al., Science 334:1569, 2011"
     learns: ClassVar[str] = "pairs"
     pre: ClassVar[tuple[Trace, ...]] = (Trace("tau"),)
+    width: ClassVar[int] = 3
 
     tau: float = quantity(20.0, "ms", "time constant of K+", above=0)
-    eta: float = quantity(0.001, "", "step size, in the unit of the weight", at_least=0)
-    alpha: float = quantity(0.12, "", "depression by a pre spike, in steps: 2 tau times the rate to hold", at_least=0)
-    Wmax: float = quantity(-100.0, "", "largest weight, in the unit of the weight; below 0 it inhibits", nonzero=True)
+    eta: Value = quantity(0.001, "", "step size, in the unit of the weight", at_least=0, **OF_EACH)
+    alpha: Value = quantity(
+        0.12, "", "depression by a pre spike, in steps: 2 tau times the rate to hold", at_least=0, **OF_EACH
+    )
+    Wmax: Value = quantity(
+        -100.0, "", "largest weight, in the unit of the weight; below 0 it inhibits", nonzero=True, **OF_EACH
+    )
 
 
 ETA, DEPRESSION, W_MAX = range(3)

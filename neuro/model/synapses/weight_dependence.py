@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
-from neuro.core.quantities import quantity
-from neuro.model.synapses.base import Synapse
+from neuro.core.quantities import Value, quantity
+from neuro.model.synapses.base import OF_EACH, Synapse
 from neuro.model.synapses.within import within
 
 
@@ -14,12 +15,16 @@ from neuro.model.synapses.within import within
 class WeightDependent(Synapse):
     """Parameters of rules between additive (mu = 0) and multiplicative (mu = 1), with soft bounds."""
 
+    width: ClassVar[int] = 6
+
     tau_plus: float = quantity(20.0, "ms", "time constant of K+", above=0)
-    lambda_: float = quantity(0.01, "", "step size", at_least=0)
-    alpha: float = quantity(1.0, "", "depression relative to potentiation", at_least=0)
-    mu_plus: float = quantity(1.0, "", "weight dependence of potentiation", at_least=0)
-    mu_minus: float = quantity(1.0, "", "weight dependence of depression", at_least=0)
-    Wmax: float = quantity(100.0, "", "largest weight, in the unit of the weight; below 0 it inhibits", nonzero=True)
+    lambda_: Value = quantity(0.01, "", "step size", at_least=0, **OF_EACH)
+    alpha: Value = quantity(1.0, "", "depression relative to potentiation", at_least=0, **OF_EACH)
+    mu_plus: Value = quantity(1.0, "", "weight dependence of potentiation", at_least=0, **OF_EACH)
+    mu_minus: Value = quantity(1.0, "", "weight dependence of depression", at_least=0, **OF_EACH)
+    Wmax: Value = quantity(
+        100.0, "", "largest weight, in the unit of the weight; below 0 it inhibits", nonzero=True, **OF_EACH
+    )
 
 
 TAU_PLUS, LAMBDA, ALPHA, MU_PLUS, MU_MINUS, W_MAX = range(6)
