@@ -23,13 +23,14 @@ from neuro_event.own_rules import (
     NEWEST,
     PRE_SPIKE,
     due_everywhere,
+    own_row,
     post_value,
+    shared_row,
     slot_of_first,
 )
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
-    CONSTANTS,
     CONSTANTS_STRIDE,
     DELAY,
     DELAY_STRIDE,
@@ -136,18 +137,6 @@ def post_trace(decay, past, traces, before, h, tau_minus, neuron):
         if time < before:
             return traces[NEWEST + ENTRY * i + 1] * decayed(decay, before - time, h, tau_minus, neuron)
     return 0.0
-
-
-@merged
-def shared_row(q, table, z):
-    """Where the constants of a rule are that all synapses share."""
-    return q
-
-
-@merged
-def own_row(q, table, z):
-    """Where those of a synapse are, of its own or shared."""
-    return table[CONSTANTS] + table[CONSTANTS_STRIDE] * z
 
 
 def _pre_spike(row_of):
