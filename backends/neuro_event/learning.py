@@ -232,7 +232,8 @@ def set_constants(a: Arrays, projection: int, vector: Floats) -> bool:
         row[t.CONSTANTS], row[t.CONSTANTS_STRIDE] = len(kept) - row[t.FIRST_SYNAPSE], 1
         a.plastic["rule"] = np.concatenate([kept, np.zeros((p.size, kept.shape[1]))])
         if row[t.RULE_ENTRY] != 0:
-            row[t.RULE_ENTRY] = rule_entry(type(p.synapse), own_row)
+            own_rule: Any = type(p.synapse)
+            row[t.RULE_ENTRY] = rule_entry(own_rule, own_row)
     first, n = (row[t.CONSTANTS] + row[t.FIRST_SYNAPSE], p.size) if row[t.CONSTANTS_STRIDE] else (k, 1)
     in_order = given[order] if given.ndim == 2 and order is not None else given
     a.plastic["rule"][first : first + n, : p.synapse.width] = in_order
