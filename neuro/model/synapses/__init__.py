@@ -54,11 +54,12 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         raise TypeError(f"{told} has rules for spikes and learns = '': expected learns = 'pairs'")
     if model.learns == "pairs":
         _check_traces(told, model)
+        _check_of_each(told, model)
         functions = FUNCTIONS | ({"advance": 7} if model.modulated else {}) | ({"on_pre": 6} if model.draws else {})
         check_functions(told, model, functions | ({"sent": 3} if hasattr(model.arithmetic, "sent") else {}))
         _check_constants(told, model)
-    _check_of_each(told, model)
     if model.learns == "trials":
+        _check_of_each(told, model)
         more = {name: count for name, count in MORE_TEACHING.items() if hasattr(model.arithmetic, name)}
         check_functions(told, model, {**TEACHING, **more})
         if model.delays and "settle" in more:
