@@ -220,7 +220,7 @@ def test_a_hedonistic_synapse_recovers_releases_and_fails():
     rule = neuro.hedonistic(q_0=math.log(3.0), Delta_z=-math.log(3.0), tau_r=8.0)
     on_pre, c, y = rule.arithmetic.on_pre, np.zeros(rule.width), np.zeros((6, 1))
     rule.arithmetic.constants(rule.vector(), 0.1, c)
-    y[:, 0] = [7.0, *rule.first_states()]
+    y[:, 0] = [7.0, *rule.first_states()[:, 0]]
 
     def after(u, since):
         on_pre(y, 0, c, (since,), (), u)

@@ -19,7 +19,7 @@ from neuro_event.arrays import Arrays
 from neuro_event.decays import DECAYS
 from neuro_event.models import MODULATED_RULES, RULES
 from neuro_event.notes import add_notes
-from neuro_event.own_rules import ENTRY, NEWEST, OF_NEURON, OWN, TAU, TIME, rule_entry
+from neuro_event.own_rules import ENTRY, NEWEST, OF_NEURON, OWN, TAU, TIME, own_row, rule_entry, shared_row
 
 
 def add_learning(a: Arrays, learning: list[int]) -> None:
@@ -46,7 +46,7 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
             if p.synapse.modulated:
                 row[t.MODULATED] = MODULATED_RULES.index(own_rule)
         else:
-            row[t.RULE_ENTRY], row[t.SOURCE_STRIDE] = rule_entry(own_rule), max(1, len(own_rule.pre))
+            row[t.RULE_ENTRY], row[t.SOURCE_STRIDE] = rule_entry(own_rule, shared_row), max(1, len(own_rule.pre))
         row[t.FIRST_SYNAPSE], row[t.FIRST_SOURCE], row[t.FIRST_TARGET] = n_synapses, n_sources, n_targets
         row[t.INCOMING] = n_incoming
         row[t.DOPAMINE], row[t.DOPAMINE_ONE_TO_ONE] = p.dopamine, int(p.dopamine_one_to_one)
@@ -231,6 +231,9 @@ def set_constants(a: Arrays, projection: int, vector: Floats) -> bool:
     if grows:
         row[t.CONSTANTS], row[t.CONSTANTS_STRIDE] = len(kept) - row[t.FIRST_SYNAPSE], 1
         a.plastic["rule"] = np.concatenate([kept, np.zeros((p.size, kept.shape[1]))])
+        if row[t.RULE_ENTRY] != 0:
+            own_rule: Any = type(p.synapse)
+            row[t.RULE_ENTRY] = rule_entry(own_rule, own_row)
     first, n = (row[t.CONSTANTS] + row[t.FIRST_SYNAPSE], p.size) if row[t.CONSTANTS_STRIDE] else (k, 1)
     in_order = given[order] if given.ndim == 2 and order is not None else given
     a.plastic["rule"][first : first + n, : p.synapse.width] = in_order

@@ -88,10 +88,16 @@ def slot_of_first(net, row, receptors, step):
     return address(net.buf) + 8 * (row[RING] + (at & row[RING_MASK]) * receptors * row[RING_SIZE])
 
 
-@inner
-def row_of(p, q, z):
-    """Where the constants of a synapse's rule are: all share a row, or each has one."""
-    return p.table[q, CONSTANTS] + p.table[q, CONSTANTS_STRIDE] * z
+@merged
+def shared_row(q, table, z):
+    """Where the constants of a rule are that all synapses share."""
+    return q
+
+
+@merged
+def own_row(q, table, z):
+    """Where those of a synapse are, of its own or shared."""
+    return table[CONSTANTS] + table[CONSTANTS_STRIDE] * z
 
 
 @inner
@@ -161,8 +167,8 @@ def _kind(trace):
 
 
 @cache
-def rule_entry(model):
-    """The address of the passes of one rule."""
+def rule_entry(model, row_of):
+    """The address of the passes of one rule, whose constants `row_of` finds: `shared_row`, or `own_row`."""
     arithmetic, modulated = model.arithmetic, model.modulated
     on_pre, on_post = compiled(arithmetic.on_pre), compiled(arithmetic.on_post)
     nearest = compiled(steps_of)
@@ -177,13 +183,13 @@ def rule_entry(model):
         @inner
         def learn_pre(p, q, z, step, nth, pre, post):
             u = uniform(step_word(p.draw_keys[q], step + nth * NTH_STRIDE), p.drawn_as[z])
-            on_pre(p.y, z, p.rule[row_of(p, q, z)], pre, post, u)
+            on_pre(p.y, z, p.rule[row_of(q, p.table[q], z)], pre, post, u)
 
     else:
 
         @inner
         def learn_pre(p, q, z, step, nth, pre, post):
-            on_pre(p.y, z, p.rule[row_of(p, q, z)], pre, post)
+            on_pre(p.y, z, p.rule[row_of(q, p.table[q], z)], pre, post)
 
     if modulated:
 
@@ -246,7 +252,7 @@ def rule_entry(model):
             since = time + delay
             pre = pre_values(p, q, thread, own, since, h)
             for m in range(past[NEWEST + ENTRY * k + 2]):
-                on_post(p.y, z, p.rule[row_of(p, q, z)], pre, kept_values(p, column, history, k, m))
+                on_post(p.y, z, p.rule[row_of(q, p.table[q], z)], pre, kept_values(p, column, history, k, m))
         if whole and since < upto:
             pass_time(view, q, z, target, since, upto, h)
 
@@ -282,7 +288,7 @@ def rule_entry(model):
             newest = newest_before(p.past[history], step - delay)
             post = post_values(net, p, q, column, history, newest, neuron, step - delay, h)
             learn_pre(p, q, z, step, nth, pre, post)
-            weight = sent(p.y, z, p.rule[row_of(p, q, z)])
+            weight = sent(p.y, z, p.rule[row_of(q, p.table[q], z)])
             second = 1 if receptors == 2 and weight < 0.0 else 0
             at = step + taken(p, q, z, delay, h)
             ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]

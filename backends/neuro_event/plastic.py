@@ -23,13 +23,14 @@ from neuro_event.own_rules import (
     NEWEST,
     PRE_SPIKE,
     due_everywhere,
+    own_row,
     post_value,
+    shared_row,
     slot_of_first,
 )
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
-    CONSTANTS,
     CONSTANTS_STRIDE,
     DELAY,
     DELAY_STRIDE,
@@ -138,66 +139,73 @@ def post_trace(decay, past, traces, before, h, tau_minus, neuron):
     return 0.0
 
 
-@inner
-def pre_spike(view, q, source, step, thread, h):
-    """A pre spike: each synapse of this thread catches up, learns and sends; then K+ grows."""
-    net, p = net_of(view), plastic_of(view)
-    table, number, y = p.table[q], p.table[q, RULE], p.y
-    constants, stride = table[CONSTANTS], table[CONSTANTS_STRIDE]
-    plus, minus, tau = p.decay[q, PLUS], p.decay[q, MINUS], p.tau[q]
-    row = net.projections[table[PROJECTION]]
-    target_row = net.pops[row[TARGET]]
-    receptors, relay = target_row[RECEPTORS], target_row[RELAY]
-    blocks = net.awake.shape[0]
-    slots = net.due.shape[0] // blocks - 1
-    own = table[FIRST_SOURCE] + source
-    k_plus, last = p.k_plus[thread, own], p.k_time[thread, own]
-    place = row[ROW] + source * (net.edges.shape[0] - 1) + thread
-    wide = row[WAKE_ALL] == 1 and row[DELAY_STRIDE] == 0
-    end = net.rows[place + 1]
-    slot = slot_of_first(net, row, receptors, step)
-    histories, width = view[PAST, 0] + 8 * p.past.shape[1] * target_row[HISTORY], 8 * p.past.shape[1]
-    for e in range(net.rows[place], end):
-        # Targets are drawn at random: without this every history and place in the ring would be waited for.
-        ahead = np.int64(net.targets[min(e + AHEAD, end - 1)])
-        prefetch(histories + width * ahead)
-        prefetch(slot + 8 * ahead)
-        s = e - row[SYNAPSE]
-        z = table[FIRST_SYNAPSE] + s
-        target = np.int64(net.targets[e])
-        delay = np.int64(net.delays[row[DELAY] + s * row[DELAY_STRIDE]])
-        past = p.past[target_row[HISTORY] + target]
-        rule = p.rule[constants + stride * z]
-        if table[MODULATED] >= 0:
-            flow(view, q, z, own, thread, target, past, step, True, delay, h)
-        else:
-            potentiate(number, rule, y, z, plus, tau, k_plus, last, past, max(last, past[APPLIED]), step, delay, h)
-        # Post spikes that arrive in this very step have potentiated above, and are not in K-: post comes before pre.
-        k_minus = post_trace(
-            minus,
-            past,
-            p.traces[target_row[HISTORY] + target],
-            step - delay,
-            h,
-            net.tau_minus,
-            target_row[BEGIN] + target,
-        )
-        on_pre(number, y, z, rule, (0.0,), (k_minus,))
-        weight = y[0, z]  # sent after its own update, as NEST does
-        second = 1 if receptors == 2 and weight < 0.0 else 0
-        at = step + delay
-        ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]
-        net.buf[ring + target] += 1.0 if relay == 1 else weight
-        if not wide:
-            net.due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
-    if wide and net.rows[place] < net.rows[place + 1]:
-        due_everywhere(net, target_row, step + np.int64(net.delays[row[DELAY]]), thread)
-    trace = 1.0
-    if k_plus != 0.0:
-        trace += k_plus * math.exp(-(step - last) * h / p.tau[q, 0])
-    p.k_plus[thread, own] = trace
-    p.k_time[thread, own] = step
-    p.spiked[thread, own] = step
+def _pre_spike(row_of):
+    """The pass over the synapses of a pre spike; compiled once for a shared rule, which it then need not look up."""
+
+    @inner
+    def pre_spike(view, q, source, step, thread, h):
+        """A pre spike: each synapse of this thread catches up, learns and sends; then K+ grows."""
+        net, p = net_of(view), plastic_of(view)
+        table, number, y = p.table[q], p.table[q, RULE], p.y
+        plus, minus, tau = p.decay[q, PLUS], p.decay[q, MINUS], p.tau[q]
+        row = net.projections[table[PROJECTION]]
+        target_row = net.pops[row[TARGET]]
+        receptors, relay = target_row[RECEPTORS], target_row[RELAY]
+        blocks = net.awake.shape[0]
+        slots = net.due.shape[0] // blocks - 1
+        own = table[FIRST_SOURCE] + source
+        k_plus, last = p.k_plus[thread, own], p.k_time[thread, own]
+        place = row[ROW] + source * (net.edges.shape[0] - 1) + thread
+        wide = row[WAKE_ALL] == 1 and row[DELAY_STRIDE] == 0
+        end = net.rows[place + 1]
+        slot = slot_of_first(net, row, receptors, step)
+        histories, width = view[PAST, 0] + 8 * p.past.shape[1] * target_row[HISTORY], 8 * p.past.shape[1]
+        for e in range(net.rows[place], end):
+            # Targets are drawn at random: without this every history and place in the ring would be waited for.
+            ahead = np.int64(net.targets[min(e + AHEAD, end - 1)])
+            prefetch(histories + width * ahead)
+            prefetch(slot + 8 * ahead)
+            s = e - row[SYNAPSE]
+            z = table[FIRST_SYNAPSE] + s
+            target = np.int64(net.targets[e])
+            delay = np.int64(net.delays[row[DELAY] + s * row[DELAY_STRIDE]])
+            past = p.past[target_row[HISTORY] + target]
+            rule = p.rule[row_of(q, table, z)]
+            if table[MODULATED] >= 0:
+                flow(view, q, z, own, thread, target, past, step, True, delay, h)
+            else:
+                potentiate(number, rule, y, z, plus, tau, k_plus, last, past, max(last, past[APPLIED]), step, delay, h)
+            # Post spikes that arrive in this very step have potentiated above, and are not in K-: post is before pre.
+            k_minus = post_trace(
+                minus,
+                past,
+                p.traces[target_row[HISTORY] + target],
+                step - delay,
+                h,
+                net.tau_minus,
+                target_row[BEGIN] + target,
+            )
+            on_pre(number, y, z, rule, (0.0,), (k_minus,))
+            weight = y[0, z]  # sent after its own update, as NEST does
+            second = 1 if receptors == 2 and weight < 0.0 else 0
+            at = step + delay
+            ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]
+            net.buf[ring + target] += 1.0 if relay == 1 else weight
+            if not wide:
+                net.due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
+        if wide and net.rows[place] < net.rows[place + 1]:
+            due_everywhere(net, target_row, step + np.int64(net.delays[row[DELAY]]), thread)
+        trace = 1.0
+        if k_plus != 0.0:
+            trace += k_plus * math.exp(-(step - last) * h / p.tau[q, 0])
+        p.k_plus[thread, own] = trace
+        p.k_time[thread, own] = step
+        p.spiked[thread, own] = step
+
+    return pre_spike
+
+
+pre_spike_of_all, pre_spike_of_each = _pre_spike(shared_row), _pre_spike(own_row)
 
 
 @inner
@@ -229,7 +237,7 @@ def bring_target(view, q, thread, target, step, whole, h):
             p.sent[z] = p.y[0, z]
         potentiate(
             table[RULE],
-            p.rule[table[CONSTANTS] + table[CONSTANTS_STRIDE] * z],
+            p.rule[own_row(q, table, z)],
             p.y,
             z,
             p.decay[q, PLUS],
@@ -360,7 +368,9 @@ def learn_step(view, step, done_dopamine, thread, h, dopamine_only):
                 for nth in range(net.log_counts[t, place & mask]):
                     if p.table[q, RULE_ENTRY] != 0:
                         call_rule(view, p.table[q], PRE_SPIKE + nth, local, step, thread, h)
+                    elif p.table[q, CONSTANTS_STRIDE] == 0:
+                        pre_spike_of_all(view, q, local, step, thread, h)
                     else:
-                        pre_spike(view, q, local, step, thread, h)
+                        pre_spike_of_each(view, q, local, step, thread, h)
                     if p.table[q, NOTED] == 1:
                         note(view, q, local, step, thread)

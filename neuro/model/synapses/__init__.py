@@ -59,6 +59,7 @@ def complete(model: type[Synapse]) -> type[Synapse]:
         check_functions(told, model, functions | ({"sent": 3} if hasattr(model.arithmetic, "sent") else {}))
         _check_constants(told, model)
     if model.learns == "trials":
+        _check_of_each(told, model)
         more = {name: count for name, count in MORE_TEACHING.items() if hasattr(model.arithmetic, name)}
         check_functions(told, model, {**TEACHING, **more})
         if model.delays and "settle" in more:
@@ -92,11 +93,12 @@ def _check_traces(told: str, model: type[Synapse]) -> None:
 
 
 def _check_of_each(told: str, model: type[Synapse]) -> None:
-    """What synapses of one source or target share, a trace or dopamine, has one number for all."""
+    """What synapses of one source or target share, a trace or dopamine, has one number; so have rules for trials."""
     shared = {trace.tau for trace in (*model.pre, *model.post)} | {trace.starts for trace in model.pre}
     for word, q in model.quantities().items():
-        if q.arrays and (word in shared or model.modulated):
-            why = "dopamine acts by" if model.modulated else "traces have"
+        if q.arrays and (word in shared or model.modulated or model.learns == "trials"):
+            who = "dopamine acts by" if model.modulated else "traces have"
+            why = "the end of a trial teaches by" if model.learns == "trials" else who
             raise TypeError(f"{told}: '{word}' takes a value for each synapse: expected one for all, as {why} one")
 
 
