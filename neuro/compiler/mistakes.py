@@ -20,7 +20,7 @@ from neuro.core.paths import file_path
 from neuro.model.language.loader import build
 from neuro.model.language.parameters import resolve
 from neuro.model.language.reader import Node, read
-from neuro.model.language.sources import gather
+from neuro.model.language.sources import SECTIONS, gather
 from neuro.program.program import Program
 
 MOST = 1000
@@ -86,10 +86,19 @@ class _Places:
         if error.where is None:
             return ()
         word, value = self.words.get(error.where, ()), self.values.get(error.where, ())
+        if not (word or value):
+            value = self._around(error.where)
         if not word or not value or len(value) < 2:
             return word or value
         # A mapping that begins on a line of its own begins where its first word does.
         return word if error.message.endswith((f"'{word[-1]}'", f"{word[-1]} has no value")) else value
+
+    def _around(self, where: Where) -> Words:
+        """The value within which a place lies, as a character of a formula does."""
+        before = [
+            at for at in self.values if (at.file, at.line) == (where.file, where.line) and at.column < where.column
+        ]
+        return self.values[max(before, key=lambda at: at.column)] if before else ()
 
 
 class _Search:
@@ -130,7 +139,7 @@ class _Search:
                     self.told.append(error)
                     return None
                 self.mend(root, path, error)
-                if path[0] in ("neuro", "include") or (len(path) == 1 and not self.failed):
+                if path[0] in ("neuro", "include") or (len(path) == 1 and path[0] in SECTIONS and not self.failed):
                     return None
         return None
 

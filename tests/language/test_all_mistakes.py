@@ -54,12 +54,15 @@ PLANTED = {
     "a word": ("u: {of: inh, record: V_m}", "u: {of: inh, recrod: V_m}"),
     "a missing word": ("choice: {winner_take_all: {of: out}}", "choice: {winner_take_all: {}}"),
     "an unknown section": ("signals:\n  reward", "sginals:\n  reward"),
+    "a word that is no section": ("name: two", "colour: red"),
+    "a formula": ("rate: 100.0", "rate: $(100.0 / (1 - 1))"),
 }
 SAME_PART = [
     {"compiled", "off the grid"},  # of a projection from a mistaken population nothing is compiled
     {"a name", "off the grid"},
     {"a rule", "off the grid"},
     {"a signal to nobody", "an unknown section"},
+    {"resolved names", "a formula"},  # a name that is not known may be that of a mistaken parameter
 ]
 
 
