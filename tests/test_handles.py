@@ -315,6 +315,10 @@ REFUSED = {
         lambda s, n: s.set(n.populations["cells"][:3], C_m=-1.0),
         "cells.C_m = -1: expected a number > 0 pF",
     ),
+    "an end before the begin": (
+        lambda s, n: s.spikes("cells", since=9.0, until=6.0),
+        "since = 9 ms and until = 6 ms: expected an end after the begin",
+    ),
     "until that is no time": (lambda s, n: s.spikes("cells", until="now"), "until = 'now': expected a time in ms"),
 }
 

@@ -87,6 +87,16 @@ def _hint(q: Quantity, value: Any) -> str:
     return notation(value) if q.kind not in ("name", "receptor", "names", "part", "choice") else ""
 
 
+def check_span(after: int, to: int, since: float | None, until: float | None) -> None:
+    """Refuse a stretch of steps that ends before it begins, said by times in ms.
+
+    Raises:
+        ModelError: it does.
+    """
+    if since is not None and until is not None and after > to:
+        raise ModelError(f"since = {since:g} ms and until = {until:g} ms: expected an end after the begin")
+
+
 def is_number(value: Any) -> bool:
     """Whether a value is a single number that a double can hold; true and false are none."""
     if isinstance(value, int):

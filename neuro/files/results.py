@@ -38,6 +38,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import h5py
 import numpy as np
 
+from neuro.core.checks import check_span
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.core.growing import Grown, reading_grown
@@ -276,6 +277,7 @@ class Results:
         clock = Clock(float(self.about["resolution_ms"]))
         bounds = (-1.0 if since is None else since, np.inf if until is None else until)
         after, to = (clock.floor(t, word) for t, word in zip(bounds, ("since", "until"), strict=True))
+        check_span(after, to, since, until)
         part = span(kept(train, "times_ms"), clock.ms(after), np.inf if to >= NEVER else clock.ms(to))
         times, neurons, multiplicity = (kept(train, word)[part] for word in ("times_ms", "ids", "multiplicity"))
         if ids is not None:

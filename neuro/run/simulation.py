@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from neuro.compiler import compile_network
-from neuro.core.checks import check, is_number
+from neuro.core.checks import check, check_span, is_number
 from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.core.paths import file_path
@@ -489,8 +489,11 @@ class Simulation:
             raise ModelError(f"spikes of '{part.name}', a {part.model.name}, are not recorded", hint=hint)
         if (results := self._file()) is not None:
             return results.spikes_of(part.name, of.ids, since, until)
-        found = self._engine.spikes(of.index, -1 if since is None else self._clock.floor(since, "since"))
-        end = None if until is None else np.searchsorted(found.steps, self._clock.floor(until, "until"), side="right")
+        after = -1 if since is None else self._clock.floor(since, "since")
+        to = NEVER if until is None else self._clock.floor(until, "until")
+        check_span(after, to, since, until)
+        found = self._engine.spikes(of.index, after)
+        end = None if until is None else np.searchsorted(found.steps, to, side="right")
         steps, ids, multiplicity = found.steps[:end], found.ids[:end], found.multiplicity[:end]
         if of.ids is not None:
             kept = of.among()[ids]
