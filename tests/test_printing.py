@@ -234,3 +234,18 @@ def test_events():
         ],
     )
     assert tables(events[:0]._repr_html_())[1][3:] == [["from", "-"], ["to", "-"], ["mean rate", "-"], ["ON", "-"]]
+
+
+def test_what_is_played_and_what_is_of_distance():
+    events = neuro.events.Events([1, 5, 9], [0, 1, 2], [0, 0, 1], [1, 0, 1], (4, 3))
+    net = neuro.Network("seen")
+    net.population("held", "auto", neuro.event_camera(events=events))
+    net.population("streamed", [2, 3, 4], neuro.event_camera(events=iter([events])))
+    net.population("read", "auto", neuro.event_camera(file="walk.dat"))
+    sheet = net.population("sheet", [5, 5], neuro.iaf_psc_exp(), extent=[1.0, 1.0])
+    near = neuro.of_distance(neuro.exponential(a=2.0, beta=0.2))
+    net.connect(sheet, sheet, neuro.all_to_all(), weight=near)
+    told = str(net)
+    for words in ("events = 3 events of 4x3 px", "events = an iterator of events", "file = walk.dat"):
+        assert words in told
+    assert "of_distance(exponential(beta=0.2, a=2))" in told

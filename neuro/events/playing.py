@@ -79,13 +79,17 @@ def of_file(path: str | os.PathLike[str], format: str | None = None) -> OfFile:
     return OfFile(os.fspath(path), format, size_of(path, format=format))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class OfEvents:
     """Events in memory, whole or in parts."""
 
     kind: ClassVar[str] = "recording"
     whole: Sequence[Events]
     again: bool = True
+
+    def __repr__(self) -> str:
+        size = self.sensor_size
+        return f"{sum(map(len, self.whole)):,} events" + (f" of {size[0]}x{size[1]} px" if size else "")
 
     @property
     def sensor_size(self) -> Size | None:
@@ -109,7 +113,7 @@ class OfEvents:
         return _in_order(iter(self.whole))
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True, eq=False, repr=False)
 class OfIterator:
     """Parts that a program makes while they are played: by an iterator, once, or by a function that makes one."""
 
@@ -119,6 +123,9 @@ class OfIterator:
     sensor_size: Size | None = None
     identity: str = "events of an iterator"
     _begun: bool = field(default=False, init=False)
+
+    def __repr__(self) -> str:
+        return "an iterator of events"
 
     def first(self) -> None:
         """Not known."""

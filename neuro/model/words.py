@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import MISSING, fields
+from pathlib import PurePath
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,10 @@ def in_words(value: Any) -> str:
     if isinstance(values, np.ndarray) and values.dtype.kind in "fiu":
         return shown(values.tolist())
     if isinstance(value, Choice):
+        if len(fields(value)) == 1 and value.changed():  # as of_distance, which is of one thing alone
+            return f"{value.name}({in_words(next(iter(value.changed().values())))})"
         told = ", ".join(f"{word_of(name)}={in_words(each)}" for name, each in value.changed().items())
         return f"{value.name}({told})" if told else value.name
-    return value if isinstance(value, str) else shown(value)
+    if isinstance(value, str):
+        return value
+    return str(value) if isinstance(value, PurePath) else shown(value)
