@@ -75,7 +75,7 @@ def test_pandas(run):
     assert told.populations.loc["in"].to_dict() == {"neurons": 4, "spikes": 7, "rate_hz": 35.0}
     v = told.traces["v"]
     assert (v.index.name, v.columns.name, v.shape) == ("time_ms", "neuron", (25, 6))
-    assert v.attrs == {"population": "out", "state": "V_m", "unit": "mV"}
+    assert v.attrs == {"of": "out", "state": "V_m", "unit": "mV"}
     assert told.weights["in_out"].pivot(index="pre", columns="post", values="weight").to_numpy().tolist() == (
         np.arange(24.0).reshape(4, 6).tolist()
     )
