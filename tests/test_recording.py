@@ -198,7 +198,7 @@ def test_a_kill_within_a_commit_leaves_one_state(tmp_path, monkeypatch):
 def _record(sim, path, after=lambda: None):
     with sim.record_to(path):
         sim.run(20.0)
-        sim._recording.commit()
+        sim._records.recording.commit()
         after()
         sim.run(20.0)
 

@@ -43,8 +43,8 @@ def run(
     from neuro.core.progress import Bar
     from neuro.files.results import KIND, read
     from neuro.model.language import load
+    from neuro.run.compiled import compile as compiled
     from neuro.run.progress import advance
-    from neuro.run.simulation import compile as compiled
 
     together(backend)
     net = load(file, params=assignments(set))

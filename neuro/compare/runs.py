@@ -27,7 +27,8 @@ from neuro.model.network import Network
 from neuro.model.neurons import CurrentGenerator, Generator, poisson_generator
 from neuro.program.backend import OverflowWarning, find_backend
 from neuro.program.program import Program
-from neuro.run.simulation import ApproximationWarning, Simulation, compile
+from neuro.run.compiled import ApproximationWarning, compile
+from neuro.run.simulation import Simulation
 
 TARGETS = ("loihi", "spinnaker", "cpu", "gpu")
 """What the counts of the first run are priced for, beside each chip backend's own bill."""

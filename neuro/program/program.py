@@ -59,6 +59,7 @@ class Population:
         records: whether its spikes are kept for reading.
         stream: gives spikes to a listed population while it runs; None where none does.
         schedule: of a generator whose rate or amplitude is not a parameter but listed.
+        declared: the name of the model that was described, where another stands for it; "" elsewhere.
     """
 
     name: str
@@ -76,6 +77,12 @@ class Population:
     origin: Where | None
     stream: Stream | None = None
     schedule: Schedule | None = None
+    declared: str = ""
+
+    @property
+    def said(self) -> str:
+        """The name of its model as its author knows it."""
+        return self.declared or self.model.name
 
     def rate(self, step: int) -> Floats:
         """The rate in Hz that a generator of kind "poisson" begins with, or comes to in a step."""

@@ -14,7 +14,7 @@ from neuro.files.results import Results, Train
 from neuro.model.network import Network
 from neuro.program.backend import EngineCounts
 from neuro.program.program import Ints, Population
-from neuro.run.simulation import compile
+from neuro.run.compiled import compile
 
 MOST_DRAWS = 1_000_000_000
 """Neurons x steps of a generator that are drawn once more for a bill."""

@@ -43,10 +43,10 @@ class Run(Protocol):
     def trace(self, of: str) -> tuple[Floats, Any]:
         """Times and values of a trace."""
 
-    def weights(self, of: str) -> Any:
+    def weights(self, part: str, /) -> Any:
         """The weights of a projection with its ends, or kernels."""
 
-    def get(self, of: str, what: str) -> Any:
+    def get(self, part: str, /, what: str) -> Any:
         """A state of the synapses of a projection."""
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,12 @@ from neuro.compiler.views import End, end_of
 from neuro.core.errors import ModelError, unknown
 from neuro.model.network import Network
 from neuro.model.parts import Part, Population, Probe, Projection, Signal
-from neuro.model.views import Laid, View
+from neuro.model.views import Laid, View, view
 from neuro.program import program as resolved
 from neuro.program.program import Ints, Program
+
+Side = Population | View | str | int | Sequence[int] | NDArray[Any] | None
+"""Neurons at one end of a projection: a population, a view of it, or ids; None for all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,6 +100,26 @@ class Handles:
         if not isinstance(of, View):
             return self._whole[part.name]
         return Neurons(index, part, end_of(of, part.shape), of)
+
+    def neurons_or_ids(self, of: Side, population: int, word: str) -> Neurons:
+        """The neurons of a population or a view, or those of a population that ids name.
+
+        Args:
+            of: the population, the view, or ids.
+            population: the one that ids are of.
+            word: where they were said, for messages.
+
+        Raises:
+            ModelError: this network has no such population, or no neuron with one of the ids.
+        """
+        if isinstance(of, (Population, View, str)):
+            return self.neurons(of)
+        part = self._program.populations[population]
+        try:
+            chosen = view(part, [of] if isinstance(of, (int, np.integer)) else np.asarray(of))
+        except ModelError as error:
+            raise error.at(None, word) from None
+        return Neurons(population, part, end_of(chosen, part.shape), chosen)
 
     def recorded(self, probe: resolved.Probe) -> Neurons:
         """The neurons that a probe records."""
