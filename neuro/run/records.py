@@ -52,6 +52,11 @@ class Records:
         self.held = 0
         self._left: tuple[int, Path] | None = None
 
+    @property
+    def held_ms(self) -> float:
+        """The time after which spikes and traces can be read."""
+        return 0.0 if self._in_file else self._clock.ms(self.held)
+
     def run(self, steps: int) -> None:
         """Advance the engine, recording on the way."""
         (self.recorder if self.recording is None else self.recording).run(steps)
@@ -174,11 +179,15 @@ class Records:
             return self._clock.array_ms(sent.steps), {**ends, recorded.probe.record: sent.values}
         return self.spikes(self._handles.recorded(self._handles.recording(name)), None, None)
 
+    @property
+    def _in_file(self) -> bool:
+        return self.recording is not None or (self._left is not None and self._left[0] == self._engine.step)
+
     def _file(self) -> Results | None:
         """What was recorded, where that is in a file: while it is written, and after that until the network runs on."""
         if self.recording is not None:
             return self.recording.results
-        if self._left is None or self._left[0] != self._engine.step:
+        if self._left is None or not self._in_file:
             return None
         from neuro.files.results import read
 

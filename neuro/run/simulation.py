@@ -326,12 +326,15 @@ class Simulation:
 
         Args:
             of: the population, or a view of it.
-            since: only those after this time in ms.
+            since: only those after this time in ms; all that are held if not given.
             until: only those up to this time in ms, so that `until` of one call is `since` of the next.
 
         Returns:
             times in ms and neurons, sorted by time, then neuron; several spikes of one neuron in one step are
             listed as often. Neurons are ids of the population, also of a view.
+
+        Raises:
+            ModelError: they are not recorded, or a time is asked of which they were forgotten, or are in a file only.
         """
         return self._records.spikes(self.handles.neurons(of), since, until)
 
@@ -346,8 +349,16 @@ class Simulation:
         """
         return self._records.trace(self.handles.probe(of))
 
+    @property
+    def held(self) -> float:
+        """The time in ms after which spikes and traces are held: 0, or that up to which they were forgotten."""
+        return self._records.held_ms
+
     def forget(self, before: float) -> None:
-        """Free the memory of spikes and traces recorded up to a time in ms."""
+        """Free the memory of spikes and traces recorded up to a time in ms.
+
+        From then on `spikes` and `trace` give what came later; `spikes` refuses a `since` before it.
+        """
         self._records.forget(before)
 
     @property
