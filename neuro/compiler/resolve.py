@@ -86,7 +86,7 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
         groups=tuple(resolved.Group(g.name, names.index(g.choice.of), g.choice, g.origin) for g in net.groups.values()),
         probes=resolve_probes(net, shapes, clock),
         trials=trials,
-        synapse_probes=resolve_synapse_probes(net, projections, clock),
+        synapse_probes=resolve_synapse_probes(net, projections, shapes, clock),
     )
     check_trains(program)
     return program

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
+
+from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
 from neuro.core.errors import Where
@@ -121,6 +123,10 @@ class Projection(Part):
     origin: Where | None = None
     source_view: View | None = None
     target_view: View | None = None
+
+
+Side = Population | View | str | int | Sequence[int] | NDArray[Any] | None
+"""Neurons at one end of a projection: a population, a view of it, or ids; None for all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,6 +259,7 @@ class Probe(Part):
         mean: whether the mean over neurons or synapses is recorded instead of each.
         synapses: which ones of a projection, in the order of its weights; None: all.
         view: the neurons of a population that are recorded; None: all.
+        pre, post: of a projection only the synapses from and onto these neurons; None: all.
     """
 
     word: ClassVar[str] = "probe"
@@ -264,6 +271,8 @@ class Probe(Part):
     at: str | None = None
     mean: bool = False
     synapses: Value | None = None
+    pre: View | None = None
+    post: View | None = None
 
     def traces(self) -> dict[str, str]:
         """The name of the trace of each state; one of several states has a name of its own."""

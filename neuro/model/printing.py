@@ -88,6 +88,8 @@ def _probes(net: Description) -> Iterator[tuple[str, ...]]:
         every = every if part.at is None else f"at {part.at.replace('_', ' ')}"
         record = part.record if isinstance(part.record, str) else ", ".join(part.record)
         of = part.of if part.view is None else repr(part.view)
+        ends = (("from", part.pre), ("to", part.post))
+        of += "".join(f" {word} {view}" for word, view in ends if view is not None)
         yield part.name, of, f"mean {record}" if part.mean else record, every
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +11,10 @@ from numpy.typing import NDArray
 from neuro.compiler.views import End, end_of
 from neuro.core.errors import ModelError, unknown
 from neuro.model.network import Network
-from neuro.model.parts import Part, Population, Probe, Projection, Signal
+from neuro.model.parts import Part, Population, Probe, Projection, Side, Signal
 from neuro.model.views import Laid, View, view
 from neuro.program import program as resolved
 from neuro.program.program import Ints, Program
-
-Side = Population | View | str | int | Sequence[int] | NDArray[Any] | None
-"""Neurons at one end of a projection: a population, a view of it, or ids; None for all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

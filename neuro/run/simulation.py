@@ -20,14 +20,14 @@ from neuro.core.tables import Table, as_html, as_text
 from neuro.core.values import shown
 from neuro.files.run_tables import projection_table, run_table
 from neuro.model.network import Network
-from neuro.model.parts import Population, Probe, Projection, Signal
+from neuro.model.parts import Population, Probe, Projection, Side, Signal
 from neuro.model.views import View
 from neuro.program.backend import Engine, Registers
 from neuro.program.counts import Counts, Tally
 from neuro.program.program import Floats, Ints
 from neuro.run.cells import Cells
 from neuro.run.finite import Watch
-from neuro.run.handles import Handles, Neurons, Side
+from neuro.run.handles import Handles, Neurons
 from neuro.run.inflow import Inflow
 from neuro.run.inputs import Inputs
 from neuro.run.learned_network import learnt_network

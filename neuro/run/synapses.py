@@ -12,14 +12,14 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import word_of
 from neuro.core.values import shown
-from neuro.model.parts import Part
+from neuro.model.parts import Part, Side
 from neuro.model.synapses import Synapse
 from neuro.model.views import View
 from neuro.program.backend import Engine
 from neuro.program.program import Floats, Ints, Program, Projection, synapse_states
 from neuro.run import settable
 from neuro.run.finite import check_weights
-from neuro.run.handles import Handles, Neurons, Side
+from neuro.run.handles import Handles, Neurons
 from neuro.run.settable import Chosen
 
 _SMALL = 1_000_000
