@@ -409,3 +409,40 @@ def test_a_stream_of_filters_is_played(tmp_path, walk):
     sim = neuro.compile(network(neuro.event_camera(events=keep.stream(stream(tmp_path / "walk.dat"))), (2, 9, 12)))
     sim.run(70.0)
     assert sim.spikes("camera")[0].size == len(neuro.events.filters.Refractory((12, 9), period_us=5000).apply(walk))
+
+
+def test_people_are_told_the_model_that_they_know(walk):
+    net = network(neuro.event_camera(events=walk))
+    code = {"rate": {"max_rate": 50.0, "min_rate": 0.0, "r_max": 1.0, "r_min": 0.0}}
+    net.population("coded", 2, neuro.encode(values=[0.5, 1.0], code=code))
+    net.population("bias", 1, neuro.dc_generator())
+    net.connect("bias", "cells", neuro.all_to_all())
+    sim = neuro.compile(net)
+    sim.run(5.0)
+    assert "camera  event_camera" in str(sim)
+    assert [(part.name, part.said) for part in sim.program.populations] == [
+        ("camera", "event_camera"),
+        ("cells", "iaf_psc_exp"),
+        ("coded", "encode"),
+        ("bias", "dc_generator"),
+    ]
+    with pytest.raises(ModelError) as error:
+        sim.inject("camera", [6.0], [0])
+    assert str(error.value) == (
+        "inject: 'camera' is a event_camera: expected a spike_generator\n"
+        "  hint: sim.feed('camera', events) gives it events"
+    )
+    with pytest.raises(ModelError, match="spikes of 'coded', a encode, are not recorded"):
+        sim.spikes("coded")
+    wrong = network(neuro.event_camera(events=walk))
+    wrong.connect("cells", "camera", neuro.all_to_all())
+    with pytest.raises(ModelError, match="its target 'camera' is a event_camera, which takes no input") as error:
+        neuro.compile(wrong)
+
+
+def test_a_camera_is_compared_and_recorded(walk, tmp_path):
+    save(walk, tmp_path / "walk.aedat4")
+    net = network(neuro.event_camera(file=tmp_path / "walk.aedat4"))
+    del net.probes["sent"]
+    found = neuro.compare.compare(net, ["reference", "event"], 10.0)
+    assert found.runs[0].populations["camera"].spikes > 0

@@ -6,7 +6,7 @@
                     finished: whether the run came to its end
 /network            the network as YAML text
 /network_files/F    file F that the YAML reads, byte for byte
-/populations/NAME   attributes: model, shape, recorded, counts.*
+/populations/NAME   attributes: model, shape, recorded, emits, counts.*
     times_ms        float64, sorted
     ids             int64
     multiplicity    int32, spikes of that neuron in that step
@@ -88,6 +88,7 @@ class Train:
         counts: of the run, by name.
         recorded: whether its spikes were kept; if not the arrays are empty.
         times_ms, ids, multiplicity: one entry for each neuron and step with spikes; read when they are asked for.
+        emits: "spikes" or "current".
     """
 
     model: str
@@ -97,6 +98,12 @@ class Train:
     times_ms: Lazy = Lazy()
     ids: Lazy = Lazy()
     multiplicity: Lazy = Lazy()
+    emits: str = "spikes"
+
+    @property
+    def spikes(self) -> int | None:
+        """How many it emitted; None of a generator of currents, which emits none."""
+        return self.counts["spikes"] if self.emits == "spikes" else None
 
     @property
     def size(self) -> int:
@@ -218,7 +225,7 @@ class Results:
         """A row for each population, projection and trace."""
         trains, weights, traces = self.populations.items(), self.projections.items(), self.traces.items()
         return [
-            run_table(self.duration_ms, ((name, t.model, t.size, t.counts["spikes"]) for name, t in trains)),
+            run_table(self.duration_ms, ((name, t.model, t.size, t.spikes) for name, t in trains)),
             projection_table((name, w.source, w.target, w.synapse, w.synapses) for name, w in weights),
             Table(
                 "traces",

@@ -153,6 +153,7 @@ class Network(Description):
             self._where(),
             source_view,
             target_view,
+            (self.populations[pre], self.populations[post]),
         )
         return self._add(self.projections, part)
 

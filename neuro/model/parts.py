@@ -42,7 +42,7 @@ SHAPE = Quantity(
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Base of the named parts. Two parts are equal when all but their origin is."""
+    """Base of the named parts. Two parts are equal when what was said of them is."""
 
     word: ClassVar[str] = "part"
     name: str
@@ -54,7 +54,7 @@ class Part:
         if type(self) is not type(other):
             return NotImplemented
         mine, theirs = vars(self), vars(other)
-        return all(same(mine[k], theirs[k]) for k in mine if k != "origin")
+        return all(same(mine[k], theirs[k]) for k in mine if k not in ("origin", "between"))
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -67,6 +67,11 @@ class Part:
         from neuro.model.words import in_full
 
         return in_full(self)
+
+    def _repr_html_(self) -> str:
+        from neuro.model.words import in_html
+
+        return in_html(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +116,7 @@ class Projection(Part):
     Attributes:
         source, target: the populations.
         source_view, target_view: the neurons of each that the rule sees; None: all.
+        between: the populations themselves, for telling; None where they are not known.
     """
 
     word: ClassVar[str] = "projection"
@@ -123,6 +129,7 @@ class Projection(Part):
     origin: Where | None = None
     source_view: View | None = None
     target_view: View | None = None
+    between: tuple[Population, Population] | None = None
 
 
 Side = Population | View | str | int | Sequence[int] | NDArray[Any] | None

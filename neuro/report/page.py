@@ -16,6 +16,7 @@ from neuro.core.html import Html, table, tag
 from neuro.core.outputs import sealed
 from neuro.core.version import VERSION
 from neuro.files.results import Results, Train, Weights
+from neuro.files.run_tables import told_spikes
 from neuro.pages import raster
 from neuro.pages.bills import joules
 from neuro.pages.histograms import Histogram, drawings, histogram
@@ -113,7 +114,7 @@ def _spikes(results: Results) -> Iterator[Html]:
         yield _raster(results, shown[:MOST_STRIPS])
     if len(shown) > MOST_STRIPS:
         yield tag("p", f"{len(shown) - MOST_STRIPS} more populations are not drawn.")
-    silent = [name for name, train in results.populations.items() if not train.counts["spikes"]]
+    silent = [name for name, train in results.populations.items() if train.spikes == 0]
     left_out = [n for n, train in results.populations.items() if train.counts["spikes"] and not train.times_ms.size]
     if silent:
         yield tag("p", f"Silent: {', '.join(silent)}.")
@@ -156,8 +157,7 @@ def _population(name: str, train: Train, results: Results) -> tuple[object, ...]
         train.model,
         shape,
         f"{train.size:,}",
-        f"{train.counts['spikes']:,}",
-        _hz(train, results),
+        *told_spikes(train.spikes, train.size, end_ms(results)),
         fired,
         active,
     )

@@ -121,7 +121,8 @@ def no_spikes(part: Population, kept: bool, counts: Counts) -> Train:
     """A population without its spikes."""
     recorded, none = kept and part.records, np.zeros(0, np.int64)
     count = asdict(counts.populations[part.name])
-    return Train(part.model.name, part.shape, count, recorded, np.zeros(0), none, none.astype(np.int32))
+    emits = "current" if part.kind == "current" else "spikes"
+    return Train(part.said, part.shape, count, recorded, np.zeros(0), none, none.astype(np.int32), emits)
 
 
 def weights_of(sim: Run, part: Projection, counts: Counts, *, all_weights: bool = False, kept: bool = True) -> Weights:

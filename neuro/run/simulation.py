@@ -87,8 +87,9 @@ class Simulation:
     def _tables(self) -> list[Table]:
         """A row for each population and projection."""
         populations, counts = self.program.populations, self.counts().populations
+        spikes = {p.name: None if p.kind == "current" else counts[p.name].spikes for p in populations}
         return [
-            run_table(self.time, ((p.name, p.model.name, p.size, counts[p.name].spikes) for p in populations)),
+            run_table(self.time, ((p.name, p.said, p.size, spikes[p.name]) for p in populations)),
             projection_table(
                 (p.name, populations[p.source].name, populations[p.target].name, p.synapse.name, p.size)
                 for p in self.program.projections
