@@ -2,8 +2,8 @@
 
 ```
 /                   attributes: format "neuro results 2", network (its name), backend, seed, threads, duration_ms,
-                    resolution_ms, counts.* of the run, the versions of neuro, python, numpy and numba, and
-                    finished: whether the run came to its end
+                    resolution_ms, counts.* of the run, the versions of neuro, python, numpy and numba, finished:
+                    whether the run came to its end, and recording.NAME: where that of an event camera lay
 /network            the network as YAML text
 /network_files/F    file F that the YAML reads, byte for byte
 /populations/NAME   attributes: model, shape, recorded, emits, counts.*
@@ -46,6 +46,7 @@ from neuro.core.hdf5 import new_file
 from neuro.core.outputs import Kind
 from neuro.core.paths import existing
 from neuro.core.tables import Table, as_html, as_text
+from neuro.files.recordings import Sought
 from neuro.files.run_tables import projection_table, run_table
 from neuro.files.stored import Lazy, Opener, Stored, kept, span
 from neuro.model.network import Network
@@ -65,6 +66,8 @@ SECTIONS = ("populations", "projections", "traces")
 YAML = "network.yaml"
 _LARGE = 10_000
 _COUNT = "counts."
+RECORDING = "recording."
+"""Attributes of this name and that of an event camera say where its recording lay."""
 
 
 def _is_ours(path: Path) -> bool:
@@ -198,6 +201,7 @@ class Results:
         about: attributes of the file: network, backend, seed, threads, duration_ms, resolution_ms, counts, versions.
         files: the network's files by name, the YAML text among them as `network.yaml`.
         populations, projections, traces: the parts by name.
+        path: of the file, None of what is in memory only.
     """
 
     about: dict[str, Any]
@@ -205,6 +209,7 @@ class Results:
     populations: dict[str, Train]
     projections: dict[str, Weights]
     traces: dict[str, Trace]
+    path: Path | None = None
 
     @property
     def duration_ms(self) -> float:
@@ -333,14 +338,35 @@ class Results:
         projections = {name: ProjectionCounts(**part.counts) for name, part in self.projections.items()}
         return Counts(int(self.about[f"{_COUNT}steps"]), populations, projections)
 
-    def network(self) -> Network:
-        """The network as it was before the run."""
-        from neuro.model.language import load
+    def network(self, recordings: str | PathLike[str] | None = None, *, played: bool = True) -> Network:
+        """The network as it was before the run.
 
-        with tempfile.TemporaryDirectory() as folder:
+        Args:
+            recordings: the folder in which the recordings of event cameras lie. If not given, they are looked for where
+                the run found them, then beside the file of results, then in the current folder.
+            played: whether they must be there. Without them the network can be looked at, and not compiled.
+
+        Raises:
+            ModelError: a recording is not found; the message says where it was looked for.
+        """
+        from neuro.model.language import load
+        from neuro.model.language.files import elsewhere
+
+        sought = Sought(self._folders(recordings))
+        with tempfile.TemporaryDirectory() as folder, elsewhere(sought.find):
             for name, content in self.files.items():
                 (Path(folder) / name).write_bytes(content)
-            return load(Path(folder) / YAML)
+            net = load(Path(folder) / YAML)
+        if played:
+            sought.check()
+        return net
+
+    def _folders(self, recordings: str | PathLike[str] | None) -> list[Path]:
+        if recordings is not None:
+            return [Path(recordings)]
+        beside = [] if self.path is None else [self.path.resolve().parent]
+        lay = [Path(str(path)).parent for word, path in self.about.items() if word.startswith(RECORDING)]
+        return list(dict.fromkeys([*lay, *beside, Path.cwd()]))
 
     def _neurons(self, of: Any) -> tuple[str, Ints | None]:
         """The name of a population, and the neurons of a view."""
@@ -391,7 +417,7 @@ def read(path: str | PathLike[str]) -> Results:
         held = Grown(path)
         with held.reading() as file:
             if file.attrs.get("format") in FORMATS:
-                return read_file(file, held.reading)
+                return read_file(file, held.reading, path)
     except OSError:
         pass
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -404,7 +430,7 @@ def unfinished(path: Path) -> Path:
     return path.with_name(path.name + ".part")
 
 
-def read_file(file: h5py.File, opener: Opener) -> Results:
+def read_file(file: h5py.File, opener: Opener, path: Path | None = None) -> Results:
     """The results in an open file; `opener` opens it again for arrays that are asked for later."""
     about = {name: _plain(value) for name, value in file.attrs.items() if name != "format"}
     files = {YAML: file["network"][()]}
@@ -418,6 +444,7 @@ def read_file(file: h5py.File, opener: Opener) -> Results:
         {name: _read_part(Train, group, opener) for name, group in file["populations"].items()},
         {name: _read_part(Weights, group, opener) for name, group in file["projections"].items()},
         {name: _read_part(Trace, group, opener) for name, group in file["traces"].items()},
+        path,
     )
 
 

@@ -82,7 +82,7 @@ class Population(Part):
     count neurons, and each is a view of one.
 
     Attributes:
-        shape: sizes of the axes; `"auto"` where a grid projection decides.
+        shape: sizes of the axes; `"auto"` where a grid projection or a recording decides.
         model: what each neuron is.
         initial: states at time 0 that differ from the model's own, by name.
         positions: coordinates, one row for each neuron; None where they follow from the shape.
@@ -98,6 +98,11 @@ class Population(Part):
     positions: Value = None
     extent: Value = None
     periodic: bool = False
+
+    @property
+    def sizes(self) -> tuple[int | str, ...]:
+        """Its shape, where a recording decides it as far as that is there."""
+        return self.model.sizes(self.shape)
 
     def __getitem__(self, index: Any) -> View:
         return view(self, index)

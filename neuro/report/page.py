@@ -69,7 +69,7 @@ def page(results: Results, file: Path, target: str = "loihi") -> str:
 def _bill(results: Results, target: str) -> tuple[Energy | None, str]:
     """The bill, or why there is none."""
     try:
-        return energy(results, results.network(), target), ""
+        return energy(results, results.network(played=False), target), ""
     except ModelError as error:
         return None, str(error)
 

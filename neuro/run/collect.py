@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import tempfile
 from collections.abc import Collection
@@ -14,7 +15,7 @@ import numpy as np
 
 from neuro.core.version import VERSION
 from neuro.files.recorded import SMALL
-from neuro.files.results import YAML, Results, Trace, Train, Weights
+from neuro.files.results import RECORDING, YAML, Results, Trace, Train, Weights
 from neuro.model.language import save
 from neuro.model.network import Network
 from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
@@ -66,7 +67,7 @@ def collect(
     program, counts = sim.program, sim.counts()
     keep = record or [part.name for part in program.populations]
     return Results(
-        {**about(sim, threads), "finished": True},
+        {**about(sim, threads), **recordings_of(net), "finished": True},
         files_of(net),
         {p.name: _train(sim, p, p.name in keep, counts) for p in program.populations},
         {p.name: weights_of(sim, p, counts, all_weights=all_weights) for p in program.projections},
@@ -96,6 +97,12 @@ def about(sim: Run, threads: int) -> dict[str, Any]:
         **{name: version(name) for name in ("numpy", "numba")},
         **{f"counts.{name}": getattr(counts, name) for name in totals},
     }
+
+
+def recordings_of(net: Network) -> dict[str, str]:
+    """Where the recordings lie that event cameras play, as attributes of results."""
+    files = {name: getattr(part.model, "file", None) for name, part in net.populations.items()}
+    return {f"{RECORDING}{name}": os.path.abspath(file) for name, file in files.items() if isinstance(file, Path)}
 
 
 def files_of(net: Network) -> dict[str, bytes]:
