@@ -258,7 +258,8 @@ def _trace(part: Any) -> Trace:
     """A trace of `neuro.files.results`."""
     noun = "" if part.single else "synapse" if part.projection else "neuron"
     columns = part.ids if part.ids is not None else np.arange(0 if part.at_pre_spikes else part.columns)
-    words = (part.state, part.unit, noun, columns, part.times_ms, part.values)
+    values = part.values[:, None] if part.single else part.values
+    words = (part.state, part.unit, noun, columns, part.times_ms, values)
     return Trace(part.projection or part.population, *words, part.pre, part.post)
 
 

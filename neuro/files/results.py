@@ -16,7 +16,7 @@
     delay_ms        float64 at the end, of rules that change delays
 /traces/NAME        attributes: population or projection, state, unit, probe, mean
     times_ms        float64
-    values          float64, (times, columns); at pre spikes (times,)
+    values          float64, (times, columns); of a rate or a mean, and at pre spikes, (times,)
     ids             int64, the neuron of each column; not where it is all of them
     pre, post       int64, the ends of the synapse of each column; at pre spikes of each time
 ```
@@ -148,7 +148,7 @@ class Trace:
         state: its name, "rate" of a rate.
         unit: of the values.
         times_ms: shape (times,).
-        values: shape (times, neurons or synapses), one column of a rate or a mean; at pre spikes (times,).
+        values: shape (times, neurons or synapses); of a rate or a mean, and at pre spikes, (times,).
         projection: whose synapses; "" of neurons.
         probe: the name of the probe, "" for that of the trace.
         mean: whether it is a mean.
@@ -171,7 +171,7 @@ class Trace:
     @property
     def at_pre_spikes(self) -> bool:
         """Whether it has what pre spikes leave in synapses."""
-        return bool(self.values.ndim == 1)
+        return not self.single and bool(self.values.ndim == 1)
 
     @property
     def single(self) -> bool:
@@ -180,8 +180,8 @@ class Trace:
 
     @property
     def columns(self) -> int:
-        """How many neurons or synapses are recorded each time; at pre spikes one."""
-        return 1 if self.at_pre_spikes else int(self.values.shape[1])
+        """How many numbers are recorded each time; at pre spikes one."""
+        return 1 if self.values.ndim == 1 else int(self.values.shape[1])
 
     def read(self) -> Any:
         """What `sim.trace` gives beside the times: the values, at pre spikes with the ends of the synapses, by name."""
@@ -474,6 +474,8 @@ def _read_part(kind: type[P], group: h5py.Group, opener: Opener) -> P:
     if any(field.name == "counts" for field in fields(kind)):
         counts = {name: value for name, value in group.attrs.items() if name.startswith(_COUNT)}
         words["counts"] = {name.removeprefix(_COUNT): int(value) for name, value in counts.items()}
+    if kind is Trace and (words.get("mean") or words.get("state") == "rate"):
+        words["values"] = Stored(opener, f"{group.name}/values", len(group["values"]), flat=True)
     return kind(**words)
 
 

@@ -51,6 +51,7 @@ def end_ms(results: Results) -> float:
 def _trace(name: str, trace: Trace, last: float) -> Html:
     of, what = (trace.population, "neuron") if trace.population else (trace.projection, "synapse")
     x, values = _of_synapses(trace) if trace.at_pre_spikes else (trace.times_ms, trace.values)
+    values = values[:, None] if values.ndim == 1 else values
     chosen = evenly(values.shape[1], MOST_LINES)
     if trace.single:
         told = f"{'mean ' * trace.mean}{trace.state} of {of}"

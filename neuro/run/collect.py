@@ -21,7 +21,7 @@ from neuro.model.network import Network
 from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
 from neuro.program.program import Floats, Ints, Population, Probe, Program, Projection, SynapseProbe
 from neuro.run.handles import Handles
-from neuro.run.recorder import columns
+from neuro.run.recorder import columns, is_single
 
 
 class Run(Protocol):
@@ -161,12 +161,12 @@ def trace_of(sim: Run, probe: Probe | SynapseProbe) -> Trace:
         population = sim.program.populations[probe.population]
         states = {state.name: state.unit for state in population.model.states}
         unit = "Hz" if probe.record == "rate" else states[probe.record]
-        none = np.zeros((0, columns(sim.program, probe)))
-        ids = None if probe.mean or probe.record == "rate" else probe.ids
+        none = np.zeros(0 if is_single(probe) else (0, columns(sim.program, probe)))
+        ids = None if is_single(probe) else probe.ids
         return Trace(population.name, probe.record, unit, np.zeros(0), none, ids=ids, **about)
     part = sim.program.projections[probe.projection]
     unit = {state.name: state.unit for state in part.synapse.states}.get(probe.record, "")
-    none = np.zeros(0 if probe.every == 0 else (0, columns(sim.program, probe)))
+    none = np.zeros(0 if probe.every == 0 or probe.mean else (0, columns(sim.program, probe)))
     about["projection"] = part.name
     if probe.every == 0:
         ends = (np.zeros(0, np.int64), np.zeros(0, np.int64))

@@ -343,10 +343,11 @@ class Simulation:
         """What a probe has recorded.
 
         Returns:
-            times in ms, shape (times,), and values, shape (times, neurons or synapses), one column of a rate or a mean;
-            of a list of states the values by state. Of a spike probe the neurons, one for each time. At pre spikes one
-            entry for each synapse and spike, by time, then synapse: `pre`, `post` and the state, by name. Columns of a
-            view or of chosen synapses are in their order.
+            times in ms, shape (times,), and what was recorded at them: of one quantity, a rate or a mean, shape
+            (times,); of neurons or synapses (times, n), also of a single one, columns of a view or of chosen synapses
+            in their order; of spikes the neurons, (times,). A list of states gives a dictionary of these by state. At
+            pre spikes `pre`, `post` and the state by name, each (times,): an entry for each synapse and spike, by time,
+            then synapse.
         """
         return self._records.trace(self.handles.probe(of))
 
