@@ -74,6 +74,18 @@ def test_values_by_name_may_stand_in_a_mapping():
     assert [sim.get("cells", word)[0] for word in ("V_m", "I_e", "V_th")] == [3.0, 1.0, 16.0]
 
 
+def test_a_weight_may_have_its_unit():
+    net = network()
+    net.population("neurons", 2, neuro.iaf_psc_exp())
+    net.connect("source", "neurons", neuro.all_to_all(), name="currents")
+    sim = neuro.compile(net, "reference")
+    sim.set("all", weight="2.5 mV", pre=0)
+    assert sim.get("all", "weight", pre=0).tolist() == [2.5] * 6
+    sim.set("currents", weight="0.02 nA")
+    assert sim.get("currents", "weight").tolist() == [20.0] * 12
+    assert told(sim.set, "currents", weight="2 mV") == "weights of 'currents' = 2 mV: expected a current in pA"
+
+
 PAIRS = "expected pairs (source, target) of neurons as whole numbers, such as [(0, 5), (3, 1)]"
 ENDS = "\n  hint: pre= and post= take the neurons at either end"
 REFUSED = {
@@ -124,6 +136,10 @@ REFUSED = {
     "a name in ids": (
         lambda s, n: s.weights("some", post=["a"]),
         "post: cells[...]: found an array of <U1 of shape [1]: expected a list of whole numbers, or a mask",
+    ),
+    "several populations": (
+        lambda s, n: s.get([n.populations["cells"], n.populations["source"][0]], "V_m"),
+        "found several parts: expected a population or projection or its name\n  hint: one call for each",
     ),
     "nothing to set": (
         lambda s, n: s.set("cells"),

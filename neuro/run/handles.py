@@ -167,4 +167,6 @@ def _none(word: str, found: object, known: Iterable[str]) -> ModelError:
         return ModelError(f"found the {found.word} '{found.name}': expected a {word} or its name")
     if isinstance(found, View):
         return ModelError(f"found the view {found}: expected a {word} or its name")
+    if isinstance(found, (list, tuple)) and any(isinstance(each, (Part, View)) for each in found):
+        return ModelError(f"found several parts: expected a {word} or its name", hint="one call for each")
     return unknown(word, found, known)

@@ -238,7 +238,7 @@ def check_rule(part: Projection, rule: Synapse, weight: Floats) -> None:
 
 
 def new_weights(
-    part: Projection, rule: Synapse, weights: ArrayLike, among: tuple[Floats, Chosen] | None = None
+    part: Projection, rule: Synapse, weights: ArrayLike, among: tuple[Floats, Chosen] | None = None, unit: str = ""
 ) -> Floats:
     """Weights of every synapse (of a grid: of its kernels), shape (size,).
 
@@ -247,8 +247,9 @@ def new_weights(
         rule: its present synapse model.
         weights: the new ones, a number or an array.
         among: if only some change, the weights of all and which of them change.
+        unit: in which one that is written with a unit is taken.
     """
-    given = check(_WEIGHT, weights, f"weights of '{part.name}'")
+    given = check(replace(_WEIGHT, taken_in=unit), weights, f"weights of '{part.name}'")
     if isinstance(given, Distribution | FromFile):
         raise ModelError(f"weights of '{part.name}' = {shown(given)}: expected a number or an array", hint=_DRAWN)
     array = np.asarray(given, dtype=np.float64)

@@ -192,7 +192,9 @@ class Synapses:
         """
         part = self._program.projections[index]
         among = None if chosen is None else (self.weights(index), chosen)
-        new = settable.new_weights(part, self._rules[index], weights, among)
+        target = self._program.populations[part.target].model
+        unit = "" if part.carries == "current" else getattr(target, "weight_unit", "")
+        new = settable.new_weights(part, self._rules[index], weights, among, unit)
         self._engine.set_weights(index, new, None if chosen is None else _mask(part, chosen))
 
     def rows(self, index: int, chosen: Chosen | None, delays: bool) -> Any:
