@@ -453,8 +453,8 @@ def test_a_camera_is_compared_and_recorded(walk, tmp_path):
 
 def test_arrays_need_a_sensor_or_a_shape(walk):
     records = walk.records()
-    told = "arrays of events tell no sensor, neuro.events.Events(t, x, y, p, (width, height)) do"
-    message = f"population 'camera': shape auto: {told}{NUMBERS}"
+    way_out = NUMBERS.replace("write", "neuro.events.Events(t, x, y, p, (width, height)) tells it; or write")
+    message = f"population 'camera': shape auto: its events are an array, which tells no sensor{way_out}"
     assert refused(neuro.event_camera(events=records)) == message
     assert refused(neuro.event_camera(events=[records[:5], records[5:]])) == message
     sized = neuro.compile(network(neuro.event_camera(events=[records[:5], walk[5:]])))
@@ -502,13 +502,14 @@ NO_EVENTS = "expected Events, or an array with the fields t, x, y and p, or an i
     ("events", "message"),
     [
         (3, f"events: found 3: {NO_EVENTS}"),
+        ("walk.dat", "events: found 'walk.dat': expected Events\n  hint: neuro.events.load reads a file"),
         ([1, 2], f"events: found 1: {NO_EVENTS}"),
         ([(1, 2, 3, 1)], f"events: found (1, 2, 3, 1): {NO_EVENTS}"),
         (np.zeros(3), f"events: found an array of float64: {NO_EVENTS}"),
         (np.zeros(3, [("t", int), ("x", int)]), f"events: found an array of [('t', '<i8'), ('x', '<i8')]: {NO_EVENTS}"),
         (neuro.events.Event(7, 12, 0, 1), "event at x = 12, y = 0, 7 us: expected within its shape [2, 9, 12]"),
     ],
-    ids=["number", "numbers", "tuples", "floats", "fields", "outside"],
+    ids=["number", "name", "numbers", "tuples", "floats", "fields", "outside"],
 )
 def test_what_cannot_be_fed(events, message):
     sim = neuro.compile(network(neuro.event_camera(), (2, 9, 12)))

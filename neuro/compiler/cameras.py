@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from fractions import Fraction
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -80,9 +81,13 @@ class Camera:
 
     def _shape_of(self, said: tuple[int | str, ...]) -> Shape:
         """The shape that the sensor gives, which a shape that is said must agree with."""
+        from neuro.events.playing import OfEvents
+
         if self._sensor is None:
             if AUTO in said:
                 hint = "write the numbers: [2, height, width], or [height, width] unless the polarities are split"
+                if isinstance(self._played, OfEvents):
+                    hint = f"neuro.events.Events(t, x, y, p, (width, height)) tells it; or {hint}"
                 told = "no sensor is told before it is played" if self._played is None else self._played.untold
                 raise ModelError(f"shape {_written(said)}: {told}", hint=hint)
             found = tuple(int(n) for n in said)
@@ -141,6 +146,8 @@ class Camera:
         """Steps and neurons of Events, a structured array, or an iterable of them."""
         from neuro.events.playing import played
 
+        if isinstance(events, (str, PathLike)):
+            raise ModelError(f"events: found {str(events)!r}: expected Events", hint="neuro.events.load reads a file")
         if self._origin is None:
             raise ModelError("its recording has not begun to play: expected 'origin'", hint="or run first")
         begin = self._origin + self._offset

@@ -96,7 +96,7 @@ class OfEvents:
     """Events in memory, whole or in parts: `Events`, or structured arrays, which tell no sensor."""
 
     kind: ClassVar[str] = "recording"
-    untold: ClassVar[str] = "arrays of events tell no sensor, neuro.events.Events(t, x, y, p, (width, height)) do"
+    untold: ClassVar[str] = "its events are an array, which tells no sensor"
     whole: Sequence[Events | NDArray[Any]]
     again: bool = True
 

@@ -63,7 +63,7 @@ def _of_projection(part: Any) -> Iterator[tuple[str, str, str]]:
     pre, post = part.between or (None, None)
     sides = (("from", part.source, part.source_view, pre), ("to", part.target, part.target_view, post))
     for word, name, view, population in sides:
-        shape = None if population is None else population.shape
+        shape = None if population is None else population.sizes
         if view is not None:
             shape = None if shape is None or neurons(population) is None else view.shape
         of = name if view is None else repr(view)
@@ -80,8 +80,8 @@ def _of_projection(part: Any) -> Iterator[tuple[str, str, str]]:
 
 def neurons(part: Any) -> int | None:
     """The size of a population; None where a grid or a recording decides it."""
-    sizes = [axis for axis in part.shape if isinstance(axis, int)]
-    return math.prod(sizes) if len(sizes) == len(part.shape) else None
+    sizes = [axis for axis in part.sizes if isinstance(axis, int)]
+    return math.prod(sizes) if len(sizes) == len(part.sizes) else None
 
 
 def synapses(part: Any, source: Any, target: Any) -> int | None:
