@@ -264,3 +264,21 @@ def test_what_a_file_does_not_have(path, ask, expected):
     with pytest.raises(ModelError) as error:
         ask(neuro.results.read(path))
     assert str(error.value) == expected
+
+
+def test_a_probe_of_each_step_does_not_let_the_log_of_spikes_grow():
+    """A step that finds the record full empties it; only what is under way needs a larger log."""
+    net = neuro.Network("busy", resolution=1.0)
+    net.population("drive", 64, neuro.poisson_generator(rate=900.0))
+    cells = net.population("cells", 64, neuro.parrot_neuron())
+    seen = net.population("seen", 1, neuro.iaf_psc_delta())
+    net.connect("drive", cells, neuro.one_to_one())
+    net.probe("V_m", seen, "V_m")
+    sim = neuro.compile(net)
+    sim.run(100.0)
+    sim.forget(sim.time)
+    held = sim.memory()["spikes"]
+    for _ in range(10):
+        sim.run(2000.0)
+        sim.forget(sim.time)
+    assert sim.memory()["spikes"] == held
