@@ -304,3 +304,21 @@ def test_a_file_with_a_column_of_a_mean(path):
         file["traces/mean/values"] = values.reshape(4, 1)
     assert np.array_equal(neuro.results.read(path).trace("mean")[1], values)
     assert neuro.results.read(path).traces["mean"].values.shape == (4,)
+
+
+def test_a_probe_of_each_step_does_not_let_the_log_of_spikes_grow():
+    """A step that finds the record full empties it; only what is under way needs a larger log."""
+    net = neuro.Network("busy", resolution=1.0)
+    net.population("drive", 64, neuro.poisson_generator(rate=900.0))
+    cells = net.population("cells", 64, neuro.parrot_neuron())
+    seen = net.population("seen", 1, neuro.iaf_psc_delta())
+    net.connect("drive", cells, neuro.one_to_one())
+    net.probe("V_m", seen, "V_m")
+    sim = neuro.compile(net)
+    sim.run(100.0)
+    sim.forget(sim.time)
+    held = sim.memory()["spikes"]
+    for _ in range(10):
+        sim.run(2000.0)
+        sim.forget(sim.time)
+    assert sim.memory()["spikes"] == held

@@ -142,13 +142,20 @@ class Network(Description):
         self._expect(rule, Rule, what, "a rule such as neuro.all_to_all()")
         chosen = static() if synapse is None else synapse
         self._expect(chosen, Synapse, what, "a synapse such as neuro.static()")
+        weights = self._weight(pre, post)
+        try:
+            chosen = chosen.in_unit(weights, what)
+        except ModelError as error:
+            raise ModelError(
+                error.message, where=error.where or self._where(), hint=error.hint, path=("synapse", *error.path)
+            ) from None
         part = Projection(
             label,
             pre,
             post,
             rule,
             chosen,
-            self._checked(self._weight(pre, post), weight, f"{what}: weight", ("weight",)),
+            self._checked(weights, weight, f"{what}: weight", ("weight",)),
             self._checked(DELAY, delay, f"{what}: delay", ("delay",)),
             self._where(),
             source_view,

@@ -183,7 +183,7 @@ def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any], chosen:
 def _of_synapses(part: Projection, rule: Synapse, word: str, value: Any, chosen: Chosen | None) -> Any:
     """A parameter of all synapses, or of each, of which some are new."""
     what, old = f"{rule.name}.{word} of '{part.name}'", rule.parameters()[word]
-    given = check(rule.quantities()[word], value, f"{rule.name}.{word}")
+    given = check(replace(rule.quantities()[word], of_value=False), value, f"{rule.name}.{word}")
     if isinstance(given, (Distribution, FromFile, of_distance)):
         hint = "it is drawn where connections are made: net.connect(...)"
         raise ModelError(f"{what} = {shown(given)}: expected a number or an array", hint=hint)
