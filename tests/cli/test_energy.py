@@ -136,7 +136,7 @@ MISTAKES = {
         "  hint: write a table with 'like: loihi2' and 'costs: ...', and name its file as the target",
     ),
     "no parts": (("--per", "0", "trial"), "Invalid value for '--per': '0': expected a whole number >= 1"),
-    "no chips": (("--target", "loihi", "--chips", "0"), "Invalid value for '--chips': 0 is not in the range x>=1."),
+    "no chips": (("--chips", "0"), "Invalid value for '--chips': Input should be greater than or equal to 1"),
     "no time": (
         ("--target", "loihi", "--step-time", "0"),
         "Invalid value for '--step-time': '0': expected a time > 0 ms",
