@@ -26,6 +26,26 @@ def scatter(source, target, first, position, line):
 
 
 @kernel
+def scatter_rows(row_ends, target, first, position, line):
+    """The same of a projection whose synapses lie by source, without a list of sources."""
+    for i in range(row_ends.size - 1):
+        for e in range(row_ends[i], row_ends[i + 1]):
+            t = target[e]
+            line[position[t]] = first + i
+            position[t] += 1
+
+
+@kernel
+def scatter_all(sources, targets, first, position, line):
+    """Enter the synapses of a projection in which every source reaches every target."""
+    for t in range(targets):
+        at = position[t]
+        for i in range(sources):
+            line[at + i] = first + i
+        position[t] = at + sources
+
+
+@kernel
 def fill(queue, begin, end, core, rows, graph, sends, limits, load, marks):
     """Add the neurons queue[begin:end] to a core until one does not fit; returns its position, or end.
 
@@ -49,6 +69,8 @@ def fill(queue, begin, end, core, rows, graph, sends, limits, load, marks):
         width = _widen(rows, graph, load, marks)
         for e in range(graph[0][t], graph[0][t + 1]):
             _add(graph[1][e], core, rows, width, graph, load, marks)
+            if load[AXONS] > limits[AXONS] or load[MEMORY] > limits[MEMORY]:
+                return position
         load[EDGES] += sends[t]
         if load[AXONS] > limits[AXONS] or load[MEMORY] > limits[MEMORY] or load[EDGES] > limits[EDGES]:
             return position
@@ -139,3 +161,92 @@ def reach(queue, core, begin, end, ends, line, source, line_core, source_core, p
                     n += 1
                 found[2][place[own]] += 1
     return n
+
+
+@kernel
+def weigh(queue, core, begin, end, graph, index, marks, sends, axons_in, memory):
+    """Count what reaches each core without listing it: for machines of so many cores that a list would be too long.
+
+    Args:
+        queue, core, begin, end: as of `reach`.
+        graph: ends, line, source, projection and bits of `Incoming`.
+        index: bits that tell the neurons of each core apart.
+        marks: work space: count of each line, lowest line of each source, both 0 and -1; lines and sources reached.
+        sends, axons_in, memory: are filled: cores that a source reaches; sources, and bits of memory, of a core.
+    """
+    ends, line, source, projection, bits = graph
+    count, lowest, lines, sources = marks
+    first = 0
+    while first < core.size:
+        own = core[first]
+        last = first
+        n = m = 0
+        while last < core.size and core[last] == own:
+            for position in range(begin[last], end[last]):
+                t = queue[position]
+                for e in range(ends[t], ends[t + 1]):
+                    k = line[e]
+                    if count[k] == 0:
+                        lines[n] = k
+                        n += 1
+                        if lowest[source[k]] < 0:
+                            lowest[source[k]] = k
+                            sources[m] = source[k]
+                            m += 1
+                    count[k] += 1
+            last += 1
+        taken = 0
+        for i in range(n):
+            k = lines[i]
+            taken += block_bits(count[k], bits[projection[k]] + index[own])
+            count[k] = 0
+        for i in range(m):
+            sends[sources[i]] += 1
+            lowest[sources[i]] = -1
+        axons_in[own] = m
+        memory[own] = taken
+        first = last
+
+
+@kernel
+def travel(queue, core, begin, end, ends, line, source, begins, places, reached, lowest, found):
+    """The moves of one spike of each line, a spike sent for each core, without a list of lines and cores.
+
+    Args:
+        queue, core, begin, end, ends, line, source: as of `reach`.
+        begins: column, row, column of the chip and row of the chip where each source begins.
+        places: the same of each core.
+        reached: work space per neuron.
+        lowest: work space per neuron, all -1.
+        found: is filled by line: cores, those on the tile, columns, rows and chips that a spike moves.
+    """
+    first = 0
+    while first < core.size:
+        own = core[first]
+        last = first
+        m = 0
+        while last < core.size and core[last] == own:
+            for position in range(begin[last], end[last]):
+                t = queue[position]
+                for e in range(ends[t], ends[t + 1]):
+                    k = line[e]
+                    s = source[k]
+                    if lowest[s] < 0:
+                        reached[m] = s
+                        m += 1
+                        lowest[s] = k
+                    elif k < lowest[s]:
+                        lowest[s] = k
+            last += 1
+        for i in range(m):
+            s = reached[i]
+            k = lowest[s]
+            lowest[s] = -1
+            east = abs(places[0][own] - begins[0][s])
+            south = abs(places[1][own] - begins[1][s])
+            found[0][k] += 1
+            found[1][k] += east == 0 and south == 0
+            found[2][k] += east
+            found[3][k] += south
+            found[4][k] += abs(places[2][own] - begins[2][s]) + abs(places[3][own] - begins[3][s])
+        first = last

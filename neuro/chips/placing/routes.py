@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from neuro.chips.placing.fill import travel
 from neuro.chips.placing.incoming import Incoming
 from neuro.chips.placing.mesh import Places
 from neuro.chips.placing.split import Split
@@ -47,6 +48,8 @@ def routes(program: Program, into: Incoming, split: Split, places: Places, multi
             otherwise it is sent once for each destination core. What several projections of a population share
             counts with the first.
     """
+    if not split.listed:
+        return _counted(program, into, split, places)
     found: list[Hops] = []
     trees: dict[int, _Tree] = {}
     chosen = np.flatnonzero(split.sent)
@@ -64,6 +67,23 @@ def routes(program: Program, into: Incoming, split: Split, places: Places, multi
                 trees[part.source] = _Tree(ways.begin(places.column), ways.begin(places.row), places)
             found.append(ways.multicast(size, trees[part.source]))
     return tuple(found)
+
+
+def _counted(program: Program, into: Incoming, split: Split, places: Places) -> tuple[Hops, ...]:
+    """The hops of every projection, a spike sent for each destination core, where these are not listed."""
+    lines, total = len(into.source), int(into.start[-1])
+    found = tuple(np.zeros(lines, dtype=np.int64) for _ in range(5))
+    coordinates = (places.column, places.row, places.chip_column, places.chip_row)
+    placed = split.core_of >= 0
+    begins = tuple(np.where(placed, of_core[split.core_of], 0) for of_core in coordinates)
+    room = np.empty(total, dtype=np.int32), np.full(total, -1, dtype=np.int32)
+    travel(split.queue, *split.pieces, into.ends, into.line, into.source, begins, coordinates, *room, found)
+    ways = []
+    for index, part in enumerate(program.projections):
+        a, b = into.first[index], into.first[index + 1]
+        none = np.zeros(program.populations[part.source].size, dtype=np.int64)
+        ways.append(Hops(*(each[a:b] if b > a else none for each in found)))
+    return tuple(ways)
 
 
 def _core_of(program: Program, into: Incoming, split: Split, population: int) -> Ints:

@@ -18,7 +18,7 @@ from neuro.chips.placing.fan_out import dense_size, spiking
 from neuro.chips.pricing.duration import Duration, chip_time, told_times
 from neuro.chips.pricing.energy import STATIC, Energy, Item, number
 from neuro.chips.pricing.holding import range_of, run_of, why_extrapolated
-from neuro.chips.quantising.quantise import quantise
+from neuro.chips.quantising.quantise import refusals
 from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts
 from neuro.program.counts import Counts, Tally
@@ -99,8 +99,7 @@ def unrunnable(program: Program, chip: Chip, placed: bool) -> Iterator[str]:
     """Notes that what is priced cannot run on the chip, as far as that is known of it."""
     as_if = "priced as if it could"
     if chip.arithmetic in ARITHMETICS:
-        refused = sum(problem.refused for problem in quantise(program, chip).problems)
-        if refused:
+        if refused := len(refusals(program, chip)):
             count = f"{refused} refusal" + "s" * (refused > 1)
             yield f"{chip.name} cannot run this network ({count}, see neuro fit): {as_if}"
     elif not placed:
