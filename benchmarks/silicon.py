@@ -1,6 +1,7 @@
 """Joules against silicon: what bills predict beside what was measured on machines.
 
-`python benchmarks/silicon.py` describes each measured network, runs it, prices it and prints a table; `--json` for programs.
+`python benchmarks/silicon.py` describes each measured network, runs it, prices it and prints a table; `--json` for
+programs.
 """
 
 from __future__ import annotations
@@ -77,7 +78,7 @@ ROWS = (
         quantity="dynamic J",
         measured=1.33e-3,
         source=f"{FRADY}, Table 2",
-        how="instrumented board of 32 chips; dynamic energy of neuromorphic cores, without leakage, x86 cores and resets",
+        how="board of 32 chips; dynamic energy of neuromorphic cores, without leakage, x86 cores and resets",
         assumed="708 input spikes: a quarter to a third of 1,000 are said to be removed",
     ),
     Row(
@@ -167,7 +168,7 @@ ROWS = (
         quantity="J/event",
         measured=5.9e-6,
         source="van Albada et al., Front. Neurosci. 12:291, 2018 (4.4 uJ in Senk et al., arXiv:2505.21185)",
-        how="wall plug of a rack with 24 boards, of which 6 simulate; cooling, switches and supplies are in it",
+        how="rack of 24 boards, of which 6 simulate; about half of it is supplies, switches and cooling",
         assumed=f"{RANDOM}; 6 boards; 0.94 G events in a biological second",
     ),
     Row(
@@ -181,8 +182,8 @@ ROWS = (
         step_s=0.1e-3,
         quantity="J/event",
         measured=0.601e-6,
-        source="Rhodes et al., Phil. Trans. R. Soc. A 378:20190160, 2020, as tabulated by Senk et al., arXiv:2505.21185",
-        how="wall plug of 12 boards; constant drive",
+        source="Rhodes et al., Phil. Trans. R. Soc. A 378:20190160, 2020, as listed by Senk et al., arXiv:2505.21185",
+        how="12 boards, constant drive; which of supplies, switches and cooling are in it we could not read",
         assumed=f"{RANDOM}; 12 boards; 0.94 G events in a biological second",
     ),
     *(
@@ -190,10 +191,11 @@ ROWS = (
             what=f"TrueNorth, recurrent network at {rate:g} Hz and {volts} V, power",
             target="truenorth",
             network="recurrent.yaml",
-            params={"n": 16_384, "synapses": 128, "rate": rate},
+            params={"n": 16_384, "synapses": 128, "rate": rate, "resolution": 0.1},
             ms=300.0,
             share=64,
             chips=1,
+            step_s=0.1e-3,
             quantity="W",
             measured=watts,
             own=own,

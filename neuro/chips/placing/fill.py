@@ -167,12 +167,10 @@ def reach(queue, core, begin, end, ends, line, source, line_core, source_core, p
 def weigh(queue, core, begin, end, graph, index, marks, sends, axons_in, memory):
     """Count what reaches each core without listing it: for machines of so many cores that a list would be too long.
 
-    Args:
-        queue, core, begin, end: as of `reach`.
-        graph: ends, line, source, projection and bits of `Incoming`.
-        index: bits that tell the neurons of each core apart.
-        marks: work space: count of each line, lowest line of each source, both 0 and -1; lines and sources reached.
-        sends, axons_in, memory: are filled: cores that a source reaches; sources, and bits of memory, of a core.
+    The pieces of the queue are those of `reach`; `graph` has ends, line, source, projection and bits of `Incoming`, and
+    `index` the bits that tell the neurons of each core apart. Work space: a count of each line (0), the lowest line of
+    each source (-1), and room for the lines and sources that reach a core. Filled are the cores that each source
+    reaches (`sends`), and the sources and the bits of memory of each core.
     """
     ends, line, source, projection, bits = graph
     count, lowest, lines, sources = marks
@@ -212,13 +210,9 @@ def weigh(queue, core, begin, end, graph, index, marks, sends, axons_in, memory)
 def travel(queue, core, begin, end, ends, line, source, begins, places, reached, lowest, found):
     """The moves of one spike of each line, a spike sent for each core, without a list of lines and cores.
 
-    Args:
-        queue, core, begin, end, ends, line, source: as of `reach`.
-        begins: column, row, column of the chip and row of the chip where each source begins.
-        places: the same of each core.
-        reached: work space per neuron.
-        lowest: work space per neuron, all -1.
-        found: is filled by line: cores, those on the tile, columns, rows and chips that a spike moves.
+    The pieces of the queue and the synapses are those of `reach`. `begins` has the column, the row, the chip's column
+    and the chip's row where each source begins, `places` the same of each core; `reached` and `lowest` (-1) are work
+    space per neuron. `found` is filled by line: cores, those on the tile, columns, rows and chips that a spike moves.
     """
     first = 0
     while first < core.size:

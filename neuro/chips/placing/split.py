@@ -14,6 +14,7 @@ from neuro.chips.description import Chip
 from neuro.chips.placing import fill
 from neuro.chips.placing.incoming import Incoming
 from neuro.chips.placing.memory import core_bytes
+from neuro.chips.placing.mesh import LARGEST
 from neuro.chips.placing.packing import index_bits, memory_limit
 from neuro.program.program import Ints, Program
 
@@ -22,8 +23,10 @@ Part = tuple[int, int, int]
 
 _NO_LIMIT = 1 << 62
 
-LISTED = 2000
-"""Most cores of which all pairs of a source and a core are listed, where routers do not copy spikes."""
+LISTED = LARGEST
+"""Most cores of which all pairs of a source and a core are listed, where routers do not copy spikes: those of more
+cores, which are laid out as they come, are only counted.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
