@@ -158,7 +158,7 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
         table[q, [t.LAG, t.LAG_STRIDE]] = at["lags"], wires.lag.size > 1
         table[q, [t.ROW, t.SYNAPSE]] = at["rows"], at["targets"]
         table[q, [t.POSITIVE, t.NEGATIVE]] = bool(np.any(own > 0)), bool(np.any(own < 0))
-        found = {"words": own, "lags": wires.lag, "rows": row_ends, "targets": ends}
+        found: dict[str, NDArray[Any]] = {"words": own, "lags": wires.lag, "rows": row_ends, "targets": ends}
         for name, array in found.items():
             lists[name].append(array)
             at[name] += array.size

@@ -244,3 +244,22 @@ def travel(queue, core, begin, end, ends, line, source, begins, places, reached,
             found[3][k] += south
             found[4][k] += abs(places[2][own] - begins[2][s]) + abs(places[3][own] - begins[3][s])
         first = last
+
+
+@kernel
+def spread(source, core, begin, places, cores, local, along, across):
+    """Add destinations to the links that sources use: first along their row, then along columns.
+
+    `source` and `core` are pairs, `begin` and `places` the columns and rows of sources and of cores. Filled are the
+    cores of each source and those on its tile (`local`), how far it goes west and east (`along`), and north and south
+    in each column (`across`).
+    """
+    for e in range(source.size):
+        s, k = source[e], core[e]
+        east, south = places[0][k] - begin[0][s], places[1][k] - begin[1][s]
+        cores[s] += 1
+        local[s] += east == 0 and south == 0
+        along[0, s] = max(along[0, s], east)
+        along[1, s] = max(along[1, s], -east)
+        across[0, s, places[0][k]] = max(across[0, s, places[0][k]], south)
+        across[1, s, places[0][k]] = max(across[1, s, places[0][k]], -south)
