@@ -441,7 +441,7 @@ class EventEngine:
     def memory(self) -> dict[str, int]:
         """Bytes by what they hold."""
         net, plastic = self._a.net, self._a.plastic
-        static = ("rows", "targets", "weights", "delays")
+        static = ("rows", "runs", "targets", "weights", "delays")
         learning = ("y", "sent", "reached", "rule", "in_synapse", "in_source", "incoming")
         logs = ("log_ids", "log_counts", "log_ends", "rec_steps", "rec_ids", "rec_counts")
         rest = [k for k in net if k not in {*static, *logs, *snapshot.VIEWS}]
