@@ -418,6 +418,8 @@ class EventEngine:
             self._changes.kept[projection] = weights.copy()
             return
         inner = p.arriving(inner)
+        if projections.own_weights(self._a):
+            self._pack()
         first, stride = int(row[t.WEIGHT]), int(row[t.WEIGHT_STRIDE])
         if inner.size > 1 and stride == 0 and p.size > 1:
             row[t.WEIGHT], row[t.WEIGHT_STRIDE] = self._a.net["weights"].size, 1

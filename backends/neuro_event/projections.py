@@ -73,7 +73,9 @@ def add_projections(a: Arrays) -> None:
     a.net["runs"] = _joined(runs, np.uint32)
     a.net["queue"] = np.zeros((a.net["edges"].size - 1, QUEUE, 3), dtype=np.int64)
     a.net["targets"] = _joined(targets, np.int32)
-    a.net["weights"] = np.concatenate([np.zeros(0), *weights])
+    a.net["weights"] = _joined(weights, np.float64)
+    if any(p.synapse.learns == "trials" for p in program.projections):
+        own_weights(a)
     a.net["delays"] = _joined(delays, np.int32)
     a.net["at_emission"] = np.array(at_emission, dtype=np.int64)
     set_buffer(a, np.full(ring, -0.0))
@@ -109,6 +111,14 @@ def internal_weights(a: Arrays, q: int) -> Floats:
     if own.size == 1 and (p.grid is not None or p.synapse.learns == "trials"):
         own = np.repeat(own, p.size)
     return own
+
+
+def own_weights(a: Arrays) -> bool:
+    """Take a copy of the weights before they change, if they are the program's; return whether that was needed."""
+    shared = any(np.may_share_memory(a.net["weights"], p.weight) for p in a.program.projections)
+    if shared:
+        a.net["weights"] = a.net["weights"].copy()
+    return shared
 
 
 def _give_ring(row: Ints, longest: int, n: int, receptors: int, at: int, slice_: int) -> int:

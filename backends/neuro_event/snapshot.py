@@ -12,7 +12,8 @@ from neuro_event import projections
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 
-_GIVEN = {"edges", "rows", "runs", "targets", "delays", "order", "map_of", "initial", "resets", "keys", "group_keys", "local"}
+_LAID_OUT = {"edges", "rows", "runs", "targets", "delays", "order"}
+_GIVEN = _LAID_OUT | {"map_of", "initial", "resets", "keys", "group_keys", "local"}
 VIEWS = {"x", "bits", "awake_groups", "due_groups", "fired_words", "traces"}
 """Arrays that show others in another way."""
 _EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws", "won", "queue"}

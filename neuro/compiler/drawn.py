@@ -7,11 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.compiler.rows import pieces, sorted_draws
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import uniform, uniform_table
 from neuro.program.program import Ints
 
-BLOCK = 1 << 18
+BLOCK = 1 << 16
 """Draws at a time: what they take stays small beside the synapses."""
 
 
@@ -37,14 +38,19 @@ def total_number(
     if n and (pairs < 1 or (not repeats and n > pairs)):
         hint = "multapses: true allows a pair to be drawn twice" if pairs > 0 else ""
         raise ModelError(f"n = {n} synapses: expected at most {pairs}, as many as there are pairs", hint=hint)
-    places = _below(pairs, 0, n, key) if repeats else _distinct(n, pairs, key)
-    places.sort()
-    row_ends = np.searchsorted(places, ends)
-    pre = np.repeat(np.arange(n_pre), np.diff(row_ends))
-    post = places - ends[pre]
-    if but is not None:
-        post += (but[pre] >= 0) & (post >= but[pre])
-    return row_ends, post.astype(np.int32)
+    if repeats:
+        places = sorted_draws(lambda: (_below(pairs, *block, key) for block in blocks(0, n, BLOCK)), n, pairs)
+    else:
+        places = _distinct(n, pairs, key)
+        places.sort()
+    row_ends, targets = np.searchsorted(places, ends), np.empty(n, dtype=np.int32)
+    for first, last, begin, end in pieces(row_ends):
+        pre = np.repeat(np.arange(first, last), np.diff(row_ends[first : last + 1]))
+        post = places[begin:end] - ends[pre]
+        if but is not None:
+            post += (but[pre] >= 0) & (post >= but[pre])
+        targets[begin:end] = post
+    return row_ends, targets
 
 
 def _below(bound: int, first: int, last: int, key: int) -> Ints:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
 from functools import cache
 from typing import Any
@@ -20,6 +21,7 @@ from neuro.compiler.generators import check_trains, schedule_of
 from neuro.compiler.pack import packed
 from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
 from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
+from neuro.compiler.rows import by_delay
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.space import Between, between
 from neuro.compiler.values import LONGEST_DELAY, delay_steps, one_delay, per_neuron, per_synapse, too_late
@@ -29,7 +31,7 @@ from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
 from neuro.core.quantities import word_of
-from neuro.model.distributions import DISTRIBUTIONS
+from neuro.model.distributions import DISTRIBUTIONS, Distribution
 from neuro.model.network import Network
 from neuro.model.neurons import (
     MODELS,
@@ -50,12 +52,13 @@ from neuro.program.program import Floats, Ints
 from neuro.program.streams import Stream
 
 
-def compile_network(net: Network, seed: int) -> resolved.Program:
+def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Program:
     """Check a network and resolve it.
 
     Args:
         net: the network; it is not changed.
         seed: of everything random, in the network and while it runs.
+        threads: how many draw connections, each those of whole projections; what they draw does not depend on it.
 
     Raises:
         ModelError: the network cannot be run by any backend.
@@ -73,7 +76,7 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
         _population(net, part, shapes[part.name], clock, seed, cameras.get(part.name))
         for part in net.populations.values()
     )
-    projections = packed(tuple(_projection(net, part, shapes, clock, seed) for part in net.projections.values()))
+    projections = packed(_projections(net, shapes, clock, seed, threads))
     names = list(net.populations)
     program = resolved.Program(
         name=net.name,
@@ -90,6 +93,21 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
     )
     check_trains(program)
     return program
+
+
+def _projections(
+    net: Network, shapes: Mapping[str, Shape], clock: Clock, seed: int, threads: int
+) -> Iterator[resolved.Projection]:
+    """All projections, in order."""
+
+    def resolve(part: Projection) -> resolved.Projection:
+        return _projection(net, part, shapes, clock, seed)
+
+    if threads == 1 or len(net.projections) < 2:
+        yield from map(resolve, net.projections.values())
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        yield from pool.map(resolve, net.projections.values())
 
 
 def _delays(part: resolved.Projection, resolution: float) -> tuple[int, ...]:
@@ -213,8 +231,10 @@ def _projection(
         key = (seed, "connect", part.name)
         seen = cache(lambda: apart().among(source.ids, target.ids))
         found = placed(connect(part.rule, source.shape, target.shape, own, sizes, key, seen), source, target)
-        weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name), apart)
         delay = delay_steps(part.delay, found, clock, "delay", generator(seed, "delay", part.name), apart)
+        if _is_drawn(part, found):
+            by_delay(found.row_ends, delay, found.targets, found.shared)
+        weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name), apart)
         rule = _rule(part, found, seed, apart)
     if sizes is not None and weight.size == 1:
         weight = np.repeat(weight, found.size)
@@ -254,6 +274,17 @@ def _projection(
         dopamine_one_to_one=one_to_one,
         dopamine_delay=later,
         origin=part.origin,
+    )
+
+
+def _is_drawn(part: Projection, found: Connections) -> bool:
+    """Whether the order of synapses says nothing: pairs and delays are drawn, and nothing of them is learnt."""
+    return (
+        found.layout == "csr"
+        and found.size > 0
+        and not found.listed
+        and isinstance(part.delay, Distribution)
+        and not part.synapse.learns
     )
 
 

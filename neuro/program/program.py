@@ -149,7 +149,8 @@ class Projection:
         source, target: indices of the populations.
         carries: "spikes" or "current".
         layout: "one_to_one", "dense" (every pair, source-major), "csr" or "grid" (a shared kernel).
-        row_ends: csr: synapses of source i are row_ends[i] : row_ends[i + 1], targets ascending.
+        row_ends: csr: synapses of source i are row_ends[i] : row_ends[i + 1], targets ascending; where pairs and
+            delays are drawn and nothing is learnt, delays ascending, and targets among those of one delay.
         targets: csr: the target of each synapse, int32.
         weight: shape (1,) where shared, else one per synapse; grid: (maps, channels, height, width) flat.
         delay: in steps, shape (1,) or one per synapse, int32, >= 1.
@@ -331,9 +332,9 @@ class Program:
         return source, part.targets.astype(np.int64)
 
     def synapses(self, index: int) -> tuple[Ints, Ints, Ints]:
-        """Source, target and place of the weight of every synapse of a projection, sorted by source, then target.
+        """Source, target and place of the weight of every synapse of a projection, in the order of its weights.
 
-        The synapses of a grid share weights; elsewhere each has its own.
+        Those of a grid are sorted by source, then target, and share weights; elsewhere each has its own.
         """
         part = self.projections[index]
         if part.grid is not None:
