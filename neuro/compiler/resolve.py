@@ -21,7 +21,7 @@ from neuro.compiler.generators import check_trains, schedule_of
 from neuro.compiler.pack import packed
 from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
 from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
-from neuro.compiler.rows import by_delay
+from neuro.compiler.rows import MANY, by_delay
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.space import Between, between
 from neuro.compiler.values import LONGEST_DELAY, delay_steps, one_delay, per_neuron, per_synapse, too_late
@@ -232,8 +232,8 @@ def _projection(
         seen = cache(lambda: apart().among(source.ids, target.ids))
         found = placed(connect(part.rule, source.shape, target.shape, own, sizes, key, seen), source, target)
         delay = delay_steps(part.delay, found, clock, "delay", generator(seed, "delay", part.name), apart)
-        if _is_drawn(part, found):
-            by_delay(found.row_ends, delay, found.targets, found.shared)
+        if not part.synapse.learns:
+            found, delay = _by_delay(part, found, delay)
         weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name), apart)
         rule = _rule(part, found, seed, apart)
     if sizes is not None and weight.size == 1:
@@ -277,15 +277,21 @@ def _projection(
     )
 
 
-def _is_drawn(part: Projection, found: Connections) -> bool:
-    """Whether the order of synapses says nothing: pairs and delays are drawn, and nothing of them is learnt."""
-    return (
-        found.layout == "csr"
-        and found.size > 0
-        and not found.listed
-        and isinstance(part.delay, Distribution)
-        and not part.synapse.learns
-    )
+def _by_delay(part: Projection, found: Connections, delay: NDArray[np.int32]) -> tuple[Connections, NDArray[np.int32]]:
+    """Of very many synapses those of each source by delay, where all is drawn or they are listed so.
+
+    A backend that delivers them in this order would else need a second copy.
+    """
+    if found.layout == "csr" and delay.size >= MANY:
+        if isinstance(part.delay, Distribution) and not found.listed:
+            by_delay(found.row_ends, delay, found.targets, found.shared)
+        elif found.order is not None and found.listed == ((found.size,),):
+            as_listed = np.argsort(found.order)
+            pre = np.repeat(np.arange(found.row_ends.size - 1), np.diff(found.row_ends))[as_listed]
+            post, late = found.targets[as_listed], delay[as_listed]
+            if np.array_equal(np.lexsort((post, late, pre)), np.arange(found.size)):
+                return replace(found, targets=post, order=None), late
+    return found, delay
 
 
 def _rule(part: Projection, found: Connections, seed: int, apart: Apart) -> Synapse:

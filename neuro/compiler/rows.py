@@ -13,6 +13,9 @@ from neuro.program.program import Ints
 PIECE = 1 << 16
 """Synapses at a time, about."""
 
+MANY = 1 << 20
+"""Static synapses from which on those of a source lie by delay, then target, if their delays are drawn."""
+
 _FEW = 1 << 12
 
 

@@ -149,8 +149,8 @@ class Projection:
         source, target: indices of the populations.
         carries: "spikes" or "current".
         layout: "one_to_one", "dense" (every pair, source-major), "csr" or "grid" (a shared kernel).
-        row_ends: csr: synapses of source i are row_ends[i] : row_ends[i + 1], targets ascending; where pairs and
-            delays are drawn and nothing is learnt, delays ascending, and targets among those of one delay.
+        row_ends: csr: synapses of source i are row_ends[i] : row_ends[i + 1], targets ascending; of a million static
+            synapses or more with drawn delays, delays ascending, and targets among those of one delay.
         targets: csr: the target of each synapse, int32.
         weight: shape (1,) where shared, else one per synapse; grid: (maps, channels, height, width) flat.
         delay: in steps, shape (1,) or one per synapse, int32, >= 1.
