@@ -7,13 +7,15 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.compiler.rows import pieces, sorted_draws
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import uniform, uniform_table
 from neuro.program.program import Ints
 
 BLOCK = 1 << 16
 """Draws at a time: what they take stays small beside the synapses."""
+
+MANY = 1 << 20
+"""Synapses from which on they are put in order by compiled passes over memory."""
 
 
 def total_number(
@@ -38,19 +40,21 @@ def total_number(
     if n and (pairs < 1 or (not repeats and n > pairs)):
         hint = "multapses: true allows a pair to be drawn twice" if pairs > 0 else ""
         raise ModelError(f"n = {n} synapses: expected at most {pairs}, as many as there are pairs", hint=hint)
-    if repeats:
-        places = sorted_draws(lambda: (_below(pairs, *block, key) for block in blocks(0, n, BLOCK)), n, pairs)
-    else:
-        places = _distinct(n, pairs, key)
-        places.sort()
-    row_ends, targets = np.searchsorted(places, ends), np.empty(n, dtype=np.int32)
-    for first, last, begin, end in pieces(row_ends):
-        pre = np.repeat(np.arange(first, last), np.diff(row_ends[first : last + 1]))
-        post = places[begin:end] - ends[pre]
-        if but is not None:
-            post += (but[pre] >= 0) & (post >= but[pre])
-        targets[begin:end] = post
-    return row_ends, targets
+    if repeats and n >= MANY:
+        from neuro.compiler.rows import sorted_draws, split
+
+        row_ends, targets = np.zeros(n_pre + 1, dtype=np.int64), np.empty(n, dtype=np.int32)
+        nobody = np.zeros(0, dtype=np.int64)
+        split(sorted_draws(key, n, pairs), ends, nobody if but is None else but, row_ends, targets)
+        return row_ends, targets
+    places = _below(pairs, 0, n, key) if repeats else _distinct(n, pairs, key)
+    places.sort()
+    row_ends = np.searchsorted(places, ends)
+    pre = np.repeat(np.arange(n_pre), np.diff(row_ends))
+    post = places - ends[pre]
+    if but is not None:
+        post += (but[pre] >= 0) & (post >= but[pre])
+    return row_ends, post.astype(np.int32)
 
 
 def _below(bound: int, first: int, last: int, key: int) -> Ints:

@@ -16,12 +16,13 @@ from neuro.compiler.cameras import cameras_of
 from neuro.compiler.check import check_network, check_values, refuse, telling
 from neuro.compiler.check_trials import resolve_trials
 from neuro.compiler.connect import Apart, Connections, connect
+from neuro.compiler.drawn import MANY
 from neuro.compiler.encoded import with_generators
 from neuro.compiler.generators import check_trains, schedule_of
+from neuro.compiler.memory import check_memory
 from neuro.compiler.pack import packed
 from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
 from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
-from neuro.compiler.rows import MANY, by_delay
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.space import Between, between
 from neuro.compiler.values import LONGEST_DELAY, delay_steps, one_delay, per_neuron, per_synapse, too_late
@@ -72,6 +73,7 @@ def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Progr
     check_network(net, shapes)
     check_probes(net, shapes, clock)
     trials = resolve_trials(net, shapes, clock)
+    check_memory(net, shapes)
     populations = tuple(
         _population(net, part, shapes[part.name], clock, seed, cameras.get(part.name))
         for part in net.populations.values()
@@ -284,6 +286,8 @@ def _by_delay(part: Projection, found: Connections, delay: NDArray[np.int32]) ->
     """
     if found.layout == "csr" and delay.size >= MANY:
         if isinstance(part.delay, Distribution) and not found.listed:
+            from neuro.compiler.rows import by_delay
+
             by_delay(found.row_ends, delay, found.targets, found.shared)
         elif found.order is not None and found.listed == ((found.size,),):
             as_listed = np.argsort(found.order)

@@ -101,20 +101,20 @@ def delay_steps(
     value = plain(value)
     if isinstance(value, (Distribution, of_distance)):
         drawn = per_synapse(value, found, what, rng, apart)
-        steps = np.empty(drawn.size, dtype=np.int32)
+        late = np.empty(drawn.size, dtype=np.int32)
         longest = np.rint(drawn.max(initial=0.0) / clock.resolution)
         if longest > LONGEST_DELAY:
             raise too_late(f"the longest {'drawn ' * isinstance(value, Distribution)}{what}", int(longest), clock)
         for first, last in blocks(0, drawn.size, BLOCK):
-            steps[first:last] = np.maximum(np.rint(drawn[first:last] / clock.resolution), 1.0)
-        return steps
+            late[first:last] = np.maximum(np.rint(drawn[first:last] / clock.resolution), 1.0)
+        return late
     if np.ndim(value):
         steps = clock.steps(per_synapse(value, found, what, rng, apart), what)
     else:
         steps = one_delay(value, clock, what)
-    late = np.flatnonzero(steps > LONGEST_DELAY)
-    if late.size:
-        raise too_late(f"{what}[{late[0]}]" if steps.size > 1 else what, int(steps.ravel()[late[0]]), clock)
+    far = np.flatnonzero(steps > LONGEST_DELAY)
+    if far.size:
+        raise too_late(f"{what}[{far[0]}]" if steps.size > 1 else what, int(steps.ravel()[far[0]]), clock)
     early = np.flatnonzero(steps < 1)
     if early.size:
         raise ModelError(
