@@ -15,7 +15,7 @@ BLOCK = 1 << 16
 """Draws at a time: what they take stays small beside the synapses."""
 
 MANY = 1 << 20
-"""Synapses from which on they are put in order by compiled passes over memory."""
+"""Synapses from which on those of a projection are put in order by compiled passes, those of a network by delay."""
 
 
 def total_number(

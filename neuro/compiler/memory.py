@@ -9,13 +9,19 @@ from neuro.core.errors import ModelError
 from neuro.core.memory import free_memory
 from neuro.model.network import Network
 from neuro.model.parts import Projection
-from neuro.model.rules import all_to_all, fixed_indegree, fixed_outdegree, fixed_total_number, pairwise_bernoulli
+from neuro.model.rules import all_to_all, fixed_indegree, fixed_outdegree, fixed_total_number, pairs, pairwise_bernoulli
 
 MANY = 1 << 26
 """Synapses from which on it is counted."""
 
 ROOM = 1.2
 """What is needed beside the synapses, over what these need: tables, neurons, and what is being drawn."""
+
+
+def many_synapses(net: Network, shapes: Mapping[str, Shape], least: int) -> bool:
+    """Whether a network has about so many synapses that are stored one by one; views count as what they are of."""
+    parts = net.projections.values()
+    return sum(_synapses(part, size(shapes[part.source]), size(shapes[part.target])) for part in parts) >= least
 
 
 def check_memory(net: Network, shapes: Mapping[str, Shape]) -> None:
@@ -57,6 +63,8 @@ def _synapses(part: Projection, n_pre: int, n_post: int) -> int:
             return n
         case pairwise_bernoulli(p=p):
             return round(p * n_pre * n_post)
+        case pairs(pre=pre):
+            return len(pre)
     return 0
 
 

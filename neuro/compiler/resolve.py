@@ -19,7 +19,7 @@ from neuro.compiler.connect import Apart, Connections, connect
 from neuro.compiler.drawn import MANY
 from neuro.compiler.encoded import with_generators
 from neuro.compiler.generators import check_trains, schedule_of
-from neuro.compiler.memory import check_memory
+from neuro.compiler.memory import check_memory, many_synapses
 from neuro.compiler.pack import packed
 from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
 from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
@@ -69,13 +69,14 @@ def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Progr
     clock = Clock(net.resolution)
     cameras = cameras_of(net, clock)
     shapes = resolve_shapes(net, {name: camera.shape for name, camera in cameras.items()})
-    net = with_generators(net, shapes, clock, seed)
     check_network(net, shapes)
     check_probes(net, shapes, clock)
+    declared = {name: part.model.name for name, part in net.populations.items()}
+    net = with_generators(net, shapes, clock, seed)
     trials = resolve_trials(net, shapes, clock)
     check_memory(net, shapes)
     populations = tuple(
-        _population(net, part, shapes[part.name], clock, seed, cameras.get(part.name))
+        _population(net, part, shapes[part.name], clock, seed, cameras.get(part.name), declared[part.name])
         for part in net.populations.values()
     )
     projections = packed(_projections(net, shapes, clock, seed, threads))
@@ -91,7 +92,7 @@ def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Progr
         groups=tuple(resolved.Group(g.name, names.index(g.choice.of), g.choice, g.origin) for g in net.groups.values()),
         probes=resolve_probes(net, shapes, clock),
         trials=trials,
-        synapse_probes=resolve_synapse_probes(net, projections, clock),
+        synapse_probes=resolve_synapse_probes(net, projections, shapes, clock),
     )
     check_trains(program)
     return program
@@ -101,9 +102,10 @@ def _projections(
     net: Network, shapes: Mapping[str, Shape], clock: Clock, seed: int, threads: int
 ) -> Iterator[resolved.Projection]:
     """All projections, in order."""
+    many = many_synapses(net, shapes, MANY)
 
     def resolve(part: Projection) -> resolved.Projection:
-        return _projection(net, part, shapes, clock, seed)
+        return _projection(net, part, shapes, clock, seed, many)
 
     if threads == 1 or len(net.projections) < 2:
         yield from map(resolve, net.projections.values())
@@ -120,7 +122,7 @@ def _delays(part: resolved.Projection, resolution: float) -> tuple[int, ...]:
 
 
 def _population(
-    net: Network, part: Population, shape: Shape, clock: Clock, seed: int, stream: Stream | None
+    net: Network, part: Population, shape: Shape, clock: Clock, seed: int, stream: Stream | None, declared: str
 ) -> resolved.Population:
     model = part.model
     parameters: dict[str, Floats] = {}
@@ -154,6 +156,7 @@ def _population(
         origin=part.origin,
         stream=stream,
         schedule=schedule,
+        declared="" if declared == model.name else declared,
     )
 
 
@@ -216,7 +219,7 @@ def _recorded(model: spike_train, neurons: int, clock: Clock) -> tuple[Ints, Int
 
 
 def _projection(
-    net: Network, part: Projection, shapes: Mapping[str, Shape], clock: Clock, seed: int
+    net: Network, part: Projection, shapes: Mapping[str, Shape], clock: Clock, seed: int, many: bool
 ) -> resolved.Projection:
     sizes = grid_of(part, shapes) if isinstance(part.rule, grid) else None
     if sizes is not None and not isinstance(part.delay, float):
@@ -234,7 +237,7 @@ def _projection(
         seen = cache(lambda: apart().among(source.ids, target.ids))
         found = placed(connect(part.rule, source.shape, target.shape, own, sizes, key, seen), source, target)
         delay = delay_steps(part.delay, found, clock, "delay", generator(seed, "delay", part.name), apart)
-        if not part.synapse.learns:
+        if many and not part.synapse.learns:
             found, delay = _by_delay(part, found, delay)
         weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name), apart)
         rule = _rule(part, found, seed, apart)
@@ -280,11 +283,11 @@ def _projection(
 
 
 def _by_delay(part: Projection, found: Connections, delay: NDArray[np.int32]) -> tuple[Connections, NDArray[np.int32]]:
-    """Of very many synapses those of each source by delay, where all is drawn or they are listed so.
+    """The synapses of each source by delay, where all is drawn or they are listed so.
 
     A backend that delivers them in this order would else need a second copy.
     """
-    if found.layout == "csr" and delay.size >= MANY:
+    if found.layout == "csr" and delay.size > 1:
         if isinstance(part.delay, Distribution) and not found.listed:
             from neuro.compiler.rows import by_delay
 
