@@ -94,8 +94,9 @@ def csr_own(targets, first, last, weights, w, m, receptors, stride, buf, out, du
             weight = weights[w + e - first] * m
             buf[out + np.int64(targets[e]) + (stride if weight < 0.0 else 0)] += weight
     else:
-        for e in range(first, last):
-            buf[out + np.int64(targets[e])] += weights[w + e - first] * m
+        begin, shift = np.uint64(out), np.uint64(w) - np.uint64(first)
+        for e in range(np.uint64(first), np.uint64(last)):
+            buf[begin + np.uint64(targets[e])] += weights[shift + e] * m
     if mark >= 0:
         for e in range(first, last):
             due[mark + (np.int64(targets[e]) >> _BLOCK)] = 1

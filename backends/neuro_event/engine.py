@@ -418,6 +418,8 @@ class EventEngine:
             self._changes.kept[projection] = weights.copy()
             return
         inner = p.arriving(inner)
+        if projections.own_weights(self._a):
+            self._pack()
         first, stride = int(row[t.WEIGHT]), int(row[t.WEIGHT_STRIDE])
         if inner.size > 1 and stride == 0 and p.size > 1:
             row[t.WEIGHT], row[t.WEIGHT_STRIDE] = self._a.net["weights"].size, 1
@@ -441,7 +443,7 @@ class EventEngine:
     def memory(self) -> dict[str, int]:
         """Bytes by what they hold."""
         net, plastic = self._a.net, self._a.plastic
-        static = ("rows", "targets", "weights", "delays")
+        static = ("rows", "runs", "targets", "weights", "delays")
         learning = ("y", "sent", "reached", "rule", "in_synapse", "in_source", "incoming")
         logs = ("log_ids", "log_counts", "log_ends", "rec_steps", "rec_ids", "rec_counts")
         rest = [k for k in net if k not in {*static, *logs, *snapshot.VIEWS}]

@@ -5,6 +5,7 @@
 
 # mypy: ignore-errors
 from neuro.kernels.jit import inner, kernel
+from neuro_event.arrivals import arrive, at_emission
 from neuro_event.candidates import weigh_maps
 from neuro_event.deliver import log_delivery
 from neuro_event.drive import charge, drive
@@ -33,6 +34,7 @@ from neuro_event.tables import (
     NEURON,
     POISSON,
     RADIUS,
+    RUN,
     WINNER,
 )
 from neuro_event.views import net_of
@@ -47,8 +49,7 @@ def act_at_emission(view, thread, upto, dopamine_upto, h):
         if step <= clock[HORIZON]:
             continue
         for k in range(net.at_emission.shape[0]):
-            q = net.at_emission[k]
-            log_delivery(view, q, step, 0, thread, True)
+            at_emission(view, net.at_emission[k], step, step, thread)
         learn_step(view, step, clock[DONE_DOPAMINE], thread, h, False)
     clock[DONE] = max(clock[DONE], upto)
     clock[DONE_DOPAMINE] = max(clock[DONE_DOPAMINE], upto)
@@ -78,6 +79,9 @@ def advance(view, thread, first, last, h):
                 for k in range(row[ARRIVALS], row[ARRIVALS_END]):
                     q = net.incoming[k]
                     projection = net.projections[q]
+                    if projection[RUN] >= 0:
+                        arrive(view, q, step, thread)
+                        continue
                     j = step - projection[LAG]
                     if j <= net.clock[thread, HORIZON]:
                         continue

@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro_event import projections
+from neuro_event import layout, projections
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 
-_GIVEN = {"edges", "rows", "targets", "delays", "order", "map_of", "initial", "resets", "keys", "group_keys", "local"}
+_LAID_OUT = {"edges", "rows", "runs", "targets", "delays", "order"}
+_GIVEN = _LAID_OUT | {"map_of", "initial", "resets", "keys", "group_keys", "local"}
 VIEWS = {"x", "bits", "awake_groups", "due_groups", "fired_words", "traces"}
 """Arrays that show others in another way."""
-_EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws", "won"}
+_EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws", "won", "queue"}
 _NOTES = {"note_this", "note_at", "note_steps", "note_synapses", "note_y"}
 _DRIVES = {
     "lines",
@@ -40,7 +41,19 @@ def snapshot(a: Arrays) -> dict[str, NDArray[Any]]:
     net["net.projections"] = a.net["projections"][:, : t.CHANNEL_HEIGHT].copy()  # the rest follows from the program
     plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS | _NOTES | {"rule"}}
     plastic["plastic.table"] = a.plastic["table"][:, : t.RULE_NUMBER].copy()
-    return {**net, **plastic}
+    return {**net, **plastic, "engine.runs": np.flatnonzero(a.net["projections"][:, t.RUN] >= 0)}
+
+
+def _by_runs(a: Arrays) -> None:
+    """Put weights that lie by source, then target where those of runs lie."""
+    for q in np.flatnonzero(a.net["projections"][:, t.RUN] >= 0).tolist():
+        row, p = a.net["projections"][q], a.program.projections[q]
+        if row[t.WEIGHT_STRIDE] == 1:
+            here = a.net["weights"][row[t.WEIGHT] : row[t.WEIGHT] + p.size]
+            given = np.empty_like(here)
+            given[layout.by_target(a.program, q, a.places)] = here
+            order = a.synapses[q].order
+            here[:] = given if order is None else given[order]
 
 
 def restore(a: Arrays, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -59,6 +72,8 @@ def restore(a: Arrays, arrays: Mapping[str, NDArray[Any]]) -> None:
             a.plastic["table"][:, : t.RULE_NUMBER] = value
         elif part == "plastic" and rest != "rule":  # laid out again, from the parameters
             a.plastic[rest] = value.copy()
+    if "engine.runs" not in arrays:  # version 0.1.0: all lay by source, then target
+        _by_runs(a)
     if "plastic.spiked" not in arrays:  # version 0.1.0
         a.plastic["spiked"] = a.plastic["k_time"].copy()
     rings = [q for q in range(len(a.program.projections)) if a.net["projections"][q, t.LAG] == 0]

@@ -73,8 +73,11 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     REACH,
     CHANNELS_INSIDE,
     RECEPTOR,
+    RUN,
+    SHORTEST,
+    DELAYS,
     PROJECTION_COLUMNS,
-) = range(31)
+) = range(34)
 
 # plastic projections
 (

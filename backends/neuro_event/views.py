@@ -75,6 +75,8 @@ list_ids i8 1
 list_counts i8 1
 cursor i8 2        (threads + 1, populations) next listed spike; the last row holds the ends
 rows i8 1          ends of the CSR rows, cut at the threads' edges
+runs u4 1          likewise of the runs of each source and delay, counted from a projection's first synapse
+queue i8 3         (threads, runs, 3) what is about to be added: first and last synapse, multiplicity
 targets i4 1       local targets of all CSR synapses
 weights f8 1       of all projections
 delays i4 1        of all projections, steps
@@ -134,7 +136,7 @@ note_synapses i8 2 the synapse
 note_y f8 3        (threads, states, room) what it was left with
 """
 
-_TYPES = {"i8": "int64", "f8": "float64", "i4": "int32", "u1": "uint8", "u2": "uint16", "u8": "uint64"}
+_TYPES = {"i8": "int64", "f8": "float64", "i4": "int32", "u1": "uint8", "u2": "uint16", "u4": "uint32", "u8": "uint64"}
 
 
 def _fields(text):
@@ -282,6 +284,9 @@ def prefetch(typingctx, address):
 
 PAST = len(NET_FIELDS) + PLASTIC_FIELDS.index("past")
 """Row of the histories in the table."""
+
+TARGETS, WEIGHTS = NET_FIELDS.index("targets"), NET_FIELDS.index("weights")
+"""Rows of what a static synapse is."""
 
 net_of = _viewer("Net", NET, 0)
 plastic_of = _viewer("Plastic", PLASTIC, len(NET_FIELDS))
