@@ -151,7 +151,7 @@ def _logs(a: Arrays) -> None:
         "found_arrived": np.zeros((threads, n), dtype=np.uint8),
         "clock": np.zeros((threads, LINE), dtype=np.int64),
         "scratch": np.zeros((threads, layout.width(a.program))),
-        "words": np.zeros((threads, t.BLOCK), dtype=np.uint64),
+        "words": np.zeros((threads, t.BLOCK * t.GROUPED), dtype=np.uint64),
     }
 
 

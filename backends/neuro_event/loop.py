@@ -6,9 +6,10 @@
 # mypy: ignore-errors
 from neuro.kernels.jit import inner, kernel
 from neuro_event.candidates import weigh_maps
+from neuro_event.counted import add_counts
 from neuro_event.deliver import log_delivery
 from neuro_event.drive import charge, drive
-from neuro_event.generators import add_counts, draw_poisson, let_emit, list_spikes
+from neuro_event.generators import draw_poisson, let_emit, list_spikes
 from neuro_event.groups import settle
 from neuro_event.local_winners import admit_all, open_groups
 from neuro_event.neurons import step_neurons, wake

@@ -114,20 +114,25 @@ def heard(view, i, receptors):
 
 
 @inner
-def count_arrivals(view, lo, hi, receptors):
-    """How many of a block's neurons have input in this step."""
+def take_arrivals(view, lo, hi, receptors):
+    """How many of a block's neurons had input in this step; it is cleared."""
     net = net_of(view)
     first, second = net.bits[0, lo:hi], net.bits[1, lo:hi]
     count = 0
     if receptors == 2:
         for k in range(first.size):
             count += ((first[k] ^ _SIGN) | (second[k] ^ _SIGN)) != 0
+            first[k] = _SIGN
+            second[k] = _SIGN
     elif receptors == 1:
         for k in range(first.size):
             count += first[k] != _SIGN
+            first[k] = _SIGN
     else:
         for i in range(lo, hi):
             count += heard(view, i, receptors)
+        for r in range(receptors):
+            net.x[r, lo:hi] = -0.0
     return count
 
 
@@ -206,7 +211,7 @@ def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks
             due = net.due[slot + block]
             net.due[slot + block] = 0
             lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
-            active = count_arrivals(view, lo, hi, receptors) if due else 0
+            active = 0
             if any_fired(view, lo, hi):
                 i = next_fired(view, lo, hi)
                 while i < hi:
@@ -223,8 +228,7 @@ def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks
                     i = next_fired(view, i + 1, hi)
                 net.busy[block] = step
             if due:
-                for r in range(receptors):
-                    net.x[r, lo:hi] = -0.0
+                active += take_arrivals(view, lo, hi, receptors)
             net.active[thread, pop] += active
             if active:
                 net.busy[block] = step

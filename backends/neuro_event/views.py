@@ -65,10 +65,11 @@ slept i8 1         last step of a sleeping block
 busy i8 1          last step in which a block had input or a spike, or a silent one of a generator a rate
 mean f8 1          of a poisson_generator's neurons, per step
 nothing f8 1       exp(-mean)
-words u8 2         random words of one block, a row per thread
-guides u2 2        where to begin in `cumulative`
+words u8 2         random words of a group of blocks, a row per thread
+guides u2 2        of `cumulative`, see `neuro.kernels.draws`
 cumulative f8 2    Poisson tables
 counts u2 1        rings of multiplicities of generators that keep them
+tally u4 1         what these have sent and is not yet in `events` and `spikes`, see `counted`
 keys u8 1          of the generators' draws
 list_steps i8 1    listed spikes of the generators
 list_ids i8 1
@@ -134,7 +135,7 @@ note_synapses i8 2 the synapse
 note_y f8 3        (threads, states, room) what it was left with
 """
 
-_TYPES = {"i8": "int64", "f8": "float64", "i4": "int32", "u1": "uint8", "u2": "uint16", "u8": "uint64"}
+_TYPES = {"i8": "int64", "f8": "float64", "i4": "int32", "u1": "uint8", "u2": "uint16", "u4": "uint32", "u8": "uint64"}
 
 
 def _fields(text):
