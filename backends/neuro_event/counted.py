@@ -63,22 +63,22 @@ def draw_counts(view, thread, pop, row, step):
 def draw_some(view, thread, row, base, lo, hi, counts):
     """The numbers of the neurons lo:hi of a generator for one step; they are tallied, too."""
     net = net_of(view)
+    begin, end = row[BEGIN] + lo, row[BEGIN] + hi
     if row[TABLE] >= 0:
         words = net.words[thread, : hi - lo]
         words_of(base, lo, words)
         poisson_by_table(words, net.guides[row[TABLE]], net.cumulative[row[TABLE]], counts)
     else:
-        begin = row[BEGIN] + lo
         for k in range(counts.size):
             counts[k] = poisson_by_sum(base, lo + k, net.mean[begin + k], net.nothing[begin + k])
-    tally = net.tally[row[BEGIN] + lo : row[BEGIN] + hi]
+    tally = net.tally[begin:end]
     full = np.uint32(0)
     for k in range(tally.size):
         m = np.uint32(counts[k])
         tally[k] += m + (_EVENT if m > 0 else np.uint32(0))
         full |= tally[k]
     if full & _FULL:
-        settle_tally(tally, net.events[row[BEGIN] + lo : row[BEGIN] + hi], net.spikes[row[BEGIN] + lo : row[BEGIN] + hi])
+        settle_tally(tally, net.events[begin:end], net.spikes[begin:end])
 
 
 @inner

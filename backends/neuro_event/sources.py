@@ -7,7 +7,7 @@ import numpy as np
 from neuro.core import keyed_random
 from neuro.kernels.draws import GUIDE_BITS, guide_to
 from neuro.program.program import Floats, drawn_for
-from neuro_event import layout
+from neuro_event import layout, memory
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.counted import TALLY_BITS
@@ -33,8 +33,8 @@ def add_generators(a: Arrays) -> None:
                 pops[k, t.COUNTS], pops[k, t.COUNTS_STEPS] = size, steps
                 size += steps * p.size
             set_rate(a, k, p.rate(1), 0)
-    a.net["counts"] = np.zeros(size, dtype=np.uint16)
-    a.net["tally"] = np.zeros(a.net["mean"].size if size else 0, dtype=np.uint32)
+    a.net["counts"] = memory.zeros(size, np.uint16)
+    a.net["tally"] = memory.zeros(a.net["mean"].size if size else 0, np.uint32, line=24)
 
 
 def settle(a: Arrays) -> None:
@@ -78,6 +78,13 @@ def set_rate(a: Arrays, k: int, rate: Floats, step: int) -> None:
     emitting.any(axis=1, out=awake)
     if row[t.COUNTS] >= 0:
         _tabulate(a, k, mean)
+
+
+def tabulate(a: Arrays) -> None:
+    """Fill the tables of all generators that keep counts, from the rates of now."""
+    for k, place in enumerate(a.places):
+        if a.net["pops"][k, t.COUNTS] >= 0:
+            _tabulate(a, k, a.net["mean"][place.begin : place.end])
 
 
 def _tabulate(a: Arrays, k: int, mean: Floats) -> None:
