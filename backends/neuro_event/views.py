@@ -38,6 +38,7 @@ initial f8 2       the states at step 0
 x f8 2             (receptors, neurons) input of the present step; -0.0 where nothing arrived
 bits i8 2          the same memory as integers
 calm f8 2          no input
+hits u2 2          (threads, neurons) what is counted before it is added, see `alike`; 0 in between
 buf f8 1           the memory of x, then the rings
 current f8 1       external current of the present step, pA
 none f8 1          no current, for a group of blocks
@@ -307,6 +308,9 @@ def prefetch(typingctx, address):
 
 PAST = len(NET_FIELDS) + PLASTIC_FIELDS.index("past")
 """Row of the histories in the table."""
+
+TARGETS = NET_FIELDS.index("targets")
+"""Row of the targets of static synapses."""
 
 net_of = _viewer("Net", NET, 0)
 plastic_of = _viewer("Plastic", PLASTIC, len(NET_FIELDS))
