@@ -154,7 +154,6 @@ def _logs(a: Arrays) -> None:
         "found_arrived": np.zeros((threads, n), dtype=np.uint8),
         "clock": np.zeros((threads, LINE), dtype=np.int64),
         "scratch": np.zeros((threads, layout.width(a.program))),
-        "hits": memory.zeros(threads * layout.total(a.program), np.uint16, line=40).reshape(threads, -1),
         "words": memory.zeros(threads * layout.WORD, np.uint64).reshape(threads, layout.WORD),
     }
 

@@ -228,7 +228,7 @@ def log_delivery(view, q, j, k, thread, ring):
     mask = net.log_ids.shape[1] - 1
     if row[LAYOUT] == CSR and row[WEIGHT_STRIDE] == 0 and not own_delays:
         to = out + receptor(net.weights[row[WEIGHT]], apart) * between
-        deliver_alike(view, row, source[BEGIN], step_slot, thread, lo, hi, to, mark)
+        deliver_alike(view, row, source[BEGIN], step_slot, thread, to, mark)
         if wide:
             net.due[slot + first_block : slot + last_block] = 1
         return

@@ -15,7 +15,7 @@ from neuro_event.arrays import Arrays
 _GIVEN = {"edges", "rows", "targets", "delays", "order", "map_of", "initial", "resets", "keys", "group_keys", "local"}
 VIEWS = {"x", "bits", "awake_groups", "due_groups", "fired_words", "traces"}
 """Arrays that show others in another way."""
-_EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws", "won", "tally", "none", "hits"}
+_EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws", "won", "tally", "none"}
 _NOTES = {"note_this", "note_at", "note_steps", "note_synapses", "note_y"}
 _DRIVES = {
     "lines",

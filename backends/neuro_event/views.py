@@ -38,7 +38,6 @@ initial f8 2       the states at step 0
 x f8 2             (receptors, neurons) input of the present step; -0.0 where nothing arrived
 bits i8 2          the same memory as integers
 calm f8 2          no input
-hits u2 2          (threads, neurons) what is counted before it is added, see `alike`; 0 in between
 buf f8 1           the memory of x, then the rings
 current f8 1       external current of the present step, pA
 none f8 1          no current, for a group of blocks
