@@ -30,7 +30,7 @@ def draw_poisson(view, thread, pop, row, step, at, done, h):
         first = lo - row[BEGIN]
         for k in range(emits.size):
             emits[k] = uniform(base, first + k) >= nothing[k]
-        if any_fired(view, lo, hi):
+        if any_fired(view, lo):
             i = next_fired(view, lo, hi)
             while i < hi:
                 m = poisson_by_sum(base, i - row[BEGIN], net.mean[i], net.nothing[i])
@@ -48,7 +48,7 @@ def let_emit(view, thread, pop, row, step, at, done, h):
     for block in range(max(row[FIRST_BLOCK], net.edges[thread]), min(row[LAST_BLOCK], net.edges[thread + 1])):
         lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
         call_entry(view, row, STEP, lo, hi, thread, step, h)
-        if any_fired(view, lo, hi):
+        if any_fired(view, lo):
             i = next_fired(view, lo, hi)
             while i < hi:
                 at = emit(view, thread, pop, row, i, np.int64(net.x[0, i]), step, done, h, at)
