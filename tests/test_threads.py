@@ -37,7 +37,8 @@ def ran(pieces: list[float], **options: Any) -> list[Any]:
 @pytest.mark.parametrize("tried", [(1, 1), (3, 2), (10**6, 1)], ids=["in turn", "in turn, longer", "together"])
 @pytest.mark.parametrize("n", [2, 3])
 def test_no_way_changes_a_bit(n: int, tried: tuple[int, int], monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(threads, "TRIED", tried[0])
+    monkeypatch.setattr(threads, "FEWEST", tried[0])
+    monkeypatch.setattr(threads, "MOST", tried[0])
     monkeypatch.setattr(threads, "SHORTEST", tried[1])
     monkeypatch.setattr(threads, "LONGEST", tried[1])
     alone = ran([40.0])

@@ -10,8 +10,11 @@ import numpy as np
 from neuro.program.program import Ints
 from neuro_event import loop
 
-TRIED = 8
+FEWEST, MOST = 4, 64
 """Slices for which each way is tried, twice in turn."""
+
+TRIAL = 5e-4
+"""Seconds that a trial takes about, so that it is not the start of the threads that is measured."""
 
 SHORTEST, LONGEST = 512, 1 << 16
 """Slices after which it is tried again which way is faster: twice as many each time that it is the same."""
@@ -36,6 +39,7 @@ class Threads:
         self._together = True
         self._kept = SHORTEST
         self._left = 0
+        self._tried = FEWEST
         self._trials: list[tuple[bool, float]] = []
 
     def run(self, view: Ints, first: int, last: int, longest: int, reach: int, h: float) -> int:
@@ -46,13 +50,13 @@ class Threads:
         while step < last:
             trying = self._left == 0
             together = len(self._trials) % 2 == 0 if trying else self._together
-            slices = TRIED if trying else self._left
+            slices = self._tried if trying else self._left
             end = min(last, step + slices * longest)
             began = time.perf_counter()
             reached = (self._share if together else loop.run)(view, step, end, longest, reach, h)
             done = int(reached) - step
             if trying and done > 0:
-                self._weigh(together, (time.perf_counter() - began) / done)
+                self._weigh(together, (time.perf_counter() - began) * longest / done)
             elif not trying:
                 self._left = max(0, self._left - -(-done // longest))
             step += done
@@ -63,8 +67,9 @@ class Threads:
         return step
 
     def _weigh(self, together: bool, seconds: float) -> None:
-        """Keep what a step took in one way; after the fourth trial the way that was faster once is chosen."""
+        """Keep what a slice took in one way; after the fourth trial the way that was faster once is chosen."""
         self._trials.append((together, seconds))
+        self._tried = min(max(int(TRIAL / seconds), FEWEST), MOST)
         if len(self._trials) == 4:
             faster = min(self._trials, key=lambda trial: trial[1])[0]
             self._kept = min(2 * self._kept, LONGEST) if faster == self._together else SHORTEST

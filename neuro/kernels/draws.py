@@ -2,6 +2,7 @@
 
 # mypy: ignore-errors
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.core.keyed_random import NEURON_STRIDE, STEP_STRIDE
 from neuro.kernels.jit import inner
@@ -70,7 +71,7 @@ def _count(word, m, cumulative):
     return m
 
 
-def guide_to(cumulative):
+def guide_to(cumulative: NDArray[np.float64]) -> NDArray[np.uint16]:
     """What the first bits of a word tell of its count: the guide of `poisson_by_table`."""
     least, most = (np.searchsorted(cumulative, ends, side=side) for ends, side in _CELLS)
     return (least + UNSURE * (least < most)).astype(np.uint16)
