@@ -8,6 +8,7 @@ projections whose spikes are delivered at emission. `due` marks the blocks that 
 import numpy as np
 
 from neuro.kernels.jit import inner
+from neuro_event.alike import deliver_alike
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
@@ -52,7 +53,6 @@ from neuro_event.tables import (
 from neuro_event.views import net_of
 
 _BLOCK = 6
-_SHIFT = np.uint64(_BLOCK)
 assert 1 << _BLOCK == BLOCK
 
 
@@ -72,18 +72,6 @@ def base_of(row):
 def told_apart(row, receptors):
     """How many receptors signs tell apart: 1 where all goes to the one that is named."""
     return receptors if row[RECEPTOR] < 0 else 1
-
-
-@inner
-def csr_alike(targets, first, last, value, buf, out, due, mark):
-    """Add one value to the targets first:last and mark their blocks."""
-    begin = np.uint64(out)  # an unsigned place is never one from the end, so the innermost loop tests none
-    for e in range(np.uint64(first), np.uint64(last)):
-        buf[begin + np.uint64(targets[e])] += value
-    if mark >= 0:  # a second loop: the first is nothing but adds, and these few bytes stay in the cache
-        block = np.uint64(mark)
-        for e in range(np.uint64(first), np.uint64(last)):
-            due[block + (np.uint64(targets[e]) >> _SHIFT)] = 1
 
 
 @inner
@@ -169,12 +157,8 @@ def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between,
     if layout == CSR:
         place = row[ROW] + source_id * (net.edges.shape[0] - 1) + thread
         first, last = net.rows[place], net.rows[place + 1]
-        if row[WEIGHT_STRIDE] == 0:
-            weight = weights[row[WEIGHT]] * m
-            csr_alike(net.targets, first, last, weight, buf, out + receptor(weight, receptors) * between, net.due, mark)
-        else:
-            w = row[WEIGHT] + first - row[SYNAPSE]
-            csr_own(net.targets, first, last, weights, w, m, receptors, between, buf, out, net.due, mark)
+        w = row[WEIGHT] + first - row[SYNAPSE]
+        csr_own(net.targets, first, last, weights, w, m, receptors, between, buf, out, net.due, mark)
     elif layout == DENSE:
         w = row[WEIGHT] + source_id * n
         if row[WEIGHT_STRIDE] == 0:
@@ -243,6 +227,12 @@ def log_delivery(view, q, j, k, thread, ring):
     wide = row[WAKE_ALL] == 1 and not own_delays
     mark = -1 if wide else slot + target[FIRST_BLOCK]
     mask = net.log_ids.shape[1] - 1
+    if row[LAYOUT] == CSR and row[WEIGHT_STRIDE] == 0 and not own_delays:
+        to = out + receptor(net.weights[row[WEIGHT]], apart) * between
+        deliver_alike(view, row, source[BEGIN], step_slot, thread, to, mark)
+        if wide:
+            net.due[slot + first_block : slot + last_block] = 1
+        return
     # Threads own ascending ids, so going through them in order adds as one thread would.
     for t in range(threads):
         for place in range(net.log_ends[t, step_slot, row[SOURCE]], net.log_ends[t, step_slot, row[SOURCE] + 1]):

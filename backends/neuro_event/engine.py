@@ -434,6 +434,7 @@ class EventEngine:
     def counts(self) -> EngineCounts:
         """Counts since the start or the last reset."""
         net = self._a.net
+        sources.settle(self._a)
         events = tuple(p.by_id(net["events"][p.begin : p.end].copy()) for p in self._a.places)
         spikes = tuple(p.by_id(net["spikes"][p.begin : p.end].copy()) for p in self._a.places)
         return EngineCounts(
@@ -474,6 +475,7 @@ class EventEngine:
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs to continue bit for bit."""
         self._record.drain(self._a.net)
+        sources.settle(self._a)
         return {
             **snapshot.snapshot(self._a),
             **late.snapshot(self._a),

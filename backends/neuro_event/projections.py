@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.program.program import Floats, Grid, Ints, Program, Projection
-from neuro_event import layout
+from neuro_event import layout, memory
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.arrivals import QUEUE, fill_runs
@@ -20,7 +20,7 @@ def add_projections(a: Arrays) -> None:
     table = np.full((len(program.projections), t.PROJECTION_COLUMNS), t.NONE, dtype=np.int64)
     rows, runs, targets, weights, delays = [], [], [], [], []
     n_rows = n_runs = n_targets = n_weights = n_delays = 0
-    ring = layout.receptors(program) * a.net["state"].shape[1]
+    ring = layout.receptors(program) * a.net["calm"].shape[1]
     at_emission = []
     for q, (p, s) in enumerate(zip(program.projections, a.synapses, strict=True)):
         target = program.populations[p.target]
@@ -149,8 +149,9 @@ def give_ring(a: Arrays, q: int) -> None:
 def set_buffer(a: Arrays, buf: Floats) -> None:
     """Use `buf` for the input and the rings."""
     rows, n = a.net["calm"].shape
-    a.net["buf"] = buf
-    a.net["x"] = buf[: rows * n].reshape(rows, n)
+    a.net["buf"] = memory.zeros(buf.size, np.float64)
+    a.net["buf"][:] = buf
+    a.net["x"] = a.net["buf"][: rows * n].reshape(rows, n)
     a.net["bits"] = a.net["x"].view(np.int64)
 
 

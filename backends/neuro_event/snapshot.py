@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro_event import layout, projections
+from neuro_event import layout, projections, sources
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 
@@ -16,7 +16,7 @@ _LAID_OUT = {"edges", "rows", "runs", "targets", "delays", "order"}
 _GIVEN = _LAID_OUT | {"map_of", "initial", "resets", "keys", "group_keys", "local"}
 VIEWS = {"x", "bits", "awake_groups", "due_groups", "fired_words", "traces"}
 """Arrays that show others in another way."""
-_EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws", "won", "queue"}
+_EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws", "won", "queue", "tally", "none"}
 _NOTES = {"note_this", "note_at", "note_steps", "note_synapses", "note_y"}
 _DRIVES = {
     "lines",
@@ -29,7 +29,8 @@ _DRIVES = {
     "emitted_rows",
     "emitted_from",
 }
-_REBUILT = _DRIVES | {"incoming", "at_emission", "list_steps", "list_ids", "list_counts", "cursor"}
+_TABLES = {"guides", "cumulative"}
+_REBUILT = _DRIVES | _TABLES | {"incoming", "at_emission", "list_steps", "list_ids", "list_counts", "cursor"}
 _FIXED = _GIVEN | VIEWS | _EMPTY | _REBUILT
 """Arrays that a snapshot leaves out: they follow from the program, or hold nothing between two runs."""
 
@@ -37,6 +38,7 @@ _FIXED = _GIVEN | VIEWS | _EMPTY | _REBUILT
 def snapshot(a: Arrays) -> dict[str, NDArray[Any]]:
     """Copies of all arrays that hold something between two runs."""
     net = {f"net.{k}": v.copy() for k, v in a.net.items() if k not in _FIXED}
+    net["net.state"] = a.net["state"][:, : layout.total(a.program)].copy()  # each row ends in room for nothing
     net["net.pops"] = a.net["pops"][:, : t.NUMBER].copy()  # what follows are addresses of this process
     net["net.projections"] = a.net["projections"][:, : t.CHANNEL_HEIGHT].copy()  # the rest follows from the program
     plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS | _NOTES | {"rule"}}
@@ -60,12 +62,18 @@ def restore(a: Arrays, arrays: Mapping[str, NDArray[Any]]) -> None:
     """Put the arrays of a snapshot in place of those of step 0."""
     for name, value in arrays.items():
         part, _, rest = name.partition(".")
+        if part == "net" and rest in _TABLES:
+            continue  # kept in version 0.1.0, of another size
         if name == "net.pops":
             a.net["pops"][:, : t.NUMBER] = value
         elif name == "net.projections":
             a.net["projections"][:, : t.CHANNEL_HEIGHT] = value[:, : t.CHANNEL_HEIGHT]
         elif name == "net.groups":
             a.net["groups"][:, : value.shape[1]] = value  # fewer columns in version 0.1.0
+        elif name == "net.state":
+            a.net["state"][:, : value.shape[1]] = value
+        elif part == "net" and a.net[rest].shape == value.shape:
+            a.net[rest][...] = value  # where it lies is well chosen, see `memory`
         elif part == "net":
             a.net[rest] = value.copy()
         elif name == "plastic.table":
@@ -80,3 +88,4 @@ def restore(a: Arrays, arrays: Mapping[str, NDArray[Any]]) -> None:
     a.net["at_emission"] = np.array([q for q in rings if q not in a.plastic_of], dtype=np.int64)
     projections.set_buffer(a, a.net["buf"])
     projections.list_incoming(a)
+    sources.tabulate(a)

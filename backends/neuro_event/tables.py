@@ -38,8 +38,9 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     STOP,
     NUMBER,
     ENTRY,
+    CARRIED,
     POPULATION_COLUMNS,
-) = range(26)
+) = range(27)
 
 # projections
 (

@@ -40,6 +40,7 @@ bits i8 2          the same memory as integers
 calm f8 2          no input
 buf f8 1           the memory of x, then the rings
 current f8 1       external current of the present step, pA
+none f8 1          no current, for a group of blocks
 lines i8 2         columns of `tables`, a row per line of currents that change at every step
 line_ends i8 1     of lines that are listed: where the synapses of each neuron end
 line_columns i8 1  columns of `emitted` of these synapses
@@ -65,10 +66,11 @@ slept i8 1         last step of a sleeping block
 busy i8 1          last step in which a block had input or a spike, or a silent one of a generator a rate
 mean f8 1          of a poisson_generator's neurons, per step
 nothing f8 1       exp(-mean)
-words u8 2         random words of one block, a row per thread
-guides u2 2        where to begin in `cumulative`
+words u8 2         random words of a group of blocks, a row per thread
+guides u2 2        of `cumulative`, see `neuro.kernels.draws`
 cumulative f8 2    Poisson tables
 counts u2 1        rings of multiplicities of generators that keep them
+tally u4 1         what these have sent and is not yet in `events` and `spikes`, see `counted`
 keys u8 1          of the generators' draws
 list_steps i8 1    listed spikes of the generators
 list_ids i8 1
@@ -263,6 +265,29 @@ def call_rule(view, row, operation, index, step, thread, h):
 def call_entry(view, row, operation, lo, hi, thread, step, interval):
     """Let the entry of a population's model do an operation, see `operations`."""
     return _call_entry(row[ENTRY], (address(view), row[NUMBER], operation, lo, hi, thread, step, interval))
+
+
+@intrinsic
+def moved(typingctx, array, first):
+    """An array whose items from `first` on are those of a flat array; it has no others."""
+
+    def codegen(context, builder, signature, arguments):
+        kind, start = signature.args[0], context.cast(builder, arguments[1], signature.args[1], types.intp)
+        given = context.make_array(kind)(context, builder, arguments[0])
+        view = context.make_array(kind)(context, builder)
+        size = builder.add(builder.extract_value(given.shape, 0), start)
+        stride = builder.extract_value(given.strides, 0)
+        populate_array(
+            view,
+            data=builder.gep(given.data, [builder.neg(start)]),
+            shape=[size],
+            strides=[stride],
+            itemsize=given.itemsize,
+            meminfo=None,
+        )
+        return view._getvalue()
+
+    return array(array, first), codegen
 
 
 @intrinsic
