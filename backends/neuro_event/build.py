@@ -34,7 +34,7 @@ def build(program: Program, threads: int) -> Arrays:
     arrays = Arrays(
         program, where, arranged, {q: k for k, q in enumerate(learning)}, net, {}, max(1, program.min_delay), longest, 0
     )
-    arrays.reach = longest + arrays.longest_slice
+    arrays.reach = longest + arrays.longest_slice + 1
     if program.trials is not None:
         arrays.reach = max(arrays.reach, program.trials.duration + 1)
     _neurons(arrays, slots)

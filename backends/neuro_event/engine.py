@@ -16,7 +16,7 @@ from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wi
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program, Trials
 from neuro.program.rates import Rates
-from neuro_event import build, late, layout, lazy, learning, loop, projections, reading, rewards, snapshot, sources
+from neuro_event import build, epochs, late, layout, lazy, learning, loop, projections, reading, rewards, snapshot, sources
 from neuro_event import tables as t
 from neuro_event.changes import Changes
 from neuro_event.currents import apply
@@ -348,7 +348,11 @@ class EventEngine:
         p = self._program.projections[projection]
         if projection in self._a.plastic_of:
             k = self._a.plastic_of[projection]
-            reading.bring_all(self._a, self._view, k, self._step)
+            eager = self._a.plastic["table"][k, t.EAGER] == 1
+            if eager:
+                epochs.unpack(self._a, k, self._step)
+            else:
+                reading.bring_all(self._a, self._view, k, self._step)
             plastic = self._a.plastic
             if learning.set_constants(self._a, projection, parameters):
                 self._pack()
@@ -361,6 +365,8 @@ class EventEngine:
                 p.synapse,
                 self._program,
             )
+            if eager:
+                epochs.pack(self._a, k, self._step)
         self._changes.rules[projection] = parameters.copy()
         self._taught.pop(projection, None)
 
@@ -408,7 +414,8 @@ class EventEngine:
         inner = weights[order] if order is not None and weights.size > 1 else weights
         if projection in self._a.plastic_of:
             k = self._a.plastic_of[projection]
-            reading.bring_all(self._a, self._view, k, self._step)
+            if self._a.plastic["table"][k, t.EAGER] == 0:
+                reading.bring_all(self._a, self._view, k, self._step)
             first = self._a.plastic["table"][k, t.FIRST_SYNAPSE]
             changed = slice(None) if chosen is None else chosen if order is None else chosen[order]
             for kept in (self._a.plastic["y"][0], self._a.plastic["sent"]):
