@@ -1,6 +1,6 @@
-"""Pairwise rules at once: a post spike acts on all synapses onto its neuron when it reaches them, a pre spike on its row.
+"""Pairwise rules at once: a post spike acts on all synapses onto its neuron as it reaches them, a pre spike on its row.
 
-That is possible where all synapses of a projection hear a spike in the same step: no history is kept and none searched.
+That is possible where all synapses of a projection hear a spike in the same step: no history is kept, none searched.
 A trace that decays is kept as K e^(t / tau), t from the last step that is a multiple of EPOCH: so it changes at spikes
 only, and one product gives it back. Passes are compiled for each rule by itself and called by their address.
 """
@@ -18,7 +18,6 @@ from neuro.kernels.jit import compiled, inner, kernel, merged
 from neuro_event.own_rules import (
     ADDS,
     AHEAD,
-    ARRIVE,
     NEAREST,
     OWN,
     PRE_SPIKE,
@@ -53,6 +52,9 @@ from neuro_event.tables import (
     WAKE_ALL,
 )
 from neuro_event.views import address, net_of, plastic_of, prefetch
+
+PER_LINE = 16
+"""Entries of a list in a cache line."""
 
 NOTHING = 1e-290
 """A trace below this is 0: numbers that are slow to compute with are never reached."""
@@ -154,6 +156,17 @@ def heard_in(view, q, step, thread):
     return ends[row[TARGET]], ends[row[TARGET] + 1]
 
 
+@inner
+def ask_for_list(view, q, target):
+    """Ask for the list of the synapses onto a neuron."""
+    p = plastic_of(view)
+    begin = p.table[q, INCOMING] + target
+    synapses, sources = address(p.in_synapse), address(p.in_source)
+    for i in range(p.incoming[begin], p.incoming[begin + 1], PER_LINE):
+        prefetch(synapses + 4 * i)
+        prefetch(sources + 4 * i)
+
+
 @cache
 def eager_entry(model, row_of):
     """The address of the passes of one rule, whose constants `row_of` finds: `shared_row`, or `own_row`."""
@@ -168,9 +181,6 @@ def eager_entry(model, row_of):
     keep_posts = tuple_of(keep_post, model.post, "p, {j}, {kind}, place, left, step, m")
 
     stride = max(1, len(model.pre))
-    space = {}
-    exec("def constants(p, q):\n    c = p.rule[q]\n    return (" + "".join(f"c[{k}], " for k in range(model.width)) + ")", space)
-    constants = merged(space["constants"])
 
     if model.draws:
 
@@ -191,7 +201,7 @@ def eager_entry(model, row_of):
         table = p.table[q]
         first, left = table[FIRST_SYNAPSE], pre_lefts(p, q, step)
         before = post_values(p, table[FIRST_TARGET] + target, post_lefts(p, q, step), step, h)
-        c, sources = constants(p, q), table[FIRST_SOURCE]
+        sources = table[FIRST_SOURCE]
         begin, end = p.incoming[table[INCOMING] + target], p.incoming[table[INCOMING] + target + 1]
         on, last = p.incoming[table[INCOMING] + ahead] - begin, p.in_synapse.shape[0] - 1
         weights = address(p.y) + 8 * first
@@ -201,7 +211,7 @@ def eager_entry(model, row_of):
                 prefetch(weights + 8 * np.int64(p.in_synapse[min(i + on, last)]))
                 z = first + np.int64(p.in_synapse[i])
                 own = sources + np.int64(p.in_source[i]) * stride
-                on_post(p.y, z, c, pre_values(p, thread, own, left, step, h), post)
+                on_post(p.y, z, p.rule[row_of(q, table, z)], pre_values(p, thread, own, left, step, h), post)
 
     @inner
     def arrivals(view, q, step, thread, h):
@@ -220,6 +230,7 @@ def eager_entry(model, row_of):
         for place in range(first, last):
             target = np.int64(net.log_ids[thread, place & mask]) - begins
             ahead = np.int64(net.log_ids[thread, min(place + 1, last - 1) & mask]) - begins
+            ask_for_list(view, q, np.int64(net.log_ids[thread, min(place + 2, last - 1) & mask]) - begins)
             post_spike(view, q, target, ahead, np.int64(net.log_counts[thread, place & mask]), step, thread, h)
 
     @inner
@@ -239,13 +250,16 @@ def eager_entry(model, row_of):
         heard, width = address(p.heard) + 8 * p.heard.shape[1] * table[FIRST_TARGET], 8 * p.heard.shape[1]
         slot = address(net.buf) + 8 * ring
         to_synapse, to_target, size = table[FIRST_SYNAPSE] - row[SYNAPSE], table[FIRST_TARGET], row[RING_SIZE]
-        c = constants(p, q)
+        weights, kept = address(p.y) + 8 * to_synapse, address(p.sent) + 8 * to_synapse
+        for e in range(first, end, 8):
+            prefetch(weights + 8 * e)
+            prefetch(kept + 8 * e)
         for e in range(first, end):
             ahead = np.int64(net.targets[min(e + AHEAD, end - 1)])
             prefetch(slot + 8 * ahead)
             prefetch(heard + width * ahead)
             z = to_synapse + e
-            target = np.int64(net.targets[e])
+            target, c = np.int64(net.targets[e]), p.rule[row_of(q, table, z)]
             learn_pre(p, q, z, c, step, nth, pre, post_values(p, to_target + target, left, step, h))
             p.sent[z] = p.y[0, z]
             weight = sent(p.y, z, c)

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
-from neuro.model.synapses.base import common
 from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wins
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program, Trials
 from neuro.program.rates import Rates
-from neuro_event import build, epochs, late, layout, lazy, learning, loop, projections, reading, rewards, snapshot, sources
+from neuro_event import build, late, layout, lazy, learning, loop, projections, reading, rewards, snapshot, sources
 from neuro_event import tables as t
 from neuro_event.changes import Changes
 from neuro_event.currents import apply
@@ -38,8 +37,8 @@ class EventEngine:
         self._n_threads = threads
         self._start_over(None)
 
-    def _start_over(self, weights: dict[int, Floats] | None) -> None:
-        self._a = build.build(self._program, self._n_threads)
+    def _start_over(self, weights: dict[int, Floats] | None, eager: bool = True) -> None:
+        self._a = build.build(self._program, self._n_threads, eager)
         self._step = 0
         self._changes = Changes(self._program)
         self._record = Record(self._program, self._a.places)
@@ -345,28 +344,10 @@ class EventEngine:
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model."""
-        p = self._program.projections[projection]
         if projection in self._a.plastic_of:
-            k = self._a.plastic_of[projection]
-            eager = self._a.plastic["table"][k, t.EAGER] == 1
-            if eager:
-                epochs.unpack(self._a, k, self._step)
-            else:
-                reading.bring_all(self._a, self._view, k, self._step)
-            plastic = self._a.plastic
-            if learning.set_constants(self._a, projection, parameters):
+            reading.bring_all(self._a, self._view, self._a.plastic_of[projection], self._step)
+            if learning.set_numbers(self._a, projection, parameters, self._step):
                 self._pack()
-            learning.set_traces(
-                plastic["tau"][k],
-                plastic["table"][k],
-                plastic["decay"][k],
-                plastic["kinds"][k],
-                common(parameters),
-                p.synapse,
-                self._program,
-            )
-            if eager:
-                epochs.pack(self._a, k, self._step)
         self._changes.rules[projection] = parameters.copy()
         self._taught.pop(projection, None)
 
@@ -500,7 +481,7 @@ class EventEngine:
         if not np.array_equal(arrays["engine.edges"], self._a.net["edges"]):
             n = arrays["engine.edges"].size - 1
             raise ModelError(f"the state was saved with threads={n}: expected the same to continue")
-        self._start_over(None)
+        self._start_over(None, eager=snapshot.is_eager(arrays))
         snapshot.restore(self._a, arrays)
         late.restore(self._a, arrays)
         self._step = int(arrays["engine.step"])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.model.synapses import Trace
-from neuro.program.program import Floats, Program, Projection
+from neuro.program.program import Floats, Projection
 from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
@@ -22,11 +22,11 @@ LEAST = math.exp(-64.0)
 """What is left of a trace at the end of an epoch at least: less would cost digits."""
 
 
-def acts_at_once(program: Program, p: Projection) -> bool:
-    """Whether a plastic projection learns eagerly: no modulator acts on it, and its synapses share delay and tau_minus."""
-    tau_minus = np.ravel(program.populations[p.target].parameters["tau_minus"])
+def acts_at_once(a: Arrays, p: Projection) -> bool:
+    """Whether a plastic projection learns eagerly: it has no modulator, and its synapses share delay and tau_minus."""
+    tau_minus = np.ravel(a.program.populations[p.target].parameters["tau_minus"])
     alike = bool(np.all(tau_minus == tau_minus[0])) or all(trace.tau != "tau_minus" for trace in p.synapse.post)
-    return alike and not p.synapse.modulated and not layout.own_delays(p)
+    return a.eager and alike and not p.synapse.modulated and not layout.own_delays(p)
 
 
 def first_kept(trace: Trace, value: float) -> float:
@@ -42,12 +42,12 @@ def length(decays: Floats) -> int:
 
 def no_spikes(a: Arrays, learning: list[int], table: NDArray[np.int64], n_targets: int) -> Floats:
     """The traces of the post spikes that synapses have heard at step 0, a row for each target of a projection."""
-    rules = [a.program.projections[q].synapse.post if row[t.EAGER] else () for row, q in zip(table, learning, strict=True)]
-    heard = np.zeros((n_targets if any(rules) else 0, max(map(len, rules), default=0)))
-    for row, post, q in zip(table, rules, learning, strict=True):
-        size = a.program.populations[a.program.projections[q].target].size
-        for j, trace in enumerate(post):
-            heard[row[t.FIRST_TARGET] : row[t.FIRST_TARGET] + size, j] = first_kept(trace, 0.0)
+    eager = [(row, a.program.projections[q]) for row, q in zip(table, learning, strict=True) if row[t.EAGER]]
+    heard = np.zeros((n_targets if eager else 0, max((len(p.synapse.post) for _, p in eager), default=0)))
+    for row, p in eager:
+        first, size = row[t.FIRST_TARGET], a.program.populations[p.target].size
+        for j, trace in enumerate(p.synapse.post):
+            heard[first : first + size, j] = first_kept(trace, 0.0)
     return heard
 
 

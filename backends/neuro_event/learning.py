@@ -18,7 +18,7 @@ from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.decays import DECAYS
 from neuro_event.eager import eager_entry
-from neuro_event.epochs import acts_at_once, first_kept, length, no_spikes
+from neuro_event.epochs import acts_at_once, first_kept, length, no_spikes, pack
 from neuro_event.models import MODULATED_RULES, RULES
 from neuro_event.notes import add_notes
 from neuro_event.own_rules import ENTRY, NEWEST, OF_NEURON, OWN, TAU, TIME, own_row, rule_entry, shared_row
@@ -30,7 +30,7 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
     program, pops = a.program, a.net["pops"]
     table = np.full((len(learning), t.PLASTIC_COLUMNS), t.NONE, dtype=np.int64)
     tau = np.zeros((len(learning), 2))
-    kinds = np.zeros((len(learning), 2 * _most_traces(program, learning), 3))
+    kinds = np.zeros((len(learning), 2 * _most_traces(a, learning), 3))
     decay = np.zeros((len(learning), OWN + kinds.shape[1], DECAYS))
     incoming: list[Ints] = [np.zeros(1, dtype=np.int64)]
     in_synapse: list[NDArray[np.int32]] = []
@@ -43,7 +43,7 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         n_source, n_target = program.populations[p.source].size, program.populations[p.target].size
         row[t.PROJECTION], row[t.RULE_NUMBER], row[t.SOURCE_STRIDE] = q, k, 1
         own_rule: Any = type(p.synapse)
-        row[t.EAGER] = int(acts_at_once(program, p))
+        row[t.EAGER] = int(acts_at_once(a, p))
         if own_rule in RULES:
             row[t.RULE] = RULES.index(own_rule)
             if p.synapse.modulated:
@@ -95,7 +95,7 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         "in_synapse": np.concatenate([np.zeros(0, dtype=np.int32), *in_synapse]),
         "in_source": np.concatenate([np.zeros(0, dtype=np.int32), *in_source]),
         "heard": no_spikes(a, learning, table, n_targets),
-        "past": layout.aligned(max(1, n_history), _history_width(program, learning)),
+        "past": layout.aligned(max(1, n_history), _history_width(a, learning)),
         "kinds": kinds,
         "columns": _columns(a, learning, table),
         "draw_keys": np.array([_draw_key(program, q) for q in learning], dtype=np.uint64),
@@ -149,15 +149,15 @@ def _longest_back(p: Projection) -> int:
     return int(p.delay.max()) if p.delay.size else 1
 
 
-def _by_entry(program: Program, q: int) -> bool:
+def _by_entry(a: Arrays, q: int) -> bool:
     """Whether an entry has the passes over synapses."""
-    p = program.projections[q]
-    return acts_at_once(program, p) or type(p.synapse) not in RULES
+    p = a.program.projections[q]
+    return acts_at_once(a, p) or type(p.synapse) not in RULES
 
 
-def _most_traces(program: Program, learning: list[int]) -> int:
+def _most_traces(a: Arrays, learning: list[int]) -> int:
     """Traces of one side that any entry reads at most."""
-    rules = [program.projections[q].synapse for q in learning if _by_entry(program, q)]
+    rules = [a.program.projections[q].synapse for q in learning if _by_entry(a, q)]
     return max([0, *(max(len(rule.pre), len(rule.post)) for rule in rules)])
 
 
@@ -185,7 +185,7 @@ def _others_shape(a: Arrays) -> tuple[int, int, int]:
 def widen_histories(a: Arrays, population: int, t_ref: float) -> None:
     """Make room for the spikes of a population whose shortest refractory period is now `t_ref` ms."""
     past = a.plastic["past"]
-    onto = [q for q in _lazy(a.program, a.plastic_of) if a.program.projections[q].target == population]
+    onto = [q for q in _lazy(a, a.plastic_of) if a.program.projections[q].target == population]
     width = _width(max(_entries(a.program, q, t_ref) for q in onto))
     if width > past.shape[1]:
         wider = layout.aligned(past.shape[0], width)
@@ -196,17 +196,17 @@ def widen_histories(a: Arrays, population: int, t_ref: float) -> None:
         a.plastic["others"][:, : others.shape[1]] = others
 
 
-def _history_width(program: Program, learning: list[int]) -> int:
+def _history_width(a: Arrays, learning: list[int]) -> int:
     """Numbers in a history of any neuron, with the parameters of step 0."""
-    lazy = _lazy(program, learning)
+    lazy, program = _lazy(a, learning), a.program
     targets = [program.populations[program.projections[q].target] for q in lazy]
     held = [float(np.min(target.parameters.get("t_ref", 0.0))) for target in targets]
     return _width(max([7, *(_entries(program, q, t_ref) for q, t_ref in zip(lazy, held, strict=True))]))
 
 
-def _lazy(program: Program, learning: Iterable[int]) -> list[int]:
+def _lazy(a: Arrays, learning: Iterable[int]) -> list[int]:
     """Those projections whose synapses read histories."""
-    return [q for q in learning if not acts_at_once(program, program.projections[q])]
+    return [q for q in learning if not acts_at_once(a, a.program.projections[q])]
 
 
 def _entries(program: Program, q: int, t_ref: float) -> int:
@@ -258,6 +258,21 @@ def set_constants(a: Arrays, projection: int, vector: Floats) -> bool:
     in_order = given[order] if given.ndim == 2 and order is not None else given
     a.plastic["rule"][first : first + n, : p.synapse.width] = in_order
     return bool(grows)
+
+
+def set_numbers(a: Arrays, projection: int, vector: Floats, step: int) -> bool:
+    """Fill all that follows from the parameters of a projection whose traces are values, see `reading.bring_all`.
+
+    Returns:
+        whether an array was replaced.
+    """
+    k, p = a.plastic_of[projection], a.program.projections[projection]
+    table, tau, decay, kinds = (a.plastic[name][k] for name in ("table", "tau", "decay", "kinds"))
+    replaced = set_constants(a, projection, vector)
+    set_traces(tau, table, decay, kinds, common(vector), p.synapse, a.program)
+    if table[t.EAGER]:
+        pack(a, k, step)
+    return replaced
 
 
 def set_traces(

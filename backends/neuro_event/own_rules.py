@@ -56,7 +56,8 @@ entries (step, K- just after, multiplicity), the newest first. All are integers 
 as a float."""
 
 BRING, BRING_WHOLE, ARRIVE, PRE_SPIKE = range(4)
-"""Operations of an entry: the first two of lazy passes, the third of eager ones; the last and those after it: the first spike of a neuron in a step, the second, ..."""
+"""Operations of an entry: the first two of lazy passes, the third of eager ones; the last and those after it: the first
+spike of a neuron in a step, the second, ..."""
 
 AHEAD = 16
 """Synapses by which a history, and the target's place in the ring, is asked for before it is read."""

@@ -139,7 +139,10 @@ def weights(a: Arrays, projection: int) -> Floats:
 
 
 def bring_all(a: Arrays, view: Ints, k: int, step: int) -> None:
-    """Catch up the lazy projection number k to the present, before something of it is set."""
+    """Catch up the plastic projection number k to the present, before something is set; traces are then values."""
+    if a.plastic["table"][k, t.EAGER]:
+        epochs.unpack(a, k, step)
+        return
     p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
     n_sources, n_targets = a.program.populations[p.source].size, a.program.populations[p.target].size
     lazy.bring_histories(view, p.target, n_targets, step, a.program.resolution)

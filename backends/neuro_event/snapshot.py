@@ -16,6 +16,7 @@ _GIVEN = {"edges", "rows", "targets", "delays", "order", "map_of", "initial", "r
 VIEWS = {"x", "bits", "awake_groups", "due_groups", "fired_words", "traces"}
 """Arrays that show others in another way."""
 _EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws", "won"}
+_LISTS = {"incoming", "in_synapse", "in_source"}
 _NOTES = {"note_this", "note_at", "note_steps", "note_synapses", "note_y"}
 _DRIVES = {
     "lines",
@@ -38,9 +39,14 @@ def snapshot(a: Arrays) -> dict[str, NDArray[Any]]:
     net = {f"net.{k}": v.copy() for k, v in a.net.items() if k not in _FIXED}
     net["net.pops"] = a.net["pops"][:, : t.NUMBER].copy()  # what follows are addresses of this process
     net["net.projections"] = a.net["projections"][:, : t.CHANNEL_HEIGHT].copy()  # the rest follows from the program
-    plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS | _NOTES | {"rule"}}
+    plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS | _NOTES | _LISTS | {"rule"}}
     plastic["plastic.table"] = a.plastic["table"][:, : t.RULE_NUMBER].copy()
     return {**net, **plastic}
+
+
+def is_eager(arrays: Mapping[str, NDArray[Any]]) -> bool:
+    """Whether synapses learn eagerly in a snapshot where they can: before they did so there were no such arrays."""
+    return len(arrays.get("plastic.heard", ())) > 0
 
 
 def restore(a: Arrays, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -57,7 +63,7 @@ def restore(a: Arrays, arrays: Mapping[str, NDArray[Any]]) -> None:
             a.net[rest] = value.copy()
         elif name == "plastic.table":
             a.plastic["table"][:, : t.RULE_NUMBER] = value
-        elif part == "plastic" and rest != "rule":  # laid out again, from the parameters
+        elif part == "plastic" and rest not in _LISTS | {"rule"}:  # laid out again
             a.plastic[rest] = value.copy()
     if "plastic.spiked" not in arrays:  # version 0.1.0
         a.plastic["spiked"] = a.plastic["k_time"].copy()
