@@ -79,13 +79,14 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
     k_plus = np.zeros((threads, n_sources))
     for row, q in zip(table, learning, strict=True):
         _start(a, q, row, states, k_plus)
+    modulated = any(program.projections[q].synapse.modulated for q in learning)
     a.plastic |= {
         "table": table,
         "tau": tau,
         "decay": decay,
         "y": states,
         "sent": states[0].copy(),
-        "reached": np.zeros(n_synapses if np.any(table[:, t.MODULATED] >= 0) else 0, dtype=np.int64),
+        "reached": np.zeros(n_synapses if modulated else 0, dtype=np.int64),
         "k_plus": k_plus,
         "k_time": np.zeros((threads, n_sources), dtype=np.int64),
         "spiked": np.zeros((threads, n_sources), dtype=np.int64),

@@ -1,4 +1,4 @@
-"""Pairwise learning: lazy, one synapse at a time, at the events that concern it.
+"""Pairwise learning: lazy, one synapse at a time, at the events that concern it; what may act at once is in `eager`.
 
 Post spikes are kept in a short history per neuron. When it is full, the synapses onto that neuron are caught up
 to what has been processed, and what nobody needs any more is dropped.
