@@ -53,6 +53,9 @@ from neuro_event.tables import (
 )
 from neuro_event.views import address, net_of, plastic_of, prefetch
 
+FORWARD = (1 << 62) - 1
+"""A place and this is the place: so the compiler knows that it is not one from the end, and tests none."""
+
 PER_LINE = 16
 """Entries of a list in a cache line."""
 
@@ -207,10 +210,10 @@ def eager_entry(model, row_of):
         weights = address(p.y) + 8 * first
         for k in range(m):
             post = values_after(before, k)
-            for i in range(begin, end):
-                prefetch(weights + 8 * np.int64(p.in_synapse[min(i + on, last)]))
-                z = first + np.int64(p.in_synapse[i])
-                own = sources + np.int64(p.in_source[i]) * stride
+            for i in range(np.uint64(begin), np.uint64(end)):
+                prefetch(weights + 8 * np.int64(p.in_synapse[min(i + np.uint64(on), np.uint64(last))]))
+                z = (first + np.int64(p.in_synapse[i])) & FORWARD
+                own = (sources + np.int64(p.in_source[i]) * stride) & FORWARD
                 on_post(p.y, z, p.rule[row_of(q, table, z)], pre_values(p, thread, own, left, step, h), post)
 
     @inner
@@ -255,16 +258,16 @@ def eager_entry(model, row_of):
             prefetch(weights + 8 * e)
             prefetch(kept + 8 * e)
         for e in range(first, end):
-            ahead = np.int64(net.targets[min(e + AHEAD, end - 1)])
+            ahead = np.int64(net.targets[min(e + AHEAD, end - 1) & FORWARD])
             prefetch(slot + 8 * ahead)
             prefetch(heard + width * ahead)
-            z = to_synapse + e
-            target, c = np.int64(net.targets[e]), p.rule[row_of(q, table, z)]
-            learn_pre(p, q, z, c, step, nth, pre, post_values(p, to_target + target, left, step, h))
+            z = (to_synapse + e) & FORWARD
+            target, c = np.int64(net.targets[e & FORWARD]), p.rule[row_of(q, table, z)]
+            learn_pre(p, q, z, c, step, nth, pre, post_values(p, (to_target + target) & FORWARD, left, step, h))
             p.sent[z] = p.y[0, z]
             weight = sent(p.y, z, c)
             second = size if receptors == 2 and weight < 0.0 else 0
-            net.buf[ring + second + target] += 1.0 if relay == 1 else weight
+            net.buf[(ring + second + target) & FORWARD] += 1.0 if relay == 1 else weight
         if row[WAKE_ALL] == 1 and first < end:
             due_everywhere(net, target_row, at, thread)
         elif row[WAKE_ALL] == 0:
