@@ -10,9 +10,10 @@ same for any number of threads, which own targets.
 import numpy as np
 
 from neuro.kernels.jit import inner, kernel
-from neuro_event.deliver import base_of, csr_alike, csr_own, log_delivery, receptor, told_apart
+from neuro_event.deliver import base_of, csr_own, log_delivery, receptor, told_apart
 from neuro_event.tables import (
     BEGIN,
+    BLOCK,
     DELAYS,
     FIRST_BLOCK,
     HORIZON,
@@ -41,6 +42,8 @@ AHEAD = 6
 """How many runs ahead."""
 
 _LINE = 64
+_SHIFT = np.uint64(6)
+assert 1 << int(_SHIFT) == BLOCK
 
 
 @kernel
@@ -88,13 +91,25 @@ def ask_for(view, row, first, last):
 
 
 @inner
+def run_alike(targets, first, last, value, buf, out, due, mark):
+    """Add one value to the targets first:last and mark their blocks."""
+    begin = np.uint64(out)  # an unsigned place is never one from the end, so the innermost loop tests none
+    for e in range(np.uint64(first), np.uint64(last)):
+        buf[begin + np.uint64(targets[e])] += value
+    if mark >= 0:  # a second loop: the first is nothing but adds, and these few bytes stay in the cache
+        block = np.uint64(mark)
+        for e in range(np.uint64(first), np.uint64(last)):
+            due[block + (np.uint64(targets[e]) >> _SHIFT)] = 1
+
+
+@inner
 def add_run(net, row, first, last, m, receptors, between, out, mark):
     """Add a run, the synapses first:last of its projection, to the input whose target 0 lies at `out`."""
     e = row[SYNAPSE]
     if row[WEIGHT_STRIDE] == 0:
         weight = net.weights[row[WEIGHT]] * m
         at = out + receptor(weight, receptors) * between
-        csr_alike(net.targets, e + first, e + last, weight, net.buf, at, net.due, mark)
+        run_alike(net.targets, e + first, e + last, weight, net.buf, at, net.due, mark)
     else:
         apart, at = receptors, out
         if receptors == 2 and row[SIGN] != MIXED:

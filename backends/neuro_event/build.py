@@ -23,7 +23,7 @@ LINE = 16
 """Numbers between what two threads write often, so that they share no cache line."""
 
 
-def build(program: Program, threads: int) -> Arrays:
+def build(program: Program, threads: int, eager: bool = True) -> Arrays:
     """Lay out a program for a number of threads."""
     where = layout.places(program)
     arranged = [layout.synapses(program, q, where) for q in range(len(program.projections))]
@@ -34,7 +34,8 @@ def build(program: Program, threads: int) -> Arrays:
     arrays = Arrays(
         program, where, arranged, {q: k for k, q in enumerate(learning)}, net, {}, max(1, program.min_delay), longest, 0
     )
-    arrays.reach = longest + arrays.longest_slice
+    arrays.eager = eager
+    arrays.reach = longest + arrays.longest_slice + 1
     if program.trials is not None:
         arrays.reach = max(arrays.reach, program.trials.duration + 1)
     _neurons(arrays, slots)

@@ -17,6 +17,7 @@ _GIVEN = _LAID_OUT | {"map_of", "initial", "resets", "keys", "group_keys", "loca
 VIEWS = {"x", "bits", "awake_groups", "due_groups", "fired_words", "traces"}
 """Arrays that show others in another way."""
 _EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws", "won", "queue", "tally", "none"}
+_LISTS = {"incoming", "in_synapse", "in_source"}
 _NOTES = {"note_this", "note_at", "note_steps", "note_synapses", "note_y"}
 _DRIVES = {
     "lines",
@@ -41,7 +42,7 @@ def snapshot(a: Arrays) -> dict[str, NDArray[Any]]:
     net["net.state"] = a.net["state"][:, : layout.total(a.program)].copy()  # each row ends in room for nothing
     net["net.pops"] = a.net["pops"][:, : t.NUMBER].copy()  # what follows are addresses of this process
     net["net.projections"] = a.net["projections"][:, : t.CHANNEL_HEIGHT].copy()  # the rest follows from the program
-    plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS | _NOTES | {"rule"}}
+    plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS | _NOTES | _LISTS | {"rule"}}
     plastic["plastic.table"] = a.plastic["table"][:, : t.RULE_NUMBER].copy()
     return {**net, **plastic, "engine.runs": np.flatnonzero(a.net["projections"][:, t.RUN] >= 0)}
 
@@ -56,6 +57,11 @@ def _by_runs(a: Arrays) -> None:
             given[layout.by_target(a.program, q, a.places)] = here
             order = a.synapses[q].order
             here[:] = given if order is None else given[order]
+
+
+def is_eager(arrays: Mapping[str, NDArray[Any]]) -> bool:
+    """Whether synapses learn eagerly in a snapshot where they can: before they did so there were no such arrays."""
+    return len(arrays.get("plastic.heard", ())) > 0
 
 
 def restore(a: Arrays, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -78,7 +84,7 @@ def restore(a: Arrays, arrays: Mapping[str, NDArray[Any]]) -> None:
             a.net[rest] = value.copy()
         elif name == "plastic.table":
             a.plastic["table"][:, : t.RULE_NUMBER] = value
-        elif part == "plastic" and rest != "rule":  # laid out again, from the parameters
+        elif part == "plastic" and rest not in _LISTS | {"rule"}:  # laid out again
             a.plastic[rest] = value.copy()
     if "engine.runs" not in arrays:  # version 0.1.0: all lay by source, then target
         _by_runs(a)

@@ -103,8 +103,10 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     NOTED,
     CONSTANTS,
     CONSTANTS_STRIDE,
+    EAGER,
+    EPOCH,
     PLASTIC_COLUMNS,
-) = range(22)
+) = range(24)
 
 # lines of currents that change at every step
 (

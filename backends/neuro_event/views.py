@@ -115,15 +115,16 @@ tau f8 2           tau_plus and tau_n of each
 decay f8 3         (projections, 3 + traces, steps) of tau_plus, tau_n, the targets' tau_minus, `kinds`; or 0
 y f8 2             (states, synapses)
 sent f8 1          weight at the last pre spike
-reached i8 1       step up to which a synapse has learnt
-k_plus f8 2        (threads, sources) trace of each source at a step; each thread has its own copy
+reached i8 1       step up to which a modulated synapse has learnt; empty if none is
+k_plus f8 2        (threads, sources) trace of each source at a step, or as in `eager`; each thread has its own copy
 k_time i8 2        the step of that value
 spiked i8 2        the step of each source's last spike
 n f8 1             dopamine of each target at a step
 n_time i8 1        that step
 incoming i8 1      synapses by target: ends
-in_synapse i8 1    the synapses
+in_synapse i4 1    the synapses, from the first of their projection on
 in_source i4 1     their sources
+heard f8 2         (targets, traces) of the post spikes that eager synapses have heard, kept as in `eager`
 past i8 2          history of each neuron's spikes, see `plastic`
 traces f8 2        the same memory as floats
 kinds f8 3         (projections, traces, 3) of strangers' rules: time constant, nearest, what a spike adds
