@@ -22,6 +22,7 @@ from neuro.cli.report import report
 from neuro.cli.run import run
 from neuro.cli.schema import schema
 from neuro.cli.show import show
+from neuro.cli.sweep import app as sweep
 from neuro.cli.verify import verify
 from neuro.core.version import VERSION
 
@@ -31,6 +32,7 @@ app = typer.Typer(cls=Commands, name="neuro", add_completion=False, pretty_excep
 for command in COMMANDS:
     app.command()(command)
 app.add_typer(events)
+app.add_typer(sweep)
 
 
 @app.callback(invoke_without_command=True)
