@@ -95,6 +95,8 @@ if TYPE_CHECKING:
     from neuro.run.normalise import normalise
     from neuro.run.simulation import ApproximationWarning, ModelWarning, Simulation, compile
     from neuro.run.trials import TrialCounts, TrialResults
+    from neuro.sweeps.calling import sweep
+    from neuro.sweeps.table import SweepTable
 
 _HOMES = {
     "neuro.chips": (),
@@ -194,6 +196,8 @@ _HOMES = {
     "neuro.run.modulators": ("reward_error", "td_error", "td_error_rate"),
     "neuro.run.normalise": ("normalise",),
     "neuro.run.trials": ("TrialCounts", "TrialResults"),
+    "neuro.sweeps.calling": ("sweep",),
+    "neuro.sweeps.table": ("SweepTable",),
     "neuro.run.simulation": ("ApproximationWarning", "ModelWarning", "Simulation", "compile"),
 }
 
@@ -205,6 +209,7 @@ __all__ = [
     "Network",
     "OverflowWarning",
     "Simulation",
+    "SweepTable",
     "TrialCounts",
     "TrialResults",
     "Trials",
@@ -294,6 +299,7 @@ __all__ = [
     "stdp_pl_hom",
     "stdp_triplet",
     "step_current_generator",
+    "sweep",
     "symmetric_pairwise_bernoulli",
     "td_error",
     "td_error_rate",

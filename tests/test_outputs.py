@@ -513,6 +513,9 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "neuro/cli/example.py",
         "neuro/cli/new.py",
         "neuro/cli/report.py",
+        "neuro/sweeps/page.py",
+        "neuro/sweeps/folder.py",
+        "neuro/sweeps/worker.py",
         "neuro/cli/events/frames.py",
         "neuro/model/language/writer.py",
         "apps/neuro_drone/watch.py",
@@ -522,7 +525,10 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "apps/neuro_recognise/detection/watching.py",
     }
     cache = {"neuro/kernels/kept.py"}  # machine code, in a folder of its own
-    memory = {"neuro/plots/_canvas.py"}  # a picture for a notebook
+    memory = {
+        "neuro/plots/_canvas.py",
+        "neuro/sweeps/network.py",
+    }  # a picture for a notebook, a table that is read once
     assert found == {"neuro/core/outputs.py"} | formats | temporary | given | cache | memory
 
 

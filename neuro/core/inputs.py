@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -38,13 +39,28 @@ def gathering() -> Iterator[dict[str, None]]:
         _lists[:] = [each for each in _lists if each is not found]
 
 
+def _of_folder(folder: Path) -> str:
+    digest = hashlib.sha256()
+    for root, folders, files in os.walk(folder):
+        folders.sort()
+        for name in sorted(files):
+            path = Path(root, name)
+            digest.update(f"{path.relative_to(folder)}\0{digest_of(path)}\n".encode())
+    return digest.hexdigest()
+
+
 _known: dict[tuple[str, int, int], str] = {}
 
 
 def digest_of(path: str | os.PathLike[str]) -> str:
-    """A hash of what a file holds, "" if it cannot be read; of one that was not touched since it is known."""
+    """A hash of what a file holds, or of the names and contents of all files in a folder; "" if it cannot be read.
+
+    Of what was not touched since it is known.
+    """
     try:
         state = os.stat(path)
+        if stat.S_ISDIR(state.st_mode):
+            return _of_folder(Path(path))
         key = os.fspath(path), state.st_mtime_ns, state.st_size
         if key not in _known:
             digest = hashlib.sha256()

@@ -33,36 +33,48 @@ from neuro.core.version import VERSION
 __all__ = ["ATTRIBUTE", "command", "commit", "differences", "machine", "provenance", "versions"]
 
 ATTRIBUTE = "provenance"
-"""Of HDF5 files: the record as JSON."""
+"""Of HDF5 files, and the id of an element of pages: the record as JSON."""
 
 COMPUTE = ("numpy", "numba", "scipy", "llvmlite")
 _ALSO = ("torch", "scikit-learn", "nest-simulator")
 """Named where they were imported."""
 
 _MODULES = {"scikit-learn": "sklearn", "nest-simulator": "nest"}
+_MANY = 100
 _FOLDER = Path(__file__).parents[2]
 
 
-def provenance(
-    files: Iterable[str] | None = None, /, **of_a_run: Any
-) -> dict[str, Any]:
+def provenance(files: Iterable[str] | None = None, /, **of_a_run: Any) -> dict[str, Any]:
     """The record of what this process makes now.
 
     Args:
         files: what it is made of; all files that were read so far if not given.
         of_a_run: backend, threads, seed and network, where there are such; None is left out.
     """
-    read = inputs.noted() if files is None else files
+    read = _outermost(inputs.noted() if files is None else files)
     return {
         "neuro": VERSION,
         "commit": commit(),
         "versions": versions(),
         **{word: value for word, value in of_a_run.items() if value is not None},
-        "inputs": {name: inputs.digest_of(name) for name in read},
+        "inputs": {name: digest for name in read if (digest := inputs.digest_of(name))},
         "command": command(),
         "folder": os.getcwd(),
         "machine": machine(),
     }
+
+
+def _outermost(files: Iterable[str]) -> list[str]:
+    """Without our own tables, and without files in folders that are inputs as a whole; many of one folder are it."""
+    own, every = str(_FOLDER / "neuro") + os.sep, list(dict.fromkeys(files))
+    every = [name for name in every if not name.startswith(own)]
+    if len(every) > _MANY:
+        beside: dict[str, list[str]] = {}
+        for name in every:
+            beside.setdefault(os.path.dirname(name), []).append(name)
+        every = [name for folder, names in beside.items() for name in ([folder] if len(names) > _MANY else names)]
+    folders = {name + os.sep for name in every if os.path.isdir(name)}
+    return [name for name in every if not any(name.startswith(folder) for folder in folders)]
 
 
 @cache

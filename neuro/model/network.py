@@ -52,7 +52,10 @@ class Network(Description):
 
     Attributes:
         place: where the next part comes from; None means the caller's line.
+        inputs: the files that it was read from; none of one that was made in Python.
     """
+
+    inputs: tuple[str, ...] = ()
 
     def __init__(self, name: str = "network", *, resolution: float = 0.1) -> None:
         self.name = check_name(name, "network", here())

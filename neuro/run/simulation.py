@@ -136,6 +136,7 @@ class Simulation:
         backend: the name of the backend.
         program: the resolved network.
         handles: finds its parts by what names them.
+        steered: the calls by which it was changed since it was compiled, in the order of the first of each.
     """
 
     def __init__(self, net: Network, backend: str, program: Any, engine: Engine) -> None:
@@ -151,6 +152,7 @@ class Simulation:
         self._tally = Tally(program)
         self._inflow = Inflow(program, engine)
         self._watch = Watch(program, engine, self._clock)
+        self.steered: dict[str, None] = {}
 
     def __repr__(self) -> str:
         return f"Simulation({self.program.name!r}, backend={self.backend!r}, time={self.time:g} ms)"
@@ -251,6 +253,7 @@ class Simulation:
         self._refuse_while_recording("reset")
         weights = check(_FLAG, weights, "reset: weights")
         self._inflow.check_again("reset")
+        self.steered["reset"] = None
         self._engine.reset(weights)
         self._inflow.rewind()
         self._recorder.clear()
@@ -284,6 +287,7 @@ class Simulation:
         Raises:
             ModelError: a name is unknown or a value is out of bounds.
         """
+        self.steered["set"] = None
         named = {word_of(word): value for word, value in values.items()}
         neurons = self.handles.neurons_or_projection(of)
         if isinstance(neurons, int):
@@ -403,6 +407,7 @@ class Simulation:
 
     def set_weights(self, of: Projection | str, weights: ArrayLike) -> None:
         """Replace the weights of a projection: one for all, or an array in the form that `weights` gives."""
+        self.steered["set_weights"] = None
         index = self.handles.projection(of)
         self._engine.set_weights(index, self._synapses.new_weights(index, self._rules[index], weights, None))
 
@@ -430,6 +435,7 @@ class Simulation:
         if steps.size and steps.min() <= self._engine.step:
             early = self._clock.ms(int(steps.min()))
             raise ModelError(f"inject: a spike at {early:g} ms: expected times after {self.time:g} ms, the present")
+        self.steered["inject"] = None
         self._engine.inject(neurons.index, steps, emit)
 
     def feed(self, of: Population | str, events: Any) -> None:
@@ -457,10 +463,12 @@ class Simulation:
             late = self._clock.ms(int(steps.min()))
             told = f"feed: an event of '{part.name}' in the step that ends at {late:g} ms"
             raise ModelError(f"{told}: expected later than {self.time:g} ms, the present")
+        self.steered["feed"] = None
         self._engine.inject(index, steps, ids)
 
     def signal(self, of: Signal | str, values: ArrayLike) -> None:
         """Set a signal: one value for all neurons of its population or one for each; acts from the next step on."""
+        self.steered["signal"] = None
         index = self.handles.signal(of)
         part = self.program.signals[index]
         size = self.program.populations[part.target].size
@@ -616,6 +624,7 @@ class Simulation:
         """
         if self.program.trials is None:
             raise ModelError("the network has no section 'trials'", hint="net.trials(input=..., duration=...) adds one")
+        self.steered["trials"] = None
         return self._trials.run(times, ids, offsets, labels, learn, samples, epoch)
 
     # accounts
@@ -682,7 +691,11 @@ class Simulation:
         arrays |= {f"streams/{name}": step for name, step in self._inflow.state().items()}
         if self.program.trials is not None:
             arrays["trials"] = self._trials.state()
-        write_state(file_path(path, "path"), self._identity, arrays)
+        from neuro.run.collect import files_of, record_of
+
+        told = {"backend": self.backend, "seed": self.program.seed, "network": self._identity.fingerprint}
+        record = record_of(self._net, **told) | {"steered": list(self.steered), "time_ms": self.time}
+        write_state(file_path(path, "path"), self._identity, arrays, record, files_of(self._net))
 
     def restore(self, path: str | PathLike[str]) -> None:
         """Continue from a file that `save` wrote for the same network, backend and seed, bit for bit.
@@ -691,6 +704,7 @@ class Simulation:
             ModelError: the file is of something else; the simulation stays as it is.
         """
         self._refuse_while_recording("restore")
+        self.steered["restore"] = None
         self._inflow.check_again("restore")
         arrays = read_state(file_path(path, "path"), self._identity)
         self._left = None

@@ -80,7 +80,6 @@ def _checked(client: Any, where: str, folder: Folder) -> int:
 
     def look() -> tuple[str, str, bool]:  # nested, so that it is sent by value: workers may not have this module
         import os
-        import sys
 
         try:
             from neuro.core.version import VERSION as there
@@ -155,4 +154,3 @@ def _pool(path: str) -> Cores:
         _mine.pool, _mine.path = Cores(Folder(Path(path)), 1), path
     pool: Cores = _mine.pool
     return pool
-

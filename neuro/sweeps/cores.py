@@ -16,7 +16,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any
 
 from neuro.core.errors import ModelError
 from neuro.core.outputs import Unwritable

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from neuro.core.checks import check
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, Where
 from neuro.core.inputs import digest_of, gathering
 from neuro.core.measures import in_ms
 from neuro.core.quantities import Quantity
-from neuro.core.checks import check
 from neuro.model.language.loader import build
 from neuro.model.language.parameters import resolve
 from neuro.model.language.reader import Node
@@ -111,7 +111,9 @@ class NetworkRun:
         said = in_ms(run.get("for", self.duration), "for")
         return float(check(_FOR, said, "for"))
 
-    def __call__(self, point: Mapping[str, Any], seed: int | None) -> tuple[dict[str, Any], Fill | None, dict[str, Any]]:
+    def __call__(
+        self, point: Mapping[str, Any], seed: int | None
+    ) -> tuple[dict[str, Any], Fill | None, dict[str, Any]]:
         """Run: metrics, what writes more files, and what the record of the run has to say."""
         from neuro.files.state import fingerprint
         from neuro.run.simulation import compile

@@ -61,7 +61,9 @@ def _head(found: SweepTable, told: Mapping[str, Any]) -> Html:
     of = Path(what["file"]).name if what["kind"] == "network" else what["name"]
     over = ", ".join(found.parameters) or "seeds"
     on = f" on {what['backend']}" if what["kind"] == "network" else ""
-    return tag("header", tag("h1", found.name), tag("p", f"{of}{on} over {over}: {_many(len(found), 'run')}.", class_="lead"))
+    return tag(
+        "header", tag("h1", found.name), tag("p", f"{of}{on} over {over}: {_many(len(found), 'run')}.", class_="lead")
+    )
 
 
 def _cards(counts: Mapping[str, int], outcomes: Mapping[str, Outcome]) -> Iterator[Html]:
@@ -232,7 +234,9 @@ def _rows(found: SweepTable) -> Iterator[Html]:
     if not there:
         return
     yield tag("h2", "Runs")
-    names = [name for name in there[0] if name != "attempts" and (name != "error" or any(row["error"] for row in there))]
+    names = [
+        name for name in there[0] if name != "attempts" and (name != "error" or any(row["error"] for row in there))
+    ]
     head = [name if name in ("run", "outcome", "error") else f">{name}" for name in names]
     body = [[text(row[name], name) for name in names] for row in there]
     yield table(head, body, f"the first {MOST_ROWS} of {len(rows):,}" if len(rows) > MOST_ROWS else "")

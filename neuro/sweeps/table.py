@@ -158,7 +158,7 @@ class SweepTable:
         file = file_path(path, "path")
         if file.suffix == ".parquet":
             self._save_parquet(file, times)
-        elif file.suffix == ".csv" or not file.suffix or file.exists() and not file.is_file():
+        elif file.suffix == ".csv" or not file.suffix or (file.exists() and not file.is_file()):
             with output(file, CSV) as part, part.open("w", encoding="utf-8", newline="") as out:
                 out.write(self.csv(times))
         else:
