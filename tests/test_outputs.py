@@ -525,7 +525,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "apps/neuro_recognise/detection/watching.py",
     }
     cache = {"neuro/kernels/kept.py"}  # machine code, in a folder of its own
-    memory = {
+    memory = {"neuro/plots/_canvas.py", "neuro/sweeps/network.py"}  # a picture for a notebook, a table for one run
         "neuro/plots/_canvas.py",
         "neuro/sweeps/network.py",
     }  # a picture for a notebook, a table that is read once

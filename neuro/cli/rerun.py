@@ -21,7 +21,7 @@ def rerun(
     inputs: Inputs = [],  # noqa: B006
     against: Against = None,
 ) -> None:
-    """Make a file again from what it holds; tell whether it has the same bits, or what differs first and what changed."""
+    """Make a file again from what it holds; tell whether it has the same bits, or what differs and what changed."""
     from neuro.core.progress import Bar
     from neuro.rerun.again import rerun as again
 

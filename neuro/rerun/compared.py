@@ -87,8 +87,8 @@ def _same(a: Any, b: Any) -> bool:
         return a is b
     a, b = np.asarray(a), np.asarray(b)
     if a.dtype.kind == "O" or b.dtype.kind == "O":
-        return a.shape == b.shape and a.tolist() == b.tolist()
-    return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+        return bool(a.shape == b.shape and a.tolist() == b.tolist())
+    return bool(a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes())
 
 
 def _told(value: Any) -> str:

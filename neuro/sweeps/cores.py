@@ -15,6 +15,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 from neuro.core.errors import ModelError
@@ -147,10 +148,8 @@ class Cores:
         each.item, each.attempt, each.began = item, attempt, time.monotonic()
         each.deadline = each.began + self._seconds if self._seconds else float("inf")
         words = {"key": item.key, "point": item.point, "seed": item.seed, "attempt": attempt}
-        try:
+        with suppress(BrokenPipeError):  # it has ended, which is heard next
             each.process.stdin.write(json.dumps(words) + "\n")
-        except BrokenPipeError:
-            pass  # it has ended, which is heard next
 
     def _hear(self, each: _Process, waiting: deque[tuple[Item, int]], elsewhere: list[Item], tell: Tell) -> None:
         assert each.process.stdout is not None
@@ -228,11 +227,9 @@ class Cores:
         self._selector.unregister(each.process.stdout)
         code = each.process.wait()
         for pipe in (each.process.stdin, each.process.stdout):
-            try:
+            with suppress(BrokenPipeError):
                 if pipe is not None:
                     pipe.close()
-            except BrokenPipeError:
-                pass
         return f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with {code}"
 
 

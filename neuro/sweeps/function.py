@@ -84,7 +84,8 @@ class FunctionRun:
             found = getattr(found, word, None)
         if not callable(found):
             raise ModelError(f"{self.file or self.module}: has no function '{self.name}'")
-        return found
+        function: Callable[..., Any] = found
+        return function
 
     def check_inputs(self) -> None:
         """See whether the function can be found here and is what it was when the sweep began.

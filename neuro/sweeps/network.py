@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 _FOR = Quantity("ms", "how long", above=0.0)
 Fill = Callable[[Path], None]
+Made = tuple[dict[str, Any], Fill | None, dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -111,9 +112,7 @@ class NetworkRun:
         said = in_ms(run.get("for", self.duration), "for")
         return float(check(_FOR, said, "for"))
 
-    def __call__(
-        self, point: Mapping[str, Any], seed: int | None
-    ) -> tuple[dict[str, Any], Fill | None, dict[str, Any]]:
+    def __call__(self, point: Mapping[str, Any], seed: int | None) -> Made:
         """Run: metrics, what writes more files, and what the record of the run has to say."""
         from neuro.files.state import fingerprint
         from neuro.run.simulation import compile

@@ -61,9 +61,8 @@ def _head(found: SweepTable, told: Mapping[str, Any]) -> Html:
     of = Path(what["file"]).name if what["kind"] == "network" else what["name"]
     over = ", ".join(found.parameters) or "seeds"
     on = f" on {what['backend']}" if what["kind"] == "network" else ""
-    return tag(
-        "header", tag("h1", found.name), tag("p", f"{of}{on} over {over}: {_many(len(found), 'run')}.", class_="lead")
-    )
+    lead = f"{of}{on} over {over}: {_many(len(found), 'run')}."
+    return tag("header", tag("h1", found.name), tag("p", lead, class_="lead"))
 
 
 def _cards(counts: Mapping[str, int], outcomes: Mapping[str, Outcome]) -> Iterator[Html]:
@@ -217,10 +216,10 @@ def _failures(found: SweepTable, outcomes: Mapping[str, Outcome]) -> Iterator[Ht
         return
     yield tag("h2", "What failed")
     rows = []
-    for reason, each in list(reasons.items())[:MOST_REASONS]:
-        point = ", ".join(f"{name} = {told(value)}" for name, value in each[0].point.items())
-        seed = "" if each[0].seed is None else f", seed {each[0].seed}"
-        rows.append((f"{len(each):,}", reason, f"{point}{seed}".strip(", "), each[0].key[:10]))
+    for reason, those in list(reasons.items())[:MOST_REASONS]:
+        point = ", ".join(f"{name} = {told(value)}" for name, value in those[0].point.items())
+        seed = "" if those[0].seed is None else f", seed {those[0].seed}"
+        rows.append((f"{len(those):,}", reason, f"{point}{seed}".strip(", "), those[0].key[:10]))
     yield table((">runs", "why", "first at", "run"), rows)
     if len(reasons) > MOST_REASONS:
         yield tag("p", f"{len(reasons) - MOST_REASONS} more reasons are in the table.")
@@ -234,9 +233,8 @@ def _rows(found: SweepTable) -> Iterator[Html]:
     if not there:
         return
     yield tag("h2", "Runs")
-    names = [
-        name for name in there[0] if name != "attempts" and (name != "error" or any(row["error"] for row in there))
-    ]
+    left_out = {"attempts"} if any(row["error"] for row in there) else {"attempts", "error"}
+    names = [name for name in there[0] if name not in left_out]
     head = [name if name in ("run", "outcome", "error") else f">{name}" for name in names]
     body = [[text(row[name], name) for name in names] for row in there]
     yield table(head, body, f"the first {MOST_ROWS} of {len(rows):,}" if len(rows) > MOST_ROWS else "")

@@ -108,7 +108,8 @@ def varied(table: SweepTable) -> tuple[str, ...]:
 def _one(table: SweepTable, done: Mapping[str, Outcome], metric: str, names: tuple[str, ...], kind: str) -> Shaped:
     found: dict[str, tuple[Values, list[float]]] = {}
     for key, (point, _) in zip(table.keys, table.points, strict=True):
-        if key in done and _finite(value := done[key].metrics.get(metric)):
+        value: Any = done[key].metrics.get(metric) if key in done else None
+        if _finite(value):
             values = tuple(point.get(name) for name in names)
             found.setdefault(repr(values), (values, []))[1].append(float(value))
     points = tuple((values, tuple(each)) for values, each in found.values())

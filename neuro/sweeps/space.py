@@ -184,7 +184,7 @@ class Space:
 
 
 def space_of(
-    parameters: Mapping[str, Any] | Sequence[Mapping[str, Any]],
+    parameters: Any,
     sampling: str = "grid",
     runs: int | None = None,
     seeds: int | Sequence[int] | None = None,
@@ -234,7 +234,9 @@ def _runs(sampling: str, runs: int | None) -> int:
             raise ModelError(f"runs = {shown(runs)}: a grid has as many as it has points")
         return 0
     if not isinstance(runs, int) or isinstance(runs, bool) or runs < 1:
-        raise ModelError(f"runs = {shown(runs)}: expected how many points are drawn, a whole number >= 1")
+        raise ModelError(
+            f"runs: found {'nothing' if runs is None else shown(runs)}: expected how many points are drawn, a whole number >= 1"
+        )
     return runs
 
 
@@ -257,7 +259,7 @@ def _seeds(seeds: int | Sequence[int] | None) -> tuple[int, ...]:
         if not 1 <= seeds <= MOST:
             raise ModelError(f"seeds = {seeds}: expected a whole number from 1 to {MOST:,}, or a list")
         return tuple(range(seeds))
-    every = list(seeds) if isinstance(seeds, (list, tuple, range)) else [seeds]
+    every: list[Any] = list(seeds) if isinstance(seeds, (list, tuple, range)) else [seeds]
     for seed in every or [None]:
         if not isinstance(seed, int) or isinstance(seed, bool) or not 0 <= seed < 2**63:
             raise ModelError(f"seeds = {shown(seeds)}: expected how many, or a list of whole numbers >= 0")

@@ -13,7 +13,7 @@ Out = Annotated[Path | None, typer.Option(metavar="FILE", help="The page; sweep.
 
 
 def page(folder: Runs, out: Out = None) -> None:
-    """Write one page that shows a sweep so far: how far it is, metrics over parameters, all runs, what failed and why."""
+    """Write one page that shows a sweep so far: metrics over parameters, all runs, what failed and why."""
     from neuro.sweeps.page import write_page
     from neuro.sweeps.table import table_of
 

@@ -66,7 +66,7 @@ def told(folder: Folder, count: Count, part: str | None) -> None:
     name = shlex.quote(str(folder.path))
     typer.echo(f"{folder.path}: {f'part {part}: ' if part else ''}{count}")
     table = table_of(folder.path)
-    for line in failures(folder, [key for key in table.keys]):
+    for line in failures(folder, list(table.keys)):
         typer.echo(line)
     if not table.counts()["left"]:
         typer.echo(f"{write_page(table)}: written")
