@@ -526,9 +526,6 @@ def test_no_file_is_opened_for_writing_elsewhere():
     }
     cache = {"neuro/kernels/kept.py"}  # machine code, in a folder of its own
     memory = {"neuro/plots/_canvas.py", "neuro/sweeps/network.py"}  # a picture for a notebook, a table for one run
-        "neuro/plots/_canvas.py",
-        "neuro/sweeps/network.py",
-    }  # a picture for a notebook, a table that is read once
     assert found == {"neuro/core/outputs.py"} | formats | temporary | given | cache | memory
 
 
