@@ -234,9 +234,8 @@ def _runs(sampling: str, runs: int | None) -> int:
             raise ModelError(f"runs = {shown(runs)}: a grid has as many as it has points")
         return 0
     if not isinstance(runs, int) or isinstance(runs, bool) or runs < 1:
-        raise ModelError(
-            f"runs: found {'nothing' if runs is None else shown(runs)}: expected how many points are drawn, a whole number >= 1"
-        )
+        found = "nothing" if runs is None else shown(runs)
+        raise ModelError(f"runs: found {found}: expected how many points are drawn, a whole number >= 1")
     return runs
 
 
