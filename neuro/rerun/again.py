@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -12,6 +13,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import yaml
 
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
@@ -21,8 +24,9 @@ from neuro.core.paths import file_path
 from neuro.core.progress import Bar
 from neuro.core.provenance import ATTRIBUTE, differences, provenance
 from neuro.core.values import shown
-from neuro.files.results import KIND, Results, read, write
+from neuro.files.results import KIND, YAML, Results, read, write
 from neuro.files.state import FORMAT as STATE
+from neuro.model.language import load
 from neuro.model.network import Network
 from neuro.rerun.compared import first_difference
 from neuro.rerun.origin import edited, moved, record_of
@@ -79,10 +83,6 @@ def rerun(
 
 
 def _of_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | None) -> Verdict:
-    from neuro.run.collect import collect
-    from neuro.run.progress import advance
-    from neuro.run.simulation import compile
-
     then = read(path)
     record = _record_of_results(then)
     if not then.finished:
@@ -91,7 +91,22 @@ def _of_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | Non
         calls = ", ".join(f"sim.{name}" for name in record["steered"])
         raise ModelError(f"{path}: was changed while it ran by {calls}: expected a run without", hint=_by(record))
     elsewhere = moved(record.get("inputs", {}), inputs)
-    net = _with_recordings(then.network(), elsewhere, path)
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            net = _network(then, record, elsewhere, Path(folder))
+        except ModelError as error:
+            raise ModelError(f"{path}: {error.message}", hint=error.hint) from None
+        now = _run(then, net, record, backend, bar)
+        write(replace(now, files=then.files), Path(folder) / "now.h5")
+        told = first_difference(path, Path(folder) / "now.h5")
+    return Verdict(told, (*differences(record, _record_of_results(now)), *edited(record.get("inputs", {}), elsewhere)))
+
+
+def _run(then: Results, net: Network, record: Mapping[str, Any], backend: str, bar: Bar | None) -> Results:
+    from neuro.run.collect import collect
+    from neuro.run.progress import advance
+    from neuro.run.simulation import compile
+
     on, threads = backend or str(then.about["backend"]), int(then.about["threads"])
     sim = compile(net, backend=on, seed=int(then.about["seed"]), threads=threads)
     steps = Clock(net.resolution).step(then.duration_ms, "run")
@@ -100,11 +115,7 @@ def _of_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | Non
     else:
         sim.run(then.duration_ms)
     keep = {"record": record.get("record", ()), "all_weights": record.get("all_weights", False), "threads": threads}
-    now = collect(sim, net, **keep)
-    with tempfile.TemporaryDirectory() as folder:
-        write(replace(now, files=then.files), Path(folder) / "now.h5")
-        told = first_difference(path, Path(folder) / "now.h5")
-    return Verdict(told, (*differences(record, _record_of_results(now)), *edited(record.get("inputs", {}), elsewhere)))
+    return collect(sim, net, **keep)
 
 
 def _record_of_results(results: Results) -> dict[str, Any]:
@@ -116,22 +127,26 @@ def _record_of_results(results: Results) -> dict[str, Any]:
     return {"neuro": about.get("neuro"), "backend": about.get("backend"), "versions": versions}
 
 
-def _with_recordings(net: Network, elsewhere: Mapping[str, str], path: Path) -> Network:
-    """The network, whose recordings are looked for where they lie now.
+def _network(results: Results, record: Mapping[str, Any], elsewhere: Mapping[str, str], folder: Path) -> Network:
+    """The network in a file of results, with the recordings that it plays beside it.
 
     Raises:
         ModelError: one is lost.
     """
-    for name, part in net.populations.items():
-        file = getattr(part.model, "file", None)
-        if file is None:
+    for name, content in results.files.items():
+        (folder / name).write_bytes(content)
+    parts = yaml.safe_load(results.files[YAML]).get("populations", {}).values()
+    models = [model for part in parts if isinstance(model := part.get("model"), dict)]
+    for name in {words["file"] for model in models for words in model.values() if "file" in (words or {})}:
+        if (folder / name).exists():
             continue
-        place = elsewhere.get(os.path.abspath(file), file)
-        if not Path(place).exists():
-            told = f"{path}: plays {file}, which is not there any more"
-            raise ModelError(told, hint="--inputs FOLDER looks for it there, by its content")
-        net.populations[name] = replace(part, model=replace(part.model, **{"file": place}))
-    return net
+        was = next((each for each in record.get("inputs", {}) if each.endswith(f"{os.sep}{name}")), name)
+        now = Path(elsewhere.get(was, was))
+        if not now.exists():
+            hint = "--inputs FOLDER looks for it there, by its content"
+            raise ModelError(f"plays {was}, which is not there any more", hint=hint)
+        _copy(now, folder / name)
+    return load(folder / YAML)
 
 
 def _of_sweep(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
@@ -192,6 +207,9 @@ def _of_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path]) -
     elsewhere = moved(record.get("inputs", {}), inputs)
     with tempfile.TemporaryDirectory() as folder:
         asked = [_placed(word, record, elsewhere, Path(folder)) for word in words[1:]]
+        for name in record.get("inputs", {}):  # also those that others name, such as included files
+            if not (inside := os.path.relpath(name, str(record["folder"]))).startswith(".."):
+                _copy(Path(elsewhere.get(name, name)), Path(folder) / inside)
         env = {**os.environ, "PYTHONPATH": os.pathsep.join(os.path.abspath(each) for each in sys.path)}
         done = subprocess.run(
             [sys.executable, "-P", "-m", "neuro", *asked], cwd=folder, env=env, capture_output=True, text=True
@@ -208,25 +226,35 @@ def _of_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path]) -
 
 
 def _placed(word: str, record: Mapping[str, Any], elsewhere: Mapping[str, str], folder: Path) -> str:
-    """A word of a command: inputs where they lie, all other paths inside the empty folder."""
+    """A word of a command: all paths lead into the new folder, into which inputs are copied."""
     head, equals, tail = word.partition("=") if word.startswith("--") else ("", "", word)
     if not tail or (word.startswith("-") and not equals):
         return word
     there = os.path.normpath(os.path.join(str(record["folder"]), tail))
-    inputs = record.get("inputs", {})
-    if there in elsewhere:
-        tail = elsewhere[there]
-    elif there in inputs or any(name.startswith(there + os.sep) for name in inputs):
-        tail = there
-    elif os.path.isabs(tail):
-        tail = str(folder / "".join(there.split(":")).lstrip(os.sep))
-        Path(tail).parent.mkdir(parents=True, exist_ok=True)
+    inside = os.path.relpath(there, str(record["folder"]))
+    if os.path.isabs(tail) or inside.startswith(".."):
+        tail = inside = os.path.join("outside", there.lstrip(os.sep))
+    (folder / inside).parent.mkdir(parents=True, exist_ok=True)
+    for name in record.get("inputs", {}):
+        if name == there or name.startswith(there + os.sep):
+            _copy(Path(elsewhere.get(name, name)), folder / inside / os.path.relpath(name, there))
     return f"{head}{equals}{tail}"
+
+
+def _copy(path: Path, to: Path) -> None:
+    if to.exists() or not path.exists():
+        return
+    to.parent.mkdir(parents=True, exist_ok=True)
+    if path.is_dir():
+        to.symlink_to(path)
+    else:
+        shutil.copy2(path, to)
 
 
 def _found(folder: Path, path: Path) -> Path:
     """The file of that name among what a command wrote."""
     made = sorted(folder.rglob(path.name)) or sorted(folder.rglob(f"*{path.suffix}"))
+    made = [each for each in made if not each.is_symlink()]
     if not made:
         raise ModelError(f"{path}: its command writes no file of that name now")
     return made[0]

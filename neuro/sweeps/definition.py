@@ -135,7 +135,7 @@ def load_sweep(path: Path) -> Sweep:
     said = words(root, WORDS, "a sweep")
     given = {word: plain(node) for word, node in said.items()}
     run = _run(root, said, given, path)
-    space = _space(said, given)
+    space = _space(root, said, given)
     sweep = Sweep(_name(said, given, path), run, space, _limits(said))
     with about(said.get("parameters") or said.get("list") or root):
         check_sweep(sweep)
@@ -202,7 +202,7 @@ def _run(root: Node, said: Mapping[str, Node], given: Mapping[str, Any], path: P
         )
 
 
-def _space(said: Mapping[str, Node], given: Mapping[str, Any]) -> Space:
+def _space(root: Node, said: Mapping[str, Node], given: Mapping[str, Any]) -> Space:
     if "parameters" in said and "list" in said:
         raise mistake(said["list"], "list: expected either 'parameters' or 'list'")
     for word in ("sampling", "runs", "draw"):
@@ -214,7 +214,7 @@ def _space(said: Mapping[str, Node], given: Mapping[str, Any]) -> Space:
         return space_of(given.get("list", given.get("parameters", {})), **words)
     except ModelError as error:
         where = next((said[w] for w in words if error.message.startswith(f"{w} =")), node)
-        raise error.at(where.where if where is not None else None) from None
+        raise error.at((where or root).where) from None
 
 
 def _name(said: Mapping[str, Node], given: Mapping[str, Any], path: Path) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,10 +22,9 @@ METRICS: Registry[Metric] = Registry("metric", (), group="neuro.metrics")
 TOTALS = ("spikes", "synaptic_ops", "neuron_updates", "neuron_updates_active", "learning_updates")
 _OF_POPULATIONS = ("rate", "spikes", "cv")
 _OF_PROJECTIONS = ("weight", "weight_sd")
-KNOWN = (*TOTALS, "rate.POPULATION", "spikes.POPULATION", "cv.POPULATION", "weight.PROJECTION", "weight_sd.PROJECTION")
 
 
-def check_metrics(names: Iterable[str], populations: Iterable[str], projections: Iterable[str]) -> None:
+def check_metrics(names: Iterable[str], populations: Collection[str], projections: Collection[str]) -> None:
     """See whether metrics have a meaning, before the first run.
 
     Raises:
@@ -42,10 +41,12 @@ def check_metrics(names: Iterable[str], populations: Iterable[str], projections:
 
             chip(of)
         if not (dot and word in (*_OF_POPULATIONS, *_OF_PROJECTIONS, "energy")) and name not in (*TOTALS, *METRICS):
-            raise unknown("metric", name, (*KNOWN, "energy.CHIP", *METRICS))
+            of_parts = [f"{each}.{part}" for each in _OF_POPULATIONS for part in populations]
+            of_parts += [f"{each}.{part}" for each in _OF_PROJECTIONS for part in projections]
+            raise unknown("metric", name, (*TOTALS, *of_parts, "energy.CHIP", *METRICS))
 
 
-def measured(sim: Simulation, names: Iterable[str], chip: str = "") -> dict[str, Any]:
+def measured(sim: Simulation, names: Iterable[str], tables: Mapping[str, str] | None = None) -> dict[str, Any]:
     """Metrics of a simulation that has run, by name.
 
     Args:
@@ -53,11 +54,11 @@ def measured(sim: Simulation, names: Iterable[str], chip: str = "") -> dict[str,
         names: `spikes` and other totals; `rate.POPULATION` in Hz a neuron, `spikes.POPULATION`, `cv.POPULATION`, the
             mean coefficient of variation of the intervals; `weight.PROJECTION`, their mean at the end, and
             `weight_sd.PROJECTION`; `energy.CHIP` in J; or that of a registered function.
-        chip: the table that stands for the chip that the run is on, where the sweep changes it.
+        tables: of chips by name, where the sweep changes their figures.
     """
     found: dict[str, Any] = {}
     for name in names:
-        value = METRICS[name](sim) if name in METRICS else _own(sim, name, chip)
+        value = METRICS[name](sim) if name in METRICS else _own(sim, name, tables or {})
         found |= numbers(value, name)
     return found
 
@@ -80,12 +81,12 @@ def _plain(value: Any, name: str) -> Any:
     raise ModelError(f"metric '{name}' = {shown(value)}: expected a number or a text")
 
 
-def _own(sim: Simulation, name: str, chip: str) -> Any:
+def _own(sim: Simulation, name: str, tables: Mapping[str, str]) -> Any:
     word, dot, of = name.partition(".")
     if not dot:
         return getattr(sim.counts(), name)
     if word == "energy":
-        return sim.energy(chip if chip and of == sim.backend else of).total_j
+        return sim.energy(tables.get(of, of)).total_j
     if word in _OF_PROJECTIONS:
         weight = sim.get(of, "weight")
         return float((weight.mean() if word == "weight" else weight.std()) if weight.size else np.nan)

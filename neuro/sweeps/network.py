@@ -125,7 +125,7 @@ class NetworkRun:
         with _table(backend, figures) as target:
             sim = compile(net, backend=target, seed=seed or 0, threads=self.threads, **options)
             sim.run(ms)
-            found = measured(sim, self.metrics, target if figures else "")
+            found = measured(sim, self.metrics, {backend: target})
         about = {"backend": backend, "threads": self.threads, "seed": seed or 0, "network": fingerprint(sim.program)}
         return found, self._fill(sim, net) if self.keep == "results" else None, about
 

@@ -16,7 +16,7 @@ import sys
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -72,7 +72,7 @@ class Worker:
         began = time.perf_counter()
         found, fill, about = dict[str, Any](), None, dict[str, Any]()
         error = trace = ""
-        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed), _memory(self._limits.bytes):
+        with _written_to(printed), _memory(self._limits.bytes):
             try:
                 found, fill, about = self._run(item.point, item.seed)
             except MemoryError as lack:
@@ -97,6 +97,15 @@ class Worker:
         return outcome
 
 
+@contextlib.contextmanager
+def _written_to(printed: io.StringIO) -> Iterator[None]:
+    """Gather what is printed, and warnings, which are told here as often as they are given."""
+    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed), warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.showwarning = lambda message, *rest, **words: printed.write(f"warning: {message}\n") and None
+        yield
+
+
 def _filling(fill: Callable[[Path], None] | None, printed: str) -> Callable[[Path], None]:
     def both(folder: Path) -> None:
         if printed:
@@ -113,7 +122,7 @@ def _lack(limit: int | None, error: MemoryError) -> str:
 
 
 @contextlib.contextmanager
-def _memory(limit: int | None) -> Any:
+def _memory(limit: int | None) -> Iterator[None]:
     """Let allocations fail that go beyond what the process has now and the limit.
 
     Source: getrlimit(2), RLIMIT_DATA, which counts private anonymous memory since Linux 4.7
