@@ -33,8 +33,6 @@ def first_difference(then: Path, now: Path) -> str:
 def _of_groups(a: Any, b: Any) -> str:
     import h5py
 
-    if told := _of_attributes(a, b):
-        return told
     for name in dict.fromkeys((*a, *b)):
         place = f"{a.name.rstrip('/')}/{name}".lstrip("/")
         if (name in a) != (name in b):
@@ -47,7 +45,7 @@ def _of_groups(a: Any, b: Any) -> str:
             told = _of_attributes(one, other)
         if told:
             return told
-    return ""
+    return _of_attributes(a, b)
 
 
 def _of_attributes(a: Any, b: Any) -> str:
