@@ -16,14 +16,16 @@ from neuro.core.outputs import output, sealed
 from neuro.core.provenance import differences
 from neuro.core.version import VERSION
 from neuro.sweeps.folder import Folder, Outcome
-from neuro.sweeps.shaped import Shaped, ordered, places, shaped, told
-from neuro.sweeps.table import SweepTable, text
+from neuro.sweeps.shaped import Shaped, is_log, ordered, places, scaled, shaped, told
+from neuro.sweeps.table import SweepTable, reasons, text
 
 PAGE = sealed("a page of 'neuro sweep'", '<meta name="generator" content="neuro sweep">', "<!-- digest {} -->")
 
 MOST_ROWS = 500
 MOST_REASONS = 20
-_WIDE, _TALL, _LEFT, _TOP, _BELOW = 640.0, 260.0, 62.0, 16.0, 40.0
+_WIDE, _TALL, _LEFT, _TOP, _BELOW = 400.0, 200.0, 58.0, 20.0, 40.0
+_AXIS = 105.0
+"""Room for an axis of parallel coordinates."""
 _COLOURS = 8
 
 
@@ -90,8 +92,12 @@ def _pictures(found: SweepTable) -> Iterator[Html]:
         yield tag("p", error.message)
         return
     yield tag("h2", "Metrics")
+    small = [_DRAW[each.kind](each) for each in drawn if each.kind != "parallel"]
+    if small:
+        yield tag("div", *small, class_="grid")
     for each in drawn:
-        yield _DRAW[each.kind](each)
+        if each.kind == "parallel":
+            yield _parallel(each)
 
 
 def _lines(data: Shaped) -> Html:
@@ -99,7 +105,13 @@ def _lines(data: Shaped) -> Html:
     drawn = lines[:_COLOURS]
     x = np.concatenate([line[1] for line in drawn])
     y = np.concatenate([np.concatenate([mean - sd, mean + sd]) for _, _, mean, sd in drawn])
-    to_x, to_y = _scale(x, _LEFT, _WIDE - 12), _scale(y, _TOP + _TALL, _TOP)
+    is_wide = is_log(data.axis(0))
+    along = _scale(np.log10(x) if is_wide else x, _LEFT + 6, _WIDE - 18)
+    to_y = _scale(y, _TOP + _TALL, _TOP)
+
+    def to_x(value: float) -> float:
+        return float(along(np.log10(value) if is_wide else value))
+
     parts: list[Html] = list(_frame(data, to_x, y))
     for k, (_, xs, mean, sd) in enumerate(drawn):
         band = [*zip(xs, mean + sd, strict=True), *zip(xs[::-1], (mean - sd)[::-1], strict=True)]
@@ -135,7 +147,7 @@ def _map(data: Shaped) -> Html:
     for k in range(0, len(y), max(1, -(-len(y) // 12))):
         parts.append(html.text(_LEFT - 6, _TOP + (len(y) - 0.5 - k) * tall + 4, told(y[k]), "tick", "end"))
     parts.append(html.text((_LEFT + _WIDE) / 2, floor + 32, data.names[0], "quiet", "middle"))
-    parts.append(html.text(0.0, _TOP - 5, data.names[1], "quiet"))
+    parts.append(html.text(0.0, _TOP - 8, data.names[1], "quiet"))
     caption = f"from {low:.6g}, pale, to {high:.6g}: the mean of all runs there"
     label = f"{data.metric} over {data.names[0]} and {data.names[1]}"
     return html.figure(html.svg(_WIDE, floor + _BELOW, *parts, label=label), caption, data.metric)
@@ -146,13 +158,14 @@ def _parallel(data: Shaped) -> Html:
     names = (*data.names, data.metric)
     metric = [float(np.mean(each)) for _, each in data.points]
     columns = [[values[k] for values, _ in data.points] for k in range(len(data.names))] + [metric]
-    gap = (_WIDE - 2 * _LEFT) / (len(names) - 1)
+    wide = max(_WIDE, _AXIS * len(names))
+    gap = (wide - 2 * _LEFT) / (len(names) - 1)
     parts: list[Html] = []
     heights: list[list[float]] = []
     for k, values in enumerate(columns):
         every = ordered(values)
-        to_y = _scale(places(every), _TOP + _TALL, _TOP + 12)
-        at = {repr(value): to_y(place) for value, place in zip(every, places(every), strict=True)}
+        to_y = _scale(scaled(every), _TOP + _TALL, _TOP + 12)
+        at = {repr(value): to_y(place) for value, place in zip(every, scaled(every), strict=True)}
         heights.append([at[repr(value)] for value in values])
         x = _LEFT + k * gap
         parts.append(html.line(x, _TOP + 12, x, _TOP + _TALL, "axis"))
@@ -169,7 +182,7 @@ def _parallel(data: Shaped) -> Html:
         lines.append(tag("path", tag("title", title), d=d, style=style))
     caption = f"a line for each point; the darker, the larger {data.metric}, from {low:.6g} to {high:.6g}"
     label = f"{data.metric} over {', '.join(data.names)}"
-    return html.figure(html.svg(_WIDE, _TOP + _TALL + _BELOW, *lines, *parts, label=label), caption, data.metric)
+    return html.figure(html.svg(wide, _TOP + _TALL + _BELOW, *lines, *parts, label=label), caption, data.metric)
 
 
 _DRAW = {"lines": _lines, "map": _map, "parallel": _parallel}
@@ -182,7 +195,7 @@ def _frame(data: Shaped, to_x: Any, y: Any) -> Iterator[Html]:
     for share in (0.0, 0.5, 1.0):
         at = floor - share * _TALL
         yield html.line(_LEFT, at, _WIDE - 12, at, "rule")
-        yield html.text(_LEFT - 6, at + 4, f"{low + share * (high - low):.4g}", "tick", "end")
+        yield html.text(_LEFT - 6, at + 4, f"{low + share * (high - low):.3g}", "tick", "end")
     values = data.axis(0)
 
     at_x = places(values)
@@ -208,21 +221,18 @@ def _path(points: Any, to_x: Any, to_y: Any) -> str:
 
 
 def _failures(found: SweepTable, outcomes: Mapping[str, Outcome]) -> Iterator[Html]:
-    reasons: dict[str, list[Outcome]] = {}
-    for each in outcomes.values():
-        if each.failed:
-            reasons.setdefault(each.error, []).append(each)
-    if not reasons:
+    failed = reasons(outcomes)
+    if not failed:
         return
     yield tag("h2", "What failed")
     rows = []
-    for reason, those in list(reasons.items())[:MOST_REASONS]:
+    for those in failed[:MOST_REASONS]:
         point = ", ".join(f"{name} = {told(value)}" for name, value in those[0].point.items())
         seed = "" if those[0].seed is None else f", seed {those[0].seed}"
-        rows.append((f"{len(those):,}", reason, f"{point}{seed}".strip(", "), those[0].key[:10]))
-    yield table((">runs", "why", "first at", "run"), rows)
-    if len(reasons) > MOST_REASONS:
-        yield tag("p", f"{len(reasons) - MOST_REASONS} more reasons are in the table.")
+        rows.append((f"{len(those):,}", those[0].error, f"{point}{seed}".strip(", "), those[0].key[:10]))
+    yield table((">runs", "why, of the first", "its point", "run"), rows)
+    if len(failed) > MOST_REASONS:
+        yield tag("p", f"{len(failed) - MOST_REASONS} more reasons are in the table.")
     yield tag("p", "They are not tried again, unless they are asked for:")
     yield tag("pre", f"neuro sweep run SWEEP.yaml --out {shlex.quote(str(found.path))} --retry-failed")
 

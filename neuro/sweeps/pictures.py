@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from neuro.core.checks import is_number
 from neuro.plots._canvas import Picture, colours, tidy
-from neuro.sweeps.shaped import Shaped, ordered, places, shaped, told
+from neuro.sweeps.shaped import Shaped, is_log, ordered, scaled, shaped, told
 from neuro.sweeps.table import SweepTable
 
 
@@ -42,7 +42,7 @@ def _lines(table: SweepTable, data: Shaped) -> Figure:
     axis.set_ylabel(data.metric)
     if len(data.names) > 1:
         axis.legend(frameon=False, fontsize="small", loc="best")
-    if _is_log(data.axis(0)):
+    if is_log(data.axis(0)):
         axis.set_xscale("log")
     return figure
 
@@ -82,7 +82,7 @@ def _parallel(table: SweepTable, data: Shaped) -> Figure:
     heights = []
     for k, values in enumerate(columns):
         every = ordered(values)
-        at = dict(zip(map(repr, every), places(every), strict=True))
+        at = dict(zip(map(repr, every), scaled(every), strict=True))
         y = np.array([at[repr(value)] for value in values])
         low, high = float(min(at.values())), float(max(at.values()))
         heights.append((y - low) / (high - low) if high > low else np.full_like(y, 0.5))
@@ -104,14 +104,6 @@ def _parallel(table: SweepTable, data: Shaped) -> Figure:
 def _named(side: Any, values: list[Any]) -> None:
     if not all(map(is_number, values)):
         side.set_ticks(range(len(values)), [told(value) for value in values])
-
-
-def _is_log(values: list[Any]) -> bool:
-    """Whether values are steps of about equal factors."""
-    if len(values) < 3 or not all(map(is_number, values)) or min(values) <= 0 or max(values) / min(values) < 20:
-        return False
-    steps = np.diff(np.log(np.array(values, float)))
-    return bool(np.ptp(steps) < 0.5 * steps.mean())
 
 
 _DRAW = {"lines": _lines, "map": _map, "parallel": _parallel}

@@ -149,6 +149,19 @@ def places(values: Sequence[Any]) -> NDArray[np.float64]:
     return np.array(values if all(map(is_number, values)) else range(len(values)), float)
 
 
+def is_log(values: Sequence[Any]) -> bool:
+    """Whether numbers are steps of about equal factors, or many over a wide range."""
+    if len(values) < 3 or not all(map(is_number, values)) or min(values) <= 0 or max(values) / min(values) < 20:
+        return False
+    steps = np.diff(np.log(np.sort(np.array(values, float))))
+    return bool(np.ptp(steps) < 0.5 * steps.mean()) or (len(values) > 8 and max(values) / min(values) >= 50)
+
+
+def scaled(values: Sequence[Any]) -> NDArray[np.float64]:
+    """Where values lie on an axis that is logarithmic where that suits them."""
+    return np.log10(places(values)) if is_log(values) else places(values)
+
+
 def told(value: Any) -> str:
     """A value in few letters."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)

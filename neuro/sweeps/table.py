@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-import statistics
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from os import PathLike
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 LEFT = "left"
 _SHOWN = 20
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 _MARK = "run,outcome,"
 CSV = marked("a table of a sweep", _MARK)
 
@@ -206,6 +207,15 @@ def table_of(path: str | PathLike[str]) -> SweepTable:
         raise ModelError(f"{folder / 'sweep.json'}: damaged: expected what 'neuro sweep run' wrote") from None
 
 
+def reasons(outcomes: Mapping[str, Outcome]) -> list[list[Outcome]]:
+    """What failed by why it did, numbers in the words of an error left out; the most frequent first."""
+    found: dict[str, list[Outcome]] = {}
+    for each in outcomes.values():
+        if each.failed:
+            found.setdefault(_NUMBER.sub("#", each.error), []).append(each)
+    return sorted(found.values(), key=len, reverse=True)
+
+
 def text(value: Any, name: str = "") -> str:
     """A value as tables for people show it."""
     if value is None:
@@ -213,8 +223,3 @@ def text(value: Any, name: str = "") -> str:
     if name == "run":
         return str(value)[:10]
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def mean_and_sd(values: list[float]) -> tuple[float, float]:
-    """Over seeds: the mean, and the standard deviation of a sample; 0 of one."""
-    return statistics.fmean(values), statistics.stdev(values) if len(values) > 1 else 0.0

@@ -75,11 +75,11 @@ def told(folder: Folder, count: Count, part: str | None) -> None:
 
 def failures(folder: Folder, keys: list[str]) -> list[str]:
     """What went wrong, each reason once, with how often and where."""
-    first: dict[str, tuple[str, int]] = {}
-    for key, outcome in folder.outcomes(keys).items():
-        if outcome.failed:
-            reason = outcome.error.partition("\n")[0]
-            where, times = first.get(reason, (key, 0))
-            first[reason] = where, times + 1
-    lines = [f"failed {times:,} x: {reason} (first: {key[:10]})" for reason, (key, times) in first.items()]
+    from neuro.sweeps.table import reasons
+
+    lines = []
+    for those in reasons(folder.outcomes(keys)):
+        first = those[0].error.partition("\n")[0]
+        alike = ", and others like it" if any(each.error != those[0].error for each in those) else ""
+        lines.append(f"failed {len(those):,} x: {first}{alike} (first: {those[0].key[:10]})")
     return [*lines[:5], f"and {len(lines) - 5} more reasons, see the table"] if len(lines) > 5 else lines
