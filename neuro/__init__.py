@@ -91,9 +91,10 @@ if TYPE_CHECKING:
     from neuro.program.backend import OverflowWarning
     from neuro.program.counts import Counts
     from neuro.run.assignment import assign_labels, read_labels
+    from neuro.run.compiled import ApproximationWarning, ModelWarning, compile
     from neuro.run.modulators import reward_error, td_error, td_error_rate
     from neuro.run.normalise import normalise
-    from neuro.run.simulation import ApproximationWarning, ModelWarning, Simulation, compile
+    from neuro.run.simulation import Simulation
     from neuro.run.trials import TrialCounts, TrialResults
     from neuro.sweeps.calling import sweep
     from neuro.sweeps.table import SweepTable
@@ -196,9 +197,14 @@ _HOMES = {
     "neuro.run.modulators": ("reward_error", "td_error", "td_error_rate"),
     "neuro.run.normalise": ("normalise",),
     "neuro.run.trials": ("TrialCounts", "TrialResults"),
+<<<<<<< HEAD
     "neuro.sweeps.calling": ("sweep",),
     "neuro.sweeps.table": ("SweepTable",),
     "neuro.run.simulation": ("ApproximationWarning", "ModelWarning", "Simulation", "compile"),
+=======
+    "neuro.run.compiled": ("ApproximationWarning", "ModelWarning", "compile"),
+    "neuro.run.simulation": ("Simulation",),
+>>>>>>> main
 }
 
 __all__ = [

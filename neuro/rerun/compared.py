@@ -10,6 +10,7 @@ import numpy as np
 from neuro.core.errors import ModelError
 from neuro.core.provenance import ATTRIBUTE
 from neuro.core.values import shown
+from neuro.files.results import RECORDING
 
 _ORIGIN = {ATTRIBUTE, "neuro", "python", "numpy", "numba", "backend", "threads"}
 """Attributes that tell where a file comes from, which is compared apart."""
@@ -50,7 +51,7 @@ def _of_groups(a: Any, b: Any) -> str:
 
 def _of_attributes(a: Any, b: Any) -> str:
     for name in dict.fromkeys((*a.attrs, *b.attrs)):
-        if name in _ORIGIN:
+        if name in _ORIGIN or name.startswith(RECORDING):
             continue
         one, other = a.attrs.get(name), b.attrs.get(name)
         if not _same(one, other):

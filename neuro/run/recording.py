@@ -79,7 +79,8 @@ class Recording:
             self._disk = Growing(self.part)
         self._file = h5py.File(self._disk, "w")
         self._origin = partial(collect.origin, sim, net, threads, record, all_weights)
-        write_head(self._file, {**collect.about(sim, threads), ATTRIBUTE: self._origin(), "finished": False}, files)
+        told = {**collect.about(sim, threads), **collect.recordings_of(net), ATTRIBUTE: self._origin()}
+        write_head(self._file, {**told, "finished": False}, files)
         self._kept = [
             index
             for index, part in enumerate(sim.program.populations)
