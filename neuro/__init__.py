@@ -197,14 +197,10 @@ _HOMES = {
     "neuro.run.modulators": ("reward_error", "td_error", "td_error_rate"),
     "neuro.run.normalise": ("normalise",),
     "neuro.run.trials": ("TrialCounts", "TrialResults"),
-<<<<<<< HEAD
     "neuro.sweeps.calling": ("sweep",),
     "neuro.sweeps.table": ("SweepTable",),
-    "neuro.run.simulation": ("ApproximationWarning", "ModelWarning", "Simulation", "compile"),
-=======
     "neuro.run.compiled": ("ApproximationWarning", "ModelWarning", "compile"),
     "neuro.run.simulation": ("Simulation",),
->>>>>>> main
 }
 
 __all__ = [

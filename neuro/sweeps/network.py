@@ -115,7 +115,7 @@ class NetworkRun:
     def __call__(self, point: Mapping[str, Any], seed: int | None) -> Made:
         """Run: metrics, what writes more files, and what the record of the run has to say."""
         from neuro.files.state import fingerprint
-        from neuro.run.simulation import compile
+        from neuro.run.compiled import compile
 
         net, run = self.described(point)
         backend = str(run.pop("backend", self.backend))
