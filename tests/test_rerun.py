@@ -232,10 +232,10 @@ def test_a_file_runs_no_code_that_its_reader_did_not_name(folder, capsys):
     run("run", "net.yaml", "--for", 20, "--out", "a.h5")
     run("report", "a.h5")
     page = (folder / "a.html").read_text()
-    (folder / "a.html").write_text(page.replace('"neuro report a.h5"', '"neuro report a.h5 --with evil.py"'))
+    (folder / "a.html").write_text(page.replace("neuro report a.h5&quot;", "neuro report a.h5 --with evil.py&quot;"))
     run("rerun", "a.html", status=2)
     assert "it was made with" in capsys.readouterr().err
-    (folder / "a.html").write_text(page.replace('"neuro report a.h5"', '"python -c evil"'))
+    (folder / "a.html").write_text(page.replace("neuro report a.h5&quot;", "python -c evil&quot;"))
     run("rerun", "a.html", status=2)
     assert "a.html: was not made by a command of neuro: expected one" in capsys.readouterr().err
 

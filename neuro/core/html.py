@@ -35,12 +35,13 @@ def page(
         record: where it comes from; what this process has read so far if not given, see `neuro.core.provenance`.
     """
     told = json.dumps(provenance() if record is None else record, ensure_ascii=False)
+    about = f'\n<meta name="{ATTRIBUTE}" content="{escape(told)}">'
     template = Template((_FOLDER / "page.html").read_text("utf-8"))
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return template.substitute(
-        head=head(generator, title, f"'sha256-{digest}'" if script else "'none'"),
+        head=head(generator, title, f"'sha256-{digest}'" if script else "'none'") + about,
         style=(_FOLDER / "page.css").read_text("utf-8").strip(),
-        body=join([*parts, tag("script", Html(told.replace("<", "\\u003c")), type="application/json", id=ATTRIBUTE)]),
+        body=join(parts),
         script=tag("script", Html(script)) if script else "",
     )
 

@@ -33,7 +33,7 @@ from neuro.core.version import VERSION
 __all__ = ["ATTRIBUTE", "command", "commit", "differences", "machine", "provenance", "versions"]
 
 ATTRIBUTE = "provenance"
-"""Of HDF5 files, and the id of an element of pages: the record as JSON."""
+"""Of HDF5 files, and the name of a <meta> of pages: the record as JSON."""
 
 COMPUTE = ("numpy", "numba", "scipy", "llvmlite")
 _ALSO = ("torch", "scikit-learn", "nest-simulator")

@@ -272,7 +272,7 @@ def _of_texts(then: Path, now: Path) -> str:
 
 
 def _counts(line: str) -> bool:
-    return f'id="{ATTRIBUTE}"' not in line and "<!-- digest" not in line
+    return f'<meta name="{ATTRIBUTE}"' not in line and "<!-- digest" not in line
 
 
 def _by(record: Mapping[str, Any]) -> str:

@@ -13,7 +13,7 @@ from neuro.core.errors import ModelError
 from neuro.core.inputs import digest_of
 from neuro.core.provenance import ATTRIBUTE
 
-_ON_PAGE = re.compile(rf'<script type="application/json" id="{ATTRIBUTE}">(.*?)</script>', re.S)
+_ON_PAGE = re.compile(rf'<meta name="{ATTRIBUTE}" content="([^"]*)">')
 
 
 def record_of(path: Path) -> dict[str, Any]:

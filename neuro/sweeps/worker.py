@@ -100,9 +100,13 @@ class Worker:
 @contextlib.contextmanager
 def _written_to(printed: io.StringIO) -> Iterator[None]:
     """Gather what is printed, and warnings, which are told here as often as they are given."""
+
+    def tell(message: Warning | str, *place: Any, **words: Any) -> None:
+        printed.write(f"warning: {message}\n")
+
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed), warnings.catch_warnings():
         warnings.simplefilter("always")
-        warnings.showwarning = lambda message, *rest, **words: printed.write(f"warning: {message}\n") and None
+        warnings.showwarning = tell
         yield
 
 

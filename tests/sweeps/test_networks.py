@@ -264,7 +264,7 @@ def test_pictures_and_the_page(folder, capsys):
     page = (folder / "runs" / "sweep.html").read_text()
     assert page.count("<tr>") > 25
     assert "25 runs" in page
-    assert 'id="provenance"' in page
+    assert '<meta name="provenance"' in page
 
 
 def test_a_record_tells_all(folder):
