@@ -96,6 +96,8 @@ if TYPE_CHECKING:
     from neuro.run.normalise import normalise
     from neuro.run.simulation import Simulation
     from neuro.run.trials import TrialCounts, TrialResults
+    from neuro.sweeps.calling import sweep
+    from neuro.sweeps.table import SweepTable
 
 _HOMES = {
     "neuro.chips": (),
@@ -195,6 +197,8 @@ _HOMES = {
     "neuro.run.modulators": ("reward_error", "td_error", "td_error_rate"),
     "neuro.run.normalise": ("normalise",),
     "neuro.run.trials": ("TrialCounts", "TrialResults"),
+    "neuro.sweeps.calling": ("sweep",),
+    "neuro.sweeps.table": ("SweepTable",),
     "neuro.run.compiled": ("ApproximationWarning", "ModelWarning", "compile"),
     "neuro.run.simulation": ("Simulation",),
 }
@@ -207,6 +211,7 @@ __all__ = [
     "Network",
     "OverflowWarning",
     "Simulation",
+    "SweepTable",
     "TrialCounts",
     "TrialResults",
     "Trials",
@@ -296,6 +301,7 @@ __all__ = [
     "stdp_pl_hom",
     "stdp_triplet",
     "step_current_generator",
+    "sweep",
     "symmetric_pairwise_bernoulli",
     "td_error",
     "td_error_rate",
