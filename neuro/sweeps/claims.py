@@ -74,7 +74,7 @@ class Claims:
     def _take_over(self, path: Path) -> bool:
         """Replace a claim of nobody; the lock lets one do so at a time, who looks again."""
         with open(self._folder / ".lock", "ab") as lock:
-            fcntl.lockf(lock, fcntl.LOCK_EX)
+            fcntl.flock(lock, fcntl.LOCK_EX)
             if alive(path):
                 return False
             path.unlink(missing_ok=True)
