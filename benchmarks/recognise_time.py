@@ -105,9 +105,10 @@ def place(case: str) -> str:
 
 def drawn(found: dict[str, Floats], times: Ints, told: str) -> Figure:
     """Accuracy along time, a line for each method."""
-    figure = Figure(figsize=(8.4, 4.8), dpi=140, layout="constrained", facecolor=PAPER)
+    figure = Figure(figsize=(9.6, 4.8), dpi=140, layout="constrained", facecolor=PAPER)
     axis = figure.subplots()
-    for colour, (case, right) in zip(COLOURS, found.items(), strict=False):
+    best_first = sorted(found.items(), key=lambda one: -one[1][-1])
+    for colour, (case, right) in zip(COLOURS, best_first, strict=False):
         axis.plot(times / 1000, 100 * right, color=colour, linewidth=2, label=case)
     axis.set_xlabel("seen, ms", color=INK)
     axis.set_ylabel("right, %", color=INK)
@@ -116,7 +117,7 @@ def drawn(found: dict[str, Floats], times: Ints, told: str) -> Figure:
     axis.grid(color="#e4e8ee", linewidth=0.8)
     axis.spines[["top", "right"]].set_visible(False)
     axis.tick_params(colors=INK)
-    axis.legend(frameon=False, loc="lower right", labelcolor=INK)
+    axis.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0), labelcolor=INK)
     axis.set_title("Decided after the first ms of a recording", loc="left", color=INK, fontsize=12.5)
     axis.text(1, 1.01, told, transform=axis.transAxes, ha="right", fontsize=9.5, color=GREY)
     return figure
