@@ -93,6 +93,7 @@ if TYPE_CHECKING:
     from neuro.run.assignment import assign_labels, read_labels
     from neuro.run.modulators import reward_error, td_error, td_error_rate
     from neuro.run.normalise import normalise
+    from neuro.run.ports import Port
     from neuro.run.simulation import ApproximationWarning, ModelWarning, Simulation, compile
     from neuro.run.trials import TrialCounts, TrialResults
 
@@ -193,6 +194,7 @@ _HOMES = {
     "neuro.run.assignment": ("assign_labels", "read_labels"),
     "neuro.run.modulators": ("reward_error", "td_error", "td_error_rate"),
     "neuro.run.normalise": ("normalise",),
+    "neuro.run.ports": ("Port",),
     "neuro.run.trials": ("TrialCounts", "TrialResults"),
     "neuro.run.simulation": ("ApproximationWarning", "ModelWarning", "Simulation", "compile"),
 }
@@ -204,6 +206,7 @@ __all__ = [
     "ModelWarning",
     "Network",
     "OverflowWarning",
+    "Port",
     "Simulation",
     "TrialCounts",
     "TrialResults",

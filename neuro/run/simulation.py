@@ -37,6 +37,7 @@ from neuro.run.finite import Watch
 from neuro.run.handles import Handles, Neurons
 from neuro.run.inflow import Inflow
 from neuro.run.learned_network import learnt_network
+from neuro.run.ports import Port, Ports
 from neuro.run.progress import advance
 from neuro.run.recorder import Recorder
 from neuro.run.synapses import Synapses
@@ -151,6 +152,7 @@ class Simulation:
         self._tally = Tally(program)
         self._inflow = Inflow(program, engine)
         self._watch = Watch(program, engine, self._clock)
+        self._ports = Ports(program, engine, self._clock, self.handles)
 
     def __repr__(self) -> str:
         return f"Simulation({self.program.name!r}, backend={self.backend!r}, time={self.time:g} ms)"
@@ -198,7 +200,7 @@ class Simulation:
             with self.record_to(out):
                 self.run(ms, progress)
             return
-        if check(_FLAG, progress, "run: progress"):
+        if progress is not False and check(_FLAG, progress, "run: progress"):
             with Bar() as bar:
                 advance(self, steps, bar)
             return
@@ -255,6 +257,7 @@ class Simulation:
         self._inflow.rewind()
         self._recorder.clear()
         self._left = None
+        self._ports.begin()
         if self.program.trials is not None:
             self._trials.start_anew()
 
@@ -551,6 +554,22 @@ class Simulation:
         self._engine.forget(step)
         self._recorder.forget(step)
 
+    def port(self, of: Population | View | Projection | Signal | str, what: str | None = None) -> Port:
+        """Something that a closed loop sets or reads at every step, found once: `set` and `get` in less time.
+
+        The values, and the errors, are those of `set`, `signal`, `get` and `spikes`.
+
+        Args:
+            of: the population, a view, the projection, or the signal.
+            what: a parameter or state of the neurons; the weight or another state of the synapses; of neurons
+                "spikes", the ids of those that fired since the port was made or last read, and "counts", how often each
+                did. A signal has none. After `reset` and `restore` spikes and counts begin anew.
+
+        Raises:
+            ModelError: there is no such part, it has nothing of that name, or its spikes are not recorded.
+        """
+        return self._ports.port(self, of, what)
+
     @property
     def traces(self) -> dict[str, Trace]:
         """What probes of states have recorded so far, by the names of their traces, with units, as of results."""
@@ -704,6 +723,7 @@ class Simulation:
         self._inflow.put({name[begin:]: step for name, step in arrays.items() if name.startswith("streams/")})
         if self.program.trials is not None:
             self._trials.put(arrays["trials"])
+        self._ports.begin()
 
 
 def _refuse_ends(neurons: Neurons, pre: object, post: object) -> None:
