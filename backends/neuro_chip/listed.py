@@ -71,8 +71,12 @@ def _joined(steps: Ints, neurons: Ints) -> NDArray[np.int64]:
     """Rows (step, neuron, multiplicity), sorted; equal ones joined."""
     if steps.size == 0:
         return np.zeros((0, 3), dtype=np.int64)
-    order = np.lexsort((neurons, steps))
-    steps, neurons = steps[order], neurons[order]
-    first = np.flatnonzero(np.concatenate(([True], (np.diff(steps) != 0) | (np.diff(neurons) != 0))))
-    times = np.diff(np.concatenate((first, [steps.size])))
-    return np.column_stack([steps[first], neurons[first], times]).astype(np.int64)
+    later = steps[1:] - steps[:-1]
+    if later.min(initial=0) < 0 or np.any(neurons[1:][later == 0] < neurons[:-1][later == 0]):  # those of trials are sorted
+        order = np.lexsort((neurons, steps))
+        steps, neurons = steps[order], neurons[order]
+    other = np.ones(steps.size + 1, dtype=np.bool_)
+    other[1:-1] = (steps[1:] != steps[:-1]) | (neurons[1:] != neurons[:-1])
+    ends = np.flatnonzero(other)
+    first = ends[:-1]
+    return np.column_stack([steps[first], neurons[first], np.diff(ends)])
