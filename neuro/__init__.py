@@ -91,10 +91,11 @@ if TYPE_CHECKING:
     from neuro.program.backend import OverflowWarning
     from neuro.program.counts import Counts
     from neuro.run.assignment import assign_labels, read_labels
+    from neuro.run.compiled import ApproximationWarning, ModelWarning, compile
     from neuro.run.modulators import reward_error, td_error, td_error_rate
     from neuro.run.normalise import normalise
     from neuro.run.ports import Port
-    from neuro.run.simulation import ApproximationWarning, ModelWarning, Simulation, compile
+    from neuro.run.simulation import Simulation
     from neuro.run.trials import TrialCounts, TrialResults
 
 _HOMES = {
@@ -196,7 +197,8 @@ _HOMES = {
     "neuro.run.normalise": ("normalise",),
     "neuro.run.ports": ("Port",),
     "neuro.run.trials": ("TrialCounts", "TrialResults"),
-    "neuro.run.simulation": ("ApproximationWarning", "ModelWarning", "Simulation", "compile"),
+    "neuro.run.compiled": ("ApproximationWarning", "ModelWarning", "compile"),
+    "neuro.run.simulation": ("Simulation",),
 }
 
 __all__ = [

@@ -409,3 +409,198 @@ def test_a_stream_of_filters_is_played(tmp_path, walk):
     sim = neuro.compile(network(neuro.event_camera(events=keep.stream(stream(tmp_path / "walk.dat"))), (2, 9, 12)))
     sim.run(70.0)
     assert sim.spikes("camera")[0].size == len(neuro.events.filters.Refractory((12, 9), period_us=5000).apply(walk))
+
+
+def test_people_are_told_the_model_that_they_know(walk):
+    net = network(neuro.event_camera(events=walk))
+    code = {"rate": {"max_rate": 50.0, "min_rate": 0.0, "r_max": 1.0, "r_min": 0.0}}
+    net.population("coded", 2, neuro.encode(values=[0.5, 1.0], code=code))
+    net.population("bias", 1, neuro.dc_generator())
+    net.connect("bias", "cells", neuro.all_to_all())
+    sim = neuro.compile(net)
+    sim.run(5.0)
+    assert "camera  event_camera" in str(sim)
+    assert [(part.name, part.said) for part in sim.program.populations] == [
+        ("camera", "event_camera"),
+        ("cells", "iaf_psc_exp"),
+        ("coded", "encode"),
+        ("bias", "dc_generator"),
+    ]
+    with pytest.raises(ModelError) as error:
+        sim.inject("camera", [6.0], [0])
+    assert str(error.value) == (
+        "inject: 'camera' is a event_camera: expected a spike_generator\n"
+        "  hint: sim.feed('camera', events) gives it events"
+    )
+    with pytest.raises(ModelError, match="spikes of 'coded', a encode, are not recorded"):
+        sim.spikes("coded")
+    wrong = network(neuro.event_camera(events=walk))
+    wrong.connect("cells", "camera", neuro.all_to_all())
+    with pytest.raises(ModelError, match="its target 'camera' is a event_camera, which takes no input") as error:
+        neuro.compile(wrong)
+
+
+def test_a_camera_is_compared_and_recorded(walk, tmp_path):
+    save(walk, tmp_path / "walk.aedat4")
+    net = network(neuro.event_camera(file=tmp_path / "walk.aedat4"))
+    del net.probes["sent"]
+    found = neuro.compare.compare(net, ["reference", "event"], 10.0)
+    assert found.runs[0].populations["camera"].spikes > 0
+
+
+# arrays, which tell no sensor
+
+
+def test_arrays_need_a_sensor_or_a_shape(walk):
+    records = walk.records()
+    way_out = NUMBERS.replace("write", "neuro.events.Events(t, x, y, p, (width, height)) tells it; or write")
+    message = f"population 'camera': shape auto: its events are an array, which tells no sensor{way_out}"
+    assert refused(neuro.event_camera(events=records)) == message
+    assert refused(neuro.event_camera(events=[records[:5], records[5:]])) == message
+    sized = neuro.compile(network(neuro.event_camera(events=[records[:5], walk[5:]])))
+    assert sized.program.populations[0].shape == (2, 9, 12)
+    few = walk[(walk.x < 8) & (walk.y < 6)]
+    crop = {"x": [2, 12], "y": [0, 8]}
+    for words, shape in (
+        ({"scale": 2}, (2, 5, 6)),
+        ({"crop": crop}, (2, 8, 10)),
+        ({"crop": crop, "scale": 4}, (2, 2, 3)),
+    ):
+        sims = [neuro.compile(network(neuro.event_camera(events=e, **words), shape)) for e in (few, few.records())]
+        for sim in sims:
+            sim.run(70.0)
+        same_run(*sims)
+    beyond = neuro.compile(network(neuro.event_camera(events=records), (2, 9, 11)))
+    with pytest.raises(ModelError, match="expected within its shape"):
+        beyond.run(70.0)
+
+
+def as_list_of_events(walk):
+    return list(walk)
+
+
+def as_iterator_of_events(walk):
+    return iter(walk)
+
+
+@pytest.mark.parametrize("form", [as_array, as_iterator, as_list_of_events, as_iterator_of_events, as_function])
+def test_events_in_any_form_are_fed(walk, form):
+    few = walk[:300]
+    origin = int(few.t[0])
+    sims = [neuro.compile(network(neuro.event_camera(origin=origin), (2, 9, 12))) for _ in range(2)]
+    for sim, events in zip(sims, (few, form(few)), strict=True):
+        sim.feed("camera", events)
+        sim.run(10.0)
+    same_run(*sims)
+    assert sims[0].spikes("camera")[0].size == 300
+
+
+NO_EVENTS = "expected Events, or an array with the fields t, x, y and p, or an iterator of such"
+
+
+@pytest.mark.parametrize(
+    ("events", "message"),
+    [
+        (3, f"events: found 3: {NO_EVENTS}"),
+        ("walk.dat", "events: found 'walk.dat': expected Events\n  hint: neuro.events.load reads a file"),
+        ([1, 2], f"events: found 1: {NO_EVENTS}"),
+        ([(1, 2, 3, 1)], f"events: found (1, 2, 3, 1): {NO_EVENTS}"),
+        (np.zeros(3), f"events: found an array of float64: {NO_EVENTS}"),
+        (np.zeros(3, [("t", int), ("x", int)]), f"events: found an array of [('t', '<i8'), ('x', '<i8')]: {NO_EVENTS}"),
+        (neuro.events.Event(7, 12, 0, 1), "event at x = 12, y = 0, 7 us: expected within its shape [2, 9, 12]"),
+    ],
+    ids=["number", "name", "numbers", "tuples", "floats", "fields", "outside"],
+)
+def test_what_cannot_be_fed(events, message):
+    sim = neuro.compile(network(neuro.event_camera(), (2, 9, 12)))
+    with pytest.raises(ModelError) as error:
+        sim.feed("camera", events)
+    assert str(error.value) == f"feed: 'camera': {message}"
+
+
+# views
+
+
+def test_views_of_a_camera_whose_recording_tells_its_shape(walk, tmp_path):
+    save(walk, tmp_path / "walk.aedat4")
+    for model in (neuro.event_camera(file=tmp_path / "walk.aedat4"), neuro.event_camera(events=walk)):
+        net = network(model)
+        camera = net.populations["camera"]
+        assert (len(camera), camera.sizes) == (216, (2, 9, 12))
+        assert camera[0, 2:4].shape == (2, 12)
+        assert camera[1, :, -1].ids.tolist() == [108 + 12 * row + 11 for row in range(9)]
+        assert len(camera[np.ones((2, 9, 12), bool)]) == 216
+        assert camera[[0, 215]].ids.tolist() == [0, 215]
+        with pytest.raises(ModelError, match="camera\\[:10\\]: axis 0: found 10: expected -2 to 2"):
+            camera[:10]
+        net.connect(camera[0, 2:4], "cells", neuro.all_to_all(), name="some")
+        net.probe("part", camera[1, :, 3])
+        sim = neuro.compile(net)
+        assert sim.program.projections[1].size == 24 * 20
+        sim.run(20.0)
+        times, ids = sim.trace("part")
+        assert times.size
+        assert set(((ids - 108) % 12).tolist()) == {3}
+
+
+def test_views_of_a_camera_whose_shape_is_not_known(walk):
+    net = network(neuro.event_camera(file="nowhere.aedat4"))
+    camera = net.populations["camera"]
+    assert repr(camera[0, 2:4]) == "camera[0, 2:4, :]"
+    with pytest.raises(ModelError) as error:
+        len(camera[0, 2:4])
+    assert str(error.value) == (
+        "camera[0, 2:4, :]: the shape [auto] of 'camera' follows when it is compiled: expected numbers\n"
+        "  hint: write the numbers, or index the population itself with a number or a slice for each axis"
+    )
+
+
+# results without the recording
+
+
+def test_results_are_read_without_the_recording(walk, tmp_path, monkeypatch):
+    ran, moved = tmp_path / "ran", tmp_path / "moved"
+    for folder in (ran, moved):
+        folder.mkdir()
+    save(walk, ran / "walk.aedat4")
+    monkeypatch.chdir(ran)
+    net = network(neuro.event_camera(file="walk.aedat4"))
+    neuro.compile(net).run(20.0, out=tmp_path / "ran" / "run.h5")
+    monkeypatch.chdir(tmp_path)
+    results = neuro.results.read(ran / "run.h5")
+    assert results.network().populations["camera"].model.file == ran / "walk.aedat4"
+    (ran / "run.h5").rename(moved / "run.h5")
+    (ran / "walk.aedat4").rename(moved / "walk.aedat4")
+    results = neuro.results.read(moved / "run.h5")
+    assert neuro.compile(results.network()).program.populations[0].shape == (2, 9, 12)
+    (moved / "walk.aedat4").rename(tmp_path / "other.aedat4")
+    results = neuro.results.read(moved / "run.h5")
+    with pytest.raises(ModelError) as error:
+        results.network()
+    assert str(error.value) == (
+        f"the network plays the recording 'walk.aedat4': not found in {ran}, {moved}, {tmp_path}\n"
+        "  hint: results.network(recordings=FOLDER) says where it lies; spikes, traces and weights are read without it"
+    )
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "other.aedat4").rename(tmp_path / "kept" / "walk.aedat4")
+    assert results.network(tmp_path / "kept").populations["camera"].model.file == tmp_path / "kept" / "walk.aedat4"
+    assert "event_camera" in str(results.network(played=False))
+    assert results.spikes("camera")[0].size
+    from neuro.report.counted import energy
+
+    bill = energy(results, results.network(played=False), "cpu")
+    sim = neuro.compile(network(neuro.event_camera(events=walk)))
+    sim.run(20.0)
+    assert bill.total_j == pytest.approx(sim.energy("cpu").total_j, rel=1e-12)
+
+
+def test_results_of_events_of_a_program(walk, tmp_path):
+    neuro.compile(network(neuro.event_camera(events=walk))).run(20.0, out=tmp_path / "run.h5")
+    results = neuro.results.read(tmp_path / "run.h5")
+    assert results.network(played=False).populations["camera"].model == neuro.event_camera()
+    with pytest.raises(ModelError) as error:
+        results.network()
+    assert str(error.value) == (
+        "the network plays events of a program, which results do not hold\n"
+        "  hint: describe it anew with these events; spikes, traces and weights are read without them"
+    )

@@ -289,7 +289,7 @@ REFUSED = {
     ),
     "ends of neurons": (
         lambda s, n: s.get("cells", "V_m", pre=n.populations["source"]),
-        "pre and post of 'cells': they choose synapses: expected a projection",
+        "of, pre and post of 'cells': they choose synapses: expected a projection",
     ),
     "ends of another population": (
         lambda s, n: s.weights("all", pre=n.populations["cells"][:2]),
@@ -297,7 +297,7 @@ REFUSED = {
     ),
     "numbers of a rule for some": (
         lambda s, n: s.set("all", foo=1.0, post=n.populations["cells"][0]),
-        "static.foo of 'all' is one for all synapses: expected 'weight' alone with pre or post",
+        "static.foo of 'all' is one for all synapses: expected 'weight' alone with of, pre or post",
     ),
     "a number of a rule beside weights": (
         lambda s, n: s.set("all", foo=1.0, weight=1.0),

@@ -113,13 +113,60 @@ def test_a_part_in_full(net):
     assert str(net.populations["inh"]).splitlines()[:8] == [
         "population 'inh'",
         "",
-        "  word   value",
-        "  -----  -----------",
+        "  word   value        unit",
+        "  -----  -----------  ----",
         "  shape  [2000]",
         "  model  iaf_psc_exp",
         "",
         "iaf_psc_exp",
     ]
+
+
+def test_a_projection_tells_its_ends_weights_and_delay(net):
+    exc, inh = net.populations["exc"], net.populations["inh"]
+    some = net.connect(
+        exc[:2, ::25], inh[::4], neuro.all_to_all(), weight=neuro.normal(mean=20.0, std=2.0), name="some"
+    )
+    assert str(some).splitlines()[:11] == [
+        "projection 'some'",
+        "",
+        "  word      value                        unit",
+        "  --------  ---------------------------  ----",
+        "  from      exc[:2, ::25], shape [2, 4]",
+        "  to        inh[::4], shape [500]",
+        "  rule      all_to_all",
+        "  synapses  4,000",
+        "  synapse   static",
+        "  weight    normal(mean=20, std=2)       pA",
+        "  delay     1                            ms",
+    ]
+    assert "  from      noise, shape [100]" in str(net.projections["noise_exc"])
+    head, rows = tables(some._repr_html_())
+    assert head == "projection 'some'"
+    assert rows[1:3] == [["from", "exc[:2, ::25], shape [2, 4]", ""], ["to", "inh[::4], shape [500]", ""]]
+
+
+def test_a_population_tells_where_it_begins(net):
+    text = str(net.populations["exc"])
+    assert "  V_m at 0 ms  uniform(low=-70, high=-55)                         mV" in text
+    head, rows = tables(net.populations["exc"]._repr_html_())
+    assert (head, rows[1]) == ("population 'exc'", ["shape", "[80, 100]", ""])
+
+
+def test_a_current_is_no_silent_spiker():
+    net = neuro.Network("driven")
+    net.population("bias", 1, neuro.dc_generator(amplitude=100.0))
+    net.population("noise", 1, neuro.noise_generator(std=10.0))
+    net.population("cells", 2, neuro.iaf_psc_exp())
+    for name in ("bias", "noise"):
+        net.connect(name, "cells", neuro.all_to_all())
+    sim = neuro.compile(net, backend="reference")
+    sim.run(20.0)
+    for told in (sim, collect(sim, net)):
+        rows = tables(told._repr_html_())[1]
+        assert rows[1] == ["bias", "dc_generator", "1", "-", "-"]
+        assert rows[2] == ["noise", "noise_generator", "1", "-", "-"]
+        assert rows[3] == ["cells", "iaf_psc_exp", "2", "0", "0.00"]
 
 
 @pytest.mark.parametrize(

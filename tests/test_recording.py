@@ -198,7 +198,7 @@ def test_a_kill_within_a_commit_leaves_one_state(tmp_path, monkeypatch):
 def _record(sim, path, after=lambda: None):
     with sim.record_to(path):
         sim.run(20.0)
-        sim._recording.commit()
+        sim._records.recording.commit()
         after()
         sim.run(20.0)
 
@@ -264,3 +264,61 @@ def test_what_a_file_does_not_have(path, ask, expected):
     with pytest.raises(ModelError) as error:
         ask(neuro.results.read(path))
     assert str(error.value) == expected
+
+
+def test_one_quantity_has_one_axis(path):
+    """A rate and a mean are numbers along time; neurons have columns, also a single one."""
+    net = neuro.Network("shapes", resolution=1.0)
+    cells = net.population("cells", 3, neuro.iaf_psc_exp(I_e=500.0))
+    wires = net.connect(cells, cells, neuro.all_to_all(), neuro.stdp(), weight=1.0)
+    net.probe("rate", cells, "rate", every=10.0)
+    net.probe("mean", cells, "V_m", every=10.0, mean=True)
+    net.probe("means", wires, ["weight", "K_plus"], every=10.0, mean=True)
+    net.probe("one", cells[1], "V_m", every=10.0)
+    net.probe("all", cells, ["V_m", "I_syn_ex"], every=10.0)
+    sim = neuro.compile(net)
+    sim.run(20.0)
+    sim.run(20.0, out=path)
+    sim.run(10.0)
+    whole, results = neuro.compile(net), neuro.results.read(path)
+    whole.run(50.0)
+    shapes = {"rate": (5,), "mean": (5,), "one": (5, 1)}
+    for name, shape in shapes.items():
+        assert whole.trace(name)[1].shape == whole.traces[name].values.shape == shape
+        assert results.trace(name)[1].shape == results.traces[name].values.shape == (4, *shape[1:])
+        assert np.array_equal(results.trace(name)[1], whole.trace(name)[1][:4])
+        assert np.array_equal(sim.trace(name)[1], whole.trace(name)[1][4:])
+    several = {name: {word: array.shape for word, array in whole.trace(name)[1].items()} for name in ("means", "all")}
+    assert several == {"means": {"weight": (5,), "K_plus": (5,)}, "all": {"V_m": (5, 3), "I_syn_ex": (5, 3)}}
+
+
+def test_a_file_with_a_column_of_a_mean(path):
+    """As files had it before."""
+    net = neuro.Network("before", resolution=1.0)
+    net.population("cells", 3, neuro.iaf_psc_exp())
+    net.probe("mean", "cells", "V_m", every=1.0, mean=True)
+    neuro.compile(net).run(4.0, out=path)
+    with h5py.File(path, "r+") as file:
+        values = file["traces/mean/values"][:]
+        del file["traces/mean/values"]
+        file["traces/mean/values"] = values.reshape(4, 1)
+    assert np.array_equal(neuro.results.read(path).trace("mean")[1], values)
+    assert neuro.results.read(path).traces["mean"].values.shape == (4,)
+
+
+def test_a_probe_of_each_step_does_not_let_the_log_of_spikes_grow():
+    """A step that finds the record full empties it; only what is under way needs a larger log."""
+    net = neuro.Network("busy", resolution=1.0)
+    net.population("drive", 64, neuro.poisson_generator(rate=900.0))
+    cells = net.population("cells", 64, neuro.parrot_neuron())
+    seen = net.population("seen", 1, neuro.iaf_psc_delta())
+    net.connect("drive", cells, neuro.one_to_one())
+    net.probe("V_m", seen, "V_m")
+    sim = neuro.compile(net)
+    sim.run(100.0)
+    sim.forget(sim.time)
+    held = sim.memory()["spikes"]
+    for _ in range(10):
+        sim.run(2000.0)
+        sim.forget(sim.time)
+    assert sim.memory()["spikes"] == held

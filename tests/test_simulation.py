@@ -14,7 +14,8 @@ from neuro import Network, all_to_all, grid, iaf_psc_delta, iaf_psc_exp, one_to_
 from neuro.core.errors import ModelError, Where
 from neuro.program.backend import Problem
 from neuro.program.program import Program
-from neuro.run.simulation import ApproximationWarning, Simulation
+from neuro.run.compiled import ApproximationWarning
+from neuro.run.simulation import Simulation
 from neuro_reference import ReferenceBackend
 
 

@@ -1,5 +1,6 @@
-"""Probes of projections: what is refused, told by its text."""
+"""Probes of projections: which synapses they record, and what is refused, told by its text."""
 
+import numpy as np
 import pytest
 
 import neuro
@@ -12,6 +13,7 @@ def network():
     net.population("cells", 3, neuro.iaf_psc_exp())
     net.population("current", 1, neuro.dc_generator())
     net.connect("in", "cells", neuro.all_to_all(), neuro.stdp(), name="learning")
+    net.connect("in", "cells", neuro.pairs(pre=[0, 1], post=[0, 2]), weight=[3.0, 4.0], name="listed")
     net.connect("current", "cells", neuro.all_to_all(), name="bias")
     return net
 
@@ -50,6 +52,16 @@ def network():
             "synapses: found 6: expected at most 5, as 'learning' has them",
         ),
         ("learning", {"record": "weight", "synapses": [1, 1]}, "synapses: expected at least one, and each once"),
+        (
+            "listed",
+            {"record": "weight", "pre": 1, "post": [0]},
+            "none of the 2 synapses of 'listed' goes from in[[1]] to cells[[0]]: expected at least one",
+        ),
+        (
+            "learning",
+            {"record": "weight", "pre": 1, "synapses": [0]},
+            "found both 'synapses' and the neurons at their ends: expected one of both",
+        ),
         ("bias", {"record": "weight", "at": "pre_spikes"}, "at = pre_spikes: 'bias' carries a current, and no spikes"),
     ],
 )
@@ -69,12 +81,57 @@ def test_what_is_refused_of_a_projection(of, words, expected):
         ({"at": "post_spikes"}, "at = 'post_spikes': expected one of pre_spikes"),
         ({"mean": 1}, "mean = 1: expected true or false"),
         ({"synapses": [-1]}, "synapses[0] = -1: expected whole numbers >= 0"),
+        ({"pre": 2}, "pre: in[[2]]: found 2: expected -2 to 1"),
+        ({"post": "in"}, "post = 'in': expected neurons of 'cells', as 'learning' has there"),
+        ({"post": "cell"}, "unknown population 'cell'"),
     ],
 )
 def test_what_is_refused_at_once(words, expected):
     with pytest.raises(ModelError) as error:
         network().probe("w", "learning", **words)
     assert str(error.value).partition("probe 'w': ")[2].partition("\n")[0] == expected
+
+
+def test_synapses_are_chosen_by_their_ends(tmp_path):
+    def asked(of):
+        source, cells = of.populations["in"], of.populations["cells"]
+        return [{"pre": source[1]}, {"post": cells[1:]}, {"pre": [0], "post": (0, 2)}, {"pre": source, "post": 2}]
+
+    net = network()
+    words = asked(net)
+    for k, ends in enumerate(words):
+        net.probe(f"w{k}", "learning", "weight", every=1.0, **ends)
+    net.probe("sent", "learning", "weight", at="pre_spikes", post=2)
+    net.save(tmp_path / "net.yaml")
+    for each in (net, neuro.load(tmp_path / "net.yaml")):
+        sim = neuro.compile(each, "event")
+        sim.run(4.0)
+        for k, ends in enumerate(asked(each)):
+            pre, post, _ = sim.weights("learning", **ends)
+            found = sim.traces[f"w{k}"]
+            assert (found.pre.tolist(), found.post.tolist()) == (pre.tolist(), post.tolist())
+            assert np.array_equal(found.values[-1], sim.weights("learning", **ends)[2])
+        _, sent = sim.trace("sent")
+        assert (sent["pre"].tolist(), sent["post"].tolist()) == ([0, 1], [2, 2])
+    learnt = neuro.compile(sim.network(), "event")
+    learnt.run(4.0)
+    assert learnt.trace("w2")[1].shape == (4, 2)
+    assert "learning to cells[1:]" in str(net)
+
+
+def test_ends_of_neurons_and_of_a_grid():
+    net = network()
+    with pytest.raises(ModelError, match="probe 'v': pre is for projections: 'cells' is a population"):
+        net.probe("v", "cells", "V_m", pre=[0])
+    net.population("sheet", (4, 4), neuro.iaf_psc_exp())
+    net.population("maps", (2, "auto", "auto"), neuro.iaf_psc_exp())
+    net.connect("sheet", "maps", neuro.grid(kernel=(3, 3)), name="grid")
+    net.probe("k", "grid", "weight", pre=[0])
+    with pytest.raises(ModelError) as error:
+        neuro.compile(net, "reference")
+    assert str(error.value).partition(": probe 'k': ")[2] == (
+        "pre and post: the synapses of a grid share their weights\n  hint: synapses: [0, 1] records some of these"
+    )
 
 
 def test_a_backend_that_does_not_note_pre_spikes():

@@ -197,7 +197,7 @@ SET = {
     "one for all": (
         {"tau_plus": 10.0},
         True,
-        "stdp.tau_plus of 'w' is one for all synapses: expected 'weight' alone with pre or post",
+        "stdp.tau_plus of 'w' is one for all synapses: expected 'weight' alone with of, pre or post",
     ),
     "beside weights": (
         {"alpha": 1.0, "weight": 2.0},

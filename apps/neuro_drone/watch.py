@@ -90,6 +90,7 @@ def page(flight: Flight) -> str:
     title = f"{model.controller} in {world.name}"
     return template.substitute(
         head=html.head("neuro drone watch", title),
+        style=html.player_style(),
         title=escape(title),
         told=escape(" · ".join(about)),
         data=json.dumps(_data(flight, max(1, thinned))).replace("<", "\\u003c"),

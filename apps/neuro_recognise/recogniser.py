@@ -240,14 +240,16 @@ def fit(
     fixed, fingerprint, tell = settled(chosen, data), data.fingerprint(), report or (lambda progress: None)
     digest = digest_of(fingerprint)
     training = told(fixed, digest, len(data), seed, backend)
-    if out is not None:
-        _made(out, fixed, training, replace)  # what stands in the way shows before long work
+    # what stands in the way, or is done already, shows before long work
+    if out is not None and (made := _made(out, fixed, training, replace)) is not None:
+        _checkpoint(out, fixed, training).remove()
+        return made
 
     def look(done: int, n: int) -> None:
         tell(Progress("looking at recordings", done, n))
 
     shown = observe(fixed, data, fingerprint=fingerprint, cache=cache, report=look)
-    return learn(fixed, shown, digest, seed=seed, backend=backend, out=out, replace=replace, report=tell)
+    return _learn(fixed, shown, training, Course(seed, backend, None, tell), out)
 
 
 def learn(
@@ -278,16 +280,26 @@ def learn(
     """
     method.check_backend(backend)
     training = told(method, digest, len(shown), seed, backend)
+    if out is not None and (made := _made(out, method, training, replace)) is not None:
+        _checkpoint(out, method, training).remove()
+        return made
+    return _learn(method, shown, training, Course(seed, backend, None, report), out)
+
+
+def _learn(method: Method, shown: Shown, training: Training, course: Course, out: Path | None) -> Recogniser:
+    """Train, and write to `out` what was learnt; what is reached is kept beside it until then."""
     if out is None:
-        return Recogniser(method, shown.classes, method.fit(shown, Course(seed, backend, None, report)), training)
-    asked = {"method": method.called(), "settings": method.fixed(), **training}
-    checkpoint = Checkpoint(out, "neuro recogniser training 1", asked)
-    if (made := _made(out, method, training, replace)) is None:
-        learnt = method.fit(shown, Course(seed, backend, checkpoint, report))
-        made = Recogniser(method, shown.classes, learnt, training)
-        made.save(out)
+        return Recogniser(method, shown.classes, method.fit(shown, course), training)
+    checkpoint = _checkpoint(out, method, training)
+    made = Recogniser(method, shown.classes, method.fit(shown, with_changes(course, checkpoint=checkpoint)), training)
+    made.save(out)
     checkpoint.remove()
     return made
+
+
+def _checkpoint(out: Path, method: Method, training: Training) -> Checkpoint:
+    asked = {"method": method.called(), "settings": method.fixed(), **training}
+    return Checkpoint(out, "neuro recogniser training 1", asked)
 
 
 def _made(out: Path, method: Method, training: Training, replace: bool) -> Recogniser | None:

@@ -99,7 +99,7 @@ class EventEngine:
             )
             if reached <= last:
                 self._record.drain(self._a.net)
-                if reached == first:
+                if reached == first and loop.has_room(self._view, first, 1, self._a.reach) < 1:
                     self._grow_log()
             elif self._stops:
                 self._samples.read(self._view, last)

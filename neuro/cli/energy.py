@@ -45,8 +45,8 @@ def energy(
     from neuro.core.clock import Clock
     from neuro.core.progress import Bar
     from neuro.model.language import load
+    from neuro.run.compiled import compile as compiled
     from neuro.run.progress import advance
-    from neuro.run.simulation import compile as compiled
 
     if per[0] < 1:
         raise typer.BadParameter(f"'{per[0]}': expected a whole number >= 1", param_hint="'--per'")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,6 +14,9 @@ from neuro.cli.options import milliseconds
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from neuro.files.results import Trace
+    from neuro.model.views import View
 
 
 class Format(StrEnum):
@@ -29,10 +33,24 @@ Window = Annotated[
     tuple[float, float] | None, typer.Option("--window", metavar="BEGIN END", help="Only this stretch, in ms.")
 ]
 Of = Annotated[
-    list[str], typer.Option("--of", "--population", metavar="NAME", help="Only this population; repeatable.")
+    list[str],
+    typer.Option(
+        "--of",
+        "--population",
+        metavar="NAME",
+        help="Only this population, or some of its neurons: 'exc[:100]', 'grid[2:4, :]', 'exc[[3, 7]]'; repeatable.",
+    ),
 ]
 Bin = Annotated[float | None, typer.Option("--bin", metavar="MS", parser=milliseconds, help="Bins of the rates.")]
 As = Annotated[Format, typer.Option("--format", help="Of the pictures.")]
+
+
+@dataclass(frozen=True, slots=True)
+class Laid:
+    """A population of a run that is over, of which there may be views."""
+
+    name: str
+    shape: tuple[int | str, ...]
 
 
 def plot(
@@ -45,22 +63,28 @@ def plot(
 ) -> None:
     """Draw the spikes, rates and traces of a run as pictures."""
     from neuro import plots
-    from neuro.core.errors import ModelError, unknown
+    from neuro.core.errors import ModelError
     from neuro.core.outputs import make_folder, write_picture
     from neuro.files.results import read
+    from neuro.model.language.views import on_a_line
+    from neuro.model.views import View
 
     results = read(file)
-    for name in of:
-        if name not in results.populations:
-            raise unknown("population", name, results.populations)
-    names = of or None
-    probes = [name for name, trace in results.traces.items() if not of or trace.population in of]
+    laid = {name: Laid(name, part.shape) for name, part in results.populations.items()}
+    asked = [on_a_line(text, laid) for text in of]
+    shown = [part if isinstance(part, View) else part.name for part in asked] or None
+    whole = {part.name for part in asked if not isinstance(part, View)}
+    views = [part for part in asked if isinstance(part, View) and part.population.name not in whole]
+    named = {*whole, *(view.population.name for view in views)}
+    probes = [
+        name for name, trace in results.traces.items() if not of or (trace.population in named and _seen(trace, views))
+    ]
     draw: dict[str, Callable[[], Figure]] = {}
     if of or any(train.recorded for train in results.populations.values()):
-        draw["raster"] = lambda: plots.raster(results, names, window=window)
-        draw["rates"] = lambda: plots.rate(results, names, bin=bin, window=window)
+        draw["raster"] = lambda: plots.raster(results, shown, window=window)
+        draw["rates"] = lambda: plots.rate(results, shown, bin=bin, window=window)
     if probes:
-        draw["traces"] = lambda: plots.trace(results, probes, window=window)
+        draw["traces"] = lambda: plots.trace(results, probes, of=views, window=window)
     if not draw:
         raise ModelError(f"{file}: holds neither spikes nor traces", hint="'neuro run --record NAME' keeps spikes")
     folder = file.parent if out is None else out
@@ -69,3 +93,11 @@ def plot(
         path = folder / f"{file.stem}-{what}.{format.value}"
         write_picture(path, picture())
         typer.echo(path)
+
+
+def _seen(trace: Trace, views: Sequence[View]) -> bool:
+    """Whether a trace has neurons of the views of its population, if there are any."""
+    mine = [view for view in views if view.population.name == trace.population]
+    if not mine or trace.single or trace.ids is None:
+        return True
+    return bool(set(trace.ids.tolist()) & {neuron for view in mine for neuron in view.ids.tolist()})

@@ -43,8 +43,8 @@ def run(
     from neuro.core.progress import Bar
     from neuro.files.results import KIND, read
     from neuro.model.language import load
+    from neuro.run.compiled import compile as compiled
     from neuro.run.progress import advance
-    from neuro.run.simulation import compile as compiled
 
     together(backend)
     net = load(file, params=assignments(set))
@@ -113,9 +113,9 @@ def together(backend: str) -> None:
 
 
 def keep_spikes(net: Network, names: list[str]) -> None:
-    """Ask for the spikes of the named populations; those of Poisson generators are not kept of themselves."""
+    """Ask for the spikes of the named populations; those of some generators are not kept of themselves."""
     from neuro.core.errors import ModelError, Where, unknown
-    from neuro.model.neurons import CurrentGenerator, poisson_generator
+    from neuro.model.neurons import CurrentGenerator, Generator
 
     net.place = Where("--record")
     probed = {probe.of for probe in net.probes.values() if probe.record == "spikes"}
@@ -125,7 +125,7 @@ def keep_spikes(net: Network, names: list[str]) -> None:
         model = net.populations[name].model
         if isinstance(model, CurrentGenerator):
             raise ModelError(f"'{name}' is a {model.name}, which has no spikes", where=net.place)
-        if name not in probed and isinstance(model, poisson_generator):
+        if name not in probed and isinstance(model, Generator):
             net.probe(f"{name}.spikes", name)
     net.place = None
 
@@ -150,10 +150,10 @@ def report(results: Results, out: Path) -> None:
 
 def rates(results: Results) -> Iterator[tuple[str, ...]]:
     """A row for each population."""
-    seconds = results.duration_ms / 1000.0
+    from neuro.files.run_tables import told_spikes
+
     for name, train in results.populations.items():
-        spikes = train.counts["spikes"]
-        yield name, train.model, f"{train.size:,}", f"{spikes:,}", f"{spikes / train.size / seconds:.2f}"
+        yield name, train.model, f"{train.size:,}", *told_spikes(train.spikes, train.size, results.duration_ms)
 
 
 def weights(results: Results) -> Iterator[tuple[str, ...]]:

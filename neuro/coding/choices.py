@@ -28,6 +28,8 @@ _KINDS = {float: "number", int: "integer", bool: "boolean"}
 _ARGUMENTS = re.compile(r"^Args:\n((?: .*\n|\n)*)", re.M)
 _SOURCE = re.compile(r"^Source: (.*(?:\n    .*)*)", re.M)
 _ARGUMENT = re.compile(r"^    (\w+): (.*(?:\n        .*)*)", re.M)
+_UNIT = re.compile(r"(?:, | \()(ms|Hz)\)?$")
+"""How the docstring of an argument ends that has a unit."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -136,4 +138,5 @@ def _field(told: str, argument: inspect.Parameter, hint: Any, doc: str) -> Any:
         return quantity(default, "", doc, kind="word", words=get_args(hint))
     if hint not in _KINDS:
         raise TypeError(f"{told}: '{argument.name}' is annotated {hint}: expected float, int, bool or Literal words")
-    return quantity(default, "", doc, kind=_KINDS[hint])
+    unit = _UNIT.search(doc) if hint is float else None
+    return quantity(default, unit[1] if unit else "", doc[: unit.start()] if unit else doc, kind=_KINDS[hint])

@@ -59,4 +59,4 @@ def _strip(comparison: Comparison, run: Run, name: str, drawn: Window) -> Strip:
         "extra": np.setdiff1d(mine, its),
     }
     mark = None if part.first is None or run is comparison.first else part.first.ms
-    return Strip(run.backend, f"{part.rate_hz:.3g} Hz", drawn, kinds, mark)
+    return Strip(run.backend, f"{part.rate_hz:{'.3g' if part.rate_hz < 1000 else ',.0f'}} Hz", drawn, kinds, mark)

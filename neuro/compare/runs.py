@@ -24,10 +24,11 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.extras import install
 from neuro.model.network import Network
-from neuro.model.neurons import CurrentGenerator, Generator, poisson_generator
+from neuro.model.neurons import CurrentGenerator, Generator
 from neuro.program.backend import OverflowWarning, find_backend
 from neuro.program.program import Program
-from neuro.run.simulation import ApproximationWarning, Simulation, compile
+from neuro.run.compiled import ApproximationWarning, compile
+from neuro.run.simulation import Simulation
 
 TARGETS = ("loihi", "spinnaker", "cpu", "gpu")
 """What the counts of the first run are priced for, beside each chip backend's own bill."""
@@ -117,12 +118,13 @@ def _enough(runs: list[Run]) -> None:
 
 
 def _recording(net: Network) -> Network:
-    """The same network, whose Poisson generators record their spikes."""
+    """The same network, whose generators record their spikes, also those of which none are kept unasked."""
     watched = copy.copy(net)
     watched.probes = dict(net.probes)
     probed = {probe.of for probe in net.probes.values() if probe.record == "spikes"}
     for name, part in net.populations.items():
-        if name not in probed and isinstance(part.model, poisson_generator):
+        emits = isinstance(part.model, Generator) and not isinstance(part.model, CurrentGenerator)
+        if name not in probed and emits:
             free = f"{name}.spikes"
             while free in watched.probes:
                 free += "_"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from fractions import Fraction
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,7 @@ class Camera:
         self._offset = round(model.offset * 1000.0)
         self._start, self._stop = (clock.step(getattr(model, w), f"{model.name}.{w}") for w in ("start", "stop"))
         self.shape = self._shape_of(part.shape)
+        self._least = self._sensor or self._least_sensor()
         self._origin = 0 if self._played is None else self._played.first()
         if model.origin is not None:
             self._origin = int(model.origin)
@@ -79,18 +81,21 @@ class Camera:
 
     def _shape_of(self, said: tuple[int | str, ...]) -> Shape:
         """The shape that the sensor gives, which a shape that is said must agree with."""
+        from neuro.events.playing import OfEvents
+
         if self._sensor is None:
             if AUTO in said:
                 hint = "write the numbers: [2, height, width], or [height, width] unless the polarities are split"
-                raise ModelError(f"shape {_written(said)}: no sensor is told before it is played", hint=hint)
+                if isinstance(self._played, OfEvents):
+                    hint = f"neuro.events.Events(t, x, y, p, (width, height)) tells it; or {hint}"
+                told = "no sensor is told before it is played" if self._played is None else self._played.untold
+                raise ModelError(f"shape {_written(said)}: {told}", hint=hint)
             found = tuple(int(n) for n in said)
             if len(found) != 2 + self._split or (self._split and found[0] != 2):
                 wanted = "[2, height, width]" if self._split else "[height, width]"
                 raise ModelError(f"shape {list(found)}: expected {wanted} with polarity: {self._model.polarity}")
             return found
-        columns, rows = self._sides(*self._sensor)
-        sides = tuple(-(-(last - first) // self._model.scale) for first, last in (rows, columns))
-        shape = (2, *sides) if self._split else sides
+        shape = self._model.seen(self._sensor)
         fits = len(said) == len(shape) and all(word in (AUTO, n) for word, n in zip(said, shape, strict=True))
         if not fits and said != (AUTO,):
             width, height = self._sensor
@@ -98,15 +103,21 @@ class Camera:
             raise ModelError(told, hint="'shape: auto' takes it from the recording")
         return shape
 
+    def _least_sensor(self) -> tuple[int, int]:
+        """Width and height in px of what the shape says is seen, where no sensor is told."""
+        rows, columns = (n * self._model.scale for n in self.shape[-2:])
+        crop = self._model.crop
+        ends = (None, None) if crop is None else (crop.x, crop.y)
+        width, height = (n if side is None else side[1] for n, side in zip((columns, rows), ends, strict=True))
+        return width, height
+
     @property
     def _split(self) -> bool:
         return self._model.polarity == "split"
 
     def _sides(self, width: int, height: int) -> tuple[tuple[int, int], tuple[int, int]]:
-        if self._model.crop is None:
-            return (0, width), (0, height)
         with telling(self._part):
-            return self._model.crop.sides(width, height)  # type: ignore[no-any-return]
+            return self._model.sides(width, height)
 
     def after(self, step: int) -> Iterator[Stretch]:
         """All spikes of later steps. The last step of what has been read is held back: more may come in it."""
@@ -125,7 +136,7 @@ class Camera:
         """The events of later steps, up to the first part that reaches beyond the end."""
         if self._played is None or step >= self._stop:
             return
-        for events in self._played.parts(self._begin(step)):
+        for events in self._played.parts(self._begin(step), self._least):
             for k in range(0, len(events), MOST):
                 yield events[k : k + MOST]
             if len(events) and self._step(int(events.t[-1])) > self._stop:
@@ -135,11 +146,13 @@ class Camera:
         """Steps and neurons of Events, a structured array, or an iterable of them."""
         from neuro.events.playing import played
 
+        if isinstance(events, (str, PathLike)):
+            raise ModelError(f"events: found {str(events)!r}: expected Events", hint="neuro.events.load reads a file")
         if self._origin is None:
             raise ModelError("its recording has not begun to play: expected 'origin'", hint="or run first")
         begin = self._origin + self._offset
         parts = []
-        for part in played(events).parts():
+        for part in played(events).parts(None, self._least):
             if len(part) and part.t[0] < begin:
                 raise ModelError(f"an event at {part.t[0]} us: expected from {begin} us on, the beginning")
             parts.append(self._spikes(part, -NEVER))

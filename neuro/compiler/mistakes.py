@@ -1,33 +1,35 @@
 """All mistakes of a file: its first, then the first of what is left without it, until nothing is wrong.
 
-So each is told as if it were alone. What may only follow from another is not told:
-
-- a part that is mistaken, or that names a mistaken one, is judged word by word, and no longer as a whole;
-- a text that is no YAML, an `include` that fails and a mistaken `resolution` leave little to judge of the rest.
+So each is told as if it were alone. What is mistaken is left out, or something stands in for it where the rest
+cannot do without. All is done twice, each time with other stand-ins: a mistake that depends on what should stand there
+is not told twice alike, and is not told. Of what is left out some is known to decide more than itself (`follows`).
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from neuro.compiler.places import Places, Words, at, has, names, subject
 from neuro.compiler.resolve import compile_network
+from neuro.compiler.stand_ins import as_node, meant, stand_in
 from neuro.core.errors import ModelError, Where
 from neuro.core.paths import file_path
 from neuro.model.language.loader import build
 from neuro.model.language.parameters import resolve
 from neuro.model.language.reader import Node, read
-from neuro.model.language.sources import SECTIONS, gather
+from neuro.model.language.sources import GATHERED, SECTIONS, gather
 from neuro.program.program import Program
 
 MOST = 1000
 """Mistakes after which no more are looked for."""
-
-Words = tuple[str, ...]
-_WORD = re.compile(r"[\w.-]+")
+_ENDS = (("from",), ("to",), ("of",), ("record",))
+_OF_DECISIONS = ("labels", "dropout", "reset")
+_UNKNOWN = re.compile(r".*unknown (word|parameter|state) of")
+_NAMES = tuple(f"unknown {kind} '" for kind in ("population", "parameter", "model", "signal", "synapse", "projection"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,70 +55,39 @@ def mistakes(path: str | Path, params: Mapping[str, Any] | None, seed: int) -> F
         params: values for its `parameters`, as of `neuro.load`.
         seed: as of `neuro.compile`.
     """
-    search = _Search(file_path(path, "path"), {} if params is None else dict(params), seed)
-    sections = search.sections()
-    if sections is not None:
-        search.parts(sections)
-    return Findings(sorted(search.told, key=search.order), search.program, search.unsure)
-
-
-class _Places:
-    """Where each word of a tree stands, and each value."""
-
-    def __init__(self, *trees: Node) -> None:
-        self.words: dict[Where, Words] = {}
-        self.values: dict[Where, Words] = {}
-        for tree in trees:
-            self._walk(tree, ())
-
-    def _walk(self, node: Node, path: Words, listed: bool = False) -> None:
-        """Add what a path leads to; what is in a list has the path of the list."""
-        self.values.setdefault(node.where, path)
-        if isinstance(node.value, dict):
-            for word, inner in node.value.items():
-                here = path if listed else (*path, word)
-                self.words.setdefault(inner.label, here)
-                self._walk(inner, here, listed)
-        elif isinstance(node.value, list):
-            for item in node.value:
-                self._walk(item, path, listed=True)
-
-    def of(self, error: ModelError) -> Words:
-        """The words that lead to what a mistake is about; none if it is about no word."""
-        if error.where is None:
-            return ()
-        word, value = self.words.get(error.where, ()), self.values.get(error.where, ())
-        if not (word or value):
-            value = self._around(error.where)
-        if not word or not value or len(value) < 2:
-            return word or value
-        # A mapping that begins on a line of its own begins where its first word does.
-        return word if error.message.endswith((f"'{word[-1]}'", f"{word[-1]} has no value")) else value
-
-    def _around(self, where: Where) -> Words:
-        """The value within which a place lies, as a character of a formula does."""
-        before = [
-            at for at in self.values if (at.file, at.line) == (where.file, where.line) and at.column < where.column
-        ]
-        return self.values[max(before, key=lambda at: at.column)] if before else ()
+    file, said = file_path(path, "path"), {} if params is None else dict(params)
+    first = _Search(file, dict(said), seed, turn=0)
+    first.run()
+    found = {str(error): error for error in first.told}
+    if first.mended:
+        second = _Search(file, dict(said), seed, turn=1)
+        second.run()
+        again = {str(error) for error in second.told}
+        found = {text: error for text, error in found.items() if text in again}
+    return Findings(sorted(found.values(), key=first.order), first.program, first.unsure)
 
 
 class _Search:
-    """What was told, and what was taken out for it.
+    """What was told, and what was mended for it.
 
     Attributes:
-        mended: the words that lead to what was taken out.
-        failed: names of the parts that it was taken out of, or was.
-        lost: names in parts that were taken out whole.
+        mended: the words that lead to what was left out or has a stand-in.
+        failed: names of parts that are no longer there, or no longer what they were.
+        touched: names of all parts in which something was mended.
+        lost: names in projections that may have been grids.
+        resolved: whether values stand in place of all `$names`.
+        partial: whether parts that are named may be in what could not be read.
     """
 
-    def __init__(self, file: Path, params: dict[str, Any], seed: int) -> None:
-        self.file, self.params, self.seed = file, params, seed
+    def __init__(self, file: Path, params: dict[str, Any], seed: int, turn: int) -> None:
+        self.file, self.params, self.seed, self.turn = file, params, seed, turn
         self.told: list[ModelError] = []
         self.files: dict[Path, Node] = {}
         self.mended: list[Words] = []
         self.failed: set[str] = set()
+        self.touched: set[str] = set()
         self.lost: set[str] = set()
+        self.partial = self.resolved = False
         self.program: Program | None = None
         self.unsure: set[Where] = set()
 
@@ -126,120 +97,154 @@ class _Search:
         where = error.where or Where("")
         return (files.index(where.file) if where.file in files else -1, where.line, where.column)
 
+    def run(self) -> None:
+        sections = self.sections()
+        if sections is not None:
+            self.resolved = True
+            self.failed -= {path[1] for path in self.mended if path[0] == "parameters" and len(path) == 2}
+            self.parts(sections)
+
     def sections(self) -> dict[str, Node] | None:
         """The sections with values in place of `$names`; None where too little is left."""
-        while len(self.told) < MOST:
+        while len(self.mended) < MOST:
             try:
                 return resolve(gather(self.file, self.read), self.params, Where(str(self.file)))
             except ModelError as error:
-                path = _Places(*self.files.values()).of(error)
+                path = Places(*self.files.values()).of(error)
                 file = error.where.file if error.where else ""
-                root = next((root for root in self.files.values() if _has(root, file, path)), None)
+                root = next((r for r in self.files.values() if r.where.file == file and has(r, path[:1])), None)
                 if root is None:
-                    self.told.append(error)
+                    self.tell(error)
                     return None
                 self.mend(root, path, error)
-                if path[0] in ("neuro", "include") or (len(path) == 1 and path[0] in SECTIONS and not self.failed):
-                    return None
         return None
 
     def read(self, path: Path) -> Node:
         if path not in self.files:
-            self.files[path] = read(path)
+            self.files[path] = read(path, twice=self.told)
         return self.files[path]
 
     def parts(self, sections: dict[str, Node]) -> None:
         """Build and compile, without what is wrong."""
         here = Where(str(self.file))
         root = Node(sections, here, here)
-        places = _Places(root)
-        while len(self.told) < MOST:
+        places = Places(root)
+        while len(self.mended) < MOST:
+            net = None
             try:
                 net = build(sections)
-                if ("resolution",) not in self.mended:
-                    self.program = compile_network(net, self.seed)
-                    self.unsure = {
-                        node.label
-                        for section, parts in sections.items()
-                        if isinstance(parts.value, dict)
-                        for name, node in parts.value.items()
-                        if self.follows(root, (section, name))
-                    }
+                self.program = compile_network(net, self.seed)
+                self.unsure = {
+                    node.label
+                    for parts in sections.values()
+                    if isinstance(parts.value, dict)
+                    for name, node in parts.value.items()
+                    if {name, *names(node)} & (self.failed | self.touched)
+                }
                 return
             except ModelError as error:
                 path = places.of(error)
-                if not _has(root, here.file, path):
+                if net is not None and path and has(root, path):
+                    path = subject(root, path, error.message)
+                if not has(root, path[:1]):
                     if not self.mended:
-                        self.told.append(error)
+                        self.tell(error)
                     return
-                self.mend(root, path, error)
+                self.mend(root, path, error, compiled=net is not None)
 
-    def mend(self, root: Node, path: Words, error: ModelError) -> None:
-        """Tell a mistake unless it may follow from another, and take out what it is about."""
-        if not self.follows(root, path):
-            self.told.append(error)
-        gone = _taken(root, path)
+    def tell(self, error: ModelError) -> None:
+        self.told.append(error)
+
+    def mend(self, root: Node, path: Words, error: ModelError, compiled: bool = False) -> None:
+        """Tell a mistake unless it follows from another, and leave out or replace what it is about."""
+        if not self.follows(root, path, error, compiled):
+            self.tell(error)
+        while len(path) > 1 and (self.mended.count(path) > (len(path) == 2) or not has(root, path[:-1])):
+            path = path[:-1]
+        within = at(root, path[:-1]).value
+        gone = within.pop(path[-1], None) if isinstance(within, dict) else None
+        instead = None
+        if path not in self.mended:
+            instead = stand_in(root.value, path, gone, error, self.turn)
+        renamed = self.renamed(path, error)
+        if renamed and gone is not None and renamed not in within:
+            within[renamed] = gone
+        elif instead is not None and isinstance(within, dict):
+            within[path[-1]] = as_node(instead, gone or at(root, path[:-1]))
+        self.note(root, path, gone, bool(renamed) or instead is not None)
+        if len(path) > 1 and _UNKNOWN.match(error.message) and isinstance(within, dict):
+            self.rename((*path[:-1], meant(error)), root, gone)
+
+    def renamed(self, path: Words, error: ModelError) -> str:
+        """The section or the group that is meant, if its words can be judged without knowing which."""
+        if len(path) == 1:
+            return meant(error) if meant(error) in SECTIONS else ""
+        return meant(error) or "winner_take_all" if error.message.find("unknown group") >= 0 else ""
+
+    def rename(self, path: Words, root: Node, gone: Node | None) -> None:
+        """Let something stand in for the word that an unknown one most likely is."""
+        within = at(root, path[:-1]).value
+        if not path[-1] or path[-1] in within or gone is None:
+            return
+        instead = stand_in(root.value, path, None, ModelError(""), self.turn)
+        if instead is not None:
+            within[path[-1]] = as_node(instead, gone)
+        self.note(root, path, None, instead is not None)
+
+    def note(self, root: Node, path: Words, gone: Node | None, replaced: bool) -> None:
+        """Remember what is no longer there."""
         self.mended.append(path)
-        if len(path) == 1 and isinstance(gone.value, dict):
-            self.failed |= set(gone.value)
-        elif len(path) > 1:
-            self.failed.add(path[1])
         if path[0] == "parameters":
             self.params.pop(path[-1], None)
-        if len(path) == 2:
-            self.lost |= set(_names(gone))
-            if path[0] == "populations" and gone.value != _stand_in():
-                root.value["populations"].value[path[1]] = Node(_stand_in(), gone.where, gone.label)
+        if len(path) == 1:
+            self.partial |= path[0] in ("include", *GATHERED)
+            if not replaced and gone is not None and isinstance(gone.value, dict):
+                self.failed |= set(gone.value)
+            return
+        self.touched.add(path[1])
+        if path[0] == "parameters" or (len(path) == 2 and not replaced) or path[2:] == ("synapse",):
+            self.failed.add(path[1])
+        if path[0] == "projections" and (len(path) == 2 or path[2] in ("from", "to", "rule")):
+            self.lost |= set(names(gone)) if gone is not None else set()
+            self.lost |= set(names(at(root, path[:2]))) if has(root, path[:2]) else set()
 
-    def follows(self, root: Node, path: Words) -> bool:
-        """Whether a mistake may only be there since something was taken out."""
-        if any(mended[: len(path)] == path for mended in self.mended):
+    def follows(self, root: Node, path: Words, error: ModelError, compiled: bool) -> bool:
+        """Whether a mistake may only be there since something was mended."""
+        told = error.message
+        itself = re.search(rf"unknown \w+ '{re.escape(path[-1])}'$", told)
+        if path in self.mended or (not itself and any(mended[: len(path)] == path for mended in self.mended)):
             return True
-        names = {*path[2:], *_names(_at(root, path))}
-        if names & self.failed:
+        if self.partial and any(kind in told for kind in _NAMES):
             return True
-        if path == ("trials",) or (path[0] == "parameters" and path[-1] in self.params):
+        there = next(path[:n] for n in range(len(path), 0, -1) if has(root, path[:n]))
+        named = set(() if itself else names(at(root, there))) | set(path[2:] if self.resolved else ())
+        if named & self.failed:
+            return True
+        if path[0] == "parameters" and path[-1] in self.params:
             return bool(self.mended)
-        if len(path) == 2 and path[0] == "projections" and any(mended[0] == "trials" for mended in self.mended):
+        if path[0] == "populations" and "auto" in named and path[1] in self.lost:
             return True
-        return path[0] == "populations" and "auto" in names and path[1] in self.lost
+        return (compiled or path[0] == "models") and self.hangs(path, f"{told} {error.hint}")
 
+    def hangs(self, path: Words, told: str) -> bool:
+        """Whether what the compiler tells of a part hangs on what was mended elsewhere in it, or on who decides."""
+        beside = [mended[2:] for mended in self.mended if mended[:2] == path[:2] and len(mended) > 2]
+        if {words[-1] for words in beside} & set(re.findall(r"\w+", told)):
+            return True
+        if path[0] == "trials":
+            return bool(self.mended) if len(path) == 1 else path[1] in _OF_DECISIONS and self.undecided()
+        if path[0] == "projections":
+            if path[2:3] == ("weight",) and any(words == ("synapse",) or words[-1] == "Wmin" for words in beside):
+                return True
+            if "trial" in told and (self.undecided() or ("trials",) in self.mended or self.partial):
+                return True
+        alone = "the resolution" in told or path[2:3] == ("synapses",)
+        return not alone and any(words[:1] in _ENDS for words in beside)
 
-def _stand_in() -> dict[str, Node]:
-    """A population for those that name one that is mistaken."""
-    nowhere = Where("")
-    return {"model": Node("parrot_neuron", nowhere, nowhere), "shape": Node(1, nowhere, nowhere)}
-
-
-def _has(root: Node, file: str, path: Words) -> bool:
-    """Whether a tree is of a file and has what a path leads to."""
-    try:
-        return bool(path) and root.where.file == file and _at(root, path) is not None
-    except (KeyError, TypeError):
-        return False
-
-
-def _at(root: Node, path: Words) -> Node:
-    for word in path:
-        root = root.value[word]
-    return root
-
-
-def _taken(root: Node, path: Words) -> Node:
-    """What a path leads to, taken out."""
-    gone: Node = _at(root, path[:-1]).value.pop(path[-1])
-    return gone
-
-
-def _names(node: Node) -> Iterator[str]:
-    """All words below a node, in whatever they stand."""
-    if isinstance(node.value, dict):
-        for word, inner in node.value.items():
-            yield from _WORD.findall(word)
-            yield from _names(inner)
-    elif isinstance(node.value, list):
-        for item in node.value:
-            yield from _names(item)
-    elif isinstance(node.value, str):
-        yield node.value
-        yield from _WORD.findall(node.value)
+    def undecided(self) -> bool:
+        """Whether it is not known which population decides a trial."""
+        return any(
+            (mended[0] == "groups" and (len(mended) < 4 or mended[-1] == "of"))
+            or (mended[:2] in (("trials", "labels"), ("trials", "dropout")) and mended[2:] in ((), ("of",)))
+            for mended in self.mended
+        )

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from neuro.compiler.check import recordable, refuse, telling
-from neuro.compiler.shapes import Shape
+from neuro.compiler.shapes import Shape, size
 from neuro.compiler.views import end_of
 from neuro.core.clock import Clock
 from neuro.core.errors import nearest
@@ -15,7 +15,7 @@ from neuro.model.network import Network
 from neuro.model.neurons import CurrentGenerator
 from neuro.model.parts import Population, Probe
 from neuro.program import program as resolved
-from neuro.program.program import Ints, Projection, synapse_states
+from neuro.program.program import Ints, Projection, connections_of, synapse_states
 
 AT_PRE = 0
 ALONE = ("spikes", "rate")
@@ -88,7 +88,7 @@ def resolve_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> t
 
 
 def resolve_synapse_probes(
-    net: Network, projections: Sequence[Projection], clock: Clock
+    net: Network, projections: Sequence[Projection], shapes: Mapping[str, Shape], clock: Clock
 ) -> tuple[resolved.SynapseProbe, ...]:
     """The probes of projections, one for each state.
 
@@ -101,9 +101,8 @@ def resolve_synapse_probes(
             continue
         index = names.index(p.of)
         _check_synapses(net, p, projections[index])
-        every = AT_PRE if p.at else _every(p, clock)
+        every, chosen = AT_PRE if p.at else _every(p, clock), _chosen(p, net, projections[index], shapes)
         for state, name in p.traces().items():
-            chosen = _chosen(p, projections[index])
             found.append(resolved.SynapseProbe(name, index, state, every, chosen, p.mean, p.origin))
     return tuple(found)
 
@@ -130,7 +129,10 @@ def _check_synapses(net: Network, part: Probe, projection: Projection) -> None:
             refuse(part, f"at = {part.at}: '{state}' is of a neuron, not of a synapse", "every: 1.0 records it")
 
 
-def _chosen(part: Probe, projection: Projection) -> Ints | None:
+def _chosen(part: Probe, net: Network, projection: Projection, shapes: Mapping[str, Shape]) -> Ints | None:
+    """The places of the synapses that are recorded, None for all."""
+    if part.pre is not None or part.post is not None:
+        return _between(part, net, projection, shapes)
     if part.synapses is None:
         return None
     chosen = np.asarray(part.synapses)
@@ -139,6 +141,26 @@ def _chosen(part: Probe, projection: Projection) -> Ints | None:
     if np.unique(chosen).size < chosen.size or not chosen.size:
         refuse(part, "synapses: expected at least one, and each once")
     return chosen
+
+
+def _between(part: Probe, net: Network, projection: Projection, shapes: Mapping[str, Shape]) -> Ints:
+    if part.synapses is not None:
+        refuse(part, "found both 'synapses' and the neurons at their ends: expected one of both")
+    if projection.grid is not None:
+        refuse(
+            part, "pre and post: the synapses of a grid share their weights", "synapses: [0, 1] records some of these"
+        )
+    said = net.projections[part.of]
+    pre, post = (size(shapes[name]) for name in (said.source, said.target))
+    kept = np.ones(projection.size, dtype=np.bool_)
+    for view, ids in zip((part.pre, part.post), connections_of(projection, pre, post), strict=True):
+        if view is not None:
+            with telling(part):
+                kept &= np.isin(ids, view.within(shapes[view.population.name])[0])
+    if not kept.any():
+        asked = " ".join(f"{word} {view}" for word, view in (("from", part.pre), ("to", part.post)) if view is not None)
+        refuse(part, f"none of the {projection.size:,} synapses of '{part.of}' goes {asked}: expected at least one")
+    return np.flatnonzero(kept)
 
 
 def _every(part: Probe, clock: Clock) -> int:

@@ -65,12 +65,13 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
     clock = Clock(net.resolution)
     cameras = cameras_of(net, clock)
     shapes = resolve_shapes(net, {name: camera.shape for name, camera in cameras.items()})
-    net = with_generators(net, shapes, clock, seed)
     check_network(net, shapes)
     check_probes(net, shapes, clock)
+    declared = {name: part.model.name for name, part in net.populations.items()}
+    net = with_generators(net, shapes, clock, seed)
     trials = resolve_trials(net, shapes, clock)
     populations = tuple(
-        _population(net, part, shapes[part.name], clock, seed, cameras.get(part.name))
+        _population(net, part, shapes[part.name], clock, seed, cameras.get(part.name), declared[part.name])
         for part in net.populations.values()
     )
     projections = packed(tuple(_projection(net, part, shapes, clock, seed) for part in net.projections.values()))
@@ -86,7 +87,7 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
         groups=tuple(resolved.Group(g.name, names.index(g.choice.of), g.choice, g.origin) for g in net.groups.values()),
         probes=resolve_probes(net, shapes, clock),
         trials=trials,
-        synapse_probes=resolve_synapse_probes(net, projections, clock),
+        synapse_probes=resolve_synapse_probes(net, projections, shapes, clock),
     )
     check_trains(program)
     return program
@@ -100,7 +101,7 @@ def _delays(part: resolved.Projection, resolution: float) -> tuple[int, ...]:
 
 
 def _population(
-    net: Network, part: Population, shape: Shape, clock: Clock, seed: int, stream: Stream | None
+    net: Network, part: Population, shape: Shape, clock: Clock, seed: int, stream: Stream | None, declared: str
 ) -> resolved.Population:
     model = part.model
     parameters: dict[str, Floats] = {}
@@ -134,6 +135,7 @@ def _population(
         origin=part.origin,
         stream=stream,
         schedule=schedule,
+        declared="" if declared == model.name else declared,
     )
 
 

@@ -130,10 +130,12 @@ def _number(q: Quantity, value: Any, what: str) -> Any:
         raise wrong(q, value, what)
     kind = "" if isinstance(value, type) else getattr(value, "kind", "")
     if kind == "distribution" or (q.of_distance and kind == "of_distance"):
-        return value.in_unit(q, what)
+        return value if q.of_value else value.in_unit(q, what)
     if isinstance(value, FromFile):
         _each(q, value.values, what)
         return value
+    if q.of_value and isinstance(value, (list, tuple)) and any(map(is_written, value)):
+        return tuple(value)
     array = _array(q, value, what)
     _each(q, array, what)
     return array

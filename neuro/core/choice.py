@@ -64,19 +64,30 @@ class Choice:
         Raises:
             ModelError: one has another dimension; its path leads there.
         """
-        said = [e for e in fields(self) if e.metadata["quantity"].of_value and isinstance(getattr(self, e.name), str)]
         numbers = {}
-        for entry in said:
+        for entry in self._measured():
+            own, value = entry.metadata["quantity"], getattr(self, entry.name)
+            told, word = f"{what}: {self.name}.{word_of(entry.name)}", word_of(entry.name)
             try:
-                numbers[entry.name] = with_unit(q, getattr(self, entry.name), f"{what}: {self.name}.{entry.name}")
+                if isinstance(value, str):
+                    numbers[entry.name] = with_unit(q, value, told)
+                else:
+                    known = replace(own, of_value=False, taken_in="ms" if q.kind == "delay" else q.unit or q.taken_in)
+                    numbers[entry.name] = check(known, value, told)
             except ModelError as error:
-                raise ModelError(error.message, hint=error.hint, path=(self.name, word_of(entry.name))) from None
+                inner = error.path if isinstance(value, str) else error.path[1:]
+                raise ModelError(error.message, hint=error.hint, path=(self.name, word, *inner)) from None
         return replace(self, **numbers) if numbers else self
 
     @property
     def measured(self) -> bool:
         """Whether some parameters still have the unit of a value that is not known yet."""
-        return any(e.metadata["quantity"].of_value and isinstance(getattr(self, e.name), str) for e in fields(self))
+        return bool(self._measured())
+
+    def _measured(self) -> list[Field[Any]]:
+        """The parameters that do."""
+        own = (entry for entry in fields(self) if entry.metadata["quantity"].of_value)
+        return [entry for entry in own if _has_unit(getattr(self, entry.name))]
 
     @classmethod
     def called(cls) -> str:
@@ -144,6 +155,11 @@ class Choice:
 
     def __repr__(self) -> str:
         return f"{self.name}({', '.join(f'{name}={shown(value)}' for name, value in self.changed().items())})"
+
+
+def _has_unit(value: Any) -> bool:
+    """Whether a value, or what it is drawn from, is said with a unit."""
+    return isinstance(value, (str, tuple)) or (isinstance(value, Choice) and value.measured)
 
 
 _CHECKED: dict[int, type[Choice]] = {}

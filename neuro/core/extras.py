@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import shlex
+from importlib import import_module
 from typing import Any
+
+from neuro.core.errors import ModelError
 
 DISTRIBUTION = "neuro-snn"
 """The name of this package where packages are installed; on the index `neuro` is another one."""
@@ -26,6 +29,23 @@ def install(extra: str) -> str:
         return f"pip install '.[{extra}]' in the folder of neuro's sources"
     option = "-e " if origin.get("dir_info", {}).get("editable") else ""
     return f"pip install {option}{shlex.quote(f'{url2pathname(place.path)}[{extra}]')}"
+
+
+def needed(module: str, extra: str, told: str) -> Any:
+    """A module of a package that is not always there.
+
+    Args:
+        module: its name.
+        extra: the extra of this package that installs it.
+        told: what to say where it is not installed.
+
+    Raises:
+        ModelError: it is not installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise ModelError(told, hint=install(extra)) from None
 
 
 def _origin() -> dict[str, Any]:

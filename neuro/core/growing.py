@@ -15,7 +15,7 @@ import io
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -26,40 +26,17 @@ _WORD = b"neuro\0\r\n"
 _HEAD = struct.Struct("<QI")  # of a page: where it belongs, its length
 
 
-class Growing(io.RawIOBase):
-    """A file for `h5py.File(..., "w")` that is whole on the disk after each commit.
+class _Paged(io.RawIOBase):
+    """A file that is read with pages put over it."""
 
-    Args:
-        path: of the file, which is emptied; nobody else may write it until it is closed.
-
-    Attributes:
-        error: of the first failure; what comes after it is thrown away.
-
-    Raises:
-        BlockingIOError: another process writes it.
-        OSError: it cannot be written.
-    """
-
-    def __init__(self, path: Path) -> None:
+    def __init__(self, disk: int) -> None:
         super().__init__()
-        self._path = path
-        self._disk = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        try:
-            fcntl.flock(self._disk, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            os.ftruncate(self._disk, 0)
-        except OSError:
-            self.close()
-            raise
-        self._at = self._size = self._committed = 0
-        self._pages: dict[int, bytearray] = {}
-        self.error: OSError | None = None
+        self._disk = disk
+        self._at = self._size = 0
+        self._pages: Mapping[int, bytes | bytearray] = {}
 
     def readable(self) -> bool:
-        """It can be read, too."""
-        return True
-
-    def writable(self) -> bool:
-        """It can."""
+        """It can be read."""
         return True
 
     def seekable(self) -> bool:
@@ -76,13 +53,45 @@ class Growing(io.RawIOBase):
         return self._at
 
     def readinto(self, buffer: Any) -> int:
-        """Read what was written, whether it is committed or not."""
+        """Read, with the pages in their places."""
         view = memoryview(buffer).cast("B")
         n = max(0, min(view.nbytes, self._size - self._at))
         view[:n] = _read(self._disk, self._at, n)
         _patch(view[:n], self._at, self._pages)
         self._at += n
         return n
+
+
+class Growing(_Paged):
+    """A file for `h5py.File(..., "w")` that is whole on the disk after each commit.
+
+    Args:
+        path: of the file, which is emptied; nobody else may write it until it is closed.
+
+    Attributes:
+        error: of the first failure; what comes after it is thrown away.
+
+    Raises:
+        BlockingIOError: another process writes it.
+        OSError: it cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(os.open(path, os.O_RDWR | os.O_CREAT, 0o666))
+        self._path = path
+        try:
+            fcntl.flock(self._disk, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            os.ftruncate(self._disk, 0)
+        except OSError:
+            self.close()
+            raise
+        self._committed = 0
+        self._pages: dict[int, bytearray] = {}
+        self.error: OSError | None = None
+
+    def writable(self) -> bool:
+        """It can."""
+        return True
 
     def write(self, data: Any) -> int:
         """Write all of it, or keep the first failure."""
@@ -192,39 +201,12 @@ def reading_grown(path: Path) -> Iterator[Any]:
         yield file
 
 
-class _Committed(io.RawIOBase):
+class _Committed(_Paged):
     """A file to read; where its last commit was cut short, with the pages that were to be put in their places."""
 
     def __init__(self, disk: int) -> None:
-        super().__init__()
-        self._disk, self._at = disk, 0
+        super().__init__(disk)
         self._pages, self._size = _held_pages(disk)
-
-    def readable(self) -> bool:
-        """It can be read."""
-        return True
-
-    def seekable(self) -> bool:
-        """It can."""
-        return True
-
-    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Go to a place."""
-        self._at = offset + {os.SEEK_SET: 0, os.SEEK_CUR: self._at, os.SEEK_END: self._size}[whence]
-        return self._at
-
-    def tell(self) -> int:
-        """The present place."""
-        return self._at
-
-    def readinto(self, buffer: Any) -> int:
-        """Read, with the pages in their places."""
-        view = memoryview(buffer).cast("B")
-        n = max(0, min(view.nbytes, self._size - self._at))
-        view[:n] = _read(self._disk, self._at, n)
-        _patch(view[:n], self._at, self._pages)
-        self._at += n
-        return n
 
 
 def _held_pages(disk: int) -> tuple[dict[int, bytes], int]:

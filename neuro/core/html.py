@@ -57,6 +57,11 @@ def head(generator: str, title: str, scripts: str = "'unsafe-inline'") -> Html:
     )
 
 
+def player_style() -> str:
+    """The style of pages that play something: panels, buttons, a time to drag. What each has alone follows it."""
+    return (_FOLDER / "player.css").read_text("utf-8").strip()
+
+
 def tag(name: str, *parts: object, **attributes: object) -> Html:
     """An element.
 

@@ -31,7 +31,8 @@ class Quantity:
         words: the accepted words of kind "word", and those accepted beside numbers by "integer" and "shape".
         part: the class of kind "part", a `Choice`.
         choice: of kind "choice": the base of what may be chosen, a `Choice`.
-        of_value: whether its unit is that of the value which the distribution or function that has it stands for.
+        of_value: whether its unit is that of what it belongs to: of the value which the distribution or function that
+            has it stands for, of the weight of a synapse. Until that is known a number with its unit is a text.
         taken_in: the unit in which numbers with a unit are taken, where `unit` does not tell it.
         of_distance: whether a function of the distance between two neurons is accepted.
     """

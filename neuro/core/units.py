@@ -180,15 +180,23 @@ def converted(value: str, to: str) -> float:
     Raises:
         ModelError: it has another dimension, or no unit that is known.
     """
-    number, tens, dimension = _read(value)
     try:
         wanted_tens, wanted = _tens_of(to)
     except ModelError:
-        raise ModelError(f"expected a number, in {to}") from None
+        return _as_said(value, to)
+    number, tens, dimension = _read(value)
     if dimension != wanted:
         kind = _KINDS.get(wanted, "a value")
         raise ModelError(f"expected {kind} in {to}" if to else "expected a number without unit")
     return scaled(number, tens - wanted_tens)
+
+
+def _as_said(value: str, to: str) -> float:
+    """A number in a unit that has no other beside it, as a degree."""
+    found = _WRITTEN.fullmatch(value)
+    if found is None or found[2].strip() != to:
+        raise ModelError(f"expected a number in {to}")
+    return float(found[1])
 
 
 def scaled(number: str, tens: int) -> float:

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError
-from neuro.events._events import EVENT, Events
+from neuro.events._events import EVENT, Event, Events
 from neuro.events.errors import EventFileError
 from neuro.events.files import size_of, stream
 from neuro.events.formats import Unsavable, in_order
 
 Size = tuple[int, int]
+_WIDE = [(name, np.int64) for name in "txyp"]
+"""Single events are checked when they become `Events`, not cut to the width of a record."""
 
 
 class Played(Protocol):
@@ -40,8 +44,15 @@ class Played(Protocol):
             EventFileError: the recording has no events.
         """
 
-    def parts(self, start_us: int | None = None) -> Iterator[Events]:
-        """Its events in the order of time; those before `start_us` may be left out."""
+    @property
+    def untold(self) -> str:
+        """Why no sensor is told, where none is."""
+
+    def parts(self, start_us: int | None = None, least: Size = (1, 1)) -> Iterator[Events]:
+        """Its events in the order of time; those before `start_us` may be left out.
+
+        Arrays, which tell no sensor, are taken to be of the smallest one of at least `least` that holds them.
+        """
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +63,7 @@ class OfFile:
     format: str | None
     sensor_size: Size
     again: bool = True
+    untold: str = ""
 
     @property
     def identity(self) -> str:
@@ -65,7 +77,7 @@ class OfFile:
             raise EventFileError(self.path, "has no events")
         return int(part.t[0])
 
-    def parts(self, start_us: int | None = None) -> Iterator[Events]:
+    def parts(self, start_us: int | None = None, least: Size = (1, 1)) -> Iterator[Events]:
         """Its events; formats that can be sought are not decoded before `start_us`."""
         return stream(self.path, format=self.format, sensor_size=self.sensor_size, start_us=start_us)
 
@@ -81,10 +93,11 @@ def of_file(path: str | os.PathLike[str], format: str | None = None) -> OfFile:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class OfEvents:
-    """Events in memory, whole or in parts."""
+    """Events in memory, whole or in parts: `Events`, or structured arrays, which tell no sensor."""
 
     kind: ClassVar[str] = "recording"
-    whole: Sequence[Events]
+    untold: ClassVar[str] = "its events are an array, which tells no sensor"
+    whole: Sequence[Events | NDArray[Any]]
     again: bool = True
 
     def __repr__(self) -> str:
@@ -93,8 +106,8 @@ class OfEvents:
 
     @property
     def sensor_size(self) -> Size | None:
-        """That of the first part."""
-        return self.whole[0].sensor_size if self.whole else None
+        """That of the first part that tells one."""
+        return next((part.sensor_size for part in self.whole if isinstance(part, Events)), None)
 
     @property
     def identity(self) -> str:
@@ -106,11 +119,11 @@ class OfEvents:
         part = next((part for part in self.whole if len(part)), None)
         if part is None:
             raise ModelError("its recording has no events: expected at least one")
-        return int(part.t[0])
+        return int(part.t[0] if isinstance(part, Events) else part["t"][0])
 
-    def parts(self, start_us: int | None = None) -> Iterator[Events]:
+    def parts(self, start_us: int | None = None, least: Size = (1, 1)) -> Iterator[Events]:
         """The parts, looked at as they are given."""
-        return _in_order(iter(self.whole))
+        return _in_order(iter(self.whole), least)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -122,6 +135,7 @@ class OfIterator:
     again: bool
     sensor_size: Size | None = None
     identity: str = "events of an iterator"
+    untold: str = "no sensor is told before it is played"
     _begun: bool = field(default=False, init=False)
 
     def __repr__(self) -> str:
@@ -130,7 +144,7 @@ class OfIterator:
     def first(self) -> None:
         """Not known."""
 
-    def parts(self, start_us: int | None = None) -> Iterator[Events]:
+    def parts(self, start_us: int | None = None, least: Size = (1, 1)) -> Iterator[Events]:
         """The parts, looked at as they are given."""
         if self._begun and not self.again:
             hint = "give Events, a list of them, or a function that makes an iterator"
@@ -139,26 +153,27 @@ class OfIterator:
         made = self.make()
         if not isinstance(made, Iterable):
             raise ModelError(f"its function gave {made!r:.60}: expected an iterator of Events")
-        return _in_order(iter(made))
+        return _in_order(iter(made), least)
 
 
 def played(given: Any) -> Played:
     """What a program gives as a recording.
 
     Args:
-        given: Events, a structured array of them, a list or an iterator of Events, or a function that makes one.
+        given: Events, a structured array of them, single `Event`s, a list or an iterator of any of these, or a function
+            that makes an iterator.
 
     Raises:
         ModelError: it is none of these.
     """
     if isinstance(given, OfEvents | OfIterator):
         return given
-    if isinstance(given, Events):
-        return OfEvents((given,))
-    if isinstance(given, np.ndarray):
-        return OfEvents((of_records(given),))
-    if isinstance(given, list | tuple):
-        return OfEvents(tuple(_events(part) for part in given))
+    if isinstance(given, Events | np.ndarray | Event):
+        return OfEvents((_part(given),))
+    if isinstance(given, list | tuple | deque):
+        if given and all(isinstance(each, Event) for each in given):
+            return OfEvents((np.array([tuple(each) for each in given], dtype=_WIDE),))
+        return OfEvents(tuple(_part(part) for part in given))
     if isinstance(given, Iterator):
         return OfIterator(lambda: given, again=False)
     if callable(given):
@@ -166,36 +181,43 @@ def played(given: Any) -> Played:
     raise _no_events(given)
 
 
-def of_records(records: Any, sensor_size: Size | None = None) -> Events:
+def of_records(records: Any, least: Size) -> Events:
     """A structured array with t, x, y and p as events.
 
     Args:
         records: the array.
-        sensor_size: width and height in px; the smallest sensor that holds all events if not given.
+        least: width and height in px of the sensor, which is larger where an event lies beyond.
 
     Raises:
-        ModelError: it has no such fields, or an event cannot be.
+        ModelError: an event cannot be.
     """
-    names = getattr(getattr(records, "dtype", None), "names", None) or ()
-    if not set(EVENT.names or ()) <= set(names):
-        raise _no_events(records)
     t, x, y, p = (records[name] for name in "txyp")
-    return Events(t, x, y, p, sensor_size or (int(x.max(initial=0)) + 1, int(y.max(initial=0)) + 1))
+    size = max(least[0], int(x.max(initial=0)) + 1), max(least[1], int(y.max(initial=0)) + 1)
+    return Events(t, x, y, p, size)
 
 
-def _in_order(parts: Iterator[Any]) -> Iterator[Events]:
+def _in_order(parts: Iterator[Any], least: Size) -> Iterator[Events]:
     try:
-        yield from (part for _, part in in_order(_events(part) for part in parts))
+        yield from (part for _, part in in_order(_events(part, least) for part in parts))
     except Unsavable as fault:
         raise ModelError(f"event {fault.event}: {fault.what}") from None
 
 
-def _events(part: Any) -> Events:
-    if isinstance(part, np.ndarray):
-        return of_records(part)
-    if not isinstance(part, Events):
-        raise _no_events(part)
-    return part
+def _events(given: Any, least: Size) -> Events:
+    part = _part(given)
+    return part if isinstance(part, Events) else of_records(part, least)
+
+
+def _part(given: Any) -> Events | NDArray[Any]:
+    """Events, a structured array of them, or one event."""
+    if isinstance(given, Event):
+        return np.array([tuple(given)], dtype=_WIDE)
+    if isinstance(given, Events):
+        return given
+    names = (given.dtype.names or ()) if isinstance(given, np.ndarray) else ()
+    if not set(EVENT.names or ()) <= set(names) or given.ndim != 1:
+        raise _no_events(given)
+    return given  # type: ignore[no-any-return]
 
 
 def _no_events(given: object) -> ModelError:

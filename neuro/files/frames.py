@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neuro.core.errors import ModelError
-from neuro.core.extras import install
+from neuro.core.extras import needed
 from neuro.files.recorded import Recorded, Synapses, recorded, trains
 
 if TYPE_CHECKING:
@@ -44,10 +43,7 @@ def to_pandas(run: object) -> Frames:
     Raises:
         ModelError: the package pandas is not installed.
     """
-    try:
-        import pandas
-    except ImportError:
-        raise ModelError("to_pandas: the package pandas is not installed", hint=install("pandas")) from None
+    pandas = needed("pandas", "pandas", "to_pandas: the package pandas is not installed")
     told = recorded(run)
     return Frames(
         *_of_spikes(pandas, told),

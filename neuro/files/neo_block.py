@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from neuro.core.errors import ModelError
-from neuro.core.extras import install
+from neuro.core.extras import needed
 from neuro.files.recorded import Recorded, Trace, Train, recorded, trains
 
 if TYPE_CHECKING:
@@ -36,10 +35,7 @@ def to_neo(run: object) -> neo.Block:
     Raises:
         ModelError: the package neo is not installed.
     """
-    try:
-        import neo
-    except ImportError:
-        raise ModelError("to_neo: the package neo is not installed", hint=install("neo")) from None
+    neo = needed("neo", "neo", "to_neo: the package neo is not installed")
     told = recorded(run)
     about = {"simulator": "neuro", "backend": told.backend, "seed": told.seed, "resolution_ms": told.resolution_ms}
     block, segment = neo.Block(name=told.network, **about), neo.Segment(name=told.network)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -103,9 +104,13 @@ class Recorded(Protocol):
     resolution_ms: float
     shapes: dict[str, tuple[int, ...]]
     kept: list[str]
-    probes: dict[str, str]
-    """The probe of each trace, by the name of the trace."""
+    held_ms: float
+    """What was recorded up to then is not held any more."""
     weighed: list[str]
+
+    @property
+    def probes(self) -> Mapping[str, str]:
+        """The probe of each trace, by the name of the trace."""
 
     def spikes(self, population: str, since: float) -> tuple[Floats, Ints]:
         """Times in ms after `since`, and neurons, sorted by time."""
@@ -126,6 +131,10 @@ class Live(Protocol):
     @property
     def time(self) -> float:
         """The present in ms."""
+
+    @property
+    def held(self) -> float:
+        """The time in ms after which spikes and traces are held."""
 
     def spikes(self, name: str, since: float | None = None) -> tuple[Floats, Ints]:
         """Recorded spikes."""
@@ -180,14 +189,23 @@ class _OfSimulation:
         self.duration_ms, self.resolution_ms = run.time, run.program.resolution
         self.shapes = {part.name: part.shape for part in run.program.populations}
         self.kept = [part.name for part in run.program.populations if part.records]
-        self.probes = {name: trace.probe or name for name, trace in run.traces.items()}
+        self.held_ms = run.held
         self.weighed = [part.name for part in run.program.projections if part.synapse.learns or part.size <= SMALL]
 
+    @cached_property
+    def _traces(self) -> Mapping[str, Any]:
+        """All of them; a simulation copies what it has recorded."""
+        return self._run.traces
+
+    @property
+    def probes(self) -> Mapping[str, str]:
+        return _probes(self._traces)
+
     def spikes(self, population: str, since: float) -> tuple[Floats, Ints]:
-        return self._run.spikes(population, since=since if since > 0 else None)
+        return self._run.spikes(population, since=since)
 
     def trace(self, name: str) -> Trace:
-        return _trace(self._run.traces[name])
+        return _trace(self._traces[name])
 
     def weights(self, projection: str) -> Synapses:
         part = next((each for each in self._program.projections if each.name == projection), None)
@@ -206,7 +224,8 @@ class _OfResults:
         self.resolution_ms = float(run.about["resolution_ms"])
         self.shapes = {name: tuple(part.shape) for name, part in run.populations.items()}
         self.kept = [name for name, part in run.populations.items() if part.recorded]
-        self.probes = {name: trace.probe or name for name, trace in run.traces.items()}
+        self.probes = _probes(run.traces)
+        self.held_ms = 0.0
         self.weighed = [name for name, part in run.projections.items() if part.weight is not None]
 
     def spikes(self, population: str, since: float) -> tuple[Floats, Ints]:
@@ -231,11 +250,16 @@ class _OfResults:
         return Synapses((sizes[0], sizes[1]), part.pre, part.post, part.weight)
 
 
+def _probes(traces: Mapping[str, Any]) -> dict[str, str]:
+    return {name: trace.probe or name for name, trace in traces.items()}
+
+
 def _trace(part: Any) -> Trace:
     """A trace of `neuro.files.results`."""
     noun = "" if part.single else "synapse" if part.projection else "neuron"
     columns = part.ids if part.ids is not None else np.arange(0 if part.at_pre_spikes else part.columns)
-    words = (part.state, part.unit, noun, columns, part.times_ms, part.values)
+    values = part.values[:, None] if part.single else part.values
+    words = (part.state, part.unit, noun, columns, part.times_ms, values)
     return Trace(part.projection or part.population, *words, part.pre, part.post)
 
 
@@ -272,16 +296,19 @@ def trains(run: Recorded, of: Any = None, window: Any = None) -> list[Train]:
 
 
 def checked_window(run: Recorded, window: Any) -> Window:
-    """Begin and end in ms of what is looked at: the whole run if not given.
+    """Begin and end in ms of what is looked at: all that is held of the run if not given.
 
     Raises:
-        ModelError: these are not two times, one before the other.
+        ModelError: these are not two times, one before the other, or what came then is not held any more.
     """
     if window is None:
-        return 0.0, run.duration_ms
+        return run.held_ms, run.duration_ms
     pair = tuple(window) if isinstance(window, (tuple, list, np.ndarray)) else ()
     if len(pair) != 2 or not all(is_number(ms) and math.isfinite(ms) for ms in pair) or not 0 <= pair[0] < pair[1]:
         raise ModelError(f"window = {shown(window)}: expected (begin, end) in ms with 0 <= begin < end")
+    if pair[0] < run.held_ms:
+        told = f"window = {shown(window)}: what was recorded up to {run.held_ms:g} ms is not held any more"
+        raise ModelError(f"{told}: expected a begin >= {run.held_ms:g} ms")
     return float(pair[0]), float(pair[1])
 
 

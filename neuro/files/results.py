@@ -2,11 +2,11 @@
 
 ```
 /                   attributes: format "neuro results 2", network (its name), backend, seed, threads, duration_ms,
-                    resolution_ms, counts.* of the run, the versions of neuro, python, numpy and numba, and
-                    finished: whether the run came to its end
+                    resolution_ms, counts.* of the run, the versions of neuro, python, numpy and numba, finished:
+                    whether the run came to its end, and recording.NAME: where that of an event camera lay
 /network            the network as YAML text
 /network_files/F    file F that the YAML reads, byte for byte
-/populations/NAME   attributes: model, shape, recorded, counts.*
+/populations/NAME   attributes: model, shape, recorded, emits, counts.*
     times_ms        float64, sorted
     ids             int64
     multiplicity    int32, spikes of that neuron in that step
@@ -16,7 +16,7 @@
     delay_ms        float64 at the end, of rules that change delays
 /traces/NAME        attributes: population or projection, state, unit, probe, mean
     times_ms        float64
-    values          float64, (times, columns); at pre spikes (times,)
+    values          float64, (times, columns); of a rate or a mean, and at pre spikes, (times,)
     ids             int64, the neuron of each column; not where it is all of them
     pre, post       int64, the ends of the synapse of each column; at pre spikes of each time
 ```
@@ -46,6 +46,7 @@ from neuro.core.hdf5 import new_file
 from neuro.core.outputs import Kind
 from neuro.core.paths import existing
 from neuro.core.tables import Table, as_html, as_text
+from neuro.files.recordings import Sought
 from neuro.files.run_tables import projection_table, run_table
 from neuro.files.stored import Lazy, Opener, Stored, kept, span
 from neuro.model.network import Network
@@ -65,6 +66,8 @@ SECTIONS = ("populations", "projections", "traces")
 YAML = "network.yaml"
 _LARGE = 10_000
 _COUNT = "counts."
+RECORDING = "recording."
+"""Attributes of this name and that of an event camera say where its recording lay."""
 
 
 def _is_ours(path: Path) -> bool:
@@ -88,6 +91,7 @@ class Train:
         counts: of the run, by name.
         recorded: whether its spikes were kept; if not the arrays are empty.
         times_ms, ids, multiplicity: one entry for each neuron and step with spikes; read when they are asked for.
+        emits: "spikes" or "current".
     """
 
     model: str
@@ -97,6 +101,12 @@ class Train:
     times_ms: Lazy = Lazy()
     ids: Lazy = Lazy()
     multiplicity: Lazy = Lazy()
+    emits: str = "spikes"
+
+    @property
+    def spikes(self) -> int | None:
+        """How many it emitted; None of a generator of currents, which emits none."""
+        return self.counts["spikes"] if self.emits == "spikes" else None
 
     @property
     def size(self) -> int:
@@ -138,7 +148,7 @@ class Trace:
         state: its name, "rate" of a rate.
         unit: of the values.
         times_ms: shape (times,).
-        values: shape (times, neurons or synapses), one column of a rate or a mean; at pre spikes (times,).
+        values: shape (times, neurons or synapses); of a rate or a mean, and at pre spikes, (times,).
         projection: whose synapses; "" of neurons.
         probe: the name of the probe, "" for that of the trace.
         mean: whether it is a mean.
@@ -161,7 +171,7 @@ class Trace:
     @property
     def at_pre_spikes(self) -> bool:
         """Whether it has what pre spikes leave in synapses."""
-        return bool(self.values.ndim == 1)
+        return not self.single and bool(self.values.ndim == 1)
 
     @property
     def single(self) -> bool:
@@ -170,8 +180,8 @@ class Trace:
 
     @property
     def columns(self) -> int:
-        """How many neurons or synapses are recorded each time; at pre spikes one."""
-        return 1 if self.at_pre_spikes else int(self.values.shape[1])
+        """How many numbers are recorded each time; at pre spikes one."""
+        return 1 if self.values.ndim == 1 else int(self.values.shape[1])
 
     def read(self) -> Any:
         """What `sim.trace` gives beside the times: the values, at pre spikes with the ends of the synapses, by name."""
@@ -191,6 +201,7 @@ class Results:
         about: attributes of the file: network, backend, seed, threads, duration_ms, resolution_ms, counts, versions.
         files: the network's files by name, the YAML text among them as `network.yaml`.
         populations, projections, traces: the parts by name.
+        path: of the file, None of what is in memory only.
     """
 
     about: dict[str, Any]
@@ -198,6 +209,7 @@ class Results:
     populations: dict[str, Train]
     projections: dict[str, Weights]
     traces: dict[str, Trace]
+    path: Path | None = None
 
     @property
     def duration_ms(self) -> float:
@@ -218,7 +230,7 @@ class Results:
         """A row for each population, projection and trace."""
         trains, weights, traces = self.populations.items(), self.projections.items(), self.traces.items()
         return [
-            run_table(self.duration_ms, ((name, t.model, t.size, t.counts["spikes"]) for name, t in trains)),
+            run_table(self.duration_ms, ((name, t.model, t.size, t.spikes) for name, t in trains)),
             projection_table((name, w.source, w.target, w.synapse, w.synapses) for name, w in weights),
             Table(
                 "traces",
@@ -326,14 +338,35 @@ class Results:
         projections = {name: ProjectionCounts(**part.counts) for name, part in self.projections.items()}
         return Counts(int(self.about[f"{_COUNT}steps"]), populations, projections)
 
-    def network(self) -> Network:
-        """The network as it was before the run."""
-        from neuro.model.language import load
+    def network(self, recordings: str | PathLike[str] | None = None, *, played: bool = True) -> Network:
+        """The network as it was before the run.
 
-        with tempfile.TemporaryDirectory() as folder:
+        Args:
+            recordings: the folder in which the recordings of event cameras lie. If not given, they are looked for where
+                the run found them, then beside the file of results, then in the current folder.
+            played: whether they must be there. Without them the network can be looked at, and not compiled.
+
+        Raises:
+            ModelError: a recording is not found; the message says where it was looked for.
+        """
+        from neuro.model.language import load
+        from neuro.model.language.files import elsewhere
+
+        sought = Sought(self._folders(recordings))
+        with tempfile.TemporaryDirectory() as folder, elsewhere(sought.find):
             for name, content in self.files.items():
                 (Path(folder) / name).write_bytes(content)
-            return load(Path(folder) / YAML)
+            net = load(Path(folder) / YAML)
+        if played:
+            sought.check()
+        return net
+
+    def _folders(self, recordings: str | PathLike[str] | None) -> list[Path]:
+        if recordings is not None:
+            return [Path(recordings)]
+        beside = [] if self.path is None else [self.path.resolve().parent]
+        lay = [Path(str(path)).parent for word, path in self.about.items() if word.startswith(RECORDING)]
+        return list(dict.fromkeys([*lay, *beside, Path.cwd()]))
 
     def _neurons(self, of: Any) -> tuple[str, Ints | None]:
         """The name of a population, and the neurons of a view."""
@@ -384,7 +417,7 @@ def read(path: str | PathLike[str]) -> Results:
         held = Grown(path)
         with held.reading() as file:
             if file.attrs.get("format") in FORMATS:
-                return read_file(file, held.reading)
+                return read_file(file, held.reading, path)
     except OSError:
         pass
     except (KeyError, TypeError, ValueError, AttributeError) as error:
@@ -397,7 +430,7 @@ def unfinished(path: Path) -> Path:
     return path.with_name(path.name + ".part")
 
 
-def read_file(file: h5py.File, opener: Opener) -> Results:
+def read_file(file: h5py.File, opener: Opener, path: Path | None = None) -> Results:
     """The results in an open file; `opener` opens it again for arrays that are asked for later."""
     about = {name: _plain(value) for name, value in file.attrs.items() if name != "format"}
     files = {YAML: file["network"][()]}
@@ -411,6 +444,7 @@ def read_file(file: h5py.File, opener: Opener) -> Results:
         {name: _read_part(Train, group, opener) for name, group in file["populations"].items()},
         {name: _read_part(Weights, group, opener) for name, group in file["projections"].items()},
         {name: _read_part(Trace, group, opener) for name, group in file["traces"].items()},
+        path,
     )
 
 
@@ -440,6 +474,8 @@ def _read_part(kind: type[P], group: h5py.Group, opener: Opener) -> P:
     if any(field.name == "counts" for field in fields(kind)):
         counts = {name: value for name, value in group.attrs.items() if name.startswith(_COUNT)}
         words["counts"] = {name.removeprefix(_COUNT): int(value) for name, value in counts.items()}
+    if kind is Trace and (words.get("mean") or words.get("state") == "rate"):
+        words["values"] = Stored(opener, f"{group.name}/values", len(group["values"]), flat=True)
     return kind(**words)
 
 

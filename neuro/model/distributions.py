@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
+from neuro.core.given import so_many
 from neuro.core.quantities import quantity
 from neuro.core.registry import Registry
 
@@ -32,10 +33,7 @@ class Distribution(Choice):
             ModelError: they are not so many finite numbers.
         """
         DISTRIBUTIONS.check(type(self))
-        values = np.asarray(self.sample(rng, n))
-        if values.shape != (n,) or values.dtype.kind not in "fiu":
-            found = f"shape {list(values.shape)} and type {values.dtype}"
-            raise ModelError(f"{self!r} drew values of {found}: expected {n} numbers")
+        values = so_many(self.sample(rng, n), (n,), f"{self!r} drew")
         if not np.isfinite(values).all():
             raise ModelError(f"{self!r} drew {values[~np.isfinite(values)][0]}: expected finite numbers")
         return values.astype(np.float64)

@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from neuro.core.checks import check, is_number
 from neuro.core.errors import ModelError, Where, here, unknown
 from neuro.core.quantities import Quantity
@@ -33,12 +35,13 @@ from neuro.model.parts import (
     Population,
     Probe,
     Projection,
+    Side,
     Signal,
     Trials,
 )
 from neuro.model.rules import Rule
 from neuro.model.synapses import Synapse, static
-from neuro.model.views import Laid, View
+from neuro.model.views import Laid, View, view
 
 P = TypeVar("P", bound=Part)
 
@@ -139,17 +142,25 @@ class Network(Description):
         self._expect(rule, Rule, what, "a rule such as neuro.all_to_all()")
         chosen = static() if synapse is None else synapse
         self._expect(chosen, Synapse, what, "a synapse such as neuro.static()")
+        weights = self._weight(pre, post)
+        try:
+            chosen = chosen.in_unit(weights, what)
+        except ModelError as error:
+            raise ModelError(
+                error.message, where=error.where or self._where(), hint=error.hint, path=("synapse", *error.path)
+            ) from None
         part = Projection(
             label,
             pre,
             post,
             rule,
             chosen,
-            self._checked(self._weight(pre, post), weight, f"{what}: weight", ("weight",)),
+            self._checked(weights, weight, f"{what}: weight", ("weight",)),
             self._checked(DELAY, delay, f"{what}: delay", ("delay",)),
             self._where(),
             source_view,
             target_view,
+            (self.populations[pre], self.populations[post]),
         )
         return self._add(self.projections, part)
 
@@ -172,6 +183,8 @@ class Network(Description):
         at: str | None = None,
         mean: bool = False,
         synapses: Any = None,
+        pre: Side = None,
+        post: Side = None,
     ) -> Probe:
         """Record a population or a projection while the network runs.
 
@@ -184,6 +197,8 @@ class Network(Description):
             at: "pre_spikes" records the synapses of a neuron that fires, as its spike leaves and is sent with.
             mean: whether to record the mean over neurons or synapses instead of each.
             synapses: of a projection, which ones, in the order of its weights; all if not given.
+            pre: of a projection only the synapses from these neurons: a population, a view of it, or ids.
+            post: likewise those onto these neurons.
         """
         what = f"probe '{name}'"
         states = self._checked(RECORD, record, f"{what}: record", ("record",))
@@ -201,6 +216,8 @@ class Network(Description):
             self._checked(AT, at, f"{what}: at", ("at",)),
             self._checked(MEAN, mean, f"{what}: mean", ("mean",)),
             None if synapses is None else self._checked(CHOSEN, synapses, f"{what}: synapses", ("synapses",)),
+            self._side(pre, population, what, "pre"),
+            self._side(post, population, what, "post"),
         )
         return self._add(self.probes, part)
 
@@ -303,6 +320,27 @@ class Network(Description):
             return name, None
         assert not isinstance(of, Projection)
         return self._neurons(of, what, "of")
+
+    def _side(self, given: Side, of: str, what: str, word: str) -> View | None:
+        """The neurons at one end of a projection, None for all."""
+        if given is None:
+            return None
+        if of in self.populations:
+            told = f"{what}: {word} is for projections: '{of}' is a population"
+            raise ModelError(told, where=self._where(), path=(word,))
+        end = getattr(self.projections[of], {"pre": "source", "post": "target"}[word])
+        if isinstance(given, (Population, View, str)):
+            population, chosen = self._neurons(given, what, word)
+            if population != end:
+                found = repr(given) if chosen is not None else f"'{population}'"
+                told = f"{what}: {word} = {found}: expected neurons of '{end}', as '{of}' has there"
+                raise ModelError(told, where=self._where(), path=(word,))
+            return chosen
+        ids = [given] if is_number(given) else given
+        try:
+            return view(self.populations[end], ids if isinstance(ids, list) else np.asarray(ids))
+        except ModelError as error:
+            raise error.at(self._where(), f"{what}: {word}") from None
 
     def _expect(self, value: object, kind: type | tuple[type, ...], what: str, expected: str) -> None:
         if isinstance(value, type) and issubclass(value, kind):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
+
+from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
 from neuro.core.errors import Where
@@ -40,7 +42,7 @@ SHAPE = Quantity(
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Base of the named parts. Two parts are equal when all but their origin is."""
+    """Base of the named parts. Two parts are equal when what was said of them is."""
 
     word: ClassVar[str] = "part"
     name: str
@@ -52,7 +54,7 @@ class Part:
         if type(self) is not type(other):
             return NotImplemented
         mine, theirs = vars(self), vars(other)
-        return all(same(mine[k], theirs[k]) for k in mine if k != "origin")
+        return all(same(mine[k], theirs[k]) for k in mine if k not in ("origin", "between"))
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -66,6 +68,11 @@ class Part:
 
         return in_full(self)
 
+    def _repr_html_(self) -> str:
+        from neuro.model.words import in_html
+
+        return in_html(self)
+
 
 @dataclass(frozen=True, eq=False)
 class Population(Part):
@@ -75,7 +82,7 @@ class Population(Part):
     count neurons, and each is a view of one.
 
     Attributes:
-        shape: sizes of the axes; `"auto"` where a grid projection decides.
+        shape: sizes of the axes; `"auto"` where a grid projection or a recording decides.
         model: what each neuron is.
         initial: states at time 0 that differ from the model's own, by name.
         positions: coordinates, one row for each neuron; None where they follow from the shape.
@@ -91,6 +98,11 @@ class Population(Part):
     positions: Value = None
     extent: Value = None
     periodic: bool = False
+
+    @property
+    def sizes(self) -> tuple[int | str, ...]:
+        """Its shape, where a recording decides it as far as that is there."""
+        return self.model.sizes(self.shape)
 
     def __getitem__(self, index: Any) -> View:
         return view(self, index)
@@ -109,6 +121,7 @@ class Projection(Part):
     Attributes:
         source, target: the populations.
         source_view, target_view: the neurons of each that the rule sees; None: all.
+        between: the populations themselves, for telling; None where they are not known.
     """
 
     word: ClassVar[str] = "projection"
@@ -121,6 +134,11 @@ class Projection(Part):
     origin: Where | None = None
     source_view: View | None = None
     target_view: View | None = None
+    between: tuple[Population, Population] | None = None
+
+
+Side = Population | View | str | int | Sequence[int] | NDArray[Any] | None
+"""Neurons at one end of a projection: a population, a view of it, or ids; None for all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,6 +271,7 @@ class Probe(Part):
         mean: whether the mean over neurons or synapses is recorded instead of each.
         synapses: which ones of a projection, in the order of its weights; None: all.
         view: the neurons of a population that are recorded; None: all.
+        pre, post: of a projection only the synapses from and onto these neurons; None: all.
     """
 
     word: ClassVar[str] = "probe"
@@ -264,6 +283,8 @@ class Probe(Part):
     at: str | None = None
     mean: bool = False
     synapses: Value | None = None
+    pre: View | None = None
+    post: View | None = None
 
     def traces(self) -> dict[str, str]:
         """The name of the trace of each state; one of several states has a name of its own."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 from neuro.core.quantities import word_of
 from neuro.core.tables import Table
-from neuro.model.parts import Description, Population, Projection
-from neuro.model.words import in_words
+from neuro.model.parts import Description
+from neuro.model.words import in_words, neurons, synapses
 
 _UNKNOWN = "-"
 
@@ -38,12 +37,6 @@ def tables(net: Description) -> list[Table]:
     ]
 
 
-def neurons(part: Population) -> int | None:
-    """The size of a population; None where a grid decides it."""
-    sizes = [axis for axis in part.shape if isinstance(axis, int)]
-    return math.prod(sizes) if len(sizes) == len(part.shape) else None
-
-
 def _populations(net: Description) -> Iterator[tuple[str, ...]]:
     for part in net.populations.values():
         units = {word: q.unit for word, q in part.model.quantities().items()}
@@ -56,30 +49,17 @@ def _populations(net: Description) -> Iterator[tuple[str, ...]]:
 
 def _projections(net: Description) -> Iterator[tuple[str, ...]]:
     for part in net.projections.values():
-        synapses = _synapses(net, part)
+        made = synapses(part, net.populations[part.source], net.populations[part.target])
         yield (
             part.name,
             part.source if part.source_view is None else repr(part.source_view),
             part.target if part.target_view is None else repr(part.target_view),
             in_words(part.rule),
-            _UNKNOWN if synapses is None else f"{synapses:,}",
+            _UNKNOWN if made is None else f"{made:,}",
             in_words(part.synapse),
             in_words(part.weight),
             in_words(part.delay),
         )
-
-
-def _synapses(net: Description, part: Projection) -> int | None:
-    pre, post = (neurons(net.populations[name]) for name in (part.source, part.target))
-    if pre is None or post is None:
-        return None
-    pre = pre if part.source_view is None else len(part.source_view)
-    post = post if part.target_view is None else len(part.target_view)
-    same = part.source == part.target
-    # Between views of one population as many autapses are left out as neurons are in both.
-    if same and not (part.source_view is None and part.target_view is None):
-        return None
-    return part.rule.synapses(pre, post, same)
 
 
 def _probes(net: Description) -> Iterator[tuple[str, ...]]:
@@ -88,6 +68,8 @@ def _probes(net: Description) -> Iterator[tuple[str, ...]]:
         every = every if part.at is None else f"at {part.at.replace('_', ' ')}"
         record = part.record if isinstance(part.record, str) else ", ".join(part.record)
         of = part.of if part.view is None else repr(part.view)
+        ends = (("from", part.pre), ("to", part.post))
+        of += "".join(f" {word} {view}" for word, view in ends if view is not None)
         yield part.name, of, f"mean {record}" if part.mean else record, every
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
 from neuro.core.errors import ModelError
+from neuro.core.given import so_many
 from neuro.core.quantities import Quantity, quantity
 from neuro.core.registry import Registry
 from neuro.core.values import shown
@@ -45,10 +46,7 @@ class Profile(Choice):
             ModelError: they are not so many finite numbers.
         """
         PROFILES.check(type(self))
-        values = np.asarray(self.at(distance))
-        if values.shape != distance.shape or values.dtype.kind not in "fiu":
-            found = f"shape {list(values.shape)} and type {values.dtype}"
-            raise ModelError(f"{self!r} has values of {found}: expected {distance.size} numbers")
+        values = so_many(self.at(distance), distance.shape, f"{self!r} has")
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             found = f"{values[bad[0]]} at the distance {distance[bad[0]]:g}"

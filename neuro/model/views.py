@@ -89,7 +89,7 @@ class View:
         """The index as a description has it: "0:100", "2:4, :", or ids."""
         if not isinstance(self.index, tuple):
             return self.index
-        return ", ".join(_text(item, n) for item, n in zip(self.index, self.population.shape, strict=True))
+        return ", ".join(_text(item, n) for item, n in zip(self.index, _sizes(self.population), strict=True))
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -142,7 +142,8 @@ def view(population: Laid, index: Any) -> View:
         return View(population, _kept(_ids(population, _array(index))))
     items = index if isinstance(index, tuple) else (index,)
     what = f"{population.name}[{', '.join(_text(item) for item in items)}]"
-    return View(population, _axes(_full(items, len(population.shape), what), population.shape, what))
+    sizes = _sizes(population)
+    return View(population, _axes(_full(items, len(sizes), what), sizes, what))
 
 
 def count(population: Laid) -> int:
@@ -154,18 +155,25 @@ def count(population: Laid) -> int:
     return math.prod(_known(population, f"'{population.name}'"))
 
 
+def _sizes(population: Laid) -> tuple[int | str, ...]:
+    """Its shape, as far as it is known."""
+    sizes: tuple[int | str, ...] = getattr(population, "sizes", population.shape)
+    return sizes
+
+
 def _is_known(population: Laid) -> bool:
-    return not any(isinstance(n, str) for n in population.shape)
+    return not any(isinstance(n, str) for n in _sizes(population))
 
 
 def _known(population: Laid, what: str) -> tuple[int, ...]:
-    if not _is_known(population):
+    sizes = _sizes(population)
+    if any(isinstance(n, str) for n in sizes):
         raise ModelError(
             f"{what}: the shape {shown(population.shape)} of '{population.name}' follows when it is compiled: "
             "expected numbers",
             hint="write the numbers, or index the population itself with a number or a slice for each axis",
         )
-    return tuple(int(n) for n in population.shape)
+    return tuple(int(n) for n in sizes)
 
 
 def _full(items: Sequence[Any], n_axes: int, what: str) -> tuple[Any, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import MISSING, fields
 from pathlib import PurePath
@@ -11,10 +12,11 @@ import numpy as np
 
 from neuro.core.choice import Choice
 from neuro.core.quantities import word_of
-from neuro.core.tables import Table, as_text
+from neuro.core.tables import Table, as_html, as_text
 from neuro.core.values import FromFile, same, shown
 
 _LISTED = 6
+_UNITS = {"every": "ms"}
 
 
 def one_line(part: Any) -> str:
@@ -28,12 +30,73 @@ def one_line(part: Any) -> str:
 
 def in_full(part: Any) -> str:
     """A part with all parameters of what it is made of, and their units."""
-    rows = tuple((field.name, in_words(value)) for field, value in _said(part))
+    return as_text(f"{part.word} '{part.name}'", _tables(part))
+
+
+def in_html(part: Any) -> str:
+    """The same for a notebook."""
+    return as_html(f"{part.word} '{part.name}'", _tables(part))
+
+
+def _tables(part: Any) -> list[Table]:
+    if part.word == "projection":
+        rows = _of_projection(part)
+    elif part.word == "population":
+        rows = _of_population(part)
+    else:
+        rows = ((field.name, in_words(value), _UNITS.get(field.name, "")) for field, value in _said(part))
     made_of = [getattr(part, field.name) for field in fields(part)]
-    return as_text(
-        f"{part.word} '{part.name}'",
-        [Table("", ("word", "value"), rows), *(_parameters(each) for each in made_of if isinstance(each, Choice))],
-    )
+    parameters = (_parameters(each) for each in made_of if isinstance(each, Choice))
+    return [Table("", ("word", "value", "unit"), tuple(rows)), *parameters]
+
+
+def _of_population(part: Any) -> Iterator[tuple[str, str, str]]:
+    units = {state.name: state.unit for state in part.model.states}
+    for field, value in _said(part):
+        if field.name == "initial":
+            yield from ((f"{name} at 0 ms", in_words(each), units[name]) for name, each in value.items())
+        else:
+            yield field.name, in_words(value), ""
+
+
+def _of_projection(part: Any) -> Iterator[tuple[str, str, str]]:
+    pre, post = part.between or (None, None)
+    sides = (("from", part.source, part.source_view, pre), ("to", part.target, part.target_view, post))
+    for word, name, view, population in sides:
+        shape = None if population is None else population.sizes
+        if view is not None:
+            shape = None if shape is None or neurons(population) is None else view.shape
+        of = name if view is None else repr(view)
+        yield word, of if shape is None else f"{of}, shape {in_words(list(shape))}", ""
+    yield "rule", in_words(part.rule), ""
+    made = None if pre is None or post is None else synapses(part, pre, post)
+    if made is not None:
+        yield "synapses", f"{made:,}", ""
+    yield "synapse", in_words(part.synapse), ""
+    current = pre is not None and pre.model.role == "current"
+    yield "weight", in_words(part.weight), "" if post is None or current else getattr(post.model, "weight_unit", "")
+    yield "delay", in_words(part.delay), "ms"
+
+
+def neurons(part: Any) -> int | None:
+    """The size of a population; None where a grid or a recording decides it."""
+    sizes = [axis for axis in part.sizes if isinstance(axis, int)]
+    return math.prod(sizes) if len(sizes) == len(part.sizes) else None
+
+
+def synapses(part: Any, source: Any, target: Any) -> int | None:
+    """How many synapses a projection between these populations makes; None where that is drawn or follows later."""
+    pre, post = neurons(source), neurons(target)
+    if pre is None or post is None:
+        return None
+    pre = pre if part.source_view is None else len(part.source_view)
+    post = post if part.target_view is None else len(part.target_view)
+    same = part.source == part.target
+    # Between views of one population as many autapses are left out as neurons are in both.
+    if same and not (part.source_view is None and part.target_view is None):
+        return None
+    made: int | None = part.rule.synapses(pre, post, same)
+    return made
 
 
 def _parameters(choice: Choice) -> Table:
@@ -48,7 +111,7 @@ def _said(part: Any) -> Iterator[tuple[Any, Any]]:
     for field in fields(part):
         value = getattr(part, field.name)
         default = field.default_factory() if field.default_factory is not MISSING else field.default
-        if field.name not in ("name", "origin") and (default is MISSING or not same(value, default)):
+        if field.name not in ("name", "origin", "between") and (default is MISSING or not same(value, default)):
             yield field, value
 
 

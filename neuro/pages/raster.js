@@ -1,6 +1,6 @@
 "use strict";
-// All rasters of a page show the same time, as a share of the run; each of their strips a share of its neurons.
-const rasters = [];
+// All rasters and curves of a page show the same time, as a share of the run; each strip of a raster a share of its neurons.
+const rasters = [], curves = [];
 let from = 0, to = 1;
 
 function unpacked(text) {  // differences of keys, 7 bits a byte, the lowest first
@@ -50,6 +50,10 @@ function draw(raster) {
     pen.fillText(name, SIDE, strip.top - 6);
     const after = SIDE + pen.measureText(name).width + 10;
     pen.font = "11.5px " + style.fontFamily; pen.fillStyle = colour("soft"); pen.fillText(strip.about, after, strip.top - 6);
+    const ids = `neurons ${id(strip, strip.low)} to ${id(strip, strip.high - 1)}`, end = after + pen.measureText(strip.about).width;
+    if (strip.rows > 1 && end + pen.measureText(ids).width + 14 < raster.width) {
+      pen.textAlign = "right"; pen.fillText(ids, raster.width - SIDE, strip.top - 6);
+    }
     pen.fillStyle = colour("field"); pen.fillRect(0, strip.top, raster.width, strip.height);
     spikes(raster, strip, colour);
     top = strip.top + strip.height;
@@ -62,6 +66,8 @@ function draw(raster) {
     pen.globalAlpha = 1;
   }
 }
+
+const id = (strip, row) => strip.ids.length ? strip.ids[row] : row;
 
 function fitting(pen, text, room) {
   if (pen.measureText(text).width <= room) return text;
@@ -94,14 +100,58 @@ function spikes(raster, strip, colour) {
   pen.restore();
 }
 
-function axis(raster, top, colour, family) {
-  const {pen} = raster, span = raster.ms * (to - from), most = Math.max(2, Math.floor(raster.width / 90));
-  const rough = span / most, ten = 10 ** Math.floor(Math.log10(rough));
-  const step = [1, 2, 5, 10].map(n => n * ten).find(n => n >= rough * 0.999);
+function ticks(whole, most) {  // round times of the part that is shown, the last with its unit
+  const rough = whole * (to - from) / most, ten = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map(n => n * ten).find(n => n >= rough * 0.999), found = [];
   const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+  for (let k = Math.ceil(from * whole / step - 1e-9); k * step <= to * whole * (1 + 1e-12); k++)
+    found.push({ms: k * step, text: (k * step).toFixed(digits) + (k * step + step > to * whole ? " ms" : "")});
+  return found;
+}
+
+function follow(curve) {
+  const {lines, times, ms, left, wide, y} = curve;
+  for (const part of lines) {
+    const height = part.viewBox.baseVal.height;
+    part.setAttribute("viewBox", `${from * wide} 0 ${(to - from) * wide} ${height}`);
+  }
+  const made = (name, words, text = "") => {
+    const part = document.createElementNS(times.namespaceURI, name);
+    for (const [word, value] of Object.entries(words)) part.setAttribute(word, value);
+    part.textContent = text;
+    return part;
+  };
+  times.replaceChildren(...ticks(ms, 3).flatMap(tick => {
+    const x = left + wide * (tick.ms / ms - from) / (to - from), end = x > left + wide - 26;
+    return [made("line", {x1: x, y1: y, x2: x, y2: y + 4, class: "axis"}),
+      made("text", {x, y: y + 17, class: "tick", "text-anchor": end ? "end" : "middle"}, tick.text)];
+  }));
+}
+
+function readCurve(svg) {
+  const times = svg.querySelector(".times"), number = name => Number(times.dataset[name]);
+  const curve = {lines: [...svg.querySelectorAll(".lines")], times, ms: number("ms"), left: number("left"), wide: number("wide"), y: number("y")};
+  const share = event => {
+    const box = svg.getBoundingClientRect(), x = (event.clientX - box.left) / box.width * svg.viewBox.baseVal.width;
+    return from + (to - from) * Math.max(0, Math.min(1, (x - curve.left) / curve.wide));
+  };
+  let begin = null;
+  svg.onpointerdown = event => { begin = share(event); svg.setPointerCapture(event.pointerId); };
+  svg.onpointercancel = () => { begin = null; };
+  svg.onpointerup = event => {
+    const end = share(event);
+    if (begin !== null && Math.abs(end - begin) > 0.02 * (to - from)) show(Math.min(begin, end), Math.max(begin, end));
+    begin = null;
+  };
+  svg.ondblclick = whole;
+  curves.push(curve);
+}
+
+function axis(raster, top, colour, family) {
+  const {pen} = raster;
   pen.font = "11.5px " + family; pen.fillStyle = colour("soft"); pen.strokeStyle = colour("soft");
-  for (let k = Math.ceil(from * raster.ms / step - 1e-9); k * step <= to * raster.ms * (1 + 1e-12); k++) {
-    const x = place(raster, k * step), text = (k * step).toFixed(digits) + (k * step + step > to * raster.ms ? " ms" : "");
+  for (const {ms, text} of ticks(raster.ms, Math.max(2, Math.floor(raster.width / 90)))) {
+    const x = place(raster, ms);
     const half = pen.measureText(text).width / 2;
     pen.beginPath(); pen.moveTo(x, top); pen.lineTo(x, top + 4); pen.stroke();
     pen.textAlign = "center";
@@ -113,11 +163,11 @@ let asked = false;
 function ask() {
   if (asked) return;
   asked = true;
-  requestAnimationFrame(() => { asked = false; rasters.forEach(draw); });
+  requestAnimationFrame(() => { asked = false; rasters.forEach(draw); curves.forEach(follow); });
 }
 
 function show(a, b) {
-  const least = Math.min(1, 4 * rasters[0].step / rasters[0].ms), span = Math.max(least, Math.min(1, b - a));
+  const least = rasters.length ? Math.min(1, 4 * rasters[0].step / rasters[0].ms) : 1e-4, span = Math.max(least, Math.min(1, b - a));
   from = Math.max(0, Math.min(1 - span, a)); to = from + span;
   ask();
 }
@@ -153,7 +203,7 @@ function listen(figure, raster) {
     const [x, y] = inside(event), found = strip(y);
     const at = Math.max(0, Math.min(raster.ms, time(raster, x)));
     const row = found ? Math.max(0, Math.min(found.rows - 1, Math.floor(neuron(found, y)))) : 0;
-    raster.told.textContent = found ? `${found.name}: neuron ${found.ids.length ? found.ids[row] : row}, ${at.toFixed(1)} ms` : "";
+    raster.told.textContent = found ? `${found.name}: neuron ${id(found, row)}, ${at.toFixed(1)} ms` : "";
     if (raster.drag) { raster.drag.right = x; raster.drag.below = y; ask(); }
   };
   canvas.onpointercancel = () => { raster.drag = null; ask(); };
@@ -173,11 +223,13 @@ function listen(figure, raster) {
 }
 
 document.querySelectorAll("figure.raster").forEach(read);
+document.querySelectorAll("svg.curves").forEach(readCurve);
 addEventListener("resize", ask);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", ask);
 function linked() {  // page.html#200-400 shows these ms
   const span = /^#([\d.]+)-([\d.]+)$/.exec(location.hash);
-  if (span && rasters.length) show(span[1] / rasters[0].ms, span[2] / rasters[0].ms);
+  const whole = (rasters[0] || curves[0] || {}).ms;
+  if (span && whole) show(span[1] / whole, span[2] / whole);
 }
 addEventListener("hashchange", linked);
 linked();

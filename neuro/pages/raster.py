@@ -23,7 +23,7 @@ LEAST_ROWS = 8
 MOST_ROWS = 1000
 HELP = (
     "Drag over a part to see it larger (along the time, or over neurons too); a double click shows the whole again. "
-    "Ctrl and the wheel zoom, the arrows move along. All rasters of this page show the same time."
+    "Ctrl and the wheel zoom, the arrows move along. All that this page draws along time shows the same part."
 )
 _BUTTONS = (("left", "←"), ("right", "→"), ("in", "+"), ("out", "-"), ("whole", "whole"))
 

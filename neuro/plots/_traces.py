@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from neuro.core.errors import ModelError, unknown
+from neuro.core.values import shown
 from neuro.files.recorded import Recorded, Trace, Window, checked_window, recorded
+from neuro.model.views import View
 from neuro.plots._canvas import COLOURS, given, label, legend, over_time, panels, whole_numbers
 
 MOST_LINES = 6
@@ -17,7 +20,7 @@ MOST_TIMES = 4000
 FAINTEST = 0.02
 
 
-def trace(run: object, probe: Any = None, *, window: Any = None, ax: Any = None) -> Figure:
+def trace(run: object, probe: Any = None, *, of: Any = None, window: Any = None, ax: Any = None) -> Figure:
     """What a probe recorded: lines of up to six neurons or synapses, a map of more, of very many an even choice.
 
     What pre spikes leave in synapses is a dot for each, in a colour of its own for each of up to six synapses.
@@ -26,6 +29,7 @@ def trace(run: object, probe: Any = None, *, window: Any = None, ax: Any = None)
         run: a simulation or results.
         probe: a probe or its name, or a list of these, a panel for each; all that recorded states if not given.
             One of several states has a panel for each.
+        of: a view of a population, or a list of these, of whose neurons alone what was recorded is drawn.
         window: begin and end in ms; the whole run if not given.
         ax: axes to draw one probe into; a new figure if not given.
 
@@ -37,19 +41,34 @@ def trace(run: object, probe: Any = None, *, window: Any = None, ax: Any = None)
     """
     told = recorded(run)
     span = checked_window(told, window)
-    shown = [(name, _cut(name, found, span)) for name, found in _asked(told, probe)]
+    asked = [(name, seen) for name, found in _asked(told, probe) if (seen := among(found, of)) is not None]
+    if not asked:
+        raise ModelError(f"of = {shown(of)}: no probe recorded states of these neurons")
+    drawn = [(name, _cut(name, found, span)) for name, found in asked]
     if ax is not None:
-        if len(shown) != 1:
-            raise ModelError(f"ax is given for {len(shown)} probes: expected one", hint="name the probe")
+        if len(drawn) != 1:
+            raise ModelError(f"ax is given for {len(drawn)} probes: expected one", hint="name the probe")
         axis = given(ax)
         figure: Figure = axis.get_figure(root=True)
         axes = [axis]
         over_time(axis, span)
     else:
-        figure, axes = panels(f"{told.network}: traces", len(shown), span)
-    for axis, (name, found) in zip(axes, shown, strict=True):
+        figure, axes = panels(f"{told.network}: traces", len(drawn), span)
+    for axis, (name, found) in zip(axes, drawn, strict=True):
         draw(figure, axis, name, found)
     return figure
+
+
+def among(found: Trace, of: Any) -> Trace | None:
+    """A trace of those of its neurons that are in some views; None if it has none of them, all if no view is of its."""
+    views = [view for view in (of if isinstance(of, (list, tuple)) else [of]) if isinstance(view, View)]
+    mine = [view for view in views if view.population.name == found.of]
+    if found.noun != "neuron" or not mine:
+        return found
+    kept = np.flatnonzero(np.isin(found.columns, np.concatenate([view.ids for view in mine])))
+    if not kept.size:
+        return None
+    return replace(found, columns=found.columns[kept], values=found.values[:, kept])
 
 
 def draw(figure: Figure, axis: Any, name: str, found: Trace) -> None:

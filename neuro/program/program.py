@@ -59,6 +59,7 @@ class Population:
         records: whether its spikes are kept for reading.
         stream: gives spikes to a listed population while it runs; None where none does.
         schedule: of a generator whose rate or amplitude is not a parameter but listed.
+        declared: the name of the model that was described, where another stands for it; "" elsewhere.
     """
 
     name: str
@@ -76,6 +77,12 @@ class Population:
     origin: Where | None
     stream: Stream | None = None
     schedule: Schedule | None = None
+    declared: str = ""
+
+    @property
+    def said(self) -> str:
+        """The name of its model as its author knows it."""
+        return self.declared or self.model.name
 
     def rate(self, step: int) -> Floats:
         """The rate in Hz that a generator of kind "poisson" begins with, or comes to in a step."""
@@ -318,17 +325,7 @@ class Program:
     def connections(self, index: int) -> tuple[Ints, Ints]:
         """Source and target of every synapse of a projection, in the order of its weights (not for a grid)."""
         part = self.projections[index]
-        n_source, n_target = self.populations[part.source].size, self.populations[part.target].size
-        if part.layout == "one_to_one":
-            ids = np.arange(n_source, dtype=np.int64)
-            return ids, ids
-        if part.layout == "dense":
-            return (
-                np.repeat(np.arange(n_source, dtype=np.int64), n_target),
-                np.tile(np.arange(n_target, dtype=np.int64), n_source),
-            )
-        source = np.repeat(np.arange(n_source, dtype=np.int64), np.diff(part.row_ends))
-        return source, part.targets.astype(np.int64)
+        return connections_of(part, self.populations[part.source].size, self.populations[part.target].size)
 
     def synapses(self, index: int) -> tuple[Ints, Ints, Ints]:
         """Source, target and place of the weight of every synapse of a projection, sorted by source, then target.
@@ -339,6 +336,20 @@ class Program:
         if part.grid is not None:
             return _spelt_out(part.grid)
         return (*self.connections(index), np.arange(part.size))
+
+
+def connections_of(part: Projection, n_source: int, n_target: int) -> tuple[Ints, Ints]:
+    """Source and target of every synapse of a projection between populations of these sizes (not of a grid)."""
+    if part.layout == "one_to_one":
+        ids = np.arange(n_source, dtype=np.int64)
+        return ids, ids
+    if part.layout == "dense":
+        return (
+            np.repeat(np.arange(n_source, dtype=np.int64), n_target),
+            np.tile(np.arange(n_target, dtype=np.int64), n_source),
+        )
+    source = np.repeat(np.arange(n_source, dtype=np.int64), np.diff(part.row_ends))
+    return source, part.targets.astype(np.int64)
 
 
 def _spelt_out(g: Grid) -> tuple[Ints, Ints, Ints]:

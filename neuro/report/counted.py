@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+from dataclasses import replace
 from os import PathLike
 
 import numpy as np
@@ -12,9 +14,10 @@ from neuro.compiler import compile_network
 from neuro.core.errors import ModelError
 from neuro.files.results import Results, Train
 from neuro.model.network import Network
+from neuro.model.neurons import event_camera, spike_generator
 from neuro.program.backend import EngineCounts
 from neuro.program.program import Ints, Population
-from neuro.run.simulation import compile
+from neuro.run.compiled import compile
 
 MOST_DRAWS = 1_000_000_000
 """Neurons x steps of a generator that are drawn once more for a bill."""
@@ -32,6 +35,7 @@ def energy(results: Results, net: Network, target: str | PathLike[str]) -> Energ
         ModelError: the target has no costs, the network does not fit on it, or spikes that the bill needs were neither
             kept nor follow from the seed.
     """
+    net = _without_recordings(net, results)
     program = compile_network(net, int(results.about["seed"]))
     spikes, events = [], []
     for part in program.populations:
@@ -55,6 +59,18 @@ def energy(results: Results, net: Network, target: str | PathLike[str]) -> Energ
         trial_updates=np.array([n * taught for n, taught in zip(updates, by_trials, strict=True)], np.int64),
     )
     return bill(program, counts, target)
+
+
+def _without_recordings(net: Network, results: Results) -> Network:
+    """The same network, in which what a camera emitted is listed: a bill needs its spikes, and no recording."""
+    listed = copy.copy(net)
+    listed.populations = {
+        name: replace(part, model=spike_generator(), shape=results.populations[name].shape)
+        if isinstance(part.model, event_camera)
+        else part
+        for name, part in net.populations.items()
+    }
+    return listed
 
 
 def _kept(train: Train) -> tuple[Ints, Ints]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -10,14 +11,18 @@ from neuro.core import html
 from neuro.core.html import Html, tag
 from neuro.files.results import Results, Trace, Train
 from neuro.pages.raster import evenly
-from neuro.program.program import Floats
+from neuro.program.program import Floats, Ints
 
 WIDTH, LANE = 330.0, 84.0
-_TOP = 18.0
+_TOP, _LEFT = 18.0, 48.0
+_WIDE = WIDTH - _LEFT
+"""What the lines have of the width; the numbers of their scale have the rest."""
 MOST = 60
 MOST_LINES = 4
-BINS = 150
-_POINTS = 300
+_HUGE = 1e300
+BINS, LEAST_BINS = 150, 10
+"""At most and at least so many bins of a rate: in between four spikes a bin."""
+_POINTS = 500
 
 
 def rates(results: Results) -> Html:
@@ -29,7 +34,7 @@ def rates(results: Results) -> Html:
 
 def _rate(name: str, train: Train, results: Results) -> Html:
     step, last = results.about["resolution_ms"], end_ms(results)
-    width = max(1, round(last / step / BINS)) * step
+    width = max(1, round(_round(last / min(BINS, max(LEAST_BINS, train.times_ms.size / 4))) / step)) * step
     edges = np.append(np.arange(0.0, max(last - width / 2, step / 2), width), last)
     counts, _ = np.histogram(train.times_ms, edges, weights=train.multiplicity)
     hz = counts / (train.size * np.diff(edges) / 1000.0)
@@ -51,14 +56,29 @@ def end_ms(results: Results) -> float:
 def _trace(name: str, trace: Trace, last: float) -> Html:
     of, what = (trace.population, "neuron") if trace.population else (trace.projection, "synapse")
     x, values = _of_synapses(trace) if trace.at_pre_spikes else (trace.times_ms, trace.values)
+    values = values[:, None] if values.ndim == 1 else values
     chosen = evenly(values.shape[1], MOST_LINES)
     if trace.single:
         told = f"{'mean ' * trace.mean}{trace.state} of {of}"
     else:
-        told = f"{trace.state} of {chosen.size:,} of {values.shape[1]:,} {what}s of {of}"
+        n = values.shape[1]
+        some = f"{chosen.size:,} of {n:,} {what}s of " if chosen.size < n else ""
+        told = f"{trace.state} of {some}{of}"
         told += ", as pre spikes leave it" * trace.at_pre_spikes
     each = [values[:, column] for column in chosen]
-    return html.figure(curves(x, each, None, last, trace.unit, told), told, name)
+    names = [] if trace.single else _names(trace, chosen)
+    return html.figure(curves(x, each, None, last, trace.unit or trace.state, told, names), told, name)
+
+
+def _names(trace: Trace, chosen: Ints) -> list[str]:
+    """What each of the lines that are drawn is of."""
+    if trace.at_pre_spikes:
+        ends = np.unique(np.stack([trace.pre, trace.post]), axis=1)
+        return [f"{pre} to {post}" for pre, post in ends[:, chosen].T]
+    if trace.pre is not None and trace.post is not None:
+        return [f"{trace.pre[k]} to {trace.post[k]}" for k in chosen]
+    noun = "neuron" if trace.population else "synapse"
+    return [f"{noun} {k if trace.ids is None else trace.ids[k]}" for k in chosen]
 
 
 def _of_synapses(trace: Trace) -> tuple[Floats, Floats]:
@@ -77,35 +97,93 @@ def _grid(drawn: Sequence[Html], there: int, what: str) -> Html:
     return html.join([tag("div", *drawn, class_="grid"), left_out])
 
 
-def curves(x: Floats, each: Sequence[Floats], least: float | None, last: float, unit: str, label: str) -> Html:
-    """Lines along time, from 0 to `last` ms, one below the other on one scale.
+def curves(
+    x: Floats,
+    each: Sequence[Floats],
+    least: float | None,
+    last: float,
+    unit: str,
+    label: str,
+    names: Sequence[str] = (),
+) -> Html:
+    """Lines along time, from 0 to `last` ms, one below the other on one scale; the page's script zooms along the time.
 
     Args:
         x: times of all lines, in ms.
         each: values of each line; what is not finite is left out.
         least: the lowest value of the scale; the lowest of all values if None.
         last: the end of the time axis.
-        unit: of the values.
+        unit: of the values, or what they are.
         label: for those who cannot see it.
+        names: what each line is of, if there is something to tell.
     """
+    head = 14.0 if names else 0.0
     tall = LANE if len(each) == 1 else LANE / 2
-    floor = _TOP + tall * len(each)
-    finite = [y[np.isfinite(y)] for y in each]
-    there = np.concatenate(finite) if finite else np.zeros(0)
+    floor = _TOP + (head + tall) * len(each)
+    low, high = _scale(each, least)
+    marks = ticks(low, high, 4 if len(each) == 1 else 2)
+    parts: list[Html] = [html.text(_LEFT - 8, _TOP - 6, unit, "tick", "end")]
+    for index, y in enumerate(each):
+        bottom = _TOP + (head + tall) * (index + 1)
+        share = (y - low) / (high - low)
+        path = tag("path", d=_path(x * (_WIDE / last), (tall - 4.0) * (1.0 - share) + 2.0), class_=f"curve chip{index}")
+        for mark in marks:
+            height = bottom - 2.0 - (tall - 4.0) * (mark - low) / (high - low)
+            parts += [html.line(_LEFT, height, WIDTH, height, "faint")]
+            parts += [html.text(_LEFT - 8, height + 4, _number(mark, marks), "tick", "end")]
+        if names:
+            parts.append(html.text(WIDTH, bottom - tall - 2, names[index], f"tick name{index}", "end"))
+        box = {"x": _LEFT, "y": bottom - tall, "width": _WIDE, "height": tall}
+        parts.append(
+            tag("svg", path, viewBox=f"0 0 {_WIDE:g} {tall:g}", preserveAspectRatio="none", class_="lines", **box)
+        )
+    below = tag("g", *_times(last, floor), class_="times", data_ms=last, data_left=_LEFT, data_wide=_WIDE, data_y=floor)
+    axis = html.line(_LEFT, floor, WIDTH, floor, "axis")
+    return html.svg(WIDTH, floor + 24, *parts, axis, below, label=label, class_="curves")
+
+
+def _scale(each: Sequence[Floats], least: float | None) -> tuple[float, float]:
+    """The lowest and the highest value that have room; round a value that stays."""
+    there = np.concatenate([y[np.isfinite(y)] for y in each]) if each else np.zeros(0)
+    there = np.clip(there, -_HUGE, _HUGE)
     high = float(there.max()) if there.size else 0.0
     low = least if least is not None else float(there.min()) if there.size else 0.0
-    lines = []
-    for index, y in enumerate(each):
-        share = (y - low) / (high - low) if high > low else np.full_like(y, 0.5)
-        at = _TOP + tall * (index + 1) - (tall - 4.0) * share
-        lines.append(tag("path", d=_path(x * (WIDTH / last), at), class_=f"curve chip{index}"))
-    told = f"{low:.4g} to {high:.4g} {unit}" if high > low else f"{high:.4g} {unit}"
-    words = [
-        html.text(0.0, _TOP - 7, told.rstrip(), "tick"),
-        html.text(0.0, floor + 16, "0", "tick"),
-        html.text(WIDTH, floor + 16, f"{last:g} ms", "tick", "end"),
+    if high - low > max(1e-9 * max(abs(high), abs(low)), 1.0 / _HUGE):
+        return low, high
+    return (0.0, 1.0) if least is not None else (low - (abs(low) / 100 or 1.0), low + (abs(low) / 100 or 1.0))
+
+
+def _round(ms: float) -> float:
+    """The next 1, 2 or 5 times a power of ten."""
+    ten = 10.0 ** math.floor(math.log10(ms))
+    return next(n * ten for n in (1, 2, 5, 10) if n * ten >= ms * (1 - 1e-9))
+
+
+def ticks(low: float, high: float, most: int) -> list[float]:
+    """At most so many round numbers from `low` to `high`, evenly apart, at least two if they can be round."""
+    ten = 10.0 ** math.floor(math.log10((high - low) / most))
+    steps = [n * ten for n in (1, 2, 5, 10, 20)]
+    found = [
+        [step * k for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)] for step in steps
     ]
-    return html.svg(WIDTH, floor + 24, html.line(0.0, floor, WIDTH, floor, "axis"), *lines, *words, label=label)
+    return next((marks for marks in found if len(marks) <= most), found[-1])
+
+
+def _number(mark: float, marks: Sequence[float]) -> str:
+    """A round number with the digits that all of them need."""
+    step = marks[1] - marks[0] if len(marks) > 1 else abs(mark) or 1.0
+    digits = max(0, -math.floor(math.log10(step) + 1e-9))
+    return f"{mark:.{digits}f}" if digits < 5 and abs(mark) < 1e6 else f"{mark:.3g}"
+
+
+def _times(last: float, floor: float) -> Iterator[Html]:
+    """The time axis of the whole run; the page's script draws that of a part."""
+    marks = ticks(0.0, last, 4)
+    for mark in marks:
+        at = _LEFT + _WIDE * mark / last
+        yield html.line(at, floor, at, floor + 4, "axis")
+        told = _number(mark, marks) + " ms" * (mark == marks[-1])
+        yield html.text(min(at, WIDTH), floor + 17, told, "tick", "end" if at > WIDTH - 26 else "middle")
 
 
 def _path(x: Floats, y: Floats) -> str:

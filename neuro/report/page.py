@@ -16,6 +16,7 @@ from neuro.core.html import Html, table, tag
 from neuro.core.outputs import sealed
 from neuro.core.version import VERSION
 from neuro.files.results import Results, Train, Weights
+from neuro.files.run_tables import told_spikes
 from neuro.pages import raster
 from neuro.pages.bills import joules
 from neuro.pages.histograms import Histogram, drawings, histogram
@@ -68,7 +69,7 @@ def page(results: Results, file: Path, target: str = "loihi") -> str:
 def _bill(results: Results, target: str) -> tuple[Energy | None, str]:
     """The bill, or why there is none."""
     try:
-        return energy(results, results.network(), target), ""
+        return energy(results, results.network(played=False), target), ""
     except ModelError as error:
         return None, str(error)
 
@@ -113,13 +114,15 @@ def _spikes(results: Results) -> Iterator[Html]:
         yield _raster(results, shown[:MOST_STRIPS])
     if len(shown) > MOST_STRIPS:
         yield tag("p", f"{len(shown) - MOST_STRIPS} more populations are not drawn.")
-    silent = [name for name, train in results.populations.items() if not train.counts["spikes"]]
+    silent = [name for name, train in results.populations.items() if train.recorded and train.spikes == 0]
     left_out = [n for n, train in results.populations.items() if train.counts["spikes"] and not train.times_ms.size]
     if silent:
         yield tag("p", f"Silent: {', '.join(silent)}.")
     if left_out:
         yield tag("p", f"Not kept: {', '.join(left_out)}; neuro run --record NAME keeps them.")
-    yield table(POPULATIONS, (_population(name, train, results) for name, train in results.populations.items()))
+    models = _models(results)
+    rows = (_population(name, models[name], train, results) for name, train in results.populations.items())
+    yield table(POPULATIONS, rows)
     if shown:
         yield tag("h3", "Rates along time")
         yield rates(results)
@@ -147,17 +150,26 @@ def _hz(train: Train, results: Results) -> str:
     return f"{train.counts['spikes'] / train.size / (end_ms(results) / 1000.0):.2f}"
 
 
-def _population(name: str, train: Train, results: Results) -> tuple[object, ...]:
+def _models(results: Results) -> dict[str, str]:
+    """The model of each population as the network says it: a recording is compiled to another."""
+    told = {name: train.model for name, train in results.populations.items()}
+    try:
+        said = results.network().populations
+    except ModelError:
+        return told
+    return {name: said[name].model.name if name in said else model for name, model in told.items()}
+
+
+def _population(name: str, model: str, train: Train, results: Results) -> tuple[object, ...]:
     fired = f"{np.unique(train.ids).size:,}" if train.recorded else "-"
     shape = " x ".join(map(str, train.shape))
     active = f"{train.counts['neuron_updates_active']:,}"
     return (
         name,
-        train.model,
+        model,
         shape,
         f"{train.size:,}",
-        f"{train.counts['spikes']:,}",
-        _hz(train, results),
+        *told_spikes(train.spikes, train.size, end_ms(results)),
         fired,
         active,
     )

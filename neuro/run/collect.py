@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import tempfile
 from collections.abc import Collection
@@ -14,13 +15,13 @@ import numpy as np
 
 from neuro.core.version import VERSION
 from neuro.files.recorded import SMALL
-from neuro.files.results import YAML, Results, Trace, Train, Weights
+from neuro.files.results import RECORDING, YAML, Results, Trace, Train, Weights
 from neuro.model.language import save
 from neuro.model.network import Network
 from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
 from neuro.program.program import Floats, Ints, Population, Probe, Program, Projection, SynapseProbe
 from neuro.run.handles import Handles
-from neuro.run.recorder import columns
+from neuro.run.recorder import columns, is_single
 
 
 class Run(Protocol):
@@ -43,10 +44,10 @@ class Run(Protocol):
     def trace(self, of: str) -> tuple[Floats, Any]:
         """Times and values of a trace."""
 
-    def weights(self, of: str) -> Any:
+    def weights(self, part: str, /) -> Any:
         """The weights of a projection with its ends, or kernels."""
 
-    def get(self, of: str, what: str) -> Any:
+    def get(self, part: str, /, what: str) -> Any:
         """A state of the synapses of a projection."""
 
 
@@ -66,7 +67,7 @@ def collect(
     program, counts = sim.program, sim.counts()
     keep = record or [part.name for part in program.populations]
     return Results(
-        {**about(sim, threads), "finished": True},
+        {**about(sim, threads), **recordings_of(net), "finished": True},
         files_of(net),
         {p.name: _train(sim, p, p.name in keep, counts) for p in program.populations},
         {p.name: weights_of(sim, p, counts, all_weights=all_weights) for p in program.projections},
@@ -98,6 +99,12 @@ def about(sim: Run, threads: int) -> dict[str, Any]:
     }
 
 
+def recordings_of(net: Network) -> dict[str, str]:
+    """Where the recordings lie that event cameras play, as attributes of results."""
+    files = {name: getattr(part.model, "file", None) for name, part in net.populations.items()}
+    return {f"{RECORDING}{name}": os.path.abspath(file) for name, file in files.items() if isinstance(file, Path)}
+
+
 def files_of(net: Network) -> dict[str, bytes]:
     """The files that `net.save` writes, by name; recordings are named, not kept."""
     with tempfile.TemporaryDirectory() as folder:
@@ -121,7 +128,8 @@ def no_spikes(part: Population, kept: bool, counts: Counts) -> Train:
     """A population without its spikes."""
     recorded, none = kept and part.records, np.zeros(0, np.int64)
     count = asdict(counts.populations[part.name])
-    return Train(part.model.name, part.shape, count, recorded, np.zeros(0), none, none.astype(np.int32))
+    emits = "current" if part.kind == "current" else "spikes"
+    return Train(part.said, part.shape, count, recorded, np.zeros(0), none, none.astype(np.int32), emits)
 
 
 def weights_of(sim: Run, part: Projection, counts: Counts, *, all_weights: bool = False, kept: bool = True) -> Weights:
@@ -153,12 +161,12 @@ def trace_of(sim: Run, probe: Probe | SynapseProbe) -> Trace:
         population = sim.program.populations[probe.population]
         states = {state.name: state.unit for state in population.model.states}
         unit = "Hz" if probe.record == "rate" else states[probe.record]
-        none = np.zeros((0, columns(sim.program, probe)))
-        ids = None if probe.mean or probe.record == "rate" else probe.ids
+        none = np.zeros(0 if is_single(probe) else (0, columns(sim.program, probe)))
+        ids = None if is_single(probe) else probe.ids
         return Trace(population.name, probe.record, unit, np.zeros(0), none, ids=ids, **about)
     part = sim.program.projections[probe.projection]
     unit = {state.name: state.unit for state in part.synapse.states}.get(probe.record, "")
-    none = np.zeros(0 if probe.every == 0 else (0, columns(sim.program, probe)))
+    none = np.zeros(0 if probe.every == 0 or probe.mean else (0, columns(sim.program, probe)))
     about["projection"] = part.name
     if probe.every == 0:
         ends = (np.zeros(0, np.int64), np.zeros(0, np.int64))

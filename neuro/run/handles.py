@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from neuro.compiler.views import End, end_of
 from neuro.core.errors import ModelError, unknown
 from neuro.model.network import Network
-from neuro.model.parts import Part, Population, Probe, Projection, Signal
-from neuro.model.views import Laid, View
+from neuro.model.parts import Part, Population, Probe, Projection, Side, Signal
+from neuro.model.views import Laid, View, view
 from neuro.program import program as resolved
 from neuro.program.program import Ints, Program
 
@@ -97,6 +97,26 @@ class Handles:
             return self._whole[part.name]
         return Neurons(index, part, end_of(of, part.shape), of)
 
+    def neurons_or_ids(self, of: Side, population: int, word: str) -> Neurons:
+        """The neurons of a population or a view, or those of a population that ids name.
+
+        Args:
+            of: the population, the view, or ids.
+            population: the one that ids are of.
+            word: where they were said, for messages.
+
+        Raises:
+            ModelError: this network has no such population, or no neuron with one of the ids.
+        """
+        if isinstance(of, (Population, View, str)):
+            return self.neurons(of)
+        part = self._program.populations[population]
+        try:
+            chosen = view(part, [of] if isinstance(of, (int, np.integer)) else np.asarray(of))
+        except ModelError as error:
+            raise error.at(None, word) from None
+        return Neurons(population, part, end_of(chosen, part.shape), chosen)
+
     def recorded(self, probe: resolved.Probe) -> Neurons:
         """The neurons that a probe records."""
         part = self._program.populations[probe.population]
@@ -147,4 +167,6 @@ def _none(word: str, found: object, known: Iterable[str]) -> ModelError:
         return ModelError(f"found the {found.word} '{found.name}': expected a {word} or its name")
     if isinstance(found, View):
         return ModelError(f"found the view {found}: expected a {word} or its name")
+    if isinstance(found, (list, tuple)) and any(isinstance(each, (Part, View)) for each in found):
+        return ModelError(f"found several parts: expected a {word} or its name", hint="one call for each")
     return unknown(word, found, known)

@@ -15,6 +15,7 @@ from neuro.model.parts import Population, Projection
 from neuro.model.rules import all_to_all, grid, pairs
 from neuro.model.synapses import Synapse
 from neuro.model.synapses.delays import steps_of
+from neuro.model.views import View
 from neuro.program.backend import Engine
 from neuro.program.program import Floats, Ints, Program
 from neuro.program.program import Population as ResolvedPopulation
@@ -46,10 +47,15 @@ def learnt_network(
         )
     copy.signals, copy.groups = dict(net.signals), dict(net.groups)
     for name, probe in net.probes.items():
-        view = None if probe.view is None else copy.populations[probe.of][probe.view.index]
-        copy.probes[name] = replace(probe, view=view)
+        view, pre, post = (_moved(each, copy) for each in (probe.view, probe.pre, probe.post))
+        copy.probes[name] = replace(probe, view=view, pre=pre, post=post)
     copy.trials_section, copy.trials_origin = net.trials_section, net.trials_origin
     return copy
+
+
+def _moved(view: View | None, net: Network) -> View | None:
+    """The same neurons of the population of that name."""
+    return None if view is None else net.populations[view.population.name][view.index]
 
 
 def _population(part: Population, resolved: ResolvedPopulation, index: int, engine: Engine) -> Population:

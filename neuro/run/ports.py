@@ -36,10 +36,10 @@ Part = Population | View | Projection | Signal | str
 class Plain(Protocol):
     """The calls of a simulation that a port stands for."""
 
-    def set(self, of: Any, **values: Any) -> None:
+    def set(self, part: Any, /, **named: Any) -> None:
         """Change parameters or states of neurons, or weights of a projection."""
 
-    def get(self, of: Any, what: str) -> Any:
+    def get(self, part: Any, /, what: str) -> Any:
         """A state or parameter."""
 
     def signal(self, of: Any, values: ArrayLike) -> None:

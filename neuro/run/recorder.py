@@ -18,10 +18,11 @@ class Series:
 
     Args:
         columns: how many numbers it records each time.
+        single: whether they are one number for all, a rate or a mean.
     """
 
-    def __init__(self, columns: int) -> None:
-        self._columns = columns
+    def __init__(self, columns: int, single: bool = False) -> None:
+        self._columns, self.single = columns, single
         self._steps: list[int] = []
         self._values: list[Floats] = []
 
@@ -40,9 +41,14 @@ class Series:
         steps = np.array(self._steps, dtype=np.int64)
         return steps, np.array(self._values, dtype=np.float64).reshape(len(steps), self._columns)
 
+    def told(self) -> tuple[Ints, Floats]:
+        """Likewise as people read them: of a single number the values have the shape (steps,)."""
+        steps, values = self.read()
+        return steps, values[:, 0] if self.single else values
+
     def take(self) -> tuple[Ints, Floats]:
-        """Likewise; it is forgotten."""
-        found = self.read()
+        """Likewise as `told`; it is forgotten."""
+        found = self.told()
         self._steps, self._values = [], []
         return found
 
@@ -74,7 +80,7 @@ class Recorder:
         self._due: dict[str, Probe | SynapseProbe] = {p.name: p for p in probes}
         self._due |= {p.name: p for p in program.synapse_probes if p.every}
         self._sampled: dict[str, int] = {}
-        self.series = {name: Series(columns(program, probe)) for name, probe in self._due.items()}
+        self.series = {name: Series(columns(program, probe), is_single(probe)) for name, probe in self._due.items()}
         self.pre_spikes = {
             p.name: PreSpikes(program, index) for index, p in enumerate(program.synapse_probes) if not p.every
         }
@@ -161,9 +167,14 @@ class Recorder:
             sent.restore({word: arrays[f"{name}/{word}"] for word in words})
 
 
+def is_single(probe: Probe | SynapseProbe) -> bool:
+    """Whether a probe records one number for all, a rate or a mean."""
+    return probe.mean or (isinstance(probe, Probe) and probe.record == "rate")
+
+
 def columns(program: Program, probe: Probe | SynapseProbe) -> int:
     """How many numbers a probe records each time."""
-    if probe.mean or probe.record == "rate":
+    if is_single(probe):
         return 1
     if isinstance(probe, SynapseProbe):
         return program.projections[probe.projection].size if probe.synapses is None else probe.synapses.size

@@ -76,7 +76,7 @@ class Recording:
         with self._telling():
             self._disk = Growing(self.part)
         self._file = h5py.File(self._disk, "w")
-        write_head(self._file, {**collect.about(sim, threads), "finished": False}, files)
+        write_head(self._file, {**collect.about(sim, threads), **collect.recordings_of(net), "finished": False}, files)
         self._kept = [
             index
             for index, part in enumerate(sim.program.populations)

@@ -26,6 +26,8 @@ from neuro.program.backend import Engine
 from neuro.program.program import Floats, Ints, Population, Program, Projection, synapse_states
 from neuro.run.handles import Neurons
 
+Chosen = NDArray[np.bool_] | Ints
+"""Some synapses of a projection: whether each is one of them, or their places in an order."""
 _WEIGHT = Quantity(arrays=True)
 _FIXED = ("deliver_interval",)
 _RANGE = ("d_min", "d_max")
@@ -159,9 +161,7 @@ def check_together(program: Program, index: int, new: Mapping[str, Floats], engi
         raise error.at(None, f"population '{part.name}'") from None
 
 
-def new_rule(
-    part: Projection, rule: Synapse, values: Mapping[str, Any], chosen: NDArray[np.bool_] | None = None
-) -> Synapse:
+def new_rule(part: Projection, rule: Synapse, values: Mapping[str, Any], chosen: Chosen | None = None) -> Synapse:
     """A synapse model with some numbers changed.
 
     Args:
@@ -188,14 +188,14 @@ def new_rule(
     return replace(rule, **{names[word]: value for word, value in new.items()})
 
 
-def _of_synapses(part: Projection, rule: Synapse, word: str, value: Any, chosen: NDArray[np.bool_] | None) -> Any:
+def _of_synapses(part: Projection, rule: Synapse, word: str, value: Any, chosen: Chosen | None) -> Any:
     """A parameter of all synapses, or of each, of which some are new."""
     what, old = f"{rule.name}.{word} of '{part.name}'", rule.parameters()[word]
-    given = check(rule.quantities()[word], value, f"{rule.name}.{word}")
+    given = check(replace(rule.quantities()[word], of_value=False), value, f"{rule.name}.{word}")
     if isinstance(given, (Distribution, FromFile, of_distance)):
         hint = "it is drawn where connections are made: net.connect(...)"
         raise ModelError(f"{what} = {shown(given)}: expected a number or an array", hint=hint)
-    size = part.size if chosen is None else int(np.count_nonzero(chosen))
+    size = part.size if chosen is None else _number(chosen)
     if np.ndim(given) and given.shape != (size,):
         raise ModelError(f"{what}: an array of shape {list(given.shape)}: expected [{size}]")
     if chosen is None:
@@ -205,6 +205,10 @@ def _of_synapses(part: Projection, rule: Synapse, word: str, value: Any, chosen:
     each = np.full(part.size, old, dtype=np.float64)
     each[chosen] = given
     return each
+
+
+def _number(chosen: Chosen) -> int:
+    return int(np.count_nonzero(chosen)) if chosen.dtype == np.bool_ else chosen.size
 
 
 def _no_parameter(part: Projection, rule: Synapse, word: str, known: list[str]) -> ModelError:
@@ -242,7 +246,7 @@ def check_rule(part: Projection, rule: Synapse, weight: Floats) -> None:
 
 
 def new_weights(
-    part: Projection, rule: Synapse, weights: ArrayLike, among: tuple[Floats, NDArray[np.bool_]] | None = None
+    part: Projection, rule: Synapse, weights: ArrayLike, among: tuple[Floats, Chosen] | None = None, unit: str = ""
 ) -> Floats:
     """Weights of every synapse (of a grid: of its kernels), shape (size,).
 
@@ -251,12 +255,13 @@ def new_weights(
         rule: its present synapse model.
         weights: the new ones, a number or an array.
         among: if only some change, the weights of all and which of them change.
+        unit: in which one that is written with a unit is taken.
     """
-    given = check(_WEIGHT, weights, f"weights of '{part.name}'")
+    given = check(replace(_WEIGHT, taken_in=unit), weights, f"weights of '{part.name}'")
     if isinstance(given, Distribution | FromFile):
         raise ModelError(f"weights of '{part.name}' = {shown(given)}: expected a number or an array", hint=_DRAWN)
     array = np.asarray(given, dtype=np.float64)
-    size = part.size if among is None else int(np.count_nonzero(among[1]))
+    size = part.size if among is None else _number(among[1])
     shapes: list[tuple[int, ...]] = [(size,)]
     if part.grid is not None:
         shapes.append(part.grid.kernels)

@@ -2,44 +2,39 @@
 
 from __future__ import annotations
 
-import os
-import warnings
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from neuro.compiler import compile_network
-from neuro.core.checks import check, check_span, is_number
+from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
-from neuro.core.errors import ModelError, unknown
+from neuro.core.errors import ModelError
 from neuro.core.paths import file_path
 from neuro.core.progress import Bar
 from neuro.core.quantities import Quantity, word_of
 from neuro.core.tables import Table, as_html, as_text
 from neuro.core.values import shown
 from neuro.files.run_tables import projection_table, run_table
-from neuro.files.state import Identity, fingerprint, read_state, write_state
 from neuro.model.network import Network
-from neuro.model.neurons import Generator, Neuron
-from neuro.model.parts import Population, Probe, Projection, Signal
+from neuro.model.parts import Population, Probe, Projection, Side, Signal
 from neuro.model.views import View
-from neuro.program.backend import Backend, Engine, Problem, Registers, find_backend, unreadable
+from neuro.program.backend import Engine, Registers
 from neuro.program.counts import Counts, Tally
-from neuro.program.program import Floats, Ints, Program
-from neuro.run import settable
+from neuro.program.program import Floats, Ints
+from neuro.run.cells import Cells
 from neuro.run.finite import Watch
 from neuro.run.handles import Handles, Neurons
 from neuro.run.inflow import Inflow
+from neuro.run.inputs import Inputs
 from neuro.run.learned_network import learnt_network
 from neuro.run.ports import Port, Ports
 from neuro.run.progress import advance
-from neuro.run.recorder import Recorder
+from neuro.run.records import Records
+from neuro.run.saved import Saved
 from neuro.run.synapses import Synapses
 from neuro.run.trials import TrialCounts, TrialLoop, TrialResults
 
@@ -49,80 +44,9 @@ if TYPE_CHECKING:
 
     from neuro.chips.pricing.energy import Energy
     from neuro.files.frames import Frames
-    from neuro.files.results import Results, Trace
-    from neuro.run.recording import Recording
+    from neuro.files.results import Trace
 
-_THREADS = Quantity(kind="integer", at_least=1, at_most=max(64, os.cpu_count() or 1))
 _FLAG = Quantity(kind="boolean")
-
-
-class ModelWarning(UserWarning):
-    """A network runs, but its parameters are likely not meant so."""
-
-
-class ApproximationWarning(UserWarning):
-    """A backend runs a network, but not exactly as described."""
-
-
-def compile(
-    net: Network, backend: str | PathLike[str] | Backend = "event", seed: int = 0, threads: int = 1, **options: Any
-) -> Simulation:
-    """Make a network ready to run.
-
-    Args:
-        net: the network.
-        backend: the name of an installed backend, the table file of a chip, or the backend itself.
-        seed: of everything random; the same seed gives the same run on every float backend.
-        threads: cores to use; results do not depend on it.
-        options: of the backend.
-
-    Raises:
-        ModelError: the network cannot be run as described; all that the backend refuses is listed.
-    """
-    if not isinstance(net, Network):
-        raise ModelError(f"neuro.compile: found {net!r}: expected a Network", hint="neuro.load reads one from YAML")
-    threads = check(_THREADS, threads, "threads")
-    if not is_number(seed) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**63:
-        most = " and < 2^63" if isinstance(seed, int) and seed >= 2**63 else ""
-        raise ModelError(f"seed = {shown(seed)}: expected a whole number >= 0{most}")
-    chosen = _backend(backend)
-    try:
-        program = compile_network(net, int(seed))
-        _caution(program)
-        _report(chosen.name, chosen.problems(program, **options))
-        return Simulation(net, chosen.name, program, chosen.build(program, threads=threads, **options))
-    except MemoryError as error:
-        raise ModelError(f"network '{net.name}' needs more memory than there is: {error}") from None
-
-
-def _backend(given: str | PathLike[str] | Backend) -> Backend:
-    if isinstance(given, (str, PathLike)):
-        return find_backend(given)
-    if isinstance(given, type) or not all(hasattr(given, word) for word in ("name", "problems", "build")):
-        raise ModelError(f"backend = {shown(given)}: expected the name of a backend, or a backend itself")
-    return given
-
-
-def _caution(program: Program) -> None:
-    """Warn of parameters that are likely not meant so."""
-    for part in program.populations:
-        if isinstance(part.model, Neuron) and (told := part.model.caution(part.parameters, program.resolution)):
-            place = f"{part.origin}: " if part.origin else ""
-            warnings.warn(f"{place}population '{part.name}': {part.model.name}: {told}", ModelWarning, stacklevel=3)
-
-
-def _report(backend: str, problems: Iterable[Problem]) -> None:
-    """Raise one error for all that is refused; warn of what is approximated."""
-    told = {True: [], False: []}  # type: dict[bool, list[str]]
-    for problem in problems:
-        place = f"{problem.origin}: " if problem.origin else ""
-        way_out = f"\n  hint: {problem.way_out}" if problem.way_out else ""
-        told[problem.refused].append(f"{place}{problem.what}: {problem.why}{way_out}")
-    if told[True]:
-        count = f"{len(told[True])} problem" + "s" * (len(told[True]) > 1)
-        raise ModelError(f"backend '{backend}' cannot run this network ({count})\n" + "\n".join(told[True]))
-    for text in told[False]:
-        warnings.warn(f"backend '{backend}': {text}", ApproximationWarning, stacklevel=3)
 
 
 class Simulation:
@@ -145,10 +69,9 @@ class Simulation:
         self._clock = Clock(program.resolution)
         self.handles = Handles(net, program)
         self._rules = {index: part.synapse for index, part in enumerate(program.projections)}
-        self._synapses = Synapses(program, engine, self._clock, self._rules)
-        self._recorder = Recorder(program, engine)
-        self._recording: Recording | None = None
-        self._left: tuple[int, Path] | None = None
+        self._synapses = Synapses(program, engine, self._clock, self._rules, self.handles)
+        self._cells, self._inputs = Cells(program, engine, self._clock), Inputs(program, engine, self._clock)
+        self._records = Records(program, engine, self._clock, self.handles, self._synapses)
         self._tally = Tally(program)
         self._inflow = Inflow(program, engine)
         self._watch = Watch(program, engine, self._clock)
@@ -166,8 +89,9 @@ class Simulation:
     def _tables(self) -> list[Table]:
         """A row for each population and projection."""
         populations, counts = self.program.populations, self.counts().populations
+        spikes = {p.name: None if p.kind == "current" else counts[p.name].spikes for p in populations}
         return [
-            run_table(self.time, ((p.name, p.model.name, p.size, counts[p.name].spikes) for p in populations)),
+            run_table(self.time, ((p.name, p.said, p.size, spikes[p.name]) for p in populations)),
             projection_table(
                 (p.name, populations[p.source].name, populations[p.target].name, p.synapse.name, p.size)
                 for p in self.program.projections
@@ -204,9 +128,8 @@ class Simulation:
             with Bar() as bar:
                 advance(self, steps, bar)
             return
-        recorded = self._recorder if self._recording is None else self._recording
         for stretch in self._inflow.stretches(steps):
-            recorded.run(stretch)
+            self._records.run(stretch)
         self._watch.look()
 
     @contextmanager
@@ -235,28 +158,18 @@ class Simulation:
         Raises:
             ModelError: the file cannot be written, now or later, or the simulation records to a file already.
         """
-        from neuro.run.recording import Recording
-
-        self._refuse_while_recording("record_to")
-        parts = (self, self._net, self._engine, self._recorder)
-        self._recording = Recording(*parts, path, threads=threads, record=record, all_weights=all_weights)
-        try:
+        parts = (self, self._net, path, threads, record, all_weights)
+        with self._records.to_file(*parts):
             yield
-            self._recording.finish()
-            self._left = self._engine.step, self._recording.path
-        finally:
-            recording, self._recording = self._recording, None
-            recording.close()
 
     def reset(self, weights: bool = False) -> None:
         """Back to time 0 and the initial states; weights only if asked. Parameters that were set stay."""
-        self._refuse_while_recording("reset")
+        self._records.refuse_while_recording("reset")
         weights = check(_FLAG, weights, "reset: weights")
         self._inflow.check_again("reset")
         self._engine.reset(weights)
         self._inflow.rewind()
-        self._recorder.clear()
-        self._left = None
+        self._records.clear()
         self._ports.begin()
         if self.program.trials is not None:
             self._trials.start_anew()
@@ -265,106 +178,80 @@ class Simulation:
 
     def set(
         self,
-        of: Population | View | Projection | str,
+        part: Population | View | Projection | str,
+        values: Mapping[str, Any] | None = None,
+        /,
         *,
-        pre: Population | View | None = None,
-        post: Population | View | None = None,
-        **values: Any,
+        of: ArrayLike | None = None,
+        pre: Side = None,
+        post: Side = None,
+        **named: Any,
     ) -> None:
         """Change parameters or states of neurons, or weights or parameters of the synapse model of a projection.
 
-        The change acts from the next step on.
+        The change acts from the next step on. A value is one for all or one for each: for neurons also a distribution,
+        of which a neuron draws the same value in whatever view; for synapses in the order in which `weights` gives
+        them. `weight` stands alone; parameters of which synapses have their own may be set of chosen ones.
 
         Args:
-            of: the population, a view, or the projection.
-            pre: of a projection only the synapses from these neurons, whose `weight` can be changed, or parameters of
-                which each synapse has its own.
+            part: the population, a view, or the projection.
+            values: by name, beside or instead of `named`.
+            of: of a projection only the synapses of these pairs (source, target) of neurons, shape (n, 2).
+            pre: only the synapses from these neurons: a population, a view of it, or ids.
             post: likewise those onto these neurons.
-            values: by name, one for all neurons or one for each (also a distribution, of which a neuron draws the same
-                value in whatever view); `weight` stands alone, one for all synapses or one for each in the order of
-                `weights`; so may parameters of a synapse model be that have a value for each synapse.
+            named: the values by name, e.g. `V_m=-60.0`.
 
         Raises:
-            ModelError: a name is unknown or a value is out of bounds.
+            ModelError: a name is unknown, a value is out of bounds, or no synapse is chosen.
         """
-        named = {word_of(word): value for word, value in values.items()}
-        neurons = self.handles.neurons_or_projection(of)
+        new = {word_of(word): value for word, value in (_mapping(values) | named).items()}
+        neurons = self.handles.neurons_or_projection(part)
+        if not new:
+            raise ModelError("set: found no value: expected one by name", hint="sim.set(cells, V_m=-60.0)")
         if isinstance(neurons, int):
-            self._set_projection(neurons, named, *self._chosen(pre, post))
+            self._synapses.set(neurons, new, self._synapses.chosen(neurons, of, pre, post, some=True))
             return
-        _refuse_ends(neurons, pre, post)
-        new = {
-            word: settable.new_values(neurons, word, value, self._engine, self.program.seed)
-            for word, value in named.items()
-        }
-        settable.check_together(self.program, neurons.index, new, self._engine, self._clock)
-        self._engine.set(neurons.index, new)
-
-    def _chosen(
-        self, pre: Population | View | None, post: Population | View | None
-    ) -> tuple[Neurons | None, Neurons | None]:
-        found = [None if end is None else self.handles.neurons(end) for end in (pre, post)]
-        return found[0], found[1]
-
-    def _set_projection(self, index: int, values: dict[str, Any], pre: Neurons | None, post: Neurons | None) -> None:
-        part, chosen = self.program.projections[index], self._synapses.chosen(index, pre, post)
-        if [*values] == ["weight"]:
-            new = self._synapses.new_weights(index, self._rules[index], values["weight"], chosen)
-            self._engine.set_weights(index, new, chosen)
-            return
-        quantities = part.synapse.quantities()
-        shared = [word for word in values if word != "weight" and not (word in quantities and quantities[word].arrays)]
-        if "weight" in values or (shared and (pre or post)):
-            word = next((word for word in [*shared, *values] if word != "weight"), "")
-            alone = "is one for all synapses" if word in shared else "is set without weights"
-            told = f"{part.synapse.name}.{word} of '{part.name}' {alone}"
-            raise ModelError(f"{told}: expected 'weight' alone" + " with pre or post" * bool(pre or post))
-        rule = settable.new_rule(part, self._rules[index], values, chosen)
-        settable.check_rule(part, rule, self._engine.get_synapses(index, "weight"))
-        self._engine.set_rule(index, rule.vector())
-        self._rules[index] = rule
+        _refuse_ends(neurons, of, pre, post)
+        self._cells.set(neurons, new)
 
     def get(
         self,
-        of: Population | View | Projection | str,
+        part: Population | View | Projection | str,
+        /,
         what: str,
         raw: bool = False,
         *,
-        pre: Population | View | None = None,
-        post: Population | View | None = None,
+        of: ArrayLike | None = None,
+        pre: Side = None,
+        post: Side = None,
     ) -> Any:
         """A state or parameter of neurons, or a state of synapses, in physical units; one value each, in a row.
 
         Args:
-            of: the population, a view, or the projection.
+            part: the population, a view, or the projection.
             what: a state or parameter of a population's model; of a projection "weight", "delay" in ms, a parameter or
                 a state of its synapses, where "K_plus" is the trace of each synapse's source and "n" the dopamine of
                 its target.
             raw: read a chip's registers instead.
-            pre: of a projection only the synapses from these neurons; `weights` says which they are.
+            of: of a projection only the synapses of these pairs (source, target), in their order, as of `set`.
+            pre: only those from these neurons; `weights` says which they are.
             post: likewise those onto these neurons.
         """
         registers = self._registers() if check(_FLAG, raw, "raw") else None
-        neurons = self.handles.neurons_or_projection(of)
+        neurons = self.handles.neurons_or_projection(part)
         if isinstance(neurons, int):
+            chosen = self._synapses.chosen(neurons, of, pre, post)
             values = registers.synapse_registers(neurons, what) if registers else self._synapses.read(neurons, what)
-            chosen = self._synapses.chosen(neurons, *self._chosen(pre, post))
             return values if chosen is None else values[chosen]
-        _refuse_ends(neurons, pre, post)
-        if registers is not None:
-            every = registers.registers(neurons.index, word_of(what))
-            return every if neurons.ids is None else every[neurons.ids]
-        part = neurons.part
-        word = word_of(what) if isinstance(what, str) else ""
-        if word not in part.parameters and word not in settable.states(part):
-            known = [*settable.states(part), *part.parameters]
-            raise unknown("parameter or state", what, known).at(None, f"population '{part.name}'")
-        return self._engine.get(neurons.index, word, neurons.ids)
+        _refuse_ends(neurons, of, pre, post)
+        if registers is None:
+            return self._cells.get(neurons, what)
+        every = registers.registers(neurons.index, word_of(what))
+        return every if neurons.ids is None else every[neurons.ids]
 
     def states(self, of: Population | View | str) -> list[str]:
         """The states of a population's neurons that this backend shows, in the order of its model."""
-        hidden = unreadable(self._engine)
-        return [word for word in settable.states(self.handles.neurons(of).part) if word not in hidden]
+        return self._cells.states(self.handles.neurons(of))
 
     def _registers(self) -> Registers:
         if not isinstance(self._engine, Registers):
@@ -373,16 +260,19 @@ class Simulation:
 
     def weights(
         self,
-        of: Projection | str,
+        part: Projection | str,
+        /,
         *,
-        pre: Population | View | None = None,
-        post: Population | View | None = None,
+        of: ArrayLike | None = None,
+        pre: Side = None,
+        post: Side = None,
         delays: bool = False,
     ) -> Any:
         """The weights of a projection.
 
         Args:
-            of: the projection.
+            part: the projection.
+            of: only of the synapses of these pairs (source, target), in their order, as of `set`.
             pre: only of the synapses from these neurons.
             post: only of the synapses onto these neurons.
             delays: whether to give the delays in ms, too.
@@ -395,24 +285,13 @@ class Simulation:
         Raises:
             ModelError: there is no such projection, or a weight is no number: a numerical instability of its rule.
         """
-        index = self.handles.projection(of)
-        chosen = self._synapses.chosen(index, *self._chosen(pre, post))
-        grid, weight = self.program.projections[index].grid, self._synapses.weights(index)
-        late = (self._synapses.read(index, "delay"),) if check(_FLAG, delays, "delays") else ()
-        if grid is not None:
-            return (weight.reshape(grid.kernels), float(late[0][0])) if late else weight.reshape(grid.kernels)
-        rows = (*self._synapses.ends(index), weight, *late)
-        return rows if chosen is None else tuple(row[chosen] for row in rows)
+        index = self.handles.projection(part)
+        chosen = self._synapses.chosen(index, of, pre, post)
+        return self._synapses.rows(index, chosen, check(_FLAG, delays, "delays"))
 
     def set_weights(self, of: Projection | str, weights: ArrayLike) -> None:
         """Replace the weights of a projection: one for all, or an array in the form that `weights` gives."""
-        index = self.handles.projection(of)
-        self._engine.set_weights(index, self._synapses.new_weights(index, self._rules[index], weights, None))
-
-    def _check_weights(self) -> None:
-        for index, part in enumerate(self.program.projections):
-            if part.synapse.learns:
-                self._synapses.weights(index)
+        self._synapses.set_weights(self.handles.projection(of), weights, None)
 
     # input and output
 
@@ -425,15 +304,7 @@ class Simulation:
             ids: its neurons, one for each time; of a view these are ids of the population, too, and must be among
                 those of the view. If not given, each neuron emits at all times.
         """
-        neurons = self.handles.neurons(of)
-        part = neurons.part
-        if part.kind != "listed" or part.stream is not None:
-            raise ModelError(f"inject: '{part.name}' is a {part.model.name}: expected a spike_generator")
-        steps, emit = settable.new_spikes(self._clock, times, ids, neurons)
-        if steps.size and steps.min() <= self._engine.step:
-            early = self._clock.ms(int(steps.min()))
-            raise ModelError(f"inject: a spike at {early:g} ms: expected times after {self.time:g} ms, the present")
-        self._engine.inject(neurons.index, steps, emit)
+        self._inputs.inject(self.handles.neurons(of), times, ids)
 
     def feed(self, of: Population | str, events: Any) -> None:
         """Let an event camera emit more events than those of its recording, while it runs.
@@ -446,28 +317,11 @@ class Simulation:
         Raises:
             ModelError: they are of another sensor, or one comes too late: its step is not after the present.
         """
-        neurons = self.handles.neurons(of)
-        index, part = neurons.index, neurons.part
-        if neurons.view is not None:
-            raise ModelError(f"feed: found the view {neurons.view}: expected the whole event_camera")
-        if part.stream is None:
-            raise ModelError(f"feed: '{part.name}' is a {part.model.name}: expected an event_camera")
-        try:
-            steps, ids = part.stream.given(events)
-        except ModelError as error:
-            raise error.at(None, f"feed: '{part.name}'") from None
-        if steps.size and steps.min() <= self._engine.step:
-            late = self._clock.ms(int(steps.min()))
-            told = f"feed: an event of '{part.name}' in the step that ends at {late:g} ms"
-            raise ModelError(f"{told}: expected later than {self.time:g} ms, the present")
-        self._engine.inject(index, steps, ids)
+        self._inputs.feed(self.handles.neurons(of), events)
 
     def signal(self, of: Signal | str, values: ArrayLike) -> None:
         """Set a signal: one value for all neurons of its population or one for each; acts from the next step on."""
-        index = self.handles.signal(of)
-        part = self.program.signals[index]
-        size = self.program.populations[part.target].size
-        self._engine.signal(index, settable.signal_values(part.name, values, size))
+        self._inputs.signal(self.handles.signal(of), values)
 
     def spikes(
         self, of: Population | View | str, since: float | None = None, until: float | None = None
@@ -476,83 +330,41 @@ class Simulation:
 
         Args:
             of: the population, or a view of it.
-            since: only those after this time in ms.
+            since: only those after this time in ms; all that are held if not given.
             until: only those up to this time in ms, so that `until` of one call is `since` of the next.
 
         Returns:
             times in ms and neurons, sorted by time, then neuron; several spikes of one neuron in one step are
             listed as often. Neurons are ids of the population, also of a view.
-        """
-        return self._spikes(self.handles.neurons(of), since, until)
 
-    def _spikes(self, of: Neurons, since: float | None, until: float | None) -> tuple[Floats, Ints]:
-        part = of.part
-        if not part.records:
-            hint = f"net.probe('name', '{part.name}') records them" if isinstance(part.model, Generator) else ""
-            raise ModelError(f"spikes of '{part.name}', a {part.model.name}, are not recorded", hint=hint)
-        if (results := self._file()) is not None:
-            return results.spikes_of(part.name, of.ids, since, until)
-        after = -1 if since is None else self._clock.floor(since, "since")
-        to = NEVER if until is None else self._clock.floor(until, "until")
-        check_span(after, to, since, until)
-        found = self._engine.spikes(of.index, after)
-        end = None if until is None else np.searchsorted(found.steps, to, side="right")
-        steps, ids, multiplicity = found.steps[:end], found.ids[:end], found.multiplicity[:end]
-        if of.ids is not None:
-            kept = of.among()[ids]
-            steps, ids, multiplicity = steps[kept], ids[kept], multiplicity[kept]
-        if multiplicity.size and multiplicity.max() > 1:
-            steps, ids = np.repeat(steps, multiplicity), np.repeat(ids, multiplicity)
-        return self._clock.array_ms(steps), ids
+        Raises:
+            ModelError: they are not recorded, or a time is asked of which they were forgotten, or are in a file only.
+        """
+        return self._records.spikes(self.handles.neurons(of), since, until)
 
     def trace(self, of: Probe | str) -> tuple[Floats, Any]:
         """What a probe has recorded.
 
         Returns:
-            times in ms, shape (times,), and values, shape (times, neurons or synapses), one column of a rate or a mean;
-            of a list of states the values by state. Of a spike probe the neurons, one for each time. At pre spikes one
-            entry for each synapse and spike, by time, then synapse: `pre`, `post` and the state, by name. Columns of a
-            view or of chosen synapses are in their order.
+            times in ms, shape (times,), and what was recorded at them: of one quantity, a rate or a mean, shape
+            (times,); of neurons or synapses (times, n), also of a single one, columns of a view or of chosen synapses
+            in their order; of spikes the neurons, (times,). A list of states gives a dictionary of these by state. At
+            pre spikes `pre`, `post` and the state by name, each (times,): an entry for each synapse and spike, by time,
+            then synapse.
         """
-        probe = self.handles.probe(of)
-        traces = {state: self._trace(name) for state, name in probe.traces().items()}
-        times, values = next(iter(traces.values()))
-        if isinstance(probe.record, str):
-            return times, values
-        by_name: dict[str, Any] = {}
-        for state, (_, found) in traces.items():
-            by_name |= found if isinstance(found, dict) else {state: found}
-        return times, by_name
+        return self._records.trace(self.handles.probe(of))
 
-    def _trace(self, name: str) -> tuple[Floats, Any]:
-        """What was recorded of one state, or the spikes."""
-        if name in (*self._recorder.series, *self._recorder.pre_spikes) and (results := self._file()) is not None:
-            return results.trace(name)
-        if name in self._recorder.series:
-            steps, values = self._recorder.series[name].read()
-            return self._clock.array_ms(steps), values
-        if name in self._recorder.pre_spikes:
-            recorded = self._recorder.pre_spikes[name]
-            sent, (pre, post) = recorded.read(), self._synapses.ends(recorded.probe.projection)
-            ends = {"pre": pre[sent.synapses], "post": post[sent.synapses]}
-            return self._clock.array_ms(sent.steps), {**ends, recorded.probe.record: sent.values}
-        return self._spikes(self.handles.recorded(self.handles.recording(name)), None, None)
-
-    def _file(self) -> Results | None:
-        """What was recorded, where that is in a file: while it is written, and after that until the network runs on."""
-        if self._recording is not None:
-            return self._recording.results
-        if self._left is None or self._left[0] != self._engine.step:
-            return None
-        from neuro.files.results import read
-
-        return read(self._left[1])
+    @property
+    def held(self) -> float:
+        """The time in ms after which spikes and traces are held: 0, or that up to which they were forgotten."""
+        return self._records.held_ms
 
     def forget(self, before: float) -> None:
-        """Free the memory of spikes and traces recorded up to a time in ms."""
-        step = self._clock.floor(before, "forget")
-        self._engine.forget(step)
-        self._recorder.forget(step)
+        """Free the memory of spikes and traces recorded up to a time in ms.
+
+        From then on `spikes` and `trace` give what came later; `spikes` refuses a `since` before it.
+        """
+        self._records.forget(before)
 
     def port(self, of: Population | View | Projection | Signal | str, what: str | None = None) -> Port:
         """Something that a closed loop sets or reads at every step, found once: `set` and `get` in less time.
@@ -671,21 +483,14 @@ class Simulation:
 
     def network(self) -> Network:
         """The network with what it has learnt: save it, or compile it for another backend."""
-        self._check_weights()
+        self._synapses.check()
         return learnt_network(self._net, self.program, self._engine, self._clock, self._rules)
 
     # files
 
-    def _refuse_while_recording(self, what: str) -> None:
-        """Refuse what would turn back the time of a file that is being written."""
-        if self._recording is not None:
-            path = self._recording.part
-            raise ModelError(f"{what}: found a simulation that records to {path}: expected the end of 'record_to'")
-
     @cached_property
-    def _identity(self) -> Identity:
-        program = self.program
-        return Identity(program.name, self.backend, program.seed, fingerprint(program))
+    def _saved(self) -> Saved:
+        return Saved(self.program, self.backend, self._engine, self._records, self._rules, self._inflow)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the whole state to an HDF5 file.
@@ -693,15 +498,8 @@ class Simulation:
         Raises:
             ModelError: the file cannot be written, or a weight is no number: a numerical instability of its rule.
         """
-        self._check_weights()
-        arrays = {f"engine/{name}": values for name, values in self._engine.snapshot().items()}
-        arrays |= {f"probes/{name}": values for name, values in self._recorder.snapshot().items()}
-        for index, rule in self._rules.items():
-            arrays[f"rules/{index}"] = rule.vector()
-        arrays |= {f"streams/{name}": step for name, step in self._inflow.state().items()}
-        if self.program.trials is not None:
-            arrays["trials"] = self._trials.state()
-        write_state(file_path(path, "path"), self._identity, arrays)
+        self._synapses.check()
+        self._saved.write(file_path(path, "path"), None if self.program.trials is None else self._trials)
 
     def restore(self, path: str | PathLike[str]) -> None:
         """Continue from a file that `save` wrote for the same network, backend and seed, bit for bit.
@@ -709,23 +507,21 @@ class Simulation:
         Raises:
             ModelError: the file is of something else; the simulation stays as it is.
         """
-        self._refuse_while_recording("restore")
+        self._records.refuse_while_recording("restore")
         self._inflow.check_again("restore")
-        arrays = read_state(file_path(path, "path"), self._identity)
-        self._left = None
-        begin = len("engine/")
-        self._engine.restore({name[begin:]: v for name, v in arrays.items() if name.startswith("engine/")})
-        begin = len("probes/")
-        self._recorder.restore({name[begin:]: v for name, v in arrays.items() if name.startswith("probes/")})
-        for index, rule in self._rules.items():
-            self._rules[index] = settable.rule_of(rule, arrays[f"rules/{index}"])
-        begin = len("streams/")
-        self._inflow.put({name[begin:]: step for name, step in arrays.items() if name.startswith("streams/")})
-        if self.program.trials is not None:
-            self._trials.put(arrays["trials"])
+        self._saved.read(file_path(path, "path"), None if self.program.trials is None else self._trials)
         self._ports.begin()
 
 
-def _refuse_ends(neurons: Neurons, pre: object, post: object) -> None:
-    if pre is not None or post is not None:
-        raise ModelError(f"pre and post of {neurons.text}: they choose synapses: expected a projection")
+def _mapping(values: object) -> dict[str, Any]:
+    if values is None:
+        return {}
+    if not isinstance(values, Mapping) or not all(isinstance(word, str) for word in values):
+        raise ModelError(f"set: found {shown(values)}: expected values by name", hint="sim.set(cells, V_m=-60.0)")
+    return dict(values)
+
+
+def _refuse_ends(neurons: Neurons, of: object, pre: object, post: object) -> None:
+    if of is not None or pre is not None or post is not None:
+        hint = f"sim.set({of!r}, ...)" if isinstance(of, View) else ""
+        raise ModelError(f"of, pre and post of {neurons.text}: they choose synapses: expected a projection", hint=hint)

@@ -24,7 +24,8 @@ from neuro.model.neurons import (
 )
 from neuro.model.rules import all_to_all, one_to_one
 from neuro.model.synapses import Synapse, hedonistic, stdp, stdp_pl_hom, stdp_triplet, vogels_sprekeler
-from neuro.run.simulation import Simulation, compile
+from neuro.run.compiled import compile
+from neuro.run.simulation import Simulation
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,8 @@ from typing import Any
 from neuro.core.errors import ModelError
 from neuro.model.network import Network
 from neuro.program.backend import Backend, find_backend, unreadable
-from neuro.run.simulation import ApproximationWarning, Simulation, compile
+from neuro.run.compiled import ApproximationWarning, compile
+from neuro.run.simulation import Simulation
 from neuro.testing import (  # noqa: F401
     connections,
     exact,

@@ -18,7 +18,8 @@ from neuro.model.rules import RULES, Rule, all_to_all, one_to_one, pairwise_bern
 from neuro.model.synapses import SYNAPSES, Modulated, Synapse, static
 from neuro.program.backend import Backend
 from neuro.program.program import Floats
-from neuro.run.simulation import Simulation, compile
+from neuro.run.compiled import compile
+from neuro.run.simulation import Simulation
 from neuro.testing import trial_rules
 from neuro.testing.case import Found, differences, observe
 

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import neuro.run.compiled
 import neuro.run.simulation
 from neuro.model.network import Network
 from neuro.model.neurons import loihi_lif, spike_generator, spinnaker_lif
@@ -51,7 +52,7 @@ def compare_chip(golden: Golden, backend: str | Backend) -> Iterator[Comparison]
         KeyError, TypeError, ValueError, IndexError, AttributeError: a part of the file is missing or of another form.
     """
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", neuro.run.simulation.ApproximationWarning)
+        warnings.simplefilter("ignore", neuro.run.compiled.ApproximationWarning)
         warnings.simplefilter("ignore", OverflowWarning)
         if "params" in golden.facts:
             for biased in (True, False):
@@ -146,7 +147,7 @@ def _run(
     for population, names in states.items():
         for name in names:
             net.probe(f"{population}.{name}", population, name)
-    sim = neuro.run.simulation.compile(net, backend)
+    sim = neuro.run.compiled.compile(net, backend)
     sim.run(float(steps))
     return sim
 

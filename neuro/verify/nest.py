@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import neuro.run.compiled
 import neuro.run.simulation
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
@@ -108,7 +109,7 @@ def _compare_neuron(golden: Golden, backend: str | Backend) -> list[Comparison]:
     recorded = [name for name in arrays if name not in ("times_ms", "spikes_ms", *hidden)]
     for name in recorded:
         net.probe(name, "neurons", name)
-    sim = neuro.run.simulation.compile(net, backend)
+    sim = neuro.run.compiled.compile(net, backend)
     sim.run(facts["t_sim_ms"])
     rows = _steps(arrays["times_ms"], clock) - 1 if recorded else np.zeros(0, dtype=np.int64)
     found = [_spikes(sim.spikes("neurons"), arrays["spikes_ms"], np.zeros_like(arrays["spikes_ms"], dtype=int), clock)]
@@ -133,7 +134,7 @@ def _compare_network(golden: Golden, backend: str | Backend) -> list[Comparison]
         delay=_exact(arrays["delay_ms"], clock),
     )
     net.probe("V_m", "neurons", "V_m")
-    sim = neuro.run.simulation.compile(net, backend)
+    sim = neuro.run.compiled.compile(net, backend)
     sim.run(facts["t_sim_ms"])
     rows, columns = arrays["V_sample"].shape
     return [
@@ -169,7 +170,7 @@ def _compare_stdp(golden: Golden, backend: str | Backend) -> list[Comparison]:
     words = ("tau_plus", "alpha", "mu_plus", "mu_minus", "Wmax")
     rule = stdp(lambda_=facts["synapse"]["lambda"], **{word: facts["synapse"][word] for word in words})
     net = _synapse_network(golden, rule, 1)
-    sim = neuro.run.simulation.compile(net, backend)
+    sim = neuro.run.compiled.compile(net, backend)
     pre = _steps(arrays["w_times_ms"], clock)
     sent = [sim.get("pre_post", "weight")[0] for _ in _walk(sim, pre + 1, clock)]
     end = clock.step(facts["t_sim_ms"], "t_sim_ms")
@@ -189,7 +190,7 @@ def _compare_pairs(golden: Golden, backend: str | Backend) -> list[Comparison]:
     told = {"pre_at_start": True, "tau_minus_triplet": facts["synapse"].get("tau_minus_triplet_ms"), **facts["synapse"]}
     kind = PAIRS[told["model"]]
     rule = kind.from_words({word: told[word] for word in kind.numbers()})
-    sim = neuro.run.simulation.compile(_synapse_network(golden, rule, 1), backend)
+    sim = neuro.run.compiled.compile(_synapse_network(golden, rule, 1), backend)
     sent = []
     for _ in _walk(sim, _steps(arrays["w_times_ms"], clock) + 1, clock):
         sent.append(sim.get("pre_post", "weight")[0])
@@ -214,7 +215,7 @@ def _compare_dopamine(golden: Golden, backend: str | Backend) -> list[Comparison
     else:
         times = clock.array_ms(np.sort(_steps(arrays["dopa_ms"], clock)))
         net.population("dopa", 1, spike_generator(spike_times=[times]))
-    sim = neuro.run.simulation.compile(net, backend)
+    sim = neuro.run.compiled.compile(net, backend)
     grid = shortest * int(dopa["deliver_interval"])
     rows = _steps(arrays["trace"][:, 0], clock)
     shown = np.flatnonzero(rows % grid == 0)

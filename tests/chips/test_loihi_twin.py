@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import neuro
 from neuro.program.backend import OverflowWarning
-from neuro.run.simulation import ApproximationWarning
+from neuro.run.compiled import ApproximationWarning
 
 MODES = {"mixed": (-256, 254), "excitatory": (0, 255), "inhibitory": (-255, 0)}
 INPUTS, CELLS, STEPS = 3, 4, 70

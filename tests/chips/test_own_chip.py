@@ -20,7 +20,7 @@ from neuro.compare import compare
 from neuro.core import registry
 from neuro.core.errors import ModelError
 from neuro.program.backend import find_backend
-from neuro.run.simulation import ApproximationWarning
+from neuro.run.compiled import ApproximationWarning
 from neuro_chip.backend import ChipBackend
 from neuro_chip.families.every import FAMILIES
 

@@ -10,7 +10,7 @@ import neuro
 from neuro.chips import chip, quantise
 from neuro.compiler import compile_network
 from neuro.core.errors import ModelError
-from neuro.run.simulation import ApproximationWarning
+from neuro.run.compiled import ApproximationWarning
 
 EXP = {"E_L": 0.0, "V_reset": 0.0, "V_th": 10.0}
 DELTA = {**EXP, "t_ref": 0.0}

@@ -8,7 +8,7 @@ import pytest
 
 import neuro
 from neuro.core.errors import ModelError
-from neuro.run.simulation import ApproximationWarning
+from neuro.run.compiled import ApproximationWarning
 
 CHIPS = ["loihi", "spinnaker"]
 H = 0.5

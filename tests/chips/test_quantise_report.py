@@ -11,7 +11,7 @@ from neuro.chips import chip, quantise
 from neuro.chips.quantising.fixed_program import report
 from neuro.chips.quantising.losses import LIMITS
 from neuro.compiler import compile_network
-from neuro.run.simulation import ApproximationWarning
+from neuro.run.compiled import ApproximationWarning
 
 
 def one(model=None, h=1.0, weight=1.0, source=None, n=1, rule=None):

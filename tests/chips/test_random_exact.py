@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import neuro
 from neuro.model.network import Network
 from neuro.program.backend import OverflowWarning
-from neuro.run.simulation import ApproximationWarning
+from neuro.run.compiled import ApproximationWarning
 from neuro.testing import Found, observe
 from neuro.testing.case import differences
 from neuro.testing.exact_strategies import exact_networks

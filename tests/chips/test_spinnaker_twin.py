@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import neuro
 from neuro.program.backend import OverflowWarning
-from neuro.run.simulation import ApproximationWarning
+from neuro.run.compiled import ApproximationWarning
 
 INPUTS, CELLS, TICKS = 3, 4, 40
 

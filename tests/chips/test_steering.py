@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro.run.simulation import ApproximationWarning, Simulation
+from neuro.run.compiled import ApproximationWarning
+from neuro.run.simulation import Simulation
 
 CHIPS = ("loihi", "spinnaker")
 

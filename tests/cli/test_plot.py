@@ -59,6 +59,34 @@ def test_only_what_was_asked_for(neuro, ran):
     assert (answer.status, answer.err) == (2, expected)
 
 
+def test_some_neurons(neuro, ran):
+    """A view is written as in YAML, in brackets behind the name; of traces its neurons are drawn alone."""
+    for view in (" exc [ 1, 0:4:2 ] ", "exc[[3, 1]]"):
+        answer = neuro("plot", ran, "--of", view, "--out", "views")
+        assert answer.out.split() == [f"views/out-{name}.png" for name in ("raster", "rates", "traces")], answer.err
+
+
+@pytest.mark.parametrize(
+    ("view", "expected"),
+    [
+        ("ecx[:2]", "unknown population 'ecx'\n  hint: did you mean 'exc'?"),
+        ("exc[:999]", "exc[:999]: axis 0: found 999: expected -2 to 2"),
+        (
+            "exc[a]",
+            'exc: found \'a\': expected a number or begin:end:step for each axis\n  hint: write "0:100" or "2:4, :"',
+        ),
+        ("exc[:2", "found 'exc[:2': expected ']' at its end\n  hint: write 'exc[0:100]'"),
+        ("exc[[1, x]]", "exc: found '[1, x]': expected a list of ids such as [3, 7]"),
+        ("exc[0, 1, 2]", "exc[0, 1, 2]: found 3 indices: expected at most 2, one for each axis"),
+        ("exc[2:2]", "exc[2:2]: axis 0 chooses no neuron: expected at least one"),
+        ("exc[[1, 1]]", "exc[[1, 1]] chooses neuron 1 more than once: expected each once"),
+    ],
+)
+def test_views_that_are_none(neuro, ran, view, expected):
+    answer = neuro("plot", ran, "--of", view)
+    assert (answer.status, answer.err) == (2, f"error: {expected}\n")
+
+
 def test_what_is_no_folder(neuro, network):
     neuro("run", network, "--backend", "reference", "--for", "2")
     for name in ("/dev/full", network):

@@ -222,7 +222,10 @@ def test_mistakes_that_the_compiler_finds(load, said, shape, message):
         ({"code": {"rank": 3}}, "encode: code = {rank: 3}: expected the name of a code, or {name: {parameters}}"),
         ({"code": ["rank", None]}, "encode: code = None: expected the name of a code, or {name: {parameters}}"),
         ({"code": "rnak"}, "encode: unknown code 'rnak'\n  hint: did you mean 'rank'?"),
-        ({"code": {"rank": {"window": "3"}}}, "rank.window = '3': expected a number\n  hint: write 3 without quotes"),
+        (
+            {"code": {"rank": {"window": "3"}}},
+            "rank.window = '3': expected a number ms\n  hint: write 3 without quotes",
+        ),
         ({"code": "rank", "values": "x"}, "encode.values = 'x': expected a number"),
     ],
 )

@@ -54,3 +54,28 @@ def test_it_draws_and_zooms(tmp_path, picture):
     narrow = picture(where, 420)
     assert blue(narrow)[:, 380:].sum() == 0
     assert blue(narrow).sum() > 60
+
+
+def test_curves_follow(tmp_path, picture):
+    """A part of the run is shown by traces, too, also of a network that is silent."""
+    net = neuro.Network("step", resolution=1.0)
+    cells = net.population("cells", 1, neuro.iaf_psc_exp(V_th=100.0))
+    drive = net.population("drive", 1, neuro.step_current_generator(amplitude_times=[150.0], amplitude_values=[400.0]))
+    net.connect(drive, cells, neuro.one_to_one())
+    net.probe("v", cells, "V_m", every=1.0)
+    sim = neuro.compile(net)
+    sim.run(400.0)
+    (tmp_path / "page.html").write_text(page(collect(sim, net), "run.h5"), "utf-8")
+    where = f"file://{tmp_path / 'page.html'}"
+    rises = [np.ptp(curve(picture(f"{where}{part}", 900))) for part in ("", "#0-140", "#140-400")]
+    assert rises[1] < 6 < 50 < min(rises[0], rises[2])
+    assert rises[0] == pytest.approx(rises[2], abs=6)
+
+
+def curve(pixels):
+    """The height of the line of a trace in each of its columns, but those below its name."""
+    pixels = pixels[700:830, 90:300]
+    teal = (pixels[..., 1] - pixels[..., 0] > 0.25) & (pixels[..., 2] - pixels[..., 0] > 0.25)
+    rows, columns = np.nonzero(teal)
+    long = [rows[columns == column].mean() for column in np.unique(columns)]
+    return np.array(long)

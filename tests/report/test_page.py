@@ -15,7 +15,7 @@ from neuro.files import results
 from neuro.pages.histograms import histogram
 from neuro.pages.raster import packed
 from neuro.report.counted import energy
-from neuro.report.curves import curves
+from neuro.report.curves import curves, ticks
 from neuro.report.page import page
 from neuro.run.collect import collect
 
@@ -191,14 +191,11 @@ def test_what_probes_recorded_of_synapses_and_rates():
     sim = neuro.compile(net, seed=2)
     sim.run(300.0)
     text = shown(collect(sim, net)).text
-    for name, what in {"v": "V_m of 4 of 4 neurons of cells", "r": "rate of cells"}.items():
+    for name, what in {"v": "V_m of cells", "r": "rate of cells"}.items():
         assert f" {name} {what} " in text
-    drawn = sim.trace("w")[1][:, [0, 26, 52, 79]]
-    assert f"w weight of 4 of 80 synapses of noise_cells {drawn.min():.4g} to {drawn.max():.4g} 0" in text
-    sent = sim.trace("wp")[1]
-    values = sent["weight"][np.isin(4 * sent["pre"] + sent["post"], [0, 26, 52, 79])]
-    told = "wp weight of 4 of 80 synapses of noise_cells, as pre spikes leave it"
-    assert f"{told} {values.min():.4g} to {values.max():.4g} 0" in text
+    marks = "weight 400 450 0 to 0 400 450 6 to 2 400 450 13 to 0 400 450 19 to 3 0 100 200 300 ms"
+    assert f" w weight of 4 of 80 synapses of noise_cells {marks}" in text
+    assert f" wp weight of 4 of 80 synapses of noise_cells, as pre spikes leave it {marks}" in text
 
 
 def test_a_run_that_did_not_come_to_its_end(run):
@@ -266,9 +263,33 @@ def test_weights_of_any_size_have_a_histogram(values):
 
 def test_curves_leave_out_what_is_no_number():
     x, y = np.arange(4.0), np.array([0.0, np.nan, np.inf, 2.0])
-    assert 'd="M0.0 102.0L330.0 22.0"' in curves(x, [y], None, 3.0, "mV", "v")
-    assert "0 to 2 mV" in curves(x, [y], None, 3.0, "mV", "v")
-    assert "5 mV" in curves(x, [np.full(4, 5.0)], None, 3.0, "mV", "v")
+    assert 'd="M0.0 82.0L282.0 2.0"' in curves(x, [y], None, 3.0, "mV", "v")
+
+
+def words(picture: str) -> list[str]:
+    return re.findall(r"<text[^>]*>([^<]*)</text>", picture)
+
+
+def test_curves_have_units_round_ticks_and_names():
+    x, y = np.arange(4.0), np.array([-70.0, -65.0, -56.0, -55.0])
+    assert words(curves(x, [y], None, 3.0, "mV", "v")) == ["mV", "-70", "-65", "-60", "-55", "0", "1", "2", "3 ms"]
+    two = words(curves(x, [y, y], None, 400.0, "mV", "v", ["neuron 3", "neuron 7"]))
+    assert two == ["mV", "-70", "-60", "neuron 3", "-70", "-60", "neuron 7", "0", "200", "400 ms"]
+    assert words(curves(x, [np.full(4, 5.0)], None, 3.0, "mV", "v"))[:2] == ["mV", "4.95"]
+    assert words(curves(x, [np.zeros(4)], 0.0, 3.0, "Hz", "v"))[:2] == ["Hz", "0.0"]
+
+
+@given(st.floats(-1e300, 1e300), st.floats(-1e300, 1e300), st.integers(2, 6))
+def test_ticks_are_few_and_inside(a, b, most):
+    picture = curves(np.arange(2.0), [np.array([a, b])], None, 1.0, "mV", "v")
+    assert "nan" not in picture
+    low, high = min(a, b), max(a, b)
+    if high - low > 1e-9 * max(abs(high), abs(low)) and high - low > 1e-290:
+        marks = ticks(low, high, most)
+        gap = (high - low) * 1e-6
+        assert len(marks) <= most
+        assert all(low - gap <= mark <= high + gap for mark in marks)
+        assert len(marks) >= 2 or most == 2
 
 
 def test_the_command(network, tmp_path, capsys, monkeypatch, run):

@@ -177,6 +177,7 @@ def filled(title: str, about: Sequence[str], data: Mapping[str, Any]) -> str:
     template = Template(files("neuro_recognise.telling").joinpath("watch.html").read_text("utf-8"))
     return template.substitute(
         head=html.head("neuro recognise", title),
+        style=html.player_style(),
         title=escape(title),
         told=escape(" · ".join(about)),
         data=json.dumps(data).replace("<", "\\u003c"),

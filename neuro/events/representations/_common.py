@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro.core.errors import ModelError
-from neuro.core.extras import install
+from neuro.core.extras import needed
 from neuro.events._arguments import moment
 from neuro.events._events import Events
 
@@ -26,11 +25,7 @@ def given(array: npt.NDArray[Any], as_torch: bool) -> Representation:
     """
     if not as_torch:
         return array
-    try:
-        torch = import_module("torch")
-    except ImportError:
-        raise ModelError("as_torch=True: torch is not installed", hint=install("torch")) from None
-    return torch.from_numpy(array)
+    return needed("torch", "torch", "as_torch=True: torch is not installed").from_numpy(array)
 
 
 def real(dtype: npt.DTypeLike) -> np.dtype[Any]:

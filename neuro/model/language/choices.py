@@ -12,7 +12,7 @@ from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import Quantity
 from neuro.core.values import shown
 from neuro.model.distributions import DISTRIBUTIONS
-from neuro.model.language.files import array, inside
+from neuro.model.language.files import array, of_program, recording
 from neuro.model.language.nodes import about, found, mistake, plain, words
 from neuro.model.language.reader import Node
 from neuro.model.language.trains import train
@@ -99,9 +99,9 @@ def value(q: Quantity, node: Node, what: str) -> Any:
     if q.kind == "codes":
         return codes(node)
     if q.kind == "file" and isinstance(node.value, str):
-        return inside(node, node.value)
+        return recording(node, node.value)
     if q.kind == "events":
-        raise mistake(node, f"{what}: events of a program: expected a file", "write file: NAME")
+        return of_program(node, what)
     if isinstance(node.value, dict) and "file" in node.value and q.kind == "train":
         return train(node)
     if q.choice is not None and (q.at_least is None or isinstance(node.value, (str, dict))):

@@ -108,7 +108,12 @@ def _probe(probe: Probe, arrays: Arrays) -> dict[str, Any]:
     rest = {word: getattr(probe, word) for word in ("every", "at", "mean", "synapses")}
     said = {word: value for word, value in rest.items() if value is not None and value is not False}
     of = _neurons(probe.of, probe.view, arrays, f"{probe.name}.of")
-    return {"of": of, "record": record, **_values(said, arrays, probe.name)}
+    ends = {
+        word: _neurons(view.population.name, view, arrays, f"{probe.name}.{word}")
+        for word, view in (("pre", probe.pre), ("post", probe.post))
+        if view is not None
+    }
+    return {"of": of, "record": record, **_values(said, arrays, probe.name), **ends}
 
 
 def _neurons(population: str, view: View | None, arrays: Arrays, key: str) -> Any:

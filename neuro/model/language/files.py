@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
@@ -17,6 +19,38 @@ from neuro.model.language.reader import Node
 MAX_ELEMENTS = 2**28
 HDF5 = (".h5", ".hdf5")
 ENDINGS = (*HDF5, ".npy")
+_ELSEWHERE: ContextVar[Callable[[str | None], Path | None] | None] = ContextVar("elsewhere", default=None)
+
+
+@contextmanager
+def elsewhere(find: Callable[[str | None], Path | None]) -> Iterator[None]:
+    """Load descriptions whose recordings lie elsewhere, as those that results hold.
+
+    Args:
+        find: the path of a recording by the name that a description has for it; None stands for events of a program.
+    """
+    token = _ELSEWHERE.set(find)
+    try:
+        yield
+    finally:
+        _ELSEWHERE.reset(token)
+
+
+def recording(node: Node, name: str) -> Path | None:
+    """The path of a recording that a description names."""
+    find = _ELSEWHERE.get()
+    return inside(node, name) if find is None else find(name)
+
+
+def of_program(node: Node, what: str) -> None:
+    """Nothing, in the place of events of a program, where recordings may be elsewhere.
+
+    Raises:
+        ModelError: they may not.
+    """
+    if (find := _ELSEWHERE.get()) is None:
+        raise mistake(node, f"{what}: events of a program: expected a file", "write file: NAME")
+    find(None)
 
 
 def inside(node: Node, name: str) -> Path:

@@ -132,9 +132,10 @@ class _Builder:
         self.net.trials_origin = node.label
 
     def probe(self, name: str, node: Node) -> None:
-        known = ("of", "record", "every", "at", "mean", "synapses")
+        known = ("of", "record", "every", "at", "mean", "synapses", "pre", "post")
         said = words(node, known, "a probe", needs=("of",))
-        rest = {word: plain(said[word]) for word in known[1:-1] if word in said}
+        rest = {word: plain(said[word]) for word in known[1:5] if word in said}
+        rest |= {word: neurons(said[word], self.net.populations, word) for word in known[6:] if word in said}
         if "synapses" in said:
             rest["synapses"] = value(CHOSEN, said["synapses"], "synapses")
         of = neurons(said["of"], self.net.populations, "of")

@@ -51,19 +51,22 @@ class Node:
     text: Where | None = None
 
 
-def read(path: Path, expected: str = "a network", begin: str = "neuro: 1") -> Node:
+def read(
+    path: Path, expected: str = "a network", begin: str = "neuro: 1", twice: list[ModelError] | None = None
+) -> Node:
     """Read a file.
 
     Args:
         path: the file.
         expected: what it describes, for messages.
         begin: how such a description may begin.
+        twice: takes the mistakes of words that are said twice, the first of which then counts; else they are raised.
 
     Raises:
         ModelError: it cannot be read, is empty, or is not plain YAML.
     """
     text = _text(path)
-    return _Reader(text, str(path)).document(expected, begin)
+    return _Reader(text, str(path), twice).document(expected, begin)
 
 
 def _bytes(path: Path) -> bytes:
@@ -110,8 +113,8 @@ def _place(before: str, file: str) -> Where:
 class _Reader:
     """Turns the parser's events into nodes, and refuses what is no plain data on the way."""
 
-    def __init__(self, text: str, file: str) -> None:
-        self.lines, self.file = text.splitlines(), file
+    def __init__(self, text: str, file: str, twice: list[ModelError] | None) -> None:
+        self.lines, self.file, self.twice = text.splitlines(), file, twice
         self.events: Iterator[yaml.Event] = yaml.parse(text, Loader=_LOADER)
 
     def document(self, expected: str, begin: str) -> Node:
@@ -165,8 +168,12 @@ class _Reader:
             node = self.node(self.next(), depth + 1, where)
             if key.value in words:
                 first = words[key.value].label
-                raise ModelError(f"'{key.value}' is said twice", where=where, hint=f"first at {first}")
-            words[key.value] = node
+                error = ModelError(f"'{key.value}' is said twice", where=where, hint=f"first at {first}")
+                if self.twice is None:
+                    raise error
+                self.twice.append(error)
+            else:
+                words[key.value] = node
         return words
 
     def plain(self, event: Any, where: Where) -> None:

@@ -172,12 +172,14 @@ def _probe() -> Schema:
         "at": _quantity(AT),
         "mean": _quantity(MEAN, False),
         "synapses": _quantity(CHOSEN),
+        "pre": _neurons("of a projection only the synapses from these neurons", ids=True),
+        "post": _neurons("of a projection only the synapses onto these neurons", ids=True),
     }
     return _closed(words, ["of"])
 
 
-def _neurons(description: str) -> Schema:
-    """The name of a population, or a view of it."""
+def _neurons(description: str, ids: bool = False) -> Schema:
+    """The name of a population, a view of it, or ids where it is known of what."""
     index: list[Schema] = [
         {"type": "string", "pattern": rf"^\s*({AXIS})\s*(,\s*({AXIS})\s*)*$"},
         {"type": "integer"},
@@ -192,7 +194,8 @@ def _neurons(description: str) -> Schema:
         "minProperties": 1,
         "maxProperties": 1,
     }
-    return {"anyOf": [{"type": "string"}, one], "description": description}
+    alone = index[1:3] if ids else []
+    return {"anyOf": [{"type": "string"}, one, *alone], "description": description}
 
 
 def _text(description: str) -> Schema:

@@ -88,6 +88,10 @@ class Model(Choice):
     width: ClassVar[int] = 20
     fixed: ClassVar[tuple[str, ...]] = ()
 
+    def sizes(self, said: tuple[int | str, ...]) -> tuple[int | str, ...]:
+        """The shape of a population of it, as far as the model knows it where `auto` is said."""
+        return said
+
     @classmethod
     def identity(cls) -> str:
         """The names of a stranger's states: an edit may swap two, and all arrays still fit."""

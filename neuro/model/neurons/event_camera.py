@@ -107,6 +107,35 @@ class event_camera(Generator):
             told = f"event_camera.offset = {self.offset:.12g} ms: expected whole us, as the times of events are"
             raise ModelError(told, where=here(), path=("offset",))
 
+    def seen(self, sensor: tuple[int, int]) -> tuple[int, ...]:
+        """The shape of what is seen of a sensor of this width and height, px.
+
+        Raises:
+            ModelError: what is cropped reaches beyond it.
+        """
+        columns, rows = self.sides(*sensor)
+        height, width = (-(-(last - first) // self.scale) for first, last in (rows, columns))
+        return (2, height, width) if self.polarity == "split" else (height, width)
+
+    def sides(self, width: int, height: int) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Columns and rows that are seen of a sensor, each as the first and the one after the last."""
+        if self.crop is None:
+            return (0, width), (0, height)
+        return self.crop.sides(width, height)  # type: ignore[no-any-return]
+
+    def sizes(self, said: tuple[int | str, ...]) -> tuple[int | str, ...]:
+        """The shape; where it is `auto` and there is no recording yet that tells it, only the number of axes."""
+        if "auto" not in said:
+            return said
+        try:
+            played = self.played()
+            if played is not None and played.sensor_size is not None:
+                return self.seen(played.sensor_size)
+        except ModelError:  # told when the network is compiled
+            pass
+        unknown = (2, "auto", "auto") if self.polarity == "split" else ("auto", "auto")
+        return said if len(said) == len(unknown) else unknown
+
     def played(self) -> Played | None:
         """The recording, None where there is none.
 

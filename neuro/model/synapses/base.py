@@ -216,13 +216,13 @@ def _columns(values: Sequence[Any]) -> NDArray[np.float64]:
 
 
 def check_below(rule: Synapse, low: str, high: str) -> None:
-    """Refuse a rule of which one parameter is not less than another of the same unit.
+    """Refuse a rule of which one parameter is not less than another of the same unit, once it is known.
 
     Raises:
         ModelError: it says which.
     """
     small, large, unit = getattr(rule, low), getattr(rule, high), rule.quantities()[low].unit
-    if not small < large:
+    if not (isinstance(small, str) or isinstance(large, str) or small < large):
         of_unit = f" {unit}" if unit else ""
         raise ModelError(
             f"{rule.name}.{low} = {small:g}{of_unit}: expected less than {high} = {large:g}{of_unit}", path=(low,)

@@ -30,8 +30,8 @@ class first_spike_stdp(Synapse):
 
     A_plus: float = quantity(0.004, "", "rate where the input came before the decision")
     A_minus: float = quantity(-0.003, "", "rate elsewhere")
-    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight")
-    Wmax: float = quantity(1.0, "", "largest weight, in the unit of the weight")
+    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", of_value=True)
+    Wmax: float = quantity(1.0, "", "largest weight, in the unit of the weight", of_value=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

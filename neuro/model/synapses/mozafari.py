@@ -34,8 +34,8 @@ class mozafari(Synapse):
     Ap_minus: float = quantity(-0.004, "", "rate on punishment, input before the decision")
     misses: float = quantity(1.0, "", "share of wrong decisions in the last batch", at_least=0, at_most=1)
     hits: float = quantity(1.0, "", "share of right decisions in the last batch", at_least=0, at_most=1)
-    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight")
-    Wmax: float = quantity(1.0, "", "largest weight, in the unit of the weight")
+    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", of_value=True)
+    Wmax: float = quantity(1.0, "", "largest weight, in the unit of the weight", of_value=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

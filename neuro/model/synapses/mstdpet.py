@@ -30,9 +30,11 @@ class mstdpet(Modulated):
     A_plus: float = quantity(1.0, "", "eligibility of a pre-post pair")
     A_minus: float = quantity(1.0, "", "eligibility lost by a post-pre pair")
     tau_z: float = quantity(25.0, "ms", "time constant of the eligibility", above=0)
-    gamma: float = quantity(0.1, "", "learning rate, in the unit of the weight")
+    gamma: float = quantity(0.1, "", "learning rate, in the unit of the weight", of_value=True)
     b: float = quantity(0.0, "", "baseline of the reward")
-    Wmax: float = quantity(100.0, "", "largest weight, in the unit of the weight; below 0 it inhibits", nonzero=True)
+    Wmax: float = quantity(
+        100.0, "", "largest weight, in the unit of the weight; below 0 it inhibits", nonzero=True, of_value=True
+    )
 
 
 TAU_PLUS, A_PLUS, A_MINUS, TAU_Z, GAMMA, B, W_MAX, H = range(8)

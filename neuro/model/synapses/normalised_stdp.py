@@ -33,9 +33,11 @@ class normalised_stdp(Synapse):
 
     A_plus: float = quantity(0.05, "", "rate where the input came before the decision", at_least=0, at_most=1)
     A_minus: float = quantity(-0.01, "", "rate elsewhere", at_least=-1, at_most=0)
-    total: float = quantity(78.0, "", "sum of the weights of a neuron, in the unit of the weight", above=0)
-    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", at_least=0)
-    Wmax: float = quantity(1.0, "", "largest weight, in the unit of the weight")
+    total: float = quantity(
+        78.0, "", "sum of the weights of a neuron, in the unit of the weight", above=0, of_value=True
+    )
+    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", at_least=0, of_value=True)
+    Wmax: float = quantity(1.0, "", "largest weight, in the unit of the weight", of_value=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

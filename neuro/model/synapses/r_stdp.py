@@ -35,8 +35,8 @@ class r_stdp(Synapse):
     Ap_minus: float = quantity(-0.04, "", "rate on punishment, input before the decision")
     epsilon: float = quantity(0.0002, "", "growth of the right label's weights on punishment and silence", at_least=0)
     rescue: bool = quantity(False, "", "reward the right label's best-excited neuron instead", kind="boolean")
-    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight")
-    Wmax: float = quantity(1.0, "", "largest weight, in the unit of the weight")
+    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", of_value=True)
+    Wmax: float = quantity(1.0, "", "largest weight, in the unit of the weight", of_value=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

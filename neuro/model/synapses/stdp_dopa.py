@@ -38,13 +38,13 @@ class stdp_dopa(Modulated):
     tau_c: float = quantity(1000.0, "ms", "time constant of the eligibility", above=0)
     tau_n: float = quantity(200.0, "ms", "time constant of dopamine", above=0)
     b: float = quantity(0.0, "1/ms", "dopamine baseline")
-    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight")
-    Wmax: float = quantity(200.0, "", "largest weight, in the unit of the weight")
+    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", of_value=True)
+    Wmax: float = quantity(200.0, "", "largest weight, in the unit of the weight", of_value=True)
     deliver_interval: int = quantity(1, "", "delivery grid in smallest delays", kind="integer", at_least=1)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.Wmin > self.Wmax:
+        if not self.measured and self.Wmin > self.Wmax:
             raise ModelError(f"stdp_dopa.Wmin = {self.Wmin:g}: expected at most Wmax = {self.Wmax:g}", path=("Wmin",))
 
 

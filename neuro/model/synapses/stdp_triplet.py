@@ -33,11 +33,19 @@ class stdp_triplet(Synapse):
     tau_plus: float = quantity(16.8, "ms", "time constant of K+", above=0)
     tau_plus_triplet: float = quantity(101.0, "ms", "time constant of K+3", above=0)
     tau_minus_triplet: float = quantity(125.0, "ms", "time constant of K-3", above=0)
-    Aplus: Value = quantity(5e-10, "", "potentiation by a pair, in the unit of the weight", at_least=0, **OF_EACH)
-    Aplus_triplet: Value = quantity(6.2e-3, "", "potentiation by a triplet, likewise", at_least=0, **OF_EACH)
-    Aminus: Value = quantity(7e-3, "", "depression by a pair, likewise", at_least=0, **OF_EACH)
-    Aminus_triplet: Value = quantity(2.3e-4, "", "depression by a triplet, likewise", at_least=0, **OF_EACH)
-    Wmax: Value = quantity(100.0, "", "largest weight, in the unit of the weight", nonzero=True, **OF_EACH)
+    Aplus: Value = quantity(
+        5e-10, "", "potentiation by a pair, in the unit of the weight", at_least=0, of_value=True, **OF_EACH
+    )
+    Aplus_triplet: Value = quantity(
+        6.2e-3, "", "potentiation by a triplet, likewise", at_least=0, of_value=True, **OF_EACH
+    )
+    Aminus: Value = quantity(7e-3, "", "depression by a pair, likewise", at_least=0, of_value=True, **OF_EACH)
+    Aminus_triplet: Value = quantity(
+        2.3e-4, "", "depression by a triplet, likewise", at_least=0, of_value=True, **OF_EACH
+    )
+    Wmax: Value = quantity(
+        100.0, "", "largest weight, in the unit of the weight", nonzero=True, of_value=True, **OF_EACH
+    )
 
 
 A_PLUS, A_PLUS_TRIPLET, A_MINUS, A_MINUS_TRIPLET, W_MAX = range(5)

@@ -45,9 +45,9 @@ class td_ltp(Modulated):
     tau_s: float = quantity(5.0, "ms", "time constant of the synaptic current, shorter", above=0)
     tau_kappa: float = quantity(200.0, "ms", "time constant of the eligibility", above=0)
     tau_rise: float = quantity(50.0, "ms", "time constant of its rise, shorter", above=0)
-    eta: float = quantity(1.0, "", "learning rate, in the unit of the weight", at_least=0)
-    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight")
-    Wmax: float = quantity(100.0, "", "largest weight, in the unit of the weight")
+    eta: float = quantity(1.0, "", "learning rate, in the unit of the weight", at_least=0, of_value=True)
+    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", of_value=True)
+    Wmax: float = quantity(100.0, "", "largest weight, in the unit of the weight", of_value=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

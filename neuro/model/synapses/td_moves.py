@@ -42,9 +42,9 @@ class td_moves(Modulated):
     tau_m: float = quantity(10.0, "ms", "time constant of the membrane", above=0)
     tau_s: float = quantity(2.0, "ms", "time constant of the synaptic current, shorter", above=0)
     move: float = quantity(100.0, "ms", "length of a move", above=0)
-    eta: float = quantity(0.01, "", "learning rate, in the unit of the weight", at_least=0)
-    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight")
-    Wmax: float = quantity(100.0, "", "largest weight, in the unit of the weight")
+    eta: float = quantity(0.01, "", "learning rate, in the unit of the weight", at_least=0, of_value=True)
+    Wmin: float = quantity(0.0, "", "smallest weight, in the unit of the weight", of_value=True)
+    Wmax: float = quantity(100.0, "", "largest weight, in the unit of the weight", of_value=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -40,11 +40,11 @@ class tempotron(Synapse):
     learns: ClassVar[str] = "trials"
     peaks: ClassVar[bool] = True
 
-    lambda_: float = quantity(0.01, "", "step size, in the unit of the weight", at_least=0)
+    lambda_: float = quantity(0.01, "", "step size, in the unit of the weight", at_least=0, of_value=True)
     tau_m: float = quantity(15.0, "ms", "time constant of the membrane", above=0, infinite=True)
     tau_s: float = quantity(3.75, "ms", "time constant of the synaptic current", at_least=0)
-    Wmin: float = quantity(-INF, "", "smallest weight, in the unit of the weight", infinite=True)
-    Wmax: float = quantity(INF, "", "largest weight, in the unit of the weight", infinite=True)
+    Wmin: float = quantity(-INF, "", "smallest weight, in the unit of the weight", infinite=True, of_value=True)
+    Wmax: float = quantity(INF, "", "largest weight, in the unit of the weight", infinite=True, of_value=True)
     alone: float = quantity(INF, "mV", "V_m that each neuron is taught by itself to reach, or not", infinite=True)
 
     def __post_init__(self) -> None:

@@ -28,12 +28,17 @@ class vogels_sprekeler(Synapse):
     width: ClassVar[int] = 3
 
     tau: float = quantity(20.0, "ms", "time constant of K+", above=0)
-    eta: Value = quantity(0.001, "", "step size, in the unit of the weight", at_least=0, **OF_EACH)
+    eta: Value = quantity(0.001, "", "step size, in the unit of the weight", at_least=0, of_value=True, **OF_EACH)
     alpha: Value = quantity(
         0.12, "", "depression by a pre spike, in steps: 2 tau times the rate to hold", at_least=0, **OF_EACH
     )
     Wmax: Value = quantity(
-        -100.0, "", "largest weight, in the unit of the weight; below 0 it inhibits", nonzero=True, **OF_EACH
+        -100.0,
+        "",
+        "largest weight, in the unit of the weight; below 0 it inhibits",
+        nonzero=True,
+        of_value=True,
+        **OF_EACH,
     )
 
 

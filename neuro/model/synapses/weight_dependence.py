@@ -23,7 +23,12 @@ class WeightDependent(Synapse):
     mu_plus: Value = quantity(1.0, "", "weight dependence of potentiation", at_least=0, **OF_EACH)
     mu_minus: Value = quantity(1.0, "", "weight dependence of depression", at_least=0, **OF_EACH)
     Wmax: Value = quantity(
-        100.0, "", "largest weight, in the unit of the weight; below 0 it inhibits", nonzero=True, **OF_EACH
+        100.0,
+        "",
+        "largest weight, in the unit of the weight; below 0 it inhibits",
+        nonzero=True,
+        of_value=True,
+        **OF_EACH,
     )
 
 

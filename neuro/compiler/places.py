@@ -1,0 +1,137 @@
+"""Where the words of a description stand, and which of them a mistake is about."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import TypeAlias
+
+from neuro.core.errors import ModelError, Where
+from neuro.model.language.reader import Node
+
+Words: TypeAlias = tuple[str, ...]
+
+_WORD = re.compile(r"[\w.-]+")
+_SUBJECT = re.compile(r"(?:an? )?(\w+)((?:\.\w+)*)")
+_NEEDED = re.compile(r"needs '(\w+)'")
+_ABOUT: Mapping[str, tuple[tuple[str, str], ...]] = {
+    "projections": ((r"(its target|a current) ", "to"), (r"depthwise grid ", "rule")),
+    "probes": ((r"'.*has no state|'.*is recorded alone|the synapses of .* have no state|(spikes|rate) of ", "record"),),
+}
+"""What messages that do not begin with a word of their part are about, by section."""
+
+
+class Places:
+    """Where each word of a tree stands, and each value."""
+
+    def __init__(self, *trees: Node) -> None:
+        self.words: dict[Where, Words] = {}
+        self.values: dict[Where, Words] = {}
+        for tree in trees:
+            self._walk(tree, ())
+
+    def _walk(self, node: Node, path: Words, listed: bool = False) -> None:
+        """Add what a path leads to; what is in a list has the path of the list."""
+        self.values.setdefault(node.where, path)
+        if isinstance(node.value, dict):
+            for word, inner in node.value.items():
+                here = path if listed else (*path, word)
+                self.words.setdefault(inner.label, here)
+                self._walk(inner, here, listed)
+        elif isinstance(node.value, list):
+            for item in node.value:
+                self._walk(item, path, listed=True)
+
+    def of(self, error: ModelError) -> Words:
+        """The words that lead to what a mistake is about; none if it is about no word."""
+        path = self._at(error)
+        needed = _NEEDED.search(error.message)
+        return (*path, needed[1]) if path and needed else path
+
+    def _at(self, error: ModelError) -> Words:
+        if error.where is None:
+            return ()
+        word, value = self.words.get(error.where, ()), self.values.get(error.where, ())
+        if not (word or value):
+            value = self._around(error.where)
+        if not word or not value or len(value) < 2:
+            return word or value
+        # A mapping that begins on a line of its own begins where its first word does.
+        return word if error.message.endswith((f"'{word[-1]}'", f"{word[-1]} has no value")) else value
+
+    def _around(self, where: Where) -> Words:
+        """The value within which a place lies, as a character of a formula does."""
+        before = [
+            at for at in self.values if (at.file, at.line) == (where.file, where.line) and at.column < where.column
+        ]
+        return self.values[max(before, key=lambda at: at.column)] if before else ()
+
+
+def subject(root: Node, part: Words, message: str) -> Words:
+    """The word of a part that the message of the compiler is about: it begins with its name; else the whole part.
+
+    Args:
+        root: what the words lead into.
+        part: the words that lead to the part.
+        message: what is told of it.
+    """
+    told = message.split(": ", 1)[-1] if message.startswith((f"{part[0][:-1]} '", "trials: ")) else message
+    for pattern, word in _ABOUT.get(part[0], ()):
+        if re.match(pattern, told):
+            return (*part, word)
+    found = _SUBJECT.match(told)
+    if found is None:
+        return part
+    head = next((path for name, path in _named(at(root, part), part) if name == found[1]), None)
+    if head is None:
+        return (*part, found[1]) if found[1] in ("weight", "delay") else part
+    for word in found[2].split(".")[1:]:
+        inner = at(root, head).value
+        if not isinstance(inner, dict):
+            break
+        said = [word, *_WORD.findall(told)]  # what is not said has its default, and another word of the message is said
+        head = next(((*head, name) for name in said if name in inner), head)
+    return head
+
+
+def _named(node: Node, path: Words) -> Iterator[tuple[str, Words]]:
+    """All words below a node with the paths to them, and those that stand for a value, the nearest first."""
+    level = [(node, path)]
+    while level:
+        below = []
+        for node, path in level:
+            if isinstance(node.value, str):
+                yield node.value, path
+            elif isinstance(node.value, dict):
+                yield from ((word, (*path, word)) for word in node.value)
+                below += [(inner, (*path, word)) for word, inner in node.value.items()]
+        level = below
+
+
+def has(root: Node, path: Words) -> bool:
+    """Whether a tree has what a path leads to."""
+    try:
+        return bool(path) and at(root, path) is not None
+    except (KeyError, TypeError):
+        return False
+
+
+def at(root: Node, path: Words) -> Node:
+    """What a path leads to."""
+    for word in path:
+        root = root.value[word]
+    return root
+
+
+def names(node: Node) -> Iterator[str]:
+    """All words below a node, in whatever they stand."""
+    if isinstance(node.value, dict):
+        for word, inner in node.value.items():
+            yield from _WORD.findall(word)
+            yield from names(inner)
+    elif isinstance(node.value, list):
+        for item in node.value:
+            yield from names(item)
+    elif isinstance(node.value, str):
+        yield node.value
+        yield from _WORD.findall(node.value)

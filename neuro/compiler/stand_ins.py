@@ -1,0 +1,105 @@
+"""What stands in for words that are mistaken while the rest of a description is judged.
+
+Each has two: what follows from a mistake is told in other words with the one than with the other, or not at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from neuro.compiler.places import Words
+from neuro.core.errors import ModelError
+from neuro.model.language.choices import TABLES
+from neuro.model.language.reader import Node
+from neuro.model.neurons import MODELS, Neuron, spike_generator
+
+_MODEL = ("iaf_psc_delta", "iaf_psc_exp")
+_SHAPE = (1, 2)
+_RULE = ({"fixed_total_number": {"n": 1}}, {"pairs": {"pre": [0, 0], "post": [0, 0]}})
+_WORDS: Mapping[Words, tuple[Any, Any]] = {
+    ("resolution",): (0.1, 0.05),
+    ("populations", "shape"): _SHAPE,
+    ("projections", "rule"): _RULE,
+    ("projections", "weight"): (0.0, 0.0),
+    ("trials", "duration"): (10.0, 20.0),
+}
+_PARTS = {"from": (), "to": (Neuron,), "of": (), "input": (spike_generator,)}
+"""Words that name a population, and of which model it is."""
+_MEANT = "did you mean '"
+
+
+def stand_in(sections: Mapping[str, Node], path: Words, gone: Node | None, error: ModelError, turn: int) -> Any:
+    """A plain value that stands in for what is mistaken; None if it is left out.
+
+    Args:
+        sections: of the description.
+        path: the words that lead to it.
+        gone: what stood there, if anything did.
+        error: what was wrong with it.
+        turn: 0 or 1, the first or the second stand-in.
+    """
+    if path[0] == "parameters":
+        return turn + 1
+    if path[0] == "populations" and path[2:] in ((), ("model",)):
+        model = "spike_generator" if _shown(sections) == path[1] else _MODEL[turn]
+        return model if path[2:] else {"model": model, "shape": _SHAPE[turn]}
+    if path[0] == "probes" and path[2:] == ("record",):
+        return meant(error) or None
+    place = (path[0], *path[2:]) if path[0] != "trials" else path
+    if place in _WORDS:
+        return _WORDS[place][turn]
+    if path[-1] in _PARTS and (len(path) == 3 or path[0] in ("trials", "groups")):
+        return _named(sections, path[-1], error)
+    return _needed(path[-2], path[-1], turn) if len(path) > 3 else None
+
+
+def meant(error: ModelError) -> str:
+    """The name that the author of a mistake most likely meant; "" if none is near."""
+    return error.hint.removeprefix(_MEANT).partition("'")[0] if error.hint.startswith(_MEANT) else ""
+
+
+def _shown(sections: Mapping[str, Node]) -> Any:
+    """The name of the population that trials show their input to."""
+    trials = sections["trials"].value if "trials" in sections else None
+    return trials["input"].value if isinstance(trials, dict) and "input" in trials else None
+
+
+def _needed(name: str, word: str, turn: int) -> Any:
+    """A number that a parameter can be which has no default."""
+    cls = next((table[name] for table in TABLES.values() if name in table), None)
+    if cls is None or word not in cls.quantities() or word in cls.defaults():
+        return None
+    q = cls.quantities()[word]
+    if q.kind == "shape":
+        return [turn + 1, turn + 1]
+    low = next((bound for bound in (q.at_least, q.above) if bound is not None), 0.0)
+    high = next((bound for bound in (q.at_most, q.below) if bound is not None), low + 4.0)
+    number = low + (high - low) * (turn + 1) / 4.0
+    return int(number) if q.kind == "integer" or q.whole else number
+
+
+def _named(sections: Mapping[str, Node], word: str, error: ModelError) -> str | None:
+    """The population that is meant, or another that may stand there."""
+    there = sections["populations"].value if "populations" in sections else {}
+    if not isinstance(there, dict):
+        return None
+    fitting = [name for name, node in there.items() if issubclass(_model(node), _PARTS[word] or object)]
+    near = meant(error)
+    return near if near in there else next(iter([*fitting, *there]), None)
+
+
+def _model(node: Node) -> type[Any]:
+    """The class of a population's model, as far as its node tells."""
+    said = node.value.get("model") if isinstance(node.value, dict) else None
+    name = said and (next(iter(said.value), "") if isinstance(said.value, dict) else said.value)
+    return MODELS[name] if isinstance(name, str) and name in MODELS else object
+
+
+def as_node(value: Any, at: Node) -> Node:
+    """A plain value as if it stood at the place of another."""
+    if isinstance(value, dict):
+        value = {word: as_node(inner, at) for word, inner in value.items()}
+    elif isinstance(value, list):
+        value = [as_node(inner, at) for inner in value]
+    return Node(value, at.where, at.label)

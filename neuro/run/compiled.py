@@ -1,0 +1,93 @@
+"""From a network to a simulation: everything that a backend refuses or approximates is told first."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterable
+from os import PathLike
+from typing import Any
+
+import numpy as np
+
+from neuro.compiler import compile_network
+from neuro.core.checks import check, is_number
+from neuro.core.errors import ModelError
+from neuro.core.quantities import Quantity
+from neuro.core.values import shown
+from neuro.model.network import Network
+from neuro.model.neurons import Neuron
+from neuro.program.backend import Backend, Problem, find_backend
+from neuro.program.program import Program
+from neuro.run.simulation import Simulation
+
+_THREADS = Quantity(kind="integer", at_least=1, at_most=max(64, os.cpu_count() or 1))
+
+
+class ModelWarning(UserWarning):
+    """A network runs, but its parameters are likely not meant so."""
+
+
+class ApproximationWarning(UserWarning):
+    """A backend runs a network, but not exactly as described."""
+
+
+def compile(
+    net: Network, backend: str | PathLike[str] | Backend = "event", seed: int = 0, threads: int = 1, **options: Any
+) -> Simulation:
+    """Make a network ready to run.
+
+    Args:
+        net: the network.
+        backend: the name of an installed backend, the table file of a chip, or the backend itself.
+        seed: of everything random; the same seed gives the same run on every float backend.
+        threads: cores to use; results do not depend on it.
+        options: of the backend.
+
+    Raises:
+        ModelError: the network cannot be run as described; all that the backend refuses is listed.
+    """
+    if not isinstance(net, Network):
+        raise ModelError(f"neuro.compile: found {net!r}: expected a Network", hint="neuro.load reads one from YAML")
+    threads = check(_THREADS, threads, "threads")
+    if not is_number(seed) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**63:
+        most = " and < 2^63" if isinstance(seed, int) and seed >= 2**63 else ""
+        raise ModelError(f"seed = {shown(seed)}: expected a whole number >= 0{most}")
+    chosen = _backend(backend)
+    try:
+        program = compile_network(net, int(seed))
+        _caution(program)
+        _report(chosen.name, chosen.problems(program, **options))
+        return Simulation(net, chosen.name, program, chosen.build(program, threads=threads, **options))
+    except MemoryError as error:
+        raise ModelError(f"network '{net.name}' needs more memory than there is: {error}") from None
+
+
+def _backend(given: str | PathLike[str] | Backend) -> Backend:
+    if isinstance(given, (str, PathLike)):
+        return find_backend(given)
+    if isinstance(given, type) or not all(hasattr(given, word) for word in ("name", "problems", "build")):
+        raise ModelError(f"backend = {shown(given)}: expected the name of a backend, or a backend itself")
+    return given
+
+
+def _caution(program: Program) -> None:
+    """Warn of parameters that are likely not meant so."""
+    for part in program.populations:
+        if isinstance(part.model, Neuron) and (told := part.model.caution(part.parameters, program.resolution)):
+            place = f"{part.origin}: " if part.origin else ""
+            warnings.warn(f"{place}population '{part.name}': {part.model.name}: {told}", ModelWarning, stacklevel=3)
+
+
+def _report(backend: str, problems: Iterable[Problem]) -> None:
+    """Raise one error for all that is refused; warn of what is approximated."""
+    told = {True: [], False: []}  # type: dict[bool, list[str]]
+    for problem in problems:
+        place = f"{problem.origin}: " if problem.origin else ""
+        way_out = f"\n  hint: {problem.way_out}" if problem.way_out else ""
+        told[problem.refused].append(f"{place}{problem.what}: {problem.why}{way_out}")
+    if told[True]:
+        count = f"{len(told[True])} problem" + "s" * (len(told[True]) > 1)
+        raise ModelError(f"backend '{backend}' cannot run this network ({count})\n" + "\n".join(told[True]))
+    for text in told[False]:
+        warnings.warn(f"backend '{backend}': {text}", ApproximationWarning, stacklevel=3)

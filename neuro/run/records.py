@@ -1,0 +1,194 @@
+"""What has been recorded: in memory, or in a file to which it goes while the network runs."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.checks import check_span
+from neuro.core.clock import NEVER, Clock
+from neuro.core.errors import ModelError
+from neuro.model.network import Network
+from neuro.model.neurons import Generator
+from neuro.model.parts import Probe
+from neuro.program.backend import Engine
+from neuro.program.program import Floats, Ints, Program
+from neuro.run.handles import Handles, Neurons
+from neuro.run.recorder import Recorder
+from neuro.run.synapses import Synapses
+
+if TYPE_CHECKING:
+    from neuro.files.results import Results
+    from neuro.run.collect import Run
+    from neuro.run.recording import Recording
+
+
+class Records:
+    """Runs a network and reads what was recorded of it.
+
+    Args:
+        program: the network.
+        engine: it runs.
+        clock: of the network.
+        handles: finds the parts that probes are of.
+        synapses: knows the ends of those that are recorded at pre spikes.
+
+    Attributes:
+        recorder: keeps what probes record.
+        recording: the file to which all goes now, None where it stays in memory.
+        held: the step after which spikes and traces are held; those up to it were forgotten, or are in `file`.
+    """
+
+    def __init__(self, program: Program, engine: Engine, clock: Clock, handles: Handles, synapses: Synapses) -> None:
+        self._engine, self._clock, self._handles, self._synapses = engine, clock, handles, synapses
+        self.recorder = Recorder(program, engine)
+        self.recording: Recording | None = None
+        self.held = 0
+        self._left: tuple[int, Path] | None = None
+
+    @property
+    def held_ms(self) -> float:
+        """The time after which spikes and traces can be read."""
+        return 0.0 if self._in_file else self._clock.ms(self.held)
+
+    def run(self, steps: int) -> None:
+        """Advance the engine, recording on the way."""
+        (self.recorder if self.recording is None else self.recording).run(steps)
+
+    @contextmanager
+    def to_file(
+        self,
+        sim: Run,
+        net: Network,
+        path: str | PathLike[str],
+        threads: int,
+        record: Collection[str],
+        all_weights: bool,
+    ) -> Iterator[None]:
+        """Write what is recorded to a file of results within the block, and keep none of it."""
+        from neuro.run.recording import Recording
+
+        self.refuse_while_recording("record_to")
+        parts = (sim, net, self._engine, self.recorder)
+        self.recording = Recording(*parts, path, threads=threads, record=record, all_weights=all_weights)
+        try:
+            yield
+            self.recording.finish()
+            self._left = self._engine.step, self.recording.path
+        finally:
+            recording, self.recording = self.recording, None
+            recording.close()
+            self.held = self._engine.step
+
+    def refuse_while_recording(self, what: str) -> None:
+        """Refuse what would turn back the time of a file that is being written."""
+        if self.recording is not None:
+            path = self.recording.part
+            raise ModelError(f"{what}: found a simulation that records to {path}: expected the end of 'record_to'")
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.recorder.clear()
+        self._left, self.held = None, 0
+
+    def restore(self, probes: Mapping[str, NDArray[Any]], held: int) -> None:
+        """Take over what had been recorded when a state was saved.
+
+        Args:
+            probes: a snapshot of the recorder.
+            held: the step after which it was held.
+        """
+        self.recorder.restore(probes)
+        self._left, self.held = None, held
+
+    def forget(self, before: float) -> None:
+        """Free the memory of what was recorded up to a time in ms."""
+        step = min(self._clock.floor(before, "forget"), self._engine.step)
+        self._engine.forget(step)
+        self.recorder.forget(step)
+        self.held = max(self.held, step)
+
+    def spikes(self, of: Neurons, since: float | None, until: float | None) -> tuple[Floats, Ints]:
+        """Times in ms and neurons, sorted by time, then neuron."""
+        part = of.part
+        if not part.records:
+            hint = f"net.probe('name', '{part.name}') records them" if isinstance(part.model, Generator) else ""
+            raise ModelError(f"spikes of '{part.name}', a {part.said}, are not recorded", hint=hint)
+        if (results := self._file()) is not None:
+            return results.spikes_of(part.name, of.ids, since, until)
+        after = -1 if since is None else self._clock.floor(since, "since")
+        to = NEVER if until is None else self._clock.floor(until, "until")
+        check_span(after, to, since, until)
+        self._check_held(part.name, since, until)
+        found = self._engine.spikes(of.index, after)
+        end = None if until is None else np.searchsorted(found.steps, to, side="right")
+        steps, ids, multiplicity = found.steps[:end], found.ids[:end], found.multiplicity[:end]
+        if of.ids is not None:
+            kept = of.among()[ids]
+            steps, ids, multiplicity = steps[kept], ids[kept], multiplicity[kept]
+        if multiplicity.size and multiplicity.max() > 1:
+            steps, ids = np.repeat(steps, multiplicity), np.repeat(ids, multiplicity)
+        return self._clock.array_ms(steps), ids
+
+    def _check_held(self, name: str, since: float | None, until: float | None) -> None:
+        """Refuse a time of which spikes are not held any more."""
+        if not self.held:
+            return
+        asked = {"since": since, "until": until}
+        for word, ms in asked.items():
+            if ms is None or self._clock.floor(ms, word) >= self.held + (word == "until"):
+                continue
+            held, what = f"{self._clock.ms(self.held):g} ms", f"spikes of '{name}': {word} = {ms:g} ms"
+            expected = f"expected {word} {'>=' if word == 'since' else '>'} {held}"
+            if self._left is not None and self._left[0] == self.held:
+                path = str(self._left[1])
+                hint = f"neuro.results.read({path!r}).spikes('{name}') reads them"
+                raise ModelError(f"{what}: those up to {held} are in {path}: {expected}", hint=hint)
+            hint = f"sim.spikes('{name}') gives all that are held"
+            raise ModelError(f"{what}: those up to {held} were forgotten: {expected}", hint=hint)
+
+    def trace(self, probe: Probe) -> tuple[Floats, Any]:
+        """What a probe has recorded, of several states by state."""
+        traces = {state: self.one_trace(name) for state, name in probe.traces().items()}
+        times, values = next(iter(traces.values()))
+        if isinstance(probe.record, str):
+            return times, values
+        by_name: dict[str, Any] = {}
+        for state, (_, found) in traces.items():
+            by_name |= found if isinstance(found, dict) else {state: found}
+        return times, by_name
+
+    def one_trace(self, name: str) -> tuple[Floats, Any]:
+        """What was recorded of one state, or the spikes."""
+        series, at_pre = self.recorder.series, self.recorder.pre_spikes
+        if (name in series or name in at_pre) and (results := self._file()) is not None:
+            return results.trace(name)
+        if name in series:
+            steps, values = series[name].told()
+            return self._clock.array_ms(steps), values
+        if name in at_pre:
+            recorded = at_pre[name]
+            sent, (pre, post) = recorded.read(), self._synapses.ends(recorded.probe.projection)
+            ends = {"pre": pre[sent.synapses], "post": post[sent.synapses]}
+            return self._clock.array_ms(sent.steps), {**ends, recorded.probe.record: sent.values}
+        return self.spikes(self._handles.recorded(self._handles.recording(name)), None, None)
+
+    @property
+    def _in_file(self) -> bool:
+        return self.recording is not None or (self._left is not None and self._left[0] == self._engine.step)
+
+    def _file(self) -> Results | None:
+        """What was recorded, where that is in a file: while it is written, and after that until the network runs on."""
+        if self.recording is not None:
+            return self.recording.results
+        if self._left is None or not self._in_file:
+            return None
+        from neuro.files.results import read
+
+        return read(self._left[1])
