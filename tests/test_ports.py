@@ -102,6 +102,16 @@ def test_spikes_that_do_not_fit_are_not_lost(sim):
     assert port.get().size == 0
 
 
+def test_spikes_that_were_forgotten_are_refused_and_counts_are_not(sim):
+    spikes, counts = sim.port("cells", "spikes"), sim.port("cells", "counts")
+    sim.run(200.0)
+    fired = sim.spikes("cells")[1].size
+    sim.forget(before=100.0)
+    with pytest.raises(neuro.ModelError, match="those up to 100 ms were forgotten"):
+        spikes.get()
+    assert counts.get().sum() == fired
+
+
 def test_arrays_are_filled_and_given_back(sim):
     potential, counts = sim.port("cells", "V_m"), sim.port("cells", "counts")
     sim.run(50.0)
