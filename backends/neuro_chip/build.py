@@ -143,12 +143,8 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
     program = fixed.program
     table = np.zeros((len(program.projections), t.PROJECTION_COLUMNS), dtype=np.int64)
     kind = family_of(fixed.chip).word
-    lists: dict[str, list[NDArray[Any]]] = {
-        "words": [np.zeros(0, dtype=kind)],
-        "lags": [_NO_ROWS],
-        "rows": [_NO_ROWS],
-        "targets": [_NOBODY],
-    }
+    lists: dict[str, list[NDArray[Any]]] = {name: [] for name in ("words", "lags", "rows", "targets")}
+    kinds = {"words": kind, "lags": np.int32, "rows": np.int64, "targets": np.int32}
     at = dict.fromkeys(lists, 0)
     for q, (part, wires) in enumerate(zip(program.projections, fixed.projections, strict=True)):
         table[q, [t.SOURCE, t.TARGET]] = part.source, part.target
@@ -163,18 +159,28 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
         table[q, [t.LAG, t.LAG_STRIDE]] = at["lags"], wires.lag.size > 1
         table[q, [t.ROW, t.SYNAPSE]] = at["rows"], at["targets"]
         table[q, [t.POSITIVE, t.NEGATIVE]] = bool(np.any(own > 0)), bool(np.any(own < 0))
-        found = {"words": own.astype(kind), "lags": wires.lag.astype(np.int64), "rows": row_ends, "targets": ends}
+        found: dict[str, NDArray[Any]] = {"words": own, "lags": wires.lag, "rows": row_ends, "targets": ends}
         for name, array in found.items():
             lists[name].append(array)
             at[name] += array.size
         _grid(table[q], part)
     a["projections"] = table
-    a |= {name: np.concatenate(parts) for name, parts in lists.items()}
+    a |= {name: _joined(parts, kinds[name]) for name, parts in lists.items()}
     grids.lay_out(a, program)
     spiking = [q for q, wires in enumerate(fixed.projections) if wires is not None]
     by_source = [[q for q in spiking if table[q, t.SOURCE] == k] for k in range(len(program.populations))]
     a["out"] = np.array([q for group in by_source for q in group], dtype=np.int64)
     a["out_ends"] = np.concatenate(([0], np.cumsum([len(group) for group in by_source]))).astype(np.int64)
+
+
+def _joined(parts: list[NDArray[Any]], kind: Any) -> NDArray[Any]:
+    """Arrays one behind the other, converted as they are copied: there may be hundreds of millions of synapses."""
+    joined = np.zeros(sum(part.size for part in parts), dtype=kind)
+    at = 0
+    for part in parts:
+        joined[at : at + part.size] = part
+        at += part.size
+    return joined
 
 
 _NOBODY = np.zeros(0, dtype=np.int32)

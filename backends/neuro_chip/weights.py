@@ -46,10 +46,10 @@ class Weights:
         for index, (part, wires) in enumerate(zip(self._program.projections, self.wires, strict=True)):
             own = np.zeros(0, dtype=np.int32) if wires is None else wires.mantissas
             if part.synapse.learns:
-                own = np.broadcast_to(own, part.size)
+                own = np.broadcast_to(own, part.size).copy()
             if part.synapse.learns == "trials":
                 self.rules[index] = part.synapse.vector()
-            self.mantissas.append(own.copy())
+            self.mantissas.append(own)  # others are replaced, never changed in place
 
     def wires_of(self, index: int) -> FixedProjection:
         """A projection that carries spikes, with the scale that it has now."""

@@ -33,6 +33,7 @@ COSTS = {
     "static_per_chip": ("W", "a chip that is on"),
     "barrier_1_tile_time": ("s", "the end of a step on one tile"),
     "barrier_32_tiles_time": ("s", "the end of a step on 32 tiles"),
+    "barrier_768_chips_time": ("s", "the end of a step on 768 chips"),
     "synaptic_op_time": ("s", "a spike travels along one synapse"),
     "neuron_update_active_time": ("s", "a neuron is stepped in which a spike arrives or which spikes"),
     "neuron_update_inactive_time": ("s", "any other neuron is stepped"),
@@ -44,19 +45,50 @@ COSTS = {
 """Names of costs: the unit, and what costs it."""
 
 
+CONDITIONS = {
+    "chips": ("", "chips that are on"),
+    "tiles": ("", "tiles with a core in use"),
+    "resolution": ("ms", "length of a step of the network"),
+    "rate": ("Hz", "spikes of a neuron, the mean of all"),
+}
+"""What a figure may hold for only in part, by name: the unit, and what it is of a run."""
+
+Range = tuple[float, float]
+"""The smallest and the largest."""
+
+
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A published number.
+    """A published number, with what is known of its error.
 
     Attributes:
         value: in the unit its field says (J, W, s, bytes or a count).
         source: the paper, page or table.
         conditions: technology, voltage, whether it was measured or simulated.
+        low, high: between which other sources and measurements lie; the value where none is known.
+        spread: where that range comes from.
+        holds: of `CONDITIONS` by name, the range in which the figure was taken.
+        beyond: the range of the figure outside of that; None where it is no other.
+        guess: why it is extrapolated whatever the run, "" where it is not.
     """
 
     value: float
     source: str
     conditions: str = ""
+    low: float | None = None
+    high: float | None = None
+    spread: str = ""
+    holds: Mapping[str, Range] = field(default_factory=dict)
+    beyond: Range | None = None
+    guess: str = ""
+
+    def range(self, extrapolated: bool = False) -> Range:
+        """The smallest and the largest that it may be; `extrapolated`: outside of what it holds for."""
+        low = self.value if self.low is None else self.low
+        high = self.value if self.high is None else self.high
+        if extrapolated and self.beyond is not None:
+            return min(low, self.beyond[0]), max(high, self.beyond[1])
+        return low, high
 
 
 @dataclass(frozen=True, slots=True)

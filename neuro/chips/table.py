@@ -7,13 +7,15 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from neuro.chips.arithmetics import ARITHMETICS
-from neuro.chips.description import COSTS, LIMITS, Chip, Figure, Mesh
+from neuro.chips.description import CONDITIONS, COSTS, LIMITS, Chip, Figure, Mesh, Range
 from neuro.core.errors import ModelError
 from neuro.model.language.nodes import found, mistake, words
 from neuro.model.language.reader import Node, read
 
 WORDS = ("like", "name", "title", "arithmetic", "limits", "mesh", "step_s", "costs")
 PARTS = {"limits": "limit", "costs": "cost"}
+FIGURE = ("value", "source", "conditions", "low", "high", "spread", "holds", "beyond", "guess")
+ENDS = ("low", "high")
 TILES = ("columns", "rows", "cores_per_tile")
 
 
@@ -83,15 +85,53 @@ def _figure(node: Node, name: str, unit: str) -> Figure:
     """A number with its source; `unit` is told when there is no number."""
     if not isinstance(node.value, dict):
         raise mistake(node, f"{name}: {found(node)}: expected a figure", "write {value: ..., source: ...}")
-    parts = words(node, ("value", "source", "conditions"), f"figure '{name}'", needs=("value", "source"))
-    value = parts["value"].value
+    parts = words(node, FIGURE, f"figure '{name}'", needs=("value", "source"))
+    value = _quantity(parts["value"], f"{name}: value", name, unit)
+    low, high = (_quantity(parts[end], f"{name}: {end}", name, unit) if end in parts else None for end in ENDS)
+    if (low is not None and low > value) or (high is not None and high < value):
+        end = "low" if low is not None and low > value else "high"
+        raise mistake(parts[end], f"{name}: {end}: expected low <= value <= high, found {_told(low, value, high)}")
+    return Figure(
+        value,
+        _text(parts["source"], f"{name}: source"),
+        low=low,
+        high=high,
+        holds=_holds(parts["holds"], name) if "holds" in parts else {},
+        beyond=_range(parts["beyond"], f"{name}: beyond") if "beyond" in parts else None,
+        **{word: _text(parts[word], f"{name}: {word}") for word in ("conditions", "spread", "guess") if word in parts},
+    )
+
+
+def _quantity(node: Node, what: str, name: str, unit: str) -> float:
+    """A number >= 0; `unit` is told when there is none."""
+    value = node.value
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         hint = f"23.6 p{unit} is written 23.6e-12" if unit else ""
-        raise mistake(parts["value"], f"{name}: value: {found(parts['value'])}: expected {_number(unit)}", hint)
+        raise mistake(node, f"{what}: {found(node)}: expected {_number(unit)}", hint)
     if not 0 <= value < math.inf:
-        raise mistake(parts["value"], f"{name}: value = {value:g}: expected {_number(unit)}")
-    conditions = _text(parts["conditions"], f"{name}: conditions") if "conditions" in parts else ""
-    return Figure(float(value), _text(parts["source"], f"{name}: source"), conditions)
+        raise mistake(node, f"{what} = {value:g}: expected {_number(unit)}")
+    return float(value)
+
+
+def _told(low: float | None, value: float, high: float | None) -> str:
+    return ", ".join(
+        f"{word} = {n:g}" for word, n in zip(("low", "value", "high"), (low, value, high), strict=True) if n is not None
+    )
+
+
+def _holds(node: Node, name: str) -> dict[str, Range]:
+    """Ranges of conditions by name."""
+    parts = words(node, CONDITIONS, f"{name}: holds", kind="condition")
+    return {word: _range(part, f"{name}: holds: {word}") for word, part in parts.items()}
+
+
+def _range(node: Node, what: str) -> Range:
+    """Two numbers, the smaller first."""
+    ends = [part.value for part in node.value] if isinstance(node.value, list) else []
+    numbers = [n for n in ends if isinstance(n, (int, float)) and not isinstance(n, bool) and n >= 0]
+    if len(ends) != 2 or len(numbers) != 2 or numbers[0] > numbers[1]:
+        raise mistake(node, f"{what}: {found(node)}: expected two numbers >= 0, the smaller first")
+    return float(numbers[0]), float(numbers[1])
 
 
 def _number(unit: str) -> str:

@@ -24,6 +24,13 @@ Per = Annotated[
     tuple[int, str],
     typer.Option("--per", metavar="N WHAT", help="Divide by the N parts that the run has, e.g. 100 recording."),
 ]
+StepTime = Annotated[
+    float | None,
+    typer.Option("--step-time", metavar="MS", parser=milliseconds, help="How long a step takes on the chip, in ms."),
+]
+Chips = Annotated[
+    int | None, typer.Option("--chips", metavar="N", min=1, help="How many chips are on, e.g. all of a board.")
+]
 Sources = Annotated[bool, typer.Option("--sources", help="Tell of each figure where it comes from.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, with NeuroBench's metrics, instead of tables.")]
 
@@ -37,6 +44,8 @@ def energy(
     threads: Threads = 1,
     set: Set = [],  # noqa: B006
     per: Per = (1, "run"),
+    step_time: StepTime = None,
+    chips_on: Chips = None,
     sources: Sources = False,
     as_json: Json = False,
 ) -> None:
@@ -64,7 +73,11 @@ def energy(
             typer.echo("interrupted: nothing is priced", err=True)
             raise typer.Exit(130) from None
     counts = sim._engine.counts()
-    bills = [price(sim.program, counts, *where) for where in zip(placements, chips, strict=True)]
+    step_s = None if step_time is None else step_time * 1e-3
+    bills = [
+        price(sim.program, counts, *where, step_s=step_s, chips=chips_on)
+        for where in zip(placements, chips, strict=True)
+    ]
     if as_json:
         typer.echo(json.dumps(plain(sim, bills, placements[0], per), indent=2))
     else:
@@ -114,6 +127,6 @@ def tell(bills: list[Energy], sources: bool) -> None:
     for priced in bills:
         typer.echo(f"{priced.told(sources)}\n")
     if len(bills) > 1:
-        rows = [(e.target, *e.sums(), *e.machine()) for e in bills]
-        columns = ("target", ">dynamic", ">static", ">total", ">chip time", ">chips")
+        rows = [(e.target, *e.sums(), e.span(), *e.machine()) for e in bills]
+        columns = ("target", ">dynamic", ">static", ">total", ">range", ">chip time", ">chips")
         console().print(table(columns, rows, title=f"energy per {bills[0].of}"))

@@ -14,7 +14,7 @@ COUNTS = (">spikes", ">synaptic ops", ">active updates", ">learning")
 SUMMARY = ("backend", *COUNTS, ">distance", "first difference", ">energy")
 POPULATIONS = ("population", "backend", ">neurons", ">spikes", ">rate Hz", "first difference", ">distance")
 PROJECTIONS = ("projection", "backend", ">largest", ">rms", ">relative rms", ">by rounding")
-ENERGY = ("target", "counts of", ">dynamic", ">static", ">total", ">chip time", ">chips")
+ENERGY = ("target", "counts of", ">dynamic", ">static", ">total", ">range", ">chip time", ">chips")
 NATIVE = ("backend", "counted on it only", ">count")
 
 
@@ -85,7 +85,7 @@ def bills(comparison: Comparison) -> Iterator[tuple[str, ...]]:
     for bill in comparison.bills:
         e = bill.energy
         if e is not None:
-            yield (bill.target, bill.counted_on, *e.sums(), *e.machine())
+            yield (bill.target, bill.counted_on, *e.sums(), e.span(), *e.machine())
 
 
 def unpriced(comparison: Comparison) -> Iterator[Bill]:

@@ -42,6 +42,7 @@ def _totals(bills: Bills) -> Html:
         told = [(kind, j) for kind, j in (("dynamic", e.dynamic_j), ("static", e.static_j)) if j > 0.0]
         dots = (_dot(kind, j, 100.0 * (math.log10(j) - low) / (high - low)) for kind, j in told)
         words = ", ".join(f"{kind} {quantity(j, 'J')}" for kind, j in told) or "0 J"
+        words += f"; in all {e.span()}"
         rows.append(_row(about, e, tag("div", *dots, class_="track"), tag("small", words)))
     ends = tag("div", *(tag("span", quantity(10.0**n, "J")) for n in (low, high)), class_="ends")
     scale = tag("div", tag("p"), ends, class_="bill")
@@ -101,11 +102,13 @@ def _details(about: str, e: Energy) -> Html:
     rows = [_line(item, sources) for item in e.items[:MOST_LINES]]
     if len(e.items) > MOST_LINES:
         rows.append((f"{len(e.items) - MOST_LINES:,} more lines", "", "", "", "", ""))
-    rows += [(name, "", "", "", told, "") for name, told in zip(("dynamic", "static", "total"), e.sums(), strict=True)]
+    sums = (*zip(("dynamic", "static", "total"), e.sums(), strict=True), ("range of the total", e.span()))
+    rows += [(name, "", "", "", told, "") for name, told in sums]
     time = "" if e.chip_time_s is None else f", {quantity(e.chip_time_s, 's')} of chip time"
     head = f"{e.title}, {about}: {quantity(e.total_j, 'J')}{time}"
     foot = tag("ol", *(tag("li", source) for source in sources))
-    notes = tag("ul", *(tag("li", note) for note in e.notes)) if e.notes else None
+    told = e.noted(sources=True)
+    notes = tag("ul", *(tag("li", note) for note in told)) if told else None
     return tag("details", tag("summary", head), html.table(ITEM_COLUMNS, rows), tag("h4", "Sources"), foot, notes)
 
 
@@ -114,4 +117,4 @@ def _line(item: Item, sources: list[str]) -> tuple[object, ...]:
     energy = "not priced" if item.joules is None else quantity(item.joules, "J")
     count = f"{quantity(item.count, 's')}" if static else number(item.count)
     mark = sources.index(sourced(item.source, item.conditions)) + 1 if item.source else ""
-    return (_meaning(item.what), item.of, count, _each(item), energy, mark)
+    return (_meaning(item.what) + " *" * bool(item.extrapolated), item.of, count, _each(item), energy, mark)

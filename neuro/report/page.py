@@ -94,7 +94,9 @@ def _cards(results: Results, bill: Energy | None, target: str) -> Iterator[Html]
     yield _card("synapses", f"{synapses:,}", told)
     if bill is not None:
         yield _card(
-            f"energy on {target}", quantity(bill.total_j, "J"), f"{quantity(bill.dynamic_j, 'J')} of it dynamic"
+            f"energy on {target}",
+            quantity(bill.total_j, "J"),
+            f"{quantity(bill.dynamic_j, 'J')} of it dynamic; {bill.span()}",
         )
 
 

@@ -459,23 +459,35 @@ class Simulation:
         """What has happened since the start or the last reset, to be added up over several runs for one bill."""
         return TrialCounts(0, self._engine.counts(), self._tally)
 
-    def energy(self, target: str | PathLike[str], of: TrialResults | TrialCounts | None = None) -> Energy:
+    def energy(
+        self,
+        target: str | PathLike[str],
+        of: TrialResults | TrialCounts | None = None,
+        *,
+        step_s: float | None = None,
+        chips: int | None = None,
+    ) -> Energy:
         """What the run would take on a chip: the counts of any backend x published figures, and static power.
 
         Args:
             target: "loihi", "spinnaker", "spinnaker2", "truenorth", "cpu", "gpu", or a table file of your own.
             of: a batch of trials to price instead of all since the start, or what several took together.
+            step_s: how long a step takes on the chip in s, e.g. 1e-3 for a step of 1 ms in real time; the chip's own
+                time if not given.
+            chips: that are on, e.g. all of a board; those that the network needs if not given.
 
         Returns:
-            the bill: `total_j`, `dynamic_j`, `static_j`, `items` with count, joules each and source; `per(n, what)`
-            divides it; `str` prints it.
+            the bill: `total_j`, `dynamic_j`, `static_j`, `low_j` and `high_j`, `items` with count, joules each and
+            source, `extrapolated`; `per(n, what)` divides it; `str` prints it.
 
         Raises:
-            ModelError: there is no such target, the network does not fit on it, or it has no published costs.
+            ModelError: there is no such target, the network does not fit on it, it has no published costs, or `step_s`
+                or `chips` cannot be.
         """
         from neuro.chips.pricing.bill import bill
 
-        return bill(self.program, self._engine.counts() if of is None else of.raw_counts, target)
+        counts = self._engine.counts() if of is None else of.raw_counts
+        return bill(self.program, counts, target, step_s=step_s, chips=chips)
 
     def memory(self) -> dict[str, int]:
         """Bytes of the engine by what they hold."""

@@ -181,9 +181,10 @@ def test_targets_that_are_not_placed(run):
     assert two.static_j == 0.0
     assert "static power is not in the sums: no figure is published" in two.notes
     north = price(*run, None, chip("truenorth"))
-    assert north.total_j == north.dynamic_j == pytest.approx(24 * 26e-12, rel=1e-12)
+    assert north.dynamic_j == pytest.approx(24 * 2.3e-12, rel=1e-12)
+    assert north.static_j == pytest.approx(10e-3 * 64.4e-3, rel=1e-12)
     assert north.chip_time_s == pytest.approx(10e-3)
-    assert not any("static" in note for note in north.notes)
+    assert "nothing is placed: one chip is taken" in north.notes
 
 
 @pytest.mark.parametrize(("target", "mac"), [("cpu", 8.6e-9), ("gpu", 0.3e-9), ("arm", 0.9e-9)])
@@ -401,13 +402,14 @@ def test_json(run):
     assert told["notes"] == list(energy.notes)
 
 
-def test_what_is_not_known_is_null_in_json(run):
+def test_what_is_not_known_is_null_in_json(run, tmp_path):
     dense = price(*run, None, chip("cpu"))
     assert (dense.static_j, dense.static_known) == (0.0, False)
     told = json.loads(json.dumps(dense.as_dict()))
     assert (told["static_j"], told["chip_time_s"], told["chips"]) == (None, None, None)
     assert told["total_j"] == told["dynamic_j"] == dense.total_j > 0.0
-    free = price(*run, None, chip("truenorth"))  # its figure is 0 and published
+    (tmp_path / "free.yaml").write_text("like: truenorth\ncosts: {static_per_chip: {value: 0, source: me}}\n")
+    free = price(*run, None, chip(tmp_path / "free.yaml"))  # its figure is 0 and published
     assert free.static_known
     assert (free.as_dict()["static_j"], free.as_dict()["chips"]) == (0.0, 1)
     assert [energy.machine() for energy in (dense, free)] == [("-", "-"), ("10 ms", "1")]
@@ -418,24 +420,26 @@ SpiNNaker 2 (prototype) (spinnaker2), energy per half: 1 chip, 5 steps, 5 ms of 
 
 """
 ROWS = """\
-item                    of  count     each      energy
-neuron_update_active    a       6  2.19 nJ    13.14 nJ
-neuron_update_inactive  a       9  2.19 nJ    19.71 nJ
-neuron_update_active    b       6  2.19 nJ    13.14 nJ
-neuron_update_inactive  b       9  2.19 nJ    19.71 nJ
-synaptic_op             in      6   450 pJ      2.7 nJ
-synaptic_op             ab      6   450 pJ      2.7 nJ
-learning_update         ab     12        -  not priced
+item                      of  count     each      energy
+neuron_update_active *    a       6  2.19 nJ    13.14 nJ
+neuron_update_inactive *  a       9  2.19 nJ    19.71 nJ
+neuron_update_active *    b       6  2.19 nJ    13.14 nJ
+neuron_update_inactive *  b       9  2.19 nJ    19.71 nJ
+synaptic_op *             in      6   450 pJ      2.7 nJ
+synaptic_op *             ab      6   450 pJ      2.7 nJ
+learning_update           ab     12        -  not priced
 """
 NOTES = """\
 - static power is not in the sums: no figure is published
 - generators are the host's: their spikes are priced, their updates are not
 - not priced, as no figure is published: learning_update
+- extrapolated (*): neuron_update_active, neuron_update_inactive, synaptic_op: a prototype of 4 cores in 28 nm, \
+not the chip of 22 nm
 """
 SUMS = """
 dynamic     71.1 nJ
 static   not priced
-total       71.1 nJ"""
+total       71.1 nJ   71.1 nJ to 284.4 nJ"""
 
 
 def test_the_text(run):
@@ -448,8 +452,10 @@ def test_the_text_with_sources(run):
     marks = ["  source", *4 * ["  [1]"], *2 * ["  [2]"], ""]
     cited = "\n".join(row + mark for row, mark in zip(rows, marks, strict=True)) + "\n\n"
     assert text.startswith(HEAD + cited)
-    assert text.endswith(NOTES + SUMS)
-    foot = text.removeprefix(HEAD + cited).removesuffix(NOTES + SUMS).splitlines()
+    spread = "high: without that scaling the cores take four times as much: Höppner et al., abstract"
+    ranges = f"- range of neuron_update_active, neuron_update_inactive, synaptic_op: {spread}\n"
+    assert text.endswith(NOTES + ranges + SUMS)
+    foot = text.removeprefix(HEAD + cited).removesuffix(NOTES + ranges + SUMS).splitlines()
     assert foot[0].startswith("[1] Höppner et al., IEEE Trans. Circuits Syst. I 66:2973, 2019, as quoted by")
     assert foot[0].endswith("(prototype, 28 nm; every neuron is stepped alike)")
     assert foot[1].startswith("[2] Höppner")

@@ -64,6 +64,7 @@ def test_loihi_is_davies():
         "static_per_chip": 0.104,
         "barrier_1_tile_time": 113e-9,
         "barrier_32_tiles_time": 465e-9,
+        "barrier_768_chips_time": 16.2e-6,
         "synaptic_op_time": 3.5e-9,
         "learning_update_time": 6.1e-9,
         "neuron_update_active_time": 8.4e-9,

@@ -64,11 +64,23 @@ def test_several_bills_and_a_row_of_each(run, bill):
     assert out.startswith(bills)
     rows = [line.split() for line in out.removeprefix(bills).splitlines() if line.strip()]
     assert rows[0] == ["energy", "per", "run"]
-    assert rows[1] == ["target", "dynamic", "static", "total", "chip", "time", "chips"]
+    assert rows[1] == ["target", "dynamic", "static", "total", "range", "chip", "time", "chips"]
     assert rows[3][0] == "truenorth"
     assert rows[3][-3:] == ["500", "ms", "1"]  # 500 steps of 0.1 ms, each a tick
     assert rows[4][0] == "cpu"
-    assert rows[4][-5:] == ["priced", *rows[4][-4:-2], "-", "-"]
+    assert rows[4][-2:] == ["-", "-"]
+    assert "to" in rows[4]
+
+
+def test_the_time_of_a_step_and_the_chips_that_are_on(run, bill):
+    """Static energy is that of all of a board for as long as steps take there."""
+    words = ("--target", "spinnaker", "--step-time", "2", "--chips", "48", "--json")
+    told = json.loads(run(*RUN, *words)[1])["bills"][0]
+    assert (told["chip_time_s"], told["chips"]) == (pytest.approx(500 * 2e-3), 48)
+    assert told["static_j"] == pytest.approx(48 * 500 * 2e-3 * 0.36)
+    assert told["static_high_j"] == pytest.approx(48 * 500 * 2e-3 * 1.0)
+    assert "the network uses 1 chip, 48 are on, as given" in told["notes"]
+    assert "chip time: a step of 0.1 ms takes 2 ms on the chip, as given" in told["notes"]
 
 
 def test_json(run, bill, network):
@@ -124,6 +136,11 @@ MISTAKES = {
         "  hint: write a table with 'like: loihi2' and 'costs: ...', and name its file as the target",
     ),
     "no parts": (("--per", "0", "trial"), "Invalid value for '--per': '0': expected a whole number >= 1"),
+    "no chips": (("--chips", "0"), "Invalid value for '--chips': Input should be greater than or equal to 1"),
+    "no time": (
+        ("--target", "loihi", "--step-time", "0"),
+        "Invalid value for '--step-time': '0': expected a time > 0 ms",
+    ),
     "off the grid": (("--for", "0.05"), "--for = 0.05 ms"),
 }
 

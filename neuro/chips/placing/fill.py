@@ -26,6 +26,26 @@ def scatter(source, target, first, position, line):
 
 
 @kernel
+def scatter_rows(row_ends, target, first, position, line):
+    """The same of a projection whose synapses lie by source, without a list of sources."""
+    for i in range(row_ends.size - 1):
+        for e in range(row_ends[i], row_ends[i + 1]):
+            t = target[e]
+            line[position[t]] = first + i
+            position[t] += 1
+
+
+@kernel
+def scatter_all(sources, targets, first, position, line):
+    """Enter the synapses of a projection in which every source reaches every target."""
+    for t in range(targets):
+        at = position[t]
+        for i in range(sources):
+            line[at + i] = first + i
+        position[t] = at + sources
+
+
+@kernel
 def fill(queue, begin, end, core, rows, graph, sends, limits, load, marks):
     """Add the neurons queue[begin:end] to a core until one does not fit; returns its position, or end.
 
@@ -49,6 +69,8 @@ def fill(queue, begin, end, core, rows, graph, sends, limits, load, marks):
         width = _widen(rows, graph, load, marks)
         for e in range(graph[0][t], graph[0][t + 1]):
             _add(graph[1][e], core, rows, width, graph, load, marks)
+            if load[AXONS] > limits[AXONS] or load[MEMORY] > limits[MEMORY]:
+                return position
         load[EDGES] += sends[t]
         if load[AXONS] > limits[AXONS] or load[MEMORY] > limits[MEMORY] or load[EDGES] > limits[EDGES]:
             return position
@@ -139,3 +161,105 @@ def reach(queue, core, begin, end, ends, line, source, line_core, source_core, p
                     n += 1
                 found[2][place[own]] += 1
     return n
+
+
+@kernel
+def weigh(queue, core, begin, end, graph, index, marks, sends, axons_in, memory):
+    """Count what reaches each core without listing it: for machines of so many cores that a list would be too long.
+
+    The pieces of the queue are those of `reach`; `graph` has ends, line, source, projection and bits of `Incoming`, and
+    `index` the bits that tell the neurons of each core apart. Work space: a count of each line (0), the lowest line of
+    each source (-1), and room for the lines and sources that reach a core. Filled are the cores that each source
+    reaches (`sends`), and the sources and the bits of memory of each core.
+    """
+    ends, line, source, projection, bits = graph
+    count, lowest, lines, sources = marks
+    first = 0
+    while first < core.size:
+        own = core[first]
+        last = first
+        n = m = 0
+        while last < core.size and core[last] == own:
+            for position in range(begin[last], end[last]):
+                t = queue[position]
+                for e in range(ends[t], ends[t + 1]):
+                    k = line[e]
+                    if count[k] == 0:
+                        lines[n] = k
+                        n += 1
+                        if lowest[source[k]] < 0:
+                            lowest[source[k]] = k
+                            sources[m] = source[k]
+                            m += 1
+                    count[k] += 1
+            last += 1
+        taken = 0
+        for i in range(n):
+            k = lines[i]
+            taken += block_bits(count[k], bits[projection[k]] + index[own])
+            count[k] = 0
+        for i in range(m):
+            sends[sources[i]] += 1
+            lowest[sources[i]] = -1
+        axons_in[own] = m
+        memory[own] = taken
+        first = last
+
+
+@kernel
+def travel(queue, core, begin, end, ends, line, source, begins, places, reached, lowest, found):
+    """The moves of one spike of each line, a spike sent for each core, without a list of lines and cores.
+
+    The pieces of the queue and the synapses are those of `reach`. `begins` has the column, the row, the chip's column
+    and the chip's row where each source begins, `places` the same of each core; `reached` and `lowest` (-1) are work
+    space per neuron. `found` is filled by line: cores, those on the tile, columns, rows and chips that a spike moves.
+    """
+    first = 0
+    while first < core.size:
+        own = core[first]
+        last = first
+        m = 0
+        while last < core.size and core[last] == own:
+            for position in range(begin[last], end[last]):
+                t = queue[position]
+                for e in range(ends[t], ends[t + 1]):
+                    k = line[e]
+                    s = source[k]
+                    if lowest[s] < 0:
+                        reached[m] = s
+                        m += 1
+                        lowest[s] = k
+                    elif k < lowest[s]:
+                        lowest[s] = k
+            last += 1
+        for i in range(m):
+            s = reached[i]
+            k = lowest[s]
+            lowest[s] = -1
+            east = abs(places[0][own] - begins[0][s])
+            south = abs(places[1][own] - begins[1][s])
+            found[0][k] += 1
+            found[1][k] += east == 0 and south == 0
+            found[2][k] += east
+            found[3][k] += south
+            found[4][k] += abs(places[2][own] - begins[2][s]) + abs(places[3][own] - begins[3][s])
+        first = last
+
+
+@kernel
+def spread(source, core, begin, places, cores, local, along, across):
+    """Add destinations to the links that sources use: first along their row, then along columns.
+
+    `source` and `core` are pairs, `begin` and `places` the columns and rows of sources and of cores. Filled are the
+    cores of each source and those on its tile (`local`), how far it goes west and east (`along`), and north and south
+    in each column (`across`).
+    """
+    for e in range(source.size):
+        s, k = source[e], core[e]
+        east, south = places[0][k] - begin[0][s], places[1][k] - begin[1][s]
+        cores[s] += 1
+        local[s] += east == 0 and south == 0
+        along[0, s] = max(along[0, s], east)
+        along[1, s] = max(along[1, s], -east)
+        across[0, s, places[0][k]] = max(across[0, s, places[0][k]], south)
+        across[1, s, places[0][k]] = max(across[1, s, places[0][k]], -south)

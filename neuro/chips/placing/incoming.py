@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.chips.placing.fan_out import spiking
-from neuro.chips.placing.fill import scatter
+from neuro.chips.placing.fill import scatter, scatter_all, scatter_rows
 from neuro.chips.placing.packing import synapse_bits
 from neuro.program.program import Grid, Ints, Program
 
@@ -33,8 +33,8 @@ class Incoming:
     ends: Ints
     line: NDArray[np.int32]
     first: Ints
-    source: Ints
-    projection: Ints
+    source: NDArray[np.int32]
+    projection: NDArray[np.int32]
     bits: Ints
     sources: Ints
     synapses: Ints
@@ -48,29 +48,56 @@ def incoming(program: Program) -> Incoming:
     parts = program.projections
     lines = np.array([sizes[p.source] if i in carries else 0 for i, p in enumerate(parts)], dtype=np.int64)
     first = np.concatenate([[0], np.cumsum(lines)]).astype(np.int64)
-    pairs = {index: ends_of(program, index) for index in sorted(carries)}
-    synapses = np.array([len(pairs[i][0]) if i in pairs else 0 for i in range(len(parts))], dtype=np.int64)
+    pairs = {index: ends_of(program, index) for index in sorted(carries) if parts[index].layout in _LISTED}
+    synapses = np.zeros(len(parts), dtype=np.int64)
     ends = np.zeros(start[-1] + 1, dtype=np.int64)
-    for index, (_, target) in pairs.items():
-        into = parts[index].target
-        ends[start[into] + 1 : start[into + 1] + 1] += np.bincount(target, minlength=sizes[into])
+    for index in sorted(carries):
+        into, each = parts[index].target, _onto(program, index, pairs)
+        synapses[index] = each.sum()
+        ends[start[into] + 1 : start[into + 1] + 1] += each
     np.cumsum(ends, out=ends)
     line = np.zeros(synapses.sum(), dtype=np.int32)
     position = ends[:-1].copy()
-    for index, (source, target) in pairs.items():
-        scatter(source, target, first[index], position[start[parts[index].target] :], line)
+    for index in sorted(carries):
+        _enter(program, index, pairs, first[index], position[start[parts[index].target] :], line)
     starts = [start[p.source] + np.arange(n) for p, n in zip(parts, lines, strict=True)]
     return Incoming(
         start=start,
         ends=ends,
         line=line,
         first=first,
-        source=np.concatenate([np.zeros(0, dtype=np.int64), *starts]),
-        projection=np.repeat(np.arange(len(parts)), lines),
+        source=np.concatenate([np.zeros(0, dtype=np.int64), *starts]).astype(np.int32),
+        projection=np.repeat(np.arange(len(parts), dtype=np.int32), lines),
         bits=np.array([synapse_bits(program, index) for index in range(len(parts))], dtype=np.int64),
         sources=lines,
         synapses=synapses,
     )
+
+
+_LISTED = ("grid", "one_to_one")
+"""Layouts whose synapses are listed; the others are counted and entered as they lie."""
+
+_Pairs = dict[int, tuple[Ints, Ints]]
+
+
+def _onto(program: Program, index: int, pairs: _Pairs) -> Ints:
+    """Synapses of a projection onto each of its targets."""
+    part = program.projections[index]
+    n_source, n_target = (program.populations[k].size for k in (part.source, part.target))
+    if part.layout == "dense":
+        return np.full(n_target, n_source, dtype=np.int64)
+    return np.bincount(pairs[index][1] if index in pairs else part.targets, minlength=n_target)
+
+
+def _enter(program: Program, index: int, pairs: _Pairs, first: int, position: Ints, line: NDArray[np.int32]) -> None:
+    """Enter the synapses of a projection behind those that their targets already have."""
+    part = program.projections[index]
+    if index in pairs:
+        scatter(*pairs[index], first, position, line)
+    elif part.layout == "dense":
+        scatter_all(program.populations[part.source].size, program.populations[part.target].size, first, position, line)
+    else:
+        scatter_rows(part.row_ends, part.targets, first, position, line)
 
 
 def ends_of(program: Program, index: int) -> tuple[Ints, Ints]:

@@ -16,7 +16,8 @@ What is taken to be so:
 Order "connected" takes neurons that lie at one place of a grid together, since they share their sources, and takes
 populations and cores in an order in which each comes after those to which it is tied most. It lays the cores along
 tiles that touch, and exchanges tiles and cores while that saves hops. Order "declared" takes all as it is declared,
-tile by tile and row by row. Where this happens to be shorter, "connected" takes it, too.
+tile by tile and row by row. Where this happens to be shorter, "connected" takes it, too, unless it needs more than
+2,000 cores at any rate: those are laid out once, as they come.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from neuro.chips.placing.incoming import Incoming, incoming
 from neuro.chips.placing.mesh import LARGEST, Places, chain, draw_close, lay_out
 from neuro.chips.placing.placement import Core, Placement
 from neuro.chips.placing.routes import Hops, routes
-from neuro.chips.placing.split import Split, neurons_of, split
+from neuro.chips.placing.split import Split, fewest_cores, neurons_of, split
 from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Floats, Program
 
@@ -61,6 +62,12 @@ def place(program: Program, chip: Chip, *, order: str = "connected", neurons_per
         _check_neurons(neurons_per_core, chip)
     into = incoming(program)
     declared = neurons_of(program)
+    if order == "connected" and fewest_cores(program, chip, into) > LARGEST:
+        tied = _tied(program, into, declared)
+        draft = _draft(
+            program, chip, into, *_close(chip, into, split(program, chip, into, tied, neurons_per_core, True))
+        )
+        return _placement(program, chip, into, draft, order)
     cut = split(program, chip, into, declared, neurons_per_core)
     drafts = [_draft(program, chip, into, cut, lay_out(chip, cut.memory, snake=False))]
     if order == "connected":

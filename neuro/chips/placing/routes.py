@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from neuro.chips.placing.fill import spread, travel
 from neuro.chips.placing.incoming import Incoming
 from neuro.chips.placing.mesh import Places
 from neuro.chips.placing.split import Split
@@ -47,6 +49,8 @@ def routes(program: Program, into: Incoming, split: Split, places: Places, multi
             otherwise it is sent once for each destination core. What several projections of a population share
             counts with the first.
     """
+    if not split.listed:
+        return _counted(program, into, split, places)
     found: list[Hops] = []
     trees: dict[int, _Tree] = {}
     chosen = np.flatnonzero(split.sent)
@@ -55,19 +59,43 @@ def routes(program: Program, into: Incoming, split: Split, places: Places, multi
     for index, part in enumerate(program.projections):
         entry = chosen[cut[index] : cut[index + 1]]
         size = program.populations[part.source].size
-        source = (split.line[entry] - into.first[index]).astype(np.int64)
-        ways = _Ways(places, _core_of(program, into, split, part.source), source, split.core[entry].astype(np.int64))
+        source = split.line[entry] - into.first[index]
+        own = _core_of(program, into, split, part.source)
         if not multicast:
-            found.append(ways.unicast(size))
+            found.append(_Ways(places, own, source.astype(np.int64), split.core[entry].astype(np.int64)).unicast(size))
         else:
             if part.source not in trees:
-                trees[part.source] = _Tree(ways.begin(places.column), ways.begin(places.row), places)
-            found.append(ways.multicast(size, trees[part.source]))
+                trees[part.source] = _Tree(own, places)
+            found.append(trees[part.source].grow(source, split.core[entry]))
     return tuple(found)
+
+
+def _counted(program: Program, into: Incoming, split: Split, places: Places) -> tuple[Hops, ...]:
+    """The hops of every projection, a spike sent for each destination core, where these are not listed."""
+    lines, total = len(into.source), int(into.start[-1])
+    found = tuple(np.zeros(lines, dtype=np.int64) for _ in range(5))
+    coordinates = (places.column, places.row, places.chip_column, places.chip_row)
+    placed = split.core_of >= 0
+    begins = tuple(np.where(placed, of_core[split.core_of], 0) for of_core in coordinates)
+    room = np.empty(total, dtype=np.int32), np.full(total, -1, dtype=np.int32)
+    travel(split.queue, *split.pieces, into.ends, into.line, into.source, begins, coordinates, *room, found)
+    ways = []
+    for index, part in enumerate(program.projections):
+        a, b = into.first[index], into.first[index + 1]
+        none = np.zeros(program.populations[part.source].size, dtype=np.int64)
+        ways.append(Hops(*(each[a:b] if b > a else none for each in found)))
+    return tuple(ways)
 
 
 def _core_of(program: Program, into: Incoming, split: Split, population: int) -> Ints:
     return split.core_of[into.start[population] : into.start[population + 1]]
+
+
+def begins(own: Ints, coordinate: Ints) -> Ints:
+    """Where each source neuron is: on its core, or with the host."""
+    if not len(coordinate):
+        return np.zeros(len(own), dtype=np.int64)
+    return np.where(own >= 0, coordinate[own], 0)
 
 
 class _Ways:
@@ -79,15 +107,9 @@ class _Ways:
         self.east, self.south = self.step(places.column), self.step(places.row)
         self.local = (self.east == 0) & (self.south == 0)
 
-    def begin(self, coordinate: Ints) -> Ints:
-        """Where each source neuron is."""
-        if not len(coordinate):
-            return np.zeros(len(self.own), dtype=np.int64)
-        return np.where(self.own >= 0, coordinate[self.own], 0)
-
     def step(self, coordinate: Ints) -> Ints:
         """How far each destination is from its source, with its sign."""
-        return np.asarray(coordinate[self.core] - self.begin(coordinate)[self.source])
+        return np.asarray(coordinate[self.core] - begins(self.own, coordinate)[self.source])
 
     def count(self, what: Ints | None, size: int) -> Ints:
         """Sums per source neuron."""
@@ -99,29 +121,25 @@ class _Ways:
         east, south = (self.count(np.abs(step), size) for step in (self.east, self.south))
         return Hops(self.count(None, size), self.count(self.local, size), east, south, self.count(over, size))
 
-    def multicast(self, size: int, tree: _Tree) -> Hops:
-        """Links that the source's earlier projections do not use yet."""
-        links = tree.grow(self.source, self.places.column[self.core], self.east, self.south)
-        return Hops(self.count(None, size), self.count(self.local, size), *links)
-
 
 class _Tree:
     """The links that each neuron of a population uses: how far east and west, and in each column south and north."""
 
-    def __init__(self, column: Ints, row: Ints, places: Places) -> None:
-        self.column, self.row, self.mesh = column, row, places.mesh
+    def __init__(self, own: Ints, places: Places) -> None:
+        self.column, self.row = begins(own, places.column), begins(own, places.row)
+        self.places = places.column, places.row
+        self.mesh = places.mesh
         columns = int(places.column.max(initial=0)) + 1
-        self.along = np.zeros((2, column.size), dtype=np.int64)
-        self.across = np.zeros((2, column.size, columns), dtype=np.int64)
+        self.along = np.zeros((2, own.size), dtype=np.int64)
+        self.across = np.zeros((2, own.size, columns), dtype=np.int64)
 
-    def grow(self, source: Ints, column: Ints, east: Ints, south: Ints) -> tuple[Ints, Ints, Ints]:
-        """Add destinations; returns what is new: links along rows, along columns, and those from chip to chip."""
+    def grow(self, source: NDArray[np.int32], core: NDArray[np.int32]) -> Hops:
+        """Add destinations; of the links only what is new."""
         before = self.links()
-        for side, sign in enumerate((1, -1)):
-            np.maximum.at(self.along[side], source, sign * east)
-            np.maximum.at(self.across[side], (source, column), sign * south)
+        cores, local = np.zeros((2, self.column.size), dtype=np.int64)
+        spread(source, core, (self.column, self.row), self.places, cores, local, self.along, self.across)
         after = self.links()
-        return after[0] - before[0], after[1] - before[1], after[2] - before[2]
+        return Hops(cores, local, *(new - old for new, old in zip(after, before, strict=True)))
 
     def links(self) -> tuple[Ints, Ints, Ints]:
         """All links of each neuron."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +14,19 @@ from neuro.chips.description import Chip
 from neuro.chips.placing import fill
 from neuro.chips.placing.incoming import Incoming
 from neuro.chips.placing.memory import core_bytes
-from neuro.chips.placing.packing import memory_limit
+from neuro.chips.placing.mesh import LARGEST
+from neuro.chips.placing.packing import index_bits, memory_limit
 from neuro.program.program import Ints, Program
 
 Part = tuple[int, int, int]
 """A population and its neurons first <= i < last."""
 
 _NO_LIMIT = 1 << 62
+
+LISTED = LARGEST
+"""Most cores of which all pairs of a source and a core are listed, where routers do not copy spikes: those of more
+cores, which are laid out as they come, are only counted.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +38,9 @@ class Split:
         core_of: the core of every neuron, numbered through as in `Incoming`; -1 for generators.
         line, core, synapses: how many synapses a line has onto a core, one entry for each such pair.
         sent: whether an entry is the first of its source neuron on that core: then a spike is sent for it.
+        listed: whether the entries are there; of more than `LISTED` cores they are only counted.
+        pieces: core, and first and last place in `queue`, of what each core takes of a population.
+        queue: all neurons in the order in which they were taken.
         sends: destination cores of every neuron.
         neurons, memory, axons_in, axons_out: of every core; memory in bytes.
     """
@@ -46,10 +56,16 @@ class Split:
     memory: Ints
     axons_in: Ints
     axons_out: Ints
+    listed: bool
+    pieces: tuple[Ints, Ints, Ints]
+    queue: Ints
 
     def taken(self, order: Ints) -> Split:
         """The same cores numbered anew: core i is what core order[i] was."""
         rank = np.argsort(order)
+        core, first, last = self.pieces
+        moved = rank[core] if len(rank) else core
+        by_core = np.argsort(moved, kind="stable")
         return replace(
             self,
             cores=tuple(self.cores[i] for i in order),
@@ -59,6 +75,7 @@ class Split:
             memory=self.memory[order],
             axons_in=self.axons_in[order],
             axons_out=self.axons_out[order],
+            pieces=(moved[by_core], first[by_core], last[by_core]),
         )
 
 
@@ -124,7 +141,7 @@ class _Room:
         self.graph = (into.ends, into.line, into.source, into.projection, into.bits, into.sources)
         lines, sources, projections = len(into.source), int(into.start[-1]), len(into.bits)
         shapes = (lines, lines, sources, projections, projections, lines)
-        self.marks = tuple(np.full(shape, -1, dtype=np.int64) for shape in shapes)
+        self.marks = tuple(np.full(shape, -1, dtype=np.int32) for shape in shapes)
         self.core = -1
         self.open()
 
@@ -158,9 +175,11 @@ def _fill(program: Program, chip: Chip, room: _Room, order: Sequence[int]) -> li
     return cores
 
 
-def _runs(core: list[Part], into: Incoming, queue: Ints) -> tuple[Part, ...]:
+def _runs(core: list[Part], into: Incoming, queue: Ints, in_order: bool) -> tuple[Part, ...]:
     """The neurons of pieces of the queue as runs of neighbouring ids."""
     runs: list[Part] = []
+    if in_order:
+        return tuple(core)
     for population, first, last in core:
         base = into.start[population]
         ids = np.sort(queue[base + first : base + last]) - base
@@ -173,33 +192,72 @@ def _runs(core: list[Part], into: Incoming, queue: Ints) -> tuple[Part, ...]:
 def _reached(cores: list[list[Part]], chip: Chip, into: Incoming, queue: Ints) -> Split:
     """Count what reaches each core."""
     parts = [(core, *part) for core, held in enumerate(cores) for part in held]
-    core, population, first, last = np.array(parts, dtype=np.int64).reshape(-1, 4).T
+    core, population, first, last = np.array(parts, dtype=np.int64).reshape(-1, 4).T.copy()
     begin, end = into.start[population] + first, into.start[population] + last
-    total, lines = int(into.start[-1]), len(into.source)
-    core_of = np.full(total, -1, dtype=np.int64)
+    count = len(cores)
+    core_of = np.full(int(into.start[-1]), -1, dtype=np.int64)
     for number, a, b in zip(core, begin, end, strict=True):
         core_of[queue[a:b]] = number
+    on_core = core_of >= 0
+    neurons = np.bincount(core_of[on_core], minlength=count)
+    pieces = core, begin, end
+    in_order = bool(np.all(np.diff(queue) == 1))
+    listed = count <= LISTED or placed_as(chip).in_rows
+    found = (_listed if listed else _weighed)(chip, into, queue, pieces, neurons)
+    return Split(
+        cores=tuple(_runs(held, into, queue, in_order) for held in cores),
+        core_of=core_of,
+        neurons=neurons,
+        axons_out=np.bincount(core_of[on_core], weights=found["sends"][on_core], minlength=count).astype(np.int64),
+        listed=listed,
+        pieces=pieces,
+        queue=queue,
+        **found,
+    )
+
+
+def _listed(chip: Chip, into: Incoming, queue: Ints, pieces: tuple[Ints, Ints, Ints], neurons: Ints) -> dict[str, Any]:
+    """What reaches each core, as a list of lines and cores, and its sums."""
+    total, lines, count = int(into.start[-1]), len(into.source), len(neurons)
     found = tuple(np.empty(len(into.line), dtype=np.int32) for _ in range(4))
     marks = [np.full(size, -1, dtype=np.int32) for size in (lines, total, lines, total)]
-    n = fill.reach(queue, core, begin, end, into.ends, into.line, into.source, *marks, found)
+    n = fill.reach(queue, *pieces, into.ends, into.line, into.source, *marks, found)
     line, reached, synapses, new = (array[:n] for array in found)
     sent = new.astype(bool)
-    sends = np.bincount(into.source[line[sent]], minlength=total)
-    count, on_core = len(cores), core_of >= 0
-    neurons = np.bincount(core_of[on_core], minlength=count)
-    return Split(
-        cores=tuple(_runs(held, into, queue) for held in cores),
-        core_of=core_of,
-        line=line,
-        core=reached,
-        synapses=synapses,
-        sent=sent,
-        sends=sends,
-        neurons=neurons,
-        memory=core_bytes(chip, neurons, reached, line, synapses, into),
-        axons_in=np.bincount(reached[sent], minlength=count),
-        axons_out=np.bincount(core_of[on_core], weights=sends[on_core], minlength=count).astype(np.int64),
+    return {
+        "line": line,
+        "core": reached,
+        "synapses": synapses,
+        "sent": sent,
+        "sends": np.bincount(into.source[line[sent]], minlength=total),
+        "memory": core_bytes(chip, neurons, reached, line, synapses, into),
+        "axons_in": np.bincount(reached[sent], minlength=count),
+    }
+
+
+def _weighed(chip: Chip, into: Incoming, queue: Ints, pieces: tuple[Ints, Ints, Ints], neurons: Ints) -> dict[str, Any]:
+    """The same sums without the list."""
+    total, lines, count = int(into.start[-1]), len(into.source), len(neurons)
+    none = np.zeros(0, dtype=np.int32)
+    sends, axons_in, memory = (np.zeros(size, dtype=np.int64) for size in (total, count, count))
+    index = np.array([index_bits(int(n)) for n in neurons], dtype=np.int64)
+    marks = (
+        np.zeros(lines, dtype=np.int32),
+        np.full(total, -1, dtype=np.int32),
+        *(np.empty(size, dtype=np.int32) for size in (lines, total)),
     )
+    graph = (into.ends, into.line, into.source, into.projection, into.bits)
+    fill.weigh(queue, *pieces, graph, index, marks, sends, axons_in, memory)
+    entries = {"line": none, "core": none, "synapses": none, "sent": none.astype(bool)}
+    return {**entries, "sends": sends, "memory": memory // 8, "axons_in": axons_in}
+
+
+def fewest_cores(program: Program, chip: Chip, into: Incoming) -> int:
+    """Cores that a program needs at least, by its neurons and by the bits of its synapses."""
+    most, memory = chip.limit("neurons_per_core"), chip.limit("synapse_bytes_per_core")
+    neurons = sum(program.populations[index].size for index in neurons_of(program))
+    bits = int(into.synapses @ into.bits)
+    return max(0 if most is None else -(-neurons // most), 0 if memory is None else bits // (8 * memory))
 
 
 def neurons_of(program: Program) -> list[int]:

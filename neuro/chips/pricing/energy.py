@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from neuro.chips.description import Range
 from neuro.core.errors import ModelError
 
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"), (1e-15, "f"))
@@ -27,6 +28,9 @@ class Item:
         joules: what all cost.
         source: of the figure.
         conditions: under which it holds.
+        low, high: what all may cost at least and at most, by the range of the figure.
+        spread: where that range comes from.
+        extrapolated: why the figure is not known to hold for this run, "" if it is.
     """
 
     what: str
@@ -37,6 +41,10 @@ class Item:
     joules: float | None
     source: str
     conditions: str
+    low: float | None = None
+    high: float | None = None
+    spread: str = ""
+    extrapolated: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +60,7 @@ class Energy:
         items: the lines, populations first, then projections, then the chip.
         notes: what is assumed, and what is not in the sums.
         of: what the bill is of: "run", or what it was divided by.
+        chip_time_range_s: between what the chip time lies, by the ranges of its figures.
     """
 
     target: str
@@ -62,6 +71,7 @@ class Energy:
     items: tuple[Item, ...]
     notes: tuple[str, ...]
     of: str = "run"
+    chip_time_range_s: Range | None = None
 
     @property
     def total_j(self) -> float:
@@ -71,12 +81,37 @@ class Energy:
     @property
     def dynamic_j(self) -> float:
         """Joules of what is done."""
-        return _sum(item for item in self.items if item.what != STATIC)
+        return _sum(self._dynamic())
 
     @property
     def static_j(self) -> float:
         """Joules of chips being on; 0 where no figure is published, then a note says so."""
-        return _sum(item for item in self.items if item.what == STATIC)
+        return _sum(self._static())
+
+    @property
+    def low_j(self) -> float:
+        """Joules in all if every figure is at the low end of its range."""
+        return _ends(self.items)[0]
+
+    @property
+    def high_j(self) -> float:
+        """Joules in all if every figure is at the high end of its range."""
+        return _ends(self.items)[1]
+
+    @property
+    def extrapolated(self) -> dict[str, tuple[str, ...]]:
+        """What does not hold for this run, by the reason: the names of the costs."""
+        found: dict[str, dict[str, None]] = {}
+        for item in self.items:
+            if item.extrapolated:
+                found.setdefault(item.extrapolated, {})[item.what] = None
+        return {why: tuple(names) for why, names in found.items()}
+
+    def span(self) -> str:
+        """Between what the total lies, as text."""
+        if self.low_j == self.high_j:
+            return "no range is published"
+        return f"{quantity(self.low_j, 'J')} to {quantity(self.high_j, 'J')}"
 
     @property
     def static_known(self) -> bool:
@@ -128,20 +163,44 @@ class Energy:
         if isinstance(n, bool) or not isinstance(n, int) or n < 1:
             raise ModelError(f"per = {n!r}: expected a whole number >= 1")
         items = tuple(
-            replace(item, count=item.count / n, joules=None if item.joules is None else item.joules / n)
+            replace(
+                item,
+                count=item.count / n,
+                joules=_share(item.joules, n),
+                low=_share(item.low, n),
+                high=_share(item.high, n),
+            )
             for item in self.items
         )
-        time = None if self.chip_time_s is None else self.chip_time_s / n
-        return replace(self, items=items, chip_time_s=time, steps=self.steps / n, of=what)
+        ends = self.chip_time_range_s
+        span = None if ends is None else (ends[0] / n, ends[1] / n)
+        time = _share(self.chip_time_s, n)
+        return replace(self, items=items, chip_time_s=time, steps=self.steps / n, of=what, chip_time_range_s=span)
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain values, for JSON; what is not known is None."""
         static = self.static_j if self.static_known else None
         sums = {"total_j": self.total_j, "dynamic_j": self.dynamic_j, "static_j": static}
-        about = {"target": self.target, "title": self.title, "of": self.of, **sums}
+        dynamic, chips_on = self._dynamic(), self._static()
+        ranges = {
+            f"{name}_{end}_j": None if name == "static" and static is None else value
+            for name, items in (("total", self.items), ("dynamic", dynamic), ("static", chips_on))
+            for end, value in zip(("low", "high"), _ends(items), strict=True)
+        }
+        about = {"target": self.target, "title": self.title, "of": self.of, **sums, **ranges}
         chips = None if self.chip_time_s is None else self.chips
-        time = {"chip_time_s": self.chip_time_s, "chips": chips, "steps": self.steps}
-        return {**about, **time, "items": [asdict(item) for item in self.items], "notes": list(self.notes)}
+        ends = self.chip_time_range_s or (None, None)
+        time = {"chip_time_s": self.chip_time_s, "chip_time_low_s": ends[0], "chip_time_high_s": ends[1]}
+        items = [asdict(item) for item in self.items]
+        extrapolated = [{"why": why, "costs": list(names)} for why, names in self.extrapolated.items()]
+        machine = {**time, "chips": chips, "steps": self.steps}
+        return {**about, **machine, "items": items, "extrapolated": extrapolated, "notes": list(self.notes)}
+
+    def _dynamic(self) -> tuple[Item, ...]:
+        return tuple(item for item in self.items if item.what != STATIC)
+
+    def _static(self) -> tuple[Item, ...]:
+        return tuple(item for item in self.items if item.what == STATIC)
 
     def __str__(self) -> str:
         return self.told()
@@ -162,13 +221,20 @@ class Energy:
             rows,
             listed,
             [f"- {note}" for note in self.noted(sources)],
-            [f"{a:8} {b:>10}" for a, b in sums],
+            [f"{a:8} {b:>10}" + f"   {self.span()}" * (a == "total") for a, b in sums],
         )
         return "\n\n".join("\n".join(part) for part in parts if part)
 
     def noted(self, sources: bool = False) -> tuple[str, ...]:
-        """The notes; those that say where the figures of the chip time come from only if sources are asked for."""
-        return self.notes if sources else tuple(note for note in self.notes if not note.startswith(CHIP_TIME))
+        """The notes, with what is extrapolated; if sources are asked for, with those of the chip time and of ranges."""
+        marked = tuple(f"extrapolated (*): {', '.join(names)}: {why}" for why, names in self.extrapolated.items())
+        if not sources:
+            return tuple(note for note in self.notes if not note.startswith(CHIP_TIME)) + marked
+        spreads: dict[str, dict[str, None]] = {}
+        for item in self.items:
+            if item.spread:
+                spreads.setdefault(item.spread, {})[item.what] = None
+        return self.notes + marked + tuple(f"range of {', '.join(names)}: {told}" for told, names in spreads.items())
 
     def _head(self) -> str:
         parts = [f"{number(self.steps)} steps"]
@@ -184,7 +250,18 @@ def _row(item: Item, cited: list[str]) -> tuple[str, ...]:
     energy = "not priced" if item.joules is None else quantity(item.joules, "J")
     mark = f"[{cited.index(sourced(item.source, item.conditions)) + 1}]" if item.source else ""
     count = f"{quantity(item.count, 's')}" if item.what == STATIC else number(item.count)
-    return item.what, item.of, count, each, energy, mark
+    return item.what + " *" * bool(item.extrapolated), item.of, count, each, energy, mark
+
+
+def _share(value: float | None, n: int) -> float | None:
+    return None if value is None else value / n
+
+
+def _ends(items: Iterable[Item]) -> Range:
+    """The sums of the low and of the high ends."""
+    priced = [(item.joules, item.low, item.high) for item in items if item.joules is not None]
+    low = sum((joules if least is None else least for joules, least, _ in priced), 0.0)
+    return low, sum((joules if most is None else most for joules, _, most in priced), 0.0)
 
 
 def _sum(items: Iterable[Item]) -> float:

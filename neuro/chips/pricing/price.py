@@ -7,6 +7,7 @@ is priced as dense layers instead: every synapse in every step.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -14,9 +15,10 @@ from neuro.chips.arithmetics import ARITHMETICS, arithmetic_of
 from neuro.chips.description import Chip
 from neuro.chips.placing.capacity import too_late
 from neuro.chips.placing.fan_out import dense_size, spiking
-from neuro.chips.pricing.duration import chip_time, told_times
+from neuro.chips.pricing.duration import Duration, chip_time, told_times
 from neuro.chips.pricing.energy import STATIC, Energy, Item, number
-from neuro.chips.quantising.quantise import quantise
+from neuro.chips.pricing.holding import range_of, run_of, why_extrapolated
+from neuro.chips.quantising.quantise import refusals
 from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts
 from neuro.program.counts import Counts, Tally
@@ -27,7 +29,15 @@ if TYPE_CHECKING:
     from neuro.chips.placing.routes import Hops
 
 
-def price(program: Program, counts: EngineCounts, placement: Placement | None, chip: Chip) -> Energy:
+def price(
+    program: Program,
+    counts: EngineCounts,
+    placement: Placement | None,
+    chip: Chip,
+    *,
+    step_s: float | None = None,
+    chips: int | None = None,
+) -> Energy:
     """The bill of a run.
 
     Args:
@@ -35,19 +45,34 @@ def price(program: Program, counts: EngineCounts, placement: Placement | None, c
         counts: of the run, on any backend.
         placement: where its neurons lie on the chip; None for a target that has no mesh.
         chip: the target.
+        step_s: how long a step takes on the chip in s, where that is known or demanded, e.g. by real time.
+        chips: that are on, if not those that the placement uses, e.g. all of a board.
 
     Raises:
-        ModelError: no cost of the chip is published, it needs a placement, or the program does not fit on it.
+        ModelError: no cost of the chip is published, it needs a placement, the program does not fit on it, or
+            `step_s` or `chips` cannot be.
     """
     check_costs(chip)
-    bill = _Bill(program, Tally(program).between(None, counts), chip)
+    _check_machine(chip, placement, step_s, chips)
+    used = 1 if placement is None else placement.chips_used
+    bill = _Bill(program, Tally(program).between(None, counts), chip, placement, chips or used, step_s)
     if "mac" in chip.costs:
         return bill.dense()
     if chip.mesh is not None and placement is None:
         raise ModelError(f"target '{chip.name}' needs a placement", hint="neuro.chips.place(program, chip)")
     if placement is not None:
         check_fits(program, placement, chip)
-    return bill.spiking(counts, placement)
+    return bill.spiking(counts)
+
+
+def _check_machine(chip: Chip, placement: Placement | None, step_s: float | None, chips: int | None) -> None:
+    """Refuse a time of a step, or a number of chips, that cannot be."""
+    if step_s is not None and not (isinstance(step_s, (int, float)) and 0.0 < step_s < math.inf):
+        raise ModelError(f"step_s = {step_s!r}: expected a number > 0 in s")
+    if chips is not None and (type(chips) is not int or chips < 1):
+        raise ModelError(f"chips = {chips!r}: expected a whole number >= 1")
+    if chips is not None and placement is not None and chips < placement.chips_used:
+        raise ModelError(f"chips = {chips}: the network needs {placement.chips_used} on {chip.name}")
 
 
 def check_costs(chip: Chip) -> None:
@@ -74,8 +99,7 @@ def unrunnable(program: Program, chip: Chip, placed: bool) -> Iterator[str]:
     """Notes that what is priced cannot run on the chip, as far as that is known of it."""
     as_if = "priced as if it could"
     if chip.arithmetic in ARITHMETICS:
-        refused = sum(problem.refused for problem in quantise(program, chip).problems)
-        if refused:
+        if refused := len(refusals(program, chip)):
             count = f"{refused} refusal" + "s" * (refused > 1)
             yield f"{chip.name} cannot run this network ({count}, see neuro fit): {as_if}"
     elif not placed:
@@ -86,8 +110,18 @@ def unrunnable(program: Program, chip: Chip, placed: bool) -> Iterator[str]:
 class _Bill:
     """Collects the items and notes of one run on one chip."""
 
-    def __init__(self, program: Program, counts: Counts, chip: Chip) -> None:
+    def __init__(
+        self,
+        program: Program,
+        counts: Counts,
+        chip: Chip,
+        placement: Placement | None,
+        chips: int,
+        step_s: float | None,
+    ) -> None:
         self.program, self.counts, self.chip = program, counts, chip
+        self.placement, self.chips, self.step_s = placement, chips, step_s
+        self.run = run_of(program, counts, placement, chips)
         self.items: list[Item] = []
         self.notes: list[str] = []
 
@@ -98,9 +132,23 @@ class _Bill:
         figure = self.chip.costs.get(what)
         if figure is None:
             self.items.append(Item(what, kind, of, count, None, None, "", ""))
-        else:
-            joules = count * figure.value
-            self.items.append(Item(what, kind, of, count, figure.value, joules, figure.source, figure.conditions))
+            return
+        low, high = (count * end for end in range_of(figure, self.run))
+        self._append(what, kind, of, count, low, high)
+
+    def _append(self, what: str, kind: str, of: str, count: float, low: float, high: float) -> None:
+        figure = self.chip.costs[what]
+        known = (figure.value, count * figure.value, figure.source, figure.conditions)
+        why = why_extrapolated(figure, self.run)
+        self.items.append(Item(what, kind, of, count, *known, low, high, figure.spread, why))
+
+    def on(self, time: Duration) -> None:
+        """Chips that are on: the range is that of their power and that of the time."""
+        if STATIC not in self.chip.costs or not time.best:
+            return
+        low, high = range_of(self.chip.costs[STATIC], self.run)
+        seconds = (self.chips * each for each in (time.best, time.low * low, time.high * high))
+        self._append(STATIC, "chip", self.chip.name, *seconds)
 
     def dense(self) -> Energy:
         """Every synapse in every step."""
@@ -109,10 +157,11 @@ class _Bill:
             self.add("mac", "projection", self.program.projections[index].name, macs)
         self.notes.append("the same network as dense layers: every synapse in every step, a grid as a convolution")
         self.notes.append("neuron updates, learning and static power are not in the sums")
-        return self.done(1, None)
+        return self.done(None)
 
-    def spiking(self, raw: EngineCounts, placement: Placement | None) -> Energy:
+    def spiking(self, raw: EngineCounts) -> Energy:
         """Neurons, synapses, ways, learning, then the chip."""
+        placement = self.placement
         self.neurons(raw)
         for index, part in enumerate(self.program.projections):
             made = self.counts.projections[part.name]
@@ -121,12 +170,11 @@ class _Bill:
                 self.ways(part.name, raw.spikes[part.source], placement.hops(index))
             by_host = part.synapse.learns == "trials" or part.synapse.delays
             self.add("weight_write" if by_host else "learning_update", "projection", part.name, made.learning_updates)
-        time = chip_time(self.program, self.counts, placement, self.chip)
-        chips = 1 if placement is None else placement.chips_used
-        if time is not None and STATIC in self.chip.costs:
-            self.add(STATIC, "chip", self.chip.name, chips * time)
-        self.explain(raw, placement, time)
-        return self.done(chips, time)
+        time = chip_time(self.program, self.counts, placement, self.chip, self.run, self.step_s)
+        if time is not None:
+            self.on(time)
+        self.explain(raw, time)
+        return self.done(time)
 
     def neurons(self, raw: EngineCounts) -> None:
         """The updates of neurons and, where every spike is a packet, those sent."""
@@ -152,14 +200,18 @@ class _Bill:
             if what in self.chip.costs:
                 self.add(what, "projection", name, int(spikes @ each))
 
-    def explain(self, raw: EngineCounts, placement: Placement | None, time: float | None) -> None:
+    def explain(self, raw: EngineCounts, time: Duration | None) -> None:
         """Note what is assumed and what is left out."""
+        placement = self.placement
         self.notes += unrunnable(self.program, self.chip, placement is not None)
         if time is not None:
-            self.notes += told_times(self.program, self.chip)
+            self.notes += told_times(self.program, self.chip, self.run, self.step_s)
+        if placement is not None and self.chips != placement.chips_used:
+            used, on = placement.chips_used, self.chips
+            self.notes.append(f"the network uses {used} chip{'s' * (used > 1)}, {on} are on, as given")
         if STATIC not in self.chip.costs or time is None:
             self.notes.append("static power is not in the sums: no figure is published")
-        elif placement is None and self.chip.costs[STATIC].value:
+        elif placement is None and self.chip.costs[STATIC].value and self.chips == 1:
             self.notes.append("nothing is placed: one chip is taken")
         if any(part.kind != "neuron" for part in self.program.populations):
             self.notes.append("generators are the host's: their spikes are priced, their updates are not")
@@ -175,7 +227,9 @@ class _Bill:
                 "as several, of which the chip would send one"
             )
 
-    def done(self, chips: int, time: float | None) -> Energy:
+    def done(self, time: Duration | None) -> Energy:
         """The bill."""
         chip, steps = self.chip, self.counts.steps
-        return Energy(chip.name, chip.title, chips, time, steps, tuple(self.items), tuple(self.notes))
+        best, ends = (None, None) if time is None else (time.best, (time.low, time.high))
+        lines = tuple(self.items), tuple(self.notes)
+        return Energy(chip.name, chip.title, self.chips, best, steps, *lines, chip_time_range_s=ends)

@@ -57,7 +57,19 @@ def quantise(program: Program, chip: Chip, **options: Any) -> FixedProgram:
     return kept[key]
 
 
-def _quantise(described: Program, chip: Chip, arithmetic: Arithmetic, options: Options) -> FixedProgram:
+def refusals(program: Program, chip: Chip) -> tuple[Problem, ...]:
+    """What `quantise` refuses of a program, without keeping its words: there may be one for each of many synapses."""
+    kept = _KEPT.get(program, {}).get(repr((chip, [])))
+    if kept is None:
+        arithmetic = arithmetic_of(chip)
+        chosen = options_of(as_built_in(program), chip, arithmetic, {})
+        kept = _quantise(program, chip, arithmetic, chosen, keep=False)
+    return tuple(problem for problem in kept.problems if problem.refused)
+
+
+def _quantise(
+    described: Program, chip: Chip, arithmetic: Arithmetic, options: Options, keep: bool = True
+) -> FixedProgram:
     program = as_built_in(described)
     populations: list[FixedPopulation] = []
     projections: dict[int, FixedProjection] = {}
@@ -69,18 +81,27 @@ def _quantise(described: Program, chip: Chip, arithmetic: Arithmetic, options: O
             continue
         fixed, found, more = _population(Inputs(program, index), chip, arithmetic, options)
         populations.append(fixed)
-        projections |= found
+        projections |= found if keep else {k: _bare(program, k, wires) for k, wires in found.items()}
         problems += more
     problems += [*own_generators(program), *_unbounded(program)]
     problems += arithmetic.give_rules(program, chip, projections, options)
     wires = tuple(projections.get(index) for index in range(len(program.projections)))
     problems += _delays(program, chip, wires)
-    if any(p.refused for p in problems):
+    if not keep or any(p.refused for p in problems):
         return FixedProgram(chip, described, tuple(populations), wires, tuple(problems), ())
     problems += merged(program, arithmetic)
     problems += losses(program, arithmetic, populations, wires)
     notes = tuple(_notes(program, chip, arithmetic, wires))
     return FixedProgram(chip, described, tuple(populations), wires, tuple(problems), notes)
+
+
+def _bare(program: Program, index: int, wires: FixedProjection) -> FixedProjection:
+    """A projection without the words of its synapses, unless they learn: what the rule then needs of them."""
+    if program.projections[index].synapse.learns or not wires.delay.size:
+        return wires
+    none = wires.words[:0]
+    longest = (part.max(keepdims=True) for part in (wires.lag, wires.delay))
+    return replace(wires, mantissas=none, words=none, **dict(zip(("lag", "delay"), longest, strict=True)))
 
 
 def _population(

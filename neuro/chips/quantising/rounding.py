@@ -41,19 +41,25 @@ def judged(weights: Floats, mantissas: Words | Floats, step: Floats | float, low
         low: the smallest mantissa.
         high: the largest.
     """
-    got = mantissas * step
     nonzero = weights != 0.0
     if not nonzero.any():
         return WeightRounding(0.0, 0.0, 0.0, 0.0)
     exact = weights / step
     half = 0.5 + 1e-9
-    saturated = float(np.mean((exact > high + half) | (exact < low - half)))
-    zeroed = nonzero & (mantissas == 0)
+    beyond = exact.max() > high + half or exact.min() < low - half
+    saturated = float(np.mean((exact > high + half) | (exact < low - half))) if beyond else 0.0
     kept = nonzero & (mantissas != 0)
-    worst = float(np.max(np.abs(got[kept] / weights[kept] - 1.0), initial=0.0))
+    error = np.multiply(mantissas, step, out=exact)  # what is sent, then by how much it is wrong
+    ratio = np.divide(error, weights, out=np.ones_like(error), where=kept)
+    ratio -= 1.0
+    worst = float(np.max(np.abs(ratio, out=ratio), initial=0.0))
     peak = float(np.abs(weights).max())
-    rms = float(np.sqrt(np.sum(((got - weights) / peak) ** 2) / np.sum((weights / peak) ** 2)))
-    return WeightRounding(saturated, float(zeroed.sum() / nonzero.sum()), _clean(worst), _clean(rms))
+    error -= weights
+    error /= peak
+    square = np.divide(weights, peak, out=ratio)
+    rms = float(np.sqrt(np.sum(np.square(error, out=error)) / np.sum(np.square(square, out=square))))
+    lost = int(nonzero.sum())
+    return WeightRounding(saturated, float((lost - int(kept.sum())) / lost), _clean(worst), _clean(rms))
 
 
 def _clean(error: float) -> float:
