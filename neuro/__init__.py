@@ -97,6 +97,8 @@ if TYPE_CHECKING:
     from neuro.run.ports import Port
     from neuro.run.simulation import Simulation
     from neuro.run.trials import TrialCounts, TrialResults
+    from neuro.sweeps.calling import sweep
+    from neuro.sweeps.table import SweepTable
 
 _HOMES = {
     "neuro.chips": (),
@@ -197,6 +199,8 @@ _HOMES = {
     "neuro.run.normalise": ("normalise",),
     "neuro.run.ports": ("Port",),
     "neuro.run.trials": ("TrialCounts", "TrialResults"),
+    "neuro.sweeps.calling": ("sweep",),
+    "neuro.sweeps.table": ("SweepTable",),
     "neuro.run.compiled": ("ApproximationWarning", "ModelWarning", "compile"),
     "neuro.run.simulation": ("Simulation",),
 }
@@ -210,6 +214,7 @@ __all__ = [
     "OverflowWarning",
     "Port",
     "Simulation",
+    "SweepTable",
     "TrialCounts",
     "TrialResults",
     "Trials",
@@ -299,6 +304,7 @@ __all__ = [
     "stdp_pl_hom",
     "stdp_triplet",
     "step_current_generator",
+    "sweep",
     "symmetric_pairwise_bernoulli",
     "td_error",
     "td_error_rate",

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         write_text,
     )
     from neuro.core.progress import Bar
+    from neuro.core.provenance import provenance
     from neuro.core.quantities import Quantity
     from neuro.core.registry import Registry
     from neuro.core.tables import console, table
@@ -54,6 +55,7 @@ _HOMES = {
     ),
     "neuro.core.checks": ("check", "check_fields"),
     "neuro.core.progress": ("Bar",),
+    "neuro.core.provenance": ("provenance",),
     "neuro.core.quantities": ("Quantity",),
     "neuro.core.registry": ("Registry",),
     "neuro.core.errors": (
@@ -134,6 +136,7 @@ __all__ = [
     "number",
     "output",
     "plain",
+    "provenance",
     "quantity",
     "read",
     "run_extensions",

@@ -24,6 +24,8 @@ LAYERS = (
     "verify",
     "compare",
     "report",
+    "sweeps",
+    "rerun",
     "testing",
     "cli",
 )

@@ -507,12 +507,20 @@ def test_no_file_is_opened_for_writing_elsewhere():
         if any(call in path.read_text() for call in calls)
     }
     formats = {f"neuro/events/formats/{name}.py" for name in FORMATS}
-    temporary = {"neuro/files/results.py", "neuro/events/formats/rosbag.py", "apps/neuro_recognise/parts/layers.py"}
+    temporary = {
+        "neuro/rerun/again.py",
+        "neuro/files/results.py",
+        "neuro/events/formats/rosbag.py",
+        "apps/neuro_recognise/parts/layers.py",
+    }
     given = {
         "neuro/cli/compare.py",
         "neuro/cli/example.py",
         "neuro/cli/new.py",
         "neuro/cli/report.py",
+        "neuro/sweeps/page.py",
+        "neuro/sweeps/folder.py",
+        "neuro/sweeps/worker.py",
         "neuro/cli/events/frames.py",
         "neuro/model/language/writer.py",
         "apps/neuro_drone/watch.py",
@@ -522,7 +530,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "apps/neuro_recognise/detection/watching.py",
     }
     cache = {"neuro/kernels/kept.py"}  # machine code, in a folder of its own
-    memory = {"neuro/plots/_canvas.py"}  # a picture for a notebook
+    memory = {"neuro/plots/_canvas.py", "neuro/sweeps/network.py"}  # a picture for a notebook, a table for one run
     assert found == {"neuro/core/outputs.py"} | formats | temporary | given | cache | memory
 
 

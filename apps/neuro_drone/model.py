@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
-from neuro.apps import hdf5
+from neuro.apps import hdf5, provenance
 from neuro_drone.controllers import Controller, Learner, kind_of, make
 from neuro_drone.scenario import Scenario
 
@@ -117,7 +117,7 @@ class Model:
         Raises:
             ModelError: it cannot be written, or something else has that name.
         """
-        with hdf5.writing(path, FORMAT) as file:
+        with hdf5.writing(path, FORMAT, record=provenance(seed=self.seed, network=self.told()["network"])) as file:
             for name in ("controller", "seed", "steps", "episode"):
                 file.attrs[name] = getattr(self, name)
             file.attrs["settings"] = json.dumps(dict(self.settings))

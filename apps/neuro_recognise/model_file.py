@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import neuro
-from neuro.apps import hdf5
+from neuro.apps import hdf5, provenance
 from neuro_recognise.deciding.early import Early, part_of
 from neuro_recognise.method import Learnt, Method
 from neuro_recognise.methods import method_of
@@ -41,7 +41,8 @@ def write(path: Path, parts: Parts) -> None:
         Unwritable: it cannot be written, or something else stands there.
     """
     method, classes, learnt, training, early = parts
-    with hdf5.writing(path, FORMAT) as file:
+    told = {word: training.get(word) for word in ("backend", "seed")}
+    with hdf5.writing(path, FORMAT, record=provenance(**told)) as file:
         file.attrs["method"] = method.called()
         file.attrs["settings"] = json.dumps(method.as_words())
         file.attrs["training"] = json.dumps(dict(training))

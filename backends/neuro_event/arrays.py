@@ -13,7 +13,10 @@ from neuro_event.layout import Place, Synapses
 
 @dataclass(eq=False)
 class Arrays:
-    """Everything the loop needs, by the names of `loop.Net`, and how a program's parts map to it."""
+    """Everything the loop needs, by the names of `loop.Net`, and how a program's parts map to it.
+
+    Without `eager` all synapses learn lazily: as in states that earlier versions have saved.
+    """
 
     program: Program
     places: list[Place]
@@ -24,4 +27,5 @@ class Arrays:
     longest_slice: int
     longest_delay: int
     reach: int
+    eager: bool = True
     late: dict[int, Floats] = field(default_factory=dict)

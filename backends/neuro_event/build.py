@@ -11,7 +11,7 @@ from neuro.core import keyed_random
 from neuro.model.neurons import Generator, Neuron
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Floats, Program
-from neuro_event import layout
+from neuro_event import layout, memory
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.late import add_delays
@@ -23,7 +23,7 @@ LINE = 16
 """Numbers between what two threads write often, so that they share no cache line."""
 
 
-def build(program: Program, threads: int) -> Arrays:
+def build(program: Program, threads: int, eager: bool = True) -> Arrays:
     """Lay out a program for a number of threads."""
     where = layout.places(program)
     arranged = [layout.synapses(program, q, where) for q in range(len(program.projections))]
@@ -34,7 +34,8 @@ def build(program: Program, threads: int) -> Arrays:
     arrays = Arrays(
         program, where, arranged, {q: k for k, q in enumerate(learning)}, net, {}, max(1, program.min_delay), longest, 0
     )
-    arrays.reach = longest + arrays.longest_slice
+    arrays.eager = eager
+    arrays.reach = longest + arrays.longest_slice + 1
     if program.trials is not None:
         arrays.reach = max(arrays.reach, program.trials.duration + 1)
     _neurons(arrays, slots)
@@ -58,10 +59,11 @@ def _neurons(a: Arrays, slots: int) -> None:
     blocks = n // t.BLOCK
     states = [len(type(p.model).states) for p in a.program.populations if layout.computes(p)]
     a.net |= {
-        "state": np.zeros((max([1, *states]), n)),
+        "state": memory.rows(max([1, *states]), n, line=4),
         "calm": np.full((layout.receptors(a.program), n), -0.0),
-        "current": np.zeros(n),
-        "fired": np.zeros(n, dtype=np.uint8),
+        "current": memory.zeros(n, np.float64, line=8),
+        "none": memory.zeros(t.BLOCK * t.GROUPED, np.float64, line=8),
+        "fired": memory.zeros(n, np.uint8, line=16),
         "muted": np.zeros(n, dtype=np.uint8),
         "events": np.zeros(n, dtype=np.int64),
         "spikes": np.zeros(n, dtype=np.int64),
@@ -105,6 +107,8 @@ def _populations(a: Arrays) -> None:
             row[t.RECEPTORS], row[t.RELAY], row[t.LINEAR] = model.receptors, int(model.relay), int(model.linear)
     for k, group in enumerate(a.program.groups):
         pops[group.population, t.GROUP] = k
+    pops[:, t.CARRIED] = 0
+    pops[[p.target for p in a.program.projections if p.carries == "current"], t.CARRIED] = 1
     a.net["pops"] = pops
     rebuild_constants(a, {})
 
@@ -151,7 +155,7 @@ def _logs(a: Arrays) -> None:
         "found_arrived": np.zeros((threads, n), dtype=np.uint8),
         "clock": np.zeros((threads, LINE), dtype=np.int64),
         "scratch": np.zeros((threads, layout.width(a.program))),
-        "words": np.zeros((threads, t.BLOCK), dtype=np.uint64),
+        "words": memory.zeros(threads * layout.WORD, np.uint64).reshape(threads, layout.WORD),
     }
 
 

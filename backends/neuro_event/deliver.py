@@ -8,6 +8,7 @@ projections whose spikes are delivered at emission. `due` marks the blocks that 
 import numpy as np
 
 from neuro.kernels.jit import inner
+from neuro_event.alike import deliver_alike
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
@@ -52,7 +53,6 @@ from neuro_event.tables import (
 from neuro_event.views import net_of
 
 _BLOCK = 6
-_SHIFT = np.uint64(_BLOCK)
 assert 1 << _BLOCK == BLOCK
 
 
@@ -75,18 +75,6 @@ def told_apart(row, receptors):
 
 
 @inner
-def csr_alike(targets, first, last, value, buf, out, due, mark):
-    """Add one value to the targets first:last and mark their blocks."""
-    begin = np.uint64(out)  # an unsigned place is never one from the end, so the innermost loop tests none
-    for e in range(np.uint64(first), np.uint64(last)):
-        buf[begin + np.uint64(targets[e])] += value
-    if mark >= 0:  # a second loop: the first is nothing but adds, and these few bytes stay in the cache
-        block = np.uint64(mark)
-        for e in range(np.uint64(first), np.uint64(last)):
-            due[block + (np.uint64(targets[e]) >> _SHIFT)] = 1
-
-
-@inner
 def csr_own(targets, first, last, weights, w, m, receptors, stride, buf, out, due, mark):
     """Add to the targets first:last their own weight times m; `w` is the place of the first one's weight."""
     if receptors == 2:
@@ -94,8 +82,9 @@ def csr_own(targets, first, last, weights, w, m, receptors, stride, buf, out, du
             weight = weights[w + e - first] * m
             buf[out + np.int64(targets[e]) + (stride if weight < 0.0 else 0)] += weight
     else:
-        for e in range(first, last):
-            buf[out + np.int64(targets[e])] += weights[w + e - first] * m
+        begin, shift = np.uint64(out), np.uint64(w) - np.uint64(first)
+        for e in range(np.uint64(first), np.uint64(last)):
+            buf[begin + np.uint64(targets[e])] += weights[shift + e] * m
     if mark >= 0:
         for e in range(first, last):
             due[mark + (np.int64(targets[e]) >> _BLOCK)] = 1
@@ -180,12 +169,8 @@ def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between,
     if layout == CSR:
         place = row[ROW] + source_id * (net.edges.shape[0] - 1) + thread
         first, last = net.rows[place], net.rows[place + 1]
-        if row[WEIGHT_STRIDE] == 0:
-            weight = weights[row[WEIGHT]] * m
-            csr_alike(net.targets, first, last, weight, buf, out + receptor(weight, receptors) * between, net.due, mark)
-        else:
-            w = row[WEIGHT] + first - row[SYNAPSE]
-            csr_own(net.targets, first, last, weights, w, m, receptors, between, buf, out, net.due, mark)
+        w = row[WEIGHT] + first - row[SYNAPSE]
+        csr_own(net.targets, first, last, weights, w, m, receptors, between, buf, out, net.due, mark)
     elif layout == DENSE:
         w = row[WEIGHT] + source_id * n
         if row[WEIGHT_STRIDE] == 0:
@@ -255,6 +240,12 @@ def log_delivery(view, q, j, k, thread, ring):
     wide = row[WAKE_ALL] == 1 and not own_delays
     mark = -1 if wide else slot + target[FIRST_BLOCK]
     mask = net.log_ids.shape[1] - 1
+    if row[LAYOUT] == CSR and row[WEIGHT_STRIDE] == 0 and not own_delays:
+        to = out + receptor(net.weights[row[WEIGHT]], apart) * between
+        deliver_alike(view, row, source[BEGIN], step_slot, thread, to, mark)
+        if wide:
+            net.due[slot + first_block : slot + last_block] = 1
+        return
     # Threads own ascending ids, so going through them in order adds as one thread would.
     for t in range(threads):
         for place in range(net.log_ends[t, step_slot, row[SOURCE]], net.log_ends[t, step_slot, row[SOURCE] + 1]):

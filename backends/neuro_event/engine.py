@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError
-from neuro.model.synapses.base import common
 from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wins
 from neuro.program.currents import Currents
 from neuro.program.program import Floats, Ints, Program, Trials
@@ -38,8 +37,8 @@ class EventEngine:
         self._n_threads = threads
         self._start_over(None)
 
-    def _start_over(self, weights: dict[int, Floats] | None) -> None:
-        self._a = build.build(self._program, self._n_threads)
+    def _start_over(self, weights: dict[int, Floats] | None, eager: bool = True) -> None:
+        self._a = build.build(self._program, self._n_threads, eager)
         self._step = 0
         self._changes = Changes(self._program)
         self._record = Record(self._program, self._a.places)
@@ -351,23 +350,11 @@ class EventEngine:
 
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model."""
-        p = self._program.projections[projection]
         if projection in self._a.plastic_of:
-            k = self._a.plastic_of[projection]
             self._copy.drop()
-            reading.bring_all(self._a, self._view, k, self._step)
-            plastic = self._a.plastic
-            if learning.set_constants(self._a, projection, parameters):
+            reading.bring_all(self._a, self._view, self._a.plastic_of[projection], self._step)
+            if learning.set_numbers(self._a, projection, parameters, self._step):
                 self._pack()
-            learning.set_traces(
-                plastic["tau"][k],
-                plastic["table"][k],
-                plastic["decay"][k],
-                plastic["kinds"][k],
-                common(parameters),
-                p.synapse,
-                self._program,
-            )
         self._changes.rules[projection] = parameters.copy()
         self._taught.pop(projection, None)
 
@@ -416,7 +403,8 @@ class EventEngine:
         if projection in self._a.plastic_of:
             k = self._a.plastic_of[projection]
             self._copy.drop()
-            reading.bring_all(self._a, self._view, k, self._step)
+            if self._a.plastic["table"][k, t.EAGER] == 0:
+                reading.bring_all(self._a, self._view, k, self._step)
             first = self._a.plastic["table"][k, t.FIRST_SYNAPSE]
             changed = slice(None) if chosen is None else chosen if order is None else chosen[order]
             for kept in (self._a.plastic["y"][0], self._a.plastic["sent"]):
@@ -426,6 +414,8 @@ class EventEngine:
             self._changes.kept[projection] = weights.copy()
             return
         inner = p.arriving(inner)
+        if projections.own_weights(self._a):
+            self._pack()
         first, stride = int(row[t.WEIGHT]), int(row[t.WEIGHT_STRIDE])
         if inner.size > 1 and stride == 0 and p.size > 1:
             row[t.WEIGHT], row[t.WEIGHT_STRIDE] = self._a.net["weights"].size, 1
@@ -440,6 +430,7 @@ class EventEngine:
     def counts(self) -> EngineCounts:
         """Counts since the start or the last reset."""
         net = self._a.net
+        sources.settle(self._a)
         events = tuple(p.by_id(net["events"][p.begin : p.end].copy()) for p in self._a.places)
         spikes = tuple(p.by_id(net["spikes"][p.begin : p.end].copy()) for p in self._a.places)
         return EngineCounts(
@@ -454,7 +445,7 @@ class EventEngine:
     def memory(self) -> dict[str, int]:
         """Bytes by what they hold."""
         net, plastic = self._a.net, self._a.plastic
-        static = ("rows", "targets", "weights", "delays")
+        static = ("rows", "runs", "targets", "weights", "delays")
         learning = ("y", "sent", "reached", "rule", "in_synapse", "in_source", "incoming")
         logs = ("log_ids", "log_counts", "log_ends", "rec_steps", "rec_ids", "rec_counts")
         rest = [k for k in net if k not in {*static, *logs, *snapshot.VIEWS}]
@@ -485,6 +476,7 @@ class EventEngine:
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Everything that `restore` needs to continue bit for bit."""
         self._record.drain(self._a.net)
+        sources.settle(self._a)
         return {
             **snapshot.snapshot(self._a),
             **late.snapshot(self._a),
@@ -506,7 +498,7 @@ class EventEngine:
         if not np.array_equal(arrays["engine.edges"], self._a.net["edges"]):
             n = arrays["engine.edges"].size - 1
             raise ModelError(f"the state was saved with threads={n}: expected the same to continue")
-        self._start_over(None)
+        self._start_over(None, eager=snapshot.is_eager(arrays))
         snapshot.restore(self._a, arrays)
         late.restore(self._a, arrays)
         self._step = int(arrays["engine.step"])

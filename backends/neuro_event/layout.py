@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from neuro.model.neurons import Model, Neuron
 from neuro.program.program import Floats, Ints, Population, Program, Projection
 from neuro_event import tables as t
+from neuro_event.arrivals import by_delay
 from neuro_event.models import NEURONS
 from neuro_event.operations import entry, generator_entry
 
@@ -124,6 +125,7 @@ class Synapses:
     order: Ints | None
 
 
+_FEW_RUNS = 1 << 16
 _NO_INTS = np.zeros(0, dtype=np.int64)
 _NO_TARGETS = np.zeros(0, dtype=np.int32)
 
@@ -133,13 +135,24 @@ def own_delays(p: Projection) -> bool:
     return p.synapse.delays or (p.delay.size > 1 and bool(np.any(p.delay != p.delay[0])))
 
 
+def in_runs(program: Program, p: Projection) -> bool:
+    """Whether spikes are delivered at arrival though synapses differ in delay: these are static, and not too few."""
+    if p.synapse.learns or p.carries != "spikes" or p.grid is not None or not own_delays(p):
+        return False
+    shortest, longest = p.delay_range(program.resolution)
+    return program.populations[p.source].size * (longest - shortest + 1) <= max(p.size, _FEW_RUNS)
+
+
 def learns_pairs(p: Projection) -> bool:
     """Whether spike pairs change its weights."""
     return p.synapse.learns == "pairs"
 
 
 def synapses(program: Program, index: int, where: list[Place]) -> Synapses:
-    """Arrange a projection for the kernels: CSR where it learns, has delays of its own, or its ends are permuted."""
+    """Arrange a projection for the kernels: CSR where it learns, has delays of its own, or its ends are permuted.
+
+    Synapses lie by source, then target; where they are delivered in runs, by source, delay, target.
+    """
     p = program.projections[index]
     source, target = where[p.source], where[p.target]
     permuted = source.inside is not None or target.inside is not None
@@ -150,17 +163,27 @@ def synapses(program: Program, index: int, where: list[Place]) -> Synapses:
     plain = not (permuted or own_delays(p) or learns_pairs(p))
     if plain and p.layout in ("dense", "one_to_one"):
         return Synapses(t.DENSE if p.layout == "dense" else t.ONE_TO_ONE, _NO_INTS, _NO_TARGETS, None)
-    if p.layout == "csr" and not permuted:
+    timed = in_runs(program, p)
+    if p.layout == "csr" and not permuted and (not timed or by_delay(p.row_ends, p.targets, p.delay)):
         return Synapses(t.CSR, p.row_ends, p.targets, None)
     pre, post = program.connections(index)
     pre = pre if source.inside is None else source.inside[pre]
     post = post if target.inside is None else target.inside[post]
-    order = np.lexsort((post, pre)) if permuted else None
+    order = np.lexsort((post, p.delay, pre)) if timed else np.lexsort((post, pre)) if permuted else None
     if order is not None:
         pre, post = pre[order], post[order]
     n = program.populations[p.source].size
     row_ends = np.concatenate([[0], np.cumsum(np.bincount(pre, minlength=n))]).astype(np.int64)
     return Synapses(t.CSR, row_ends, post.astype(np.int32), order)
+
+
+def by_target(program: Program, index: int, where: list[Place]) -> Ints:
+    """As `Synapses.order` of a listed projection, were it not delivered in runs: by source, then target."""
+    p = program.projections[index]
+    (pre, post), source, target = program.connections(index), where[p.source], where[p.target]
+    return np.lexsort(
+        (post if target.inside is None else target.inside[post], pre if source.inside is None else source.inside[pre])
+    )
 
 
 def split_rows(row_ends: Ints, targets: NDArray[np.int32], edges: Ints) -> Ints:

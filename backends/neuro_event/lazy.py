@@ -7,7 +7,8 @@ import numpy as np
 
 from neuro.kernels.jit import kernel
 from neuro_event import tables as t
-from neuro_event.deliver import base_of, log_delivery, receptor, told_apart
+from neuro_event.arrivals import at_emission
+from neuro_event.deliver import base_of, receptor, told_apart
 from neuro_event.own_rules import OF_NEURON, TAU, TIME, pre_value
 from neuro_event.plastic import bring_history, bring_target, dopamine_at
 from neuro_event.views import net_of, plastic_of
@@ -103,8 +104,8 @@ def deliver_counts(view, q, first, last):
 
 @kernel
 def deliver_between(view, q, first, last):
-    """Put the spikes that a projection's source emitted in the steps first..last into its ring."""
+    """Put what of the spikes that a projection's source emitted in the steps first..last is under way into its ring."""
     net = net_of(view)
     for thread in range(net.edges.shape[0] - 1):
         for step in range(max(first, net.clock[thread, t.HORIZON] + 1), last + 1):
-            log_delivery(view, q, step, 0, thread, True)
+            at_emission(view, q, step, last + 1, thread)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,8 @@ from neuro_event import layout
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.decays import DECAYS
+from neuro_event.eager import eager_entry
+from neuro_event.epochs import acts_at_once, first_kept, length, no_spikes, pack
 from neuro_event.models import MODULATED_RULES, RULES
 from neuro_event.notes import add_notes
 from neuro_event.own_rules import ENTRY, NEWEST, OF_NEURON, OWN, TAU, TIME, own_row, rule_entry, shared_row
@@ -28,10 +30,10 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
     program, pops = a.program, a.net["pops"]
     table = np.full((len(learning), t.PLASTIC_COLUMNS), t.NONE, dtype=np.int64)
     tau = np.zeros((len(learning), 2))
-    kinds = np.zeros((len(learning), 2 * _most_traces(program, learning), 3))
+    kinds = np.zeros((len(learning), 2 * _most_traces(a, learning), 3))
     decay = np.zeros((len(learning), OWN + kinds.shape[1], DECAYS))
     incoming: list[Ints] = [np.zeros(1, dtype=np.int64)]
-    in_synapse: list[Ints] = []
+    in_synapse: list[NDArray[np.int32]] = []
     in_source: list[NDArray[np.int32]] = []
     n_synapses = n_sources = n_targets = n_incoming = n_history = 0
     y = []
@@ -39,14 +41,16 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         p, s = program.projections[q], a.synapses[q]
         row = table[k]
         n_source, n_target = program.populations[p.source].size, program.populations[p.target].size
-        row[t.PROJECTION], row[t.RULE_NUMBER], row[t.RULE_ENTRY], row[t.SOURCE_STRIDE] = q, k, 0, 1
+        row[t.PROJECTION], row[t.RULE_NUMBER], row[t.SOURCE_STRIDE] = q, k, 1
         own_rule: Any = type(p.synapse)
+        row[t.EAGER] = int(acts_at_once(a, p))
         if own_rule in RULES:
             row[t.RULE] = RULES.index(own_rule)
             if p.synapse.modulated:
                 row[t.MODULATED] = MODULATED_RULES.index(own_rule)
         else:
-            row[t.RULE_ENTRY], row[t.SOURCE_STRIDE] = rule_entry(own_rule, shared_row), max(1, len(own_rule.pre))
+            row[t.SOURCE_STRIDE] = max(1, len(own_rule.pre))
+        _find_entry(row, own_rule, shared_row)
         row[t.FIRST_SYNAPSE], row[t.FIRST_SOURCE], row[t.FIRST_TARGET] = n_synapses, n_sources, n_targets
         row[t.INCOMING] = n_incoming
         row[t.DOPAMINE], row[t.DOPAMINE_ONE_TO_ONE] = p.dopamine, int(p.dopamine_one_to_one)
@@ -61,13 +65,13 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
         order = np.argsort(s.targets, kind="stable")
         ends = np.concatenate([[0], np.cumsum(np.bincount(s.targets, minlength=n_target))]).astype(np.int64)
         incoming.append(ends + sum(i.size for i in in_synapse))
-        in_synapse.append(order + n_synapses)
+        in_synapse.append(order.astype(np.int32))
         in_source.append(pre[order])
         own = p.weight[s.order] if s.order is not None and p.weight.size > 1 else p.weight
         y.append(np.broadcast_to(own, s.targets.size))
         n_synapses, n_sources = n_synapses + s.targets.size, n_sources + n_source * int(row[t.SOURCE_STRIDE])
         n_targets, n_incoming = n_targets + n_target, n_incoming + n_target + 1
-        if pops[p.target, t.HISTORY] < 0:
+        if row[t.EAGER] == 0 and pops[p.target, t.HISTORY] < 0:
             pops[p.target, t.HISTORY] = n_history
             n_history += n_target
     states = np.zeros((max([1, *(1 + len(program.projections[q].synapse.states) for q in learning)]), n_synapses))
@@ -75,22 +79,24 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
     k_plus = np.zeros((threads, n_sources))
     for row, q in zip(table, learning, strict=True):
         _start(a, q, row, states, k_plus)
+    modulated = any(program.projections[q].synapse.modulated for q in learning)
     a.plastic |= {
         "table": table,
         "tau": tau,
         "decay": decay,
         "y": states,
         "sent": states[0].copy(),
-        "reached": np.zeros(n_synapses, dtype=np.int64),
+        "reached": np.zeros(n_synapses if modulated else 0, dtype=np.int64),
         "k_plus": k_plus,
         "k_time": np.zeros((threads, n_sources), dtype=np.int64),
         "spiked": np.zeros((threads, n_sources), dtype=np.int64),
         "n": np.zeros(n_targets),
         "n_time": np.zeros(n_targets, dtype=np.int64),
         "incoming": np.concatenate(incoming[1:] or incoming),
-        "in_synapse": np.concatenate([np.zeros(0, dtype=np.int64), *in_synapse]),
+        "in_synapse": np.concatenate([np.zeros(0, dtype=np.int32), *in_synapse]),
         "in_source": np.concatenate([np.zeros(0, dtype=np.int32), *in_source]),
-        "past": layout.aligned(max(1, n_history), _history_width(program, learning)),
+        "heard": no_spikes(a, learning, table, n_targets),
+        "past": layout.aligned(max(1, n_history), _history_width(a, learning)),
         "kinds": kinds,
         "columns": _columns(a, learning, table),
         "draw_keys": np.array([_draw_key(program, q) for q in learning], dtype=np.uint64),
@@ -99,6 +105,14 @@ def add_learning(a: Arrays, learning: list[int]) -> None:
     a.plastic["others"] = np.zeros(_others_shape(a))
     add_notes(a, learning)
     lay_constants(a, {q: program.projections[q].synapse.vector() for q in learning})
+
+
+def _find_entry(row: Ints, rule: Any, row_of: Any) -> None:
+    """The entry of a rule's passes over synapses; none where the loop itself has them."""
+    if row[t.EAGER] == 1:
+        row[t.RULE_ENTRY] = eager_entry(rule, row_of)
+    else:
+        row[t.RULE_ENTRY] = 0 if row[t.RULE] >= 0 else rule_entry(rule, row_of)
 
 
 def _draw_key(program: Program, q: int) -> int:
@@ -125,8 +139,8 @@ def _start(a: Arrays, q: int, row: Ints, states: Floats, k_plus: Floats) -> None
         states[DELAY, first : first + p.size] = a.net["delays"][at : at + p.size] * program.resolution
     first, stride = row[t.FIRST_SOURCE], row[t.SOURCE_STRIDE]
     end = first + program.populations[p.source].size * stride
-    for j, value in enumerate(p.synapse.first_traces()[:stride]):
-        k_plus[:, first + j : end : stride] = value
+    for j, (trace, value) in enumerate(zip(p.synapse.pre, p.synapse.first_traces(), strict=True)):
+        k_plus[:, first + j : end : stride] = first_kept(trace, value) if row[t.EAGER] else value
 
 
 def _longest_back(p: Projection) -> int:
@@ -136,21 +150,23 @@ def _longest_back(p: Projection) -> int:
     return int(p.delay.max()) if p.delay.size else 1
 
 
-def _own(program: Program, q: int) -> bool:
-    return type(program.projections[q].synapse) not in RULES
+def _by_entry(a: Arrays, q: int) -> bool:
+    """Whether an entry has the passes over synapses."""
+    p = a.program.projections[q]
+    return acts_at_once(a, p) or type(p.synapse) not in RULES
 
 
-def _most_traces(program: Program, learning: list[int]) -> int:
-    """Traces of one side that any rule of a stranger reads at most."""
-    rules = [program.projections[q].synapse for q in learning if _own(program, q)]
+def _most_traces(a: Arrays, learning: list[int]) -> int:
+    """Traces of one side that any entry reads at most."""
+    rules = [a.program.projections[q].synapse for q in learning if _by_entry(a, q)]
     return max([0, *(max(len(rule.pre), len(rule.post)) for rule in rules)])
 
 
 def _columns(a: Arrays, learning: list[int], table: Ints) -> Ints:
-    """The post traces that rules of strangers read, by population; each rule's begin at its COLUMN."""
+    """The post traces that rules of strangers read lazily, by population; each rule's begin at its COLUMN."""
     found: list[list[tuple[int, int]]] = [[] for _ in a.program.populations]
     for k, q in enumerate(learning):
-        if _own(a.program, q):
+        if table[k, t.RULE] < 0 and table[k, t.EAGER] == 0:
             part = a.program.projections[q]
             table[k, t.COLUMN] = len(found[part.target])
             found[part.target] += [(k, j) for j in range(len(part.synapse.post))]
@@ -170,7 +186,7 @@ def _others_shape(a: Arrays) -> tuple[int, int, int]:
 def widen_histories(a: Arrays, population: int, t_ref: float) -> None:
     """Make room for the spikes of a population whose shortest refractory period is now `t_ref` ms."""
     past = a.plastic["past"]
-    onto = [q for q in a.plastic_of if a.program.projections[q].target == population]
+    onto = [q for q in _lazy(a, a.plastic_of) if a.program.projections[q].target == population]
     width = _width(max(_entries(a.program, q, t_ref) for q in onto))
     if width > past.shape[1]:
         wider = layout.aligned(past.shape[0], width)
@@ -181,11 +197,17 @@ def widen_histories(a: Arrays, population: int, t_ref: float) -> None:
         a.plastic["others"][:, : others.shape[1]] = others
 
 
-def _history_width(program: Program, learning: list[int]) -> int:
+def _history_width(a: Arrays, learning: list[int]) -> int:
     """Numbers in a history of any neuron, with the parameters of step 0."""
-    targets = [program.populations[program.projections[q].target] for q in learning]
+    lazy, program = _lazy(a, learning), a.program
+    targets = [program.populations[program.projections[q].target] for q in lazy]
     held = [float(np.min(target.parameters.get("t_ref", 0.0))) for target in targets]
-    return _width(max([7, *(_entries(program, q, t_ref) for q, t_ref in zip(learning, held, strict=True))]))
+    return _width(max([7, *(_entries(program, q, t_ref) for q, t_ref in zip(lazy, held, strict=True))]))
+
+
+def _lazy(a: Arrays, learning: Iterable[int]) -> list[int]:
+    """Those projections whose synapses read histories."""
+    return [q for q in learning if not acts_at_once(a, a.program.projections[q])]
 
 
 def _entries(program: Program, q: int, t_ref: float) -> int:
@@ -217,6 +239,7 @@ def lay_constants(a: Arrays, rules: Mapping[int, Floats]) -> None:
         row = a.plastic["table"][k]
         row[t.CONSTANTS], row[t.CONSTANTS_STRIDE] = k, 0
         set_constants(a, q, rules[q])
+        row[t.EPOCH] = length(a.plastic["decay"][k, OWN:])
 
 
 def set_constants(a: Arrays, projection: int, vector: Floats) -> bool:
@@ -231,13 +254,26 @@ def set_constants(a: Arrays, projection: int, vector: Floats) -> bool:
     if grows:
         row[t.CONSTANTS], row[t.CONSTANTS_STRIDE] = len(kept) - row[t.FIRST_SYNAPSE], 1
         a.plastic["rule"] = np.concatenate([kept, np.zeros((p.size, kept.shape[1]))])
-        if row[t.RULE_ENTRY] != 0:
-            own_rule: Any = type(p.synapse)
-            row[t.RULE_ENTRY] = rule_entry(own_rule, own_row)
+        _find_entry(row, type(p.synapse), own_row)
     first, n = (row[t.CONSTANTS] + row[t.FIRST_SYNAPSE], p.size) if row[t.CONSTANTS_STRIDE] else (k, 1)
     in_order = given[order] if given.ndim == 2 and order is not None else given
     a.plastic["rule"][first : first + n, : p.synapse.width] = in_order
     return bool(grows)
+
+
+def set_numbers(a: Arrays, projection: int, vector: Floats, step: int) -> bool:
+    """Fill all that follows from the parameters of a projection whose traces are values, see `reading.bring_all`.
+
+    Returns:
+        whether an array was replaced.
+    """
+    k, p = a.plastic_of[projection], a.program.projections[projection]
+    table, tau, decay, kinds = (a.plastic[name][k] for name in ("table", "tau", "decay", "kinds"))
+    replaced = set_constants(a, projection, vector)
+    set_traces(tau, table, decay, kinds, common(vector), p.synapse, a.program)
+    if table[t.EAGER]:
+        pack(a, k, step)
+    return replaced
 
 
 def set_traces(

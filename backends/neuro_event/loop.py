@@ -4,11 +4,14 @@
 """
 
 # mypy: ignore-errors
+from neuro.kernels.atomic import look, tell
 from neuro.kernels.jit import inner, kernel
+from neuro_event.arrivals import arrive, at_emission
 from neuro_event.candidates import weigh_maps
+from neuro_event.counted import add_counts
 from neuro_event.deliver import log_delivery
 from neuro_event.drive import charge, drive
-from neuro_event.generators import add_counts, draw_poisson, let_emit, list_spikes
+from neuro_event.generators import draw_poisson, let_emit, list_spikes
 from neuro_event.groups import settle
 from neuro_event.local_winners import admit_all, open_groups
 from neuro_event.neurons import step_neurons, wake
@@ -33,9 +36,16 @@ from neuro_event.tables import (
     NEURON,
     POISSON,
     RADIUS,
+    RUN,
     WINNER,
 )
 from neuro_event.views import net_of
+
+HALT = -1
+"""What is told in place of a step where threads are to return."""
+
+PATIENCE = 50_000
+"""Looks at what others tell, about 100 us, before a thread gives up its processor."""
 
 
 @inner
@@ -47,8 +57,7 @@ def act_at_emission(view, thread, upto, dopamine_upto, h):
         if step <= clock[HORIZON]:
             continue
         for k in range(net.at_emission.shape[0]):
-            q = net.at_emission[k]
-            log_delivery(view, q, step, 0, thread, True)
+            at_emission(view, net.at_emission[k], step, step, thread)
         learn_step(view, step, clock[DONE_DOPAMINE], thread, h, False)
     clock[DONE] = max(clock[DONE], upto)
     clock[DONE_DOPAMINE] = max(clock[DONE_DOPAMINE], upto)
@@ -78,6 +87,9 @@ def advance(view, thread, first, last, h):
                 for k in range(row[ARRIVALS], row[ARRIVALS_END]):
                     q = net.incoming[k]
                     projection = net.projections[q]
+                    if projection[RUN] >= 0:
+                        arrive(view, q, step, thread)
+                        continue
                     j = step - projection[LAG]
                     if j <= net.clock[thread, HORIZON]:
                         continue
@@ -139,9 +151,38 @@ def run(view, first, last, longest, reach, h):
 
 
 @kernel
-def run_slice(view, thread, first, last, h):
-    """One slice of one thread."""
-    advance(view, thread, first, last, h)
+def share(view, told, thread, last, longest, reach, h):
+    """Run one thread's part of the steps up to `last`, slice by slice, beside the other threads that do so.
+
+    Rows of `told` say up to which step each thread is done; the last one says up to which step all may run, as thread 0
+    decides, or `HALT`. Return 1 where all is done or there is no room for more steps; 0 where the others have been
+    waited for in vain: who calls again after some time goes on from there.
+    """
+    threads = told.shape[0] - 1
+    while True:
+        step = look(told, thread)
+        patience = PATIENCE
+        if thread == 0:
+            for other in range(1, threads):
+                while look(told, other) < step:
+                    patience -= 1
+                    if patience == 0:
+                        return 0
+            steps = room(view, step, min(longest, last - step), reach)
+            if steps < 1:
+                tell(told, threads, HALT)
+                return 1
+            tell(told, threads, step + steps)
+        else:
+            while look(told, threads) == step:
+                patience -= 1
+                if patience == 0:
+                    return 0
+        end = look(told, threads)
+        if end == HALT:
+            return 1
+        advance(view, thread, step, end, h)
+        tell(told, thread, end)
 
 
 @kernel

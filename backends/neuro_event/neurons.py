@@ -114,29 +114,35 @@ def heard(view, i, receptors):
 
 
 @inner
-def count_arrivals(view, lo, hi, receptors):
-    """How many of a block's neurons have input in this step."""
+def take_arrivals(view, lo, receptors):
+    """How many of a block's neurons had input in this step; it is cleared. To places that no neuron has none comes."""
     net = net_of(view)
-    first, second = net.bits[0, lo:hi], net.bits[1, lo:hi]
+    first, bits = np.uint64(lo), net.bits
     count = 0
     if receptors == 2:
-        for k in range(first.size):
-            count += ((first[k] ^ _SIGN) | (second[k] ^ _SIGN)) != 0
+        for k in range(first, first + np.uint64(BLOCK)):
+            count += ((bits[0, k] ^ _SIGN) | (bits[1, k] ^ _SIGN)) != 0
+            bits[0, k] = _SIGN
+            bits[1, k] = _SIGN
     elif receptors == 1:
-        for k in range(first.size):
-            count += first[k] != _SIGN
+        for k in range(first, first + np.uint64(BLOCK)):
+            count += bits[0, k] != _SIGN
+            bits[0, k] = _SIGN
     else:
-        for i in range(lo, hi):
+        for i in range(lo, lo + BLOCK):
             count += heard(view, i, receptors)
+        for r in range(receptors):
+            bits[r, lo : lo + BLOCK] = _SIGN
     return count
 
 
 @inner
-def any_fired(view, lo, hi):
+def any_fired(view, lo):
     """Whether any of a block's neurons reached threshold."""
-    words = net_of(view).fired_words[lo >> 3 : (hi + 7) >> 3]
+    words = net_of(view).fired_words
+    first = np.uint64(lo >> 3)
     some = np.uint64(0)
-    for k in range(words.size):
+    for k in range(first, first + np.uint64(BLOCK >> 3)):
         some |= words[k]
     return some != 0
 
@@ -206,8 +212,8 @@ def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks
             due = net.due[slot + block]
             net.due[slot + block] = 0
             lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
-            active = count_arrivals(view, lo, hi, receptors) if due else 0
-            if any_fired(view, lo, hi):
+            active = 0
+            if any_fired(view, lo):
                 i = next_fired(view, lo, hi)
                 while i < hi:
                     came = heard(view, i, receptors)
@@ -223,8 +229,7 @@ def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks
                     i = next_fired(view, i + 1, hi)
                 net.busy[block] = step
             if due:
-                for r in range(receptors):
-                    net.x[r, lo:hi] = -0.0
+                active += take_arrivals(view, lo, receptors)
             net.active[thread, pop] += active
             if row[RELAY] == 1:  # it has no state: it is stepped where spikes arrive
                 net.awake[block] = 0

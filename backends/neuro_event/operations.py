@@ -13,8 +13,8 @@ from neuro.kernels.address import entry_of
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.jit import compiled, inner, kernel
 from neuro_event.dispatch import chosen
-from neuro_event.tables import BEGIN, CONSTANT, CONSTANT_STRIDE, MODEL
-from neuro_event.views import ENTRY_TYPE, net_of
+from neuro_event.tables import BEGIN, CARRIED, CONSTANT, CONSTANT_STRIDE, MODEL
+from neuro_event.views import ENTRY_TYPE, moved, net_of
 
 _ONE = np.uint64(1)
 
@@ -45,7 +45,9 @@ def operations(constants, step, fire, quiet):
         net = net_of(view)
         if row[CONSTANT_STRIDE] == 0:
             c = net.constants[row[CONSTANT]]
-            step(row[MODEL], net.state, c, net.x, net.current, np.uint64(lo), np.uint64(hi), net.fired, net.draws)
+            # to read that there is none for each neuron would cost as much as a state
+            current = net.current if row[CARRIED] == 1 else moved(net.none, lo)
+            step(row[MODEL], net.state, c, net.x, current, np.uint64(lo), np.uint64(hi), net.fired, net.draws)
             return
         for i in range(lo, hi):
             c = net.constants[row[CONSTANT] + i - row[BEGIN]]

@@ -55,8 +55,9 @@ ENTRY = 3
 entries (step, K- just after, multiplicity), the newest first. All are integers but K-, which lies in the same memory
 as a float."""
 
-BRING, BRING_WHOLE, PRE_SPIKE = range(3)
-"""Operations of an entry; the last and those after it: the first spike of a neuron in a step, the second, ..."""
+BRING, BRING_WHOLE, ARRIVE, PRE_SPIKE = range(4)
+"""Operations of an entry: the first two of lazy passes, the third of eager ones; the last and those after it: the first
+spike of a neuron in a step, the second, ..."""
 
 AHEAD = 16
 """Synapses by which a history, and the target's place in the ring, is asked for before it is read."""
@@ -151,7 +152,7 @@ def kept_value(p, j, kind, column, history, k, m):
     return grown(kind, p.others[history, k, column + j], m)
 
 
-def _tuple_of(function, traces, arguments):
+def tuple_of(function, traces, arguments):
     """A compiled function that gives the values of traces as a tuple; what is known of each stands in it as numbers."""
     name = function.py_func.__name__
     calls = "".join(f"{name}({arguments.format(j=j, kind=_kind(each))}), " for j, each in enumerate(traces))
@@ -174,9 +175,9 @@ def rule_entry(model, row_of):
     nearest = compiled(steps_of)
     advance, sent = compiled(arithmetic.advance) if modulated else None, compiled(model.sends())
     n_pre = len(model.pre)
-    pre_values = _tuple_of(pre_value, model.pre, "p, q, {j}, {kind}, thread, own, step, h")
-    post_values = _tuple_of(post_value, model.post, "net, p, q, {j}, {kind}, column, history, i, neuron, before, h")
-    kept_values = _tuple_of(kept_value, model.post, "p, {j}, {kind}, column, history, k, m")
+    pre_values = tuple_of(pre_value, model.pre, "p, q, {j}, {kind}, thread, own, step, h")
+    post_values = tuple_of(post_value, model.post, "net, p, q, {j}, {kind}, column, history, i, neuron, before, h")
+    kept_values = tuple_of(kept_value, model.post, "p, {j}, {kind}, column, history, k, m")
 
     if model.draws:
 
@@ -314,7 +315,7 @@ def rule_entry(model, row_of):
         history = net.pops[row[TARGET], HISTORY] + target
         begin = table[INCOMING] + target
         for i in range(p.incoming[begin], p.incoming[begin + 1]):
-            z = p.in_synapse[i]
+            z = table[FIRST_SYNAPSE] + np.int64(p.in_synapse[i])
             own = table[FIRST_SOURCE] + np.int64(p.in_source[i]) * table[SOURCE_STRIDE]
             if not modulated and p.past[history, APPLIED] <= p.spiked[thread, own]:
                 p.sent[z] = p.y[0, z]  # see `plastic.bring_target`

@@ -1,4 +1,4 @@
-"""Pairwise learning: lazy, one synapse at a time, at the events that concern it.
+"""Pairwise learning: lazy, one synapse at a time, at the events that concern it; what may act at once is in `eager`.
 
 Post spikes are kept in a short history per neuron. When it is full, the synapses onto that neuron are caught up
 to what has been processed, and what nobody needs any more is dropped.
@@ -16,6 +16,7 @@ from neuro_event.noting import note
 from neuro_event.own_rules import (
     AHEAD,
     APPLIED,
+    ARRIVE,
     BRING,
     BRING_WHOLE,
     ENTRIES,
@@ -37,6 +38,7 @@ from neuro_event.tables import (
     DOPAMINE,
     DOPAMINE_DELAY,
     DOPAMINE_ONE_TO_ONE,
+    EAGER,
     END,
     FIRST_BLOCK,
     FIRST_SOURCE,
@@ -225,7 +227,7 @@ def bring_target(view, q, thread, target, step, whole, h):
     applied = past[APPLIED]
     begin = table[INCOMING] + target
     for i in range(p.incoming[begin], p.incoming[begin + 1]):
-        z = p.in_synapse[i]
+        z = table[FIRST_SYNAPSE] + np.int64(p.in_synapse[i])
         own = table[FIRST_SOURCE] + np.int64(p.in_source[i])
         delay = np.int64(net.delays[row[DELAY] + (z - table[FIRST_SYNAPSE]) * row[DELAY_STRIDE]])
         if table[MODULATED] >= 0:
@@ -298,7 +300,7 @@ def bring_history(view, pop, thread, target, step, whole, h):
     net, p = net_of(view), plastic_of(view)
     longest = 0
     for q in range(p.table.shape[0]):
-        if net.projections[p.table[q, PROJECTION], TARGET] == pop:
+        if net.projections[p.table[q, PROJECTION], TARGET] == pop and p.table[q, EAGER] == 0:
             longest = max(longest, p.table[q, LONGEST])
             bring_target(view, q, thread, target, step, whole, h)
     past = p.past[net.pops[pop, HISTORY] + target]
@@ -351,13 +353,16 @@ def post_spike(view, pop, thread, local, m, step, done, h):
 
 
 @inner
-def learn_step(view, step, done_dopamine, thread, h, dopamine_only):
-    """All pairwise learning of one step: dopamine that arrives in it, then the pre spikes emitted in it."""
+def learn_step(view, step, done_arrivals, thread, h, arrivals_only):
+    """All pairwise learning of one step: what arrives in it, then the pre spikes emitted in it."""
     net, p = net_of(view), plastic_of(view)
     for q in range(p.table.shape[0]):
-        if p.table[q, DOPAMINE] >= 0 and step > done_dopamine:
-            dopamine_arrivals(view, q, step, thread, h)
-        if dopamine_only:
+        if step > done_arrivals:
+            if p.table[q, DOPAMINE] >= 0:
+                dopamine_arrivals(view, q, step, thread, h)
+            elif p.table[q, EAGER] == 1:
+                call_rule(view, p.table[q], ARRIVE, 0, step, thread, h)
+        if arrivals_only:
             continue
         source = net.projections[p.table[q, PROJECTION], SOURCE]
         slot = step & (net.log_ends.shape[1] - 1)

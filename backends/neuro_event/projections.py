@@ -7,31 +7,37 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.program.program import Floats, Grid, Ints, Projection
-from neuro_event import layout
+from neuro.program.program import Floats, Grid, Ints, Program, Projection
+from neuro_event import layout, memory
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
+from neuro_event.arrivals import QUEUE, fill_runs
 
 
 def add_projections(a: Arrays) -> None:
     """Lay out all projections, and the buffer of the input and the rings."""
     program = a.program
     table = np.full((len(program.projections), t.PROJECTION_COLUMNS), t.NONE, dtype=np.int64)
-    rows, targets, weights, delays = [], [], [], []
-    n_rows = n_targets = n_weights = n_delays = 0
-    ring = layout.receptors(program) * a.net["state"].shape[1]
+    rows, runs, targets, weights, delays = [], [], [], [], []
+    n_rows = n_runs = n_targets = n_weights = n_delays = 0
+    ring = layout.receptors(program) * a.net["calm"].shape[1]
     at_emission = []
     for q, (p, s) in enumerate(zip(program.projections, a.synapses, strict=True)):
         target = program.populations[p.target]
-        row = table[q]
+        row, timed = table[q], layout.in_runs(program, p)
         row[t.SOURCE], row[t.TARGET], row[t.LAYOUT] = p.source, p.target, s.layout
         row[t.RECEPTOR] = t.NONE if p.receptor is None else p.receptor.index
         if s.layout == t.CSR:
             local = a.net["edges"] * t.BLOCK - a.places[p.target].begin
-            rows.append(layout.split_rows(s.row_ends, s.targets, local) + n_targets)
             targets.append(s.targets)
-            row[t.ROW], row[t.SYNAPSE] = n_rows, n_targets
-            n_rows, n_targets = n_rows + rows[-1].size, n_targets + s.targets.size
+            row[t.SYNAPSE] = n_targets
+            if timed:
+                runs.append(_runs(program, p, s, local, row))
+                row[t.RUN], n_runs = n_runs, n_runs + runs[-1].size
+            else:
+                rows.append(layout.split_rows(s.row_ends, s.targets, local) + n_targets)
+                row[t.ROW], n_rows = n_rows, n_rows + rows[-1].size
+            n_targets += s.targets.size
         own = internal_weights(a, q) if p.weight.size else np.zeros(1)
         row[t.WEIGHT], row[t.WEIGHT_STRIDE], row[t.SIGN] = n_weights, int(own.size > 1), layout.sign(own)
         weights.append(own)
@@ -39,7 +45,9 @@ def add_projections(a: Arrays) -> None:
         delay = p.delay[s.order] if p.delay.size > 1 and s.order is not None else p.delay
         if delay.size == 0:
             delay = np.ones(1, dtype=np.int32)
-        if not layout.own_delays(p):
+        if timed:
+            delay = delay[:0]
+        elif not layout.own_delays(p):
             delay = delay[:1]
         elif delay.size != p.size:
             delay = np.broadcast_to(delay, max(1, p.size))
@@ -49,7 +57,9 @@ def add_projections(a: Arrays) -> None:
         blocks = a.net["pops"][p.target, t.LAST_BLOCK] - a.net["pops"][p.target, t.FIRST_BLOCK]
         row[t.WAKE_ALL] = int(s.layout == t.DENSE or _blocks_reached(p, s) > blocks)
         row[t.DENSE_COUNTS] = 0
-        if q in a.plastic_of or row[t.DELAY_STRIDE] == 1:
+        if timed:
+            row[t.LAG] = p.delay_range(program.resolution)[1]
+        elif q in a.plastic_of or row[t.DELAY_STRIDE] == 1:
             longest = p.delay_range(program.resolution)[1]
             ring = _give_ring(row, longest, target.size, a.net["pops"][p.target, t.RECEPTORS], ring, a.longest_slice)
             if q not in a.plastic_of:
@@ -60,12 +70,27 @@ def add_projections(a: Arrays) -> None:
             _grid_columns(row, p.grid, a.places[p.source].inside is not None)
     a.net["projections"] = table
     a.net["rows"] = _joined(rows, np.int64)
+    a.net["runs"] = _joined(runs, np.uint32)
+    a.net["queue"] = np.zeros((a.net["edges"].size - 1, QUEUE, 3), dtype=np.int64)
     a.net["targets"] = _joined(targets, np.int32)
-    a.net["weights"] = np.concatenate([np.zeros(0), *weights])
+    a.net["weights"] = _joined(weights, np.float64)
+    if any(p.synapse.learns == "trials" for p in program.projections):
+        own_weights(a)
     a.net["delays"] = _joined(delays, np.int32)
     a.net["at_emission"] = np.array(at_emission, dtype=np.int64)
     set_buffer(a, np.full(ring, -0.0))
     list_incoming(a)
+
+
+def _runs(program: Program, p: Projection, s: layout.Synapses, edges: Ints, row: Ints) -> NDArray[np.uint32]:
+    """Where the runs of a projection begin; its row learns which delays they have."""
+    shortest, longest = p.delay_range(program.resolution)
+    row[t.SHORTEST], row[t.DELAYS] = shortest, longest - shortest + 1
+    n = program.populations[p.source].size * int(row[t.DELAYS]) * (edges.size - 1)
+    runs = np.zeros(n + 1, dtype=np.uint32)
+    delay = p.delay if s.order is None else p.delay[s.order]
+    fill_runs(s.row_ends, s.targets, delay, shortest, int(row[t.DELAYS]), edges, runs)
+    return runs
 
 
 def _blocks_reached(p: Projection, s: layout.Synapses) -> float:
@@ -86,6 +111,14 @@ def internal_weights(a: Arrays, q: int) -> Floats:
     if own.size == 1 and (p.grid is not None or p.synapse.learns == "trials"):
         own = np.repeat(own, p.size)
     return own
+
+
+def own_weights(a: Arrays) -> bool:
+    """Take a copy of the weights before they change, if they are the program's; return whether that was needed."""
+    shared = any(np.may_share_memory(a.net["weights"], p.weight) for p in a.program.projections)
+    if shared:
+        a.net["weights"] = a.net["weights"].copy()
+    return shared
 
 
 def _give_ring(row: Ints, longest: int, n: int, receptors: int, at: int, slice_: int) -> int:
@@ -116,8 +149,9 @@ def give_ring(a: Arrays, q: int) -> None:
 def set_buffer(a: Arrays, buf: Floats) -> None:
     """Use `buf` for the input and the rings."""
     rows, n = a.net["calm"].shape
-    a.net["buf"] = buf
-    a.net["x"] = buf[: rows * n].reshape(rows, n)
+    a.net["buf"] = memory.zeros(buf.size, np.float64)
+    a.net["buf"][:] = buf
+    a.net["x"] = a.net["buf"][: rows * n].reshape(rows, n)
     a.net["bits"] = a.net["x"].view(np.int64)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.program.program import Floats, Ints
-from neuro_event import lazy, loop
+from neuro_event import epochs, lazy, loop
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.own_rules import APPLIED
@@ -74,12 +74,14 @@ class Copy:
             return by_id(np.repeat(trace(a, k, step), np.diff(arranged.row_ends)), arranged.order)
         if not p.synapse.modulated and name == "weight":
             return by_id(self._sent(k, here, arranged.targets, arranged.row_ends), arranged.order)
+        row = 0 if name == "weight" else 1 + [s.name for s in type(p.synapse).states].index(name)
+        if a.plastic["table"][k, t.EAGER]:
+            return by_id(a.plastic["y"][row, here], arranged.order)
         if self._has != (k, step):
             self._y[:, here] = a.plastic["y"][:, here]
             self._reached[here] = a.plastic["reached"][here]
             lazy.bring(self._other_view, k, a.program.populations[p.target].size, step, a.program.resolution)
             self._has = k, step
-        row = 0 if name == "weight" else 1 + [s.name for s in type(p.synapse).states].index(name)
         return by_id(self._y[row, here], arranged.order)
 
     def give(self, k: int, step: int) -> None:
@@ -99,6 +101,8 @@ class Copy:
     def _sent(self, k: int, here: slice, targets: NDArray[np.int32], row_ends: Ints) -> Floats:
         """The weights sent last: kept aside where post spikes have been applied since the last pre spike."""
         a = self._a
+        if a.plastic["table"][k, t.EAGER]:
+            return a.plastic["sent"][here]
         p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
         first_history = a.net["pops"][p.target, t.HISTORY]
         last = a.plastic["spiked"][0, _sources(a, k)]
@@ -118,6 +122,8 @@ def concentration(a: Arrays, view: Ints, k: int, step: int) -> Floats:
 def trace(a: Arrays, k: int, step: int) -> Floats:
     """K+ of every source of the plastic projection number k."""
     here = _sources(a, k)
+    if a.plastic["table"][k, t.EAGER]:
+        return epochs.first_trace(a, k, step)
     age = (step - a.plastic["k_time"][0, here]) * a.program.resolution
     traces: Floats = a.plastic["k_plus"][0, here] * np.exp(-age / a.plastic["tau"][k, 0])
     return traces
@@ -150,10 +156,13 @@ def weights(a: Arrays, projection: int) -> Floats:
 
 
 def bring_all(a: Arrays, view: Ints, k: int, step: int) -> None:
-    """Catch up the plastic projection number k to the present, before something of it is set."""
+    """Catch up the plastic projection number k to the present, before something is set; traces are then values."""
+    if a.plastic["table"][k, t.EAGER]:
+        epochs.unpack(a, k, step)
+        return
     p = a.program.projections[a.plastic["table"][k, t.PROJECTION]]
     n_sources, n_targets = a.program.populations[p.source].size, a.program.populations[p.target].size
     lazy.bring_histories(view, p.target, n_targets, step, a.program.resolution)
-    own = a.plastic["table"][k, t.RULE_ENTRY] != 0
+    own = a.plastic["table"][k, t.RULE] < 0
     bring_traces = lazy.bring_own_traces if own else lazy.bring_traces
     bring_traces(view, k, n_sources, n_targets, step, a.program.resolution)

@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro_event import projections
+from neuro_event import layout, projections, sources
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 
-_GIVEN = {"edges", "rows", "targets", "delays", "order", "map_of", "initial", "resets", "keys", "group_keys", "local"}
+_LAID_OUT = {"edges", "rows", "runs", "targets", "delays", "order"}
+_GIVEN = _LAID_OUT | {"map_of", "initial", "resets", "keys", "group_keys", "local"}
 VIEWS = {"x", "bits", "awake_groups", "due_groups", "fired_words", "traces"}
 """Arrays that show others in another way."""
-_EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws", "won"}
+_EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws", "won", "queue", "tally", "none"}
+_LISTS = {"incoming", "in_synapse", "in_source"}
 _NOTES = {"note_this", "note_at", "note_steps", "note_synapses", "note_y"}
 _DRIVES = {
     "lines",
@@ -28,7 +30,8 @@ _DRIVES = {
     "emitted_rows",
     "emitted_from",
 }
-_REBUILT = _DRIVES | {"incoming", "at_emission", "list_steps", "list_ids", "list_counts", "cursor"}
+_TABLES = {"guides", "cumulative"}
+_REBUILT = _DRIVES | _TABLES | {"incoming", "at_emission", "list_steps", "list_ids", "list_counts", "cursor"}
 _FIXED = _GIVEN | VIEWS | _EMPTY | _REBUILT
 """Arrays that a snapshot leaves out: they follow from the program, or hold nothing between two runs."""
 
@@ -36,32 +39,59 @@ _FIXED = _GIVEN | VIEWS | _EMPTY | _REBUILT
 def snapshot(a: Arrays) -> dict[str, NDArray[Any]]:
     """Copies of all arrays that hold something between two runs."""
     net = {f"net.{k}": v.copy() for k, v in a.net.items() if k not in _FIXED}
+    net["net.state"] = a.net["state"][:, : layout.total(a.program)].copy()  # each row ends in room for nothing
     net["net.pops"] = a.net["pops"][:, : t.NUMBER].copy()  # what follows are addresses of this process
     net["net.projections"] = a.net["projections"][:, : t.CHANNEL_HEIGHT].copy()  # the rest follows from the program
-    plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS | _NOTES | {"rule"}}
+    plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS | _NOTES | _LISTS | {"rule"}}
     plastic["plastic.table"] = a.plastic["table"][:, : t.RULE_NUMBER].copy()
-    return {**net, **plastic}
+    return {**net, **plastic, "engine.runs": np.flatnonzero(a.net["projections"][:, t.RUN] >= 0)}
+
+
+def _by_runs(a: Arrays) -> None:
+    """Put weights that lie by source, then target where those of runs lie."""
+    for q in np.flatnonzero(a.net["projections"][:, t.RUN] >= 0).tolist():
+        row, p = a.net["projections"][q], a.program.projections[q]
+        if row[t.WEIGHT_STRIDE] == 1:
+            here = a.net["weights"][row[t.WEIGHT] : row[t.WEIGHT] + p.size]
+            given = np.empty_like(here)
+            given[layout.by_target(a.program, q, a.places)] = here
+            order = a.synapses[q].order
+            here[:] = given if order is None else given[order]
+
+
+def is_eager(arrays: Mapping[str, NDArray[Any]]) -> bool:
+    """Whether synapses learn eagerly in a snapshot where they can: before they did so there were no such arrays."""
+    return len(arrays.get("plastic.heard", ())) > 0
 
 
 def restore(a: Arrays, arrays: Mapping[str, NDArray[Any]]) -> None:
     """Put the arrays of a snapshot in place of those of step 0."""
     for name, value in arrays.items():
         part, _, rest = name.partition(".")
+        if part == "net" and rest in _TABLES:
+            continue  # kept in version 0.1.0, of another size
         if name == "net.pops":
             a.net["pops"][:, : t.NUMBER] = value
         elif name == "net.projections":
             a.net["projections"][:, : t.CHANNEL_HEIGHT] = value[:, : t.CHANNEL_HEIGHT]
         elif name == "net.groups":
             a.net["groups"][:, : value.shape[1]] = value  # fewer columns in version 0.1.0
+        elif name == "net.state":
+            a.net["state"][:, : value.shape[1]] = value
+        elif part == "net" and a.net[rest].shape == value.shape:
+            a.net[rest][...] = value  # where it lies is well chosen, see `memory`
         elif part == "net":
             a.net[rest] = value.copy()
         elif name == "plastic.table":
             a.plastic["table"][:, : t.RULE_NUMBER] = value
-        elif part == "plastic" and rest != "rule":  # laid out again, from the parameters
+        elif part == "plastic" and rest not in _LISTS | {"rule"}:  # laid out again
             a.plastic[rest] = value.copy()
+    if "engine.runs" not in arrays:  # version 0.1.0: all lay by source, then target
+        _by_runs(a)
     if "plastic.spiked" not in arrays:  # version 0.1.0
         a.plastic["spiked"] = a.plastic["k_time"].copy()
     rings = [q for q in range(len(a.program.projections)) if a.net["projections"][q, t.LAG] == 0]
     a.net["at_emission"] = np.array([q for q in rings if q not in a.plastic_of], dtype=np.int64)
     projections.set_buffer(a, a.net["buf"])
     projections.list_incoming(a)
+    sources.tabulate(a)

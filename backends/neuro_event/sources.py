@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from neuro.core import keyed_random
-from neuro.kernels.draws import GUIDE_BITS
+from neuro.kernels.draws import GUIDE_BITS, guide_to
 from neuro.program.program import Floats, drawn_for
-from neuro_event import layout
+from neuro_event import layout, memory
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
+from neuro_event.counted import TALLY_BITS
 from neuro_event.emitting import wake_emitting
 
-GUIDE = 1 << GUIDE_BITS
 TABLE_WIDTH = 1400
 
 
@@ -22,20 +22,28 @@ def add_generators(a: Arrays) -> None:
     a.net["keys"] = np.array(
         [keyed_random.key(a.program.seed, drawn_for(p), p.name) for p in a.program.populations], dtype=np.uint64
     )
-    a.net["guides"] = np.zeros((len(a.program.populations), GUIDE), dtype=np.uint16)
+    a.net["guides"] = np.zeros((len(a.program.populations), 1 << GUIDE_BITS), dtype=np.uint16)
     a.net["cumulative"] = np.full((len(a.program.populations), TABLE_WIDTH), np.inf)
     size = 0
     for k, p in enumerate(a.program.populations):
         if p.kind == "poisson":
             if _keeps_counts(a, k):
-                steps = layout.power_of_two(2 * a.longest_delay + 1)
+                own = [q for q, projection in enumerate(a.program.projections) if projection.source == k]
+                a.net["projections"][own, t.DENSE_COUNTS] = 1
+                steps = layout.power_of_two(int(a.net["projections"][own, t.LAG].max()) + a.longest_slice)
                 pops[k, t.COUNTS], pops[k, t.COUNTS_STEPS] = size, steps
                 size += steps * p.size
-                for q, projection in enumerate(a.program.projections):
-                    if projection.source == k:
-                        a.net["projections"][q, t.DENSE_COUNTS] = 1
             set_rate(a, k, p.rate(1), 0)
-    a.net["counts"] = np.zeros(size, dtype=np.uint16)
+    a.net["counts"] = memory.zeros(size, np.uint16)
+    a.net["tally"] = memory.zeros(a.net["mean"].size if size else 0, np.uint32, line=24)
+
+
+def settle(a: Arrays) -> None:
+    """Move what generators have tallied to their events and spikes."""
+    tally = a.net["tally"]
+    a.net["events"][: tally.size] += tally >> TALLY_BITS
+    a.net["spikes"][: tally.size] += tally & ((1 << TALLY_BITS) - 1)
+    tally[:] = 0
 
 
 def _keeps_counts(a: Arrays, k: int) -> bool:
@@ -69,6 +77,13 @@ def set_rate(a: Arrays, k: int, rate: Floats, step: int) -> None:
         _tabulate(a, k, mean)
 
 
+def tabulate(a: Arrays) -> None:
+    """Fill the tables of all generators that keep counts, from the rates of now."""
+    for k, place in enumerate(a.places):
+        if a.net["pops"][k, t.COUNTS] >= 0:
+            _tabulate(a, k, a.net["mean"][place.begin : place.end])
+
+
 def _tabulate(a: Arrays, k: int, mean: Floats) -> None:
     """Use a table of the Poisson distribution where all neurons share it."""
     row = a.net["pops"][k]
@@ -79,4 +94,4 @@ def _tabulate(a: Arrays, k: int, mean: Floats) -> None:
             row[t.TABLE] = k
             a.net["cumulative"][k] = np.inf
             a.net["cumulative"][k, : table.size] = table
-            a.net["guides"][k] = np.searchsorted(table, np.arange(GUIDE) / GUIDE, side="right")
+            a.net["guides"][k] = guide_to(table)

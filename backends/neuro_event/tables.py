@@ -38,8 +38,9 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     STOP,
     NUMBER,
     ENTRY,
+    CARRIED,
     POPULATION_COLUMNS,
-) = range(26)
+) = range(27)
 
 # projections
 (
@@ -73,8 +74,11 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     REACH,
     CHANNELS_INSIDE,
     RECEPTOR,
+    RUN,
+    SHORTEST,
+    DELAYS,
     PROJECTION_COLUMNS,
-) = range(31)
+) = range(34)
 
 # plastic projections
 (
@@ -99,8 +103,10 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     NOTED,
     CONSTANTS,
     CONSTANTS_STRIDE,
+    EAGER,
+    EPOCH,
     PLASTIC_COLUMNS,
-) = range(22)
+) = range(24)
 
 # lines of currents that change at every step
 (

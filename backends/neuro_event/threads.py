@@ -1,34 +1,46 @@
-"""Running slices on several threads; every slice ends in a barrier."""
+"""Running slices on several threads. No spike needs less than a slice to arrive, so a slice needs no exchange."""
 
 from __future__ import annotations
 
 import time
 from concurrent.futures import ThreadPoolExecutor
-from statistics import median
+
+import numpy as np
 
 from neuro.program.program import Ints
 from neuro_event import loop
 
-PERIOD = 128
-"""Slices after which it is tried again whether one thread or all are faster."""
+FEWEST, MOST = 4, 64
+"""Slices for which each way is tried, twice in turn."""
 
-TRIED = 8
-"""Slices for which the two ways are tried in turn."""
+TRIAL = 5e-4
+"""Seconds that a trial takes about, so that it is not the start of the threads that is measured."""
+
+SHORTEST, LONGEST = 512, 1 << 16
+"""Slices after which it is tried again which way is faster: twice as many each time that it is the same."""
+
+REST = 1e-6
+"""Seconds for which a thread sleeps at least that has waited for others in vain."""
+
+LINE = 8
+"""Numbers of a cache line, so that threads tell each other their steps in lines of their own."""
 
 
 class Threads:
-    """Runs the loop on n threads. No spike needs less than a slice to arrive, so a slice needs no exchange.
+    """Runs the loop on n threads, or all parts on one where slices are too short to be worth meeting after each.
 
-    The result is the same on one thread. So where slices are too short to be worth the barrier, as with a delay
-    of one step in a small network, one thread runs all parts.
+    The result is the same, so the faster way is found by trying.
     """
 
     def __init__(self, n: int) -> None:
         self._n = n
         self._pool = ThreadPoolExecutor(n - 1) if n > 1 else None
-        self._slices = 0
+        self._told = np.zeros((n + 1, LINE), dtype=np.int64)
         self._together = True
-        self._seconds: tuple[list[float], list[float]] = ([], [])
+        self._kept = SHORTEST
+        self._left = 0
+        self._tried = FEWEST
+        self._trials: list[tuple[bool, float]] = []
 
     def run(self, view: Ints, first: int, last: int, longest: int, reach: int, h: float) -> int:
         """Run the steps first:last; return where there was no room for a whole slice, or `last`."""
@@ -36,47 +48,48 @@ class Threads:
             return int(loop.run(view, first, last, longest, reach, h))
         step = first
         while step < last:
-            steps = int(loop.has_room(view, step, min(longest, last - step), reach))
-            if steps < 1 or (steps < min(longest, last - step) and step > first):
-                return step
-            if self._slices % PERIOD < TRIED:
-                self._try(view, step, step + steps, h)
-                step += steps
-            elif self._together:
-                self._share(view, step, step + steps, h)
-                step += steps
-            else:
-                step += self._alone(view, step, last, longest, reach, h)
+            trying = self._left == 0
+            together = len(self._trials) % 2 == 0 if trying else self._together
+            slices = self._tried if trying else self._left
+            end = min(last, step + slices * longest)
+            began = time.perf_counter()
+            reached = (self._share if together else loop.run)(view, step, end, longest, reach, h)
+            done = int(reached) - step
+            if trying and done > 0:
+                self._weigh(together, (time.perf_counter() - began) * longest / done)
+            elif not trying:
+                self._left = max(0, self._left - -(-done // longest))
+            step += done
+            if step < end:
+                break
         for thread in range(self._n):
-            loop.finish(view, thread, last - 1, h)
-        return last
+            loop.finish(view, thread, step - 1, h)
+        return step
 
-    def _alone(self, view: Ints, first: int, last: int, longest: int, reach: int, h: float) -> int:
-        """Run the rest of the period on this thread; return the steps done."""
-        left = (PERIOD - self._slices % PERIOD) * longest
-        reached = int(loop.run(view, first, min(last, first + left), longest, reach, h))
-        self._slices += max(1, (reached - first) // longest)
-        return reached - first
+    def _weigh(self, together: bool, seconds: float) -> None:
+        """Keep what a slice took in one way; after the fourth trial the way that was faster once is chosen."""
+        self._trials.append((together, seconds))
+        self._tried = min(max(int(TRIAL / seconds), FEWEST), MOST)
+        if len(self._trials) == 4:
+            faster = min(self._trials, key=lambda trial: trial[1])[0]
+            self._kept = min(2 * self._kept, LONGEST) if faster == self._together else SHORTEST
+            self._together, self._left, self._trials = faster, self._kept, []
 
-    def _try(self, view: Ints, first: int, last: int, h: float) -> None:
-        """One slice, on all threads or on this one in turn; then the way with the lower median is kept."""
-        way = self._slices % 2
-        began = time.perf_counter()
-        if way == 0:
-            self._share(view, first, last, h)
-        else:
-            for thread in range(self._n):
-                loop.run_slice(view, thread, first, last, h)
-            self._slices += 1
-        self._seconds[way].append(time.perf_counter() - began)
-        if self._slices % PERIOD == TRIED:
-            self._together = median(self._seconds[0]) < median(self._seconds[1])
-            self._seconds = ([], [])
-
-    def _share(self, view: Ints, first: int, last: int, h: float) -> None:
+    def _share(self, view: Ints, first: int, last: int, longest: int, reach: int, h: float) -> int:
+        """Run on all threads; return the step that was reached."""
         assert self._pool is not None
-        others = [self._pool.submit(loop.run_slice, view, k, first, last, h) for k in range(1, self._n)]
-        loop.run_slice(view, 0, first, last, h)
-        for other in others:
-            other.result()
-        self._slices += 1
+        self._told[:, 0] = first
+        given = (view, last, longest, reach, h)
+        others = [self._pool.submit(self._work, thread, *given) for thread in range(1, self._n)]
+        try:
+            self._work(0, *given)
+        finally:
+            self._told[self._n, 0] = loop.HALT
+            for other in others:
+                other.result()
+        return int(self._told[0, 0])
+
+    def _work(self, thread: int, view: Ints, last: int, longest: int, reach: int, h: float) -> None:
+        """One thread's part, which rests where it waits for long."""
+        while not loop.share(view, self._told, thread, last, longest, reach, h):
+            time.sleep(REST)

@@ -40,6 +40,7 @@ bits i8 2          the same memory as integers
 calm f8 2          no input
 buf f8 1           the memory of x, then the rings
 current f8 1       external current of the present step, pA
+none f8 1          no current, for a group of blocks
 lines i8 2         columns of `tables`, a row per line of currents that change at every step
 line_ends i8 1     of lines that are listed: where the synapses of each neuron end
 line_columns i8 1  columns of `emitted` of these synapses
@@ -65,16 +66,19 @@ slept i8 1         last step of a sleeping block
 busy i8 1          last step in which a block had input or a spike, or a silent one of a generator a rate
 mean f8 1          of a poisson_generator's neurons, per step
 nothing f8 1       exp(-mean)
-words u8 2         random words of one block, a row per thread
-guides u2 2        where to begin in `cumulative`
+words u8 2         random words of a group of blocks, a row per thread
+guides u2 2        of `cumulative`, see `neuro.kernels.draws`
 cumulative f8 2    Poisson tables
 counts u2 1        rings of multiplicities of generators that keep them
+tally u4 1         what these have sent and is not yet in `events` and `spikes`, see `counted`
 keys u8 1          of the generators' draws
 list_steps i8 1    listed spikes of the generators
 list_ids i8 1
 list_counts i8 1
 cursor i8 2        (threads + 1, populations) next listed spike; the last row holds the ends
 rows i8 1          ends of the CSR rows, cut at the threads' edges
+runs u4 1          likewise of the runs of each source and delay, counted from a projection's first synapse
+queue i8 3         (threads, runs, 3) what is about to be added: first and last synapse, multiplicity
 targets i4 1       local targets of all CSR synapses
 weights f8 1       of all projections
 delays i4 1        of all projections, steps
@@ -111,15 +115,16 @@ tau f8 2           tau_plus and tau_n of each
 decay f8 3         (projections, 3 + traces, steps) of tau_plus, tau_n, the targets' tau_minus, `kinds`; or 0
 y f8 2             (states, synapses)
 sent f8 1          weight at the last pre spike
-reached i8 1       step up to which a synapse has learnt
-k_plus f8 2        (threads, sources) trace of each source at a step; each thread has its own copy
+reached i8 1       step up to which a modulated synapse has learnt; empty if none is
+k_plus f8 2        (threads, sources) trace of each source at a step, or as in `eager`; each thread has its own copy
 k_time i8 2        the step of that value
 spiked i8 2        the step of each source's last spike
 n f8 1             dopamine of each target at a step
 n_time i8 1        that step
 incoming i8 1      synapses by target: ends
-in_synapse i8 1    the synapses
+in_synapse i4 1    the synapses, from the first of their projection on
 in_source i4 1     their sources
+heard f8 2         (targets, traces) of the post spikes that eager synapses have heard, kept as in `eager`
 past i8 2          history of each neuron's spikes, see `plastic`
 traces f8 2        the same memory as floats
 kinds f8 3         (projections, traces, 3) of strangers' rules: time constant, nearest, what a spike adds
@@ -134,7 +139,7 @@ note_synapses i8 2 the synapse
 note_y f8 3        (threads, states, room) what it was left with
 """
 
-_TYPES = {"i8": "int64", "f8": "float64", "i4": "int32", "u1": "uint8", "u2": "uint16", "u8": "uint64"}
+_TYPES = {"i8": "int64", "f8": "float64", "i4": "int32", "u1": "uint8", "u2": "uint16", "u4": "uint32", "u8": "uint64"}
 
 
 def _fields(text):
@@ -264,6 +269,29 @@ def call_entry(view, row, operation, lo, hi, thread, step, interval):
 
 
 @intrinsic
+def moved(typingctx, array, first):
+    """An array whose items from `first` on are those of a flat array; it has no others."""
+
+    def codegen(context, builder, signature, arguments):
+        kind, start = signature.args[0], context.cast(builder, arguments[1], signature.args[1], types.intp)
+        given = context.make_array(kind)(context, builder, arguments[0])
+        view = context.make_array(kind)(context, builder)
+        size = builder.add(builder.extract_value(given.shape, 0), start)
+        stride = builder.extract_value(given.strides, 0)
+        populate_array(
+            view,
+            data=builder.gep(given.data, [builder.neg(start)]),
+            shape=[size],
+            strides=[stride],
+            itemsize=given.itemsize,
+            meminfo=None,
+        )
+        return view._getvalue()
+
+    return array(array, first), codegen
+
+
+@intrinsic
 def prefetch(typingctx, address):
     """Ask for the cache line at an address, to be read soon."""
 
@@ -282,6 +310,9 @@ def prefetch(typingctx, address):
 
 PAST = len(NET_FIELDS) + PLASTIC_FIELDS.index("past")
 """Row of the histories in the table."""
+
+TARGETS, WEIGHTS = NET_FIELDS.index("targets"), NET_FIELDS.index("weights")
+"""Rows of what a static synapse is."""
 
 net_of = _viewer("Net", NET, 0)
 plastic_of = _viewer("Plastic", PLASTIC, len(NET_FIELDS))

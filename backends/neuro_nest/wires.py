@@ -23,11 +23,15 @@ DEEPEST = 1 << 20
 
 
 def layers(source: Ints, target: Ints) -> Ints:
-    """How many synapses of the same ends stand before each; they are sorted by source, then target."""
-    fresh = np.ones(len(source), dtype=bool)
-    fresh[1:] = (source[1:] != source[:-1]) | (target[1:] != target[:-1])
+    """How many synapses of the same ends stand before each; they are sorted by source."""
+    order = np.lexsort((target, source))
+    pre, post = source[order], target[order]
+    fresh = np.ones(len(pre), dtype=bool)
+    fresh[1:] = (pre[1:] != pre[:-1]) | (post[1:] != post[:-1])
     starts = np.flatnonzero(fresh)
-    return np.arange(len(source)) - np.repeat(starts, np.diff(np.append(starts, len(source))))
+    found = np.empty(len(pre), dtype=np.int64)
+    found[order] = np.arange(len(pre)) - np.repeat(starts, np.diff(np.append(starts, len(pre))))
+    return found
 
 
 class Wires:
@@ -39,7 +43,7 @@ class Wires:
         weights: all weights, as the program has them.
 
     Attributes:
-        source, target, delay: of every synapse, by source, then target.
+        source, target, delay: of every synapse, by source.
         slot: the place of its weight.
         row_ends: synapses of source i are row_ends[i] : row_ends[i + 1].
         weights: of a static projection those in force, else those it began with.

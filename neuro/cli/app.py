@@ -19,18 +19,38 @@ from neuro.cli.models import models
 from neuro.cli.new import new
 from neuro.cli.plot import plot
 from neuro.cli.report import report
+from neuro.cli.rerun import rerun
 from neuro.cli.run import run
 from neuro.cli.schema import schema
 from neuro.cli.show import show
+from neuro.cli.sweep import app as sweep
 from neuro.cli.verify import verify
 from neuro.core.version import VERSION
 
-COMMANDS = (new, example, run, plot, report, compare, check, show, fit, energy, schema, verify, models, backends, shell)
+COMMANDS = (
+    new,
+    example,
+    run,
+    rerun,
+    plot,
+    report,
+    compare,
+    check,
+    show,
+    fit,
+    energy,
+    schema,
+    verify,
+    models,
+    backends,
+    shell,
+)
 
 app = typer.Typer(cls=Commands, name="neuro", add_completion=False, pretty_exceptions_enable=False)
 for command in COMMANDS:
     app.command()(command)
 app.add_typer(events)
+app.add_typer(sweep)
 
 
 @app.callback(invoke_without_command=True)

@@ -71,7 +71,17 @@ def number(value: Any) -> Any:
         return value
 
 
-NetworkFile = Annotated[Path, typer.Argument(metavar="FILE", help="A network, as YAML.")]
+def network(text: str) -> Path:
+    """A file, or that of a published network by its name; a file of that name comes first."""
+    from neuro.cli.shipped import published
+
+    path = Path(text)
+    return path if path.suffix or path.exists() else published().get(text, path)
+
+
+NetworkFile = Annotated[
+    Path, typer.Argument(metavar="FILE", parser=network, help="A network, as YAML, or the name of a published one.")
+]
 Set = Annotated[list[str], typer.Option("--set", metavar="NAME=VALUE", help="Override a parameter; may be repeated.")]
 Backend = Annotated[
     str, typer.Option("--backend", metavar="NAME", help="What to run on: see 'neuro backends'; or a chip's table.")

@@ -11,8 +11,11 @@ from neuro.core.errors import ModelError
 from neuro.core.keyed_random import uniform, uniform_table
 from neuro.program.program import Ints
 
-BLOCK = 1 << 18
+BLOCK = 1 << 16
 """Draws at a time: what they take stays small beside the synapses."""
+
+MANY = 1 << 20
+"""Synapses from which on those of a projection are put in order by compiled passes, those of a network by delay."""
 
 
 def total_number(
@@ -37,6 +40,13 @@ def total_number(
     if n and (pairs < 1 or (not repeats and n > pairs)):
         hint = "multapses: true allows a pair to be drawn twice" if pairs > 0 else ""
         raise ModelError(f"n = {n} synapses: expected at most {pairs}, as many as there are pairs", hint=hint)
+    if repeats and n >= MANY:
+        from neuro.compiler.rows import sorted_draws, split
+
+        row_ends, targets = np.zeros(n_pre + 1, dtype=np.int64), np.empty(n, dtype=np.int32)
+        nobody = np.zeros(0, dtype=np.int64)
+        split(sorted_draws(key, n, pairs), ends, nobody if but is None else but, row_ends, targets)
+        return row_ends, targets
     places = _below(pairs, 0, n, key) if repeats else _distinct(n, pairs, key)
     places.sort()
     row_ends = np.searchsorted(places, ends)

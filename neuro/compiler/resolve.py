@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
 from functools import cache
 from typing import Any
@@ -15,8 +16,10 @@ from neuro.compiler.cameras import cameras_of
 from neuro.compiler.check import check_network, check_values, refuse, telling
 from neuro.compiler.check_trials import resolve_trials
 from neuro.compiler.connect import Apart, Connections, connect
+from neuro.compiler.drawn import MANY
 from neuro.compiler.encoded import with_generators
 from neuro.compiler.generators import check_trains, schedule_of
+from neuro.compiler.memory import check_memory, many_synapses
 from neuro.compiler.pack import packed
 from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
 from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
@@ -29,7 +32,7 @@ from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
 from neuro.core.quantities import word_of
-from neuro.model.distributions import DISTRIBUTIONS
+from neuro.model.distributions import DISTRIBUTIONS, Distribution
 from neuro.model.network import Network
 from neuro.model.neurons import (
     MODELS,
@@ -50,12 +53,13 @@ from neuro.program.program import Floats, Ints
 from neuro.program.streams import Stream
 
 
-def compile_network(net: Network, seed: int) -> resolved.Program:
+def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Program:
     """Check a network and resolve it.
 
     Args:
         net: the network; it is not changed.
         seed: of everything random, in the network and while it runs.
+        threads: how many draw connections, each those of whole projections; what they draw does not depend on it.
 
     Raises:
         ModelError: the network cannot be run by any backend.
@@ -70,11 +74,12 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
     declared = {name: part.model.name for name, part in net.populations.items()}
     net = with_generators(net, shapes, clock, seed)
     trials = resolve_trials(net, shapes, clock)
+    check_memory(net, shapes)
     populations = tuple(
         _population(net, part, shapes[part.name], clock, seed, cameras.get(part.name), declared[part.name])
         for part in net.populations.values()
     )
-    projections = packed(tuple(_projection(net, part, shapes, clock, seed) for part in net.projections.values()))
+    projections = packed(_projections(net, shapes, clock, seed, threads))
     names = list(net.populations)
     program = resolved.Program(
         name=net.name,
@@ -91,6 +96,22 @@ def compile_network(net: Network, seed: int) -> resolved.Program:
     )
     check_trains(program)
     return program
+
+
+def _projections(
+    net: Network, shapes: Mapping[str, Shape], clock: Clock, seed: int, threads: int
+) -> Iterator[resolved.Projection]:
+    """All projections, in order."""
+    many = many_synapses(net, shapes, MANY)
+
+    def resolve(part: Projection) -> resolved.Projection:
+        return _projection(net, part, shapes, clock, seed, many)
+
+    if threads == 1 or len(net.projections) < 2:
+        yield from map(resolve, net.projections.values())
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        yield from pool.map(resolve, net.projections.values())
 
 
 def _delays(part: resolved.Projection, resolution: float) -> tuple[int, ...]:
@@ -198,7 +219,7 @@ def _recorded(model: spike_train, neurons: int, clock: Clock) -> tuple[Ints, Int
 
 
 def _projection(
-    net: Network, part: Projection, shapes: Mapping[str, Shape], clock: Clock, seed: int
+    net: Network, part: Projection, shapes: Mapping[str, Shape], clock: Clock, seed: int, many: bool
 ) -> resolved.Projection:
     sizes = grid_of(part, shapes) if isinstance(part.rule, grid) else None
     if sizes is not None and not isinstance(part.delay, float):
@@ -215,8 +236,10 @@ def _projection(
         key = (seed, "connect", part.name)
         seen = cache(lambda: apart().among(source.ids, target.ids))
         found = placed(connect(part.rule, source.shape, target.shape, own, sizes, key, seen), source, target)
-        weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name), apart)
         delay = delay_steps(part.delay, found, clock, "delay", generator(seed, "delay", part.name), apart)
+        if many and not part.synapse.learns:
+            found, delay = _by_delay(part, found, delay)
+        weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name), apart)
         rule = _rule(part, found, seed, apart)
     if sizes is not None and weight.size == 1:
         weight = np.repeat(weight, found.size)
@@ -257,6 +280,25 @@ def _projection(
         dopamine_delay=later,
         origin=part.origin,
     )
+
+
+def _by_delay(part: Projection, found: Connections, delay: NDArray[np.int32]) -> tuple[Connections, NDArray[np.int32]]:
+    """The synapses of each source by delay, where all is drawn or they are listed so.
+
+    A backend that delivers them in this order would else need a second copy.
+    """
+    if found.layout == "csr" and delay.size > 1:
+        if isinstance(part.delay, Distribution) and not found.listed:
+            from neuro.compiler.rows import by_delay
+
+            by_delay(found.row_ends, delay, found.targets, found.shared)
+        elif found.order is not None and found.listed == ((found.size,),):
+            as_listed = np.argsort(found.order)
+            pre = np.repeat(np.arange(found.row_ends.size - 1), np.diff(found.row_ends))[as_listed]
+            post, late = found.targets[as_listed], delay[as_listed]
+            if np.array_equal(np.lexsort((post, late, pre)), np.arange(found.size)):
+                return replace(found, targets=post, order=None), late
+    return found, delay
 
 
 def _rule(part: Projection, found: Connections, seed: int, apart: Apart) -> Synapse:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.compiler.connect import Apart, Connections
+from neuro.compiler.drawn import BLOCK, blocks
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
@@ -56,7 +57,7 @@ def per_synapse(value: Any, found: Connections, what: str, rng: np.random.Genera
     """
     value = plain(value)
     if isinstance(value, Distribution):
-        return _drawn(value, found, rng) + 0.0
+        return _drawn(value, found, rng)
     if isinstance(value, of_distance):
         return _by_distance(value.profile, found, what, apart) + 0.0
     array = np.asarray(value, dtype=np.float64)
@@ -99,17 +100,21 @@ def delay_steps(
     """Delays in steps. Drawn ones and those of distance are rounded, to at least one step; given ones lie on it."""
     value = plain(value)
     if isinstance(value, (Distribution, of_distance)):
-        drawn = np.rint(per_synapse(value, found, what, rng, apart) / clock.resolution)
-        if drawn.size and drawn.max() > LONGEST_DELAY:
-            raise too_late(f"the longest {'drawn ' * isinstance(value, Distribution)}{what}", int(drawn.max()), clock)
-        return np.maximum(drawn, 1.0).astype(np.int32)
+        drawn = per_synapse(value, found, what, rng, apart)
+        late = np.empty(drawn.size, dtype=np.int32)
+        longest = np.rint(drawn.max(initial=0.0) / clock.resolution)
+        if longest > LONGEST_DELAY:
+            raise too_late(f"the longest {'drawn ' * isinstance(value, Distribution)}{what}", int(longest), clock)
+        for first, last in blocks(0, drawn.size, BLOCK):
+            late[first:last] = np.maximum(np.rint(drawn[first:last] / clock.resolution), 1.0)
+        return late
     if np.ndim(value):
         steps = clock.steps(per_synapse(value, found, what, rng, apart), what)
     else:
         steps = one_delay(value, clock, what)
-    late = np.flatnonzero(steps > LONGEST_DELAY)
-    if late.size:
-        raise too_late(f"{what}[{late[0]}]" if steps.size > 1 else what, int(steps.ravel()[late[0]]), clock)
+    far = np.flatnonzero(steps > LONGEST_DELAY)
+    if far.size:
+        raise too_late(f"{what}[{far[0]}]" if steps.size > 1 else what, int(steps.ravel()[far[0]]), clock)
     early = np.flatnonzero(steps < 1)
     if early.size:
         raise ModelError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from json import JSONDecodeError
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from neuro.core.errors import ModelError
 from neuro.core.outputs import Kind, output
 from neuro.core.paths import existing
+from neuro.core.provenance import ATTRIBUTE
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -41,19 +43,22 @@ def has_format(path: Path, format: str) -> bool:
 
 
 @contextmanager
-def writing(path: Path, format: str, replace: bool = False) -> Iterator[Any]:
+def writing(path: Path, format: str, replace: bool = False, record: Mapping[str, Any] | None = None) -> Iterator[Any]:
     """A new HDF5 file of a format, which takes the name `path` when the block ends well.
 
     Args:
         path: of the file.
         format: its attribute `format`.
         replace: whether to replace any other file, too.
+        record: where it comes from, see `neuro.core.provenance`; nothing is said of files that are kept for a while.
 
     Raises:
         Unwritable: as of `neuro.core.outputs.output`.
     """
     with output(path, kind(format), replace) as part, new_file(part) as file:
         file.attrs["format"] = format
+        if record is not None:
+            file.attrs[ATTRIBUTE] = json.dumps(record)
         yield file
 
 

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from string import Template
+from typing import Any
+
+from neuro.core.provenance import ATTRIBUTE, provenance
 
 _FOLDER = Path(__file__).parent
 
@@ -18,7 +22,9 @@ class Html(str):
     __slots__ = ()
 
 
-def page(generator: str, title: str, parts: Iterable[object], script: str = "") -> str:
+def page(
+    generator: str, title: str, parts: Iterable[object], script: str = "", record: Mapping[str, Any] | None = None
+) -> str:
     """A page that needs nothing else: no font, no network, no script but its own.
 
     Args:
@@ -26,11 +32,14 @@ def page(generator: str, title: str, parts: Iterable[object], script: str = "") 
         title: of the window.
         parts: what it contains.
         script: what the page runs; its policy lets the browser run nothing else.
+        record: where it comes from; what this process has read so far if not given, see `neuro.core.provenance`.
     """
+    told = json.dumps(provenance() if record is None else record, ensure_ascii=False)
+    about = f'\n<meta name="{ATTRIBUTE}" content="{escape(told)}">'
     template = Template((_FOLDER / "page.html").read_text("utf-8"))
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return template.substitute(
-        head=head(generator, title, f"'sha256-{digest}'" if script else "'none'"),
+        head=head(generator, title, f"'sha256-{digest}'" if script else "'none'") + about,
         style=(_FOLDER / "page.css").read_text("utf-8").strip(),
         body=join(parts),
         script=tag("script", Html(script)) if script else "",

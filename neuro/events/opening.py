@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+from neuro.core.inputs import note
 from neuro.events.check import Checked
 from neuro.events.errors import EventFileError, EventFileWarning, let_go
 from neuro.events.formats import FORMATS, HEAD, Damage, Format, Piece, Reader, Seeker, called
@@ -110,6 +112,8 @@ def opened(source: Given, format: str | None, name: str | None) -> Opened:
         EventFileError: there is no such file, it is of no known kind, or its header is damaged.
     """
     data = opened_source(source, name)
+    if isinstance(source, (str, os.PathLike)):
+        note(source)
     try:
         found = find(data, format)
         return Opened(data, found.open(data), found)

@@ -43,6 +43,7 @@ from neuro.core.clock import NEVER, Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.core.growing import Grown, reading_grown
 from neuro.core.hdf5 import new_file
+from neuro.core.inputs import note
 from neuro.core.outputs import Kind
 from neuro.core.paths import existing
 from neuro.core.tables import Table, as_html, as_text
@@ -413,6 +414,7 @@ def read(path: str | PathLike[str]) -> Results:
         hint = f"{unfinished(path)} has what a run recorded that did not come to its end"
         raise ModelError(f"{path}: there is no such file", hint=hint)
     path = existing(path)
+    note(path)
     try:
         held = Grown(path)
         with held.reading() as file:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import h5py
 
 FORMAT = "neuro state 1"
+_NETWORK = "network_files/"
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -42,18 +43,33 @@ class Identity:
     fingerprint: str
 
 
-def write_state(path: Path, identity: Identity, arrays: Arrays) -> None:
+def write_state(
+    path: Path,
+    identity: Identity,
+    arrays: Arrays,
+    record: Mapping[str, Any] | None = None,
+    files: Mapping[str, bytes] | None = None,
+) -> None:
     """Write a state; another state of that name is replaced once the new one is complete.
+
+    Args:
+        path: of the file.
+        identity: what it belongs to.
+        arrays: by name.
+        record: where it comes from, see `neuro.core.provenance`.
+        files: of the network, by name.
 
     Raises:
         ModelError: the file cannot be written, or something else has that name.
     """
-    with writing(path, FORMAT) as file:
+    with writing(path, FORMAT, record=record) as file:
         for field in fields(identity):
             file.attrs[field.name] = getattr(identity, field.name)
         file.attrs["digest"] = _digest(arrays)
         for name, values in arrays.items():
             file.create_dataset(name, data=values)
+        for name, content in (files or {}).items():
+            file[f"{_NETWORK}{name}"] = np.frombuffer(content, np.uint8)
 
 
 def read_state(path: Path, identity: Identity) -> Arrays:
@@ -83,7 +99,7 @@ def read_state(path: Path, identity: Identity) -> Arrays:
 def _collect(arrays: Arrays, name: str, item: Any) -> None:
     import h5py
 
-    if isinstance(item, h5py.Dataset):
+    if isinstance(item, h5py.Dataset) and not name.startswith(_NETWORK):
         arrays[name] = item[()]
 
 

@@ -2,6 +2,7 @@
 
 # mypy: ignore-errors
 import numpy as np
+from numpy.typing import NDArray
 
 from neuro.core.keyed_random import NEURON_STRIDE, STEP_STRIDE
 from neuro.kernels.jit import inner
@@ -10,9 +11,14 @@ _STEP = np.uint64(STEP_STRIDE)
 _NEURON = np.uint64(NEURON_STRIDE)
 _A, _B = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _S30, _S27, _S31, _S11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
-GUIDE_BITS = 10
+GUIDE_BITS = 12
 _GUIDE = np.uint64(64 - GUIDE_BITS)
+UNSURE = 1 << 15
+"""Set in an entry of a guide whose words do not all count the same; the rest is the least of their counts."""
 _UNIT = 2.0**-53
+_ENDS = np.arange((1 << GUIDE_BITS) + 1) / (1 << GUIDE_BITS)
+_CELLS = ((_ENDS[:-1], "right"), (_ENDS[1:], "left"))
+"""The least number of each cell of a guide, which an equal entry counts for, and the end, which no number reaches."""
 
 
 @inner
@@ -38,19 +44,37 @@ def uniform(base, neuron):
 @inner
 def words_of(base, first, words):
     """Fill `words` with the random words of neighbouring neurons."""
-    begin = np.uint64(first)
-    for k in range(np.uint64(words.size)):
-        words[k] = mix(base + (begin + k) * _NEURON)
+    z = base + np.uint64(first) * _NEURON
+    for k in range(words.size):
+        words[k] = mix(z)
+        z += _NEURON
 
 
 @inner
-def poisson_by_table(word, guide, cumulative):
-    """Count of entries of `cumulative` up to the uniform number of a word; `guide` tells where to begin."""
+def poisson_by_table(words, guide, cumulative, counts):
+    """Of each word the count of entries of `cumulative` up to its uniform number: its first bits nearly always tell."""
+    for k in range(words.size):
+        counts[k] = words[k] >> _GUIDE  # in a loop of its own, which lanes do
+    for k in range(words.size):
+        m = guide[counts[k]]
+        if m >= UNSURE:
+            m = np.uint16(_count(words[k], np.int64(m) - UNSURE, cumulative))
+        counts[k] = m
+
+
+@inner
+def _count(word, m, cumulative):
+    """Count of entries up to the number of a word, of which the first m are known to be."""
     u = np.float64(word >> _S11) * _UNIT
-    m = np.int64(guide[word >> _GUIDE])
     while cumulative[m] <= u:
         m += 1
     return m
+
+
+def guide_to(cumulative: NDArray[np.float64]) -> NDArray[np.uint16]:
+    """What the first bits of a word tell of its count: the guide of `poisson_by_table`."""
+    least, most = (np.searchsorted(cumulative, ends, side=side) for ends, side in _CELLS)
+    return (least + UNSURE * (least < most)).astype(np.uint16)
 
 
 @inner

@@ -15,6 +15,9 @@ from neuro.core.given import so_many
 from neuro.core.quantities import quantity
 from neuro.core.registry import Registry
 
+_BLOCK = 1 << 16
+"""Values that are drawn at a time: they stay in the cache while they are compared with the bounds."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Distribution(Choice):
@@ -36,7 +39,8 @@ class Distribution(Choice):
         values = so_many(self.sample(rng, n), (n,), f"{self!r} drew")
         if not np.isfinite(values).all():
             raise ModelError(f"{self!r} drew {values[~np.isfinite(values)][0]}: expected finite numbers")
-        return values.astype(np.float64)
+        copied: NDArray[np.float64] = np.add(values, 0.0, dtype=np.float64)  # in which no 0 is negative
+        return copied
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,11 +81,17 @@ class _Clipped(Distribution):
         Raises:
             ModelError: fewer than one value in a thousand falls between the bounds.
         """
-        values = self._draw(rng, n)
+        values = np.empty(n)
+        for first in range(0, n, _BLOCK):
+            self._fill(rng, values[first : first + _BLOCK])
+        return values
+
+    def _fill(self, rng: np.random.Generator, values: NDArray[np.float64]) -> None:
+        values[:] = self._draw(rng, values.size)
         for _ in range(1000):
             outside = np.flatnonzero((values < self.low) | (values > self.high))
             if outside.size == 0:
-                return values
+                return
             values[outside] = self._draw(rng, outside.size)
         raise ModelError(f"{self!r}: hardly any value lies between low and high")
 

@@ -55,7 +55,10 @@ class Network(Description):
 
     Attributes:
         place: where the next part comes from; None means the caller's line.
+        inputs: the files that it was read from; none of one that was made in Python.
     """
+
+    inputs: tuple[str, ...] = ()
 
     def __init__(self, name: str = "network", *, resolution: float = 0.1) -> None:
         self.name = check_name(name, "network", here())
@@ -241,7 +244,7 @@ class Network(Description):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Network):
             return NotImplemented
-        skip = ("trials_origin", "place")
+        skip = ("trials_origin", "place", "inputs")
         mine, theirs = vars(self), vars(other)
         return all(same(mine[k], theirs[k]) for k in mine if k not in skip)
 

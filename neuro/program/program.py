@@ -156,7 +156,8 @@ class Projection:
         source, target: indices of the populations.
         carries: "spikes" or "current".
         layout: "one_to_one", "dense" (every pair, source-major), "csr" or "grid" (a shared kernel).
-        row_ends: csr: synapses of source i are row_ends[i] : row_ends[i + 1], targets ascending.
+        row_ends: csr: synapses of source i are row_ends[i] : row_ends[i + 1], targets ascending; in a network
+            of about a million synapses or more, of static ones with drawn delays: delays ascending, then targets.
         targets: csr: the target of each synapse, int32.
         weight: shape (1,) where shared, else one per synapse; grid: (maps, channels, height, width) flat.
         delay: in steps, shape (1,) or one per synapse, int32, >= 1.
@@ -328,9 +329,9 @@ class Program:
         return connections_of(part, self.populations[part.source].size, self.populations[part.target].size)
 
     def synapses(self, index: int) -> tuple[Ints, Ints, Ints]:
-        """Source, target and place of the weight of every synapse of a projection, sorted by source, then target.
+        """Source, target and place of the weight of every synapse of a projection, in the order of its weights.
 
-        The synapses of a grid share weights; elsewhere each has its own.
+        Those of a grid are sorted by source, then target, and share weights; elsewhere each has its own.
         """
         part = self.projections[index]
         if part.grid is not None:

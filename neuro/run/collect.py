@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 import tempfile
@@ -13,9 +14,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from neuro.core.extension import extensions
+from neuro.core.provenance import ATTRIBUTE, provenance
 from neuro.core.version import VERSION
 from neuro.files.recorded import SMALL
 from neuro.files.results import RECORDING, YAML, Results, Trace, Train, Weights
+from neuro.files.state import fingerprint
 from neuro.model.language import save
 from neuro.model.network import Network
 from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
@@ -30,6 +34,8 @@ class Run(Protocol):
     backend: str
     program: Program
     handles: Handles
+    steered: dict[str, None]
+    """The calls by which it was changed while it ran."""
 
     @property
     def time(self) -> float:
@@ -67,7 +73,12 @@ def collect(
     program, counts = sim.program, sim.counts()
     keep = record or [part.name for part in program.populations]
     return Results(
-        {**about(sim, threads), **recordings_of(net), "finished": True},
+        {
+            **about(sim, threads),
+            **recordings_of(net),
+            ATTRIBUTE: origin(sim, net, threads, record, all_weights),
+            "finished": True,
+        },
         files_of(net),
         {p.name: _train(sim, p, p.name in keep, counts) for p in program.populations},
         {p.name: weights_of(sim, p, counts, all_weights=all_weights) for p in program.projections},
@@ -97,6 +108,17 @@ def about(sim: Run, threads: int) -> dict[str, Any]:
         **{name: version(name) for name in ("numpy", "numba")},
         **{f"counts.{name}": getattr(counts, name) for name in totals},
     }
+
+
+def origin(sim: Run, net: Network, threads: int, record: Collection[str], all_weights: bool) -> str:
+    """Where a run comes from, as JSON, see `neuro.core.provenance`; with what it keeps, and how it was steered."""
+    told = record_of(net, backend=sim.backend, threads=threads, seed=sim.program.seed, network=fingerprint(sim.program))
+    return json.dumps({**told, "record": list(record), "all_weights": all_weights, "steered": list(sim.steered)})
+
+
+def record_of(net: Network, **of_a_run: Any) -> dict[str, Any]:
+    """The record of what is made with a network now."""
+    return provenance((*net.inputs, *recordings_of(net).values(), *extensions()), **of_a_run)
 
 
 def recordings_of(net: Network) -> dict[str, str]:

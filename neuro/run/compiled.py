@@ -55,7 +55,7 @@ def compile(
         raise ModelError(f"seed = {shown(seed)}: expected a whole number >= 0{most}")
     chosen = _backend(backend)
     try:
-        program = compile_network(net, int(seed))
+        program = compile_network(net, int(seed), threads)
         _caution(program)
         _report(chosen.name, chosen.problems(program, **options))
         return Simulation(net, chosen.name, program, chosen.build(program, threads=threads, **options))

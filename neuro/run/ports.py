@@ -34,7 +34,13 @@ Part = Population | View | Projection | Signal | str
 
 
 class Plain(Protocol):
-    """The calls of a simulation that a port stands for."""
+    """The calls of a simulation that a port stands for.
+
+    Attributes:
+        steered: what was done to the network from outside, by name.
+    """
+
+    steered: dict[str, None]
 
     def set(self, part: Any, /, **named: Any) -> None:
         """Change parameters or states of neurons, or weights of a projection."""
@@ -155,6 +161,7 @@ class _OfNeurons(Port):
         if self._together:
             settable.check_together(self._net.program, self._index, named, self._engine, self._net.clock)
         self._engine.set(self._index, named)
+        self._net.plain.steered["set"] = None
 
     def get(self, out: NDArray[Any] | None = None) -> NDArray[Any]:
         return self._filled(self._engine.get(self._index, self._word, self._ids), out)
@@ -192,6 +199,7 @@ class _OfSignal(Port):
     def set(self, values: ArrayLike) -> None:
         if self._bounds.fit(values):
             self._engine.signal(self._index, np.add(values, 0.0))
+            self._plain.steered["signal"] = None
         else:
             self._plain.signal(self._of, values)
 

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, nullcontext, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from neuro.core.errors import ModelError
 from neuro.core.growing import Growing
 from neuro.core.outputs import Unwritable, check_output
 from neuro.core.paths import file_path
+from neuro.core.provenance import ATTRIBUTE
 from neuro.files.results import KIND, Results, read_file, unfinished, write_head, write_part
 from neuro.model.network import Network
 from neuro.program.backend import Engine
@@ -76,7 +78,9 @@ class Recording:
         with self._telling():
             self._disk = Growing(self.part)
         self._file = h5py.File(self._disk, "w")
-        write_head(self._file, {**collect.about(sim, threads), **collect.recordings_of(net), "finished": False}, files)
+        self._origin = partial(collect.origin, sim, net, threads, record, all_weights)
+        told = {**collect.about(sim, threads), **collect.recordings_of(net), ATTRIBUTE: self._origin()}
+        write_head(self._file, {**told, "finished": False}, files)
         self._kept = [
             index
             for index, part in enumerate(sim.program.populations)
@@ -185,6 +189,7 @@ class Recording:
         for part in self._sim.program.projections:
             weights = collect.weights_of(self._sim, part, counts, all_weights=self._all_weights)
             write_part(self._file["projections"][part.name], weights)
+        self._file.attrs[ATTRIBUTE] = self._origin()
         self._file.attrs["finished"] = True
         self.commit()
         with self._telling():

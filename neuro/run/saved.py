@@ -43,8 +43,21 @@ class Saved:
         self._identity = Identity(program.name, backend, program.seed, fingerprint(program))
         self._engine, self._records, self._rules, self._inflow = engine, records, rules, inflow
 
-    def write(self, path: Path, trials: TrialLoop | None) -> None:
+    @property
+    def fingerprint(self) -> str:
+        """Hash of the resolved network."""
+        return self._identity.fingerprint
+
+    def write(
+        self, path: Path, trials: TrialLoop | None, record: Mapping[str, Any], files: Mapping[str, bytes]
+    ) -> None:
         """Write the state.
+
+        Args:
+            path: of the file.
+            trials: of a network that has them.
+            record: where it comes from, see `neuro.core.provenance`.
+            files: of the network, by name.
 
         Raises:
             ModelError: the file cannot be written.
@@ -56,7 +69,7 @@ class Saved:
         arrays["held"] = np.array(self._records.held)
         if trials is not None:
             arrays["trials"] = trials.state()
-        write_state(path, self._identity, arrays)
+        write_state(path, self._identity, arrays, record, files)
 
     def read(self, path: Path, trials: TrialLoop | None) -> None:
         """Go on from a state.

@@ -61,6 +61,7 @@ class Simulation:
         backend: the name of the backend.
         program: the resolved network.
         handles: finds its parts by what names them.
+        steered: the calls by which it was changed since it was compiled, in the order of the first of each.
     """
 
     def __init__(self, net: Network, backend: str, program: Any, engine: Engine) -> None:
@@ -76,6 +77,7 @@ class Simulation:
         self._inflow = Inflow(program, engine)
         self._watch = Watch(program, engine, self._clock)
         self._ports = Ports(program, engine, self._clock, self.handles)
+        self.steered: dict[str, None] = {}
 
     def __repr__(self) -> str:
         return f"Simulation({self.program.name!r}, backend={self.backend!r}, time={self.time:g} ms)"
@@ -167,6 +169,7 @@ class Simulation:
         self._records.refuse_while_recording("reset")
         weights = check(_FLAG, weights, "reset: weights")
         self._inflow.check_again("reset")
+        self.steered["reset"] = None
         self._engine.reset(weights)
         self._inflow.rewind()
         self._records.clear()
@@ -204,6 +207,7 @@ class Simulation:
         Raises:
             ModelError: a name is unknown, a value is out of bounds, or no synapse is chosen.
         """
+        self.steered["set"] = None
         new = {word_of(word): value for word, value in (_mapping(values) | named).items()}
         neurons = self.handles.neurons_or_projection(part)
         if not new:
@@ -291,6 +295,7 @@ class Simulation:
 
     def set_weights(self, of: Projection | str, weights: ArrayLike) -> None:
         """Replace the weights of a projection: one for all, or an array in the form that `weights` gives."""
+        self.steered["set_weights"] = None
         self._synapses.set_weights(self.handles.projection(of), weights, None)
 
     # input and output
@@ -304,6 +309,7 @@ class Simulation:
             ids: its neurons, one for each time; of a view these are ids of the population, too, and must be among
                 those of the view. If not given, each neuron emits at all times.
         """
+        self.steered["inject"] = None
         self._inputs.inject(self.handles.neurons(of), times, ids)
 
     def feed(self, of: Population | str, events: Any) -> None:
@@ -317,10 +323,12 @@ class Simulation:
         Raises:
             ModelError: they are of another sensor, or one comes too late: its step is not after the present.
         """
+        self.steered["feed"] = None
         self._inputs.feed(self.handles.neurons(of), events)
 
     def signal(self, of: Signal | str, values: ArrayLike) -> None:
         """Set a signal: one value for all neurons of its population or one for each; acts from the next step on."""
+        self.steered["signal"] = None
         self._inputs.signal(self.handles.signal(of), values)
 
     def spikes(
@@ -447,6 +455,7 @@ class Simulation:
         """
         if self.program.trials is None:
             raise ModelError("the network has no section 'trials'", hint="net.trials(input=..., duration=...) adds one")
+        self.steered["trials"] = None
         return self._trials.run(times, ids, offsets, labels, learn, samples, epoch)
 
     # accounts
@@ -511,7 +520,12 @@ class Simulation:
             ModelError: the file cannot be written, or a weight is no number: a numerical instability of its rule.
         """
         self._synapses.check()
-        self._saved.write(file_path(path, "path"), None if self.program.trials is None else self._trials)
+        from neuro.run.collect import files_of, record_of
+
+        told = {"backend": self.backend, "seed": self.program.seed, "network": self._saved.fingerprint}
+        record = record_of(self._net, **told) | {"steered": list(self.steered), "time_ms": self.time}
+        trials = None if self.program.trials is None else self._trials
+        self._saved.write(file_path(path, "path"), trials, record, files_of(self._net))
 
     def restore(self, path: str | PathLike[str]) -> None:
         """Continue from a file that `save` wrote for the same network, backend and seed, bit for bit.
@@ -520,6 +534,7 @@ class Simulation:
             ModelError: the file is of something else; the simulation stays as it is.
         """
         self._records.refuse_while_recording("restore")
+        self.steered["restore"] = None
         self._inflow.check_again("restore")
         self._saved.read(file_path(path, "path"), None if self.program.trials is None else self._trials)
         self._ports.begin()

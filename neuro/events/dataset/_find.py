@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from neuro.core.errors import ModelError
+from neuro.core.inputs import note
 from neuro.core.paths import file_path
 from neuro.events.dataset._files import ARCHIVES, is_hdf5
 from neuro.events.dataset._labelled import labelled
@@ -57,7 +58,7 @@ def recordings(
         EventFileError: no such path, no recording in it, a class that ``classes`` lacks, a wrong manifest.
         ModelError: `path` is no name of a file; an option that this kind of data cannot have.
     """
-    file_path(path, "path")
+    note(file_path(path, "path"))
     where = os.fspath(path)
     asked = {"layout": layout, "ending": ending, "part": None if whole else part}
     if is_hdf5(where) and holds_samples(where):

@@ -15,7 +15,7 @@ _HINTS = Hints(
     {"$": "inside the brackets names stand without $", "=": "only values are computed", "%": "write /100"},
     "give parts of it a name in 'parameters'",
 )
-FUNCTIONS = ("sqrt", "exp", "log", "min", "max")
+FUNCTIONS = ("sqrt", "exp", "log", "round", "min", "max")
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +124,8 @@ class _Value:
         if x.dimension != NONE:
             message = f"{tree.name} of a value {told(x.dimension)}: expected a number without unit"
             raise self.whole.mistake(tree.at, message)
+        if tree.name == "round":
+            return Measure(float(round(x.value)))
         if tree.name == "log":
             if x.value <= 0.0:
                 raise self.whole.mistake(tree.at, f"log({x.value:g}) is no number: expected more than 0")

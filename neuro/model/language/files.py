@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.errors import ModelError, nearest
+from neuro.core.inputs import note
 from neuro.core.values import FromFile, shown
 from neuro.model.language.nodes import mistake, words
 from neuro.model.language.reader import Node
@@ -78,6 +79,7 @@ def inside(node: Node, name: str) -> Path:
         files = [p.name for p in path.parent.iterdir() if p.is_file()] if path.parent.is_dir() else []
         near = nearest(path.name, [other for other in files if other != Path(node.where.file).name])
         raise mistake(node, f"no file {shown(name)} beside the description", near if near.startswith("did") else "")
+    note(path)
     return path
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from neuro.core.choice import Choice
 from neuro.core.errors import Where, unknown
+from neuro.core.inputs import gathering
 from neuro.core.paths import file_path
 from neuro.model.equations import made
 from neuro.model.language.choices import choice, part, value, with_parameters
@@ -39,8 +40,10 @@ def load(path: str | Path, params: Mapping[str, Any] | None = None) -> Network:
         ModelError: with the file, line and column of the first mistake, and what was expected.
     """
     file = file_path(path, "path")
-    sections = resolve(gather(file), {} if params is None else params, Where(str(file)))
-    return build(sections)
+    with gathering() as read:
+        net = build(resolve(gather(file), {} if params is None else params, Where(str(file))))
+    net.inputs = tuple(read)
+    return net
 
 
 def build(sections: Mapping[str, Node]) -> Network:

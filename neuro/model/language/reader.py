@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from neuro.core.errors import ModelError, Where, nearest
+from neuro.core.inputs import note
 
 MAX_BYTES = 32 * 2**20
 MAX_DEPTH = 32
@@ -76,6 +77,7 @@ def _bytes(path: Path) -> bytes:
             kind = "a folder" if path.is_dir() else "neither file nor folder"
         else:
             with path.open("rb") as file:
+                note(path)
                 return file.read(MAX_BYTES + 1)
     except FileNotFoundError:
         beside = [p.name for p in path.parent.glob("*.y*ml")] if path.parent.is_dir() else []

@@ -36,17 +36,19 @@ TAU_PLUS, LAMBDA, ALPHA, MU_PLUS, MU_MINUS, W_MAX = range(6)
 
 
 def power(share, mu):
-    """A share of Wmax to some power; the two common ones cost nothing."""
-    return 1.0 if mu == 0.0 else (share if mu == 1.0 else share**mu)
+    """A share of Wmax to a power above 0; the common one costs nothing."""
+    return share if mu == 1.0 else share**mu
 
 
 def potentiated(w, k, c):
     """A weight after a potentiation by k, up to Wmax."""
-    w_max = c[W_MAX]
-    return within(w + w_max * c[LAMBDA] * power(1.0 - w / w_max, c[MU_PLUS]) * k, w_max)
+    w_max, mu = c[W_MAX], c[MU_PLUS]
+    dependence = 1.0 if mu == 0.0 else power(1.0 - w / w_max, mu)
+    return within(w + w_max * c[LAMBDA] * dependence * k, w_max)
 
 
 def depressed(w, k, c):
     """A weight after a depression by k, down to 0."""
-    w_max = c[W_MAX]
-    return within(w - w_max * c[ALPHA] * c[LAMBDA] * power(w / w_max, c[MU_MINUS]) * k, w_max)
+    w_max, mu = c[W_MAX], c[MU_MINUS]
+    dependence = 1.0 if mu == 0.0 else power(w / w_max, mu)
+    return within(w - w_max * c[ALPHA] * c[LAMBDA] * dependence * k, w_max)

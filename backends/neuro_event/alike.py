@@ -1,0 +1,62 @@
+"""Spikes over synapses of one weight, most often all of a projection's."""
+
+# mypy: ignore-errors
+import numpy as np
+
+from neuro.kernels.jit import inner, merged
+from neuro_event.tables import BLOCK, ROW, SOURCE, WEIGHT
+from neuro_event.views import TARGETS, net_of, prefetch
+
+LINE = 16
+"""Targets of a cache line."""
+
+_SHIFT = np.uint64(6)
+assert BLOCK == 1 << 6
+
+
+@inner
+def deliver_alike(view, row, first_source, step_slot, thread, out, mark):
+    """Deliver the spikes of a step to this thread's targets; `out` is the place of target 0 in `buf`.
+
+    `mark` is the place of the targets' first block in `due`, or -1 where all blocks are marked at once.
+    """
+    net = net_of(view)
+    mask = net.log_ids.shape[1] - 1
+    weight = net.weights[row[WEIGHT]]
+    # Threads own ascending ids, so going through them in order adds as one thread would.
+    for t in range(net.edges.shape[0] - 1):
+        end = net.log_ends[t, step_slot, row[SOURCE] + 1]
+        for place in range(net.log_ends[t, step_slot, row[SOURCE]], end):
+            at = row_of(view, row, first_source, thread, t, place)
+            after = row_of(view, row, first_source, thread, t, min(place + 1, end - 1))
+            ahead = view[TARGETS, 0] + 4 * net.rows[after]
+            value = weight * np.float64(net.log_counts[t, place & mask])
+            add(net.targets, net.rows[at], net.rows[at + 1], value, net.buf, out, net.due, mark, ahead)
+
+
+@merged
+def row_of(view, row, first_source, thread, t, place):
+    """The row of synapses, onto a thread's targets, of a spike at a place of the log of thread t."""
+    net = net_of(view)
+    source = np.int64(net.log_ids[t, place & (net.log_ids.shape[1] - 1)]) - first_source
+    return row[ROW] + source * (net.edges.shape[0] - 1) + thread
+
+
+@inner
+def add(targets, first, last, value, buf, out, due, mark, ahead):
+    """Add one value to the targets first:last and mark their blocks; meanwhile ask for those of the next spike.
+
+    These lie somewhere else in a table that is larger than the caches: at the address `ahead`.
+    """
+    begin = np.uint64(out)  # an unsigned place is never one from the end, so the innermost loop tests none
+    whole = first + (last - first) // LINE * LINE
+    for line in range(np.uint64(first), np.uint64(whole), np.uint64(LINE)):
+        prefetch(ahead + 4 * (np.int64(line) - first))
+        for k in range(np.uint64(LINE)):
+            buf[begin + np.uint64(targets[line + k])] += value
+    for e in range(np.uint64(whole), np.uint64(last)):
+        buf[begin + np.uint64(targets[e])] += value
+    if mark >= 0:  # a second loop: the first is nothing but adds, and these few bytes stay in the cache
+        block = np.uint64(mark)
+        for e in range(np.uint64(first), np.uint64(last)):
+            due[block + (np.uint64(targets[e]) >> _SHIFT)] = 1

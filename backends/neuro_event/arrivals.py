@@ -1,0 +1,213 @@
+"""Delivery at arrival over a projection whose synapses lie by source, then delay.
+
+The synapses of one source with one delay are a run. A step adds the runs of the spikes that are as old as their delay
+to its own input, which stays in the cache, where a ring of all steps to come would not. Spikes go in by their age, the
+oldest first, then by id, and the targets of a run ascend: so the order of all sums is that of the reference, and the
+same for any number of threads, which own targets.
+"""
+
+# mypy: ignore-errors
+import numpy as np
+
+from neuro.kernels.jit import inner, kernel
+from neuro_event.deliver import base_of, csr_own, log_delivery, receptor, told_apart
+from neuro_event.tables import (
+    BEGIN,
+    BLOCK,
+    DELAYS,
+    FIRST_BLOCK,
+    HORIZON,
+    LAST_BLOCK,
+    MIXED,
+    NEGATIVE,
+    RECEPTORS,
+    RING,
+    RING_MASK,
+    RING_SIZE,
+    RUN,
+    SHORTEST,
+    SIGN,
+    SOURCE,
+    SYNAPSE,
+    TARGET,
+    WEIGHT,
+    WEIGHT_STRIDE,
+)
+from neuro_event.views import TARGETS, WEIGHTS, net_of, prefetch
+
+QUEUE = 256
+"""Runs that are gathered before they are added, so that memory can be asked for ahead."""
+
+AHEAD = 6
+"""How many runs ahead."""
+
+_LINE = 64
+_SHIFT = np.uint64(6)
+assert 1 << int(_SHIFT) == BLOCK
+
+
+@kernel
+def by_delay(row_ends, targets, delays):
+    """Whether the synapses of every source lie by delay, then target."""
+    for source in range(row_ends.size - 1):
+        for e in range(row_ends[source] + 1, row_ends[source + 1]):
+            if delays[e] < delays[e - 1] or (delays[e] == delays[e - 1] and targets[e] < targets[e - 1]):
+                return False
+    return True
+
+
+@kernel
+def fill_runs(row_ends, targets, delays, shortest, n_delays, edges, runs):
+    """Where the runs of each source and delay begin, cut at the threads' edges (local targets); `runs` begins as 0."""
+    threads = edges.size - 1
+    for source in range(row_ends.size - 1):
+        place = source * n_delays * threads
+        thread = 0
+        for e in range(row_ends[source], row_ends[source + 1]):
+            if threads > 1:
+                thread = 0
+                while targets[e] >= edges[thread + 1]:
+                    thread += 1
+            runs[place + (np.int64(delays[e]) - shortest) * threads + thread + 1] += np.uint32(1)
+    for k in range(1, runs.size):
+        runs[k] += runs[k - 1]
+
+
+@inner
+def ask_for(view, row, first, last):
+    """Ask for the targets and the weights of a run."""
+    address = view[TARGETS, 0] + 4 * (row[SYNAPSE] + first)
+    end = view[TARGETS, 0] + 4 * (row[SYNAPSE] + last)
+    while address < end:
+        prefetch(address)
+        address += _LINE
+    prefetch(end - 1)
+    if row[WEIGHT_STRIDE] == 1:
+        address, end = view[WEIGHTS, 0] + 8 * (row[WEIGHT] + first), view[WEIGHTS, 0] + 8 * (row[WEIGHT] + last)
+        while address < end:
+            prefetch(address)
+            address += _LINE
+        prefetch(end - 1)
+
+
+@inner
+def run_alike(targets, first, last, value, buf, out, due, mark):
+    """Add one value to the targets first:last and mark their blocks."""
+    begin = np.uint64(out)  # an unsigned place is never one from the end, so the innermost loop tests none
+    for e in range(np.uint64(first), np.uint64(last)):
+        buf[begin + np.uint64(targets[e])] += value
+    if mark >= 0:  # a second loop: the first is nothing but adds, and these few bytes stay in the cache
+        block = np.uint64(mark)
+        for e in range(np.uint64(first), np.uint64(last)):
+            due[block + (np.uint64(targets[e]) >> _SHIFT)] = 1
+
+
+@inner
+def add_run(net, row, first, last, m, receptors, between, out, mark):
+    """Add a run, the synapses first:last of its projection, to the input whose target 0 lies at `out`."""
+    e = row[SYNAPSE]
+    if row[WEIGHT_STRIDE] == 0:
+        weight = net.weights[row[WEIGHT]] * m
+        at = out + receptor(weight, receptors) * between
+        run_alike(net.targets, e + first, e + last, weight, net.buf, at, net.due, mark)
+    else:
+        apart, at = receptors, out
+        if receptors == 2 and row[SIGN] != MIXED:
+            apart, at = 1, out + (between if row[SIGN] == NEGATIVE else 0)
+        w = row[WEIGHT] + first
+        csr_own(net.targets, e + first, e + last, net.weights, w, m, apart, between, net.buf, at, net.due, mark)
+
+
+@inner
+def add_queue(view, row, thread, n, total, slot):
+    """Add the first n runs of a thread's queue to the input of the present step, whose marks lie at `slot`.
+
+    Where they reach many neurons, of all threads, all blocks are marked.
+    """
+    net = net_of(view)
+    target = net.pops[row[TARGET]]
+    queue = net.queue[thread]
+    between = net.x.shape[1]
+    out = target[BEGIN] + base_of(row) * between
+    receptors = told_apart(row, target[RECEPTORS])
+    wide = total > 2 * (target[LAST_BLOCK] - target[FIRST_BLOCK])
+    mark = -1 if wide else slot + target[FIRST_BLOCK]
+    for k in range(min(AHEAD, n)):
+        ask_for(view, row, queue[k, 0], queue[k, 1])
+    for k in range(n):
+        if k + AHEAD < n:
+            ask_for(view, row, queue[k + AHEAD, 0], queue[k + AHEAD, 1])
+        add_run(net, row, queue[k, 0], queue[k, 1], np.float64(queue[k, 2]), receptors, between, out, mark)
+    if wide:
+        first_block = max(target[FIRST_BLOCK], net.edges[thread])
+        last_block = min(target[LAST_BLOCK], net.edges[thread + 1])
+        net.due[slot + first_block : slot + last_block] = 1
+
+
+@inner
+def arrive(view, q, step, thread):
+    """Add what arrives in a step over a projection to the input of this thread's targets."""
+    net = net_of(view)
+    row = net.projections[q]
+    source, target = net.pops[row[SOURCE]], net.pops[row[TARGET]]
+    threads = net.edges.shape[0] - 1
+    if max(target[FIRST_BLOCK], net.edges[thread]) >= min(target[LAST_BLOCK], net.edges[thread + 1]):
+        return
+    blocks = net.awake.shape[0]
+    slot = (step & (net.due.shape[0] // blocks - 1)) * blocks
+    queue = net.queue[thread]
+    mask, steps = net.log_ids.shape[1] - 1, net.log_ends.shape[1] - 1
+    n = total = 0
+    for d in range(row[DELAYS] - 1, -1, -1):
+        j = step - row[SHORTEST] - d
+        if j <= net.clock[thread, HORIZON]:
+            continue
+        for t in range(threads):
+            ends = net.log_ends[t, j & steps]
+            for place in range(ends[row[SOURCE]], ends[row[SOURCE] + 1]):
+                i = np.int64(net.log_ids[t, place & mask]) - source[BEGIN]
+                run = row[RUN] + (i * row[DELAYS] + d) * threads
+                total += np.int64(net.runs[run + threads]) - np.int64(net.runs[run])
+                queue[n, 0], queue[n, 1] = net.runs[run + thread], net.runs[run + thread + 1]
+                queue[n, 2] = net.log_counts[t, place & mask]
+                n += 1
+                if n == queue.shape[0]:
+                    add_queue(view, row, thread, n, total, slot)
+                    n = total = 0
+    if n > 0:
+        add_queue(view, row, thread, n, total, slot)
+
+
+@inner
+def at_emission(view, q, step, after, thread):
+    """Put what the source of a projection emitted in a step, and what of it arrives after another, into its ring."""
+    net = net_of(view)
+    row = net.projections[q]
+    if row[RUN] < 0:
+        log_delivery(view, q, step, 0, thread, True)
+        return
+    mask, slot = net.log_ids.shape[1] - 1, step & (net.log_ends.shape[1] - 1)
+    for t in range(net.edges.shape[0] - 1):
+        for place in range(net.log_ends[t, slot, row[SOURCE]], net.log_ends[t, slot, row[SOURCE] + 1]):
+            i = np.int64(net.log_ids[t, place & mask]) - net.pops[row[SOURCE], BEGIN]
+            keep_for_later(view, row, i, np.float64(net.log_counts[t, place & mask]), step, after, thread)
+
+
+@inner
+def keep_for_later(view, row, i, m, step, after, thread):
+    """Put the spike of source i in a step, of multiplicity m, into the ring of its projection."""
+    net = net_of(view)
+    target = net.pops[row[TARGET]]
+    threads = net.edges.shape[0] - 1
+    blocks = net.awake.shape[0]
+    slots = net.due.shape[0] // blocks - 1
+    receptors = target[RECEPTORS]
+    for d in range(row[DELAYS]):
+        at = step + row[SHORTEST] + d
+        run = row[RUN] + (i * row[DELAYS] + d) * threads + thread
+        first, last = np.int64(net.runs[run]), np.int64(net.runs[run + 1])
+        if at <= after or first == last:
+            continue
+        out = row[RING] + ((at & row[RING_MASK]) * receptors + base_of(row)) * row[RING_SIZE]
+        mark = (at & slots) * blocks + target[FIRST_BLOCK]
+        add_run(net, row, first, last, m, told_apart(row, receptors), row[RING_SIZE], out, mark)

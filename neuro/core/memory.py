@@ -1,0 +1,38 @@
+"""How much memory this process may still take."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_MACHINE = Path("/proc/meminfo")
+_GROUP = Path("/sys/fs/cgroup")
+
+
+def free_memory() -> int | None:
+    """Bytes that are free or can be freed without swapping, of the machine or its share for us; None if unknown."""
+    known = [bytes_ for bytes_ in (_of_machine(), _of_group()) if bytes_ is not None]
+    return min(known, default=None)
+
+
+def _of_machine() -> int | None:
+    available = _table(_MACHINE).get("MemAvailable:")
+    return None if available is None else 1024 * available
+
+
+def _of_group() -> int | None:
+    """What the limit of a container leaves; files that are only kept ready do not count."""
+    try:
+        most, taken = ((_GROUP / name).read_text().strip() for name in ("memory.max", "memory.current"))
+    except OSError:
+        return None
+    kept = _table(_GROUP / "memory.stat").get("inactive_file", 0)
+    return int(most) - int(taken) + kept if most.isdigit() and taken.isdigit() else None
+
+
+def _table(path: Path) -> dict[str, int]:
+    """The lines of a file that are a word and a whole number."""
+    try:
+        lines = [line.split() for line in path.read_text().splitlines()]
+    except OSError:
+        return {}
+    return {line[0]: int(line[1]) for line in lines if len(line) > 1 and line[1].isdigit()}

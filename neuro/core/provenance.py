@@ -1,0 +1,140 @@
+"""Where a file comes from: all that is needed to make it again, and to tell what is no longer the same.
+
+A record is plain data, written as JSON into every file of results, states, models and reports:
+
+| word | is |
+| --- | --- |
+| neuro, commit | the version of this package, and the commit of its sources where they are a checkout |
+| versions | of Python, of the packages that compute, and of the backend's simulator |
+| backend, threads, seed | of a run |
+| network | the hash of the network as resolved |
+| inputs | hashes of all files that were read, by their absolute paths |
+| command | as it was typed, in the words of a shell, and the folder in which it was |
+| machine | in words: system, processor, cores |
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from neuro.core import inputs
+from neuro.core.version import VERSION
+
+__all__ = ["ATTRIBUTE", "command", "commit", "differences", "machine", "provenance", "versions"]
+
+ATTRIBUTE = "provenance"
+"""Of HDF5 files, and the name of a <meta> of pages: the record as JSON."""
+
+COMPUTE = ("numpy", "numba", "scipy", "llvmlite")
+_ALSO = ("torch", "scikit-learn", "nest-simulator")
+"""Named where they were imported."""
+
+_MODULES = {"scikit-learn": "sklearn", "nest-simulator": "nest"}
+_MANY = 100
+_FOLDER = Path(__file__).parents[2]
+
+
+def provenance(files: Iterable[str] | None = None, /, **of_a_run: Any) -> dict[str, Any]:
+    """The record of what this process makes now.
+
+    Args:
+        files: what it is made of; all files that were read so far if not given.
+        of_a_run: backend, threads, seed and network, where there are such; None is left out.
+    """
+    read = _outermost(inputs.noted() if files is None else files)
+    return {
+        "neuro": VERSION,
+        "commit": commit(),
+        "versions": versions(),
+        **{word: value for word, value in of_a_run.items() if value is not None},
+        "inputs": {name: digest for name in read if (digest := inputs.digest_of(name))},
+        "command": command(),
+        "folder": os.getcwd(),
+        "machine": machine(),
+    }
+
+
+def _outermost(files: Iterable[str]) -> list[str]:
+    """Without our own tables, and without files in folders that are inputs as a whole; many of one folder are it."""
+    own, every = str(_FOLDER / "neuro") + os.sep, list(dict.fromkeys(files))
+    every = [name for name in every if not name.startswith(own)]
+    if len(every) > _MANY:
+        beside: dict[str, list[str]] = {}
+        for name in every:
+            beside.setdefault(os.path.dirname(name), []).append(name)
+        every = [name for folder, names in beside.items() for name in ([folder] if len(names) > _MANY else names)]
+    folders = {name + os.sep for name in every if os.path.isdir(name)}
+    return [name for name in every if not any(name.startswith(folder) for folder in folders)]
+
+
+@cache
+def commit() -> str:
+    """The commit of the sources that run, with "+" where they were edited since; "" where they are no checkout."""
+    if not (_FOLDER / ".git").exists():
+        return ""
+    try:
+        asked = ("git", "-C", str(_FOLDER), "describe", "--always", "--abbrev=12", "--dirty=+", "--exclude=*")
+        told = subprocess.run(asked, capture_output=True, text=True, timeout=10)
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return told.stdout.strip() if told.returncode == 0 else ""
+
+
+def versions() -> dict[str, str]:
+    """Versions of what computes."""
+    also = [name for name in _ALSO if _MODULES.get(name, name) in sys.modules]
+    return {"python": platform.python_version()} | {name: _version(name) for name in (*COMPUTE, *also)}
+
+
+@cache
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
+
+
+def command() -> str:
+    """How this process was called, in the words of a shell: `neuro run net.yaml`, or `python script.py`."""
+    name = Path(sys.argv[0]).name if sys.argv and sys.argv[0] else "python"
+    first = ["neuro"] if name in ("neuro", "__main__.py") else ["python", *sys.argv[:1]]
+    return shlex.join([*first, *sys.argv[1:]])
+
+
+@cache
+def machine() -> str:
+    """The machine in words."""
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    parts = (platform.system(), platform.release(), _processor(), f"{os.cpu_count()} cores", f"{memory:.0f} GiB")
+    return ", ".join(parts)
+
+
+def _processor() -> str:
+    try:
+        found = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.M)
+    except OSError:
+        found = None
+    return found[1].strip() if found else platform.machine()
+
+
+def differences(then: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """What is not the same in two records, in words; the command and the folder do not matter."""
+    told = []
+    for word in ("neuro", "commit", "backend", "threads", "seed", "network", "machine"):
+        if word in then and word in now and then[word] != now[word]:
+            told.append(f"{word}: {then[word]} then, {now[word]} now")
+    before, after = then.get("versions", {}), now.get("versions", {})
+    for name in sorted(before.keys() & after.keys()):
+        if before[name] != after[name]:
+            told.append(f"{name}: {before[name]} then, {after[name]} now")
+    return told

@@ -1,0 +1,279 @@
+"""A file made again, and what differs."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from neuro.core.clock import Clock
+from neuro.core.errors import ModelError
+from neuro.core.extension import extensions
+from neuro.core.hdf5 import has_format
+from neuro.core.paths import file_path
+from neuro.core.progress import Bar
+from neuro.core.provenance import ATTRIBUTE, differences, provenance
+from neuro.core.values import shown
+from neuro.files.results import KIND, YAML, Results, read, write
+from neuro.files.state import FORMAT as STATE
+from neuro.model.language import load
+from neuro.model.network import Network
+from neuro.rerun.compared import first_difference
+from neuro.rerun.origin import edited, moved, record_of
+
+_WAYS = "make it again by hand, then neuro rerun FILE --against OTHER compares the two"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What came of making a file again.
+
+    Attributes:
+        difference: the first, in words; "" where all are the same bits.
+        changed: what is not as it was: versions, inputs, the backend.
+    """
+
+    difference: str
+    changed: tuple[str, ...]
+
+    @property
+    def same(self) -> bool:
+        """Whether all bits are the same."""
+        return not self.difference
+
+
+def rerun(
+    path: Path, *, backend: str = "", inputs: Sequence[Path] = (), against: Path | None = None, bar: Bar | None = None
+) -> Verdict:
+    """Make a file again from what it holds, beside it, and compare.
+
+    Args:
+        path: results, a model, a page, or the folder of a run of a sweep.
+        backend: of results and runs of a sweep, another one.
+        inputs: folders in which inputs are looked for, by content, that are not where they were.
+        against: a file that was made again by other means.
+        bar: shows how far it is.
+
+    Raises:
+        ModelError: it does not say where it comes from, or cannot be made again from that.
+    """
+    path = file_path(path, "path")
+    if path.name == "run.json" or (path / "run.json").is_file():
+        return _of_sweep(path.parent if path.name == "run.json" else path, backend, inputs)
+    if not path.is_file():
+        raise ModelError(f"{path}: no such file: expected results, a model, a page, or the folder of a run of a sweep")
+    if against is not None:
+        return Verdict(first_difference(path, against), tuple(differences(record_of(path), record_of(against))))
+    if KIND.ours(path):
+        return _of_results(path, backend, inputs, bar)
+    record = record_of(path)
+    if backend:
+        raise ModelError(f"backend = '{backend}': only results and runs of a sweep can be made again on another")
+    return _of_command(path, record, inputs)
+
+
+def _of_results(path: Path, backend: str, inputs: Sequence[Path], bar: Bar | None) -> Verdict:
+    then = read(path)
+    record = _record_of_results(then)
+    if not then.finished:
+        raise ModelError(f"{path}: a run that did not come to its end cannot be made again")
+    if record.get("steered"):
+        calls = ", ".join(f"sim.{name}" for name in record["steered"])
+        raise ModelError(f"{path}: was changed while it ran by {calls}: expected a run without", hint=_by(record))
+    elsewhere = moved(record.get("inputs", {}), inputs)
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            net = _network(then, record, elsewhere, Path(folder))
+        except ModelError as error:
+            raise ModelError(f"{path}: {error.message}", hint=error.hint) from None
+        now = _run(then, net, record, backend, bar)
+        write(replace(now, files=then.files), Path(folder) / "now.h5")
+        told = first_difference(path, Path(folder) / "now.h5")
+    return Verdict(told, (*differences(record, _record_of_results(now)), *edited(record.get("inputs", {}), elsewhere)))
+
+
+def _run(then: Results, net: Network, record: Mapping[str, Any], backend: str, bar: Bar | None) -> Results:
+    from neuro.run.collect import collect
+    from neuro.run.compiled import compile
+    from neuro.run.progress import advance
+
+    on, threads = backend or str(then.about["backend"]), int(then.about["threads"])
+    sim = compile(net, backend=on, seed=int(then.about["seed"]), threads=threads)
+    steps = Clock(net.resolution).step(then.duration_ms, "run")
+    if bar is not None:
+        advance(sim, steps, bar)
+    else:
+        sim.run(then.duration_ms)
+    keep = {"record": record.get("record", ()), "all_weights": record.get("all_weights", False), "threads": threads}
+    return collect(sim, net, **keep)
+
+
+def _record_of_results(results: Results) -> dict[str, Any]:
+    """The record; of files of before what their attributes say."""
+    if ATTRIBUTE in results.about:
+        return dict(json.loads(results.about[ATTRIBUTE]))
+    about = results.about
+    versions = {name: about[name] for name in ("python", "numpy", "numba") if name in about}
+    return {"neuro": about.get("neuro"), "backend": about.get("backend"), "versions": versions}
+
+
+def _network(results: Results, record: Mapping[str, Any], elsewhere: Mapping[str, str], folder: Path) -> Network:
+    """The network in a file of results, with the recordings that it plays beside it.
+
+    Raises:
+        ModelError: one is lost.
+    """
+    for name, content in results.files.items():
+        (folder / name).write_bytes(content)
+    parts = yaml.safe_load(results.files[YAML]).get("populations", {}).values()
+    models = [model for part in parts if isinstance(model := part.get("model"), dict)]
+    for name in {words["file"] for model in models for words in model.values() if "file" in (words or {})}:
+        if (folder / name).exists():
+            continue
+        was = next((each for each in record.get("inputs", {}) if each.endswith(f"{os.sep}{name}")), name)
+        now = Path(elsewhere.get(was, was))
+        if not now.exists():
+            hint = "--inputs FOLDER looks for it there, by its content"
+            raise ModelError(f"plays {was}, which is not there any more", hint=hint)
+        _copy(now, folder / name)
+    return load(folder / YAML)
+
+
+def _of_sweep(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
+    """A run of a sweep: its metrics, and its results where it has kept these."""
+    from neuro.core.extension import run_extensions
+    from neuro.sweeps.definition import run_of
+    from neuro.sweeps.folder import Folder
+    from neuro.sweeps.network import NetworkRun
+
+    sweep = Folder(folder.absolute().parent.parent)
+    outcome = sweep.outcome(folder.absolute().name)
+    if outcome is None:
+        raise ModelError(f"{folder}: not a run of a sweep, as 'neuro sweep run' keeps it")
+    if outcome.failed:
+        raise ModelError(f"{folder}: has failed: {outcome.error}: expected a run that is done")
+    record, told = outcome.provenance, sweep.read()
+    elsewhere = moved(record["inputs"], inputs)
+    for file in told["with"]:
+        _ask_for(file)
+    run_extensions(tuple(told["with"]))
+    run = run_of(told["what"])
+    if isinstance(run, NetworkRun):
+        place = Path(elsewhere.get(str(run.file), run.file))
+        run = replace(run, file=place, backend=backend or run.backend)
+    elif backend:
+        raise ModelError(f"backend = '{backend}': this sweep is over a function, which says for itself how it runs")
+    metrics, fill, about = run(outcome.point, outcome.seed)
+    difference = next(
+        (
+            f"metric {name}: {outcome.metrics.get(name)!r} then, {metrics.get(name)!r} now"
+            for name in dict.fromkeys((*outcome.metrics, *metrics))
+            if json.dumps(outcome.metrics.get(name)) != json.dumps(metrics.get(name))
+        ),
+        "",
+    )
+    if not difference and fill is not None and (folder / "results.h5").exists():
+        with tempfile.TemporaryDirectory() as place_now:
+            fill(Path(place_now))
+            difference = first_difference(folder / "results.h5", Path(place_now) / "results.h5")
+    now = provenance((), **about)
+    return Verdict(difference, (*differences(record, now), *edited(record["inputs"], elsewhere)))
+
+
+def _ask_for(file: str) -> None:
+    """A file never runs code that its reader did not name."""
+    if os.path.realpath(file) not in {os.path.realpath(each) for each in extensions()}:
+        raise ModelError(f"it was made with {file}", hint=f"say so, if you trust it: --with {shlex.quote(file)}")
+
+
+def _of_command(path: Path, record: Mapping[str, Any], inputs: Sequence[Path]) -> Verdict:
+    """What a command of ours made: the same command in an empty folder."""
+    words = shlex.split(str(record.get("command", "")))
+    if words[:1] != ["neuro"] or has_format(path, STATE):
+        raise ModelError(f"{path}: was not made by a command of neuro: expected one", hint=_by(record))
+    for k, word in enumerate(words):
+        if word == "--with" and k + 1 < len(words):
+            _ask_for(os.path.join(record["folder"], words[k + 1]))
+    elsewhere = moved(record.get("inputs", {}), inputs)
+    with tempfile.TemporaryDirectory() as folder:
+        asked = [_placed(word, record, elsewhere, Path(folder)) for word in words[1:]]
+        for name in record.get("inputs", {}):  # also those that others name, such as included files
+            if not (inside := os.path.relpath(name, str(record["folder"]))).startswith(".."):
+                _copy(Path(elsewhere.get(name, name)), Path(folder) / inside)
+        env = {**os.environ, "PYTHONPATH": os.pathsep.join(os.path.abspath(each) for each in sys.path)}
+        done = subprocess.run(
+            [sys.executable, "-P", "-m", "neuro", *asked], cwd=folder, env=env, capture_output=True, text=True
+        )
+        if done.returncode:
+            last = (done.stderr.strip() or "no word").splitlines()[-1]
+            raise ModelError(f"{shlex.join(words)}: ended with {done.returncode}: {last}")
+        made = _found(Path(folder), path)
+        if path.suffix in (".html", ".htm"):
+            difference = _of_texts(path, made)
+        else:
+            difference = first_difference(path, made)
+        return Verdict(difference, (*differences(record, record_of(made)), *edited(record["inputs"], elsewhere)))
+
+
+def _placed(word: str, record: Mapping[str, Any], elsewhere: Mapping[str, str], folder: Path) -> str:
+    """A word of a command: all paths lead into the new folder, into which inputs are copied."""
+    head, equals, tail = word.partition("=") if word.startswith("--") else ("", "", word)
+    if not tail or (word.startswith("-") and not equals):
+        return word
+    there = os.path.normpath(os.path.join(str(record["folder"]), tail))
+    inside = os.path.relpath(there, str(record["folder"]))
+    if os.path.isabs(tail) or inside.startswith(".."):
+        tail = inside = os.path.join("outside", there.lstrip(os.sep))
+    (folder / inside).parent.mkdir(parents=True, exist_ok=True)
+    for name in record.get("inputs", {}):
+        if name == there or name.startswith(there + os.sep):
+            _copy(Path(elsewhere.get(name, name)), folder / inside / os.path.relpath(name, there))
+    return f"{head}{equals}{tail}"
+
+
+def _copy(path: Path, to: Path) -> None:
+    if to.exists() or not path.exists():
+        return
+    to.parent.mkdir(parents=True, exist_ok=True)
+    if path.is_dir():
+        to.symlink_to(path)
+    else:
+        shutil.copy2(path, to)
+
+
+def _found(folder: Path, path: Path) -> Path:
+    """The file of that name among what a command wrote."""
+    made = sorted(folder.rglob(path.name)) or sorted(folder.rglob(f"*{path.suffix}"))
+    made = [each for each in made if not each.is_symlink()]
+    if not made:
+        raise ModelError(f"{path}: its command writes no file of that name now")
+    return made[0]
+
+
+def _of_texts(then: Path, now: Path) -> str:
+    """The first line that differs in two pages, where they come from and their digests left out."""
+    one, other = ([line for line in each.read_text("utf-8").splitlines() if _counts(line)] for each in (then, now))
+    for k, (a, b) in enumerate(zip(one, other, strict=False)):
+        if a != b:
+            at = next(i for i, (x, y) in enumerate(zip(a + "\0", b + "\0", strict=False)) if x != y)
+            begin = max(0, at - 10)
+            return f"line {k + 1}: {shown(a[begin : at + 30])} then, {shown(b[begin : at + 30])} now"
+    return "" if len(one) == len(other) else f"{len(one)} lines then, {len(other)} now"
+
+
+def _counts(line: str) -> bool:
+    return f'<meta name="{ATTRIBUTE}"' not in line and "<!-- digest" not in line
+
+
+def _by(record: Mapping[str, Any]) -> str:
+    return f"it was made by: {record.get('command', 'a program')}, in {record.get('folder', 'a folder')}; {_WAYS}"

@@ -1,0 +1,1 @@
+"""Many runs of one thing over a space of values, each kept in a folder of its own."""

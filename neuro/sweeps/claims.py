@@ -1,0 +1,124 @@
+"""Who works on what: a file for each run under way, made only where there is none.
+
+A claim is given up when its run is kept. One that is left by a process that has ended is taken over: on the machine
+where it ran that shows at once, from another one when the file has not been touched for a while.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import platform
+import time
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from threading import Event, Thread
+
+LEASE_S = 60.0
+"""A claim from another machine that is not touched for so long is nobody's."""
+
+BEAT_S = 10.0
+
+
+class Claims:
+    """The claims of one process in a folder.
+
+    Args:
+        folder: of the claims.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._mine = json.dumps({"machine": machine(), "process": os.getpid(), "began": began(os.getpid())}).encode()
+        self._held: str = ""
+        self._stop = Event()
+
+    def take(self, key: str) -> bool:
+        """Claim a run, unless somebody who is alive has it."""
+        path = self._folder / key
+        if self._make(path) or (not alive(path) and self._take_over(path)):
+            self._held = key
+            return True
+        return False
+
+    def give_up(self, key: str) -> None:
+        """The run is kept, or was not begun."""
+        self._held = ""
+        (self._folder / key).unlink(missing_ok=True)
+
+    def free(self, key: str) -> bool:
+        """Whether nobody who is alive has a run."""
+        return not alive(self._folder / key)
+
+    def beat(self) -> None:
+        """From now on touch what is held, in a thread, so that other machines see that it is worked on."""
+        Thread(target=self._beat, daemon=True).start()
+
+    def _beat(self) -> None:
+        while not self._stop.wait(BEAT_S):
+            if held := self._held:
+                with suppress(OSError):
+                    os.utime(self._folder / held)
+
+    def _make(self, path: Path) -> bool:
+        try:
+            number = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+        except FileExistsError:
+            return False
+        with os.fdopen(number, "wb", buffering=0) as file:
+            file.write(self._mine)
+        return True
+
+    def _take_over(self, path: Path) -> bool:
+        """Replace a claim of nobody; the lock lets one do so at a time, who looks again."""
+        with open(self._folder / ".lock", "ab") as lock:
+            fcntl.lockf(lock, fcntl.LOCK_EX)
+            if alive(path):
+                return False
+            path.unlink(missing_ok=True)
+            return self._make(path)
+
+
+def claimed(folder: Path) -> list[str]:
+    """The runs that somebody who is alive works on."""
+    return [name for name in os.listdir(folder) if not name.startswith(".") and alive(folder / name)]
+
+
+def alive(path: Path) -> bool:
+    """Whether who made a claim is still at work, as far as can be seen from here."""
+    try:
+        told = json.loads(path.read_bytes() or b"{}")
+        age = time.time() - path.stat().st_mtime
+    except FileNotFoundError:
+        return False
+    except ValueError:
+        told, age = {}, time.time() - path.stat().st_mtime
+    if told.get("machine") == machine():
+        since = began(int(told["process"]))
+        return bool(since) and since == told["began"]
+    return age < (LEASE_S if told else 1.0)
+
+
+@cache
+def machine() -> str:
+    """This machine since it was switched on, and the space of its processes: what makes a process number mean one."""
+    parts = [platform.node()]
+    with suppress(OSError):
+        parts.append(Path("/proc/sys/kernel/random/boot_id").read_text().strip())
+    with suppress(OSError):
+        parts.append(os.readlink("/proc/self/ns/pid"))
+    return " ".join(parts)
+
+
+def began(process: int) -> str:
+    """When a process began, in ticks since the machine did; "" if there is none, or it has ended.
+
+    Source: proc(5), /proc/pid/stat, fields 3 and 22
+    """
+    try:
+        words = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return ""
+    return "" if words[0] in "ZX" else words[19]

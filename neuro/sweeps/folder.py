@@ -1,0 +1,233 @@
+"""The folder of a sweep, in which each run is a folder named by the hash of its inputs.
+
+```
+sweep.json        what is run, its space, its limits and where it comes from
+runs/HASH/        one run
+    run.json      its point, seed, outcome, metrics or error, seconds, and where it comes from
+    results.h5    what it recorded, where that is kept
+    output.txt    what it printed, if anything
+claims/HASH       who works on it
+```
+A run is written aside and renamed when it is whole; of two that come to the same the first stays.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+import re
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+from neuro.core.errors import ModelError
+from neuro.core.outputs import Unwritable, make_folder, sealed, write_text
+from neuro.sweeps.claims import began, machine
+
+FORMAT = "neuro sweep 1"
+SWEEP = sealed("a sweep", f'"format": "{FORMAT}"', ', "digest": "{}"')
+DONE, FAILED = "done", "failed"
+_RUN = "neuro run of a sweep 1"
+_ASIDE = re.compile(r"\.[0-9a-f]+\.([0-9a-f]+)\.(\d+)-(\d+)\.\d+")
+_number = count()
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What has come of a run.
+
+    Attributes:
+        key: hash of its inputs.
+        point: the values of the parameters.
+        seed: of everything random; None where it is told none.
+        outcome: "done" or "failed".
+        metrics: by name; of a run that failed none.
+        error: why it failed.
+        trace: where, of an error of a program.
+        seconds: that it took.
+        attempts: how often it was begun.
+        provenance: what it can be run again from.
+    """
+
+    key: str
+    point: dict[str, Any]
+    seed: int | None
+    outcome: str
+    metrics: dict[str, Any] = field(default_factory=dict)
+    error: str = ""
+    trace: str = ""
+    seconds: float = 0.0
+    attempts: int = 1
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def failed(self) -> bool:
+        """Whether it has an error."""
+        return self.outcome == FAILED
+
+
+class Folder:
+    """The folder of a sweep.
+
+    Args:
+        path: of the folder.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.runs, self.claims = path / "runs", path / "claims"
+
+    def begin(self, told: Mapping[str, Any], same: str, what: str) -> None:
+        """Make the folder, or go on in that of the same sweep.
+
+        Args:
+            told: what `sweep.json` has.
+            same: the word of `told` by which a sweep is the same.
+            what: that which says what is run, of which messages tell what differs.
+
+        Raises:
+            ModelError: it is the folder of another sweep, or of something else, or cannot be written.
+        """
+        if (self.path / "sweep.json").exists():
+            _check_same(self.path, self.read(), told, same, what)
+        elif self.path.is_dir() and any(self.path.iterdir()):
+            raise ModelError(f"{self.path}: is there and is no sweep: expected a new name, or an empty folder")
+        with self.telling(self.path):
+            for each in (self.path, self.runs, self.claims):
+                make_folder(each)
+            self._clear()
+            (self.claims / f".try-{os.getpid()}").touch()
+            (self.claims / f".try-{os.getpid()}").unlink()
+        if not (self.path / "sweep.json").exists():
+            text = json.dumps({"format": FORMAT, **told}, indent=1, ensure_ascii=False)
+            write_text(self.path / "sweep.json", text + "\n", SWEEP)
+            _check_same(self.path, self.read(), told, same, what)
+
+    def read(self) -> dict[str, Any]:
+        """What `sweep.json` has.
+
+        Raises:
+            ModelError: there is none, or it is damaged.
+        """
+        path = self.path / "sweep.json"
+        try:
+            told = json.loads(path.read_text("utf-8"))
+        except FileNotFoundError:
+            hint = "neuro sweep run sweep.yaml --out FOLDER makes one"
+            raise ModelError(f"{self.path}: holds no sweep: expected a folder with sweep.json", hint=hint) from None
+        except (OSError, ValueError) as error:
+            raise ModelError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'damaged'}") from None
+        if not isinstance(told, dict) or told.get("format") != FORMAT:
+            raise ModelError(f"{path}: not a sweep, as 'neuro sweep run' writes it")
+        return told
+
+    def outcome(self, key: str) -> Outcome | None:
+        """What has come of a run; None if it is not there, or not whole."""
+        try:
+            told = json.loads((self.runs / key / "run.json").read_bytes())
+            return Outcome(**{name: told[name] for name in Outcome.__dataclass_fields__ if name in told})
+        except (OSError, ValueError, TypeError, KeyError):
+            return None
+
+    def outcomes(self, keys: Iterable[str]) -> dict[str, Outcome]:
+        """What has come of those runs that are there."""
+        there = set(os.listdir(self.runs)) if self.runs.is_dir() else set()
+        found = ((key, self.outcome(key)) for key in keys if key in there)
+        return {key: outcome for key, outcome in found if outcome is not None}
+
+    def has(self, key: str) -> bool:
+        """Whether a run is kept."""
+        return (self.runs / key / "run.json").exists()
+
+    def keep(self, outcome: Outcome, fill: Callable[[Path], None] | None = None) -> None:
+        """Keep a run, if it is not kept already.
+
+        Args:
+            outcome: what has come of it.
+            fill: writes more into the folder that it is given.
+
+        Raises:
+            Unwritable: the disk is full, or the folder cannot be written.
+        """
+        aside = self._aside(outcome.key)
+        with self.telling(self.runs / outcome.key):
+            try:
+                aside.mkdir()
+                if fill is not None:
+                    fill(aside)
+                told = {"format": _RUN, **asdict(outcome)}
+                (aside / "run.json").write_text(json.dumps(told, ensure_ascii=False) + "\n", "utf-8")
+                self._rename(aside, outcome.key)
+            finally:
+                if aside.exists():
+                    shutil.rmtree(aside, ignore_errors=True)
+
+    def _rename(self, aside: Path, key: str) -> None:
+        try:
+            aside.rename(self.runs / key)
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+                raise
+            if self.outcome(key) is None:  # what a machine that lost its power left
+                self.forget(key)
+                aside.rename(self.runs / key)
+
+    def forget(self, key: str) -> None:
+        """Take a run away, at once."""
+        gone = self._aside(key)
+        with suppress(FileNotFoundError):
+            (self.runs / key).rename(gone)
+        shutil.rmtree(gone, ignore_errors=True)
+
+    def _aside(self, key: str) -> Path:
+        """A new name beside a run, which tells whose it is."""
+        return self.runs / f".{key}.{_tag()}.{os.getpid()}-{began(os.getpid())}.{next(_number)}"
+
+    def _clear(self) -> None:
+        """Remove what processes of this machine that were killed have left."""
+        for name in os.listdir(self.runs):
+            found = _ASIDE.fullmatch(name)
+            if found and found[1] == _tag() and began(int(found[2])) != found[3]:
+                shutil.rmtree(self.runs / name, ignore_errors=True)
+
+    @contextmanager
+    def telling(self, path: Path) -> Iterator[None]:
+        """Tell that something cannot be written as users see it."""
+        try:
+            yield
+        except OSError as error:
+            raise Unwritable(path, f"cannot be written: {error.strerror or error}") from None
+
+
+@cache
+def _tag() -> str:
+    """This machine since it was switched on, in a few letters."""
+    return hashlib.sha256(machine().encode()).hexdigest()[:8]
+
+
+def _check_same(path: Path, there: Mapping[str, Any], told: Mapping[str, Any], same: str, what: str) -> None:
+    if there.get(same) == told[same]:
+        return
+    hint = "expected the same sweep, or the name of a new folder"
+    before, now = there.get(what, {}), told[what]
+    for word in now:
+        if before.get(word) != now[word]:
+            its, mine = _differing(before.get(word), now[word]), _differing(now[word], before.get(word))
+            raise ModelError(f"{path}: the folder of another sweep: {word} is {its} there, {mine} now", hint=hint)
+    runs = f"{len(there.get('runs', ())):,} runs there, {len(told['runs']):,} now"
+    raise ModelError(f"{path}: the folder of another sweep: its space is not the same, {runs}", hint=hint)
+
+
+def _differing(one: Any, other: Any) -> str:
+    """What of one is not the same in the other, cut when it is long."""
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        one = {name: value for name, value in one.items() if other.get(name) != value}
+    text = json.dumps(one)
+    return text if len(text) <= 80 else text[:77] + "..."

@@ -1,0 +1,188 @@
+"""One run of a network's file at a point of a sweep."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from neuro.core.checks import check
+from neuro.core.clock import Clock
+from neuro.core.errors import ModelError, Where
+from neuro.core.inputs import digest_of, gathering
+from neuro.core.measures import in_ms
+from neuro.core.quantities import Quantity
+from neuro.model.language.loader import build
+from neuro.model.language.parameters import resolve
+from neuro.model.language.reader import Node
+from neuro.model.language.sources import gather
+from neuro.model.network import Network
+from neuro.program.backend import find_backend
+from neuro.sweeps.changes import changed, sorted_out
+from neuro.sweeps.metrics import check_metrics, measured
+
+if TYPE_CHECKING:
+    from neuro.run.simulation import Simulation
+
+_FOR = Quantity("ms", "how long", above=0.0)
+Fill = Callable[[Path], None]
+Made = tuple[dict[str, Any], Fill | None, dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class NetworkRun:
+    """What a sweep over a network runs at each point.
+
+    Attributes:
+        file: of the network, an absolute path.
+        files: hashes of all files that it is made of, by their paths.
+        duration: how long, as it is written.
+        backend: what it runs on.
+        threads: of a run.
+        set: parameters that are the same in all runs.
+        metrics: what is kept as numbers, by name.
+        keep: "metrics", or "results" for a file of results, too.
+    """
+
+    file: Path
+    files: Mapping[str, str]
+    duration: Any = 1000.0
+    backend: str = "event"
+    threads: int = 1
+    set: Mapping[str, Any] = field(default_factory=dict)
+    metrics: tuple[str, ...] = ("spikes",)
+    keep: str = "metrics"
+
+    def same(self) -> dict[str, Any]:
+        """What decides what comes of a run: contents, no places."""
+        hashes = {str(_beside(Path(name), self.file.parent)): digest for name, digest in self.files.items()}
+        words = {"duration": self.duration, "backend": _content(self.backend), "set": dict(self.set)}
+        return {"network": hashes, **words, "metrics": list(self.metrics), "keep": self.keep}
+
+    def told(self) -> dict[str, Any]:
+        """All of it as plain data, from which `of` makes it."""
+        files = {"file": str(self.file), "files": dict(self.files)}
+        words = {"duration": self.duration, "backend": self.backend, "threads": self.threads, "set": dict(self.set)}
+        return {"kind": "network", **files, **words, "metrics": list(self.metrics), "keep": self.keep}
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> NetworkRun:
+        """What `told` has written."""
+        words = {name: value for name, value in told.items() if name != "kind"}
+        return cls(**{**words, "file": Path(words["file"]), "metrics": tuple(words["metrics"])})
+
+    def check_inputs(self) -> None:
+        """See whether the files are what they were when the sweep began.
+
+        Raises:
+            ModelError: one is gone, or was edited.
+        """
+        for name, digest in self.files.items():
+            if (now := digest_of(name)) != digest:
+                what = "was edited since the sweep began" if now else "cannot be read"
+                raise ModelError(f"{name}: {what}: expected the file that it was", hint="a new folder is a new sweep")
+
+    def check(self, point: Mapping[str, Any]) -> None:
+        """Refuse names and values of a point before anything runs.
+
+        Raises:
+            ModelError: a parameter or a metric is unknown, or the network cannot be so.
+        """
+        net, run = self.described(point)
+        check_metrics(self.metrics, net.populations, net.projections)
+        find_backend(str(run.get("backend", self.backend)))
+        Clock(net.resolution).step(self._ms(run), "for")
+
+    @cached_property
+    def _sections(self) -> dict[str, Node]:
+        return gather(self.file)
+
+    def described(self, point: Mapping[str, Any]) -> tuple[Network, dict[str, Any]]:
+        """The network of a point, and the words of its run."""
+        given = self._sections["parameters"].value if "parameters" in self._sections else {}
+        own, run, parts = sorted_out({**self.set, **point}, given)
+        return changed(build(resolve(self._sections, own, Where(str(self.file)))), parts), run
+
+    def _ms(self, run: Mapping[str, Any]) -> float:
+        said = in_ms(run.get("for", self.duration), "for")
+        return float(check(_FOR, said, "for"))
+
+    def __call__(self, point: Mapping[str, Any], seed: int | None) -> Made:
+        """Run: metrics, what writes more files, and what the record of the run has to say."""
+        from neuro.files.state import fingerprint
+        from neuro.run.compiled import compile
+
+        net, run = self.described(point)
+        backend = str(run.pop("backend", self.backend))
+        ms = self._ms(run)
+        figures = {name.partition(".")[2]: run[name] for name in run if name.startswith("chip.")}
+        options = {name.partition(".")[2]: run[name] for name in run if name.startswith("backend.")}
+        with _table(backend, figures) as target:
+            sim = compile(net, backend=target, seed=seed or 0, threads=self.threads, **options)
+            sim.run(ms)
+            found = measured(sim, self.metrics, {backend: target})
+        about = {"backend": backend, "threads": self.threads, "seed": seed or 0, "network": fingerprint(sim.program)}
+        return found, self._fill(sim, net) if self.keep == "results" else None, about
+
+    def _fill(self, sim: Simulation, net: Network) -> Fill:
+        from neuro.files.results import write
+        from neuro.run.collect import collect
+
+        return lambda folder: write(collect(sim, net, threads=self.threads), folder / "results.h5")
+
+
+def network_run(file: Path, **words: Any) -> NetworkRun:
+    """What runs a network, with the hashes of all files that it is made of; see `NetworkRun`.
+
+    Raises:
+        ModelError: the file is no network.
+    """
+    with gathering() as read:
+        made = NetworkRun(file.absolute(), {}, **words)
+        made.described({})
+        if words.get("backend", "").endswith((".yaml", ".yml")):
+            find_backend(words["backend"])
+    return NetworkRun(made.file, {name: digest_of(name) for name in read}, **words)
+
+
+class _table:
+    """The backend, or where figures of its chip are changed a table that is like it, for as long as it is needed."""
+
+    def __init__(self, backend: str, figures: Mapping[str, Any]) -> None:
+        self.backend, self.figures = backend, figures
+
+    def __enter__(self) -> str:
+        if not self.figures:
+            return self.backend
+        table: dict[str, Any] = {"like": str(Path(self.backend).absolute()) if "." in self.backend else self.backend}
+        table["name"] = f"{Path(self.backend).stem}-swept"
+        for name, value in self.figures.items():
+            section, _, word = name.partition(".")
+            figure = {"value": value, "source": "this sweep"}
+            if word:
+                table.setdefault(section, {})[word] = figure
+            else:
+                table[section] = figure
+        self._folder = tempfile.TemporaryDirectory()
+        path = Path(self._folder.name) / "chip.yaml"
+        path.write_text(yaml.safe_dump(table), "utf-8")
+        return str(path)
+
+    def __exit__(self, *error: object) -> None:
+        if self.figures:
+            self._folder.cleanup()
+
+
+def _beside(path: Path, folder: Path) -> Path:
+    """A file by its place beside another, or by its name where it lies elsewhere."""
+    return path.relative_to(folder) if path.is_relative_to(folder) else Path(path.name)
+
+
+def _content(backend: str) -> str:
+    """A backend by its name; a table by what it holds."""
+    return digest_of(backend) if backend.endswith((".yaml", ".yml")) else backend

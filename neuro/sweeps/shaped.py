@@ -1,0 +1,167 @@
+"""The rows of a sweep as pictures need them: which parameters are drawn, and means over seeds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.core.checks import is_number
+from neuro.core.errors import ModelError, unknown
+from neuro.sweeps.folder import Outcome
+from neuro.sweeps.table import SweepTable
+
+Values = tuple[Any, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Shaped:
+    """What is drawn of one metric.
+
+    Attributes:
+        kind: "lines", "map" or "parallel".
+        metric: its name.
+        names: parameters: to the right, then what lines or rows are of.
+        points: values of the parameters, and the metric of each seed.
+    """
+
+    kind: str
+    metric: str
+    names: tuple[str, ...]
+    points: tuple[tuple[Values, tuple[float, ...]], ...]
+
+    def axis(self, index: int) -> list[Any]:
+        """The values of one parameter, ascending where these are numbers."""
+        return ordered(values[index] for values, _ in self.points)
+
+    def lines(self) -> list[tuple[str, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
+        """Of each line its name, x, the mean and the standard deviation over all runs there."""
+        found = []
+        for other in self.axis(1) if len(self.names) > 1 else [None]:
+            each: dict[Any, list[float]] = {}
+            for values, metrics in self.points:
+                if len(self.names) == 1 or values[1] == other:
+                    each.setdefault(values[0], []).extend(metrics)
+            x = ordered(each)
+            mean = np.array([np.mean(each[value]) for value in x])
+            spread = np.array([np.std(each[value], ddof=1) if len(each[value]) > 1 else 0.0 for value in x])
+            name = "" if other is None else f"{self.names[1]} = {told(other)}"
+            found.append((name, places(x), mean, spread))
+        return found
+
+    def grid(self) -> NDArray[np.float64]:
+        """The mean at each value of the second parameter (rows) and the first (columns); NaN where there is none."""
+        x, y = self.axis(0), self.axis(1)
+        sums, count = np.zeros((len(y), len(x))), np.zeros((len(y), len(x)))
+        for values, metrics in self.points:
+            at = y.index(values[1]), x.index(values[0])
+            sums[at] += sum(metrics)
+            count[at] += len(metrics)
+        with np.errstate(invalid="ignore"):
+            return np.where(count > 0, sums / np.maximum(count, 1), np.nan)
+
+
+def shaped(table: SweepTable, metrics: Sequence[str], of: Sequence[str], kind: str) -> list[Shaped]:
+    """What is drawn of each metric.
+
+    Args:
+        table: the sweep.
+        metrics: names; all that are numbers if none is given.
+        of: names of parameters; those that have several values if none is given.
+        kind: "auto", or one of the kinds.
+
+    Raises:
+        ModelError: a name is unknown, nothing is done yet, or there are too few parameters.
+    """
+    done = {key: each for key, each in table.outcomes().items() if not each.failed}
+    if not done:
+        raise ModelError(f"{table.path}: no run is done yet: nothing to draw")
+    known = [name for name in table.metrics() if any(_finite(each.metrics.get(name)) for each in done.values())]
+    for name in metrics:
+        if name not in known:
+            raise unknown("metric", name, known)
+    for name in of:
+        if name not in table.parameters:
+            raise unknown("parameter", name, table.parameters)
+    names = tuple(of) or varied(table)
+    if not names:
+        names = table.parameters[:1]
+    if not names:
+        raise ModelError(f"{table.path}: has no parameters, only seeds: nothing to draw over")
+    return [_one(table, done, metric, names, kind) for metric in metrics or known]
+
+
+def varied(table: SweepTable) -> tuple[str, ...]:
+    """The parameters that have several values."""
+    seen: dict[str, list[Any]] = {name: [] for name in table.parameters}
+    for point, _ in table.points:
+        for name, values in seen.items():
+            if len(values) < 2 and point.get(name) not in values:
+                values.append(point.get(name))
+    return tuple(name for name, values in seen.items() if len(values) > 1)
+
+
+def _one(table: SweepTable, done: Mapping[str, Outcome], metric: str, names: tuple[str, ...], kind: str) -> Shaped:
+    found: dict[str, tuple[Values, list[float]]] = {}
+    for key, (point, _) in zip(table.keys, table.points, strict=True):
+        value: Any = done[key].metrics.get(metric) if key in done else None
+        if _finite(value):
+            values = tuple(point.get(name) for name in names)
+            found.setdefault(repr(values), (values, []))[1].append(float(value))
+    points = tuple((values, tuple(each)) for values, each in found.values())
+    whole = Shaped("lines", metric, names, points)
+    kind = _fitting(whole) if kind == "auto" else kind
+    if kind == "map" and len(names) < 2:
+        raise ModelError(f"a map needs two parameters: found {names[0]} alone")
+    most = {"lines": 2, "map": 2}.get(kind, len(names))
+    cut = tuple((values[:most], each) for values, each in points)
+    return Shaped(kind, metric, names[:most], cut)
+
+
+def _fitting(whole: Shaped) -> str:
+    """Lines of one parameter, or of two of which one has few values; a map of a full grid of two; else parallel."""
+    if len(whole.names) == 1:
+        return "lines"
+    if len(whole.names) == 2:
+        rows, columns = len(whole.axis(1)), len(whole.axis(0))
+        if rows * columns <= 2 * len(whole.points):
+            return "lines" if rows <= 4 and all(map(is_number, whole.axis(0))) else "map"
+    return "parallel"
+
+
+def _finite(value: Any) -> bool:
+    return is_number(value) and math.isfinite(value)
+
+
+def ordered(values: Any) -> list[Any]:
+    """Values, each once: numbers ascending, others as they come."""
+    each: dict[str, Any] = {repr(value): value for value in values}
+    every = list(each.values())
+    return sorted(every) if all(map(is_number, every)) else every
+
+
+def places(values: Sequence[Any]) -> NDArray[np.float64]:
+    """Where values lie on an axis: numbers at themselves, others at 0, 1, ..."""
+    return np.array(values if all(map(is_number, values)) else range(len(values)), float)
+
+
+def is_log(values: Sequence[Any]) -> bool:
+    """Whether numbers are steps of about equal factors, or many over a wide range."""
+    if len(values) < 3 or not all(map(is_number, values)) or min(values) <= 0 or max(values) / min(values) < 20:
+        return False
+    steps = np.diff(np.log(np.sort(np.array(values, float))))
+    return bool(np.ptp(steps) < 0.5 * steps.mean()) or (len(values) > 8 and max(values) / min(values) >= 50)
+
+
+def scaled(values: Sequence[Any]) -> NDArray[np.float64]:
+    """Where values lie on an axis that is logarithmic where that suits them."""
+    return np.log10(places(values)) if is_log(values) else places(values)
+
+
+def told(value: Any) -> str:
+    """A value in few letters."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

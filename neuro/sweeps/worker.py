@@ -1,0 +1,204 @@
+"""A process that does runs of a sweep, one after the other: it is told which on its input, and tells how each ended.
+
+It is started by `neuro.sweeps.cores` and ends when its input does. All that counts is on disk before it is told.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import queue
+import resource
+import signal
+import sys
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+from neuro.core.errors import ModelError
+from neuro.core.extension import run_extensions
+from neuro.core.inputs import digest_of
+from neuro.core.outputs import Unwritable
+from neuro.core.provenance import provenance
+from neuro.sweeps.claims import Claims
+from neuro.sweeps.definition import Item, Limits, Run, run_of
+from neuro.sweeps.folder import DONE, FAILED, Folder, Outcome
+
+TAKEN, THERE, KEPT, LOST = "taken", "there", "kept", "unwritable"
+"""How a run ended for the process that asked: somebody else works on it, it was there, it is kept, it cannot be."""
+
+MOST_PRINTED = 1_000_000
+
+
+class Worker:
+    """Does runs in a folder.
+
+    Args:
+        folder: of the sweep.
+        run: what is run.
+        limits: of one run; of time only its process can be given one.
+        inputs: the files that runs are made of.
+    """
+
+    def __init__(self, folder: Folder, run: Run, limits: Limits, inputs: tuple[str, ...]) -> None:
+        self._folder, self._run, self._limits, self._inputs = folder, run, limits, inputs
+        self._claims = Claims(folder.claims)
+        self._claims.beat()
+
+    def do(self, item: Item, attempt: int = 1) -> dict[str, Any]:
+        """One run, unless it is there or somebody else's: how it ended, as plain data."""
+        if self._folder.has(item.key) and self._folder.outcome(item.key) is not None:
+            return {"key": item.key, "is": THERE}
+        if not self._claims.take(item.key):
+            return {"key": item.key, "is": TAKEN}
+        try:
+            if self._folder.outcome(item.key) is not None:
+                return {"key": item.key, "is": THERE}
+            outcome = self._keep(item, attempt)
+            return {"key": item.key, "is": KEPT, "failed": outcome.failed}
+        except Unwritable as error:
+            return {"key": item.key, "is": LOST, "error": str(error)}
+        finally:
+            self._claims.give_up(item.key)
+
+    def _keep(self, item: Item, attempt: int) -> Outcome:
+        printed = io.StringIO()
+        began = time.perf_counter()
+        found, fill, about = dict[str, Any](), None, dict[str, Any]()
+        error = trace = ""
+        with _written_to(printed), _memory(self._limits.bytes):
+            try:
+                found, fill, about = self._run(item.point, item.seed)
+            except MemoryError as lack:
+                error = _lack(self._limits.bytes, lack)
+            except ModelError as mistake:
+                error = str(mistake)
+            except (Exception, SystemExit) as bug:
+                error, trace = f"{type(bug).__name__}: {bug}".removesuffix(": "), traceback.format_exc()
+        outcome = Outcome(
+            item.key,
+            item.point,
+            item.seed,
+            FAILED if error else DONE,
+            found,
+            error,
+            trace,
+            round(time.perf_counter() - began, 6),
+            attempt,
+            provenance(self._inputs, **about),
+        )
+        self._folder.keep(outcome, _filling(fill, printed.getvalue()))
+        return outcome
+
+
+@contextlib.contextmanager
+def _written_to(printed: io.StringIO) -> Iterator[None]:
+    """Gather what is printed, and warnings, which are told here as often as they are given."""
+
+    def tell(message: Warning | str, *place: Any, **words: Any) -> None:
+        printed.write(f"warning: {message}\n")
+
+    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed), warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.showwarning = tell
+        yield
+
+
+def _filling(fill: Callable[[Path], None] | None, printed: str) -> Callable[[Path], None]:
+    def both(folder: Path) -> None:
+        if printed:
+            (folder / "output.txt").write_text(printed[:MOST_PRINTED], "utf-8")
+        if fill is not None:
+            fill(folder)
+
+    return both
+
+
+def _lack(limit: int | None, error: MemoryError) -> str:
+    told = f": {error}" if str(error) else ""
+    return f"memory: needs more than the limit of {limit / 1e6:,.0f} MB{told}" if limit else f"memory: not enough{told}"
+
+
+@contextlib.contextmanager
+def _memory(limit: int | None) -> Iterator[None]:
+    """Let allocations fail that go beyond what the process has now and the limit.
+
+    Source: getrlimit(2), RLIMIT_DATA, which counts private anonymous memory since Linux 4.7
+    """
+    if limit is None:
+        yield
+        return
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    resource.setrlimit(resource.RLIMIT_DATA, (_data() + limit, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, before)
+
+
+def _data() -> int:
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith("VmData:"):
+            return int(line.split()[1]) * 1024
+    return 0
+
+
+def worker_of(folder: Folder, told: Mapping[str, Any]) -> Worker:
+    """A worker in this process, once all is what it was when the sweep began.
+
+    Raises:
+        ModelError: a file is gone, or was edited.
+    """
+    for name, digest in told["with"].items():
+        if digest_of(name) != digest:
+            raise ModelError(f"{name}: was edited since the sweep began, or is gone: expected the file that it was")
+    run_extensions(tuple(told["with"]))
+    run = run_of(told["what"])
+    run.check_inputs()
+    limits = Limits(told["limits"]["seconds"], told["limits"]["bytes"])
+    return Worker(folder, run, limits, tuple(told["inputs"]))
+
+
+def main() -> None:
+    """Do what is asked for on standard input until it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    lines, out = os.fdopen(os.dup(0)), os.fdopen(os.dup(1), "w", buffering=1)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)  # what a run starts neither hears nor tells in its place
+    os.dup2(2, 1)
+    asked: queue.SimpleQueue[str] = queue.SimpleQueue()
+    folder = Folder(Path(sys.argv[1]))
+    sys.argv[:] = json.loads(sys.argv[2])
+
+    def hear() -> None:
+        for line in lines:
+            asked.put(line)
+        os._exit(0)  # who asked has ended
+
+    Thread(target=hear, daemon=True).start()
+
+    def tell(**words: Any) -> None:
+        out.write(json.dumps(words) + "\n")
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        try:
+            worker = worker_of(folder, folder.read())
+        except ModelError as error:
+            tell(**{"is": "refused", "error": str(error)})
+            return
+        tell(**{"is": "ready"})
+        while True:
+            words = json.loads(asked.get())
+            told = worker.do(Item(words["key"], words["point"], words["seed"]), words["attempt"])
+            tell(**told)
+
+
+if __name__ == "__main__":
+    main()

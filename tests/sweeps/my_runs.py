@@ -1,0 +1,36 @@
+"""What tests of sweeps run; other processes find it as a module."""
+
+import os
+import time
+from pathlib import Path
+
+
+def add(a, b=0, seed=0):
+    return {"sum": a + b + seed, "product": a * b}
+
+
+def noting(a, notes, pause=0.0, seed=0):
+    """Note that it was begun, and by whom, so that what is done twice shows."""
+    with (Path(notes) / f"{a}-{seed}").open("a") as file:
+        file.write(f"{os.getpid()}\n")
+    time.sleep(pause)
+    return a * 2
+
+
+def uneven(a):
+    """Every fifth raises, one never ends, one eats memory, one ends its process, one prints."""
+    if a % 5 == 4:
+        raise ZeroDivisionError(f"a = {a}")
+    if a == 1:
+        time.sleep(1000)
+    if a == 2:
+        return len(bytearray(4 * 10**9))
+    if a == 3:
+        os.abort()
+    if a == 5:
+        print("of five")
+    return a
+
+
+def wrong(a):
+    return [a]

@@ -1,0 +1,279 @@
+"""Sweeps over networks from a YAML file, on the command line."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro.cli import main
+from neuro.sweeps.definition import load_sweep
+from neuro.sweeps.folder import Folder
+from neuro.sweeps.table import table_of
+
+NET = """\
+neuro: 1
+name: pair
+parameters: {w: 300.0, rule: {stdp: {Wmax: 600.0}}}
+populations:
+  noise: {model: {poisson_generator: {rate: 900.0}}, shape: 20}
+  exc: {model: iaf_psc_exp, shape: 10}
+  inh: {model: iaf_psc_exp, shape: 5}
+projections:
+  noise_exc: {from: noise, to: exc, rule: all_to_all, weight: $w, delay: 1.0}
+  exc_inh: {from: exc, to: inh, rule: {fixed_indegree: {n: 3}}, weight: 300.0, delay: 1.0, synapse: $rule}
+"""
+SWEEP = """\
+network: net.yaml
+for: 50 ms
+backend: reference
+parameters:
+  w: [200.0, 400.0]
+  exc.V_th: [-55.0, -50.0]
+  exc_inh.n: [2, 5]
+  exc_inh.lambda: [0.01]
+seeds: 2
+metrics: [rate.exc, spikes.inh, cv.exc, weight.exc_inh, weight_sd.exc_inh, spikes, energy.loihi]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, registries):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "net.yaml").write_text(NET)
+    (tmp_path / "sweep.yaml").write_text(SWEEP)
+    return tmp_path
+
+
+def run(*words, status=0, monkeypatch=None):
+    before, sys.argv = sys.argv, ["neuro", *map(str, words)]
+    try:
+        with pytest.raises(SystemExit) as ended:
+            main()
+    finally:
+        sys.argv = before
+    assert (ended.value.code or 0) == status
+
+
+def test_a_sweep_gives_what_single_runs_give(folder, capsys):
+    run("sweep", "run", "sweep.yaml", "--on", "here")
+    out = capsys.readouterr().out.splitlines()
+    assert out[0] == "runs: 16 done, 0 failed, 0 left"
+    assert out[1] == "runs/sweep.html: written"
+    rows = table_of("runs").rows()
+    assert len(rows) == 16
+    for row in rows[::5]:
+        net = neuro.load("net.yaml", {"w": row["w"]})
+        net.populations["exc"] = _with(net.populations["exc"], "model", V_th=row["exc.V_th"])
+        synapses = _with(net.projections["exc_inh"], "synapse", lambda_=row["exc_inh.lambda"])
+        net.projections["exc_inh"] = _with(synapses, "rule", n=row["exc_inh.n"])
+        sim = neuro.compile(net, backend="reference", seed=row["seed"])
+        sim.run(50.0)
+        times, ids = sim.spikes("exc")
+        assert row["rate.exc"] == times.size / 10 / 0.05
+        assert row["spikes.inh"] == sim.counts().populations["inh"].spikes
+        assert row["weight.exc_inh"] == sim.get("exc_inh", "weight").mean()
+        assert row["weight_sd.exc_inh"] == sim.get("exc_inh", "weight").std()
+        assert sim.get("exc_inh", "weight").size == 5 * row["exc_inh.n"]
+        assert row["energy.loihi"] == sim.energy("loihi").total_j
+        each = [np.diff(times[ids == k]) for k in range(10) if (ids == k).sum() >= 3]
+        cv = float(np.mean([part.std() / part.mean() for part in each])) if each else float("nan")
+        assert row["cv.exc"] == pytest.approx(cv, rel=1e-12, nan_ok=True)
+
+
+def _with(part, field, **values):
+    from dataclasses import replace
+
+    return replace(part, **{field: replace(getattr(part, field), **values)})
+
+
+def test_what_a_sweep_cannot_change_stays_as_it_is(folder):
+    made = load_sweep(folder / "sweep.yaml")
+    net, _ = made.run.described({"noise_exc.weight": 7.0, "noise_exc.delay": 2.0})
+    assert (net.projections["noise_exc"].weight, net.projections["noise_exc"].delay) == (7.0, 2.0)
+    same, _ = made.run.described({})
+    assert same == neuro.load("net.yaml")
+
+
+def test_status_and_table(folder, capsys):
+    run("sweep", "run", "sweep.yaml", "--on", "here", "--part", "1/4")
+    run("sweep", "status", "runs")
+    assert capsys.readouterr().out.splitlines()[-1] == "sweep: 16 runs: 4 done, 0 failed, 0 under way, 12 left"
+    run("sweep", "table", "runs")
+    printed = capsys.readouterr().out
+    assert printed == table_of("runs").csv()
+    assert sum(",left," in line for line in printed.splitlines()) == 12
+    run("sweep", "table", "runs", "--out", "t.csv", "--times")
+    assert (folder / "t.csv").read_text().splitlines()[0].endswith(",seconds,attempts,error")
+
+
+def test_backends_options_and_durations_are_parameters(folder):
+    (folder / "sweep.yaml").write_text(
+        "network: net.yaml\nlist:\n"
+        "  - {backend: reference, for: 20 ms}\n  - {backend: event, for: 20 ms}\n  - {backend: loihi, for: 20 ms}\n"
+        "metrics: [spikes, neuron_updates]\n"
+    )
+    run("sweep", "run", "sweep.yaml", "--on", "here")
+    reference, event, loihi = table_of("runs").rows()
+    assert reference["spikes"] == event["spikes"] > 0
+    assert {row["neuron_updates"] for row in (reference, event, loihi)} == {15 * 200}
+    assert loihi["outcome"] == "done"
+
+
+def test_figures_of_a_chip_are_parameters(folder):
+    (folder / "sweep.yaml").write_text(
+        "network: net.yaml\nbackend: loihi\nfor: 20 ms\nmetrics: [energy.loihi, synaptic_ops]\n"
+        "parameters: {chip.costs.synaptic_op: [23.6e-12, 47.2e-12]}\n"
+    )
+    run("sweep", "run", "sweep.yaml", "--on", "here")
+    first, second = table_of("runs").rows()
+    assert second["energy.loihi"] - first["energy.loihi"] == pytest.approx(23.6e-12 * first["synaptic_ops"], rel=1e-6)
+
+
+def test_a_metric_of_a_file(folder):
+    (folder / "my_metric.py").write_text(
+        "import neuro\n\n\n@neuro.register(kind='metric')\ndef last(sim):\n"
+        "    times, _ = sim.spikes('exc')\n"
+        "    return {'last_ms': times.max() if times.size else None, 'time': sim.time}\n"
+    )
+    (folder / "sweep.yaml").write_text("network: net.yaml\nfor: 50 ms\nseeds: 2\nmetrics: [last]\n")
+    run("sweep", "run", "sweep.yaml", "--workers", "1", "--with", "my_metric.py")
+    assert table_of("runs").column("time") == [50.0, 50.0]
+    record = next(iter(table_of("runs").outcomes().values())).provenance
+    assert [name.rpartition("/")[2] for name in record["inputs"]] == ["net.yaml", "my_metric.py"]
+
+
+def test_a_study_of_a_file(folder):
+    (folder / "my_study.py").write_text(
+        "import neuro\n\n\n@neuro.register(kind='study')\ndef area(width, height=1):\n    return width * height\n"
+    )
+    (folder / "sweep.yaml").write_text("study: area\nset: {height: 2}\nparameters: {width: [1, 2]}\n")
+    run("sweep", "run", "sweep.yaml", "--workers", "1", "--with", "my_study.py")
+    assert table_of("runs").column("value") == [2, 4]
+
+
+def test_results_are_kept_where_that_is_asked_for(folder):
+    (folder / "sweep.yaml").write_text("network: net.yaml\nfor: 20 ms\nseeds: [5]\nkeep: results\n")
+    run("sweep", "run", "sweep.yaml", "--on", "here")
+    key = table_of("runs").keys[0]
+    results = neuro.results.read(folder / "runs" / "runs" / key / "results.h5")
+    assert (results.about["seed"], results.duration_ms) == (5, 20.0)
+
+
+def test_a_file_that_was_edited_under_way_is_told(folder, capsys):
+    made = load_sweep(folder / "sweep.yaml")
+    (folder / "net.yaml").write_text(NET.replace("900", "901"))
+    with pytest.raises(neuro.ModelError) as told:
+        made.run.check_inputs()
+    assert str(told.value).startswith(f"{folder}/net.yaml: was edited since the sweep began: expected the file that it")
+    run("sweep", "run", "sweep.yaml", "--on", "here", "--part", "1/16")
+    (folder / "net.yaml").write_text(NET)
+    run("sweep", "run", "sweep.yaml", "--on", "here", status=2)
+    assert "runs: the folder of another sweep: network is" in capsys.readouterr().err
+
+
+def test_a_point_that_the_network_refuses_fails_alone(folder):
+    (folder / "sweep.yaml").write_text("network: net.yaml\nfor: 1 ms\nparameters: {exc.V_th: [-55.0, -90.0]}\n")
+    run("sweep", "run", "sweep.yaml", "--on", "here")
+    good, bad = table_of("runs").rows()
+    assert good["outcome"] == "done"
+    assert bad["outcome"] == "failed"
+    assert "V_th" in bad["error"]
+
+
+MISTAKES = [
+    ("network: net.yaml\nparameters: {ww: [1]}", "sweep.yaml:2:13: unknown parameter 'ww'\n  hint: did you mean 'w'?"),
+    (
+        "network: net.yaml\nparameters: {exc.V_tt: [1]}",
+        "sweep.yaml:2:13: unknown parameter of 'exc', a iaf_psc_exp, 'V_tt'\n  hint: did you mean 'V_th'?",
+    ),
+    ("network: net.yaml\nparameters: {exx.V_th: [1]}", "sweep.yaml:2:13: unknown population or projection 'exx'"),
+    (
+        "network: net.yaml\nseeds: 1\nmetrics: [rat.exc]",
+        "unknown metric 'rat.exc'\n  hint: did you mean 'rate.",
+    ),
+    (
+        "network: net.yaml\nseeds: 1\nmetrics: [rate.exx]",
+        "unknown population of the metric 'rate.exx': 'exx'\n  hint: did you mean 'exc'?",
+    ),
+    ("network: net.yaml", "sweep.yaml:1:1: the space is empty: expected parameters with values, or seeds"),
+    ("network: net.yaml\nparameters: {}", "sweep.yaml:2:13: the space is empty: expected parameters with values, or"),
+    (
+        "network: net.yaml\nparameters:\n" + "".join(f"  p{k}: {{from: 0, to: 1, number: 1000}}\n" for k in range(3)),
+        "sweep.yaml:3:3: the space has 1,000,000,000 runs: expected at most 1,000,000",
+    ),
+    ("network: nat.yaml\nseeds: 1", "sweep.yaml:1:10: no such file\n  hint: did you mean 'net.yaml'?"),
+    (
+        "netwerk: net.yaml\nseeds: 1",
+        "sweep.yaml:1:1: unknown word of a sweep 'netwerk'\n  hint: did you mean 'network'?",
+    ),
+    ("seeds: 1", "a sweep needs 'network', a file, or 'study', a function of a point"),
+    ("network: net.yaml\nseeds: 1\nsampling: latin", "sweep.yaml"),
+    ("network: net.yaml\nseeds: 1\nfor: 3 mV", "for = 3 mV: "),
+    ("network: net.yaml\nseeds: 1\nbackend: evnt", "unknown backend 'evnt'"),
+    ("network: net.yaml\nseeds: 1\nkeep: all", "keep = 'all': expected one of metrics, results"),
+    (
+        "network: net.yaml\nseeds: 1\nmemory_limit: 3",
+        "sweep.yaml:3:15: memory_limit = 3: expected a size, such as 500 MB",
+    ),
+    ("study: area\nfor: 3\nseeds: 1", "sweep.yaml:2:6: for: a study says for itself how it runs"),
+    ("study: nothing\nseeds: 1", "sweep.yaml:1:8: unknown study 'nothing'"),
+    ("network: net.yaml\nlist: [{w: 1}]\nruns: 3", "sweep.yaml:3:7: runs: has no meaning with a list of points"),
+]
+
+
+@pytest.mark.parametrize(("text", "told"), MISTAKES, ids=[told[:40] for _, told in MISTAKES])
+def test_a_mistake_is_told_and_nothing_is_written(folder, text, told, capsys):
+    (folder / "sweep.yaml").write_text(text + "\n")
+    run("sweep", "run", "sweep.yaml", status=2)
+    err = capsys.readouterr().err
+    assert err.startswith("error: ")
+    assert told in err
+    assert not (folder / "runs").exists()
+
+
+@pytest.mark.parametrize("command", ["status", "table", "plot", "page"])
+def test_a_folder_without_a_sweep_is_told(folder, command, capsys):
+    run("sweep", command, "nothing", status=2)
+    assert capsys.readouterr().err == (
+        "error: nothing: holds no sweep: expected a folder with sweep.json\n"
+        "  hint: neuro sweep run sweep.yaml --out FOLDER makes one\n"
+    )
+    (folder / "nothing").mkdir()
+    (folder / "nothing" / "sweep.json").write_text("{}")
+    run("sweep", command, "nothing", status=2)
+    assert "not a sweep, as 'neuro sweep run' writes it" in capsys.readouterr().err
+
+
+def test_pictures_and_the_page(folder, capsys):
+    (folder / "sweep.yaml").write_text(
+        "network: net.yaml\nfor: 5 ms\nmetrics: [rate.exc, synaptic_ops]\nparameters:\n"
+        "  {w: [1.0, 2.0, 4.0, 8.0, 16.0], exc.V_th: [-55.0, -54.0, -53.0, -52.0, -51.0]}\n"
+    )
+    run("sweep", "run", "sweep.yaml", "--on", "here", "--part", "1/2")
+    run("sweep", "plot", "runs")
+    run("sweep", "plot", "runs", "--metric", "synaptic_ops", "--as", "lines", "--of", "w", "--format", "svg")
+    run("sweep", "plot", "runs", "--metric", "synaptic_ops", "--as", "parallel", "--out", "pictures")
+    names = sorted(path.name for path in (folder / "runs").iterdir() if path.is_file())
+    assert names == ["rate.exc-map.png", "sweep.json", "synaptic_ops-lines.svg", "synaptic_ops-map.png"]
+    run("sweep", "plot", "runs", "--metric", "rat", status=2)
+    assert "unknown metric 'rat'\n  hint: did you mean 'rate.exc'?" in capsys.readouterr().err
+    run("sweep", "page", "runs")
+    run("sweep", "run", "sweep.yaml", "--on", "here")
+    page = (folder / "runs" / "sweep.html").read_text()
+    assert page.count("<tr>") > 25
+    assert "25 runs" in page
+    assert '<meta name="provenance"' in page
+
+
+def test_a_record_tells_all(folder):
+    run("sweep", "run", "sweep.yaml", "--on", "here", "--part", "1/16")
+    (outcome,) = table_of("runs").outcomes().values()
+    record = outcome.provenance
+    assert {"neuro", "commit", "versions", "backend", "threads", "seed", "network", "inputs", "command", "machine"} <= {
+        *record
+    }
+    assert record["command"] == "neuro sweep run sweep.yaml --on here --part 1/16"
+    assert json.loads((folder / "runs" / "sweep.json").read_text())["provenance"]["inputs"] == record["inputs"]
+    assert Folder(folder / "runs").has(outcome.key)

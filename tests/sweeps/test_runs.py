@@ -1,0 +1,323 @@
+"""Functions over spaces: what is kept, what goes on, what fails, and who may work in one folder."""
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+import neuro
+from neuro.sweeps.claims import Claims
+from neuro.sweeps.folder import Folder
+from neuro.sweeps.table import table_of
+
+FOLDER = Path(__file__).parent
+
+
+@pytest.fixture
+def runs(monkeypatch):
+    """The functions that are run, as a module that other processes find."""
+    monkeypatch.syspath_prepend(FOLDER)
+    import my_runs
+
+    yield my_runs
+    sys.modules.pop("my_runs", None)
+
+
+def sweep(function, space, out, **words):
+    return neuro.sweep(function, space, out=out, **{"progress": False, "workers": 2, **words})
+
+
+def test_a_table_has_a_row_for_each_run(runs, tmp_path):
+    table = sweep(runs.add, {"a": [1, 2], "b": [0, 10]}, tmp_path / "out", seeds=2)
+    rows = table.rows()
+    assert [(row["a"], row["b"], row["seed"], row["sum"], row["product"]) for row in rows] == [
+        (a, b, seed, a + b + seed, a * b) for a in (1, 2) for b in (0, 10) for seed in (0, 1)
+    ]
+    assert {row["outcome"] for row in rows} == {"done"}
+    assert table.column("sum") == [row["sum"] for row in rows]
+    assert repr(table) == "SweepTable('add', 8 runs: 8 done, 0 failed, 0 left)"
+    assert [*rows[0]] == ["run", "outcome", "a", "b", "seed", "sum", "product", "error"]
+    head, first, *_ = table.csv().splitlines()
+    assert head == "run,outcome,a,b,seed,sum,product,error"
+    assert first == f"{table.keys[0]},done,1,0,0,1,0,"
+    assert sorted(os.listdir(tmp_path / "out" / "runs")) == sorted(table.keys)
+    assert os.listdir(tmp_path / "out" / "claims") == []
+
+
+def test_in_this_process_the_same(runs, tmp_path):
+    here = sweep(runs.add, {"a": [1, 2]}, tmp_path / "here", on="here")
+    cores = sweep(runs.add, {"a": [1, 2]}, tmp_path / "cores")
+    assert here.csv() == cores.csv()
+    local = sweep(lambda a: a + 1, {"a": [1]}, tmp_path / "local", on="here")
+    assert local.column("value") == [2]
+
+
+def test_what_is_done_is_not_done_again(runs, tmp_path):
+    notes = tmp_path / "notes"
+    notes.mkdir()
+    for _ in range(2):
+        sweep(runs.noting, {"a": [1, 2, 3]}, tmp_path / "out", set={"notes": str(notes)})
+    assert [len(path.read_text().split()) for path in notes.iterdir()] == [1, 1, 1]
+
+
+def test_names_of_runs_follow_from_their_inputs(runs, tmp_path):
+    tables = [sweep(runs.add, {"a": [1, 2]}, tmp_path / name) for name in "ab"]
+    assert tables[0].keys == tables[1].keys
+    other = sweep(runs.add, {"a": [1, 2]}, tmp_path / "c", set={"b": 1})
+    assert not set(other.keys) & set(tables[0].keys)
+    wider = sweep(runs.add, {"a": [1, 2, 3]}, tmp_path / "d")
+    assert wider.keys[:2] == tables[0].keys
+
+
+def test_what_fails_is_kept_and_the_rest_goes_on(runs, tmp_path):
+    """Every fifth raises, one never ends, one eats memory, one ends its process."""
+    table = sweep(
+        runs.uneven, {"a": list(range(12))}, tmp_path / "out", time_limit="3 s", memory_limit="500 MB", workers=2
+    )
+    errors = {row["a"]: row["error"] for row in table if row["outcome"] == "failed"}
+    assert errors == {
+        1: "time: takes longer than the limit of 3 s",
+        2: "memory: needs more than the limit of 500 MB",
+        3: "its process was ended by SIGABRT, 2 times",
+        4: "ZeroDivisionError: a = 4",
+        9: "ZeroDivisionError: a = 9",
+    }
+    assert [row["value"] for row in table if row["outcome"] == "done"] == [0, 5, 6, 7, 8, 10, 11]
+    assert table.counts() == {"done": 7, "failed": 5, "under way": 0, "left": 0}
+    trace = Folder(tmp_path / "out").outcome(table.keys[4]).trace
+    assert 'raise ZeroDivisionError(f"a = {a}")' in trace
+    assert (tmp_path / "out" / "runs" / table.keys[5] / "output.txt").read_text() == "of five\n"
+    again = sweep(runs.uneven, {"a": list(range(12))}, tmp_path / "out", time_limit="3 s", memory_limit="500 MB")
+    assert again.csv() == table.csv()
+
+
+def test_failures_are_done_again_where_that_is_asked_for(runs, tmp_path):
+    notes = tmp_path / "notes"
+    space, words = {"a": [1, 2]}, {"set": {"notes": str(notes)}}
+    failed = sweep(runs.noting, space, tmp_path / "out", **words)
+    assert [row["outcome"] for row in failed] == ["failed", "failed"]
+    notes.mkdir()
+    assert sweep(runs.noting, space, tmp_path / "out", **words).counts()["failed"] == 2
+    assert sweep(runs.noting, space, tmp_path / "out", **words, retry_failed=True).column("value") == [2, 4]
+
+
+def test_what_is_no_number_is_told(runs, tmp_path):
+    table = sweep(runs.wrong, {"a": [1]}, tmp_path / "out")
+    assert table.column("error") == ["metric 'value' = [1]: expected a number or a text"]
+
+
+def test_parts_make_the_whole(runs, tmp_path):
+    whole = sweep(runs.add, {"a": list(range(10))}, tmp_path / "whole")
+    counts = []
+    for part in range(1, 5):
+        table = sweep(runs.add, {"a": list(range(10))}, tmp_path / "parts", part=f"{part}/4")
+        counts.append(table.counts()["done"])
+    assert counts == [3, 6, 8, 10]
+    assert table.csv() == whole.csv()
+
+
+def test_a_table_fills(runs, tmp_path):
+    seen = []
+    sweep(runs.add, {"a": [1, 2, 3]}, tmp_path / "out", each=lambda table: seen.append(table.counts()["done"]))
+    assert len(seen) == 3
+    assert seen[-1] == 3
+
+
+SEVERAL = """
+import sys
+sys.path.insert(0, {folder!r})
+import my_runs, neuro
+if __name__ == "__main__":
+    neuro.sweep(my_runs.noting, {{"a": list(range(40))}}, out={out!r}, set={{"notes": {notes!r}, "pause": 0.01}},
+                workers=1, progress=False, **{words!r})
+"""
+
+
+def test_several_work_in_one_folder_and_nothing_is_done_twice(runs, tmp_path):
+    notes, out = tmp_path / "notes", tmp_path / "out"
+    notes.mkdir()
+    words = [{"part": f"{k}/4"} for k in range(4)] + [{}, {}]
+    script = [SEVERAL.format(folder=str(FOLDER), out=str(out), notes=str(notes), words=each) for each in words]
+    running = [subprocess.Popen([sys.executable, "-c", text]) for text in script]
+    assert [process.wait(120) for process in running] == [0] * 6
+    assert sorted(len(path.read_text().split()) for path in notes.iterdir()) == [1] * 40
+    assert table_of(out).column("value") == [2 * a for a in range(40)]
+
+
+def test_a_claim_is_of_one_and_of_nobody_when_its_process_has_ended(tmp_path):
+    mine, other = Claims(tmp_path), Claims(tmp_path)
+    assert mine.take("a")
+    assert not other.take("a")
+    mine.give_up("a")
+    assert other.take("a")
+    dead = json.loads((tmp_path / "a").read_text()) | {"process": 99_999_999}
+    (tmp_path / "a").write_text(json.dumps(dead))
+    assert mine.free("a")
+    assert mine.take("a")
+
+
+def test_a_claim_of_another_machine_holds_while_it_is_touched(tmp_path):
+    (tmp_path / "a").write_text(json.dumps({"machine": "another", "process": 1, "began": "1"}))
+    claims = Claims(tmp_path)
+    assert not claims.take("a")
+    os.utime(tmp_path / "a", (1e9, 1e9))
+    assert claims.take("a")
+
+
+def test_of_those_who_take_over_a_claim_one_gets_it(tmp_path):
+    for k in range(20):
+        (tmp_path / f"k{k}").write_text("{}")
+        os.utime(tmp_path / f"k{k}", (1e9, 1e9))
+        got = []
+        racing = [
+            threading.Thread(target=lambda k=k, got=got: got.append(Claims(tmp_path).take(f"k{k}"))) for _ in "12"
+        ]
+        for thread in racing:
+            thread.start()
+        for thread in racing:
+            thread.join()
+        assert sum(got) >= 1
+
+
+def test_what_a_loss_of_power_left_is_done_again(runs, tmp_path):
+    table = sweep(runs.add, {"a": [1, 2]}, tmp_path / "out")
+    before = table.csv()
+    broken = tmp_path / "out" / "runs" / table.keys[0] / "run.json"
+    broken.write_text(broken.read_text()[:50])
+    assert table.counts()["left"] == 1
+    assert sweep(runs.add, {"a": [1, 2]}, tmp_path / "out").csv() == before
+
+
+def test_the_folder_of_another_sweep_stays(runs, tmp_path):
+    out = tmp_path / "out"
+    sweep(runs.add, {"a": [1, 2]}, out)
+    hint = "\n  hint: expected the same sweep, or the name of a new folder"
+    with pytest.raises(neuro.ModelError) as told:
+        sweep(runs.add, {"a": [1, 2]}, out, set={"b": 3})
+    assert str(told.value) == f'{out}: the folder of another sweep: set is {{}} there, {{"b": 3}} now{hint}'
+    with pytest.raises(neuro.ModelError) as told:
+        sweep(runs.add, {"a": [1, 2, 3]}, out)
+    assert (
+        str(told.value) == f"{out}: the folder of another sweep: its space is not the same, 2 runs there, 3 now{hint}"
+    )
+
+
+def test_a_folder_with_something_else_stays(runs, tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(neuro.ModelError) as told:
+        sweep(runs.add, {"a": [1]}, tmp_path)
+    assert str(told.value) == f"{tmp_path}: is there and is no sweep: expected a new name, or an empty folder"
+    assert os.listdir(tmp_path) == ["thesis.txt"]
+
+
+MISTAKES = [
+    ({"c": [1]}, {}, "unknown parameter of add 'c'\n  hint: known: a, b, seed"),
+    ({"b": [1]}, {}, "add needs 'a', which the space does not have"),
+    ({"a": [1]}, {"part": "5/4"}, "part = '5/4': expected I/N, with I from 0 to N, such as 3/100"),
+    ({"a": [1]}, {"part": "x"}, "part = 'x': expected I/N, with I from 0 to N, such as 3/100"),
+    ({"a": [1]}, {"memory_limit": "3"}, "memory_limit = '3': expected a size, such as 500 MB or 2 GB"),
+    ({"a": [1]}, {"time_limit": "0 s"}, "time_limit = '0 s': expected a time > 0, such as 60 s"),
+    ({"a": [1]}, {"workers": 0}, "workers = 0: expected a whole number >= 1"),
+    ({"a": [1]}, {"set": 3}, "set = 3: expected values by name"),
+    (
+        {"a": [1]},
+        {"on": "somewhere"},
+        "on = 'somewhere': there is no such file: expected cores, here, tcp://HOST:PORT, or the file of a scheduler",
+    ),
+]
+
+
+@pytest.mark.parametrize(("space", "words", "told"), MISTAKES, ids=[told[:30] for _, _, told in MISTAKES])
+def test_a_mistake_is_told_before_anything_runs(runs, space, words, told, tmp_path, monkeypatch):
+    if "on" in words:
+        pytest.importorskip("distributed", reason="the extra dask is not installed")
+    with pytest.raises(neuro.ModelError) as error:
+        sweep(runs.add, space, tmp_path / "out", **words)
+    assert str(error.value) == told
+
+
+def test_a_function_that_other_processes_cannot_find(tmp_path):
+    def inner(a):
+        return a
+
+    with pytest.raises(neuro.ModelError) as told:
+        sweep(inner, {"a": [1]}, tmp_path / "out")
+    assert str(told.value).startswith(f"{inner.__qualname__}: is defined inside another function, so other processes")
+    with pytest.raises(neuro.ModelError, match="function = 3: expected a function"):
+        sweep(3, {"a": [1]}, tmp_path / "out")
+    with pytest.raises(neuro.ModelError, match="unknown study 'nothing'"):
+        sweep("nothing", {"a": [1]}, tmp_path / "out")
+
+
+def test_dask_that_is_not_installed_is_told(runs, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(neuro.ModelError, match=r"on = 'tcp://h:1': the package distributed is not installed\n  hint: "):
+        sweep(runs.add, {"a": [1]}, tmp_path / "out", on="tcp://h:1")
+
+
+def test_parquet_without_its_package_is_told(runs, tmp_path, monkeypatch):
+    table = sweep(runs.add, {"a": [1]}, tmp_path / "out", on="here")
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(neuro.ModelError, match="the package pyarrow is not installed\n  hint: "):
+        table.save(tmp_path / "table.parquet")
+    with pytest.raises(neuro.ModelError, match=r"table.txt: expected a name that ends in .csv or .parquet"):
+        table.save(tmp_path / "table.txt")
+
+
+def test_a_saved_table_is_replaced_and_what_is_not_ours_stays(runs, tmp_path):
+    table = sweep(runs.add, {"a": [1]}, tmp_path / "out", on="here")
+    for _ in range(2):
+        table.save(tmp_path / "table.csv")
+    assert (tmp_path / "table.csv").read_text() == table.csv()
+    (tmp_path / "mine.csv").write_text("a,b\n")
+    with pytest.raises(neuro.ModelError, match="exists and is not a table of a sweep"):
+        table.save(tmp_path / "mine.csv")
+
+
+@pytest.fixture
+def little_room(tmp_path):
+    """A file system of a few hundred kB."""
+    if os.geteuid() or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", tmp_path]).returncode:
+        pytest.skip("no file system can be mounted here")
+    yield tmp_path
+    subprocess.run(["umount", "-l", tmp_path], check=True)
+
+
+@pytest.mark.parametrize("on", ["here", "cores"])
+def test_a_full_disk(runs, little_room, on):
+    """It ends with one error, what is kept is whole, and once there is room the same call goes on."""
+    space = {"a": list(range(100))}
+    filler = little_room / "out" / "filler"
+    with pytest.raises(neuro.ModelError) as told:
+        sweep(runs.add, space, little_room / "out", on=on)
+    assert "cannot be written: No space left on device" in str(told.value)
+    assert "what was done is kept: the same command goes on" in str(told.value)
+    assert not filler.exists()
+    there = [path for path in (little_room / "out" / "runs").iterdir() if not path.name.startswith(".")]
+    assert there
+    assert all(json.loads((path / "run.json").read_text())["outcome"] == "done" for path in there)
+    subprocess.run(["mount", "-o", "remount,size=20m", little_room], check=True)
+    assert sweep(runs.add, space, little_room / "out", on=on).counts()["done"] == 100
+
+
+def test_a_read_only_folder(runs, tmp_path):
+    if os.geteuid() or subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", tmp_path]).returncode:
+        pytest.skip("no file system can be mounted here")
+    try:
+        with pytest.raises(neuro.ModelError) as told:
+            sweep(runs.add, {"a": [1]}, tmp_path / "out")
+        assert str(told.value) == f"{tmp_path}/out: cannot be made: Read-only file system"
+    finally:
+        subprocess.run(["umount", tmp_path], check=True)
+
+
+def test_limits_of_this_process_stay(runs, tmp_path):
+    before = resource.getrlimit(resource.RLIMIT_DATA)
+    table = sweep(runs.uneven, {"a": [2]}, tmp_path / "out", on="here", memory_limit="300 MB")
+    assert table.column("error") == ["memory: needs more than the limit of 300 MB"]
+    assert resource.getrlimit(resource.RLIMIT_DATA) == before

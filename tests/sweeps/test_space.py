@@ -1,0 +1,116 @@
+"""Points of a sweep."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from neuro import ModelError
+from neuro.sweeps.space import space_of
+
+
+def points(*args, **words):
+    return space_of(*args, **words).points()
+
+
+def test_a_grid_has_all_pairs_in_order():
+    assert points({"a": [1, 2], "b": ["x", "y"]}, seeds=2) == [
+        ({"a": a, "b": b}, seed) for a in (1, 2) for b in ("x", "y") for seed in (0, 1)
+    ]
+
+
+def test_ranges():
+    values = [point["w"] for point, _ in points({"w": {"from": 1, "to": 100, "number": 3, "scale": "log"}})]
+    assert values == pytest.approx([1.0, 10.0, 100.0])
+    assert (values[0], values[-1]) == (1.0, 100.0)
+    assert [p["n"] for p, _ in points({"n": {"from": 1, "to": 3, "number": 5, "whole": True}})] == [1, 2, 3]
+    assert [p["n"] for p, _ in points({"n": np.arange(3)})] == [0, 1, 2]
+    assert [p["n"] for p, _ in points({"n": range(2)})] == [0, 1]
+
+
+@given(
+    st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6)), min_size=1, max_size=4),
+    st.integers(1, 40),
+    st.integers(0, 5),
+    st.sampled_from(["random", "latin_hypercube"]),
+)
+def test_what_is_drawn_lies_in_its_range_and_is_the_same_again(ranges, runs, draw, sampling):
+    space = {f"p{k}": {"from": low, "to": low + wide} for k, (low, wide) in enumerate(ranges) if low < low + wide}
+    if not space:
+        return
+    found = points(space, sampling=sampling, runs=runs, draw=draw)
+    assert len(found) == runs
+    assert found == points(space, sampling=sampling, runs=runs, draw=draw)
+    for point, seed in found:
+        assert seed is None
+        for name, said in space.items():
+            assert said["from"] <= point[name] <= said["to"]
+
+
+def test_a_latin_hypercube_has_one_point_in_each_stretch():
+    found = points({"a": {"from": 0, "to": 1}, "b": {"from": 0, "to": 1}}, sampling="latin_hypercube", runs=16)
+    for name in "ab":
+        assert sorted(math.floor(point[name] * 16) for point, _ in found) == list(range(16))
+
+
+def test_choices_are_drawn_evenly():
+    found = points({"a": ["x", "y"], "b": {"from": 1, "to": 6, "whole": True}}, sampling="latin_hypercube", runs=100)
+    assert sum(point["a"] == "x" for point, _ in found) == 50
+    assert {point["b"] for point, _ in found} == {1, 2, 3, 4, 5, 6}
+
+
+MISTAKES = [
+    ({}, {}, "the space is empty: expected parameters with values, or seeds"),
+    ({"a": []}, {}, "a: found an empty list: expected one value or more"),
+    ([], {}, "the space is empty: expected one point or more"),
+    (
+        {"g": 5},
+        {},
+        "g = 5: expected a list of values, or {from: ..., to: ...}\n"
+        "  hint: write [5] for one value, or put it under 'set'",
+    ),
+    ({"g": [1, 2, 1]}, {}, "g[2] = 1: is there twice"),
+    (
+        {name: {"from": 0, "to": 1, "number": 1000} for name in "abc"},
+        {},
+        "the space has 1,000,000,000 runs: expected at most 1,000,000\n"
+        "  hint: a has 1,000, b has 1,000, c has 1,000; 'sampling: latin_hypercube' with 'runs: 1000' covers a large "
+        "space",
+    ),
+    ({"a": {"from": 0, "to": 1}}, {}, "a: a range of a grid needs 'number', how many values"),
+    (
+        {"a": {"from": 0, "to": 1, "step": 1}},
+        {},
+        "unknown word of the range of a 'step'\n  hint: known: from, number, ",
+    ),
+    ({"a": {"from": 2, "to": 1, "number": 3}}, {}, "a: from 2 to 1: expected from < to"),
+    (
+        {"a": {"from": 0, "to": 1, "number": 3, "scale": "log"}},
+        {},
+        "a.from = 0: expected a number > 0 on a log scale",
+    ),
+    ({"a": {"to": 1}}, {}, "a: a range needs 'from'"),
+    ({"a": {"from": math.nan, "to": 1}}, {}, "a.from = .nan: expected a finite number"),
+    ({"a": [1]}, {"sampling": "gird"}, "unknown sampling 'gird'\n  hint: did you mean 'grid'?"),
+    (
+        {"a": [1]},
+        {"sampling": "random"},
+        "runs: found nothing: expected how many points are drawn, a whole number >= 1",
+    ),
+    ({"a": [1]}, {"runs": 3}, "runs = 3: a grid has as many as it has points"),
+    ({"a": [1]}, {"seeds": [1, 1]}, "seeds = [1, 1]: one is there twice"),
+    ({"a": [1]}, {"seeds": -1}, "seeds = -1: expected a whole number from 1 to 1,000,000, or a list"),
+    ({"a": [1]}, {"seeds": [0.5]}, "seeds = [0.5]: expected how many, or a list of whole numbers >= 0"),
+    ([{"a": 1}, {"b": 2}], {}, "list[1]: has b: expected a as the first"),
+    ([{"a": 1}, 2], {}, "list[1] = 2: expected values by name, such as {g: 5}"),
+    (3, {}, "parameters = 3: expected values by name, such as {g: [4, 5, 6]}"),
+]
+
+
+@pytest.mark.parametrize(("space", "words", "told"), MISTAKES, ids=[told[:30] for _, _, told in MISTAKES])
+def test_a_mistake_is_told(space, words, told):
+    with pytest.raises(ModelError) as error:
+        space_of(space, **words)
+    assert str(error.value).startswith(told)

@@ -1,0 +1,275 @@
+"""Files say where they come from, and are made again to the bit; what changed is told."""
+
+import json
+import shutil
+import sys
+
+import h5py
+import numpy as np
+import pytest
+
+import neuro
+from neuro.cli import main
+from neuro.cli.shipped import shipped
+from neuro.core import provenance as provenances
+from neuro.core.inputs import digest_of, gathering, note
+from neuro.core.provenance import ATTRIBUTE, differences, provenance
+from neuro.rerun.compared import first_difference
+
+NET = """\
+neuro: 1
+name: pair
+populations:
+  noise: {model: {poisson_generator: {rate: 900.0}}, shape: 20}
+  exc: {model: iaf_psc_exp, shape: 10}
+projections:
+  noise_exc: {from: noise, to: exc, rule: all_to_all, weight: {file: w.npy}, delay: 1.0, synapse: {stdp: {Wmax: 900.0}}}
+probes:
+  v: {of: exc, record: V_m, every: 5.0}
+"""
+PLAYS = """\
+neuro: 1
+name: plays
+resolution: 1.0
+populations:
+  eye: {model: {event_camera: {file: walk.dat}}, shape: auto}
+probes: {seen: {of: eye}}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "net.yaml").write_text(NET)
+    np.save(tmp_path / "w.npy", np.linspace(300.0, 400.0, 200))
+    return tmp_path
+
+
+def run(*words, status=0):
+    before, sys.argv = sys.argv, ["neuro", *map(str, words)]
+    try:
+        with pytest.raises(SystemExit) as ended:
+            main()
+    finally:
+        sys.argv = before
+    assert (ended.value.code or 0) == status
+
+
+def again(capsys, *words, status=0):
+    capsys.readouterr()
+    run("rerun", *words, status=status)
+    return capsys.readouterr().out.splitlines()
+
+
+def record(file, **words):
+    """Change what a file says of where it comes from."""
+    with h5py.File(file, "r+") as opened:
+        told = json.loads(opened.attrs[ATTRIBUTE]) | words
+        opened.attrs[ATTRIBUTE] = json.dumps(told)
+    return told
+
+
+def test_results_tell_where_they_come_from(folder):
+    run("run", "net.yaml", "--for", 50, "--seed", 3, "--backend", "reference", "--out", "a.h5")
+    told = json.loads(neuro.results.read("a.h5").about[ATTRIBUTE])
+    assert told["neuro"] == neuro.__version__
+    assert (told["backend"], told["seed"], told["threads"], told["steered"]) == ("reference", 3, 1, [])
+    assert told["command"] == "neuro run net.yaml --for 50 --seed 3 --backend reference --out a.h5"
+    assert told["folder"] == str(folder)
+    assert told["inputs"] == {str(folder / name): digest_of(folder / name) for name in ("net.yaml", "w.npy")}
+    assert {"python", "numpy", "numba"} <= told["versions"].keys()
+    assert "cores" in told["machine"]
+
+
+def test_the_same_bits(folder, capsys):
+    run("run", "net.yaml", "--for", 50, "--seed", 3, "--out", "a.h5")
+    assert again(capsys, "a.h5") == ["a.h5: the same bits"]
+
+
+def test_another_backend_with_the_same_bits(played, capsys):
+    assert again(capsys, "a.h5", "--backend", "reference") == [
+        "a.h5: the same bits",
+        "changed: backend: event then, reference now",
+    ]
+
+
+def test_a_run_that_keeps_some_spikes_only(folder, capsys):
+    run("run", "net.yaml", "--for", 20, "--record", "noise", "--out", "a.h5")
+    assert again(capsys, "a.h5") == ["a.h5: the same bits"]
+
+
+@pytest.mark.filterwarnings("ignore::neuro.ApproximationWarning", "ignore::neuro.OverflowWarning")
+def test_another_backend_gives_other_bits(folder, capsys):
+    run("run", "net.yaml", "--for", 50, "--out", "a.h5")
+    first, *changed = again(capsys, "a.h5", "--backend", "loihi", status=1)
+    assert first.startswith("a.h5: not the same: populations/")
+    assert " then, " in first
+    assert changed == ["changed: backend: event then, loihi now"]
+
+
+def test_an_edited_file_is_told(folder, capsys):
+    """The network is in the file as it was."""
+    run("run", "net.yaml", "--for", 50, "--out", "a.h5")
+    np.save(folder / "w.npy", np.linspace(100.0, 400.0, 200))
+    (folder / "net.yaml").unlink()
+    assert again(capsys, "a.h5") == [
+        "a.h5: the same bits",
+        f"changed: input {folder}/net.yaml: is not there any more",
+        f"changed: input {folder}/w.npy: was edited",
+    ]
+
+
+def test_other_versions_are_told(folder, capsys, monkeypatch):
+    run("run", "net.yaml", "--for", 20, "--out", "a.h5")
+    versions = provenances.versions() | {"numpy": "1.0"}
+    record("a.h5", neuro="0.0.9", versions=versions)
+    assert again(capsys, "a.h5") == [
+        "a.h5: the same bits",
+        f"changed: neuro: 0.0.9 then, {neuro.__version__} now",
+        f"changed: numpy: 1.0 then, {np.__version__} now",
+    ]
+
+
+def test_what_differs_first_is_told(folder, capsys):
+    run("run", "net.yaml", "--for", 50, "--out", "a.h5")
+    with h5py.File("a.h5", "r+") as file:
+        weight = file["projections/noise_exc/weight"]
+        before = weight[7]
+        weight[7] = before + 1.0
+    (first,) = again(capsys, "a.h5", status=1)
+    assert first == (
+        f"a.h5: not the same: projections/noise_exc/weight[7]: {float(before) + 1.0!r} then, {float(before)!r} now"
+    )
+
+
+@pytest.fixture
+def played(folder):
+    (folder / "plays.yaml").write_text(PLAYS)
+    shutil.copy(shipped("examples")["walk.dat"], folder / "walk.dat")
+    run("run", "plays.yaml", "--for", 50, "--out", "a.h5")
+    return folder
+
+
+def test_a_recording_that_was_moved(played, capsys):
+    assert again(capsys, "a.h5") == ["a.h5: the same bits"]
+    (played / "away").mkdir()
+    (played / "walk.dat").rename(played / "away" / "other.dat")
+    run("rerun", "a.h5", status=2)
+    err = capsys.readouterr().err
+    assert f"a.h5: plays {played}/walk.dat, which is not there any more" in err
+    assert "--inputs FOLDER looks for it there, by its content" in err
+    told = again(capsys, "a.h5", "--inputs", "away")
+    assert told == [
+        "a.h5: the same bits",
+        f"changed: input {played}/walk.dat: lies at {played}/away/other.dat now, with the same content",
+    ]
+
+
+def test_a_recording_that_was_edited(played, capsys):
+    data = bytearray((played / "walk.dat").read_bytes())
+    data[len(data) - 8 * len(neuro.events.load("walk.dat")) + 8 * 5 + 4] ^= 1  # x of the sixth event
+    (played / "walk.dat").write_bytes(data)
+    first, *changed = again(capsys, "a.h5", status=1)
+    assert first.startswith("a.h5: not the same: ")
+    assert changed == [f"changed: input {played}/walk.dat: was edited"]
+
+
+def test_a_run_that_was_steered_is_refused(folder):
+    net = neuro.load("net.yaml")
+    sim = neuro.compile(net, backend="reference")
+    with sim.record_to("a.h5"):
+        sim.run(10.0)
+        sim.set("exc", V_th=-52.0)
+        sim.run(10.0)
+    told = json.loads(neuro.results.read("a.h5").about[ATTRIBUTE])
+    assert told["steered"] == ["set"]
+    from neuro.rerun.again import rerun
+
+    with pytest.raises(neuro.ModelError) as error:
+        rerun(folder / "a.h5")
+    assert "a.h5: was changed while it ran by sim.set: expected a run without" in str(error.value)
+    assert "it was made by: " in str(error.value)
+
+
+def test_a_state_has_its_network_and_its_record(folder):
+    sim = neuro.compile(neuro.load("net.yaml"), backend="reference", seed=2)
+    sim.run(5.0)
+    sim.save("state.h5")
+    with h5py.File("state.h5") as file:
+        told = json.loads(file.attrs[ATTRIBUTE])
+        assert "populations:" in bytes(file["network_files/network.yaml"][()]).decode()
+    assert (told["seed"], told["time_ms"], [*told["inputs"]]) == (2, 5.0, [f"{folder}/net.yaml", f"{folder}/w.npy"])
+    other = neuro.compile(neuro.load("net.yaml"), backend="reference", seed=2)
+    other.restore("state.h5")
+    other.save("again.h5")
+    assert first_difference(folder / "state.h5", folder / "again.h5") == ""
+
+
+def test_a_page_is_made_again(folder, capsys):
+    run("run", "net.yaml", "--for", 20, "--out", "a.h5")
+    run("report", "a.h5")
+    assert again(capsys, "a.html") == ["a.html: the same bits"]
+
+
+def test_a_run_of_a_sweep_is_made_again(folder, capsys):
+    (folder / "sweep.yaml").write_text("network: net.yaml\nfor: 20 ms\nseeds: 2\nkeep: results\n")
+    run("sweep", "run", "sweep.yaml", "--on", "here")
+    from neuro.sweeps.table import table_of
+
+    key = table_of("runs").keys[1]
+    assert again(capsys, f"runs/runs/{key}") == [f"runs/runs/{key}: the same bits"]
+    path = folder / "runs" / "runs" / key / "run.json"
+    told = json.loads(path.read_text())
+    told["metrics"]["spikes"] += 1
+    path.write_text(json.dumps(told))
+    now = told["metrics"]["spikes"] - 1
+    assert again(capsys, f"runs/runs/{key}", status=1) == [
+        f"runs/runs/{key}: not the same: metric spikes: {now + 1} then, {now} now"
+    ]
+
+
+def test_a_file_runs_no_code_that_its_reader_did_not_name(folder, capsys):
+    run("run", "net.yaml", "--for", 20, "--out", "a.h5")
+    run("report", "a.h5")
+    page = (folder / "a.html").read_text()
+    (folder / "a.html").write_text(page.replace("neuro report a.h5&quot;", "neuro report a.h5 --with evil.py&quot;"))
+    run("rerun", "a.html", status=2)
+    assert "it was made with" in capsys.readouterr().err
+    (folder / "a.html").write_text(page.replace("neuro report a.h5&quot;", "python -c evil&quot;"))
+    run("rerun", "a.html", status=2)
+    assert "a.html: was not made by a command of neuro: expected one" in capsys.readouterr().err
+
+
+MISTAKES = [
+    ("nothing.h5", "nothing.h5: no such file: expected results, a model, a page, or the folder of a run of a sweep"),
+    ("net.yaml", "net.yaml: does not say where it comes from"),
+]
+
+
+@pytest.mark.parametrize(("file", "told"), MISTAKES)
+def test_a_mistake_is_told(folder, file, told, capsys):
+    run("rerun", file, status=2)
+    assert told in capsys.readouterr().err
+
+
+def test_a_folder_counts_as_one_input(tmp_path):
+    for k in range(3):
+        (tmp_path / f"{k}.txt").write_text("a")
+    before = digest_of(tmp_path)
+    told = provenance([str(tmp_path), str(tmp_path / "0.txt")])
+    assert told["inputs"] == {str(tmp_path): before}
+    (tmp_path / "0.txt").write_text("ab")
+    assert digest_of(tmp_path) != before
+
+
+def test_differences_name_what_changed():
+    now = provenance((), backend="event")
+    assert differences(now, now) == []
+    assert differences(now | {"machine": "another"}, now) == [f"machine: another then, {now['machine']} now"]
+
+
+def test_what_is_read_in_a_block_is_gathered(tmp_path):
+    with gathering() as found:
+        note(tmp_path / "a")
+    note(tmp_path / "b")
+    assert [*found] == [str(tmp_path / "a")]

@@ -1,0 +1,73 @@
+"""Threads of the event backend: the same results in whichever way slices are run."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro_event import loop, threads
+
+
+def network() -> neuro.Network:
+    """Noise, neurons that learn, and delays of one to twenty steps."""
+    net = neuro.Network("shared", resolution=0.1)
+    cell = neuro.iaf_psc_exp(tau_syn_ex=0.5, tau_syn_in=0.5)
+    net.population("noise", 700, neuro.poisson_generator(rate=9000.0))
+    net.population("exc", 700, cell, initial={"V_m": neuro.uniform(low=-70.0, high=-56.0)})
+    net.population("inh", 300, cell)
+    net.connect("noise", "exc", neuro.one_to_one(), weight=95.0, delay=0.7)
+    net.connect("exc", "exc", neuro.fixed_indegree(n=20), neuro.stdp(Wmax=60.0), weight=20.0, delay=1.5)
+    net.connect("exc", "inh", neuro.fixed_indegree(n=40), weight=60.0, delay=0.3)
+    delay = neuro.uniform(low=0.1, high=2.0)
+    net.connect("inh", "exc", neuro.fixed_indegree(n=30), weight=-50.0, delay=delay)
+    return net
+
+
+def ran(pieces: list[float], **options: Any) -> list[Any]:
+    """Everything that is known after some runs."""
+    sim = neuro.compile(network(), seed=4, **options)
+    for ms in pieces:
+        sim.run(ms)
+    counts = sim.counts().populations
+    found = [*sim.spikes("exc"), *sim.spikes("inh"), sim.get("exc_exc", "weight"), sim.get("exc", "V_m")]
+    return [*found, np.array([counts[name].spikes for name in counts])]
+
+
+@pytest.mark.parametrize("tried", [(1, 1), (3, 2), (10**6, 1)], ids=["in turn", "in turn, longer", "together"])
+@pytest.mark.parametrize("n", [2, 3])
+def test_no_way_changes_a_bit(n: int, tried: tuple[int, int], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(threads, "FEWEST", tried[0])
+    monkeypatch.setattr(threads, "MOST", tried[0])
+    monkeypatch.setattr(threads, "SHORTEST", tried[1])
+    monkeypatch.setattr(threads, "LONGEST", tried[1])
+    alone = ran([40.0])
+    assert alone[0].size > 500
+    for pieces in ([40.0], [0.1, 7.3, 0.2, 32.4]):
+        assert all(np.array_equal(a, b) for a, b in zip(ran(pieces, threads=n), alone, strict=True))
+
+
+def test_the_faster_way_is_kept_and_tried_again_ever_more_rarely():
+    ways = threads.Threads(2)
+    assert tried(ways, together=2.0, alone=1.0) == (False, threads.SHORTEST)
+    assert tried(ways, together=2.0, alone=1.0) == (False, 2 * threads.SHORTEST)
+    assert tried(ways, together=1.0, alone=2.0) == (True, threads.SHORTEST)
+    for _ in range(20):
+        kept = tried(ways, together=1.0, alone=2.0)
+    assert kept == (True, threads.LONGEST)
+
+
+def tried(ways: threads.Threads, together: float, alone: float) -> tuple[bool, int]:
+    """Which way is kept after a trial, and for how many slices."""
+    for way, seconds in ((True, together), (False, 9.0), (True, 9.0), (False, alone)):
+        ways._weigh(way, seconds)
+    return ways._together, ways._left
+
+
+def test_a_thread_that_waits_in_vain_comes_back():
+    sim = neuro.compile(network(), seed=4, threads=2)
+    view, said = sim._engine._view, np.full((3, threads.LINE), 1, dtype=np.int64)
+    assert loop.share(view, said, 1, 11, 1, 30, 0.1) == 0
+    assert list(said[:, 0]) == [1, 1, 1]
+    said[2, 0] = loop.HALT
+    assert loop.share(view, said, 1, 11, 1, 30, 0.1) == 1
