@@ -58,6 +58,26 @@ class ClosedLoop:
     def __init__(self, net: neuro.Network) -> None:
         self.sim = neuro.compile(net, seed=12345)
         self.rng = np.random.default_rng(3)
+        self.rate, self.reward = self.sim.port("noise", "rate"), self.sim.port("reward")
+        self.fired, self.learnt = self.sim.port("out", "counts"), self.sim.port("learnt", "weight")
+        self.counts, self.weights = np.zeros(4, dtype=np.int64), np.zeros(256)
+
+    def step(self) -> tuple[Any, Any]:
+        """One step of 50 ms."""
+        self.rate.set(self.rng.uniform(0.0, 80.0, 64))
+        self.reward.set(self.rng.uniform(-0.02, 0.02, 4))
+        self.sim.run(STEP_MS)
+        self.sim.forget(before=self.sim.time)
+        return self.fired.get(self.counts), self.learnt.get(self.weights)
+
+    def steps(self, count: int) -> None:
+        """Many of them."""
+        for _ in range(count):
+            self.step()
+
+
+class PlainLoop(ClosedLoop):
+    """The same without ports."""
 
     def step(self) -> tuple[Any, Any]:
         """One step of 50 ms."""
@@ -70,16 +90,11 @@ class ClosedLoop:
         sim.forget(before=sim.time)
         return counts, sim.weights("learnt")[2]
 
-    def steps(self, count: int) -> None:
-        """Many of them."""
-        for _ in range(count):
-            self.step()
 
-
-def looping(net: neuro.Network, steps: int) -> dict[str, Any]:
+def looping(net: neuro.Network, steps: int, loop_of: type[ClosedLoop] = ClosedLoop) -> dict[str, Any]:
     """Time a closed loop after 20 steps."""
     began = time.perf_counter()
-    loop = ClosedLoop(net)
+    loop = loop_of(net)
     build = time.perf_counter() - began
     loop.steps(20)
     cpu = time.process_time()

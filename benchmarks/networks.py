@@ -141,4 +141,20 @@ def digits() -> neuro.Network:
     return net
 
 
+def feed_forward(model: type[neuro.Model] = neuro.iaf_psc_exp) -> neuro.Network:
+    """2312 inputs, 128 neurons and 10, dense, with weights of both signs: a recording of 310 ticks."""
+    net, rng = neuro.Network("feed_forward", resolution=1.0), np.random.default_rng(0)
+    cell = model(tau_m=20.0, t_ref=1.0, E_L=0.0, V_reset=0.0, V_th=15.0)
+    unit = 12.0 if model is neuro.iaf_psc_exp else 0.4  # pA, mV
+    net.population("input", 2312, neuro.spike_generator())
+    net.population("hidden", 128, cell)
+    net.population("out", 10, cell)
+    weight = rng.normal(0.1 * unit, unit, 2312 * 128)
+    net.connect("input", "hidden", neuro.all_to_all(), weight=weight, delay=1.0)
+    net.connect("hidden", "out", neuro.all_to_all(), weight=rng.normal(0.2 * unit, 2.0 * unit, 1280), delay=1.0)
+    net.group("choice", neuro.winner_take_all(of="out", first_to_fire=True))
+    net.trials(input="input", duration=310.0, stop="full", labels={"of": "out"})
+    return net
+
+
 NETWORKS = {"brunel": brunel, "cuba": cuba, "stdp": stdp}

@@ -94,6 +94,7 @@ if TYPE_CHECKING:
     from neuro.run.compiled import ApproximationWarning, ModelWarning, compile
     from neuro.run.modulators import reward_error, td_error, td_error_rate
     from neuro.run.normalise import normalise
+    from neuro.run.ports import Port
     from neuro.run.simulation import Simulation
     from neuro.run.trials import TrialCounts, TrialResults
     from neuro.sweeps.calling import sweep
@@ -196,6 +197,7 @@ _HOMES = {
     "neuro.run.assignment": ("assign_labels", "read_labels"),
     "neuro.run.modulators": ("reward_error", "td_error", "td_error_rate"),
     "neuro.run.normalise": ("normalise",),
+    "neuro.run.ports": ("Port",),
     "neuro.run.trials": ("TrialCounts", "TrialResults"),
     "neuro.sweeps.calling": ("sweep",),
     "neuro.sweeps.table": ("SweepTable",),
@@ -210,6 +212,7 @@ __all__ = [
     "ModelWarning",
     "Network",
     "OverflowWarning",
+    "Port",
     "Simulation",
     "SweepTable",
     "TrialCounts",

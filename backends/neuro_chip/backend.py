@@ -24,6 +24,7 @@ _STRICT = Quantity(kind="boolean")
 OWN = ("strict", *OF_PLACE)
 LEARNING_CASES = (
     "counts_of_learning",
+    "ports_of_signals_and_weights",
     "cutting_does_not_matter_of_learning",
     "cutting_does_not_matter_when_steered_of_learning",
     "probes_do_not_matter_of_learning",

@@ -15,6 +15,7 @@ from neuro.core import keyed_random
 from neuro.core.clock import NEVER
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Program, Projection
+from neuro_chip import grids
 from neuro_chip import tables as t
 from neuro_chip.families.every import NUMBERS, family_of
 from neuro_chip.families.family import Arrays
@@ -165,6 +166,7 @@ def _projections(a: Arrays, fixed: FixedProgram) -> None:
         _grid(table[q], part)
     a["projections"] = table
     a |= {name: _joined(parts, kinds[name]) for name, parts in lists.items()}
+    grids.lay_out(a, program)
     spiking = [q for q, wires in enumerate(fixed.projections) if wires is not None]
     by_source = [[q for q in spiking if table[q, t.SOURCE] == k] for k in range(len(program.populations))]
     a["out"] = np.array([q for group in by_source for q in group], dtype=np.int64)
@@ -204,7 +206,7 @@ def _grid(row: NDArray[np.int64], part: Projection) -> None:
     row[[t.CHANNEL_HEIGHT, t.CHANNEL_WIDTH]] = g.height, g.width
     row[[t.ROWS, t.COLUMNS]] = g.rows, g.columns
     row[[t.DEPTH, t.KERNEL_HEIGHT, t.KERNEL_WIDTH]] = g.kernels[1:]
-    row[[t.STRIDE, t.TOP, t.LEFT, t.REACH]] = g.stride, g.top, g.left, g.reach
+    row[[t.STRIDE, t.TOP, t.LEFT, t.REACH, t.MAPS]] = g.stride, g.top, g.left, g.reach, g.maps
 
 
 def write_registers(a: Arrays, fixed: FixedProgram, k: int, part: FixedPopulation) -> None:

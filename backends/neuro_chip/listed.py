@@ -12,6 +12,7 @@ from neuro.program.program import Ints, Program
 from neuro_chip import tables as t
 
 _NOTHING = np.zeros(0, dtype=np.int64)
+_COLUMNS = ("list_steps", "list_ids", "list_times")
 
 
 class Listed:
@@ -22,6 +23,8 @@ class Listed:
         self._spikes = {
             k: (p.spike_steps, p.spike_ids) for k, p in enumerate(program.populations) if p.kind == "listed"
         }
+        self._begin: dict[int, int] = {}
+        self._room: dict[int, int] = {}
         self._write(0)
 
     def add(self, population: int, steps: Ints, ids: Ints, now: int) -> None:
@@ -31,10 +34,20 @@ class Listed:
         self._spikes[population] = (np.concatenate([old_steps[ahead], steps]), np.concatenate([old_ids[ahead], ids]))
         self._write(now)
 
-    def replace(self, population: int, steps: Ints, ids: Ints, now: int) -> None:
-        """Let these be all that a population has."""
-        self._spikes[population] = (steps, ids)
-        self._write(now)
+    def replace(self, population: int, steps: Ints, ids: Ints, now: int) -> bool:
+        """Let these, sorted by step, then id, be all that a population has; tell whether arrays were replaced."""
+        found = _joined_sorted(steps, ids + int(self._a["pops"][population, t.BEGIN]))
+        n = found[0].size
+        rewritten = bool(self._spikes[population][0].size) or n > self._room.get(population, 0)
+        if rewritten:
+            self._spikes[population] = (_NOTHING, _NOTHING)
+            self._room[population] = 2 * n + 64
+            self._write(now)
+        first = self._begin[population]
+        for name, values in zip(_COLUMNS, found, strict=True):
+            self._a[name][first : first + n] = values
+        self._a["cursor"][population] = first, first + n
+        return rewritten
 
     def drop(self, population: int) -> None:
         """Forget the spikes of a population."""
@@ -43,16 +56,18 @@ class Listed:
 
     def _write(self, now: int) -> None:
         """Write all spikes after step `now`, equal ones joined."""
-        columns: list[NDArray[np.int64]] = [np.zeros((0, 3), dtype=np.int64)]
+        columns = [np.zeros((0, 3), dtype=np.int64)]
         at = 0
         for k, (steps, ids) in self._spikes.items():
             ahead = steps > now
             rows = _joined(steps[ahead], ids[ahead] + int(self._a["pops"][k, t.BEGIN]))
+            self._begin[k] = at
             self._a["cursor"][k] = at, at + len(rows)
-            at += len(rows)
-            columns.append(rows)
+            room = max(len(rows), self._room.get(k, 0))
+            at += room
+            columns.append(np.pad(rows, ((0, room - len(rows)), (0, 0))))
         table = np.concatenate(columns)
-        for name, column in zip(("list_steps", "list_ids", "list_times"), table.T, strict=True):
+        for name, column in zip(_COLUMNS, table.T, strict=True):
             self._a[name] = np.ascontiguousarray(column)
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
@@ -69,10 +84,16 @@ class Listed:
 
 def _joined(steps: Ints, neurons: Ints) -> NDArray[np.int64]:
     """Rows (step, neuron, multiplicity), sorted; equal ones joined."""
-    if steps.size == 0:
-        return np.zeros((0, 3), dtype=np.int64)
     order = np.lexsort((neurons, steps))
-    steps, neurons = steps[order], neurons[order]
-    first = np.flatnonzero(np.concatenate(([True], (np.diff(steps) != 0) | (np.diff(neurons) != 0))))
-    times = np.diff(np.concatenate((first, [steps.size])))
-    return np.column_stack([steps[first], neurons[first], times]).astype(np.int64)
+    return np.column_stack(_joined_sorted(steps[order], neurons[order]))
+
+
+def _joined_sorted(steps: Ints, neurons: Ints) -> tuple[Ints, Ints, Ints]:
+    """Steps, neurons and multiplicities of spikes that are sorted."""
+    other = np.ones(steps.size + 1, dtype=np.bool_)
+    np.logical_or(steps[1:] != steps[:-1], neurons[1:] != neurons[:-1], out=other[1:-1])
+    if steps.size == 0 or other.all():
+        return steps, neurons, np.ones(steps.size, dtype=np.int64)
+    ends = np.flatnonzero(other)
+    first = ends[:-1]
+    return steps[first], neurons[first], np.diff(ends)

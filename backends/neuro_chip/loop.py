@@ -9,6 +9,7 @@ from neuro.kernels.draws import poisson_by_sum, step_word, uniform
 from neuro.kernels.jit import inner, kernel
 from neuro_chip.deliver import send
 from neuro_chip.families.dispatch import update
+from neuro_chip.grids import may_gather, send_grids
 from neuro_chip.groups import fire, settle_one, settle_rivals
 from neuro_chip.local_winners import settle_locally
 from neuro_chip.tables import (
@@ -26,6 +27,7 @@ from neuro_chip.tables import (
     MERGED,
     POISSON,
     RADIUS,
+    RECEPTORS,
     RECORD,
     RECORDED,
     RELAY,
@@ -37,12 +39,14 @@ from neuro_chip.tables import (
     STEP,
     STOP,
     STOP_GROUP,
+    TARGET,
 )
 
 Net = namedtuple(
     "Net",
     "pops projections out_ends out groups clock "  # tables; `out`: projections by source
-    "words lags rows targets "  # synapses
+    "words kernels lags rows targets "  # synapses
+    "gathered marked "  # sums of a step, of grids
     "ring arrived arrived_all "  # input to come
     "v u g_inh hold "  # states
     "keep_u keep_v threshold bias v_reset refractory v_rest r_m exc_decay exc_init inh_decay inh_init "  # registers
@@ -85,13 +89,21 @@ def send_all(net, step):
     learning changes in a step is sent from the next on.
     """
     total = net.clock[EMITTED]
-    pop = 0
-    for k in range(total):
-        i = net.emitted[k]
-        while i >= net.pops[pop, END]:
-            pop += 1
-        for q in range(net.out_ends[pop], net.out_ends[pop + 1]):
-            send(net, net.out[q], i - net.pops[pop, BEGIN], net.emitted_times[k], step)
+    first = 0
+    for pop in range(net.pops.shape[0]):
+        last, begin, end = first, net.pops[pop, BEGIN], net.pops[pop, END]
+        while last < total and net.emitted[last] < end:
+            last += 1
+        if first < last:
+            for k in range(net.out_ends[pop], net.out_ends[pop + 1]):
+                q = net.out[k]
+                row = net.projections[q]
+                if may_gather(net, row, net.pops[row[TARGET], RECEPTORS] == 2):
+                    send_grids(net, row, begin, first, last, step)
+                else:
+                    for at in range(first, last):
+                        send(net, q, net.emitted[at] - begin, net.emitted_times[at], step)
+        first = last
     net.clock[EMITTED] = 0
 
 
@@ -130,21 +142,32 @@ def decide(net, row, step):
 
 
 @inner
+def any_fired(fired):
+    """Whether any of some neurons is above threshold."""
+    some = np.uint8(0)
+    for k in range(fired.size):
+        some |= fired[k]
+    return some != 0
+
+
+@inner
 def advance_neurons(net, pop, row, step):
     """A population of neurons: update, decide, emit, count."""
     if row[KIND] == RELAY:
         relay(net, pop, row, step)
     else:
         update(net, pop, row, step)
-        if row[GROUP] >= 0:
-            decide(net, row, step)
-        for i in range(row[BEGIN], row[END]):
-            if net.fired[i]:
-                if net.muted[i] & SILENCED:
-                    net.fired[i] = 0
-                    continue
-                fire(net, i)
-                emit(net, pop, row, i, 1, step)
+        group = row[GROUP]
+        if any_fired(net.fired[row[BEGIN] : row[END]]) or (group >= 0 and net.local[group, RADIUS] >= 0):
+            if group >= 0:
+                decide(net, row, step)
+            for i in range(row[BEGIN], row[END]):
+                if net.fired[i]:
+                    if net.muted[i] & SILENCED:
+                        net.fired[i] = 0
+                        continue
+                    fire(net, i)
+                    emit(net, pop, row, i, 1, step)
     count_active(net, pop, row, step)
 
 

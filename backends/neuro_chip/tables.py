@@ -51,8 +51,12 @@ ONE_TO_ONE, DENSE, CSR, GRID = range(4)
     LEFT,
     DEPTH,
     REACH,
+    MAPS,
+    KERNEL,
+    GATHER,
+    MARKS,
     PROJECTION_COLUMNS,
-) = range(23)
+) = range(27)
 
 # groups
 POPULATION, FIRST_TO_FIRE, CLOSED, WINNER, DECIDED, RIVALS, APART, GROUP_COLUMNS = range(8)

@@ -35,6 +35,7 @@ class Trials:
         self._began = 0
         self.changes = 0
         self._inputs: dict[tuple[int, int], tuple[Ints, Ints]] = {}
+        self._constants: dict[int, tuple[Floats, Floats]] = {}
         self._keys = [keyed_random.key(machine.program.seed, "rounding", p.name) for p in machine.program.projections]
 
     def start_anew(self) -> None:
@@ -47,8 +48,8 @@ class Trials:
         self._clear(trial)
         began = self._began = machine.step
         group = section.group
-        machine.listed.replace(section.input, began + 1 + trial.ticks, trial.ids, began)
-        machine.bind()
+        if machine.listed.replace(section.input, began + 1 + trial.ticks, trial.ids, began):
+            machine.bind()
         peak = self._advance(trial.peaks)
         machine.listed.drop(section.input)
         a["muted"][self._output] &= ~np.uint8(t.SILENCED)
@@ -165,7 +166,7 @@ class Trials:
                 weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
                 slots, since, total, rule, key, self.changes,
             )  # fmt: skip
-        weights.write(projection)
+        weights.write_some(projection, slots)
 
     def _delays_of(self, projection: int, slots: Ints) -> Ints:
         """Steps that spikes take along some synapses."""
@@ -187,7 +188,7 @@ class Trials:
                 begin, end, rule, key, self.changes,
             )  # fmt: skip
             weights.updates[projection] += end - begin
-        weights.write(projection)
+            weights.write_some(projection, np.arange(begin, end))
 
     def _ranges(self, part: Projection, maps: Ints) -> list[tuple[int, int]]:
         """Weights onto some maps, as ranges."""
@@ -203,11 +204,14 @@ class Trials:
     def _prepared(self, projection: int) -> tuple[FixedProjection, Floats, np.uint64]:
         """The scale of a projection, its rule's constants, and the key of its draws; counts a change."""
         machine = self._machine
-        synapse = machine.program.projections[projection].synapse
-        rule = np.zeros(synapse.width)
-        synapse.arithmetic.constants(machine.weights.rules[projection], machine.program.resolution, rule)
+        numbers = machine.weights.rules[projection]
+        kept = self._constants.get(projection)
+        if kept is None or kept[0] is not numbers:
+            synapse = machine.program.projections[projection].synapse
+            kept = self._constants[projection] = numbers, np.zeros(synapse.width)
+            synapse.arithmetic.constants(numbers, machine.program.resolution, kept[1])
         self.changes += 1
-        return machine.weights.wires_of(projection), rule, np.uint64(self._keys[projection])
+        return machine.weights.wires_of(projection), kept[1], np.uint64(self._keys[projection])
 
 
 def _under_kernel(part: Projection, neuron: int) -> tuple[Ints, Ints]:

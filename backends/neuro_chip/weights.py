@@ -12,6 +12,7 @@ from neuro.chips.quantising.fixed import FixedProjection, Words
 from neuro.chips.quantising.fixed_program import FixedProgram
 from neuro.core.errors import ModelError
 from neuro.program.program import Floats, Ints
+from neuro_chip import grids
 from neuro_chip import tables as t
 from neuro_chip.families.every import family_of
 
@@ -137,6 +138,19 @@ class Weights:
             self._a["words"] = np.concatenate((self._a["words"], words.astype(self._a["words"].dtype)))
         self._a["words"][row[t.WORD] : row[t.WORD] + words.size] = words
         row[[t.POSITIVE, t.NEGATIVE]] = bool(np.any(words > 0)), bool(np.any(words < 0))
+        grids.turn(self._a, self._program.projections[index], row)
+
+    def write_some(self, index: int, synapses: Ints) -> None:
+        """Likewise of some synapses, the only ones that have changed."""
+        row, part = self._a["projections"][index], self._program.projections[index]
+        if not row[t.WORD_STRIDE] or self.mantissas[index].size != part.size:
+            self.write(index)
+            return
+        words = self._family.words(self.wires_of(index), self.mantissas[index][synapses])
+        self._a["words"][row[t.WORD] + synapses] = words
+        row[t.POSITIVE] |= bool((words > 0).any())  # to say that there may be some is enough
+        row[t.NEGATIVE] |= bool((words < 0).any())
+        grids.turn_some(self._a, part, row, synapses, words)
 
     def take(self, wires: Mapping[int, FixedProjection]) -> None:
         """Other scales and mantissas of some projections."""

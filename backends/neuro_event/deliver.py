@@ -145,6 +145,18 @@ def grid_add(row, source, m, weights, lo, hi, buf, out, apart, due, mark):
 
 
 @inner
+def add_by_sign(weights, m, first, second):
+    """Add weights times m to the first receptor or, below 0, to the second; -0.0, which changes no bit, to the other.
+
+    So there is no branch, and the loop takes many at once.
+    """
+    for i in range(weights.size):
+        weight = weights[i] * m
+        second[i] += weight if weight < 0.0 else -0.0
+        first[i] += -0.0 if weight < 0.0 else weight
+
+
+@inner
 def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between, mark):
     """One spike of multiplicity m over a projection with one delay, to this thread's targets lo:hi of n.
 
@@ -164,16 +176,17 @@ def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between,
         if row[WEIGHT_STRIDE] == 0:
             weight = weights[row[WEIGHT]] * m
             o = out + receptor(weight, receptors) * between
-            for i in range(lo, hi):
-                buf[o + i] += weight
+            to = buf[o + lo : o + hi]
+            for k in range(to.size):
+                to[k] += weight
         elif row[SIGN] != MIXED or receptors == 1:
             o = out + (between if row[SIGN] == NEGATIVE and receptors == 2 else 0)
-            for i in range(lo, hi):
-                buf[o + i] += weights[w + i] * m
+            to, some = buf[o + lo : o + hi], weights[w + lo : w + hi]
+            for k in range(to.size):
+                to[k] += some[k] * m
         else:
-            for i in range(lo, hi):
-                weight = weights[w + i] * m
-                buf[out + i + (between if weight < 0.0 else 0)] += weight
+            o = out + between
+            add_by_sign(weights[w + lo : w + hi], m, buf[out + lo : out + hi], buf[o + lo : o + hi])
     elif layout == ONE_TO_ONE:
         if lo <= source_id < hi:
             weight = weights[row[WEIGHT] + source_id * row[WEIGHT_STRIDE]] * m

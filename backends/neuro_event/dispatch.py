@@ -31,4 +31,4 @@ def chosen(function: str, arguments: str, models: Sequence[Any], compile_: Any =
 
 on_post = chosen("on_post", "y, e, c, pre, post", RULES, merged)
 on_pre = chosen("on_pre", "y, e, c, pre, post", RULES, merged)
-advance = chosen("advance", "y, e, c, begin, end, n, grid", MODULATED_RULES)
+advance = chosen("advance", "y, e, c, begin, end, n, grid", MODULATED_RULES, merged)

@@ -45,9 +45,11 @@ class EventEngine:
         self._currents = Currents(self._program)
         self._drives = Drives(self._program, self._currents, self._a, self._parameter)
         self._rates = Rates(self._program)
+        self._steady = not any(p.kind == "current" or p.schedule is not None for p in self._program.populations)
         self._threads = Threads(self._n_threads)
         self._listed = Listed(self._a)
         self._samples, self._notes = Samples(self._a), Notes(self._a)
+        self._stops = bool(self._samples.probes or self._notes)
         self._trial_start = 0
         self._trial_updates = np.zeros(len(self._program.projections), dtype=np.int64)
         self._taught: dict[int, tuple[ModuleType, Floats]] = {}
@@ -63,6 +65,7 @@ class EventEngine:
         net["fired_words"] = net["fired"].view(np.uint64)
         self._a.plastic["traces"] = self._a.plastic["past"].view(np.float64)
         self._view = table_of(net, self._a.plastic)
+        self._overrun = net["clock"][:, t.OVERRUN]
         self._copy, self._cells = reading.Copy(self._a, self._view), reading.Cells(self._a)
 
     @property
@@ -74,8 +77,7 @@ class EventEngine:
         """Advance; stops at the steps where a current or a rate changes and where the record must be emptied."""
         end = self._step + steps
         while self._step < end:
-            self._run_to(min(end, self._prepare(self._step)))
-        self._record.drain(self._a.net)
+            self._run_to(end if self._steady else min(end, self._prepare(self._step)))
 
     def _prepare(self, step: int) -> int:
         """Write what generators are to send after a step; return the last step for which it is so."""
@@ -90,7 +92,7 @@ class EventEngine:
     def _run_to(self, end: int) -> None:
         first = self._step + 1
         while first <= end:
-            last = self._next_stop(first, end)
+            last = self._next_stop(first, end) if self._stops else end
             reached = self._threads.run(
                 self._view, first, last + 1, self._a.longest_slice, self._a.reach, self._program.resolution
             )
@@ -98,7 +100,7 @@ class EventEngine:
                 self._record.drain(self._a.net)
                 if reached == first and loop.has_room(self._view, first, 1, self._a.reach) < 1:
                     self._grow_log()
-            else:
+            elif self._stops:
                 self._samples.read(self._view, last)
             first = int(reached)
         self._step = end
@@ -114,7 +116,7 @@ class EventEngine:
 
     def _check_histories(self) -> None:
         """Histories are as long as refractoriness lets them grow: a model that fires earlier has lost spikes."""
-        overrun = int(self._a.net["clock"][:, t.OVERRUN].max())
+        overrun = max(self._overrun.tolist())
         if overrun:
             part = self._program.populations[overrun - 1]
             raise ModelError(
@@ -148,6 +150,9 @@ class EventEngine:
 
     def forget(self, before: int) -> None:
         """Drop recorded spikes with step <= before."""
+        if before >= self._step:
+            self._record.clear(self._a.net)
+            return
         self._record.drain(self._a.net)
         self._record.forget(before)
 
@@ -329,6 +334,7 @@ class EventEngine:
             p = self._program.projections[q]
             if p.signal == signal:
                 inner = np.ascontiguousarray(self._a.places[p.target].by_place(values), dtype=np.float64)
+                self._copy.give(k, self._step)
                 lazy.write_signal(self._view, k, inner, self._step, self._program.resolution)
 
     def get_synapses(self, projection: int, name: str) -> Floats:
@@ -345,6 +351,7 @@ class EventEngine:
     def set_rule(self, projection: int, parameters: Floats) -> None:
         """Change the numbers of a synapse model."""
         if projection in self._a.plastic_of:
+            self._copy.drop()
             reading.bring_all(self._a, self._view, self._a.plastic_of[projection], self._step)
             if learning.set_numbers(self._a, projection, parameters, self._step):
                 self._pack()
@@ -395,6 +402,7 @@ class EventEngine:
         inner = weights[order] if order is not None and weights.size > 1 else weights
         if projection in self._a.plastic_of:
             k = self._a.plastic_of[projection]
+            self._copy.drop()
             if self._a.plastic["table"][k, t.EAGER] == 0:
                 reading.bring_all(self._a, self._view, k, self._step)
             first = self._a.plastic["table"][k, t.FIRST_SYNAPSE]
@@ -428,6 +436,11 @@ class EventEngine:
         return EngineCounts(
             self._step, events, spikes, net["active"].sum(axis=0)[: len(events)], self._trial_updates.copy()
         )
+
+    def fired(self, population: int) -> Ints:
+        """Spikes of each neuron of a population since the start or the last reset."""
+        place = self._a.places[population]
+        return place.by_id(self._a.net["spikes"][place.begin : place.end].copy())
 
     def memory(self) -> dict[str, int]:
         """Bytes by what they hold."""

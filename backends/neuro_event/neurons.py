@@ -231,7 +231,10 @@ def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks
             if due:
                 active += take_arrivals(view, lo, receptors)
             net.active[thread, pop] += active
-            if active:
+            if row[RELAY] == 1:  # it has no state: it is stepped where spikes arrive
+                net.awake[block] = 0
+                net.slept[block] = step
+            elif active:
                 net.busy[block] = step
             elif step % IDLE == 0 and step - net.busy[block] >= IDLE and calm(view, row, lo, hi):
                 net.awake[block] = 0

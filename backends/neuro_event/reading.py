@@ -59,6 +59,7 @@ class Copy:
         self._y = np.empty_like(a.plastic["y"])
         self._reached = np.empty_like(a.plastic["reached"])
         self._other_view = with_plastic(view, y=self._y, reached=self._reached)
+        self._has: tuple[int, int] | None = None
 
     def synapses(self, projection: int, name: str, step: int) -> Floats:
         """A state of the synapses of a plastic projection as of `step`, in the order of the program's weights."""
@@ -73,13 +74,29 @@ class Copy:
             return by_id(np.repeat(trace(a, k, step), np.diff(arranged.row_ends)), arranged.order)
         if not p.synapse.modulated and name == "weight":
             return by_id(self._sent(k, here, arranged.targets, arranged.row_ends), arranged.order)
-        row = ["weight", *(s.name for s in type(p.synapse).states)].index(name)
+        row = 0 if name == "weight" else 1 + [s.name for s in type(p.synapse).states].index(name)
         if a.plastic["table"][k, t.EAGER]:
             return by_id(a.plastic["y"][row, here], arranged.order)
-        self._y[:, here] = a.plastic["y"][:, here]
-        self._reached[here] = a.plastic["reached"][here]
-        lazy.bring(self._other_view, k, a.program.populations[p.target].size, step, a.program.resolution)
+        if self._has != (k, step):
+            self._y[:, here] = a.plastic["y"][:, here]
+            self._reached[here] = a.plastic["reached"][here]
+            lazy.bring(self._other_view, k, a.program.populations[p.target].size, step, a.program.resolution)
+            self._has = k, step
         return by_id(self._y[row, here], arranged.order)
+
+    def give(self, k: int, step: int) -> None:
+        """Before a signal acts: what a read of this step has brought to the present need not be brought there again."""
+        a, row = self._a, self._a.plastic["table"][k]
+        if self._has == (k, step) and row[t.MODULATED] >= 0 and row[t.RULE_ENTRY] == 0:
+            first = row[t.FIRST_SYNAPSE]
+            here = slice(first, first + a.program.projections[row[t.PROJECTION]].size)
+            a.plastic["y"][:, here] = self._y[:, here]
+            a.plastic["reached"][here] = self._reached[here]
+        self.drop()
+
+    def drop(self) -> None:
+        """Something of the synapses is set: what was read is no longer so."""
+        self._has = None
 
     def _sent(self, k: int, here: slice, targets: NDArray[np.int32], row_ends: Ints) -> Floats:
         """The weights sent last: kept aside where post spikes have been applied since the last pre spike."""

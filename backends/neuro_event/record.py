@@ -34,6 +34,11 @@ class Record:
         if parts:
             self._chunks.append(parts)
 
+    def clear(self, net: Any) -> None:
+        """Drop all spikes."""
+        net["rec_at"][:, 0] = 0
+        self._chunks.clear()
+
     def spikes(self, population: int, since: int) -> Spikes:
         """Spikes of a population with step > since, by step, then id."""
         place = self._places[population]

@@ -11,6 +11,7 @@ from neuro_event import layout, memory
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 from neuro_event.counted import TALLY_BITS
+from neuro_event.emitting import wake_emitting
 
 TABLE_WIDTH = 1400
 
@@ -67,15 +68,11 @@ def _keeps_counts(a: Arrays, k: int) -> bool:
 def set_rate(a: Arrays, k: int, rate: Floats, step: int) -> None:
     """Set the rate in Hz of a poisson_generator, one value or one per neuron, after a step."""
     place, row = a.places[k], a.net["pops"][k]
-    mean = rate * (a.program.resolution * 1e-3)
-    here = slice(place.begin, place.end)
-    a.net["mean"][here] = mean
-    a.net["nothing"][here] = np.exp(-mean)
-    first, last = row[t.FIRST_BLOCK], row[t.LAST_BLOCK]
-    emitting = a.net["mean"][first * t.BLOCK : last * t.BLOCK].reshape(-1, t.BLOCK)
-    awake = a.net["awake"][first:last].view(np.bool_)
-    a.net["busy"][first:last][awake] = step
-    emitting.any(axis=1, out=awake)
+    net, here = a.net, slice(place.begin, place.end)
+    mean, nothing = net["mean"][here], net["nothing"][here]
+    np.multiply(rate, a.program.resolution * 1e-3, out=mean)
+    np.exp(np.negative(mean, out=nothing), out=nothing)
+    wake_emitting(net["mean"], net["awake"], net["busy"], row[t.FIRST_BLOCK], row[t.LAST_BLOCK], step)
     if row[t.COUNTS] >= 0:
         _tabulate(a, k, mean)
 

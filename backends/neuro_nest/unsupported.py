@@ -29,6 +29,7 @@ UNSUPPORTED: dict[str, str] = {
     **dict.fromkeys(("several_states_means_and_rates", "sleeping_neurons_are_recorded"), _CURRENTS),
     **dict.fromkeys(("weights_at_pre_spikes", "states_at_pre_spikes"), _AT_PRE),
     "single_plastic_weights_change": _RULE,
+    "ports_go_on_after_a_restore": _STATE,
     **dict.fromkeys(("best_of_each_step", "first_to_fire", "exact_best_of_each_step"), _GROUP),
     "local_winners_without_trials": "NEST has no competition",
     **dict.fromkeys(("first_along_an_axis", "maps_that_reset_each_other", "exact_lateral_reset"), _RIVALS),

@@ -55,7 +55,8 @@ class Clock:
         Raises:
             ModelError: it is no time.
         """
-        ms = in_ms(ms, what)
+        if type(ms) is not float:
+            ms = in_ms(ms, what)
         if not is_number(ms) or math.isnan(ms):
             raise ModelError(f"{what} = {shown(ms)}: expected a time in ms")
         if not math.isfinite(ms):
@@ -82,7 +83,8 @@ class Clock:
         Raises:
             ModelError: it is no time or lies between two steps; the nearest right ones are named.
         """
-        ms = in_ms(ms, what)
+        if type(ms) is not float:
+            ms = in_ms(ms, what)
         if not is_number(ms) or math.isnan(ms):
             raise ModelError(f"{what} = {shown(ms)}: expected a time in ms")
         exact = float(ms) / self.resolution

@@ -274,6 +274,14 @@ class Samples(Protocol):
         """Steps, and the values in them, shape (steps, neurons), of one of them since this was last asked."""
 
 
+@runtime_checkable
+class Fired(Protocol):
+    """An engine that tells of one population how often each neuron has fired, without counting everything."""
+
+    def fired(self, population: int) -> Ints:
+        """Spikes since the start or the last reset, with their multiplicity, per neuron; a copy."""
+
+
 def unnoted(program: Program) -> list[Problem]:
     """The problems of a backend whose engine does not note what pre spikes leave."""
     return [

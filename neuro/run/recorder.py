@@ -84,6 +84,7 @@ class Recorder:
         self.pre_spikes = {
             p.name: PreSpikes(program, index) for index, p in enumerate(program.synapse_probes) if not p.every
         }
+        self._samples = engine if isinstance(engine, Samples) else None
         if isinstance(engine, Samples):
             self._sampled = {program.probes[number].name: number for number in engine.samples}
             self._due = {name: probe for name, probe in self._due.items() if name not in self._sampled}
@@ -111,9 +112,9 @@ class Recorder:
                 for name, probe in self._due.items():
                     if engine.step % probe.every == 0:
                         self.series[name].add(engine.step, self._values(probe))
-        if isinstance(engine, Samples):
+        if self._samples is not None:
             for name, number in self._sampled.items():
-                self.series[name].extend(*engine.sampled(number))
+                self.series[name].extend(*self._samples.sampled(number))
         for sent in self.pre_spikes.values():
             sent.look(engine)
 

@@ -100,6 +100,14 @@ def _settable(part: Population, word: str) -> Quantity:
     return q
 
 
+def quantity_of(part: Population, word: str) -> Quantity | None:
+    """What a parameter or state of a population may be; None if it cannot be set."""
+    try:
+        return _settable(part, word)
+    except ModelError:
+        return None
+
+
 def _one_or_each(q: Quantity, value: Any, shape: tuple[int, ...], what: str, key: tuple[int, str, str]) -> Floats:
     """Values of neurons of a shape, shape (1,) or (size,)."""
     size = math.prod(shape)

@@ -31,6 +31,7 @@ from neuro.run.handles import Handles, Neurons
 from neuro.run.inflow import Inflow
 from neuro.run.inputs import Inputs
 from neuro.run.learned_network import learnt_network
+from neuro.run.ports import Port, Ports
 from neuro.run.progress import advance
 from neuro.run.records import Records
 from neuro.run.saved import Saved
@@ -75,6 +76,7 @@ class Simulation:
         self._tally = Tally(program)
         self._inflow = Inflow(program, engine)
         self._watch = Watch(program, engine, self._clock)
+        self._ports = Ports(program, engine, self._clock, self.handles)
         self.steered: dict[str, None] = {}
 
     def __repr__(self) -> str:
@@ -124,7 +126,7 @@ class Simulation:
             with self.record_to(out):
                 self.run(ms, progress)
             return
-        if check(_FLAG, progress, "run: progress"):
+        if progress is not False and check(_FLAG, progress, "run: progress"):
             with Bar() as bar:
                 advance(self, steps, bar)
             return
@@ -171,6 +173,7 @@ class Simulation:
         self._engine.reset(weights)
         self._inflow.rewind()
         self._records.clear()
+        self._ports.begin()
         if self.program.trials is not None:
             self._trials.start_anew()
 
@@ -371,6 +374,22 @@ class Simulation:
         """
         self._records.forget(before)
 
+    def port(self, of: Population | View | Projection | Signal | str, what: str | None = None) -> Port:
+        """Something that a closed loop sets or reads at every step, found once: `set` and `get` in less time.
+
+        The values, and the errors, are those of `set`, `signal`, `get` and `spikes`.
+
+        Args:
+            of: the population, a view, the projection, or the signal.
+            what: a parameter or state of the neurons; the weight or another state of the synapses; of neurons
+                "spikes", the ids of those that fired since the port was made or last read, and "counts", how often each
+                did. A signal has none. After `reset` and `restore` spikes and counts begin anew.
+
+        Raises:
+            ModelError: there is no such part, it has nothing of that name, or its spikes are not recorded.
+        """
+        return self._ports.port(self, of, what)
+
     @property
     def traces(self) -> dict[str, Trace]:
         """What probes of states have recorded so far, by the names of their traces, with units, as of results."""
@@ -518,6 +537,7 @@ class Simulation:
         self.steered["restore"] = None
         self._inflow.check_again("restore")
         self._saved.read(file_path(path, "path"), None if self.program.trials is None else self._trials)
+        self._ports.begin()
 
 
 def _mapping(values: object) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from neuro.testing import (  # noqa: F401
     generators,
     laws,
     learning,
+    ports,
     recorded,
     trials,
     views,

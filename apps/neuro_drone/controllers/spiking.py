@@ -100,6 +100,9 @@ class Spiking:
             self._start_from(pattern(scenario, settings.start))
         gains = each_axis("gain", settings.gain, scenario.axes)
         self._factor = (gains / _most_spikes(net, scenario.step)).tolist()
+        self._rate, self._fired = self.sim.port(CELLS, "rate"), self.sim.port(MOTORS, "counts")
+        self._rewards = [self.sim.port(name) for name in self._signals]
+        self._counts = np.zeros(2 * scenario.axes, dtype=np.int64)
 
     def _start_from(self, wished: Floats) -> None:
         name = f"{CELLS}_{MOTORS}"
@@ -114,8 +117,8 @@ class Spiking:
 
     def begin(self) -> None:
         """Take away the dopamine; without learning also begin at time 0, so that no episode depends on another."""
-        for name in self._signals:
-            self.sim.signal(name, 0.0)
+        for reward in self._rewards:
+            reward.set(0.0)
         if not self._settings.learns:
             self.sim.reset()
 
@@ -123,12 +126,10 @@ class Spiking:
         """Run the network for a step; the action is the difference of the motors' spikes."""
         sim, s = self.sim, self._settings
         rates = s.rate * counts.ravel() if s.coding == "counts" else s.total * shares(counts, s.coding)
-        sim.set(CELLS, rate=np.minimum(s.rate_max, rates))
-        begin = sim.time
+        self._rate.set(np.minimum(s.rate_max, rates))
         sim.run(self._scenario.step)
-        ids = sim.spikes(MOTORS, since=begin)[1]
         sim.forget(before=sim.time)
-        fired = np.bincount(ids, minlength=2 * self._scenario.axes).tolist()
+        fired = self._fired.get(self._counts).tolist()
         pairs = zip(self._factor, fired[0::2], fired[1::2], strict=True)
         return np.array([max(-1.0, min(1.0, factor * (a - b))) for factor, a, b in pairs])
 
@@ -138,8 +139,8 @@ class Spiking:
             eta = self._settings.eta / (1.0 + self.sim.time / self._settings.settle)
             errors = info["supervised_error"].tolist()
             dopamine = np.array([side * eta * error for error in errors for side in SIDES])
-            for name in self._signals:
-                self.sim.signal(name, dopamine)
+            for reward in self._rewards:
+                reward.set(dopamine)
 
     def network(self) -> neuro.Network:
         """The network with the weights of now."""

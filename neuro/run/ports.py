@@ -1,0 +1,318 @@
+"""Ports: what a closed loop sets or reads at every step, found once, and checked in as little time as it takes.
+
+A port accepts at once what needs no conversion: an array of doubles within the bounds. Whatever else it is given goes
+the way of `Simulation.set`, `signal` and `get`, and so has their meaning and their errors.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+from weakref import WeakSet
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from neuro.core.clock import Clock
+from neuro.core.errors import ModelError
+from neuro.core.keyed_random import LARGEST_MEAN
+from neuro.core.quantities import Quantity, word_of
+from neuro.model.parts import Population, Projection, Signal
+from neuro.model.views import View
+from neuro.program.backend import Engine, Fired
+from neuro.program.program import Floats, Ints, Program, synapse_states
+from neuro.run import settable
+from neuro.run.handles import Handles, Neurons
+
+_HUGE = sys.float_info.max
+_DOUBLE, _WHOLE = np.dtype(np.float64), np.dtype(np.int64)
+Within = Callable[[Floats, float, float], bool]
+Part = Population | View | Projection | Signal | str
+
+
+class Plain(Protocol):
+    """The calls of a simulation that a port stands for.
+
+    Attributes:
+        steered: what was done to the network from outside, by name.
+    """
+
+    steered: dict[str, None]
+
+    def set(self, part: Any, /, **named: Any) -> None:
+        """Change parameters or states of neurons, or weights of a projection."""
+
+    def get(self, part: Any, /, what: str) -> Any:
+        """A state or parameter."""
+
+    def signal(self, of: Any, values: ArrayLike) -> None:
+        """Set a signal."""
+
+    def spikes(self, of: Any, since: float | None = None) -> tuple[Floats, Ints]:
+        """Recorded spikes."""
+
+
+class Port:
+    """Something of a running network that is set or read again and again; made by `Simulation.port`.
+
+    Attributes:
+        text: what it is, for messages: "rate of 'cells'".
+    """
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+
+    def __repr__(self) -> str:
+        return f"Port({self.text})"
+
+    def set(self, values: ArrayLike) -> None:
+        """Set the values, one for all or one for each; they act from the next step on.
+
+        Args:
+            values: as `Simulation.set` and `signal` take them; fastest is an array of float64, one for each.
+
+        Raises:
+            ModelError: a value is out of bounds, or this can only be read.
+        """
+        raise ModelError(f"port: {self.text}: it is read and not set")
+
+    def get(self, out: NDArray[Any] | None = None) -> NDArray[Any]:
+        """The values of now.
+
+        Args:
+            out: an array that takes them: float64, of spikes and counts int64, one for each; of spikes as many as
+                may come.
+
+        Returns:
+            `out`, of spikes the part of it that is filled, or a new array.
+
+        Raises:
+            ModelError: `out` does not fit, or this can only be set.
+        """
+        raise ModelError(f"port: {self.text}: it is set and not read")
+
+    def begin(self) -> None:
+        """The simulation went back, or on to another state: forget what was read before."""
+
+    def _filled(self, values: NDArray[Any], out: NDArray[Any] | None) -> NDArray[Any]:
+        if out is None:
+            return values
+        if type(out) is not np.ndarray or out.dtype != values.dtype or out.shape != values.shape:
+            raise self._unfit(out, values.dtype, f"shape {list(values.shape)}")
+        out[...] = values
+        return out
+
+    def _unfit(self, out: Any, dtype: np.dtype[Any], room: str) -> ModelError:
+        found = f"{out.dtype} of shape {list(out.shape)}" if isinstance(out, np.ndarray) else type(out).__name__
+        return ModelError(f"port: {self.text}: out is {found}: expected an array of {dtype} of {room}")
+
+
+@dataclass(frozen=True, slots=True)
+class _Bounds:
+    """What is accepted at once: one double for each, within [low, high]."""
+
+    shape: tuple[int, ...]
+    low: float
+    high: float
+    within: Within
+
+    def fit(self, values: Any) -> bool:
+        """Whether values are such."""
+        return (
+            type(values) is np.ndarray
+            and values.dtype == _DOUBLE
+            and values.shape == self.shape
+            and values.flags.c_contiguous
+            and self.within(values, self.low, self.high)
+        )
+
+
+class _OfNeurons(Port):
+    """A state or parameter of neurons."""
+
+    def __init__(self, net: _Net, of: Any, neurons: Neurons, word: str) -> None:
+        super().__init__(f"{word} of {neurons.text}")
+        self._net, self._of, self._neurons, self._word = net, of, neurons, word
+        self._engine, self._index, self._ids = net.engine, neurons.index, neurons.ids
+        part = neurons.part
+        self._state = word in settable.states(part)
+        drawn = part.kind == "poisson" and word == "rate"
+        self._together = not (self._state or drawn)
+        q = settable.quantity_of(part, word)
+        size = part.size if self._ids is None else self._ids.size
+        low, high = _closed(q) if q is not None and q.kind == "number" else (math.inf, -math.inf)
+        if drawn:
+            high = min(high, LARGEST_MEAN * 1000.0 / net.clock.resolution)
+        self._bounds = _Bounds((size,), low, high, net.within)
+
+    def set(self, values: ArrayLike) -> None:
+        if not self._bounds.fit(values):
+            self._net.plain.set(self._of, **{self._word: values})
+            return
+        new: Floats = values  # type: ignore[assignment]
+        if self._ids is not None:
+            every = self._engine.get(self._index, self._word)
+            every[self._ids] = new
+            new = every
+        named = {self._word: new}
+        if self._together:
+            settable.check_together(self._net.program, self._index, named, self._engine, self._net.clock)
+        self._engine.set(self._index, named)
+        self._net.plain.steered["set"] = None
+
+    def get(self, out: NDArray[Any] | None = None) -> NDArray[Any]:
+        return self._filled(self._engine.get(self._index, self._word, self._ids), out)
+
+
+class _OfSynapses(Port):
+    """The weight, or another state, of the synapses of a projection."""
+
+    def __init__(self, net: _Net, of: Any, index: int, word: str) -> None:
+        part = net.program.projections[index]
+        super().__init__(f"{word} of '{part.name}'")
+        self._net, self._of, self._index, self._word = net, of, index, word
+        self._held = word in synapse_states(part)
+
+    def set(self, values: ArrayLike) -> None:
+        self._net.plain.set(self._of, **{self._word: values})
+
+    def get(self, out: NDArray[Any] | None = None) -> NDArray[Any]:
+        found = self._net.engine.get_synapses(self._index, self._word) if self._held else None
+        if found is None or not self._net.within(found, -_HUGE, _HUGE):
+            found = self._net.plain.get(self._of, self._word)
+        return self._filled(found, out)
+
+
+class _OfSignal(Port):
+    """A signal, one value for each neuron that hears it."""
+
+    def __init__(self, net: _Net, of: Any, index: int) -> None:
+        part = net.program.signals[index]
+        super().__init__(f"signal '{part.name}'")
+        self._plain, self._of, self._engine, self._index = net.plain, of, net.engine, index
+        size = net.program.populations[part.target].size
+        self._bounds = _Bounds((size,), -_HUGE, _HUGE, net.within)
+
+    def set(self, values: ArrayLike) -> None:
+        if self._bounds.fit(values):
+            self._engine.signal(self._index, np.add(values, 0.0))
+            self._plain.steered["signal"] = None
+        else:
+            self._plain.signal(self._of, values)
+
+
+class _Counts(Port):
+    """How often each neuron has fired since this was last read."""
+
+    def __init__(self, net: _Net, neurons: Neurons) -> None:
+        super().__init__(f"counts of {neurons.text}")
+        self._engine, self._index, self._ids = net.engine, neurons.index, neurons.ids
+        self._tells = net.engine if isinstance(net.engine, Fired) else None
+        self.begin()
+
+    def _now(self) -> Ints:
+        tells, k = self._tells, self._index
+        every = self._engine.counts().spikes[k] if tells is None else tells.fired(k)
+        return every if self._ids is None else every[self._ids]
+
+    def begin(self) -> None:
+        self._before = self._now()
+
+    def get(self, out: NDArray[Any] | None = None) -> NDArray[Any]:
+        now = self._now()
+        new = self._filled(now - self._before, out)
+        self._before = now
+        return new
+
+
+class _Spikes(Port):
+    """Who has fired since this was last read: ids in the order of time, then id."""
+
+    def __init__(self, net: _Net, of: Any, neurons: Neurons) -> None:
+        super().__init__(f"spikes of {neurons.text}")
+        self._net, self._of = net, of
+        self.begin()
+
+    def begin(self) -> None:
+        self._since = self._net.clock.ms(self._net.engine.step)
+
+    def get(self, out: NDArray[Any] | None = None) -> NDArray[Any]:
+        if out is not None and (type(out) is not np.ndarray or out.dtype != _WHOLE or out.ndim != 1):
+            raise self._unfit(out, _WHOLE, "one axis")
+        ids = self._net.plain.spikes(self._of, since=self._since)[1]
+        if out is not None and ids.size > out.size:
+            raise self._unfit(out, _WHOLE, f"at least {ids.size}, the spikes since {self._since:g} ms")
+        self.begin()
+        return ids if out is None else self._filled(ids, out[: ids.size])
+
+
+@dataclass(frozen=True, slots=True)
+class _Net:
+    """What ports are made of."""
+
+    program: Program
+    engine: Engine
+    clock: Clock
+    plain: Plain
+    within: Within
+
+
+class Ports:
+    """Makes the ports of a simulation, and knows those in use; they hold the simulation, and it does not hold them.
+
+    Args:
+        program: the network.
+        engine: it runs.
+        clock: of the network.
+        handles: finds its parts.
+    """
+
+    def __init__(self, program: Program, engine: Engine, clock: Clock, handles: Handles) -> None:
+        self._program, self._engine, self._clock, self._handles = program, engine, clock, handles
+        self._used: WeakSet[Port] = WeakSet()
+
+    def port(self, plain: Plain, of: Part, what: str | None) -> Port:
+        """A port of a simulation, see `Simulation.port`."""
+        from neuro.kernels.bounds import within  # compiled: only who asks for a port needs it
+
+        net = _Net(self._program, self._engine, self._clock, plain, within)
+        made = self._made(net, of, what)
+        self._used.add(made)
+        return made
+
+    def _made(self, net: _Net, of: Any, what: str | None) -> Port:
+        if what is None:
+            return _OfSignal(net, of, self._handles.signal(of))
+        if what in ("spikes", "counts"):
+            neurons = self._handles.neurons(of)
+            if what == "counts":
+                return _Counts(net, neurons)
+            net.plain.spikes(of, since=math.inf)  # refuses what is not recorded
+            return _Spikes(net, of, neurons)
+        found = self._handles.neurons_or_projection(of)
+        net.plain.get(of, what)  # refuses an unknown word
+        return (
+            _OfSynapses(net, of, found, what) if isinstance(found, int) else _OfNeurons(net, of, found, word_of(what))
+        )
+
+    def begin(self) -> None:
+        """The simulation went back, or on to another state."""
+        for each in self._used:
+            each.begin()
+
+
+def _closed(q: Quantity) -> tuple[float, float]:
+    """The smallest and the largest finite number within the bounds of a quantity."""
+    low, high = -_HUGE, _HUGE
+    if q.at_least is not None:
+        low = max(low, q.at_least)
+    if q.above is not None:
+        low = max(low, math.nextafter(q.above, math.inf))
+    if q.at_most is not None:
+        high = min(high, q.at_most)
+    if q.below is not None:
+        high = min(high, math.nextafter(q.below, -math.inf))
+    return low, high

@@ -1,0 +1,46 @@
+"""Spikes along grids that are added up with the maps innermost: the bits of spikes sent one by one."""
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro_chip import grids
+
+SIGNS = {"both": (-60.0, 90.0), "excitatory": (5.0, 90.0), "inhibitory": (-90.0, -5.0)}
+
+
+def net(depth: int, stride: int, signs: str) -> neuro.Network:
+    """Noise in two channels onto eight maps, of which a channel reaches all or half."""
+    rng = np.random.default_rng(3)
+    net = neuro.Network("grids", resolution=1.0)
+    net.population("noise", (2, 9, 8), neuro.poisson_generator(rate=60.0))
+    net.population("maps", (8, "auto", "auto"), neuro.iaf_psc_exp(tau_syn_ex=3.0, tau_syn_in=3.0, I_e=300.0))
+    low, high = SIGNS[signs]
+    weight = rng.uniform(low, high, (8, depth, 4, 3))
+    grid = neuro.grid(kernel=(4, 3), stride=stride, depthwise=depth == 1)
+    net.connect("noise", "maps", grid, weight=weight, delay=2.0, name="see")
+    return net
+
+
+def run(net: neuro.Network, backend: str) -> dict[str, np.ndarray]:
+    sim = neuro.compile(net, backend=backend, seed=2)
+    sim.run(60.0)
+    sim.set_weights("see", sim.weights("see")[::-1])
+    sim.run(60.0)
+    times, ids = sim.spikes("maps")
+    counts = sim.counts().populations["maps"].neuron_updates_active
+    return {"times": times, "ids": ids, "V_m": sim.get("maps", "V_m"), "active": np.array(counts)}
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("backend", ["loihi", "spinnaker"])
+@pytest.mark.parametrize("signs", SIGNS)
+@pytest.mark.parametrize(("depth", "stride"), [(2, 1), (2, 2), (1, 1)])
+def test_gathered_spikes_are_those_sent_one_by_one(backend, signs, depth, stride, monkeypatch):
+    gathered = run(net(depth, stride, signs), backend)
+    monkeypatch.setattr(grids, "FEWEST", 1 << 30)
+    alone = run(net(depth, stride, signs), backend)
+    assert gathered["active"] > 0
+    if signs != "inhibitory":
+        assert gathered["ids"].size > 100
+    assert all(np.array_equal(gathered[name], alone[name]) for name in gathered)

@@ -1,0 +1,169 @@
+"""Ports: what they refuse, and what they fill. That they do what plain calls do is in `neuro.testing.ports`."""
+
+import gc
+import weakref
+
+import numpy as np
+import pytest
+
+import neuro
+
+BACKENDS = ["reference", "event"]
+
+
+def net():
+    net = neuro.Network("loop", resolution=1.0)
+    net.population("noise", 6, neuro.poisson_generator(rate=100.0))
+    cells = net.population("cells", (2, 2), neuro.iaf_psc_exp(), initial={"V_m": -60.0})
+    net.signal("reward", to=cells)
+    rule = neuro.stdp_dopa(signal="reward", Wmax=900.0)
+    net.connect("noise", "cells", neuro.all_to_all(), rule, weight=500.0, name="learnt")
+    return net
+
+
+@pytest.fixture(params=BACKENDS)
+def sim(request):
+    return neuro.compile(net(), backend=request.param, seed=1)
+
+
+@pytest.mark.parametrize(
+    ("of", "what", "values", "told"),
+    [
+        ("noise", "rate", np.array([1.0, 2.0, -3.0, 4.0, 5.0, 6.0]), "noise.rate[2] = -3: expected a number >= 0 Hz"),
+        ("noise", "rate", np.full(6, np.nan), "noise.rate[0] = .nan: expected a finite number >= 0 Hz"),
+        ("noise", "rate", np.full(6, np.inf), "noise.rate[0] = .inf: expected a finite number >= 0 Hz"),
+        ("noise", "rate", np.full(5, 1.0), "noise.rate: an array of shape [5]: expected [6]"),
+        ("noise", "rate", np.full(6, 1e9), "poisson_generator.rate = 1e+09 Hz: expected at most"),
+        ("cells", "V_th", np.full(4, -80.0), "iaf_psc_exp.V_reset[0] = -70 mV: expected less than V_th = -80 mV"),
+        ("cells", "V_m", "high", "cells.V_m = "),
+        ("reward", None, np.array([0.0, 1.0, np.inf, 0.0]), "signal 'reward': a value is not finite"),
+        ("reward", None, np.zeros(3), "signal 'reward': an array of shape [3]: expected a number or [4]"),
+        ("learnt", "weight", np.full(24, 1e4), "projection 'learnt': weight[0] = 10000: expected"),
+        ("learnt", "c", 1.0, "is a state of its synapses, which is read and not set"),
+        ("cells", "counts", 1, "port: counts of 'cells': it is read and not set"),
+        ("cells", "spikes", 1, "port: spikes of 'cells': it is read and not set"),
+    ],
+)
+def test_what_is_refused_when_set_leaves_everything_as_it_was(sim, of, what, values, told):
+    port = sim.port(of, what)
+    before = sim.get("noise", "rate"), sim.get("cells", "V_th"), sim.get("learnt", "n")
+    with pytest.raises(neuro.ModelError) as found:
+        port.set(values)
+    assert told in str(found.value)
+    after = sim.get("noise", "rate"), sim.get("cells", "V_th"), sim.get("learnt", "n")
+    assert all(map(np.array_equal, before, after))
+
+
+@pytest.mark.parametrize(
+    ("of", "what", "told"),
+    [
+        ("cells", "V_n", "population 'cells': unknown parameter or state 'V_n'"),
+        ("learnt", "wait", "projection 'learnt': unknown state of synapses 'wait'"),
+        ("cell", "V_m", "unknown population or projection 'cell'"),
+        ("rewards", None, "unknown signal 'rewards'"),
+        ("noise", "spikes", "spikes of 'noise', a poisson_generator, are not recorded"),
+        ("learnt", "counts", "unknown population 'learnt'"),
+    ],
+)
+def test_what_has_no_port(sim, of, what, told):
+    with pytest.raises(neuro.ModelError) as found:
+        sim.port(of, what)
+    assert told in str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("of", "what", "out", "told"),
+    [
+        ("cells", "V_m", np.zeros(3), "V_m of 'cells': out is float64 of shape [3]: expected an array of float64 of"),
+        ("cells", "counts", np.zeros(4), "out is float64 of shape [4]: expected an array of int64 of shape [4]"),
+        ("learnt", "weight", [0.0] * 24, "out is list: expected an array of float64 of shape [24]"),
+        ("cells", "spikes", np.zeros(9), "out is float64 of shape [9]: expected an array of int64 of one axis"),
+        ("reward", None, np.zeros(4), "port: signal 'reward': it is set and not read"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit(sim, of, what, out, told):
+    port = sim.port(of, what)
+    sim.run(5.0)
+    with pytest.raises(neuro.ModelError) as found:
+        port.get(out)
+    assert told in str(found.value)
+
+
+def test_spikes_that_do_not_fit_are_not_lost(sim):
+    port = sim.port("cells", "spikes")
+    sim.run(200.0)
+    _, ids = sim.spikes("cells")
+    assert ids.size > 3
+    with pytest.raises(
+        neuro.ModelError, match=f"expected an array of int64 of at least {ids.size}, the spikes since 0 ms"
+    ):
+        port.get(np.zeros(3, np.int64))
+    assert np.array_equal(port.get(), ids)
+    assert port.get().size == 0
+
+
+def test_spikes_that_were_forgotten_are_refused_and_counts_are_not(sim):
+    spikes, counts = sim.port("cells", "spikes"), sim.port("cells", "counts")
+    sim.run(200.0)
+    fired = sim.spikes("cells")[1].size
+    sim.forget(before=100.0)
+    with pytest.raises(neuro.ModelError, match="those up to 100 ms were forgotten"):
+        spikes.get()
+    assert counts.get().sum() == fired
+
+
+def test_arrays_are_filled_and_given_back(sim):
+    potential, counts = sim.port("cells", "V_m"), sim.port("cells", "counts")
+    sim.run(50.0)
+    states, fired = np.zeros(4), np.zeros(4, np.int64)
+    assert potential.get(states) is states
+    assert counts.get(fired) is fired
+    assert np.array_equal(states, sim.get("cells", "V_m"))
+    assert np.array_equal(fired, np.bincount(sim.spikes("cells")[1], minlength=4))
+    assert fired.sum() > 0
+    assert counts.get().sum() == 0
+
+
+def test_what_is_set_is_not_the_callers_array(sim):
+    rates = np.full(6, 30.0)
+    sim.port("noise", "rate").set(rates)
+    rates[:] = 7.0
+    sim.reset()
+    assert np.array_equal(sim.get("noise", "rate"), np.full(6, 30.0))
+
+
+def test_arrays_of_any_kind_are_taken(sim):
+    rate = sim.port("noise", "rate")
+    for values in (np.arange(6), np.arange(12.0)[::2], list(range(6)), np.arange(6, dtype=np.float32), "20 Hz", 3):
+        rate.set(values)
+        taken = sim.get("noise", "rate")
+        sim.set("noise", rate=values)
+        assert np.array_equal(taken, sim.get("noise", "rate"))
+    potential = sim.port("cells", "V_m")
+    potential.set(np.array([[-60.0, -61.0], [-62.0, -63.0]]))
+    assert np.array_equal(potential.get(), [-60.0, -61.0, -62.0, -63.0])
+
+
+def test_counts_of_a_generator_that_is_not_recorded(sim):
+    counts = sim.port("noise", "counts")
+    sim.run(100.0)
+    assert counts.get().sum() == sim.counts().populations["noise"].spikes > 0
+
+
+def test_a_simulation_with_ports_is_dropped_at_once():
+    gc.collect()
+    gc.disable()
+    try:
+        sim = neuro.compile(net(), backend="reference", seed=1)
+        port, gone = sim.port("noise", "rate"), weakref.ref(sim)
+        del sim
+        assert gone() is not None
+        del port
+        assert gone() is None
+    finally:
+        gc.enable()
+
+
+def test_how_a_port_is_shown(sim):
+    assert repr(sim.port("noise", "rate")) == "Port(rate of 'noise')"
+    assert repr(sim.port("reward")) == "Port(signal 'reward')"
