@@ -118,6 +118,21 @@ def test_a_simulation_is_drawn_as_its_results(sim):
     assert np.array_equal(mine.values, theirs.values)
 
 
+def test_times_with_units(sim):
+    told = plots.rate(sim, "in", bin="5 ms", window=("0.01 s", "30 ms")).axes[0].patches[0].get_data()
+    assert told[1].tolist() == [10.0, 15.0, 20.0, 25.0, 30.0]
+    assert sim.plot(window=("10 ms", 30.0)).axes[0].get_xlim() == (10.0, 30.0)
+
+
+@pytest.mark.parametrize("resolution", [0.1, 0.125, 0.3, 1.0])
+def test_bins_are_on_the_grid(resolution):
+    run = results()
+    run.about["resolution_ms"] = resolution
+    _, width = _spikes._edges(recorded(run), trains(recorded(run))[0], None)
+    assert width >= 5.0
+    assert width / resolution == pytest.approx(round(width / resolution), abs=1e-9)
+
+
 def test_a_window_is_after_its_begin_up_to_its_end(sim):
     (train,) = trains(recorded(sim), "in", (10.0, 30.0))
     assert train.times_ms.tolist() == [20.0, 20.0, 30.0, 30.0]
@@ -271,8 +286,28 @@ MISTAKES = {
         "window = 100: expected (begin, end) in ms with 0 <= begin < end",
     ),
     "a window without a record": (
-        lambda sim: plots.trace(sim, "v", window=(60.0, 70.0)),
-        "probe 'v' recorded nothing in 60 to 70 ms",
+        lambda sim: plots.trace(sim, "v", window=(40.1, 40.4)),
+        "probe 'v' recorded nothing in 40.1 to 40.4 ms",
+    ),
+    "a window beyond the end": (
+        lambda sim: plots.rate(sim, window=(0, 70.0)),
+        "window = [0, 70]: the run ends at 50 ms: expected an end <= 50 ms",
+    ),
+    "a window beyond the end, with units": (
+        lambda sim: plots.trace(sim, "v", window=("10 ms", "0.07 s")),
+        "window = [10 ms, 0.07 s]: the run ends at 50 ms: expected an end <= 50 ms",
+    ),
+    "a window of voltages": (
+        lambda sim: plots.raster(sim, window=("1 mV", "2 mV")),
+        "window = 1 mV: expected a time in ms",
+    ),
+    "a bin off the grid": (
+        lambda sim: plots.rate(sim, bin=0.25),
+        "bin = 0.25 ms: expected a multiple of the resolution, 0.1 ms\n  hint: the nearest are 0.2 or 0.3 ms",
+    ),
+    "a bin below a step": (
+        lambda sim: plots.rate(sim, bin=0.05),
+        "bin = 0.05 ms: expected a multiple of the resolution, 0.1 ms\n  hint: the nearest is 0.1 ms",
     ),
     "a bin that is no time": (lambda sim: plots.rate(sim, bin=0), "bin = 0: expected a time > 0 ms"),
     "a bin that is too short": (

@@ -26,6 +26,19 @@ def milliseconds(text: str) -> float:
     return ms
 
 
+def moment(text: str) -> float:
+    """A point in time in ms: a number, or one with its unit."""
+    from neuro.core.errors import ModelError
+    from neuro.core.measures import in_ms
+
+    try:
+        return float(in_ms(text, "--window"))
+    except ModelError:
+        raise
+    except ValueError:
+        raise ModelError(f"--window: found '{text}': expected a time in ms") from None
+
+
 def whole(text: str, least: int) -> int:
     """A whole number >= least."""
     try:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from neuro.cli.options import milliseconds
+from neuro.cli.options import milliseconds, moment
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,7 +29,7 @@ class Format(StrEnum):
 File = Annotated[Path, typer.Argument(metavar="FILE", help="Results that 'neuro run' wrote.")]
 Folder = Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="Where to; beside FILE if not given.")]
 Window = Annotated[
-    tuple[float, float] | None, typer.Option("--window", metavar="BEGIN END", help="Only this stretch, in ms.")
+    tuple[str, str] | None, typer.Option("--window", metavar="BEGIN END", help="Only this stretch, in ms.")
 ]
 Of = Annotated[
     list[str],
@@ -43,14 +42,6 @@ Of = Annotated[
 ]
 Bin = Annotated[float | None, typer.Option("--bin", metavar="MS", parser=milliseconds, help="Bins of the rates.")]
 As = Annotated[Format, typer.Option("--format", help="Of the pictures.")]
-
-
-@dataclass(frozen=True, slots=True)
-class Laid:
-    """A population of a run that is over, of which there may be views."""
-
-    name: str
-    shape: tuple[int | str, ...]
 
 
 def plot(
@@ -70,7 +61,8 @@ def plot(
     from neuro.model.views import View
 
     results = read(file)
-    laid = {name: Laid(name, part.shape) for name, part in results.populations.items()}
+    stretch = None if window is None else tuple(moment(text) for text in window)
+    laid = {name: results.laid(name) for name in results.populations}
     asked = [on_a_line(text, laid) for text in of]
     shown = [part if isinstance(part, View) else part.name for part in asked] or None
     whole = {part.name for part in asked if not isinstance(part, View)}
@@ -81,10 +73,10 @@ def plot(
     ]
     draw: dict[str, Callable[[], Figure]] = {}
     if of or any(train.recorded for train in results.populations.values()):
-        draw["raster"] = lambda: plots.raster(results, shown, window=window)
-        draw["rates"] = lambda: plots.rate(results, shown, bin=bin, window=window)
+        draw["raster"] = lambda: plots.raster(results, shown, window=stretch)
+        draw["rates"] = lambda: plots.rate(results, shown, bin=bin, window=stretch)
     if probes:
-        draw["traces"] = lambda: plots.trace(results, probes, of=views, window=window)
+        draw["traces"] = lambda: plots.trace(results, probes, of=views, window=stretch)
     if not draw:
         raise ModelError(f"{file}: holds neither spikes nor traces", hint="'neuro run --record NAME' keeps spikes")
     folder = file.parent if out is None else out

@@ -11,14 +11,19 @@ File = Annotated[Path, typer.Argument(metavar="FILE", help="Results that 'neuro 
 Out = Annotated[Path | None, typer.Option(metavar="FILE", help="The page to write; FILE with .html if not given.")]
 Target = Annotated[str, typer.Option("--target", metavar="NAME", help="The chip, or a table's file, of the bill.")]
 
+ENDINGS = (".html", ".htm")
+
 
 def report(file: File, out: Out = None, target: Target = "loihi") -> None:
     """Write one page that shows a run: spikes, rates, traces, weights, counts and what a chip would take."""
     from neuro.chips.known import chip
+    from neuro.core.errors import ModelError
     from neuro.core.outputs import output
     from neuro.files.results import read
     from neuro.report.page import PAGE, page
 
+    if out is not None and out.suffix.lower() not in ENDINGS:
+        raise ModelError(f"--out {out}: a report is a page of HTML: expected a name ending in .html")
     chip(target)
     results = read(file)
     path = file.with_suffix(".html") if out is None else out

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from neuro.core.checks import is_number
 from neuro.core.errors import ModelError, unknown
+from neuro.core.measures import in_ms
 from neuro.core.values import shown
 from neuro.model.parts import Part
 from neuro.model.views import View
@@ -299,16 +300,21 @@ def checked_window(run: Recorded, window: Any) -> Window:
     """Begin and end in ms of what is looked at: all that is held of the run if not given.
 
     Raises:
-        ModelError: these are not two times, one before the other, or what came then is not held any more.
+        ModelError: these are not two times, one before the other, what came then is not held any more, or the run ends
+            before.
     """
     if window is None:
         return run.held_ms, run.duration_ms
-    pair = tuple(window) if isinstance(window, (tuple, list, np.ndarray)) else ()
+    given = tuple(window) if isinstance(window, (tuple, list, np.ndarray)) else ()
+    pair = [in_ms(ms, "window") for ms in given]
     if len(pair) != 2 or not all(is_number(ms) and math.isfinite(ms) for ms in pair) or not 0 <= pair[0] < pair[1]:
         raise ModelError(f"window = {shown(window)}: expected (begin, end) in ms with 0 <= begin < end")
     if pair[0] < run.held_ms:
         told = f"window = {shown(window)}: what was recorded up to {run.held_ms:g} ms is not held any more"
         raise ModelError(f"{told}: expected a begin >= {run.held_ms:g} ms")
+    if pair[1] > run.duration_ms * (1.0 + _SAME):
+        last = f"{run.duration_ms:.12g} ms"
+        raise ModelError(f"window = {shown(window)}: the run ends at {last}: expected an end <= {last}")
     return float(pair[0]), float(pair[1])
 
 

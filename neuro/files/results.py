@@ -47,12 +47,13 @@ from neuro.core.inputs import note
 from neuro.core.outputs import Kind
 from neuro.core.paths import existing
 from neuro.core.tables import Table, as_html, as_text
+from neuro.files.kept_synapses import one_each, weights
 from neuro.files.recordings import Sought
 from neuro.files.run_tables import projection_table, run_table
 from neuro.files.stored import Lazy, Opener, Stored, kept, span
 from neuro.model.network import Network
 from neuro.model.parts import Part
-from neuro.model.views import View
+from neuro.model.views import Shaped, View
 from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
 from neuro.program.program import Floats, Ints
 
@@ -261,6 +262,11 @@ class Results:
         return self.duration_ms
 
     @property
+    def held(self) -> float:
+        """The time in ms after which spikes and traces are held, as of a simulation: all of them are."""
+        return 0.0
+
+    @property
     def finished(self) -> bool:
         """Whether the run came to its end; if not, all is there that was recorded up to `time`."""
         return bool(self.about.get("finished", True))
@@ -304,34 +310,70 @@ class Results:
         """What a probe has recorded, as `Simulation.trace` gives it.
 
         Raises:
-            ModelError: there is no such probe of states or synapses.
+            ModelError: there is no such probe, or the spikes that it recorded were not kept.
         """
         name = _name(of)
         if name in self.traces:
             return self.traces[name].times_ms, self.traces[name].read()
         several = [trace for trace in self.traces.values() if trace.probe == name]
         if not several:
-            raise unknown("probe of a state", name, self.traces)
+            return self._spikes_of_probe(name)
         by_name: dict[str, Any] = {}
         for trace in several:
             found = trace.read()
             by_name |= found if isinstance(found, dict) else {trace.state: found}
         return several[0].times_ms, by_name
 
-    def weights(self, of: Any) -> Any:
-        """The weights of a projection at the end: (pre, post, weight), of a grid its kernels.
+    def _spikes_of_probe(self, name: Any) -> tuple[Floats, Ints]:
+        """What a probe of spikes has recorded: their times, and the neuron of each."""
+        probes = self.network(played=False).probes
+        if name not in probes:
+            raise unknown("probe", name, [*dict.fromkeys([*self.traces, *probes])])
+        probe = probes[name]
+        return self.spikes(probe.of if probe.view is None else probe.view)
+
+    def weights(self, part: Any, /, *, of: Any = None, pre: Any = None, post: Any = None, delays: bool = False) -> Any:
+        """The weights of a projection at the end, as `Simulation.weights` gives them.
+
+        Args:
+            part: the projection, or its name.
+            of: only of the synapses of these pairs (source, target), in their order.
+            pre: only of the synapses from these neurons: a population, a view of it, or ids.
+            post: only of the synapses onto these neurons.
+            delays: whether to give the delays in ms, too; those that no rule changes follow from network and seed.
+
+        Returns:
+            (pre, post, weight), with `delays` a fourth row; of a grid its kernels, with `delays` (kernels, delay).
 
         Raises:
             ModelError: there is no such projection, or its weights were not kept.
         """
-        name = _name(of)
-        if name not in self.projections:
-            raise unknown("projection", name, self.projections)
-        part = self.projections[name]
-        if part.weight is None:
-            hint = "--all-weights keeps them" if self.finished else "weights are written when a run ends"
-            raise ModelError(f"the weights of '{name}' were not kept", hint=hint)
-        return part.weight if part.pre is None else (part.pre, part.post, part.weight)
+        return weights(self, _name(part), of, pre, post, delays)
+
+    def get(self, part: Any, /, what: Any, *, of: Any = None, pre: Any = None, post: Any = None) -> Any:
+        """The "weight" or the "delay" in ms of each synapse at the end, chosen as of `weights`.
+
+        Raises:
+            ModelError: a file does not have what is asked for: parameters, or a state, of which a probe records traces.
+        """
+        name = _name(part)
+        if not isinstance(part, View) and name in self.projections:
+            return one_each(self, name, what, of, pre, post)
+        name, _ = self._neurons(part)
+        told = f"population '{name}': a file of results has no {what!r} of the end of the run"
+        recorded = [word for word, trace in self.traces.items() if (trace.population, trace.state) == (name, what)]
+        hint = f"run.trace({recorded[0]!r}) is what was recorded" if recorded else _again(name, what)
+        raise ModelError(told, hint=hint)
+
+    def states(self, of: Any) -> list[str]:
+        """A simulation has states; a file has the traces of those that were recorded.
+
+        Raises:
+            ModelError: always; it names what to ask instead.
+        """
+        name, _ = self._neurons(of)
+        told = f"states of '{name}': a file of results has none: expected a simulation"
+        raise ModelError(told, hint="run.traces has what was recorded, neuro.compile(run.network()) the states")
 
     def counts(self) -> Counts:
         """What happened in the run."""
@@ -369,6 +411,10 @@ class Results:
         lay = [Path(str(path)).parent for word, path in self.about.items() if word.startswith(RECORDING)]
         return list(dict.fromkeys([*lay, *beside, Path.cwd()]))
 
+    def laid(self, name: str) -> Shaped:
+        """A population as something of which there may be views."""
+        return Shaped(name, self.populations[name].shape)
+
     def _neurons(self, of: Any) -> tuple[str, Ints | None]:
         """The name of a population, and the neurons of a view."""
         view = of if isinstance(of, View) else None
@@ -380,6 +426,11 @@ class Results:
 
 def _name(of: Any) -> Any:
     return of.name if isinstance(of, Part) else of
+
+
+def _again(name: str, what: Any) -> str:
+    """How to come to what a file does not have."""
+    return f"net.probe('name', '{name}', {what!r}) records a state; neuro.compile(run.network()) has parameters"
 
 
 def write(results: Results, path: str | PathLike[str]) -> None:

@@ -32,6 +32,14 @@ class Laid(Protocol):
         """Sizes of the axes, of which some may follow when a network is compiled."""
 
 
+@dataclass(frozen=True, slots=True)
+class Shaped:
+    """A name and a shape, of which there may be views: a population of a run that is over."""
+
+    name: str
+    shape: tuple[int | str, ...]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class View:
     """Neurons of one population, each once, in the order in which an index chose them.
@@ -99,7 +107,7 @@ class View:
         return (View(self.population, tuple(map(int, np.unravel_index(neuron, shape)))) for neuron in self.ids)
 
     def __getitem__(self, index: Any) -> View:
-        inner = view(_Sheet(repr(self), self.shape), index)
+        inner = view(Shaped(repr(self), self.shape), index)
         if not (isinstance(self.index, tuple) and isinstance(inner.index, tuple)):
             return View(self.population, _kept(self.ids[inner.ids]))
         items, axes = iter(inner.index), []
@@ -122,14 +130,6 @@ class View:
     def __repr__(self) -> str:
         written = self.written()
         return f"{self.population.name}[{written if isinstance(written, str) else _listed(written)}]"
-
-
-@dataclass(frozen=True, slots=True)
-class _Sheet:
-    """A view as something that can be indexed in turn."""
-
-    name: str
-    shape: tuple[int | str, ...]
 
 
 def view(population: Laid, index: Any) -> View:

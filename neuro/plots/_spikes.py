@@ -11,7 +11,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from neuro.core.checks import is_number
+from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
+from neuro.core.measures import in_ms
 from neuro.core.values import shown
 from neuro.files.recorded import Recorded, Train, recorded, trains, up_to
 from neuro.plots._canvas import about, colours, given, label, legend, over_time, panels, whole_numbers
@@ -95,13 +97,13 @@ def chosen(train: Train, most: int) -> tuple[Floats, Ints, str]:
     return train.times_ms[some], train.ids[some], f", {most:,} of {train.times_ms.size:,} spikes drawn"
 
 
-def rate(run: object, of: Any = None, *, bin: float | None = None, window: Any = None, ax: Any = None) -> Figure:
+def rate(run: object, of: Any = None, *, bin: float | str | None = None, window: Any = None, ax: Any = None) -> Figure:
     """The mean rate of a neuron of each population in bins of equal length.
 
     Args:
         run: a simulation or results.
         of: a population, a view of one, a name, or a list of these; all that was recorded if not given.
-        bin: length of a bin in ms; a round one if not given.
+        bin: length of a bin in ms, a multiple of the resolution; a round one if not given.
         window: begin and end in ms; the whole run if not given.
         ax: axes to draw into, all populations in one panel; a new figure if not given.
 
@@ -109,7 +111,7 @@ def rate(run: object, of: Any = None, *, bin: float | None = None, window: Any =
         the figure.
 
     Raises:
-        ModelError: nothing of this was recorded, or the bin is no time.
+        ModelError: nothing of this was recorded, or the bin is none.
     """
     told = recorded(run)
     found = trains(told, of, window)
@@ -140,17 +142,28 @@ def binned(train: Train, edges: Floats) -> Floats:
     return np.diff(last) / max(train.neurons.size, 1) / np.diff(edges) * 1000.0
 
 
-def _edges(run: Recorded, train: Train, width: float | None) -> tuple[Floats, float]:
+def _edges(run: Recorded, train: Train, given: float | str | None) -> tuple[Floats, float]:
     begin, end = train.window
-    if width is None:
-        least = max((end - begin) / 200.0, run.resolution_ms)
-        width = next(each for each in _nice() if each >= least)
-    elif not is_number(width) or not width > 0 or not width < np.inf:
-        raise ModelError(f"bin = {shown(width)}: expected a time > 0 ms")
-    elif (end - begin) / width > MOST_BINS:
-        raise ModelError(f"bin = {width:g} ms: expected at most {MOST_BINS:,} bins in {end - begin:g} ms")
+    width = _fitting(run, end - begin) if given is None else _checked_bin(run, given, end - begin)
     whole = math.ceil((end - begin) / width * (1.0 - 1e-12))
-    return np.append(begin + width * np.arange(max(whole, 1)), max(end, begin + run.resolution_ms)), float(width)
+    return np.append(begin + width * np.arange(max(whole, 1)), max(end, begin + run.resolution_ms)), width
+
+
+def _fitting(run: Recorded, length: float) -> float:
+    """A round length of bins in ms, or where none is on the grid of steps the next one that is."""
+    least = max(length / 200.0, run.resolution_ms)
+    return math.ceil(next(each for each in _nice() if each >= least) / run.resolution_ms - 1e-6) * run.resolution_ms
+
+
+def _checked_bin(run: Recorded, given: float | str, length: float) -> float:
+    """The length of bins in ms that is asked for."""
+    width = in_ms(given, "bin")
+    if not is_number(width) or not width > 0 or not width < np.inf:
+        raise ModelError(f"bin = {shown(given)}: expected a time > 0 ms")
+    if length / width > MOST_BINS:
+        raise ModelError(f"bin = {width:g} ms: expected at most {MOST_BINS:,} bins in {length:g} ms")
+    clock = Clock(run.resolution_ms)
+    return clock.ms(clock.step(width, "bin"))
 
 
 def _nice() -> Iterator[float]:

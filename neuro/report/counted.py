@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import copy
-from dataclasses import replace
 from os import PathLike
 
 import numpy as np
 
 from neuro.chips.pricing.bill import bill
 from neuro.chips.pricing.energy import Energy
-from neuro.compiler import compile_network
 from neuro.core.errors import ModelError
+from neuro.files.resolved import resolved
 from neuro.files.results import Results, Train
 from neuro.model.network import Network
-from neuro.model.neurons import event_camera, spike_generator
 from neuro.program.backend import EngineCounts
 from neuro.program.program import Ints, Population
 from neuro.run.compiled import compile
@@ -23,20 +20,28 @@ MOST_DRAWS = 1_000_000_000
 """Neurons x steps of a generator that are drawn once more for a bill."""
 
 
-def energy(results: Results, net: Network, target: str | PathLike[str]) -> Energy:
+def energy(
+    results: Results,
+    net: Network,
+    target: str | PathLike[str],
+    *,
+    step_s: float | None = None,
+    chips: int | None = None,
+) -> Energy:
     """What a run would take on a chip.
 
     Args:
         results: of the run.
         net: what ran.
         target: as of `neuro.Simulation.energy`.
+        step_s: likewise.
+        chips: likewise.
 
     Raises:
         ModelError: the target has no costs, the network does not fit on it, or spikes that the bill needs were neither
             kept nor follow from the seed.
     """
-    net = _without_recordings(net, results)
-    program = compile_network(net, int(results.about["seed"]))
+    program = resolved(results, net)
     spikes, events = [], []
     for part in program.populations:
         train = results.populations[part.name]
@@ -58,19 +63,7 @@ def energy(results: Results, net: Network, target: str | PathLike[str]) -> Energ
         active=np.array(active, np.int64),
         trial_updates=np.array([n * taught for n, taught in zip(updates, by_trials, strict=True)], np.int64),
     )
-    return bill(program, counts, target)
-
-
-def _without_recordings(net: Network, results: Results) -> Network:
-    """The same network, in which what a camera emitted is listed: a bill needs its spikes, and no recording."""
-    listed = copy.copy(net)
-    listed.populations = {
-        name: replace(part, model=spike_generator(), shape=results.populations[name].shape)
-        if isinstance(part.model, event_camera)
-        else part
-        for name, part in net.populations.items()
-    }
-    return listed
+    return bill(program, counts, target, step_s=step_s, chips=chips)
 
 
 def _kept(train: Train) -> tuple[Ints, Ints]:

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.core.quantities import word_of
-from neuro.core.values import shown
-from neuro.model.parts import Part, Side
+from neuro.model.parts import Side
 from neuro.model.synapses import Synapse
-from neuro.model.views import View
 from neuro.program.backend import Engine
 from neuro.program.program import Floats, Ints, Program, Projection, synapse_states
+from neuro.program.synapse_pairs import Ends, places_of_pairs, refuse_some_of_a_grid
 from neuro.run import settable
 from neuro.run.finite import check_weights
 from neuro.run.handles import Handles, Neurons
@@ -76,8 +75,7 @@ class Synapses:
         if not said:
             return None
         if part.grid is not None:
-            told = f"{next(iter(said))} of '{part.name}', a grid, whose synapses share weights: expected all of them"
-            raise ModelError(told, hint="its kernels are set as a whole, by map")
+            refuse_some_of_a_grid(part.name, next(iter(said)))
         if of is None:
             sides = [("pre", pre, part.source), ("post", post, part.target)]
             return self._between(part, index, [self._side(part, *side) for side in sides], some)
@@ -109,25 +107,9 @@ class Synapses:
         return kept
 
     def _of_pairs(self, part: Projection, index: int, of: Any) -> Ints:
-        pairs = _pairs(of)
-        for k, (word, population) in enumerate((("source", part.source), ("target", part.target))):
-            of, n = self._program.populations[population], self._program.populations[population].size
-            for row in np.flatnonzero((pairs[:, k] < 0) | (pairs[:, k] >= n))[:1]:
-                told = f"of: pair {row}: found {word} {pairs[row, k]}"
-                raise ModelError(
-                    f"{told}: expected a neuron of '{self._program.populations[population].name}', 0 to {n - 1}"
-                )
-        n, (pre, post) = self._program.populations[part.target].size, self.ends(index)
-        keys, asked = pre * n + post, pairs[:, 0] * n + pairs[:, 1]
-        first, end = np.searchsorted(keys, asked), np.searchsorted(keys, asked, side="right")
-        number = end - first
-        for row in np.flatnonzero(number == 0)[:1]:
-            pair = f"{pairs[row, 0]} to {pairs[row, 1]}"
-            raise ModelError(f"of: pair {row}: none of the {part.size:,} synapses of '{part.name}' goes from {pair}")
-        if np.unique(asked).size < asked.size:
-            raise ModelError("of: found a pair more than once: expected each once")
-        places: Ints = np.arange(number.sum()) + np.repeat(first - np.cumsum(number) + number, number)
-        return places
+        source, target = (self._program.populations[end] for end in (part.source, part.target))
+        ends = Ends(part.name, (source.name, target.name), (source.size, target.size), *self.ends(index))
+        return places_of_pairs(ends, of)
 
     def weights(self, index: int) -> Floats:
         """The weights of all synapses.
@@ -218,18 +200,3 @@ def _mask(part: Projection, chosen: Chosen) -> NDArray[np.bool_]:
     mask = np.zeros(part.size, dtype=np.bool_)
     mask[chosen] = True
     return mask
-
-
-def _pairs(of: Any) -> Ints:
-    """Pairs of neurons as rows, shape (n, 2)."""
-    told = "expected pairs (source, target) of neurons as whole numbers, such as [(0, 5), (3, 1)]"
-    if isinstance(of, (Part, View, str)):
-        text = f"'{of.name}'" if isinstance(of, Part) else repr(of)
-        raise ModelError(f"of = {text}: {told}", hint="pre= and post= take the neurons at either end")
-    try:
-        pairs = np.atleast_2d(np.asarray(of))
-    except ValueError:  # rows of different lengths
-        raise ModelError(f"of = {shown(of)}: {told}") from None
-    if pairs.dtype.kind not in "iu" or pairs.ndim != 2 or pairs.shape[1] != 2:
-        raise ModelError(f"of = {shown(of)}: {told}", hint="pre= and post= take the neurons at either end")
-    return pairs.astype(np.int64)

@@ -59,6 +59,14 @@ def test_only_what_was_asked_for(neuro, ran):
     assert (answer.status, answer.err) == (2, expected)
 
 
+def test_times_with_units(neuro, ran):
+    assert neuro("plot", ran, "--window", "0.005 s", "10 ms", "--bin", "1 ms").status == 0
+    answer = neuro("plot", ran, "--window", "0 ms", "3 s")
+    assert answer.err == "error: window = [0, 3000]: the run ends at 20 ms: expected an end <= 20 ms\n"
+    answer = neuro("plot", ran, "--window", "0", "soon")
+    assert answer.err == "error: --window: found 'soon': expected a time in ms\n"
+
+
 def test_some_neurons(neuro, ran):
     """A view is written as in YAML, in brackets behind the name; of traces its neurons are drawn alone."""
     for view in (" exc [ 1, 0:4:2 ] ", "exc[[3, 1]]"):

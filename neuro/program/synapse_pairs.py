@@ -1,0 +1,85 @@
+"""Synapses of a projection that are named by the neurons at both ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from neuro.core.errors import ModelError
+from neuro.core.values import shown
+from neuro.model.parts import Part
+from neuro.model.views import View
+from neuro.program.program import Ints
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ends:
+    """The ends of the synapses of a projection.
+
+    Attributes:
+        name: of the projection.
+        populations: names of its source and its target.
+        sizes: their neurons.
+        pre, post: the source and the target of each synapse.
+    """
+
+    name: str
+    populations: tuple[str, str]
+    sizes: tuple[int, int]
+    pre: Ints
+    post: Ints
+
+
+def places_of_pairs(ends: Ends, of: Any) -> Ints:
+    """Where the synapses of pairs (source, target) lie, in the order of the pairs.
+
+    Raises:
+        ModelError: these are no pairs, one names no neuron, has no synapse, or stands there twice.
+    """
+    pairs = _pairs(of)
+    for k, word in enumerate(("source", "target")):
+        n = ends.sizes[k]
+        for row in np.flatnonzero((pairs[:, k] < 0) | (pairs[:, k] >= n))[:1]:
+            told = f"of: pair {row}: found {word} {pairs[row, k]}"
+            raise ModelError(f"{told}: expected a neuron of '{ends.populations[k]}', 0 to {n - 1}")
+    n = ends.sizes[1]
+    keys, asked = ends.pre * n + ends.post, pairs[:, 0] * n + pairs[:, 1]
+    order = None if (keys[1:] >= keys[:-1]).all() else np.argsort(keys, kind="stable")
+    ascending = keys if order is None else keys[order]
+    first, end = np.searchsorted(ascending, asked), np.searchsorted(ascending, asked, side="right")
+    number = end - first
+    for row in np.flatnonzero(number == 0)[:1]:
+        pair = f"{pairs[row, 0]} to {pairs[row, 1]}"
+        told = f"none of the {keys.size:,} synapses of '{ends.name}' goes from {pair}"
+        raise ModelError(f"of: pair {row}: {told}")
+    if np.unique(asked).size < asked.size:
+        raise ModelError("of: found a pair more than once: expected each once")
+    places: Ints = np.arange(number.sum()) + np.repeat(first - np.cumsum(number) + number, number)
+    return places if order is None else order[places]
+
+
+def refuse_some_of_a_grid(name: str, said: str) -> None:
+    """Refuse to choose among synapses that share weights.
+
+    Raises:
+        ModelError: always; `said` is the word by which they were to be chosen.
+    """
+    told = f"{said} of '{name}', a grid, whose synapses share weights: expected all of them"
+    raise ModelError(told, hint="its kernels are set as a whole, by map")
+
+
+def _pairs(of: Any) -> Ints:
+    """Pairs of neurons as rows, shape (n, 2)."""
+    told = "expected pairs (source, target) of neurons as whole numbers, such as [(0, 5), (3, 1)]"
+    if isinstance(of, (Part, View, str)):
+        text = f"'{of.name}'" if isinstance(of, Part) else repr(of)
+        raise ModelError(f"of = {text}: {told}", hint="pre= and post= take the neurons at either end")
+    try:
+        pairs = np.atleast_2d(np.asarray(of))
+    except ValueError:  # rows of different lengths
+        raise ModelError(f"of = {shown(of)}: {told}") from None
+    if pairs.dtype.kind not in "iu" or pairs.ndim != 2 or pairs.shape[1] != 2:
+        raise ModelError(f"of = {shown(of)}: {told}", hint="pre= and post= take the neurons at either end")
+    return pairs.astype(np.int64)

@@ -1,0 +1,108 @@
+"""Results that are read from a file answer the calls by which a simulation is read."""
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro import ModelError
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    """A simulation and what it has left, by name."""
+    path = tmp_path_factory.mktemp("results") / "out.h5"
+    net = neuro.Network("both")
+    drive = net.population("drive", 8, neuro.poisson_generator(rate=800.0))
+    cells = net.population("cells", (2, 3), neuro.iaf_psc_exp())
+    late = neuro.uniform(low=0.5, high=3.0)
+    net.connect(drive, cells, neuro.fixed_indegree(n=4), neuro.stdp(Wmax=900.0), weight=400.0, delay=late, name="w")
+    net.connect(cells, cells, neuro.all_to_all(), weight=-5.0, delay=1.5, name="back")
+    net.probe("all_spikes", drive)
+    net.probe("some_spikes", cells[0])
+    net.probe("v", cells, "V_m", every=1.0)
+    sim = neuro.compile(net, seed=3)
+    with sim.record_to(path):
+        sim.run(50.0)
+    live = neuro.compile(net, seed=3)
+    live.run(50.0)
+    return net, live, neuro.results.read(path)
+
+
+@pytest.mark.parametrize("words", [{}, {"delays": True}, {"pre": [0, 3]}, {"post": 2, "delays": True}, {"post": [5]}])
+@pytest.mark.parametrize("name", ["w", "back"])
+def test_weights(both, name, words):
+    net, live, left = both
+    mine, theirs = live.weights(name, **words), left.weights(net.projections[name], **words)
+    assert len(mine) == len(theirs) == 3 + words.get("delays", False)
+    for a, b in zip(mine, theirs, strict=True):
+        assert a.size
+        assert np.array_equal(a, b)
+
+
+def test_weights_of_views_and_pairs(both):
+    net, live, left = both
+    cells = net.populations["cells"]
+    for words in ({"post": cells[1]}, {"pre": net.populations["drive"][:4]}, {"of": [(2, 5), (0, 1)]}):
+        name = "back" if "of" in words else "w"
+        for a, b in zip(live.weights(name, **words), left.weights(name, **words), strict=True):
+            assert a.size
+            assert np.array_equal(a, b)
+    for what in ("weight", "delay"):
+        assert np.array_equal(live.get("w", what, post=cells[0]), left.get("w", what, post=cells[0]))
+
+
+def test_wrong_ends(both):
+    for run in both[1:]:
+        with pytest.raises(ModelError, match=r"pre = 'cells': expected neurons of 'drive', as 'w' has there"):
+            run.weights("w", pre="cells")
+        with pytest.raises(ModelError, match="found 9: expected -8 to 7"):
+            run.weights("w", pre=[9])
+        with pytest.raises(ModelError, match="found both 'of' and 'pre'"):
+            run.weights("w", of=[(0, 1)], pre=[0])
+        with pytest.raises(ModelError, match=r"of: pair 0: found source 8: expected a neuron of 'drive', 0 to 7"):
+            run.weights("w", of=[(8, 0)])
+
+
+@pytest.mark.parametrize("name", ["all_spikes", "some_spikes", "v"])
+def test_traces(both, name):
+    net, live, left = both
+    for a, b, c in zip(live.trace(name), left.trace(name), left.trace(net.probes[name]), strict=True):
+        assert a.size
+        assert np.array_equal(a, b)
+        assert np.array_equal(a, c)
+
+
+def test_no_such_probe(both):
+    for run in both[1:]:
+        with pytest.raises(ModelError, match="unknown probe 'spikes'"):
+            run.trace("spikes")
+
+
+def test_a_file_has_no_states(both):
+    left = both[2]
+    with pytest.raises(ModelError, match="states of 'cells': a file of results has none") as error:
+        left.states("cells")
+    assert "run.traces" in error.value.hint
+    with pytest.raises(ModelError, match="population 'cells': a file of results has no 'V_m'") as error:
+        left.get("cells", "V_m")
+    assert "run.trace('v')" in error.value.hint
+    with pytest.raises(ModelError, match="projection 'w': a file of results has no 'K_plus'") as error:
+        left.get("w", "K_plus")
+    assert "net.probe('name', 'w', 'K_plus')" in error.value.hint
+
+
+def test_a_bill(both):
+    _, live, left = both
+    assert left.energy("loihi").total_j == live.energy("loihi").total_j
+    assert left.energy("loihi", step_s=1e-3).total_j == live.energy("loihi", step_s=1e-3).total_j
+
+
+def test_a_picture(both):
+    live, left = both[1:]
+    assert [axis.get_title("left") for axis in left.plot("cells").axes] == [
+        axis.get_title("left") for axis in live.plot("cells").axes
+    ]
+
+
+def test_what_is_held(both):
+    assert both[2].held == both[1].held == 0.0
