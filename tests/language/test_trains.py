@@ -41,6 +41,7 @@ def written() -> None:
     np.save("flat.npy", TIMES)
     np.save("other.npy", np.zeros(2, dtype=[("t", float), ("ids", int)]))
     Path("spikes.csv").write_text("ids,times,weight\n1,0.5,9\n0,0.5,9\n1,2,9\n2,7.25,9\n")
+    Path("marked.csv").write_bytes(b"\xef\xbb\xbf" + Path("spikes.csv").read_bytes())
     Path("bad.csv").write_text("times,ids\n0.5,1\n0.75,one\n")
     Path("no.csv").write_text("time,ids\n0.5,1\n")
     Path("empty.csv").write_text("")
@@ -56,11 +57,52 @@ def written() -> None:
         "{spikes: {file: table.npy}}",
         "{file: fields.npy}",
         "{file: spikes.csv}",
+        "{file: marked.csv}",
     ],
 )
 def test_all_files_give_the_same(folder, words):
     written()
     assert emitted(loaded(words)) == ([0.5, 0.5, 2.0, 7.25], [0, 1, 1, 2])
+
+
+@pytest.mark.parametrize(
+    "words", [{"file": "spikes.h5", "key": "run/exc"}, {"file": Path("fields.npy")}, {"file": "marked.csv"}]
+)
+def test_a_program_names_files_too(folder, words):
+    written()
+    net = neuro.Network("program", resolution=0.25)
+    net.population("input", 3, neuro.spike_train(**(words | {"file": Path.cwd() / words["file"]})))
+    assert emitted(net) == ([0.5, 0.5, 2.0, 7.25], [0, 1, 1, 2])
+    assert neuro.spike_train(**words) == neuro.spike_train(spikes=np.stack([TIMES, IDS], axis=1)[[0, 1, 2, 3]])
+    net.save("saved.yaml")
+    assert neuro.load("saved.yaml") == net
+
+
+PROGRAMS = [
+    ({}, "spike_train: found neither 'spikes' nor 'file': expected one of them"),
+    ({"spikes": [], "file": "spikes.csv"}, "spike_train: found both 'spikes' and 'file': expected one of them"),
+    ({"key": "a"}, "spike_train: found 'key' without 'file': expected both"),
+    ({"file": "none.csv"}, "spike_train: none.csv: there is no such file"),
+    ({"file": "spikes.txt"}, "spike_train: file 'spikes.txt': expected a name ending in .h5, .hdf5, .npy, .csv"),
+    ({"file": "spikes.h5"}, "spike_train: file 'spikes.h5' needs 'key', the data set in it"),
+    (
+        {"file": "spikes.csv", "key": "a"},
+        "spike_train: a key for 'spikes.csv': expected none, a CSV file holds one table",
+    ),
+    (
+        {"file": "no.csv"},
+        "spike_train: file 'no.csv' has no column 'times': found 'time', 'ids': expected 'times' and 'ids'",
+    ),
+    ({"fil": "no.csv"}, "unknown parameter of spike_train 'fil'"),
+]
+
+
+@pytest.mark.parametrize(("words", "message"), PROGRAMS)
+def test_mistakes_of_programs_are_told(folder, words, message):
+    written()
+    with pytest.raises(ModelError) as told:
+        neuro.spike_train(**words)
+    assert told.value.message == message
 
 
 def test_spikes_of_a_run_are_emitted_again(folder):

@@ -101,16 +101,30 @@ def named(node: Node, endings: tuple[str, ...]) -> tuple[Path, dict[str, Node]]:
     for word in said:
         if not isinstance(said[word].value, str):
             raise mistake(said[word], f"{word} = {said[word].value!r}: expected a name")
-    name, ending = said["file"].value, PurePosixPath(said["file"].value).suffix
-    if ending not in endings:
-        raise mistake(said["file"], f"file {shown(name)}: expected a name ending in {', '.join(endings)}")
-    keyed = ending in HDF5
-    if not keyed and "key" in said:
-        holds = "an NPY file holds one array" if ending == ".npy" else "a CSV file holds one table"
-        raise mistake(said["key"], f"a key for '{name}': expected none, {holds}")
-    if keyed and "key" not in said:
-        raise mistake(node, f"file {shown(name)} needs 'key', the data set in it")
+    name = said["file"].value
+    check_named(said["file"], PurePosixPath(name).suffix, endings, node, said.get("key"))
     return inside(said["file"], name), said
+
+
+def check_named(file: Node, ending: str, endings: tuple[str, ...], whole: Node, key: Node | None) -> None:
+    """Refuse the name of a file that cannot be read, or one without a key that needs one.
+
+    Args:
+        file: the name.
+        ending: its ending.
+        endings: those that it may have.
+        whole: where a missing key is told.
+        key: of the data set.
+    """
+    name = file.value
+    if ending not in endings:
+        raise mistake(file, f"file {shown(name)}: expected a name ending in {', '.join(endings)}")
+    keyed = ending in HDF5
+    if not keyed and key is not None:
+        holds = "an NPY file holds one array" if ending == ".npy" else "a CSV file holds one table"
+        raise mistake(key, f"a key for '{name}': expected none, {holds}")
+    if keyed and key is None:
+        raise mistake(whole, f"file {shown(name)} needs 'key', the data set in it")
 
 
 def held(said: Mapping[str, Node], values: NDArray[np.float64]) -> FromFile:

@@ -7,11 +7,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.errors import Where
+from neuro.core.inputs import note
 from neuro.core.values import FromFile
-from neuro.model.language.files import ENDINGS, MAX_ELEMENTS, hdf5, held, named, npy
+from neuro.model.language.files import ENDINGS, MAX_ELEMENTS, check_named, hdf5, held, named, npy
 from neuro.model.language.nodes import mistake
 from neuro.model.language.reader import Node
 
+CSV = ".csv"
 COLUMNS = ("times", "ids")
 _TIMES = ("times_ms", "ids", "multiplicity")
 """Of a population in a file of results."""
@@ -19,13 +22,33 @@ _TIMES = ("times_ms", "ids", "multiplicity")
 
 def train(node: Node) -> FromFile:
     """The spikes that `{file: ..., key: ...}` stands for, a row of time and neuron for each."""
-    path, said = named(node, (*ENDINGS, ".csv"))
-    file = said["file"]
-    if "key" in said:
-        rows = _hdf5(path, file, said["key"])
-    else:
-        rows = _csv(path, file) if path.suffix == ".csv" else _npy(path, file)
-    return held(said, rows)
+    path, said = named(node, (*ENDINGS, CSV))
+    return held(said, _rows(path, said["file"], said.get("key")))
+
+
+def train_of(path: Path, key: str | None, where: Where) -> NDArray[np.float64]:
+    """The spikes of any file, as a program names it.
+
+    Args:
+        path: of the file.
+        key: what in it has them; only HDF5 has one.
+        where: the file is named.
+
+    Raises:
+        ModelError: there is no such file, or it holds no spikes.
+    """
+    file = Node(str(path), where, where)
+    check_named(file, path.suffix, (*ENDINGS, CSV), file, None if key is None else file)
+    if not path.is_file():
+        raise mistake(file, f"{path}: there is no such file")
+    note(path)
+    return _rows(path, file, None if key is None else Node(key, where, where))
+
+
+def _rows(path: Path, file: Node, key: Node | None) -> NDArray[np.float64]:
+    if key is not None:
+        return _hdf5(path, file, key)
+    return _csv(path, file) if path.suffix == CSV else _npy(path, file)
 
 
 def _hdf5(path: Path, file: Node, key: Node) -> NDArray[np.float64]:
@@ -74,7 +97,7 @@ def _csv(path: Path, file: Node) -> NDArray[np.float64]:
     """A table whose first line names its columns; what it has beside times and ids is not read."""
     what = f"file '{file.value}'"
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, ValueError):
         raise mistake(file, f"{what}: expected a CSV file that can be read") from None
     names = [name.strip() for name in lines[0].split(",")] if lines else []

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from os import PathLike
+from typing import Any, ClassVar, Self
 
+from neuro.core.errors import ModelError, Where, here
+from neuro.core.paths import file_path
 from neuro.core.quantities import Value, quantity
 from neuro.model.neurons.base import Generator
+
+_OF_FILE = ("file", "key")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,13 +44,13 @@ class spike_generator(Generator):
     spike_times: Any = quantity((), "ms", "one ascending list of times for each neuron", kind="times")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, init=False)
 class spike_train(Generator):
     """Emits the spikes of a recording; more can be injected while running. Two at one time make one of multiplicity 2.
 
-    In YAML `{file: ..., key: ...}` may stand for `spikes`: a group of an HDF5 file with data sets `times` and `ids`, as
-    `neuro run --out` writes them, or a data set with two columns; an NPY file with these columns or fields; a CSV file
-    whose first line names the columns.
+    `file` (and `key`) may stand for `spikes`, in YAML also as `spikes: {file: ..., key: ...}`: a group of an HDF5 file
+    with data sets `times` and `ids`, as `neuro run --out` writes them, or a data set with two columns; an NPY file with
+    these columns or fields; a CSV file whose first line names the columns.
     """
 
     equation: ClassVar[str] = "emits at the recorded times"
@@ -56,6 +61,27 @@ class spike_train(Generator):
     spikes: Any = quantity(
         unit="ms", doc="a row for each spike, in ascending time: when, and which neuron", kind="train"
     )
+
+    def __new__(cls, *args: Any, **words: Any) -> Self:
+        """Refuse an unknown parameter by its nearest right name."""
+        return super().__new__(cls, *args, **{word: value for word, value in words.items() if word not in _OF_FILE})
+
+    def __init__(self, *, spikes: Any = None, file: str | PathLike[str] | None = None, key: str | None = None) -> None:
+        if file is None and key is not None:
+            raise ModelError("spike_train: found 'key' without 'file': expected both", where=here())
+        if (spikes is None) == (file is None):
+            found = "neither 'spikes' nor 'file'" if file is None else "both 'spikes' and 'file'"
+            raise ModelError(f"spike_train: found {found}: expected one of them", where=here())
+        object.__setattr__(self, "spikes", spikes if file is None else self._read(file, key))
+        self.__post_init__()
+
+    def _read(self, file: str | PathLike[str], key: str | None) -> Any:
+        from neuro.model.language.trains import train_of
+
+        try:
+            return train_of(file_path(file, "file"), key, here() or Where("Python"))
+        except ModelError as error:
+            raise error.at(None, "spike_train") from None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
