@@ -1,5 +1,8 @@
 """Views: neurons of a population by an index, wherever neurons are named."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -35,6 +38,62 @@ def told(call, *args, **words) -> str:
 def message(call, *args, **words) -> str:
     """The message without the place of the caller."""
     return told(call, *args, **words).partition(".py:")[2].partition(": ")[2]
+
+
+# what a handle gives
+
+
+def test_handles_as_arrays():
+    exc, grid = row(), sheet(2, 3)
+    assert np.asarray(exc[2:5]).tolist() == exc[range(2, 5)].ids.tolist() == [2, 3, 4]
+    assert np.asarray(exc).tolist() == exc.ids.tolist() == list(range(10))
+    assert np.asarray(grid[1], dtype=float).tolist() == [3.0, 4.0, 5.0]
+    assert grid.ids.tolist() == grid[range(6)].ids.tolist()
+
+
+def test_neurons_are_no_numbers():
+    net = Network()
+    exc = net.population("exc", 3, neuro.iaf_psc_exp())
+    found = "found neurons, exc[:2]: expected numbers\n  hint: their ids are np.asarray(...)"
+    assert message(net.connect, exc, exc, neuro.all_to_all(), weight=exc[:2]).endswith(f"weight: {found}")
+    assert message(neuro.iaf_psc_exp, I_e=exc[:2]) == f"iaf_psc_exp.I_e: {found}"
+    assert told(neuro.compile(net, "reference").set, exc, I_e=exc[:2]) == f"exc.I_e: {found}"
+
+
+def test_populations_are_keys():
+    exc, inh = row(), row(name="inh")
+    colours = {exc: "blue", inh: "red"}
+    assert (colours[exc], colours[inh]) == ("blue", "red")
+    assert hash(row()) == hash(exc)
+    assert row() == exc
+
+
+def test_numbers_are_in_a_simulation():
+    exc = row()
+    with pytest.raises(AttributeError) as error:
+        exc.V_m  # noqa: B018
+    expected = "population 'exc' is a description: its V_m is in a simulation: "
+    assert str(error.value) == expected + "sim.get(exc, 'V_m') reads it"
+    with pytest.raises(AttributeError) as error:
+        exc.V_m = 3.0
+    assert str(error.value) == expected + "sim.set(exc, V_m=...) sets it"
+    with pytest.raises(AttributeError, match="object has no attribute 'colour'"):
+        exc.colour  # noqa: B018
+    with pytest.raises(AttributeError):
+        exc.name = "inh"
+    assert not hasattr(exc, "_repr_png_")
+    assert pickle.loads(pickle.dumps(exc)) == copy.deepcopy(exc) == exc
+
+
+def test_several_names():
+    net = Network()
+    exc = net.population("exc", 3, neuro.iaf_psc_exp(I_e=5.0))
+    sim = neuro.compile(net, "reference")
+    found = sim.get(exc[:2], ["V_m", "I_e"])
+    assert {word: values.tolist() for word, values in found.items()} == {"V_m": [-70.0, -70.0], "I_e": [5.0, 5.0]}
+    assert told(sim.get, exc, "V_m", "I_e") == (
+        "get: found 'V_m' and 'I_e': expected one name, or a list\n  hint: sim.get(part, ['V_m', 'I_e']) gives both"
+    )
 
 
 # what an index chooses

@@ -167,11 +167,15 @@ def numbers(values: Any, what: str) -> NDArray[np.float64]:
 
 
 def refuse_masked(value: Any, what: str) -> None:
-    """Refuse an array some of whose values are masked: numpy would go on with what lies under the mask.
+    """Refuse what numpy would take for other numbers: what lies under a mask, and the ids of neurons.
 
     Raises:
-        ModelError: one is.
+        ModelError: a value is masked, or these are neurons.
     """
+    if getattr(type(value), "are_neurons", False):
+        raise ModelError(
+            f"{what}: found neurons, {shown(value)}: expected numbers", hint="their ids are np.asarray(...)"
+        )
     if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
         index = np.argwhere(np.ma.getmaskarray(value))[0]
         place = f"{what}[{', '.join(map(str, index))}]" if index.size else what

@@ -151,6 +151,9 @@ class Events:
         """The events one by one; arrays are faster for many."""
         return map(Event, *(getattr(self, name).tolist() for name in "txyp"))
 
+    __array_ufunc__ = None
+    """So that numpy leaves `array + events` to `__radd__`."""
+
     def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> npt.NDArray[Any]:
         """The array of `records`, or what numpy makes of it by `dtype`.
 
@@ -161,14 +164,30 @@ class Events:
             raise ModelError("events as one array are a copy: expected copy=None or True")
         return self.records() if dtype is None else self.records().astype(dtype)
 
-    def __add__(self, other: Events) -> Events:
+    def _of_records(self, array: npt.NDArray[Any]) -> Events:
+        """A structured array as events of the same sensor."""
+        names = array.dtype.names or ()
+        if not {"t", "x", "y", "p"} <= set(names):
+            found = f"fields {', '.join(names)}" if names else str(array.dtype)
+            raise ModelError(f"events + an array of {found}: expected a structured array with t, x, y and p")
+        return Events(array["t"], array["x"], array["y"], array["p"], self.sensor_size, self.metadata)
+
+    def __radd__(self, other: Any) -> Events:
+        """The sum of a list of events, which begins with 0, and what `array + events` is."""
+        if isinstance(other, np.ndarray):
+            return self._of_records(other) + self
+        return self if type(other) is int and other == 0 else NotImplemented
+
+    def __add__(self, other: Events | npt.NDArray[Any]) -> Events:
         """The events of both recordings in the order of time; at one time those of the first stand first.
 
-        The metadata are what both say alike.
+        The metadata are what both say alike. A structured array of events is one of the same sensor.
 
         Raises:
             ModelError: the sensors differ.
         """
+        if isinstance(other, np.ndarray):
+            other = self._of_records(other)
         if not isinstance(other, Events):
             return NotImplemented
         if other.sensor_size != self.sensor_size:

@@ -356,6 +356,8 @@ class Results:
         Raises:
             ModelError: a file does not have what is asked for: parameters, or a state, of which a probe records traces.
         """
+        if isinstance(what, list):
+            return {word: self.get(part, word, of=of, pre=pre, post=post) for word in what}
         name = _name(part)
         if not isinstance(part, View) and name in self.projections:
             return one_each(self, name, what, of, pre, post)

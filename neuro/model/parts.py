@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import FrozenInstanceError, dataclass, field
 from typing import Any, ClassVar
 
+import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.choice import Choice
 from neuro.core.errors import Where
-from neuro.core.quantities import Quantity, Value, quantity
+from neuro.core.quantities import Quantity, Value, quantity, word_of
 from neuro.core.values import same
 from neuro.model.neurons import Model
 from neuro.model.rules import Rule
@@ -56,7 +57,8 @@ class Part:
         mine, theirs = vars(self), vars(other)
         return all(same(mine[k], theirs[k]) for k in mine if k not in ("origin", "between"))
 
-    __hash__ = None  # type: ignore[assignment]
+    def __hash__(self) -> int:
+        return hash((type(self), self.name))
 
     def __repr__(self) -> str:
         from neuro.model.words import one_line
@@ -91,6 +93,7 @@ class Population(Part):
     """
 
     word: ClassVar[str] = "population"
+    are_neurons: ClassVar[bool] = True
     shape: tuple[int | str, ...]
     model: Model
     initial: Mapping[str, Value] = field(default_factory=dict)
@@ -112,6 +115,39 @@ class Population(Part):
 
     def __iter__(self) -> Iterator[View]:
         return iter(view(self, ...))
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """The ids."""
+        return np.array(self.ids, dtype=dtype)
+
+    def __getattr__(self, word: str) -> Any:
+        raise AttributeError(_no_attribute(self, word, "sim.get({name}, {word!r}) reads it"))
+
+    @property
+    def ids(self) -> NDArray[np.int64]:
+        """All its neurons, counted from 0.
+
+        Raises:
+            ModelError: its shape follows when it is compiled.
+        """
+        return view(self, ...).ids
+
+
+def _no_attribute(part: Population, word: str, way: str) -> str:
+    """What is said of an attribute that a population does not have, and the way to a number of its model."""
+    model = vars(part).get("model")
+    known = () if model is None else (*model.quantities(), *(state.name for state in model.states))
+    if word_of(word) not in known:
+        return f"'{type(part).__name__}' object has no attribute '{word}'"
+    told = f"population '{part.name}' is a description: its {word_of(word)} is in a simulation"
+    return f"{told}: {way.format(name=part.name, word=word_of(word))}"
+
+
+def _refuse_change(part: Population, word: str, value: Any) -> None:
+    raise FrozenInstanceError(_no_attribute(part, word, "sim.set({name}, {word}=...) sets it"))
+
+
+Population.__setattr__ = _refuse_change  # type: ignore[method-assign, assignment]  # or @dataclass would make its own
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ import operator
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +57,7 @@ class View:
         ModelError: of what is asked for a view of a population whose shape follows when it is compiled.
     """
 
+    are_neurons: ClassVar[bool] = True
     population: Laid
     index: tuple[Axis, ...] | Ids
 
@@ -106,6 +107,10 @@ class View:
         shape = _known(self.population, repr(self))
         return (View(self.population, tuple(map(int, np.unravel_index(neuron, shape)))) for neuron in self.ids)
 
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """The ids."""
+        return np.array(self.ids, dtype=dtype)
+
     def __getitem__(self, index: Any) -> View:
         inner = view(Shaped(repr(self), self.shape), index)
         if not (isinstance(self.index, tuple) and isinstance(inner.index, tuple)):
@@ -138,7 +143,7 @@ def view(population: Laid, index: Any) -> View:
     Raises:
         ModelError: it is no index, reaches beyond the population, or chooses no neuron, or one twice.
     """
-    if isinstance(index, (list, np.ndarray)):
+    if isinstance(index, (list, range, np.ndarray)):
         return View(population, _kept(_ids(population, _array(index))))
     items = index if isinstance(index, tuple) else (index,)
     what = f"{population.name}[{', '.join(_text(item) for item in items)}]"

@@ -222,7 +222,7 @@ class Simulation:
         self,
         part: Population | View | Projection | str,
         /,
-        what: str,
+        what: str | list[str],
         raw: bool = False,
         *,
         of: ArrayLike | None = None,
@@ -230,6 +230,8 @@ class Simulation:
         post: Side = None,
     ) -> Any:
         """A state or parameter of neurons, or a state of synapses, in physical units; one value each, in a row.
+
+        A list of names gives a dictionary of these by name.
 
         Args:
             part: the population, a view, or the projection.
@@ -241,6 +243,9 @@ class Simulation:
             pre: only those from these neurons; `weights` says which they are.
             post: likewise those onto these neurons.
         """
+        _refuse_second(what, raw)
+        if isinstance(what, list):
+            return {word: self.get(part, word, raw, of=of, pre=pre, post=post) for word in what}
         registers = self._registers() if check(_FLAG, raw, "raw") else None
         neurons = self.handles.neurons_or_projection(part)
         if isinstance(neurons, int):
@@ -546,6 +551,13 @@ def _mapping(values: object) -> dict[str, Any]:
     if not isinstance(values, Mapping) or not all(isinstance(word, str) for word in values):
         raise ModelError(f"set: found {shown(values)}: expected values by name", hint="sim.set(cells, V_m=-60.0)")
     return dict(values)
+
+
+def _refuse_second(what: object, found: object) -> None:
+    """Refuse a second name where `raw` stands."""
+    if isinstance(found, str) and found.isidentifier():
+        hint = f"sim.get(part, [{what!r}, {found!r}]) gives both"
+        raise ModelError(f"get: found {shown(what)} and {shown(found)}: expected one name, or a list", hint=hint)
 
 
 def _refuse_ends(neurons: Neurons, of: object, pre: object, post: object) -> None:

@@ -80,6 +80,21 @@ def test_a_sum_keeps_what_both_recordings_say():
     assert sorted((a + b).metadata) == ["box", "format"]
 
 
+def test_sums_of_lists_and_arrays():
+    a, b = Events([1, 5], [0, 1], [0, 0], [1, 0], (3, 2)), Events([3], [2], [1], [1], (3, 2))
+    assert sum([a, b, a]) == a + b + a
+    assert a + np.asarray(b) == np.asarray(a) + b == a + b
+    for wrong in (np.zeros(3), np.zeros(2, [("t", int), ("x", int)])):
+        with pytest.raises(ModelError, match=r"events \+ an array of .*: expected a structured array with t"):
+            a + wrong
+        with pytest.raises(ModelError, match="expected a structured array"):
+            wrong + a
+    with pytest.raises(TypeError):
+        a + 3
+    with pytest.raises(TypeError):
+        3 + a
+
+
 def test_a_sum_of_two_sensors_is_refused():
     with pytest.raises(ModelError) as error:
         make() + make(size=(4, 2))
