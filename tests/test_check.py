@@ -353,12 +353,12 @@ MISTAKES: dict[str, tuple[Callable[[Network], object], str, str]] = {
     ),
     "probe of an unknown state": (
         lambda net: net.probe("x", "cells", "V"),
-        "probe 'x': 'cells', a iaf_psc_exp, has no state 'V'",
+        "probe 'x': 'cells', an iaf_psc_exp, has no state 'V'",
         "did you mean 'V_m'?",
     ),
     "probe of a hidden state": (
         lambda net: net.probe("x", "cells", "refractory"),
-        "probe 'x': 'cells', a iaf_psc_exp, has no state 'refractory'",
+        "probe 'x': 'cells', an iaf_psc_exp, has no state 'refractory'",
         "known: I_syn_ex, I_syn_in, V_m, rate, spikes",
     ),
     "spikes of a current": (

@@ -262,7 +262,7 @@ def test_feeding_while_it_runs(walk):
     assert str(error.value) == (
         f"feed: 'camera': an event at {origin - 1} us: expected from {origin} us on, the beginning"
     )
-    with pytest.raises(ModelError, match="feed: 'cells' is a iaf_psc_exp: expected an event_camera"):
+    with pytest.raises(ModelError, match="feed: 'cells' is an iaf_psc_exp: expected an event_camera"):
         fed.feed("cells", walk)
 
 
@@ -429,14 +429,14 @@ def test_people_are_told_the_model_that_they_know(walk):
     with pytest.raises(ModelError) as error:
         sim.inject("camera", [6.0], [0])
     assert str(error.value) == (
-        "inject: 'camera' is a event_camera: expected a spike_generator\n"
+        "inject: 'camera' is an event_camera: expected a spike_generator\n"
         "  hint: sim.feed('camera', events) gives it events"
     )
-    with pytest.raises(ModelError, match="spikes of 'coded', a encode, are not recorded"):
+    with pytest.raises(ModelError, match="spikes of 'coded', an encode, are not recorded"):
         sim.spikes("coded")
     wrong = network(neuro.event_camera(events=walk))
     wrong.connect("cells", "camera", neuro.all_to_all())
-    with pytest.raises(ModelError, match="its target 'camera' is a event_camera, which takes no input") as error:
+    with pytest.raises(ModelError, match="its target 'camera' is an event_camera, which takes no input") as error:
         neuro.compile(wrong)
 
 

@@ -94,7 +94,7 @@ def test_a_group_cannot_have_neurons_that_reset_themselves():
     with pytest.raises(neuro.ModelError) as error:
         neuro.compile(net)
     assert str(error.value).endswith(
-        "group 'choice': winner_take_all of 'cells', a aeif_cond_exp, which resets itself before a group can choose: "
+        "group 'choice': winner_take_all of 'cells', an aeif_cond_exp, which resets itself before a group can choose: "
         "expected neurons that a group resets"
     )
 

@@ -150,13 +150,13 @@ def refusal(cell, synapse, weight=1.0, source=None) -> str:
 
 def test_mistakes_are_told():
     assert refusal(neuro.iaf_psc_exp(), static(receptor="inhibitory")) == (
-        "projection 'a_b': unknown receptor of 'b', a iaf_psc_exp, 'inhibitory'\n  hint: did you mean 'in'?"
+        "projection 'a_b': unknown receptor of 'b', an iaf_psc_exp, 'inhibitory'\n  hint: did you mean 'in'?"
     )
     assert refusal(three(), static(receptor="g_c")) == (
         "projection 'a_b': unknown receptor of 'b', a three_receptors, 'g_c'\n  hint: did you mean 'g_a' or 'g_b'?"
     )
     assert refusal(neuro.iaf_psc_delta(), static(receptor="ex")) == (
-        "projection 'a_b': static.receptor = 'ex': 'b', a iaf_psc_delta, sums all input: expected no receptor\n"
+        "projection 'a_b': static.receptor = 'ex': 'b', an iaf_psc_delta, sums all input: expected no receptor\n"
         "  hint: leave it out"
     )
     assert refusal(three(), neuro.stdp()) == (
@@ -165,11 +165,11 @@ def test_mistakes_are_told():
     )
     current = neuro.dc_generator(amplitude=1.0)
     assert refusal(neuro.iaf_psc_alpha(), static(receptor="ex"), source=current) == (
-        "projection 'a_b': static.receptor = 'ex' of a current from 'a', which goes to no receptor of a iaf_psc_alpha: "
-        "expected none\n  hint: leave it out"
+        "projection 'a_b': static.receptor = 'ex' of a current from 'a', which goes to no receptor of an iaf_psc_alpha"
+        ": expected none\n  hint: leave it out"
     )
     assert refusal(neuro.iaf_psc_exp(), static(receptor="exc"), source=current) == (
-        "projection 'a_b': unknown receptor of 'b', a iaf_psc_exp, 'exc'\n  hint: did you mean 'ex'?"
+        "projection 'a_b': unknown receptor of 'b', an iaf_psc_exp, 'exc'\n  hint: did you mean 'ex'?"
     )
     conductance = (
         "onto receptor 'in', a conductance, which grows by it: expected at least 0\n"

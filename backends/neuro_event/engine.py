@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from neuro.core.clock import NEVER
+from neuro.core.english import a
 from neuro.core.errors import ModelError
 from neuro.program.backend import EngineCounts, Outcome, Sent, Spikes, Trial, Wins
 from neuro.program.currents import Currents
@@ -120,7 +121,7 @@ class EventEngine:
         if overrun:
             part = self._program.populations[overrun - 1]
             raise ModelError(
-                f"population '{part.name}': a {part.model.name} fired again within its t_ref, so its plastic synapses "
+                f"population '{part.name}': {a(part.model.name)} fired again within its t_ref, so its plastic synapses "
                 "missed spikes: expected a model that is silent for t_ref after a spike"
             )
 

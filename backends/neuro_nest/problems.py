@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from neuro.core.english import a
 from neuro.model.neurons import CurrentGenerator
 from neuro.program.backend import Problem, floats_only, unnoted
 from neuro.program.program import Floats, Population, Program, Projection
@@ -111,7 +112,7 @@ def _of_current(program: Program, part: Projection) -> Iterator[Problem]:
     """NEST filters currents by one of the time constants only."""
     name = program.populations[part.target].model.name
     if part.receptor is not None and (name, part.receptor.name) not in RECEPTORS_OF_CURRENTS:
-        what = f"projection '{part.name}': a current to receptor '{part.receptor.name}' of a {name}"
+        what = f"projection '{part.name}': a current to receptor '{part.receptor.name}' of {a(name)}"
         yield _refused(what, "NEST has none for it", ELSEWHERE, part)
 
 

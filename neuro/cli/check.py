@@ -44,9 +44,12 @@ def told(problem: Problem) -> str:
 
 def summary(program: Program) -> str:
     """How large a network is."""
+    from neuro.core.english import some
+
     neurons = sum(population.size for population in program.populations)
     synapses = sum(projection.size for projection in program.projections)
     return (
-        f"{neurons} neurons in {len(program.populations)} populations, "
-        f"{synapses} synapses in {len(program.projections)} projections, resolution {program.resolution:g} ms"
+        f"{some(neurons, 'neuron')} in {some(len(program.populations), 'population')}, "
+        f"{some(synapses, 'synapse')} in {some(len(program.projections), 'projection')}, "
+        f"resolution {program.resolution:g} ms"
     )

@@ -18,15 +18,16 @@ def report(file: File, out: Out = None, target: Target = "loihi") -> None:
     """Write one page that shows a run: spikes, rates, traces, weights, counts and what a chip would take."""
     from neuro.chips.known import chip
     from neuro.core.errors import ModelError
-    from neuro.core.outputs import output
+    from neuro.core.outputs import check_output, output
     from neuro.files.results import read
     from neuro.report.page import PAGE, page
 
-    if out is not None and out.suffix.lower() not in ENDINGS:
-        raise ModelError(f"--out {out}: a report is a page of HTML: expected a name ending in .html")
+    path = file.with_suffix(".html") if out is None else out
+    check_output(path, PAGE)
+    if path.suffix.lower() not in ENDINGS:
+        raise ModelError(f"--out {path}: a report is a page of HTML: expected a name ending in .html")
     chip(target)
     results = read(file)
-    path = file.with_suffix(".html") if out is None else out
     with output(path, PAGE) as part:
         part.write_text(PAGE.seal(page(results, file, target)), "utf-8")
     typer.echo(f"{path}: written")

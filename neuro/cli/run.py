@@ -114,6 +114,7 @@ def together(backend: str) -> None:
 
 def keep_spikes(net: Network, names: list[str]) -> None:
     """Ask for the spikes of the named populations; those of some generators are not kept of themselves."""
+    from neuro.core.english import a
     from neuro.core.errors import ModelError, Where, unknown
     from neuro.model.neurons import CurrentGenerator, Generator
 
@@ -124,7 +125,7 @@ def keep_spikes(net: Network, names: list[str]) -> None:
             raise unknown("population", name, net.populations, net.place)
         model = net.populations[name].model
         if isinstance(model, CurrentGenerator):
-            raise ModelError(f"'{name}' is a {model.name}, which has no spikes", where=net.place)
+            raise ModelError(f"'{name}' is {a(model.name)}, which has no spikes", where=net.place)
         if name not in probed and isinstance(model, Generator):
             net.probe(f"{name}.spikes", name)
     net.place = None
@@ -161,7 +162,8 @@ def weights(results: Results) -> Iterator[tuple[str, ...]]:
     for name, part in results.projections.items():
         if part.weight is not None and part.weight.size and part.counts["learning_updates"]:
             w = part.weight
-            figures = (f"{value:.4g}" for value in (w.mean(), w.std(), w.min(), w.max()))
+            spread = w.std() if w.min() < w.max() else 0.0  # of equal weights, rounding of the mean would show
+            figures = (f"{value:.4g}" for value in (w.mean(), spread, w.min(), w.max()))
             yield name, part.synapse, f"{w.size:,}", *figures
 
 
@@ -175,14 +177,11 @@ def recorded(results: Results) -> str:
 
 def what(trace: Trace) -> str:
     """What a probe recorded, in a few words."""
+    from neuro.core.english import some
+
     of, times = trace.projection or trace.population, some(trace.times_ms.size, "time")
     if trace.at_pre_spikes:
         return f"{trace.state} of {of} at {some(trace.times_ms.size, 'pre spike')}"
     if trace.single:
         return f"{'mean ' * trace.mean}{trace.state} of {of} at {times}"
     return f"{trace.state} of {some(trace.columns, 'synapse' if trace.projection else 'neuron')} at {times}"
-
-
-def some(n: int, noun: str) -> str:
-    """A number of something."""
-    return f"{n:,} {noun}{'s' * (n != 1)}"

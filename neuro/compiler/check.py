@@ -12,6 +12,7 @@ from neuro.compiler.generators import check_generator
 from neuro.compiler.shapes import Shape, size
 from neuro.compiler.views import end_of
 from neuro.core.clock import Clock
+from neuro.core.english import a
 from neuro.core.errors import ModelError, unknown
 from neuro.core.registry import Registry
 from neuro.core.values import plain
@@ -128,15 +129,18 @@ def _check_ends(net: Network, part: Projection) -> None:
     source, target = net.populations[part.source].model, net.populations[part.target].model
     if not isinstance(target, Neuron):
         refuse(
-            part, f"its target '{part.target}' is a {target.name}, which takes no input: expected neurons", _swap(part)
+            part, f"its target '{part.target}' is {a(target.name)}, which takes no input: expected neurons", _swap(part)
         )
     if isinstance(source, CurrentGenerator):
         if not target.states:
             refuse(
-                part, f"a current from '{part.source}' into '{part.target}', a {target.name}: expected neurons with V_m"
+                part,
+                f"a current from '{part.source}' into '{part.target}', {a(target.name)}: expected neurons with V_m",
             )
         if not target.takes_current:
-            message = f"a current from '{part.source}' into '{part.target}', a {target.name}, whose equations have no I"
+            message = (
+                f"a current from '{part.source}' into '{part.target}', {a(target.name)}, whose equations have no I"
+            )
             refuse(part, f"{message}: expected neurons that take currents", "add + I/C_m to the equation of V_m")
         if part.synapse.learns:
             refuse(
@@ -211,7 +215,7 @@ def _check_dopamine(net: Network, part: Projection, synapse: Modulated, shapes: 
         error = unknown("population", synapse.dopamine, net.populations)
         refuse(part, f"{synapse.name}.dopamine: {error.message}", error.hint)
     if isinstance(model := net.populations[synapse.dopamine].model, CurrentGenerator):
-        told = f"{synapse.name}.dopamine '{synapse.dopamine}' is a {model.name}"
+        told = f"{synapse.name}.dopamine '{synapse.dopamine}' is {a(model.name)}"
         refuse(part, f"{told}: expected a population that spikes")
     n, m = size(shapes[synapse.dopamine]), size(shapes[part.target])
     if synapse.dopamine_rule == "one_to_one" and n != m:
@@ -231,9 +235,9 @@ def _check_groups(net: Network, shapes: Mapping[str, Shape]) -> None:
             refuse(part, f"{kind}.of: {error.message}", error.hint)
         model = net.populations[of].model
         if "V_m" not in recordable(net.populations[of]) or "V_th" not in model.quantities():
-            refuse(part, f"{kind} of '{of}', a {model.name}: expected neurons with V_m and V_th")
+            refuse(part, f"{kind} of '{of}', {a(model.name)}: expected neurons with V_m and V_th")
         if isinstance(model, Neuron) and model.resets_in_step:
-            told = f"{kind} of '{of}', a {model.name}, which resets itself before a group can choose"
+            told = f"{kind} of '{of}', {a(model.name)}, which resets itself before a group can choose"
             refuse(part, f"{told}: expected neurons that a group resets")
         if problem := part.choice.misfit(shapes[of]):
             refuse(part, problem)

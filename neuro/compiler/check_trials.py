@@ -8,6 +8,7 @@ from typing import NoReturn
 from neuro.compiler.check import recordable
 from neuro.compiler.shapes import Shape
 from neuro.core.clock import Clock
+from neuro.core.english import a
 from neuro.core.errors import ModelError, nearest, unknown
 from neuro.model.network import Network
 from neuro.model.neurons import spike_generator
@@ -79,7 +80,7 @@ def _input(net: Network, section: Trials) -> str:
     name = _known(net, section.input, "input")
     model = net.populations[name].model
     if not isinstance(model, spike_generator):
-        _refuse(net, f"input '{name}' is a {model.name}: expected a spike_generator")
+        _refuse(net, f"input '{name}' is {a(model.name)}: expected a spike_generator")
     if any(len(times) for times in model.spike_times):
         _refuse(net, f"input '{name}' has spike_times: expected none, as trials bring their own")
     return name

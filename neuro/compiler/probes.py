@@ -10,6 +10,7 @@ from neuro.compiler.check import recordable, refuse, telling
 from neuro.compiler.shapes import Shape, size
 from neuro.compiler.views import end_of
 from neuro.core.clock import Clock
+from neuro.core.english import a
 from neuro.core.errors import nearest
 from neuro.model.network import Network
 from neuro.model.neurons import CurrentGenerator
@@ -58,13 +59,13 @@ def _check_neurons(part: Probe, population: Population) -> None:
     known = recordable(population)
     for state in states:
         if state not in known:
-            told = f"'{part.of}', a {population.model.name}, has no state '{state}'"
+            told = f"'{part.of}', {a(population.model.name)}, has no state '{state}'"
             refuse(part, told, nearest(state, [*known, *ALONE]))
 
 
 def _check_alone(part: Probe, what: str, population: Population) -> None:
     if isinstance(population.model, CurrentGenerator):
-        refuse(part, f"{what} of '{part.of}', a {population.model.name}: it emits a current")
+        refuse(part, f"{what} of '{part.of}', {a(population.model.name)}: it emits a current")
     if what == "spikes" and part.every is not None:
         refuse(part, "every is for states: spikes are all recorded", "leave 'every' out")
     if what == "rate" and part.every is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from neuro.core.english import a
 from neuro.core.errors import ModelError, unknown
 from neuro.model.neurons import Neuron
 from neuro.model.parts import Population
@@ -29,17 +30,17 @@ def receptor_of(synapse: Synapse, target: Population) -> Receptor | None:
         if len(names) > 2:
             one = ", ".join(names)
             raise ModelError(
-                f"'{target.name}', a {model.name}, has {len(names)} receptors: expected a synapse that names one",
+                f"'{target.name}', {a(model.name)}, has {len(names)} receptors: expected a synapse that names one",
                 hint=f"write static with 'receptor', one of {one}",
             )
         return None
     if not names:
         raise ModelError(
-            f"static.receptor = '{named}': '{target.name}', a {model.name}, sums all input: expected no receptor",
+            f"static.receptor = '{named}': '{target.name}', {a(model.name)}, sums all input: expected no receptor",
             hint="leave it out",
         )
     if named not in names:
-        raise unknown(f"receptor of '{target.name}', a {model.name},", named, names, path=("synapse", "receptor"))
+        raise unknown(f"receptor of '{target.name}', {a(model.name)},", named, names, path=("synapse", "receptor"))
     index, conductance = names.index(named), named in model.conductances
     return Receptor(named, index, conductance, conductance and len(names) == 2 and index == 1)
 
@@ -57,10 +58,10 @@ def receptor_of_current(synapse: Synapse, target: Population, source: str) -> Re
         return None
     told = f"static.receptor = '{named}' of a current from '{source}'"
     if not model.filters:
-        raise ModelError(f"{told}, which goes to no receptor of a {model.name}: expected none", hint="leave it out")
+        raise ModelError(f"{told}, which goes to no receptor of {a(model.name)}: expected none", hint="leave it out")
     if named not in model.filters:
         raise unknown(
-            f"receptor of '{target.name}', a {model.name},", named, list(model.filters), path=("synapse", "receptor")
+            f"receptor of '{target.name}', {a(model.name)},", named, list(model.filters), path=("synapse", "receptor")
         )
     return Receptor(named, model.named_receptors().index(named), False, False)
 

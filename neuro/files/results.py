@@ -40,6 +40,7 @@ import numpy as np
 
 from neuro.core.checks import check_span
 from neuro.core.clock import NEVER, Clock
+from neuro.core.english import a
 from neuro.core.errors import ModelError, unknown
 from neuro.core.growing import Grown, reading_grown
 from neuro.core.hdf5 import new_file
@@ -292,7 +293,7 @@ class Results:
         """Likewise of some neurons of a population, all if None."""
         train = self.populations[name]
         if not train.recorded:
-            raise ModelError(f"spikes of '{name}', a {train.model}, are not recorded")
+            raise ModelError(f"spikes of '{name}', {a(train.model)}, are not recorded")
         clock = Clock(float(self.about["resolution_ms"]))
         bounds = (-1.0 if since is None else since, np.inf if until is None else until)
         after, to = (clock.floor(t, word) for t, word in zip(bounds, ("since", "until"), strict=True))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from neuro.core.english import some
 from neuro.core.quantities import word_of
 from neuro.core.tables import Table
 from neuro.model.parts import Description
@@ -15,8 +16,8 @@ _UNKNOWN = "-"
 def heading(net: Description) -> str:
     """The name of a network and its size."""
     sizes = [neurons(part) for part in net.populations.values()]
-    some = "" if None in sizes else f"{sum(filter(None, sizes)):,} neurons in "
-    return f"{net.name}: {some}{_count(len(sizes), 'population')}, resolution {net.resolution:g} ms"
+    size = "" if None in sizes else f"{some(sum(filter(None, sizes)), 'neuron')} in "
+    return f"{net.name}: {size}{some(len(sizes), 'population')}, resolution {net.resolution:g} ms"
 
 
 def tables(net: Description) -> list[Table]:
@@ -75,7 +76,3 @@ def _probes(net: Description) -> Iterator[tuple[str, ...]]:
 
 def _shape(shape: tuple[int | str, ...]) -> str:
     return " x ".join(f"{axis:,}" if isinstance(axis, int) else axis for axis in shape)
-
-
-def _count(n: int, noun: str) -> str:
-    return f"{n} {noun}{'s' * (n != 1)}"

@@ -11,6 +11,7 @@ import numpy as np
 from neuro.chips.pricing.energy import Energy, quantity
 from neuro.core import html
 from neuro.core.clock import Clock
+from neuro.core.english import some
 from neuro.core.errors import ModelError
 from neuro.core.html import Html, table, tag
 from neuro.core.outputs import sealed
@@ -88,9 +89,9 @@ def _cards(results: Results, bill: Energy | None, target: str) -> Iterator[Html]
         sum(n) for n in ((p.size for p in populations.values()), (p.synapses for p in projections.values()))
     )
     spikes = int(results.about["counts.spikes"])
-    yield _card("spikes", f"{spikes:,}", f"of {_many(neurons, 'neuron')} in {_many(len(populations), 'population')}")
-    carried = _many(int(results.about["counts.synaptic_ops"]), "operation")
-    told = f"in {_many(len(projections), 'projection')} carried {carried}"
+    yield _card("spikes", f"{spikes:,}", f"of {some(neurons, 'neuron')} in {some(len(populations), 'population')}")
+    carried = some(int(results.about["counts.synaptic_ops"]), "operation")
+    told = f"in {some(len(projections), 'projection')} carried {carried}"
     yield _card("synapses", f"{synapses:,}", told)
     if bill is not None:
         yield _card(
@@ -98,10 +99,6 @@ def _cards(results: Results, bill: Energy | None, target: str) -> Iterator[Html]
             quantity(bill.total_j, "J"),
             f"{quantity(bill.dynamic_j, 'J')} of it dynamic; {bill.span()}",
         )
-
-
-def _many(n: int, what: str) -> str:
-    return f"{n:,} {what}{'s' * (n != 1)}"
 
 
 def _card(what: str, big: str, below: str) -> Html:

@@ -7,6 +7,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from neuro.core.clock import Clock
+from neuro.core.english import a
 from neuro.core.errors import ModelError
 from neuro.program.backend import Engine
 from neuro.program.program import Program
@@ -35,7 +36,7 @@ class Inputs:
         part = neurons.part
         if part.kind != "listed" or part.stream is not None:
             hint = f"sim.feed('{part.name}', events) gives it events" if part.stream is not None else ""
-            raise ModelError(f"inject: '{part.name}' is a {part.said}: expected a spike_generator", hint=hint)
+            raise ModelError(f"inject: '{part.name}' is {a(part.said)}: expected a spike_generator", hint=hint)
         steps, emit = settable.new_spikes(self._clock, times, ids, neurons)
         if steps.size and steps.min() <= self._engine.step:
             early, now = (self._clock.ms(step) for step in (int(steps.min()), self._engine.step))
@@ -52,7 +53,7 @@ class Inputs:
         if neurons.view is not None:
             raise ModelError(f"feed: found the view {neurons.view}: expected the whole event_camera")
         if part.stream is None:
-            raise ModelError(f"feed: '{part.name}' is a {part.said}: expected an event_camera")
+            raise ModelError(f"feed: '{part.name}' is {a(part.said)}: expected an event_camera")
         try:
             steps, ids = part.stream.given(events)
         except ModelError as error:

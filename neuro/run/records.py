@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from neuro.core.checks import check_span
 from neuro.core.clock import NEVER, Clock
+from neuro.core.english import a
 from neuro.core.errors import ModelError
 from neuro.model.network import Network
 from neuro.model.neurons import Generator
@@ -119,7 +120,7 @@ class Records:
         part = of.part
         if not part.records:
             hint = f"net.probe('name', '{part.name}') records them" if isinstance(part.model, Generator) else ""
-            raise ModelError(f"spikes of '{part.name}', a {part.said}, are not recorded", hint=hint)
+            raise ModelError(f"spikes of '{part.name}', {a(part.said)}, are not recorded", hint=hint)
         if (results := self._file()) is not None:
             return results.spikes_of(part.name, of.ids, since, until)
         after = -1 if since is None else self._clock.floor(since, "since")

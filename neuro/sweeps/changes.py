@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 from neuro.core.choice import Choice
+from neuro.core.english import a
 from neuro.core.errors import ModelError, nearest, unknown
 from neuro.core.quantities import word_of
 from neuro.model.network import Network
@@ -72,7 +73,7 @@ def changed(net: Network, values: Mapping[str, Any]) -> Network:
 def _population(part: Population, word: str, value: Any) -> Population:
     names = _names(part.model)
     if word not in names:
-        raise unknown(f"parameter of '{part.name}', a {part.model.name},", word, names)
+        raise unknown(f"parameter of '{part.name}', {a(part.model.name)},", word, names)
     return replace(part, model=replace(part.model, **{names[word]: value}))
 
 

@@ -22,6 +22,13 @@ def test_check(neuro, network):
     )
 
 
+def test_check_of_one(neuro, tmp_path):
+    (tmp_path / "one.yaml").write_text("neuro: 1\npopulations: {a: {model: iaf_psc_exp, shape: 1}}\n")
+    assert neuro("check", tmp_path / "one.yaml").out.endswith(
+        "ok on event: 1 neuron in 1 population, 0 synapses in 0 projections, resolution 0.1 ms\n"
+    )
+
+
 def test_check_tells_what_a_backend_refuses(neuro, network, monkeypatch):
     class Small:
         def problems(self, program):

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import neuro as framework
+from neuro.cli.run import weights
 from neuro.files.results import read
+from neuro.run.collect import collect
 from neuro.run.progress import STRETCH_S
 
 TOOK = r"{} ms took [\d.e-]+ s, [\d.e+-]+ x its own time\n"
@@ -262,3 +264,14 @@ def test_a_report_is_a_page(neuro, network):
     assert (answer.status, answer.err) == (2, expected)
     assert not Path("x.pdf").exists()
     assert neuro("report", "out.h5", "--out", "x.HTML").status == 0
+
+
+def test_equal_weights_do_not_vary():
+    net = framework.Network("equal")
+    net.population("in", 3, framework.spike_generator(spike_times=[[1.0]] * 3))
+    net.population("out", 7, framework.iaf_psc_exp())
+    net.connect("in", "out", framework.all_to_all(), framework.stdp(Wmax=900.0, lambda_=0.0), weight=300.1)
+    sim = framework.compile(net, "reference")
+    sim.run(5.0)
+    [row] = weights(collect(sim, net))
+    assert row[2:] == ("21", "300.1", "0", "300.1", "300.1")

@@ -186,7 +186,7 @@ MISTAKES = [
     ("network: net.yaml\nparameters: {ww: [1]}", "sweep.yaml:2:13: unknown parameter 'ww'\n  hint: did you mean 'w'?"),
     (
         "network: net.yaml\nparameters: {exc.V_tt: [1]}",
-        "sweep.yaml:2:13: unknown parameter of 'exc', a iaf_psc_exp, 'V_tt'\n  hint: did you mean 'V_th'?",
+        "sweep.yaml:2:13: unknown parameter of 'exc', an iaf_psc_exp, 'V_tt'\n  hint: did you mean 'V_th'?",
     ),
     ("network: net.yaml\nparameters: {exx.V_th: [1]}", "sweep.yaml:2:13: unknown population or projection 'exx'"),
     (

@@ -10,6 +10,7 @@ import numpy as np
 from neuro.chips.arithmetic import Arithmetic, Option
 from neuro.chips.description import Chip
 from neuro.chips.quantising.inputs import Options
+from neuro.core.english import a
 from neuro.core.errors import ModelError, nearest
 from neuro.model.neurons import Model
 from neuro.program.program import Program
@@ -56,7 +57,7 @@ def _check_part(program: Program, arithmetic: Arithmetic, option: Option, name: 
         raise ModelError(f"{option.name}: unknown part '{name}'", hint=nearest(name, models))
     if not isinstance(models[name], arithmetic.models):
         known = " or ".join(model.__name__ for model in arithmetic.models)
-        told = f"{option.name}['{name}']: a {models[name].name}: expected {expected} of {known}"
+        told = f"{option.name}['{name}']: {a(models[name].name)}: expected {expected} of {known}"
         raise ModelError(told)
 
 
