@@ -1,12 +1,14 @@
 """How far long work is: told on stderr, and never a change of what is computed."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import neuro
 from neuro.core import progress
+from neuro.run.progress import advance
 from neuro_remus.bars import shown
 
 NET = """\
@@ -51,6 +53,28 @@ def test_lines_where_there_is_no_terminal(sim, monkeypatch, capsys):
     for line in err.splitlines():
         assert re.fullmatch(r"\d+ of 50 ms, [\d,]+ ms/s(, \d+ s left)?", line), line
     assert err.splitlines()[-1].startswith("50 of 50 ms")
+
+
+def test_the_clock_starts_when_kernels_are_compiled(monkeypatch, capsys):
+    """The first step takes 20 s, any other 0.01 s: no rate and no rest follow from the first."""
+    now = [0.0]
+
+    class Slow:
+        program = SimpleNamespace(resolution=0.1)
+
+        def run(self, ms):
+            now[0] += 20.0 if not now[0] else 0.1 * ms
+
+    monkeypatch.setattr(progress, "EVERY_S", 0.0)
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr("neuro.run.progress.time", SimpleNamespace(perf_counter=lambda: now[0]))
+    with progress.Bar() as bar:
+        assert advance(Slow(), 2000, bar) == 20.0
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "0 of 200 ms, 10 ms/s, 20 s left"
+    assert lines[-1] == "200 of 200 ms, 10 ms/s"
+    with progress.Bar() as bar:
+        assert advance(Slow(), 1, bar) == 0.0
 
 
 def test_a_line_every_ten_seconds(monkeypatch, capsys):

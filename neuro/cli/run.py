@@ -58,13 +58,13 @@ def run(
             words: dict[str, Any] = {"threads": threads, "record": record, "all_weights": all_weights}
             began = time.perf_counter()
             if shared() or (out.exists() and not out.is_file()):
-                results = _at_the_end(sim, net, steps, bar, out, words)
+                results, first_s = _at_the_end(sim, net, steps, bar, out, words)
             else:
                 with sim.record_to(out, **words):
-                    advance(sim, steps, bar)
+                    first_s = advance(sim, steps, bar)
                     bar.say("writing")
                 results = read(out)
-            taken = time.perf_counter() - began
+            taken = time.perf_counter() - began - first_s
         except KeyboardInterrupt:
             bar.stop()
             _tell_interrupted(out)
@@ -75,21 +75,27 @@ def run(
         typer.echo(f"{duration:g} ms took {taken:.3g} s, {taken * 1000.0 / duration:.3g} x its own time", err=True)
 
 
-def _at_the_end(sim: Simulation, net: Network, steps: int, bar: Bar, out: Path, words: dict[str, Any]) -> Results:
-    """Run, and write all at once, into a pipe or by one of several processes, which may be killed untidily."""
+def _at_the_end(
+    sim: Simulation, net: Network, steps: int, bar: Bar, out: Path, words: dict[str, Any]
+) -> tuple[Results, float]:
+    """Run, and write all at once, into a pipe or by one of several processes, which may be killed untidily.
+
+    Returns:
+        the results, and what `advance` gives.
+    """
     from neuro.core.launch import speaks
     from neuro.core.outputs import output
     from neuro.files.results import KIND, write
     from neuro.run.collect import collect
     from neuro.run.progress import advance
 
-    advance(sim, steps, bar)
+    first_s = advance(sim, steps, bar)
     bar.say("writing")
     results = collect(sim, net, **words)
     if speaks():
         with output(out, KIND) as part:
             write(results, part)
-    return results
+    return results, first_s
 
 
 def _tell_interrupted(out: Path) -> None:

@@ -33,7 +33,7 @@ from neuro.run.simulation import Simulation
 TARGETS = ("loihi", "spinnaker", "cpu", "gpu")
 """What the counts of the first run are priced for, beside each chip backend's own bill."""
 
-Advance = Callable[[Simulation, int], None]
+Advance = Callable[[Simulation, int], object]
 
 
 def compare(

@@ -31,7 +31,7 @@ class Bar:
         self._task = self._bar.add_task("", total=None)
         self._bar.start()
         self._began = self._told = time.monotonic()
-        self._done = 0.0
+        self._done = self._from = 0.0
         return self
 
     def __exit__(self, *error: Any) -> None:
@@ -46,14 +46,20 @@ class Bar:
         self._bar.update(self._task, description=text, total=None)
         self._line(text)
 
+    def begin(self, done: float) -> None:
+        """Let the clock start here, where so much is done: what was before tells nothing of what is left."""
+        self._bar.reset(self._task)
+        self._began, self._done, self._from = time.monotonic(), done, done
+
     def show(self, done: float, total: float, text: str) -> None:
         """Show how much is done of how much, and what it is; less than before is the begin of something else."""
         if done < self._done:
             self._bar.reset(self._task)
-            self._began = time.monotonic()
+            self._began, self._from = time.monotonic(), 0.0
         self._done = done
         self._bar.update(self._task, description=text, completed=done, total=total)
-        left = (time.monotonic() - self._began) * (total - done) / done if done else 0.0
+        since = done - self._from
+        left = (time.monotonic() - self._began) * (total - done) / since if since else 0.0
         self._line(f"{text}, {left:,.0f} s left" if left >= 1 else text)
 
     def keep(self, text: str) -> None:

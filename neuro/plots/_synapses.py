@@ -80,10 +80,11 @@ def _histogram(axis: Any, name: str, found: Synapses) -> None:
     if not values.size:
         label(axis, f"{name}: no synapses", "synapses")
         return
+    spread = values.std() if values.min() < values.max() else 0.0
     counts, edges = np.histogram(values, BINS)
     axis.stairs(counts, edges, color=COLOURS[0], fill=True, alpha=0.25)
     axis.stairs(counts, edges, color=COLOURS[0])
-    label(axis, f"{name}: {values.size:,} weights, {values.mean():.4g} ± {values.std():.3g}", "synapses")
+    label(axis, f"{name}: {values.size:,} weights, {values.mean():.4g} ± {spread:.3g}", "synapses")
 
 
 def _matrix(figure: Figure, axis: Any, name: str, found: Synapses) -> None:

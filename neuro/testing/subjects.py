@@ -41,7 +41,7 @@ class Subject:
     suffix: str
     about: str
     make: Callable[[], Network]
-    steer: Callable[[Simulation, int], None]
+    steer: Callable[[Simulation, int], object]
     floats: bool = False
 
 
