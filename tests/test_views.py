@@ -395,3 +395,38 @@ def test_parts_of_another_network_are_refused():
             f"projection 'w': to: population 'cells' {told}\n  hint: 'cells' names the one here"
         )
     assert message(net.probe, "p", alone[1]).startswith("probe 'p': unknown population 'alone'")
+
+
+@pytest.mark.parametrize("written", ["exc[2:5]", "exc[[2, 3, 4]]", {"exc": "2:5"}, {"exc": [2, 3, 4]}])
+def test_views_as_text(written, tmp_path):
+    """One grammar: what YAML and a command line take, calls take, too."""
+    net = Network()
+    net.population("exc", 10, neuro.iaf_psc_exp(I_e=500.0))
+    net.connect(written, "exc", neuro.all_to_all(), weight=1.0)
+    net.probe("z", written, "V_m", every=1.0)
+    assert list(net.projections) == ["exc_exc"]
+    sim = neuro.compile(net, "reference")
+    sim.set(written, I_e=900.0)
+    assert sim.get("exc", "I_e").tolist() == [500.0] * 2 + [900.0] * 3 + [500.0] * 5
+    assert sim.get(written, "I_e").tolist() == [900.0] * 3
+    sim.run(30.0, out=tmp_path / "out.h5")
+    left = neuro.results.read(tmp_path / "out.h5")
+    for run in (sim, left):
+        assert set(run.spikes(written)[1].tolist()) == {2, 3, 4}
+        assert run.trace("z")[1].shape[1] == 3
+        assert set(run.weights("exc_exc", post=written)[1].tolist()) == {2, 3, 4}
+        assert neuro.plots.raster(run, written).axes[0].get_title("left").startswith("exc: 3 neurons")
+
+
+def test_mistakes_of_views_as_text():
+    net = Network()
+    net.population("exc", 10, neuro.iaf_psc_exp())
+    sim = neuro.compile(net, "reference")
+    assert told(sim.spikes, "ecx[:3]") == "unknown population 'ecx'\n  hint: did you mean 'exc'?"
+    assert told(sim.spikes, {"exc": "0:30"}) == "exc[0:30]: found 30: expected -10 to 10"
+    assert told(sim.spikes, {"exc": "x"}).startswith("exc: found 'x': expected a number or begin:end:step")
+    assert told(sim.spikes, {"exc": 1, "inh": 2}).endswith("expected a name, or {name: index}")
+    assert message(net.connect, "exc[:30]", "exc", neuro.all_to_all()) == (
+        "connect: from: exc[:30]: found 30: expected -10 to 10"
+    )
+    assert message(net.probe, "p", {"exc": "0:30"}, "V_m").startswith("probe 'p': of: exc[0:30]: found 30")

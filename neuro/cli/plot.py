@@ -57,8 +57,8 @@ def plot(
     from neuro.core.errors import ModelError
     from neuro.core.outputs import make_folder, write_picture
     from neuro.files.results import read
-    from neuro.model.language.views import on_a_line
     from neuro.model.views import View
+    from neuro.model.written_views import on_a_line
 
     results = read(file)
     stretch = None if window is None else tuple(moment(text) for text in window)

@@ -14,6 +14,7 @@ from neuro.files.resolved import Over, resolved
 from neuro.model.network import Network
 from neuro.model.parts import Part, Population
 from neuro.model.views import Laid, View, view
+from neuro.model.written_views import named
 from neuro.program.program import Floats, Ints
 from neuro.program.synapse_pairs import Ends, places_of_pairs, refuse_some_of_a_grid
 
@@ -98,6 +99,7 @@ def _chosen(results: Left, part: Any, name: str, of: Any, pre: Any, post: Any) -
 def _neurons(results: Left, name: str, word: str, given: Any, population: str) -> Ints:
     """The neurons of a population that are named by it, by a view or by ids."""
     shape = results.populations[population].shape
+    given = named(given, {each: results.laid(each) for each in results.populations})
     if isinstance(given, (Part, View, str)):
         of = given.population if isinstance(given, View) else given
         found = of if isinstance(of, str) else of.name

@@ -16,7 +16,8 @@ from neuro.core.errors import ModelError, unknown
 from neuro.core.measures import in_ms
 from neuro.core.values import shown
 from neuro.model.parts import Part
-from neuro.model.views import View
+from neuro.model.views import Shaped, View
+from neuro.model.written_views import named
 from neuro.program.program import Floats, Ints, Program
 
 Window = tuple[float, float]
@@ -324,11 +325,12 @@ def up_to(times_ms: Floats, ms: float) -> int:
 
 
 def _is_one(of: Any) -> bool:
-    return isinstance(of, (str, Part, View)) or not isinstance(of, Iterable)
+    return isinstance(of, (str, Part, View, Mapping)) or not isinstance(of, Iterable)
 
 
 def _named(run: Recorded, of: Any) -> tuple[str, Ints | None]:
     """The name of a population, and the neurons of a view of it."""
+    of = named(of, {name: Shaped(name, shape) for name, shape in run.shapes.items()})
     part = of.population if isinstance(of, View) else of
     name = getattr(part, "name", part)
     if not isinstance(name, str) or name not in run.shapes:

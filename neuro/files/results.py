@@ -55,6 +55,7 @@ from neuro.files.stored import Lazy, Opener, Stored, kept, span
 from neuro.model.network import Network
 from neuro.model.parts import Part
 from neuro.model.views import Shaped, View
+from neuro.model.written_views import named
 from neuro.program.counts import Counts, PopulationCounts, ProjectionCounts
 from neuro.program.program import Floats, Ints
 
@@ -420,6 +421,7 @@ class Results:
 
     def _neurons(self, of: Any) -> tuple[str, Ints | None]:
         """The name of a population, and the neurons of a view."""
+        of = named(of, {name: self.laid(name) for name in self.populations})
         view = of if isinstance(of, View) else None
         name = _name(of if view is None else view.population)
         if name not in self.populations:
@@ -428,7 +430,7 @@ class Results:
 
 
 def _name(of: Any) -> Any:
-    return of.name if isinstance(of, Part) else of
+    return of.name if isinstance(of, (Part, Shaped)) else of
 
 
 def _again(name: str, what: Any) -> str:

@@ -42,6 +42,7 @@ from neuro.model.parts import (
 from neuro.model.rules import Rule
 from neuro.model.synapses import Synapse, static
 from neuro.model.views import Laid, View, view
+from neuro.model.written_views import named
 
 P = TypeVar("P", bound=Part)
 
@@ -139,6 +140,7 @@ class Network(Description):
             delay: the same, in ms.
             name: a new name; `source_target` if not given.
         """
+        source, target = self._written(source, "connect: from"), self._written(target, "connect: to")
         label = name if name is not None else f"{_called(source)}_{_called(target)}"
         what = f"projection '{label}'"
         (pre, source_view), (post, target_view) = self._neurons(source, what, "from"), self._neurons(target, what, "to")
@@ -296,8 +298,16 @@ class Network(Description):
             raise ModelError(f"{what} = {shown(value)}: expected a list or a file", where=self._where(), path=(word,))
         return self._checked(q, value, what, (word,))
 
+    def _written(self, of: Any, what: str) -> Any:
+        """What names neurons, where it is a view as text now a view."""
+        try:
+            return named(of, self.populations)
+        except ModelError as error:
+            raise error.at(self._where(), what) from None
+
     def _neurons(self, of: Population | View | str, what: str, role: str) -> tuple[str, View | None]:
         """The name of a population, and the view if only some of its neurons are meant."""
+        of = self._written(of, f"{what}: {role}")
         if isinstance(of, View):
             return self._name_of(of.population, what, role), of
         return self._name_of(of, what, role), None
@@ -332,7 +342,7 @@ class Network(Description):
             told = f"{what}: {word} is for projections: '{of}' is a population"
             raise ModelError(told, where=self._where(), path=(word,))
         end = getattr(self.projections[of], {"pre": "source", "post": "target"}[word])
-        if isinstance(given, (Population, View, str)):
+        if isinstance(given, (Population, View, str, Mapping)):
             population, chosen = self._neurons(given, what, word)
             if population != end:
                 found = repr(given) if chosen is not None else f"'{population}'"

@@ -13,6 +13,7 @@ from neuro.core.errors import ModelError, unknown
 from neuro.model.network import Network
 from neuro.model.parts import Part, Population, Probe, Projection, Side, Signal
 from neuro.model.views import Laid, View, view
+from neuro.model.written_views import named
 from neuro.program import program as resolved
 from neuro.program.program import Ints, Program
 
@@ -76,7 +77,7 @@ class Handles:
         Raises:
             ModelError: this network has neither, or the view reaches beyond its population.
         """
-        if isinstance(of, (Population, View)) or (isinstance(of, str) and of in self._whole):
+        if isinstance(of, (Population, View, Mapping)) or (isinstance(of, str) and (of in self._whole or "[" in of)):
             return self.neurons(of)
         if isinstance(of, Projection) or (isinstance(of, str) and of in self._projections):
             return self.projection(of)
@@ -90,6 +91,7 @@ class Handles:
         """
         if isinstance(of, str) and of in self._whole:
             return self._whole[of]
+        of = named(of, self._net.populations)
         population = of.population if isinstance(of, View) else of
         index = self._find("population", Population, population, self._populations, self._net.populations)
         part = self._program.populations[index]
@@ -108,7 +110,7 @@ class Handles:
         Raises:
             ModelError: this network has no such population, or no neuron with one of the ids.
         """
-        if isinstance(of, (Population, View, str)):
+        if isinstance(of, (Population, View, str, Mapping)):
             return self.neurons(of)
         part = self._program.populations[population]
         try:

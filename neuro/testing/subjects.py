@@ -41,7 +41,7 @@ class Subject:
     suffix: str
     about: str
     make: Callable[[], Network]
-    steer: Callable[[Simulation, int], object]
+    steer: Callable[[Simulation, int], None]
     floats: bool = False
 
 

@@ -17,7 +17,6 @@ from neuro.model.equations.definition import WORDS
 from neuro.model.equations.pairs import WORDS as RULE_WORDS
 from neuro.model.language.choices import TABLES
 from neuro.model.language.sources import VERSION
-from neuro.model.language.views import AXIS
 from neuro.model.network import Network
 from neuro.model.neurons import MODELS
 from neuro.model.parts import (
@@ -42,6 +41,7 @@ from neuro.model.parts import (
 )
 from neuro.model.parts import Population as PopulationPart
 from neuro.model.synapses import SYNAPSES
+from neuro.model.written_views import AXIS
 
 Schema = dict[str, Any]
 _NAME = r"^[\w.-]+$"

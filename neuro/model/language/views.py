@@ -5,7 +5,6 @@ On a command line the same index stands behind the name: `exc[0:100]`, `grid[2:4
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,13 +16,10 @@ from neuro.model.language.files import array
 from neuro.model.language.nodes import about, found, mistake, plain, within
 from neuro.model.language.reader import Node
 from neuro.model.parts import Population
-from neuro.model.views import Laid, View, view
+from neuro.model.views import view
+from neuro.model.written_views import indices
 
 IDS = Quantity(doc="ids of neurons", kind="ids")
-AXIS = r"-?\d+|-?\d*:-?\d*(:-?\d+)?"
-"""One axis of an index: a number, or begin:end:step as in Python."""
-_AXIS = re.compile(AXIS)
-_LIST = re.compile(r"\[\s*-?\d+\s*(,\s*-?\d+\s*)*\]")
 
 
 def neurons(node: Node, populations: Mapping[str, Population], role: str) -> Any:
@@ -60,50 +56,8 @@ def _index(node: Node, population: Population) -> Any:
     raise mistake(node, f'{population.name}: {found(node)}: expected an index such as "0:100", or a list of ids')
 
 
-def on_a_line(text: str, populations: Mapping[str, Laid]) -> Laid | View:
-    """A population, or a view of it, as a command line says it: `exc`, `exc[:100]`, `grid[2:4, :]`, `exc[[3, 7]]`.
-
-    Args:
-        text: what is said.
-        populations: those that there are, by name.
-
-    Raises:
-        ModelError: there is no such population, or what stands in the brackets is no index of it.
-    """
-    name, bracket, rest = text.strip().partition("[")
-    name = name.strip()
-    if name not in populations:
-        raise unknown("population", name, populations)
-    if not bracket:
-        return populations[name]
-    if not rest.endswith("]"):
-        raise ModelError(f"found '{text}': expected ']' at its end", hint=f"write '{name}[0:100]'")
-    index = rest[:-1].strip()
-    if index.startswith("["):
-        if not _LIST.fullmatch(index):
-            raise ModelError(f"{name}: found '{index}': expected a list of ids such as [3, 7]")
-        return view(populations[name], [int(neuron) for neuron in index[1:-1].split(",")])
-    return view(populations[name], _indices(index, name))
-
-
 def _axes(node: Node, population: Population) -> tuple[int | slice, ...]:
     try:
-        return _indices(node.value, population.name)
+        return indices(node.value, population.name)
     except ModelError as error:
         raise mistake(node, error.message, error.hint) from None
-
-
-def _indices(text: str, name: str) -> tuple[int | slice, ...]:
-    """An index for each axis."""
-    items = [item.strip() for item in text.split(",")]
-    for item in items:
-        if not _AXIS.fullmatch(item):
-            told = f"{name}: found '{item}': expected a number or begin:end:step for each axis"
-            raise ModelError(told, hint='write "0:100" or "2:4, :"')
-    return tuple(_axis(item) for item in items)
-
-
-def _axis(text: str) -> int | slice:
-    if ":" not in text:
-        return int(text)
-    return slice(*(int(part) if part else None for part in text.split(":")))
