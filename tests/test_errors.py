@@ -24,6 +24,8 @@ INSIDE = {
     ("OverflowError", "neuro/events/filters/_noise_kernel.py"): "a promise of a compiled kernel to its caller",
     ("PermissionError", "neuro/core/outputs.py"): "as of the system; _telling tells it as Unwritable",
     ("OSError", "neuro/core/outputs.py"): "as of the system; _telling tells it as Unwritable",
+    ("AttributeError", "neuro/model/parts.py"): "of an attribute that a part does not have, to Python",
+    ("FrozenInstanceError", "neuro/model/parts.py"): "of a part that is frozen, as of any dataclass",
     ("AttributeError", "neuro/core/lazy.py"): "asked for by Python of a module",
     ("NotImplementedError", "neuro/"): "of a method that subclasses have",
     ("TypeError", "neuro/model/"): "of a class that is no model; a registry tells it as ModelError",

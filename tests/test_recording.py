@@ -254,7 +254,7 @@ def test_what_cannot_be_recorded_to(path):
     [
         (lambda r: r.spikes("cels"), "unknown population 'cels'\n  hint: did you mean 'cells'?"),
         (lambda r: r.spikes("in"), "spikes of 'in', a poisson_generator, are not recorded"),
-        (lambda r: r.trace("rats"), "unknown probe of a state 'rats'\n  hint: did you mean 'rate'?"),
+        (lambda r: r.trace("rats"), "unknown probe 'rats'\n  hint: did you mean 'rate'?"),
         (lambda r: r.weights("fix"), "unknown projection 'fix'\n  hint: did you mean 'fixed'?"),
         (lambda r: r.spikes("cells", since="now"), "since = 'now': expected a time in ms"),
     ],

@@ -425,7 +425,9 @@ def test_mistakes_of_views_as_text():
     assert told(sim.spikes, "ecx[:3]") == "unknown population 'ecx'\n  hint: did you mean 'exc'?"
     assert told(sim.spikes, {"exc": "0:30"}) == "exc[0:30]: found 30: expected -10 to 10"
     assert told(sim.spikes, {"exc": "x"}).startswith("exc: found 'x': expected a number or begin:end:step")
-    assert told(sim.spikes, {"exc": 1, "inh": 2}).endswith("expected a name, or {name: index}")
+    assert told(sim.spikes, {"exc": 1, "inh": 2}).startswith("unknown population '{")
+    for wrong in ({}, {"exc": 1, "inh": 2}):
+        assert message(net.connect, wrong, "exc", neuro.all_to_all()).endswith("expected a name, or {name: index}")
     assert message(net.connect, "exc[:30]", "exc", neuro.all_to_all()) == (
         "connect: from: exc[:30]: found 30: expected -10 to 10"
     )

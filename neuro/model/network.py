@@ -301,9 +301,13 @@ class Network(Description):
     def _written(self, of: Any, what: str) -> Any:
         """What names neurons, where it is a view as text now a view."""
         try:
-            return named(of, self.populations)
+            found = named(of, self.populations)
         except ModelError as error:
             raise error.at(self._where(), what) from None
+        if isinstance(found, Mapping):
+            told = f"{what}: found {shown(dict(found))}: expected a name, or {{name: index}}"
+            raise ModelError(told, where=self._where())
+        return found
 
     def _neurons(self, of: Population | View | str, what: str, role: str) -> tuple[str, View | None]:
         """The name of a population, and the view if only some of its neurons are meant."""

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from neuro.core.errors import ModelError, unknown
-from neuro.core.values import shown
 from neuro.model.views import Laid, View, view
 
 AXIS = r"-?\d+|-?\d*:-?\d*(:-?\d+)?"
@@ -26,10 +25,8 @@ def named(of: Any, populations: Mapping[str, Laid]) -> Any:
     """
     if isinstance(of, str):
         return on_a_line(of, populations) if "[" in of else of
-    if not isinstance(of, Mapping):
+    if not isinstance(of, Mapping) or len(of) != 1:
         return of
-    if len(of) != 1 or not isinstance(next(iter(of)), str):
-        raise ModelError(f"found {shown(of)}: expected a name, or {{name: index}}")
     [(name, index)] = of.items()
     if name not in populations:
         raise unknown("population", name, populations)

@@ -77,7 +77,8 @@ class Handles:
         Raises:
             ModelError: this network has neither, or the view reaches beyond its population.
         """
-        if isinstance(of, (Population, View, Mapping)) or (isinstance(of, str) and (of in self._whole or "[" in of)):
+        written = (isinstance(of, Mapping) and len(of) == 1) or (isinstance(of, str) and "[" in of)
+        if written or isinstance(of, (Population, View)) or (isinstance(of, str) and of in self._whole):
             return self.neurons(of)
         if isinstance(of, Projection) or (isinstance(of, str) and of in self._projections):
             return self.projection(of)
