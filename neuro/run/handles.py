@@ -77,9 +77,10 @@ class Handles:
         Raises:
             ModelError: this network has neither, or the view reaches beyond its population.
         """
-        written = (isinstance(of, Mapping) and len(of) == 1) or (isinstance(of, str) and "[" in of)
-        if written or isinstance(of, (Population, View)) or (isinstance(of, str) and of in self._whole):
+        if isinstance(of, (Population, View)) or (isinstance(of, str) and (of in self._whole or "[" in of)):
             return self.neurons(of)
+        if isinstance(of, Mapping) and len(of) == 1:
+            return self.neurons(named(of, self._net.populations))
         if isinstance(of, Projection) or (isinstance(of, str) and of in self._projections):
             return self.projection(of)
         raise _none("population or projection", of, [*self._populations, *self._projections])
