@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.core.errors import ModelError
+from neuro.core.hints import near
 from neuro.core.paths import file_path
 from neuro.events.errors import EventFileError, let_go
 
@@ -178,11 +179,21 @@ def opened_source(source: Given, name: str | None) -> Source:
     try:
         return Source(source, name)
     except FileNotFoundError:
-        raise EventFileError(os.fspath(source), "no such file") from None  # type: ignore[arg-type]
+        path = os.fspath(source)  # type: ignore[arg-type]
+        raise EventFileError(path, "no such file", hint=_beside(path)) from None
     except IsADirectoryError:
         raise EventFileError(os.fspath(source), "is a folder, expected a file") from None  # type: ignore[arg-type]
     except OSError as error:
         raise EventFileError(os.fspath(source), f"cannot read: {error.strerror}") from None  # type: ignore[arg-type]
+
+
+def _beside(path: str) -> str:
+    """A hint at the file of the nearest name in its folder, "" if none is near."""
+    folder, name = os.path.split(path)
+    try:
+        return near(name, os.listdir(folder or "."))
+    except OSError:
+        return ""
 
 
 def check_given(source: object) -> None:
