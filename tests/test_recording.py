@@ -125,7 +125,7 @@ import neuro
 import neuro.run.recording as recording
 sys.path.insert(0, sys.argv[1])
 from test_recording import network
-recording.COMMIT_S = 0.1
+recording.COMMIT_S = 0.0
 sim = neuro.compile(network(), "reference")
 with sim.record_to("run.h5"):
     while True:

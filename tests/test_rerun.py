@@ -1,6 +1,7 @@
 """Files say where they come from, and are made again to the bit; what changed is told."""
 
 import json
+import os
 import shutil
 import sys
 
@@ -260,6 +261,13 @@ def test_a_folder_counts_as_one_input(tmp_path):
     assert told["inputs"] == {str(tmp_path): before}
     (tmp_path / "0.txt").write_text("ab")
     assert digest_of(tmp_path) != before
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    """What comes through a pipe cannot be read twice."""
+    os.mkfifo(tmp_path / "pipe")
+    assert digest_of(tmp_path / "pipe") == ""
+    assert digest_of(tmp_path)
 
 
 def test_differences_name_what_changed():

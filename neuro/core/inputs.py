@@ -53,7 +53,7 @@ _known: dict[tuple[str, int, int], str] = {}
 
 
 def digest_of(path: str | os.PathLike[str]) -> str:
-    """A hash of what a file holds, or of the names and contents of all files in a folder; "" if it cannot be read.
+    """A hash of what a file holds, or of the names and contents of all files in a folder; "" if it cannot be read twice.
 
     Of what was not touched since it is known.
     """
@@ -61,6 +61,8 @@ def digest_of(path: str | os.PathLike[str]) -> str:
         state = os.stat(path)
         if stat.S_ISDIR(state.st_mode):
             return _of_folder(Path(path))
+        if not stat.S_ISREG(state.st_mode):  # a pipe would be waited for
+            return ""
         key = os.fspath(path), state.st_mtime_ns, state.st_size
         if key not in _known:
             digest = hashlib.sha256()

@@ -73,10 +73,10 @@ def test_tables(run):
     assert rows[5][-1].endswith(" uJ")
     assert ["population", "backend", "neurons", "spikes", "rate Hz", "first difference", "distance"] in rows
     assert ["projection", "backend", "largest", "rms", "relative rms", "by rounding"] in rows
-    assert ["target", "counts of", "dynamic", "static", "total", "chip time", "chips"] in rows
+    assert ["target", "counts of", "dynamic", "static", "total", "range", "chip time", "chips"] in rows
     dense = [row for row in rows if row[0] in ("cpu", "gpu")]
     assert [row[:2] for row in dense] == [["cpu", "event"], ["gpu", "event"]]
-    assert [row[3:] for row in dense] == [["not priced", row[2], "-", "-"] for row in dense]
+    assert [row[3:] for row in dense] == [["not priced", row[2], row[5], "-", "-"] for row in dense]
 
 
 def test_json_goes_out_and_to_a_file(run, tmp_path):
