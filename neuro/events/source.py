@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import io
 import mmap
 import os
@@ -14,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from neuro.core.errors import ModelError
-from neuro.core.hints import near
 from neuro.core.paths import file_path
 from neuro.events.errors import EventFileError, let_go
 
@@ -191,9 +191,10 @@ def _beside(path: str) -> str:
     """A hint at the file of the nearest name in its folder, "" if none is near."""
     folder, name = os.path.split(path)
     try:
-        return near(name, os.listdir(folder or "."))
+        found = difflib.get_close_matches(name, os.listdir(folder or "."), n=1, cutoff=0.8)
     except OSError:
         return ""
+    return f"did you mean '{found[0]}'?" if found else ""
 
 
 def check_given(source: object) -> None:
