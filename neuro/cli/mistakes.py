@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import typer
 
 from neuro.core.launch import speaks
 
+_MORE = re.compile(r"Got unexpected extra argument\(?s?\)? \((.*)\)")
+_CHOICE = re.compile(r"Invalid value for ('[^']*'): Value error, (.*) is not one of (.*)")
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # typer has no public name for it
 
 
@@ -72,10 +76,22 @@ def mistake(error: Exception) -> str | None:
     return None
 
 
+def _usage(context: Any) -> str:
+    """How a command is called."""
+    pieces = context.command.collect_usage_pieces(context)
+    return " ".join(
+        [context.command_path, *(piece.strip("{}") for piece in pieces if piece != "[OPTIONS]"), "[OPTIONS]"]
+    )
+
+
 def usage(error: Exception) -> str:
     """The message of a misused option, and where to read more."""
     text = getattr(error, "format_message")().rstrip(".")  # noqa: B009
     context = getattr(error, "ctx", None)
+    if more := _MORE.fullmatch(text):
+        text = f"found '{more[1]}', too: expected {_usage(context)}" if context else text
+    elif choice := _CHOICE.fullmatch(text):
+        text = f"{choice[1]}: found {choice[2]}: expected one of {choice[3]}"
     if getattr(error, "option_name", "") == "--with":
         return f"{text}\n  hint: write it after the command, as in neuro run net.yaml --with my_neuron.py"
     return f"{text}\n  hint: see '{context.command_path} --help'" if context else text

@@ -38,6 +38,7 @@ def cameras_of(net: Network, clock: Clock) -> dict[str, Camera]:
         if isinstance(part.model, event_camera):
             with telling(part):
                 made[part.name] = Camera(part, part.model, clock)
+                made[part.name].check_events()
                 if net.trials_section is not None:
                     told = "an event_camera in a network with trials, which show what they are given"
                     raise ModelError(f"{told}: expected a spike_generator", hint="sim.trials(times, ids, offsets)")
@@ -78,6 +79,18 @@ class Camera:
         """What decides its spikes; where the file lies does not."""
         said = {word: value for word, value in self._model.parameters().items() if word not in ("file", "events")}
         return f"{said} {'' if self._played is None else self._played.identity}"
+
+    def check_events(self) -> None:
+        """Refuse a recording that can be looked at and has no events from its beginning on."""
+        model = self._model
+        word = "offset" if model.offset else "origin"
+        if self._played is None or self._origin is None or self._played.first() is None or not getattr(model, word):
+            return
+        begin = self._origin + self._offset
+        if not any(len(part) and int(part.t[-1]) >= begin for part in self._played.parts(begin, self._least)):
+            unit = model.quantities()[word].unit
+            told = f"{model.name}.{word} = {getattr(model, word):.7g} {unit}"
+            raise ModelError(f"{told}: the recording has no event after that")
 
     def _shape_of(self, said: tuple[int | str, ...]) -> Shape:
         """The shape that the sensor gives, which a shape that is said must agree with."""

@@ -56,6 +56,16 @@ class Connections:
     listed: tuple[tuple[int, ...], ...] = ()
     shared: Ints | None = None
 
+    def ends(self, synapse: int) -> tuple[int, int]:
+        """Source and target of one synapse."""
+        match self.layout:
+            case "one_to_one":
+                return synapse, synapse
+            case "dense":
+                pre, post = divmod(synapse, self.listed[0][1])
+                return pre, post
+        return int(np.searchsorted(self.row_ends, synapse, side="right")) - 1, int(self.targets[synapse])
+
     def pairs(self, n_post: int) -> Iterator[tuple[Ints, NDArray[np.integer]]]:
         """Source and target of all synapses but those of a grid, in order, a piece at a time."""
         for first, last in blocks(0, self.size, BLOCK):

@@ -15,7 +15,7 @@ from typing import Any
 
 from neuro.compiler.places import Places, Words, at, has, names, subject
 from neuro.compiler.resolve import compile_network
-from neuro.compiler.stand_ins import as_node, meant, stand_in
+from neuro.compiler.stand_ins import as_node, chosen_from, meant, some_neurons, stand_in
 from neuro.core.errors import ModelError, Where
 from neuro.core.paths import file_path
 from neuro.model.language.loader import build
@@ -27,8 +27,12 @@ from neuro.program.program import Program
 MOST = 1000
 """Mistakes after which no more are looked for."""
 _ENDS = (("from",), ("to",), ("of",), ("record",))
+_OF_SENSOR = ("file", "events", "format", "polarity", "crop", "scale", "event_camera")
 _OF_DECISIONS = ("labels", "dropout", "reset")
 _UNKNOWN = re.compile(r".*unknown (word|parameter|state) of")
+_UNIT = re.compile(r" = .* \w+: expected (a|an) \w+|: expected a number without unit$")
+_HANGS_ON = {"them": ("from", "to", "rule"), "there": ("from", "to")}
+_OF_PROJECTION = re.compile(rf"the (synapses) of '([^']+)'|, as '([^']+)' has ({'|'.join(_HANGS_ON)})$")
 _NAMES = tuple(f"unknown {kind} '" for kind in ("population", "parameter", "model", "signal", "synapse", "projection"))
 
 
@@ -75,6 +79,7 @@ class _Search:
         failed: names of parts that are no longer there, or no longer what they were.
         touched: names of all parts in which something was mended.
         lost: names in projections that may have been grids.
+        whole: the words of ends whose population is known, in place of neurons of it that are not there.
         resolved: whether values stand in place of all `$names`.
         partial: whether parts that are named may be in what could not be read.
     """
@@ -87,6 +92,7 @@ class _Search:
         self.failed: set[str] = set()
         self.touched: set[str] = set()
         self.lost: set[str] = set()
+        self.whole: set[Words] = set()
         self.partial = self.resolved = False
         self.program: Program | None = None
         self.unsure: set[Where] = set()
@@ -159,6 +165,13 @@ class _Search:
         """Tell a mistake unless it follows from another, and leave out or replace what it is about."""
         if not self.follows(root, path, error, compiled):
             self.tell(error)
+        population = chosen_from(root.value, path)
+        if population and path not in self.mended:
+            place = at(root, path[:3])
+            at(root, path[:2]).value[path[2]] = as_node(some_neurons(population, self.turn), place)
+            self.whole.add(path)
+            self.note(root, path, None, replaced=True)
+            return
         while len(path) > 1 and (self.mended.count(path) > (len(path) == 2) or not has(root, path[:-1])):
             path = path[:-1]
         within = at(root, path[:-1]).value
@@ -218,7 +231,7 @@ class _Search:
             return True
         there = next(path[:n] for n in range(len(path), 0, -1) if has(root, path[:n]))
         named = set(() if itself else names(at(root, there))) | set(path[2:] if self.resolved else ())
-        if named & self.failed:
+        if named & self.failed or self.depends(path, told):
             return True
         if path[0] == "parameters" and path[-1] in self.params:
             return bool(self.mended)
@@ -226,10 +239,42 @@ class _Search:
             return True
         return (compiled or path[0] == "models") and self.hangs(path, f"{told} {error.hint}")
 
+    def depends(self, path: Words, told: str) -> bool:
+        """Whether a mistake is only one by what a part is that nobody knows."""
+        beside = self.beside(path)
+        ends = {words[0] for words in beside}
+        if path[0] == "projections":
+            return (
+                path[2:3] in (("weight",), ("synapse",))
+                and _UNIT.search(told) is not None
+                and bool(ends & {"from", "to"})
+            )
+        if path[0] == "populations":
+            return "shape" in told and any(words[-1] in _OF_SENSOR for words in beside)
+        if path[0] != "probes":
+            return False
+        of = _OF_PROJECTION.search(told)
+        if of and self.is_unsure(of[2] or of[3], of[1] or of[4]):
+            return True
+        return "is for projections" in told and "of" in ends
+
+    def is_unsure(self, projection: str, what: str) -> bool:
+        """Whether it is not known what its "synapses" are, how many of "them", or whose neurons are "there"."""
+        beside = self.beside(("projections", projection))
+        if what in _HANGS_ON:
+            return any(words[0] in _HANGS_ON[what] for words in beside)
+        return projection in self.failed or any(words[0] == "synapse" and len(words) <= 2 for words in beside)
+
+    def beside(self, path: Words) -> list[Words]:
+        """The words within a part that lead to what was mended, but those that leave the population known."""
+        return [
+            words[2:] for words in self.mended if words[:2] == path[:2] and len(words) > 2 and words not in self.whole
+        ]
+
     def hangs(self, path: Words, told: str) -> bool:
         """Whether what the compiler tells of a part hangs on what was mended elsewhere in it, or on who decides."""
-        beside = [mended[2:] for mended in self.mended if mended[:2] == path[:2] and len(mended) > 2]
-        if {words[-1] for words in beside} & set(re.findall(r"\w+", told)):
+        beside = self.beside(path)
+        if {words[-1] for words in beside if words not in _ENDS} & set(re.findall(r"\w+", told)):
             return True
         if path[0] == "trials":
             return bool(self.mended) if len(path) == 1 else path[1] in _OF_DECISIONS and self.undecided()
@@ -238,8 +283,9 @@ class _Search:
                 return True
             if "trial" in told and (self.undecided() or ("trials",) in self.mended or self.partial):
                 return True
-        alone = "the resolution" in told or path[2:3] == ("synapses",)
-        return not alone and any(words[:1] in _ENDS for words in beside)
+        if path[2:3] == ("synapses",):
+            return ("of",) in beside
+        return "the resolution" not in told and any(words[:1] in _ENDS for words in beside)
 
     def undecided(self) -> bool:
         """Whether it is not known which population decides a trial."""

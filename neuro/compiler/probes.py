@@ -35,15 +35,15 @@ def check_probes(net: Network, shapes: Mapping[str, Shape], clock: Clock) -> Non
         for name in {part.name, *part.traces().values()}:
             if (other := names.setdefault(name, part.name)) != part.name:
                 refuse(part, f"probe '{other}' has a trace of the name '{name}', too: expected another name")
-        if part.of in net.populations:
-            with telling(part):
-                end_of(part.view, shapes[part.of])
-            _check_neurons(part, net.populations[part.of])
         if part.every is not None:
             with telling(part):
                 every = clock.step(part.every, "every")
             if every < 1:
                 refuse(part, f"every = {part.every:g} ms: expected at least the resolution, {clock.resolution:g} ms")
+        if part.of in net.populations:
+            with telling(part):
+                end_of(part.view, shapes[part.of])
+            _check_neurons(part, net.populations[part.of])
 
 
 def _check_neurons(part: Probe, population: Population) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from neuro.compiler.places import Words
+from neuro.compiler.probes import ALONE
 from neuro.core.errors import ModelError
 from neuro.model.language.choices import TABLES
 from neuro.model.language.reader import Node
@@ -27,6 +28,7 @@ _WORDS: Mapping[Words, tuple[Any, Any]] = {
 _PARTS = {"from": (), "to": (Neuron,), "of": (), "input": (spike_generator,)}
 """Words that name a population, and of which model it is."""
 _MEANT = "did you mean '"
+_KNOWN = "known: "
 
 
 def stand_in(sections: Mapping[str, Node], path: Words, gone: Node | None, error: ModelError, turn: int) -> Any:
@@ -45,13 +47,31 @@ def stand_in(sections: Mapping[str, Node], path: Words, gone: Node | None, error
         model = "spike_generator" if _shown(sections) == path[1] else _MODEL[turn]
         return model if path[2:] else {"model": model, "shape": _SHAPE[turn]}
     if path[0] == "probes" and path[2:] == ("record",):
-        return meant(error) or None
+        return meant(error) or _state(error)
     place = (path[0], *path[2:]) if path[0] != "trials" else path
     if place in _WORDS:
         return _WORDS[place][turn]
     if path[-1] in _PARTS and (len(path) == 3 or path[0] in ("trials", "groups")):
         return _named(sections, path[-1], error)
     return _needed(path[-2], path[-1], turn) if len(path) > 3 else None
+
+
+def chosen_from(sections: Mapping[str, Node], path: Words) -> str:
+    """The population of which a path leads to an index; "" if it leads elsewhere."""
+    populations = sections["populations"].value if "populations" in sections else {}
+    known = len(path) == 4 and path[2] in ("from", "to", "of", "pre", "post") and path[3] in populations
+    return path[3] if known else ""
+
+
+def some_neurons(population: str, turn: int) -> Any:
+    """All neurons of a population, or one of it: what hangs on how many are chosen differs."""
+    return population if turn == 0 else {population: 0}
+
+
+def _state(error: ModelError) -> str | None:
+    """One of those that a mistake says are known, as it stands beside other words of a probe; None: none is."""
+    known = error.hint.removeprefix(_KNOWN) if error.hint.startswith(_KNOWN) else ""
+    return next((word for word in known.split(", ") if word and word not in ALONE), None)
 
 
 def meant(error: ModelError) -> str:

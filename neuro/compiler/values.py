@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from neuro.compiler.connect import Apart, Connections
 from neuro.compiler.drawn import BLOCK, blocks
+from neuro.compiler.early import check_distribution, check_values
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError
 from neuro.core.keyed_random import generator
@@ -100,7 +101,9 @@ def delay_steps(
     """Delays in steps. Drawn ones and those of distance are rounded, to at least one step; given ones lie on it."""
     value = plain(value)
     if isinstance(value, (Distribution, of_distance)):
+        check_distribution(value, clock, what)
         drawn = per_synapse(value, found, what, rng, apart)
+        check_values(value, drawn, found, clock, what)
         late = np.empty(drawn.size, dtype=np.int32)
         longest = np.rint(drawn.max(initial=0.0) / clock.resolution)
         if longest > LONGEST_DELAY:

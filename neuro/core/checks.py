@@ -75,6 +75,12 @@ def wrong(q: Quantity, value: Any, what: str, *index: int) -> ModelError:
 def _hint(q: Quantity, value: Any) -> str:
     if isinstance(value, type) and hasattr(value, "called"):
         return f"write {value.called()}(...)"
+    if q.of_distance and getattr(value, "kind", "") == "profile":
+        return f"write neuro.of_distance({_called(value)})"
+    if q.part is not None:
+        return f"its words are {', '.join(q.part.quantities())}"
+    if q.choice is not None and isinstance(value, Mapping) and len(value) == 1:
+        return _as_call(q.choice, *next(iter(value.items())))
     if not isinstance(value, str):
         return ""
     if q.kind == "word" or (q.kind == "integer" and q.words):
@@ -85,6 +91,23 @@ def _hint(q: Quantity, value: Any) -> str:
         near = nearest(value, q.words)
         return axes(value) or (near if near.startswith("did") else "")
     return notation(value) if q.kind not in ("name", "receptor", "names", "part", "choice") else ""
+
+
+def _as_call(base: type[Any], name: object, said: Any) -> str:
+    """How to write in Python a choice that is said as in YAML, or ""."""
+    found = next((kind for kind in base.__subclasses__() if kind.called() == name), None)
+    if found is None or not isinstance(said, Mapping) or not set(said) <= set(found.quantities()):
+        return ""
+    words = ", ".join(f"{word}={value!r:.60}" for word, value in said.items())
+    return f"write {_home(found)}{name}({words})"
+
+
+def _called(choice: Any) -> str:
+    return f"{_home(type(choice))}{choice!r}"
+
+
+def _home(kind: type[Any]) -> str:
+    return "neuro." if kind.__module__.startswith("neuro.") else ""
 
 
 def check_span(after: int, to: int, since: float | None, until: float | None) -> None:

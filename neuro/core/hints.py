@@ -147,6 +147,7 @@ ELSEWHERE: dict[str, tuple[str, ...]] = {
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _MAX_LISTED = 12
+_MICRO = ("\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}")
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
@@ -159,6 +160,12 @@ def nearest(name: str, known: Iterable[str]) -> str:
         return "did you mean " + " or ".join(f"'{word}'" for word in near) + "?"
     more = ", ..." if len(names) > _MAX_LISTED else ""
     return "known: " + ", ".join(names[:_MAX_LISTED]) + more
+
+
+def near(name: str, known: Iterable[str]) -> str:
+    """A hint that names the nearest of `known`, "" when none is near."""
+    hint = nearest(name, known)
+    return hint if hint.startswith("did you mean") else ""
 
 
 def _similar(name: str, names: list[str]) -> list[str]:
@@ -199,6 +206,8 @@ def notation(text: str) -> str:
     if number is None:
         return ""
     rest = word[number.end() :].strip()
+    if rest[:1] in _MICRO and rest[1:].isalpha() and rest[1:].isascii():
+        return f"write {number[0]} u{rest[1:]}"
     if rest == "%":
         return f"write {float(number[0]) / 100!r}"
     if re.search(r"[-+*/()\d]", rest.lstrip("* ")):

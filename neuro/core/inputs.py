@@ -53,7 +53,7 @@ _known: dict[tuple[str, int, int], str] = {}
 
 
 def digest_of(path: str | os.PathLike[str]) -> str:
-    """A hash of what a file holds, or of the names and contents of files in a folder; "" if it cannot be read twice.
+    """A hash of what a file holds, or of names and contents of all files in a folder; "" if it cannot be read twice.
 
     Of what was not touched since it is known.
     """

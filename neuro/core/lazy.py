@@ -26,7 +26,10 @@ def lazily(
         if name not in home:
             if not name.startswith("_") and (found := more(name)) is not None:
                 return found
-            raise AttributeError(f"module '{module}' has no attribute '{name}'")
+            from neuro.core.hints import near
+
+            hint = "" if name.startswith("_") else near(name, [*home, *modules])
+            raise AttributeError(f"module '{module}' has no attribute '{name}'{hint and f': {hint}'}")
         value = getattr(import_module(home[name]), name)
         setattr(sys.modules[module], name, value)
         return value

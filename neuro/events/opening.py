@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+from neuro.core.hints import near
 from neuro.core.inputs import note
 from neuro.events.check import Checked
 from neuro.events.errors import EventFileError, EventFileWarning, let_go
@@ -146,7 +147,8 @@ def find(source: Source, format: str | None = None) -> Format:
         kind, colon, place = format.partition(":") if isinstance(format, str) else ("", "", "")
         if (found := called(kind, FORMATS.values())) is None or (colon and found.inside is None):
             known = ", ".join(FORMATS)
-            raise EventFileError(source.name, f"unknown format {format!r}, expected one of {known}")
+            told = f"unknown format {format!r}, expected one of {known}"
+            raise EventFileError(source.name, told, hint=near(kind, FORMATS))
         inside = found.inside
         return replace(found, open=lambda data: inside(data, place)) if inside and place else found
     head = source.head(HEAD)

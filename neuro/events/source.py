@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import io
 import mmap
 import os
@@ -178,11 +179,22 @@ def opened_source(source: Given, name: str | None) -> Source:
     try:
         return Source(source, name)
     except FileNotFoundError:
-        raise EventFileError(os.fspath(source), "no such file") from None  # type: ignore[arg-type]
+        path = os.fspath(source)  # type: ignore[arg-type]
+        raise EventFileError(path, "no such file", hint=_beside(path)) from None
     except IsADirectoryError:
         raise EventFileError(os.fspath(source), "is a folder, expected a file") from None  # type: ignore[arg-type]
     except OSError as error:
         raise EventFileError(os.fspath(source), f"cannot read: {error.strerror}") from None  # type: ignore[arg-type]
+
+
+def _beside(path: str) -> str:
+    """A hint at the file of the nearest name in its folder, "" if none is near."""
+    folder, name = os.path.split(path)
+    try:
+        found = difflib.get_close_matches(name, os.listdir(folder or "."), n=1, cutoff=0.8)
+    except OSError:
+        return ""
+    return f"did you mean '{found[0]}'?" if found else ""
 
 
 def check_given(source: object) -> None:

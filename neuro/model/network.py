@@ -336,6 +336,9 @@ class Network(Description):
         if isinstance(name, str) and name in self.projections and name not in self.populations:
             return name, None
         assert not isinstance(of, Projection)
+        if isinstance(name, str) and name not in self.populations:
+            known = [*self.populations, *self.projections]
+            raise unknown("population", name, known, path=("of",)).at(self._where(), what)
         return self._neurons(of, what, "of")
 
     def _side(self, given: Side, of: str, what: str, word: str) -> View | None:

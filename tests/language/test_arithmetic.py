@@ -102,6 +102,7 @@ MISTAKES = [
     ("$(3 n)", 2, "found 'n' after a number: expected a unit or an operator\n  hint: write *n"),
     ("$(3 msc)", 2, "found 'msc' after a number: expected a unit or an operator\n  hint: did you mean 'mS' or 'ms'?"),
     ("$(g < 3)", 4, "found '<': expected + - * / or **"),
+    ("$(g^2)", 3, "found '^': expected + - * / or **\n  hint: a power is written **"),
     ("$(g +)", 5, "found the end: expected a number, a name or '('"),
     ("$()", 2, "found the end: expected a number, a name or '('"),
     ("$(__import__)", 2, f"found '_': {EXPECTED}"),

@@ -37,6 +37,11 @@ populations:
         std: 20.0
         dt: 1.0
     shape: 1
+  eyes:
+    model:
+      event_camera:
+        scale: 1
+    shape: [2, 4, 4]
   exc:
     model:
       iaf_psc_exp:
@@ -142,6 +147,15 @@ probes:
     record: weight
     every: 100.0
     synapses: [0, 5]
+  some:
+    of: inh_out
+    record: weight
+    every: 50.0
+    pre: {inh: 3}
+  traces:
+    of: exc_inh
+    record: [weight, c]
+    every: 50.0
 """
 TRIALS = """\
 neuro: 1
@@ -231,20 +245,25 @@ IN_PAIRS: Planted = {
     "unknown name": ("inh", "I_e", "$current", "unknown parameter '$current'"),
     "no model": ("out", "model", "iaf_psc_dleta", "unknown model 'iaf_psc_dleta'"),
     "own parameter": ("own", "tau", "-5.0 ms", "fading.tau = -5"),
+    "no recording": ("eyes", "scale: 1", "file: no.aedat4", "no file 'no.aedat4'"),
+    "shape of a camera": ("eyes", "shape", "[4, 4, 4]", "shape [4, 4, 4]: expected [2, height, width]"),
     "weight of stdp": ("noise_exc", "weight", "2000.0", "weight = 2000: expected 0 to 1000"),
     "delay off the grid": ("noise_exc", "delay", "1.03", "delay = 1.03 ms"),
     "rule constant": ("noise_exc", "lambda", "fast", "stdp.lambda = 'fast'"),
     "trace constant": ("noise_exc", "tau_plus", "0.0", "stdp.tau_plus = 0"),
+    "onto a generator": ("drive_inh", "to", "noise", "its target 'noise' is a poisson_generator"),
     "no rule": ("drive_inh", "rule", "all2all", "unknown rule 'all2all'"),
     "distance without model": ("exc_exc", "p", "{gauss: {std: 1.0}}", "unknown profile 'gauss'"),
     "autapses": ("exc_exc", "autapses", "never", "distance_dependent.autapses = 'never'"),
     "weight of a word": ("exc_exc", "weight", "strong", "weight = 'strong'"),
+    "unit of a weight": ("exc_exc", "weight", "20 mV", "weight = 20 mV: expected a current"),
     "delay below a step": ("exc_exc", "delay", "0.04", "delay = 0.04 ms"),
     "distribution": ("exc_inh", "std", "-1.0", "normal.std = -1"),
     "delay of learning": ("exc_inh", "delay", "1 pA", "delay = 1 pA: expected a time"),
     "no signal": ("exc_inh", "signal", "rewrd", "unknown signal 'rewrd'"),
     "tau_c": ("exc_inh", "tau_c", "-1.0", "stdp_dopa.tau_c = -1"),
     "view too long": ("inh_out", "from", '{inh: "0:9:x"}', "inh: found '0:9:x'"),
+    "view beyond": ("inh_out", "from", '{inh: "0:9"}', "inh[0:9]: found 9: expected -8 to 8"),
     "multapses": ("inh_out", "multapses", "1", "fixed_indegree.multapses = 1"),
     "n": ("inh_out", "n", "-3", "fixed_indegree.n = -3"),
     "unknown in a formula": ("inh_out", "weight", "$(-h * 5)", "unknown parameter 'h'"),
@@ -258,10 +277,18 @@ IN_PAIRS: Planted = {
     "no state": ("v", "record", "[V_m, I_sin_ex]", "has no state 'I_sin_ex'"),
     "every off the grid": ("v", "every", "1.02", "every = 1.02 ms"),
     "probe of nobody": ("u", "of", "ini", "unknown population 'ini'"),
+    "probe beyond": ("u", "of", "{inh: 9}", "inh[9]: found 9"),
+    "no such record": ("u", "record", "rte", "has no state 'rte'"),
     "every of a rate": ("u", "every", "-1.0", "every = -1"),
     "no state of a synapse": ("weights", "record", "wieght", "have no state 'wieght'"),
     "no such synapse": ("weights", "synapses", "[0, 160]", "synapses: found 160"),
     "every of weights": ("weights", "every", "1 mV", "every = 1 mV: expected a time"),
+    "pre beyond": ("some", "pre", "{inh: 9}", "inh[9]: found 9"),
+    "pre of another": ("some", "pre", '{exc: "1, 3"}', "expected neurons of 'inh'"),
+    "no state of static synapses": ("some", "record", "K_plus", "have no state 'K_plus'"),
+    "every of some off the grid": ("some", "every", "1.05", "every = 1.05 ms"),
+    "no state of dopamine": ("traces", "record", "[weight, nn]", "have no state 'nn'"),
+    "every of traces off the grid": ("traces", "every", "1.05", "every = 1.05 ms"),
 }
 IN_TRIALS: Planted = {
     "input size": ("input", "shape", "[2, 6, x]", "shape[2] = 'x'"),
@@ -290,9 +317,12 @@ IN_TRIALS: Planted = {
 }
 DECIDES = {
     "size of noise": ["no such synapse"],
-    "no model of inh": ["no parameter"],
+    "no model of inh": ["no parameter", "no such record"],
     "own model": ["own parameter"],
-    "no synapse": ["tau_c", "no signal"],
+    "no synapse": ["tau_c", "no signal", "no state of dopamine"],
+    "no recording": ["shape of a camera"],
+    "unknown target": ["unit of a weight"],
+    "probe of nobody": ["no such record"],
     "unknown group": ["reset"],
     "unknown source": ["pair beyond"],
     "unknown word": ["every of a rate"],

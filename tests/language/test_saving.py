@@ -163,6 +163,8 @@ def choices(draw, cls, names):
         if {low, high} <= set(cls.quantities()):
             said.pop(low, None)
             said[high] = draw(st.floats(100.0, 1e6))
+    if {"start", "stop"} <= set(said):
+        said["start"], said["stop"] = sorted((said["start"], said["stop"]))
     return cls.from_words(said)
 
 

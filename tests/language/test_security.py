@@ -172,7 +172,11 @@ def test_sizes_beyond_memory(message, size):
         (b"neuro: 1\nname: \xff\n", "net.yaml:2:7: found the byte 0xff: expected UTF-8 text"),
         ("neuro: 1\n".encode("utf-16"), "net.yaml:1:1: found the byte 0xff: expected UTF-8 text"),
         (b"neuro: 1\nname: a\x00b\n", "net.yaml:2:8: found the character U+0000: expected text"),
-        (b"\x89HDF\r\n\x1a\n", "net.yaml:1:1: found the byte 0x89: expected UTF-8 text"),
+        (
+            b"\x89HDF\r\n\x1a\n",
+            "net.yaml:1:1: found the byte 0x89: expected UTF-8 text\n"
+            "  hint: an HDF5 file, as results are: neuro report FILE tells what these hold, and their bill",
+        ),
         (b"PK\x03\x04", "net.yaml:1:3: found the character U+0003: expected text"),
     ],
 )

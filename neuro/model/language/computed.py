@@ -86,6 +86,8 @@ class _Value:
         return self._finite(tree.at, a.value / b.value, times(a.dimension, b.dimension, -1))
 
     def _power(self, tree: Binary) -> Measure:
+        if self.whole.text[tree.at] == "^":
+            raise self.whole.mistake(tree.at, "found '^': expected + - * / or **", "a power is written **")
         a, b = self.of(tree.left), self.of(tree.right)
         if b.dimension != NONE:
             message = f"an exponent {told(b.dimension)}: expected a number without unit"

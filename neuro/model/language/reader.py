@@ -88,6 +88,15 @@ def _bytes(path: Path) -> bytes:
     raise ModelError(f"found {kind}: expected a YAML file", where=where)
 
 
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+
+
+def _kind(data: bytes) -> str:
+    """A hint at what a file is that is no text."""
+    told = "an HDF5 file, as results are: neuro report FILE tells what these hold, and their bill"
+    return told if data.startswith(_HDF5) else ""
+
+
 def _text(path: Path) -> str:
     data = _bytes(path)
     if len(data) > MAX_BYTES:
@@ -100,7 +109,9 @@ def _text(path: Path) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         place = _place(data[: error.start].decode("utf-8", "replace"), str(path))
-        raise ModelError(f"found the byte 0x{data[error.start]:02x}: expected UTF-8 text", where=place) from None
+        raise ModelError(
+            f"found the byte 0x{data[error.start]:02x}: expected UTF-8 text", where=place, hint=_kind(data)
+        ) from None
     if odd := _UNPRINTABLE.search(text):
         place = _place(text[: odd.start()], str(path))
         raise ModelError(f"found the character U+{ord(odd[0]):04X}: expected text", where=place)

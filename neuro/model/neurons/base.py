@@ -116,6 +116,10 @@ class Generator(Model):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        start, stop = (self.parameters().get(word) for word in ("start", "stop"))
+        if start is not None and stop is not None and stop < start:
+            told = f"{self.name}.stop = {stop:g} ms: expected at least start = {start:g} ms"
+            raise ModelError(told, where=here(), path=("stop",))
         if self.schedule:
             times, values = (getattr(self, word) for word in self.schedule)
             if len(times) != values.shape[-1]:
