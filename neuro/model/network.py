@@ -336,10 +336,11 @@ class Network(Description):
         if isinstance(name, str) and name in self.projections and name not in self.populations:
             return name, None
         assert not isinstance(of, Projection)
-        if isinstance(name, str) and name not in self.populations:
+        written = self._written(of, f"{what}: of")
+        if isinstance(written, str) and written not in self.populations:
             known = [*self.populations, *self.projections]
-            raise unknown("population", name, known, path=("of",)).at(self._where(), what)
-        return self._neurons(of, what, "of")
+            raise unknown("population", written, known, path=("of",)).at(self._where(), what)
+        return self._neurons(written, what, "of")
 
     def _side(self, given: Side, of: str, what: str, word: str) -> View | None:
         """The neurons at one end of a projection, None for all."""
