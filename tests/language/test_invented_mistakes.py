@@ -88,7 +88,7 @@ probes:
     ),
     "all of a probe": (
         "probes:\n  v: {of: {a: 9}, record: Vm, every: 1.05}\n",
-        ["probe 'v': of: a[9]: found 9", "'a', a iaf_psc_exp, has no state 'Vm'", "probe 'v': every = 1.05 ms"],
+        ["probe 'v': of: a[9]: found 9", "'a', an iaf_psc_exp, has no state 'Vm'", "probe 'v': every = 1.05 ms"],
     ),
     "a probe of nobody": (
         "probes:\n  v: {of: bb, record: c, every: 1.05, mean: 3}\n",
