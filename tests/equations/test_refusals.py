@@ -23,6 +23,6 @@ def test_a_group_cannot_have_what_resets_itself():
     with pytest.raises(ModelError) as raised:
         neuro.compile(net)
     assert raised.value.message == (
-        "group 'choice': winner_take_all of 'cells', a own_aeif_cond_exp, which resets itself before a group can "
+        "group 'choice': winner_take_all of 'cells', an own_aeif_cond_exp, which resets itself before a group can "
         "choose: expected neurons that a group resets"
     )
