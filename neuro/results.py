@@ -7,7 +7,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 from neuro.files import results as files
-from neuro.files.results import Trace, Train, Weights
+from neuro.files.parts import Trace, Train, Weights
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

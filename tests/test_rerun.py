@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import sys
+import threading
 
 import h5py
 import numpy as np
@@ -265,9 +266,12 @@ def test_a_folder_counts_as_one_input(tmp_path):
 
 def test_a_pipe_is_not_waited_for(tmp_path):
     """What comes through a pipe cannot be read twice."""
-    os.mkfifo(tmp_path / "pipe")
-    assert digest_of(tmp_path / "pipe") == ""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    threading.Thread(target=lambda: pipe.open("wb").close(), daemon=True).start()  # so that one who opens it goes on
+    assert digest_of(pipe) == ""
     assert digest_of(tmp_path)
+    os.close(os.open(pipe, os.O_RDONLY | os.O_NONBLOCK))
 
 
 def test_differences_name_what_changed():

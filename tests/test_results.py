@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from neuro import ModelError
-from neuro.files.results import YAML, Results, Trace, Train, Weights, read, write
+from neuro.files.parts import Trace, Train, Weights
+from neuro.files.results import YAML, Results, read, write
 
 
 @pytest.fixture

@@ -10,10 +10,10 @@ same for any number of threads, which own targets.
 import numpy as np
 
 from neuro.kernels.jit import inner, kernel
+from neuro_event.alike import add
 from neuro_event.deliver import base_of, csr_own, log_delivery, receptor, told_apart
 from neuro_event.tables import (
     BEGIN,
-    BLOCK,
     DELAYS,
     FIRST_BLOCK,
     HORIZON,
@@ -42,8 +42,6 @@ AHEAD = 6
 """How many runs ahead."""
 
 _LINE = 64
-_SHIFT = np.uint64(6)
-assert 1 << int(_SHIFT) == BLOCK
 
 
 @kernel
@@ -91,25 +89,15 @@ def ask_for(view, row, first, last):
 
 
 @inner
-def run_alike(targets, first, last, value, buf, out, due, mark):
-    """Add one value to the targets first:last and mark their blocks."""
-    begin = np.uint64(out)  # an unsigned place is never one from the end, so the innermost loop tests none
-    for e in range(np.uint64(first), np.uint64(last)):
-        buf[begin + np.uint64(targets[e])] += value
-    if mark >= 0:  # a second loop: the first is nothing but adds, and these few bytes stay in the cache
-        block = np.uint64(mark)
-        for e in range(np.uint64(first), np.uint64(last)):
-            due[block + (np.uint64(targets[e]) >> _SHIFT)] = 1
-
-
-@inner
-def add_run(net, row, first, last, m, receptors, between, out, mark):
+def add_run(view, row, first, last, m, receptors, between, out, mark):
     """Add a run, the synapses first:last of its projection, to the input whose target 0 lies at `out`."""
+    net = net_of(view)
     e = row[SYNAPSE]
     if row[WEIGHT_STRIDE] == 0:
         weight = net.weights[row[WEIGHT]] * m
         at = out + receptor(weight, receptors) * between
-        run_alike(net.targets, e + first, e + last, weight, net.buf, at, net.due, mark)
+        here = view[TARGETS, 0] + 4 * (e + first)  # asked for long before
+        add(net.targets, e + first, e + last, weight, net.buf, at, net.due, mark, here)
     else:
         apart, at = receptors, out
         if receptors == 2 and row[SIGN] != MIXED:
@@ -137,7 +125,7 @@ def add_queue(view, row, thread, n, total, slot):
     for k in range(n):
         if k + AHEAD < n:
             ask_for(view, row, queue[k + AHEAD, 0], queue[k + AHEAD, 1])
-        add_run(net, row, queue[k, 0], queue[k, 1], np.float64(queue[k, 2]), receptors, between, out, mark)
+        add_run(view, row, queue[k, 0], queue[k, 1], np.float64(queue[k, 2]), receptors, between, out, mark)
     if wide:
         first_block = max(target[FIRST_BLOCK], net.edges[thread])
         last_block = min(target[LAST_BLOCK], net.edges[thread + 1])
@@ -210,4 +198,4 @@ def keep_for_later(view, row, i, m, step, after, thread):
             continue
         out = row[RING] + ((at & row[RING_MASK]) * receptors + base_of(row)) * row[RING_SIZE]
         mark = (at & slots) * blocks + target[FIRST_BLOCK]
-        add_run(net, row, first, last, m, told_apart(row, receptors), row[RING_SIZE], out, mark)
+        add_run(view, row, first, last, m, told_apart(row, receptors), row[RING_SIZE], out, mark)

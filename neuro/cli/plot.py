@@ -14,7 +14,7 @@ from neuro.cli.options import milliseconds, moment
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from neuro.files.results import Trace
+    from neuro.files.parts import Trace
     from neuro.model.views import View
 
 

@@ -15,7 +15,8 @@ from neuro.cli.options import Backend, NetworkFile, Seed, Set, Threads, assignme
 
 if TYPE_CHECKING:
     from neuro.core.progress import Bar
-    from neuro.files.results import Results, Trace
+    from neuro.files.parts import Trace
+    from neuro.files.results import Results
     from neuro.model.network import Network
     from neuro.run.simulation import Simulation
 

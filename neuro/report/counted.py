@@ -9,8 +9,9 @@ import numpy as np
 from neuro.chips.pricing.bill import bill
 from neuro.chips.pricing.energy import Energy
 from neuro.core.errors import ModelError
+from neuro.files.parts import Train
 from neuro.files.resolved import resolved
-from neuro.files.results import Results, Train
+from neuro.files.results import Results
 from neuro.model.network import Network
 from neuro.program.backend import EngineCounts
 from neuro.program.program import Ints, Population

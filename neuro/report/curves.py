@@ -9,7 +9,8 @@ import numpy as np
 
 from neuro.core import html
 from neuro.core.html import Html, tag
-from neuro.files.results import Results, Trace, Train
+from neuro.files.parts import Trace, Train
+from neuro.files.results import Results
 from neuro.pages.raster import evenly
 from neuro.program.program import Floats, Ints
 

@@ -16,7 +16,8 @@ from neuro.core.errors import ModelError
 from neuro.core.html import Html, table, tag
 from neuro.core.outputs import sealed
 from neuro.core.version import VERSION
-from neuro.files.results import Results, Train, Weights
+from neuro.files.parts import Train, Weights
+from neuro.files.results import Results
 from neuro.files.run_tables import told_spikes
 from neuro.pages import raster
 from neuro.pages.bills import joules

@@ -17,8 +17,9 @@ import numpy as np
 from neuro.core.extension import extensions
 from neuro.core.provenance import ATTRIBUTE, provenance
 from neuro.core.version import VERSION
+from neuro.files.parts import Trace, Train, Weights
 from neuro.files.recorded import SMALL
-from neuro.files.results import RECORDING, YAML, Results, Trace, Train, Weights
+from neuro.files.results import RECORDING, YAML, Results
 from neuro.files.state import fingerprint
 from neuro.model.language import save
 from neuro.model.network import Network

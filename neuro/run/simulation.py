@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
     from neuro.chips.pricing.energy import Energy
     from neuro.files.frames import Frames
-    from neuro.files.results import Trace
+    from neuro.files.parts import Trace
 
 _FLAG = Quantity(kind="boolean")
 

@@ -46,7 +46,7 @@ def folder(tmp_path, monkeypatch, registries):
     return tmp_path
 
 
-def run(*words, status=0, monkeypatch=None):
+def run(*words, status=0):
     before, sys.argv = sys.argv, ["neuro", *map(str, words)]
     try:
         with pytest.raises(SystemExit) as ended:
