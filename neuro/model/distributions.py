@@ -130,7 +130,8 @@ class normal(_Clipped):
         Raises:
             ModelError: fewer than one value in a thousand falls between the bounds.
         """
-        if n < _MANY or not math.isfinite(abs(self.mean) + _FAR * self.std):
+        large = not math.isfinite(abs(self.mean) + _FAR * self.std)
+        if n < _MANY or large or type(self) is not normal:
             yield from super().pieces(rng, n)
             return
         from neuro.kernels.normals import Normals

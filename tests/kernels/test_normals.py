@@ -71,3 +71,15 @@ def test_numbers_too_large_are_told(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(distributions, "_MANY", 1)
     with pytest.raises(neuro.ModelError, match="expected finite numbers"):
         list(neuro.normal(mean=1.7e308, std=1.7e308).pieces(generator(1, "weight", "x"), 100))
+
+
+def test_a_subclass_draws_what_it_says(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(distributions, "_MANY", 1)
+
+    class shifted(distributions.normal):
+        def sample(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+            return np.full(n, 7.0)
+
+    monkeypatch.setattr(distributions.DISTRIBUTIONS, "check", lambda part: None)
+    (piece,) = shifted(mean=1.0).pieces(generator(1, "weight", "x"), 100)
+    assert np.array_equal(piece, np.full(100, 7.0))
