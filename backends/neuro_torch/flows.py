@@ -19,23 +19,23 @@ class Flow:
 
     Attributes:
         weights: of every synapse.
-        parameters: of its generator, as they are now.
         due: what is to act, (steps modulo the longest delay + 2, neuron).
         held: what was sent last.
 
     Args:
         program: the network.
         index: which projection.
+        parameters: of its generator, as they are now; shared by all its projections.
     """
 
-    def __init__(self, program: Program, index: int) -> None:
+    def __init__(self, program: Program, index: int, parameters: dict[str, Floats]) -> None:
         self.part, self._program = program.projections[index], program
         self._source = program.populations[self.part.source]
         _, self._target, self._slot = program.synapses(index)
         self._delay = np.broadcast_to(self.part.delay, len(self._target)).astype(np.int64)
         self._emission = Emission(program, index)
         self.weights: Floats = np.broadcast_to(self.part.weight, self.part.size).astype(np.float64)
-        self.parameters = {word: values.copy() for word, values in self._source.parameters.items()}
+        self.parameters = parameters
         self.start_anew()
 
     def start_anew(self) -> None:
@@ -61,7 +61,7 @@ class Flow:
     def arrive(self, step: int) -> Floats:
         """Take what acts in a step, pA for each neuron."""
         place = step % len(self.due)
-        found = self.due[place].copy()
+        found: Floats = self.due[place].copy()
         self.due[place] = 0.0
         return found
 

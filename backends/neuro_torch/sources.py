@@ -38,6 +38,10 @@ class Source:
         self.steps, self.ids = self.part.spike_steps.copy(), self.part.spike_ids.copy()
         self.refresh()
 
+    def put(self, name: str, values: Floats) -> None:
+        """Set a state."""
+        self.states[self.names.index(name)] = values
+
     def refresh(self) -> None:
         """Work out the constants after a change of parameters."""
         if self.part.kind == "generator":

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
 
+from neuro.core.clock import NEVER
 from neuro.core.errors import ModelError, unknown
 from neuro.model.neurons import Neuron
-from neuro.program.program import Program
+from neuro.program.program import Floats, Program
 from neuro_torch.cells import Cells
 from neuro_torch.flows import Flow
 from neuro_torch.problems import problems, without_gradient
@@ -83,8 +84,14 @@ class Stepper:
         }
         carrying = [(k, part.carries == "spikes") for k, part in enumerate(program.projections)]
         self.wires = {k: Wires(program, k, self.device) for k, spikes in carrying if spikes}
-        self.flows = {k: Flow(program, k) for k, spikes in carrying if not spikes}
-        self._versions = {k: [(0, self._weights(k, weights or {}))] for k in self.wires}
+        self.emitters = {
+            k: {word: values.copy() for word, values in part.parameters.items()}
+            for k, part in enumerate(program.populations)
+            if part.kind == "current"
+        }
+        sources = [part.source for part in program.projections]
+        self.flows = {k: Flow(program, k, self.emitters[sources[k]]) for k, spikes in carrying if not spikes}
+        self.versions: dict[int, Versions] = {k: [(0, self._weights(k, weights or {}))] for k in self.wires}
         self._longest = max([1, *(w.delays[0] for w in self.wires.values() if w.delays)])
         self.start_anew()
 
@@ -97,9 +104,10 @@ class Stepper:
     def start_anew(self) -> None:
         """Back to step 0; weights and parameters stay."""
         self.now = 0
-        for each in (*self.cells.values(), *self.sources.values(), *self.flows.values()):
+        parts: list[Cells | Source | Flow] = [*self.cells.values(), *self.sources.values(), *self.flows.values()]
+        for each in parts:
             each.start_anew()
-        self._versions = {k: [(0, versions[-1][1])] for k, versions in self._versions.items()}
+        self.versions = {k: [(0, versions[-1][1])] for k, versions in self.versions.items()}
         self.sent: dict[int, list[tuple[int, Emitted]]] = {k: [] for k in range(len(self.program.populations))}
         self.spikes: list[Tensor | None] = [None] * len(self.program.populations)
         self.heard: dict[int, Tensor] = {}
@@ -109,17 +117,32 @@ class Stepper:
         cells = self.cells[self._numbers[population]]
         return cells.states[cells.names.index(name)]
 
+    def emitted(self, population: int) -> Emitted | None:
+        """What a population emitted in the last step; None of one that emits no spikes, or before the first step."""
+        sent = self.sent[population]
+        return sent[-1][1] if sent and sent[-1][0] == self.now else None
+
+    def parameters(self, population: int) -> dict[str, Floats]:
+        """The parameters of a population, as they are now, by word."""
+        part = self.cells.get(population) or self.sources.get(population)
+        return self.emitters[population] if part is None else part.parameters
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of states and synapses."""
+        cells = sum(8 * len(each.states) * each.shape[0] * each.shape[1] for each in self.cells.values())
+        weights = sum(8 * w.numel() for versions in self.versions.values() for _, w in versions)
+        return {"neurons": cells, "synapses": weights + sum(wires.nbytes for wires in self.wires.values())}
+
     def weights(self, projection: int) -> Tensor:
         """The weights that spikes set out with now."""
-        return self._versions[projection][-1][1]
+        return self.versions[projection][-1][1]
 
     def set_weights(self, projection: int, weights: Tensor) -> None:
         """Let spikes from the last step on set out with other weights; those under way keep theirs."""
-        versions = self._versions[projection]
-        kept = [(since, w) for since, w in versions if since < self.now]
+        kept = [version for version in self.versions[projection] if version[0] < self.now]
         while len(kept) > 1 and kept[1][0] + self._longest < self.now:
             del kept[0]
-        self._versions[projection] = [*kept, (self.now if kept else 0, weights)]
+        self.versions[projection] = [*kept, (self.now, weights)]
 
     def step(self, inputs: Mapping[str, Tensor] | None = None) -> dict[str, Tensor]:
         """One step.
@@ -149,7 +172,8 @@ class Stepper:
         return {part.name: s for part, s in zip(self.program.populations, self.spikes, strict=True) if s is not None}
 
     def _spike(self, spikes: Tensor, x: Tensor, free: Tensor) -> Tensor:
-        return Surrogated.apply(spikes, x, free, self._surrogate)  # type: ignore[no-any-return]
+        apply: Any = Surrogated.apply
+        return apply(spikes, x, free, self._surrogate)  # type: ignore[no-any-return]
 
     def _emitted(self, k: int, step: int, given: Tensor | None) -> Tensor:
         own = torch.from_numpy(self.sources[k].emit(step).astype("float64")).to(self.device)
@@ -181,32 +205,30 @@ class Stepper:
         """Input with what arrives along a projection, by weights of one time after the other."""
         emitted = dict(self.sent[wires.part.source])
         sent = [(d, emitted[step - delay]) for d, delay in enumerate(wires.delays) if step - delay in emitted]
+        sent = [(d, each) for d, each in sent if len(each.neuron) or each.spikes is not None]
         if not sent:
             return x
-        versions = self._versions[q]
-        weights = versions[-1][1]
-        if self._differs(weights, sent):
-            spikes = [None] * len(wires.delays)
-            for d, each in sent:
-                spikes[d] = each.spikes  # type: ignore[call-overload]
-            return x + Arrivals.apply(wires, weights, self.batch, *spikes)  # type: ignore[no-any-return]
-        sent = [(d, each) for d, each in sent if len(each.events[1])]
-        if not sent:
-            return x
+        versions = self.versions[q]
+        if torch.is_grad_enabled() and (versions[-1][1].requires_grad or any(each.spikes is not None for _, each in sent)):
+            if heard is not None:
+                wires.hear(heard, sent)
+            arrivals: Any = Arrivals.apply
+            return x + arrivals(wires, versions[-1][1], self.batch, sent, *(each.spikes for _, each in sent))
         own = torch.zeros_like(x)
-        for number, (since, weights) in enumerate(versions):
-            until = versions[number + 1][0] if number + 1 < len(versions) else step
-            some = [
-                (d, each)
-                for d, each in sent
-                if since <= step - wires.delays[d] < until or (number == 0 and step - wires.delays[d] < since)
-            ]
+        for since, until, weights in _times(versions):
+            some = [(d, each) for d, each in sent if since <= step - wires.delays[d] < until]
             wires.add(own, heard, weights, some)
         return x + own
 
-    def _differs(self, weights: Tensor, sent: list[tuple[int, Emitted]]) -> bool:
-        """Whether anything here has a gradient."""
-        return torch.is_grad_enabled() and (weights.requires_grad or any(e.spikes.requires_grad for _, e in sent))
+
+Versions = list[tuple[int, Tensor]]
+"""Weights with the step after which they hold."""
+
+
+def _times(versions: Versions) -> Iterator[tuple[int, int, Tensor]]:
+    """Weights with the first step whose spikes set out with them, and the first whose do not."""
+    ends = [since for since, _ in versions[1:]] + [NEVER]
+    yield from ((since, end, weights) for (since, weights), end in zip(versions, ends, strict=True))
 
 
 def _check(

@@ -7,8 +7,6 @@ reference adds it, so that sums are the same to the last bit, alone and in a bat
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import torch
@@ -18,22 +16,28 @@ from neuro.model.neurons import Neuron
 from neuro.program.program import Program
 
 
-@dataclass(eq=False)
 class Emitted:
-    """What a population emitted in one step.
+    """What a population emitted in one step, as events.
 
     Attributes:
+        recording, neuron, multiplicity: of all that sent, by recording, then neuron; multiplicities are doubles.
+        spikes: shape (batch, neurons), where they have a gradient, else None.
+
+    Args:
         spikes: how many spikes each neuron sent, as doubles, shape (batch, neurons).
     """
 
-    spikes: Tensor
+    __slots__ = ("multiplicity", "neuron", "recording", "spikes")
 
-    @cached_property
-    def events(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Recording, neuron and multiplicity of all that sent, by recording, then neuron."""
-        spikes = self.spikes.detach()
-        b, j = spikes.nonzero(as_tuple=True)
-        return b, j, spikes[b, j]
+    def __init__(self, spikes: Tensor) -> None:
+        values = spikes.detach()
+        self.recording, self.neuron = values.nonzero(as_tuple=True)
+        self.multiplicity = values[self.recording, self.neuron]
+        self.spikes = spikes if spikes.requires_grad else None
+
+
+Sent = Sequence[tuple[int, Emitted]]
+"""What was emitted so many steps ago as a delay has, by the place of that delay in `Wires.delays`, the oldest first."""
 
 
 class Wires:
@@ -69,6 +73,11 @@ class Wires:
         self.count, self.first = self._held(count), self._held(np.cumsum(count) - count)
         self.whole = self.part.layout == "dense" and len(self.delays) == 1
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes that its arrays take, without the weights."""
+        return 8 * (3 * self.target.numel() + 2 * self.count.numel())
+
     def _held(self, values: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(values, dtype=np.int64)).to(self.device)
 
@@ -87,40 +96,34 @@ class Wires:
             return self.part.receptor.index
         return (amounts < 0.0).to(torch.int64) if self.receptors == 2 else 0
 
-    def followed(self, sent: Sequence[tuple[int, Emitted]]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """The synapses along which spikes arrive, one after the other.
-
-        Args:
-            sent: the place of a delay in `delays`, and what was emitted so many steps ago.
-
-        Returns:
-            Synapse, recording, place of the source among all recordings' sources, multiplicity.
-        """
-        found = [(d * self.n_source + e.events[1], e.events[0], e.events[2]) for d, e in sent if len(e.events[1])]
+    def followed(self, sent: Sent) -> tuple[Tensor, Tensor, Tensor]:
+        """The synapses along which spikes arrive, one after the other, with their recordings and multiplicities."""
+        found = [(d * self.n_source + e.neuron, e.recording, e.multiplicity) for d, e in sent if len(e.neuron)]
         if not found:
             nothing = torch.zeros(0, dtype=torch.int64, device=self.device)
-            return nothing, nothing, nothing, nothing.to(torch.float64)
+            return nothing, nothing, nothing.to(torch.float64)
         rows, b, m = (torch.cat(column) if len(found) > 1 else column[0] for column in zip(*found, strict=True))
         count = self.count[rows]
         end = torch.cumsum(count, 0)
         which = torch.repeat_interleave(count)
         synapses = torch.arange(len(which), device=self.device) + (self.first[rows] - end + count)[which]
-        return synapses, b[which], rows[which], m[which]
+        return synapses, b[which], m[which]
 
-    def add(self, x: Tensor, heard: Tensor | None, weights: Tensor, sent: Sequence[tuple[int, Emitted]]) -> None:
+    def add(self, x: Tensor, heard: Tensor | None, weights: Tensor, sent: Sent) -> None:
         """Add what arrives to `x`, shape (receptors, batch, neurons); note in `heard` (batch, neurons) who hears."""
-        synapses, b, _, m = self.followed(sent)
+        synapses, b, m = self.followed(sent)
         if not len(synapses):
             return
         place = b * self.n_target + self.target[synapses]
-        if self.relay:
-            receptor, amounts = self.receptor(m), m
-        else:
-            amounts = self.each(weights, synapses) * m
-            receptor = self.receptor(amounts)
-        added(x.view(-1), receptor * x[0].numel() + place, amounts)
+        amounts = m if self.relay else self.each(weights, synapses) * m
+        added(x.view(-1), self.receptor(amounts) * x[0].numel() + place, amounts)
         if heard is not None:
             heard.view(-1)[place] = True
+
+    def hear(self, heard: Tensor, sent: Sent) -> None:
+        """Note in `heard` (batch, neurons) who hears a spike."""
+        synapses, b, _ = self.followed(sent)
+        heard.view(-1)[b * self.n_target + self.target[synapses]] = True
 
 
 def added(into: Tensor, places: Tensor, amounts: Tensor) -> None:
@@ -132,15 +135,14 @@ def added(into: Tensor, places: Tensor, amounts: Tensor) -> None:
 
 
 class Arrivals(torch.autograd.Function):
-    """What arrives along a projection in a step, with its gradient to the weights and to all spikes, also those not sent.
+    """What arrives along a projection in a step, with its gradient to the weights and to spikes, also to those not sent.
 
     A source that stayed silent has a gradient, too: its surrogate says how near it was to a spike.
     """
 
     @staticmethod
-    def forward(ctx, wires, weights, batch, *spikes):  # type: ignore[no-untyped-def]
-        """Shape (receptors, batch, neurons); `spikes` of each of the delays, None where nothing was emitted yet."""
-        sent = [(d, Emitted(s)) for d, s in enumerate(spikes) if s is not None]
+    def forward(ctx, wires, weights, batch, sent, *spikes):  # type: ignore[no-untyped-def]
+        """Shape (receptors, batch, neurons); `spikes` are those of `sent`, for their gradients."""
         x = torch.zeros(max(2, wires.receptors), batch, wires.n_target, dtype=torch.float64, device=wires.device)
         wires.add(x, None, weights, sent)
         ctx.wires, ctx.sent = wires, sent
@@ -154,15 +156,13 @@ class Arrivals(torch.autograd.Function):
         of_weights = None
         if ctx.needs_input_grad[1] and not wires.relay:
             of_weights = _of_weights(wires, weights, g, ctx.sent)
-        of_spikes: list[Tensor | None] = [None] * len(wires.delays)
-        for d, emitted in ctx.sent:
-            if ctx.needs_input_grad[3 + d]:
-                of_spikes[d] = _of_spikes(wires, weights, g, d, emitted.spikes.shape)
-        return None, of_weights, None, *of_spikes
+        asked = zip(ctx.needs_input_grad[4:], ctx.sent, strict=True)
+        of_spikes = [_of_spikes(wires, weights, g, d) if needed else None for needed, (d, _) in asked]
+        return None, of_weights, None, None, *of_spikes
 
 
-def _of_weights(wires: Wires, weights: Tensor, g: Tensor, sent: list[tuple[int, Emitted]]) -> Tensor:
-    synapses, b, _, m = wires.followed(sent)
+def _of_weights(wires: Wires, weights: Tensor, g: Tensor, sent: Sent) -> Tensor:
+    synapses, b, m = wires.followed(sent)
     receptor = wires.receptor(wires.each(weights, synapses) * m)
     share = g.view(-1)[receptor * g[0].numel() + b * wires.n_target + wires.target[synapses]] * m
     if wires.part.receptor is not None and wires.part.receptor.negated:
@@ -174,7 +174,7 @@ def _of_weights(wires: Wires, weights: Tensor, g: Tensor, sent: list[tuple[int, 
     return found
 
 
-def _of_spikes(wires: Wires, weights: Tensor, g: Tensor, d: int, shape: torch.Size) -> Tensor:
+def _of_spikes(wires: Wires, weights: Tensor, g: Tensor, d: int) -> Tensor:
     if wires.whole and not wires.relay and weights.numel() > 1 and wires.part.receptor is None:
         w = weights.view(wires.n_source, wires.n_target).T
         return g[0] @ w.clamp(min=0.0) + g[1] @ w.clamp(max=0.0) if wires.receptors == 2 else g[0] @ w
@@ -186,7 +186,7 @@ def _of_spikes(wires: Wires, weights: Tensor, g: Tensor, d: int, shape: torch.Si
         amounts = wires.each(weights, of)
         receptor = wires.receptor(amounts)
         brought = (g[receptor, :, target].T if isinstance(receptor, Tensor) else g[receptor][:, target]) * amounts
-    found = torch.zeros(shape, dtype=torch.float64, device=g.device)
-    rows = torch.arange(shape[0], device=g.device)[:, None] * shape[1] + source
+    found = torch.zeros(g.shape[1], wires.n_source, dtype=torch.float64, device=g.device)
+    rows = torch.arange(g.shape[1], device=g.device)[:, None] * wires.n_source + source
     added(found.view(-1), rows.reshape(-1), brought.reshape(-1))
     return found
