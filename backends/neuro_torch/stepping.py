@@ -9,11 +9,12 @@ import torch
 from torch import Tensor
 
 from neuro.core.clock import NEVER
-from neuro.core.errors import ModelError, unknown
+from neuro.core.errors import ModelError
 from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Program
 from neuro_torch.cells import Cells
 from neuro_torch.flows import Flow
+from neuro_torch.given import Tensors, between_steps, check
 from neuro_torch.problems import problems, without_gradient
 from neuro_torch.sources import Source
 from neuro_torch.wires import Arrivals, Emitted, Wires
@@ -26,10 +27,11 @@ class Stepper:
     """A program in execution for a batch, from step 0; without a gradient each recording is what it would be alone.
 
     ```python
-    stepper = Stepper(program, batch=20, surrogate=FastSigmoid(), weights={"in_hidden": w}, parameters={"hidden": {"tau_m": t}})
+    stepper = Stepper(program, surrogate=FastSigmoid())
+    stepper.begin(batch=20, weights={"in_hidden": w}, parameters={"hidden": {"tau_m": t}})   # for each batch
     for k in range(steps):
         spikes = stepper.step({"input": events[:, k]})     # {population: (batch, neurons)}, doubles
-        v = stepper.state("hidden", "V_m")                 # (batch, neurons), mV, after the step and its resets, as NEST's
+        v = stepper.state("hidden", "V_m")                 # (batch, neurons), mV, after the step and its resets
     ```
 
     Gradients go to `weights`, `parameters`, inputs that ask for them, and, through time, to all spikes. Of a spike that
@@ -51,6 +53,7 @@ class Stepper:
         weights: tensors of doubles in the unit of the network in place of the program's, by projection: shape (1,) where
             all share one, else (synapses,) in the order of the program's weights.
         parameters: likewise of neurons, by population and word, shape (1,) or (neurons,).
+        delays: likewise of projections, in ms; between two steps a spike arrives in shares in both.
         hears: whether `heard` is kept.
 
     Raises:
@@ -64,19 +67,17 @@ class Stepper:
         batch: int = 1,
         device: str | torch.device = "cpu",
         surrogate: Surrogate | None = None,
-        weights: Mapping[str, Tensor] | None = None,
-        parameters: Mapping[str, Mapping[str, Tensor]] | None = None,
+        weights: Tensors | None = None,
+        parameters: Mapping[str, Tensors] | None = None,
+        delays: Tensors | None = None,
         hears: bool = False,
     ) -> None:
-        self.program, self.batch, self.device = program, batch, torch.device(device)
+        refused = [*problems(program), *(without_gradient(program) if surrogate is not None else ())]
+        if refused:
+            raise ModelError("\n".join(f"{each.what}: {each.why}" for each in refused), hint=refused[0].way_out)
+        self.program, self.device = program, torch.device(device)
         self._surrogate, self._hears = surrogate, hears
         self._numbers = {part.name: k for k, part in enumerate(program.populations)}
-        _check(program, surrogate is not None, weights or {}, parameters or {})
-        self.cells = {
-            k: Cells(part, batch, program.resolution, program.seed, self.device, (parameters or {}).get(part.name))
-            for k, part in enumerate(program.populations)
-            if isinstance(part.model, Neuron)
-        }
         self.sources = {
             k: Source(part, program.resolution, program.seed)
             for k, part in enumerate(program.populations)
@@ -91,15 +92,36 @@ class Stepper:
         }
         sources = [part.source for part in program.projections]
         self.flows = {k: Flow(program, k, self.emitters[sources[k]]) for k, spikes in carrying if not spikes}
-        self.versions: dict[int, Versions] = {k: [(0, self._weights(k, weights or {}))] for k in self.wires}
-        self._longest = max([1, *(w.delays[0] for w in self.wires.values() if w.delays)])
-        self.start_anew()
+        self.begin(batch=batch, weights=weights, parameters=parameters, delays=delays)
 
-    def _weights(self, index: int, given: Mapping[str, Tensor]) -> Tensor:
-        part = self.program.projections[index]
-        if part.name not in given:
-            return torch.tensor(part.weight, device=self.device)
-        return _of_shape(f"weights of '{part.name}'", given[part.name], part.size)
+    def begin(
+        self,
+        *,
+        batch: int = 1,
+        weights: Tensors | None = None,
+        parameters: Mapping[str, Tensors] | None = None,
+        delays: Tensors | None = None,
+    ) -> None:
+        """Begin at step 0 with other tensors, which stand for the program's numbers as above; much faster than anew."""
+        program, named, late = self.program, dict(weights or {}), dict(delays or {})
+        check(program, named, late, parameters or {})
+        self.batch = batch
+        self.cells = {
+            k: Cells(part, batch, program.resolution, program.seed, self.device, (parameters or {}).get(part.name))
+            for k, part in enumerate(program.populations)
+            if isinstance(part.model, Neuron)
+        }
+        self.versions: dict[int, Versions] = {}
+        self._between: dict[int, list[tuple[Wires, Tensor]]] = {}
+        for k, part in enumerate(program.projections):
+            if k in self.wires:
+                own = named[part.name] if part.name in named else torch.tensor(part.weight, device=self.device)
+                self.versions[k] = [(0, own)]
+                if part.name in late:
+                    self._between[k] = between_steps(program, k, self.device, late[part.name], own)
+        between = [wires for pair in self._between.values() for wires, _ in pair]
+        self._longest = max([1, *(w.delays[0] for w in (*self.wires.values(), *between) if w.delays)])
+        self.start_anew()
 
     def start_anew(self) -> None:
         """Back to step 0; weights and parameters stay."""
@@ -192,7 +214,8 @@ class Stepper:
         heard = torch.zeros(cells.shape, dtype=torch.bool, device=self.device) if self._hears else None
         for q, wires in self.wires.items():
             if wires.part.target == k:
-                x = self._added(x, heard, q, wires, step)
+                for each, versions in self._ways(q):
+                    x = self._added(x, heard, each, versions, step)
         if heard is not None:
             self.heard[k] = heard
         current: Any = 0.0
@@ -201,15 +224,21 @@ class Stepper:
                 current = current + torch.from_numpy(flow.arrive(step)).to(self.device)
         return x, current
 
-    def _added(self, x: Tensor, heard: Tensor | None, q: int, wires: Wires, step: int) -> Tensor:
-        """Input with what arrives along a projection, by weights of one time after the other."""
+    def _ways(self, q: int) -> list[tuple[Wires, Versions]]:
+        """The wires of a projection with their weights: one, or two where delays are learnt."""
+        if q in self._between:
+            return [(wires, [(0, weights)]) for wires, weights in self._between[q]]
+        return [(self.wires[q], self.versions[q])]
+
+    def _added(self, x: Tensor, heard: Tensor | None, wires: Wires, versions: Versions, step: int) -> Tensor:
+        """Input with what arrives along wires, by weights of one time after the other."""
         emitted = dict(self.sent[wires.part.source])
         sent = [(d, emitted[step - delay]) for d, delay in enumerate(wires.delays) if step - delay in emitted]
         sent = [(d, each) for d, each in sent if len(each.neuron) or each.spikes is not None]
         if not sent:
             return x
-        versions = self.versions[q]
-        if torch.is_grad_enabled() and (versions[-1][1].requires_grad or any(each.spikes is not None for _, each in sent)):
+        learnt = versions[-1][1].requires_grad or any(each.spikes is not None for _, each in sent)
+        if learnt and torch.is_grad_enabled():
             if heard is not None:
                 wires.hear(heard, sent)
             arrivals: Any = Arrivals.apply
@@ -229,37 +258,6 @@ def _times(versions: Versions) -> Iterator[tuple[int, int, Tensor]]:
     """Weights with the first step whose spikes set out with them, and the first whose do not."""
     ends = [since for since, _ in versions[1:]] + [NEVER]
     yield from ((since, end, weights) for (since, weights), end in zip(versions, ends, strict=True))
-
-
-def _check(
-    program: Program,
-    differentiable: bool,
-    weights: Mapping[str, Tensor],
-    parameters: Mapping[str, Mapping[str, Tensor]],
-) -> None:
-    """Refuse what cannot be stepped or has no gradient, and tensors for what is not there."""
-    found = [*problems(program), *(without_gradient(program) if differentiable else ())]
-    if found:
-        raise ModelError("\n".join(f"{each.what}: {each.why}" for each in found), hint=found[0].way_out)
-    projections = [part.name for part in program.projections if part.carries == "spikes"]
-    for name in weights:
-        if name not in projections:
-            raise unknown("projection of spikes", name, projections)
-    neurons = {part.name: part for part in program.populations if part.kind == "neuron"}
-    for name, words in parameters.items():
-        if name not in neurons:
-            raise unknown("population of neurons", name, neurons)
-        for word, values in words.items():
-            if word not in neurons[name].parameters:
-                raise unknown(f"parameter of '{name}'", word, neurons[name].parameters)
-            _of_shape(f"{word} of '{name}'", values, neurons[name].size)
-
-
-def _of_shape(what: str, values: Tensor, size: int) -> Tensor:
-    if values.shape not in ((1,), (size,)) or values.dtype is not torch.float64:
-        found = f"{tuple(values.shape)} of {values.dtype}"
-        raise ModelError(f"{what}: found {found}: expected (1,) or ({size},) of torch.float64")
-    return values
 
 
 class Surrogated(torch.autograd.Function):

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from neuro.model.neurons import Neuron
-from neuro.program.program import Program
+from neuro.program.program import Ints, Program
 
 
 class Emitted:
@@ -53,9 +53,10 @@ class Wires:
         program: the network.
         index: which projection.
         device: where its arrays are.
+        delay: of every synapse in steps, in place of the program's.
     """
 
-    def __init__(self, program: Program, index: int, device: torch.device) -> None:
+    def __init__(self, program: Program, index: int, device: torch.device, delay: Ints | None = None) -> None:
         self.part, self.device = program.projections[index], device
         self.n_source = program.populations[self.part.source].size
         self.n_target = program.populations[self.part.target].size
@@ -63,7 +64,7 @@ class Wires:
         assert isinstance(model, Neuron)
         self.receptors, self.relay = model.receptors, model.relay
         source, target, slot = program.synapses(index)
-        delay = np.broadcast_to(self.part.delay, len(source)).astype(np.int64)
+        delay = np.broadcast_to(self.part.delay if delay is None else delay, len(source)).astype(np.int64)
         order = np.lexsort((np.arange(len(source)), source, -delay))
         self.delays: list[int] = np.unique(delay)[::-1].tolist()
         place = np.searchsorted(-np.array(self.delays), -delay[order]) * self.n_source + source[order]
@@ -78,23 +79,20 @@ class Wires:
         """Bytes that its arrays take, without the weights."""
         return 8 * (3 * self.target.numel() + 2 * self.count.numel())
 
-    def _held(self, values: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Tensor:
+    def _held(self, values: Ints) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(values, dtype=np.int64)).to(self.device)
 
     def each(self, weights: Tensor, synapses: Tensor | slice) -> Tensor:
         """What arrives along some synapses, of one weight for all or one each."""
-        amounts = (
-            weights.expand(self.part.size)[self.slot[synapses]]
-            if weights.numel() == 1
-            else weights[self.slot[synapses]]
-        )
+        places = self.slot[synapses]
+        amounts = weights.expand(len(places)) if weights.numel() == 1 else weights[places]
         return 0.0 - amounts if self.part.receptor is not None and self.part.receptor.negated else amounts
 
     def receptor(self, amounts: Tensor) -> Tensor | int:
-        """To which of its target's receptors some amounts go."""
+        """To which of its target's receptors some amounts go; none of a weight below 0 goes where that does."""
         if self.part.receptor is not None:
             return self.part.receptor.index
-        return (amounts < 0.0).to(torch.int64) if self.receptors == 2 else 0
+        return torch.signbit(amounts).to(torch.int64) if self.receptors == 2 else 0
 
     def followed(self, sent: Sent) -> tuple[Tensor, Tensor, Tensor]:
         """The synapses along which spikes arrive, one after the other, with their recordings and multiplicities."""
