@@ -1,4 +1,4 @@
-"""The step of a program for a batch of recordings, differentiable: what `neuro_torch.Module` uses where no scan fits."""
+"""The step of a program for a batch of recordings, differentiable; `neuro_torch.Module` uses it where no scan fits."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ import torch
 from torch import Tensor
 
 from neuro.core.clock import NEVER
-from neuro.core.errors import ModelError
+from neuro.core.errors import ModelError, unknown
 from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Program
+from neuro_torch.arrivals import Arrivals, Learnt
 from neuro_torch.cells import Cells
 from neuro_torch.flows import Flow
 from neuro_torch.given import Tensors, between_steps, check
 from neuro_torch.problems import problems, without_gradient
 from neuro_torch.sources import Source
-from neuro_torch.wires import Arrivals, Emitted, Wires
+from neuro_torch.wires import Emitted, Wires
 
 if TYPE_CHECKING:
     from neuro_torch.surrogates import Surrogate
@@ -36,9 +37,9 @@ class Stepper:
 
     Gradients go to `weights`, `parameters`, inputs that ask for them, and, through time, to all spikes. Of a spike that
     is derivative(x) / (V_th - V_reset) per mV, at x = (V_m - V_th) / (V_th - V_reset) before the reset, where V_m and
-    V_th are what the model compares (a threshold that adapts is meant); it is 0 while the neuron is refractory. A reset has no
-    gradient: what a neuron was before its spike is gone. A Poisson generator and a neuron that draws are keyed by
-    step, so all recordings of a batch see one draw.
+    V_th are what the model compares, also where a threshold adapts; it is 0 while the neuron is refractory. A reset
+    has no gradient: what a neuron was before its spike is gone. A Poisson generator and a neuron that draws are keyed
+    by step, so all recordings of a batch see one draw.
 
     Attributes:
         now: the last finished step.
@@ -50,8 +51,8 @@ class Stepper:
         batch: recordings.
         device: "cpu", "cuda" or a torch.device.
         surrogate: with `derivative(x)`; None leaves spikes without a gradient.
-        weights: tensors of doubles in the unit of the network in place of the program's, by projection: shape (1,) where
-            all share one, else (synapses,) in the order of the program's weights.
+        weights: tensors of doubles in the unit of the network in place of the program's, by projection: shape (1,)
+            where all share one, else (synapses,) in the order of the program's weights.
         parameters: likewise of neurons, by population and word, shape (1,) or (neurons,).
         delays: likewise of projections, in ms; between two steps a spike arrives in shares in both.
         hears: whether `heard` is kept.
@@ -126,6 +127,7 @@ class Stepper:
     def start_anew(self) -> None:
         """Back to step 0; weights and parameters stay."""
         self.now = 0
+        self._learnt: dict[Wires, Learnt] = {}
         parts: list[Cells | Source | Flow] = [*self.cells.values(), *self.sources.values(), *self.flows.values()]
         for each in parts:
             each.start_anew()
@@ -170,36 +172,51 @@ class Stepper:
         """One step.
 
         Args:
-            inputs: spikes that populations of a `spike_generator` emit in it beside those listed, shape (batch, neurons).
+            inputs: spikes that populations of a `spike_generator` emit beside those listed, shape (batch, neurons).
 
         Returns:
             What each population that emits spikes emitted, shape (batch, neurons).
+
+        Raises:
+            ModelError: an input is of no population of a `spike_generator`, or has another shape.
         """
-        step = self.now + 1
-        given = {self._numbers[name]: spikes for name, spikes in (inputs or {}).items()}
-        found = [self._arrived(k, step) if k in self.cells else None for k in range(len(self.spikes))]
-        for k, part in enumerate(self.program.populations):
-            if k in self.cells:
-                x, current = found[k]  # type: ignore[misc]
-                self.spikes[k] = self.cells[k].step(
-                    x, current, step, self._spike if self._surrogate is not None else None
-                )
-            elif k in self.sources:
-                self.spikes[k] = self._emitted(k, step, given.get(k))
-        for k, flow in self.flows.items():
+        step, given = self.now + 1, self._given(inputs or {})
+        spike = self._spike if self._surrogate is not None else None
+        arrived = {k: self._arrived(k, step) for k in self.cells}
+        for k, cells in self.cells.items():
+            self.spikes[k] = cells.step(*arrived[k], step, spike)
+        for k in self.sources:
+            self.spikes[k] = self._emitted(k, step, given.get(k))
+        for flow in self.flows.values():
             flow.charge(self.cells[flow.part.target], step)
             flow.send(step)
         self._send(step)
         self.now = step
         return {part.name: s for part, s in zip(self.program.populations, self.spikes, strict=True) if s is not None}
 
+    def _given(self, inputs: Tensors) -> dict[int, Tensor]:
+        """Inputs by the index of their population."""
+        listed = {name: k for name, k in self._numbers.items() if self.program.populations[k].kind == "listed"}
+        for name, spikes in inputs.items():
+            if name not in listed:
+                raise unknown("population of a spike_generator", name, listed)
+            expected = (self.batch, self.program.populations[listed[name]].size)
+            if tuple(spikes.shape) != expected or spikes.dtype is not torch.float64:
+                found = f"{tuple(spikes.shape)} of {spikes.dtype}"
+                raise ModelError(f"input '{name}': found {found}: expected {expected} of torch.float64")
+        return {listed[name]: spikes for name, spikes in inputs.items()}
+
     def _spike(self, spikes: Tensor, x: Tensor, free: Tensor) -> Tensor:
         apply: Any = Surrogated.apply
-        return apply(spikes, x, free, self._surrogate)  # type: ignore[no-any-return]
+        found: Tensor = apply(spikes, x, free, self._surrogate)
+        return found
 
     def _emitted(self, k: int, step: int, given: Tensor | None) -> Tensor:
-        own = torch.from_numpy(self.sources[k].emit(step).astype("float64")).to(self.device)
-        return own.expand(self.batch, -1) if given is None else given + own
+        numbers = self.sources[k].emit(step)
+        if given is not None and not numbers.any():
+            return given
+        own = torch.from_numpy(numbers.astype("float64")).to(self.device).expand(self.batch, -1)
+        return own if given is None else given + own
 
     def _send(self, step: int) -> None:
         for k, spikes in enumerate(self.spikes):
@@ -242,7 +259,11 @@ class Stepper:
             if heard is not None:
                 wires.hear(heard, sent)
             arrivals: Any = Arrivals.apply
-            return x + arrivals(wires, versions[-1][1], self.batch, sent, *(each.spikes for _, each in sent))
+            if wires not in self._learnt:
+                self._learnt[wires] = Learnt(versions[-1][1])
+            known = self._learnt[wires]
+            found: Tensor = arrivals(wires, known, known.token, self.batch, sent, *(each.spikes for _, each in sent))
+            return x + found
         own = torch.zeros_like(x)
         for since, until, weights in _times(versions):
             some = [(d, each) for d, each in sent if since <= step - wires.delays[d] < until]

@@ -1,4 +1,4 @@
-"""A batch is its recordings one by one; its gradients are those of a smooth neuron, and of autograd's own operations."""
+"""A batch is its recordings one by one; its gradients are those of smooth neurons, whenever it begins."""
 
 import numpy as np
 import pytest
@@ -190,6 +190,10 @@ def test_what_cannot_be_is_told():
         Stepper(part, parameters={"hidden": {"tau_n": torch.zeros(1, dtype=torch.float64)}})
     with pytest.raises(ModelError, match="unknown population of neurons 'in'"):
         Stepper(part, parameters={"in": {"tau_m": torch.zeros(1, dtype=torch.float64)}})
+    with pytest.raises(ModelError, match="unknown population of a spike_generator 'out'\n  hint: known: in"):
+        Stepper(part).step({"out": torch.zeros(1, 3, dtype=torch.float64)})
+    with pytest.raises(ModelError, match=r"input 'in': found \(2, 5\) of torch.float64: expected \(1, 5\)"):
+        Stepper(part).step({"in": torch.zeros(2, 5, dtype=torch.float64)})
     with pytest.raises(ModelError, match="delays of 'oe' cannot be learnt: it ends at parrots"):
         Stepper(part, delays={"oe": torch.ones(3, dtype=torch.float64)})
     net = neuro.Network("t")
