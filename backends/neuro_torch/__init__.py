@@ -11,12 +11,18 @@ from neuro.core.lazy import lazily
 
 if TYPE_CHECKING:
     from neuro_torch import surrogates
+    from neuro_torch.events import Events, collate
+    from neuro_torch.module import Module
+    from neuro_torch.outcome import Outcome
 
 _HOMES: dict[str, tuple[str, ...]] = {
     "neuro_torch.surrogates": (),
+    "neuro_torch.events": ("Events", "collate"),
+    "neuro_torch.module": ("Module",),
+    "neuro_torch.outcome": ("Outcome",),
 }
 
-__all__ = ["surrogates"]
+__all__ = ["Events", "Module", "Outcome", "collate", "surrogates"]
 
 if not TYPE_CHECKING:
     __getattr__, __dir__ = lazily(__name__, _HOMES)
