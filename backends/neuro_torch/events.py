@@ -36,7 +36,8 @@ class Train:
         parts = [slice(int(self.ends[b]), int(self.ends[b + 1])) for b in recordings]
         lengths = [part.stop - part.start for part in parts]
         step, neuron = (
-            np.concatenate([np.zeros(0, np.int32), *(each[part] for part in parts)]) for each in (self.step, self.neuron)
+            np.concatenate([np.zeros(0, np.int32), *(each[part] for part in parts)])
+            for each in (self.step, self.neuron)
         )
         return Train(np.concatenate(([0], np.cumsum(lengths, dtype=np.int64))), step, neuron)
 
@@ -95,7 +96,8 @@ class Events:
         if len(set(sizes.values())) != 1:
             raise ModelError(f"found (batch, steps) of {sizes}: expected one of all, and at least one population")
         batch, steps = next(iter(sizes.values()))
-        return cls(batch, steps, {name: array.nonzero() for name, array in arrays.items()})
+        places: dict[str, Any] = {name: array.nonzero() for name, array in arrays.items()}
+        return cls(batch, steps, places)
 
     @classmethod
     def of_recordings(

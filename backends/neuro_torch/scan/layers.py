@@ -134,7 +134,9 @@ def _component(program: Program, members: list[int], wired: list[Synapses]) -> C
     onto = [each for each in wired if each.target in members]
     inside = tuple(each for each in onto if each.source in members)
     outside = tuple(each for each in onto if each.source not in members)
-    return Component({k: cells(program, k) for k in members}, outside, inside, min((e.least for e in inside), default=0))
+    return Component(
+        {k: cells(program, k) for k in members}, outside, inside, min((e.least for e in inside), default=0)
+    )
 
 
 def cells(program: Program, index: int) -> Cells:
@@ -168,7 +170,8 @@ def push(program: Program, part: Cells, steps: int) -> Floats:
     if part.population not in currents.targets:
         return (part.per_pa * part.constant)[None]
     outside = np.array([currents.into(part.population, step) for step in range(1, steps + 1)])
-    return part.per_pa * (part.constant + outside)
+    pushed: Floats = part.per_pa * (part.constant + outside)
+    return pushed
 
 
 def synapses(program: Program, index: int) -> Synapses:
