@@ -1,0 +1,198 @@
+"""Losses: how far what output neurons did is from what was wanted; all are means over the batch.
+
+Spikes have the shape (batch, steps, neurons), labels the shape (batch,): the neuron that should say most.
+
+| loss | is small where | source |
+| --- | --- | --- |
+| `count_cross_entropy` | the labelled neuron fires most often | Eshraghian et al., Proc. IEEE 111(9):1016, 2023 |
+| `potential_cross_entropy` | it has the highest potential | Cramer et al., IEEE TNNLS 33(7):2744, 2022 |
+| `first_spike` | it fires first | Mostafa, IEEE TNNLS 29(7):3227, 2018; the gradient is our own |
+| `van_rossum` | spike trains are near to given ones | van Rossum, Neural Comput. 13(4):751, 2001 |
+
+**The time of a first spike** is a polynomial of the spikes, the sum over steps t of the product of 1 - s(u) for all
+u <= t. So its derivative says exactly what one spike more or less would do: one at a step u before the first spike
+would be t - u steps sooner, and without the first spike the second would count. A neuron that never fired has the time
+of the end, and learns from all steps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, Literal
+
+import torch
+from torch import Tensor
+from torch.nn.functional import cross_entropy
+
+from neuro.core.errors import ModelError, unknown
+
+__all__ = [
+    "LOSSES",
+    "count_cross_entropy",
+    "decisions",
+    "first_spike",
+    "first_spike_steps",
+    "potential_cross_entropy",
+    "van_rossum",
+]
+
+Over = Literal["mean", "max", "last"]
+
+
+def count_cross_entropy(spikes: Tensor, labels: Tensor, *, scale: float = 1.0) -> Tensor:
+    """Cross-entropy of softmax(scale x spike counts).
+
+    Args:
+        spikes: (batch, steps, neurons).
+        labels: (batch,), the neuron that should fire most.
+        scale: how much a spike more says.
+
+    Raises:
+        ModelError: shapes or labels cannot be.
+    """
+    _check(spikes, labels)
+    return cross_entropy(scale * spikes.sum(dim=1), labels)
+
+
+def potential_cross_entropy(V_m: Tensor, labels: Tensor, *, over: Over = "mean", scale: float = 1.0) -> Tensor:
+    """Cross-entropy of softmax(scale x potentials).
+
+    Args:
+        V_m: (batch, steps, neurons), mV.
+        labels: (batch,), the neuron whose potential should be highest.
+        over: which potential of a recording: the mean, the largest, or that of the last step.
+        scale: per mV.
+
+    Raises:
+        ModelError: shapes or labels cannot be, or there is no such `over`.
+    """
+    _check(V_m, labels)
+    potential: dict[str, Callable[[], Tensor]] = {
+        "mean": lambda: V_m.mean(dim=1),
+        "max": lambda: V_m.amax(dim=1),
+        "last": lambda: V_m[:, -1],
+    }
+    if over not in potential:
+        raise unknown("way to read potentials", over, potential)
+    return cross_entropy(scale * potential[over](), labels)
+
+
+def first_spike(spikes: Tensor, labels: Tensor, *, tau: float = 10.0, resolution: float = 1.0) -> Tensor:
+    """Cross-entropy of softmax(-time of the first spike / tau).
+
+    Args:
+        spikes: (batch, steps, neurons).
+        labels: (batch,), the neuron that should fire first.
+        tau: by how much the others should be later, ms.
+        resolution: of a step, ms.
+
+    Raises:
+        ModelError: shapes, labels or times cannot be.
+    """
+    _check(spikes, labels)
+    _check_times(tau=tau, resolution=resolution)
+    return cross_entropy(first_spike_steps(spikes) * (-resolution / tau), labels)
+
+
+def first_spike_steps(spikes: Tensor) -> Tensor:
+    """Steps before the first spike of each neuron, all steps where it has none; (batch, neurons), differentiable.
+
+    Args:
+        spikes: (batch, steps, neurons); several in one step are one.
+    """
+    steps: Tensor = _FirstSpike.apply(spikes)  # type: ignore[no-untyped-call]
+    return steps
+
+
+class _FirstSpike(torch.autograd.Function):
+    """The time of the first spike, with the derivative that the head of this file tells."""
+
+    @staticmethod
+    def forward(ctx: Any, spikes: Tensor) -> Tensor:
+        first = _first(spikes > 0)
+        ctx.save_for_backward(spikes, first)
+        return first.to(spikes.dtype)
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> Tensor:
+        spikes, first = ctx.saved_tensors
+        step = torch.arange(spikes.shape[1], device=spikes.device)[None, :, None]
+        later = (spikes > 0) & (step > first[:, None, :])
+        second = _first(later)
+        sooner = (first[:, None, :] - step).clamp(min=0)
+        lost = torch.where(step == first[:, None, :], (second - first)[:, None, :], 0)
+        change: Tensor = -(sooner + lost).to(gradient.dtype) * gradient[:, None, :]
+        return change
+
+
+def _first(fired: Tensor) -> Tensor:
+    """The first step that is true, or the number of steps; (batch, neurons)."""
+    steps = fired.shape[1]
+    step = torch.arange(steps, device=fired.device)[None, :, None]
+    return torch.where(fired, step, steps).amin(dim=1)
+
+
+def van_rossum(spikes: Tensor, wanted: Tensor, *, tau: float = 10.0, resolution: float = 1.0) -> Tensor:
+    """Squared van Rossum distance of spike trains, summed over neurons: one spike against none is 1/2.
+
+    Args:
+        spikes: (batch, steps, neurons).
+        wanted: the same shape.
+        tau: of the kernel exp(-t / tau), ms: how far from each other two spikes may be and still be alike.
+        resolution: of a step, ms.
+
+    Raises:
+        ModelError: shapes or times cannot be.
+    """
+    if spikes.shape != wanted.shape or spikes.dim() != 3:
+        told = f"spikes of shape {tuple(spikes.shape)} and wanted ones of shape {tuple(wanted.shape)}"
+        raise ModelError(f"{told}: expected the same shape, (batch, steps, neurons)")
+    _check_times(tau=tau, resolution=resolution)
+    kept = math.exp(-resolution / tau)
+    apart, trace = torch.zeros_like(spikes[:, 0]), torch.zeros_like(spikes[:, 0])
+    for difference in (spikes - wanted.to(spikes.dtype)).unbind(dim=1):
+        apart = apart + 0.5 * (1.0 - kept * kept) * trace.square()  # the integral over the step that ends here
+        trace = kept * trace + difference
+    return (apart + 0.5 * trace.square()).sum(dim=1).mean()  # the last one decays for ever
+
+
+LOSSES: Mapping[str, Callable[..., Tensor]] = {
+    "count": count_cross_entropy,
+    "potential": potential_cross_entropy,
+    "first_spike": first_spike,
+}
+"""Losses that take labels, by the name that `neuro train` gives them."""
+
+
+def decisions(spikes: Tensor) -> Tensor:
+    """What output neurons say: who fired most, of several who fired first, then the first of them; -1 for silence.
+
+    Args:
+        spikes: (batch, steps, neurons).
+
+    Returns:
+        (batch,), int64.
+    """
+    count, steps = spikes.sum(dim=1), spikes.shape[1]
+    said = (count * (steps + 1) + (steps - _first(spikes > 0))).argmax(dim=1)
+    return torch.where(count.amax(dim=1) > 0, said, -1)
+
+
+def _check(values: Tensor, labels: Tensor) -> None:
+    """Refuse what is not a batch with a label for each recording."""
+    if values.dim() != 3:
+        raise ModelError(f"a tensor of shape {tuple(values.shape)}: expected (batch, steps, neurons)")
+    batch, _, neurons = values.shape
+    if tuple(labels.shape) != (batch,):
+        raise ModelError(f"labels of shape {tuple(labels.shape)}: expected ({batch},), one for each recording")
+    wrong = labels[(labels < 0) | (labels >= neurons)]
+    if wrong.numel():
+        raise ModelError(f"label {int(wrong[0])}: expected a neuron from 0 to {neurons - 1}")
+
+
+def _check_times(**times: float) -> None:
+    """Refuse times that are not above 0."""
+    for name, value in times.items():
+        if not 0.0 < value < math.inf:
+            raise ModelError(f"{name} = {value!r}: expected a time > 0 in ms")
