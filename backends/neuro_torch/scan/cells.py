@@ -68,7 +68,8 @@ def delta(drive, push, first, last, c, v, held, keep, potential, spikes, fate):
 def delta_adjoint(first, last, c, spikes, fate, grad_potential, carry, grad):
     """The adjoint of `delta`: from the gradient of V before the reset to that of the input.
 
-    `grad` holds at first what `through_spikes` left there, `grad_potential` what else there is. `carry` is the gradient of V after the last step of the stretch, and then of V before its first.
+    `grad` holds at first what `through_spikes` left there, `grad_potential` what else there is.
+    `carry` is the gradient of V after the last step of the stretch, and then of V before its first.
     """
     zero = c.dtype.type(0)
     for b in range(spikes.shape[0]):

@@ -90,8 +90,6 @@ def unfit(program: Program) -> list[str]:
     for part in program.populations:
         if part.kind == "neuron":
             found += [f"population '{part.name}': {why}" for why in _unfit_cells(part)]
-        elif part.kind not in ("listed", "current"):
-            found.append(f"population '{part.name}': {part.said} draws its spikes step by step")
     if driven(program):
         names = ", ".join(f"'{program.populations[k].name}'" for k in driven(program))
         found.append(f"the current into {names} changes in every step")
@@ -178,7 +176,7 @@ def synapses(program: Program, index: int) -> Synapses:
     """The synapses of a projection."""
     part = program.projections[index]
     sizes = program.populations[part.source].size, program.populations[part.target].size
-    first, nothing = int(part.delay.min(initial=1)), np.zeros(0, dtype=np.int64)
+    first, nothing = int(part.delay.min()) if part.delay.size else 1, np.zeros(0, dtype=np.int64)
     ends = index, part.source, part.target, sizes, shape_of(part, sizes)
     if part.layout == "dense" and np.all(part.delay == first):
         return Synapses(*ends, True, nothing, nothing.astype(np.int32), nothing, np.array([first]), first)
