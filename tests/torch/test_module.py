@@ -337,7 +337,7 @@ def test_a_smooth_spike_has_the_surrogate_as_its_derivative(model):
 
     def value(w_1, w_2, fire):
         drive = operations.drive(first.outside[0], given, w_1, task)
-        spikes, before = operations.scan(first, {1: drive}, [], task, fire)
+        spikes, _ = operations.scan(first, {1: drive}, [], task, fire)
         drive = operations.drive(second.outside[0], spikes[1], w_2, task)
         return operations.scan(second, {2: drive}, [], task, fire)[1][2].sin().sum()
 
