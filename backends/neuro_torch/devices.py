@@ -25,10 +25,10 @@ def device_of(told: str | torch.device) -> torch.device:
     Raises:
         ModelError: torch is not installed, or there is no such device.
     """
-    torch = torch_module()
-    there = ["cpu", *(f"cuda:{number}" for number in range(torch.cuda.device_count()))]
+    own = torch_module()
+    there = ["cpu", *(f"cuda:{number}" for number in range(own.cuda.device_count()))]
     try:
-        device: torch.device = torch.device(told)
+        device: torch.device | None = own.device(told)
     except (RuntimeError, TypeError):
         device = None
     if device is None or device.type not in ("cpu", "cuda"):

@@ -63,8 +63,9 @@ class TorchEngine:
 
     def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
         """A state or parameter of every neuron, or of some."""
-        every = np.broadcast_to(self._values(population, name), self.program.populations[population].size)
-        return every.copy() if ids is None else every[ids]
+        every: Floats = np.broadcast_to(self._values(population, name), self.program.populations[population].size)
+        found: Floats = every.copy() if ids is None else every[ids]
+        return found
 
     def _values(self, population: int, name: str) -> Floats:
         if (cells := self.stepper.cells.get(population)) is not None and name in cells.names:

@@ -46,7 +46,7 @@ class Loop:
 
 @dataclass(slots=True)
 class Fork:
-    """A branch: the answer if all lanes share it; else the lanes that came, that go each way, and that the first left."""
+    """A branch: the answer if all lanes share it; else who came, who goes each way, and whom the first way left."""
 
     told: bool | None
     came: Tensor | None = None
@@ -110,7 +110,7 @@ def reached(found: Tensor, *parts: Any) -> Tensor:
     for part in parts:
         margin = getattr(part, "margin", None)
         if margin is not None:
-            found.margin = margin  # type: ignore[attr-defined]
+            vars(found)["margin"] = margin
             break
     return found
 
@@ -133,6 +133,7 @@ class Lanes:
     # Calls.
 
     def enter(self) -> Frame:
+        """A call begins."""
         return Frame(self.live)
 
     def returns(self, frame: Frame, value: Any) -> bool:
@@ -146,6 +147,7 @@ class Lanes:
         return False
 
     def leave(self, frame: Frame) -> Any:
+        """A call ends: all lanes that came go on behind it."""
         self.live = frame.came
         return frame.value
 
@@ -164,14 +166,17 @@ class Lanes:
         raise Untranslatable(f"'{getattr(function, '__name__', function)}' of tensors")
 
     def tensor(self, value: Any) -> Tensor:
+        """A number as a tensor of doubles; a tensor as it is."""
         return value if isinstance(value, Tensor) else torch.tensor(value, dtype=torch.float64, device=self.device)
 
     # Writing.
 
     def put(self, old: Any, new: Any) -> Any:
+        """What a name means after an assignment."""
         return new if self.live is None else merged(self.live, new, old)
 
     def store(self, place: Any, at: Any, value: Any) -> None:
+        """An assignment to a place of an array or a list."""
         if isinstance(place, Rows):
             place.write(self, at, value)
         else:
@@ -180,24 +185,28 @@ class Lanes:
     # Ways.
 
     def fork(self, test: Any) -> Fork:
+        """A branch begins."""
         if not isinstance(test, Tensor):
             return Fork(bool(test))
         yes, came = test if test.dtype is torch.bool else test != 0, self.live
         return Fork(None, came, yes, ~yes) if came is None else Fork(None, came, came & yes, came & ~yes)
 
     def first(self, fork: Fork) -> bool:
+        """Whether the first way is gone."""
         if fork.told is not None:
             return fork.told
         self.live = fork.yes
         return True
 
     def second(self, fork: Fork) -> bool:
+        """Whether the second way is gone."""
         if fork.told is not None:
             return not fork.told
         fork.left, self.live = self.live, fork.no
         return True
 
     def join(self, fork: Fork) -> None:
+        """Both ways come together."""
         if fork.told is not None:
             return
         if fork.left is fork.yes and self.live is fork.no:
@@ -208,6 +217,7 @@ class Lanes:
         self.live = fork.left | self.live
 
     def choose(self, test: Any, yes: Callable[[], Any], no: Callable[[], Any]) -> Any:
+        """One of two values."""
         if not isinstance(test, Tensor):
             return yes() if test else no()
         return merged(test if test.dtype is torch.bool else test != 0, yes(), no())
@@ -215,6 +225,7 @@ class Lanes:
     # Loops.
 
     def loop(self, frame: Frame) -> Loop:
+        """A loop begins."""
         return Loop(frame, self.live, self.live)
 
     def goes_on(self, loop: Loop, test: Any) -> bool:
@@ -229,6 +240,7 @@ class Lanes:
         return self.live is None or bool(self.live.any())
 
     def numbers(self, loop: Loop, *bounds: Any) -> Iterator[Any]:
+        """The rounds of a loop over `range`; one over all neurons has one round."""
         if bounds[-1] is ALL:
             yield ALL
         elif any(isinstance(bound, Tensor) for bound in bounds):
@@ -242,6 +254,7 @@ class Lanes:
             yield from self.each(loop, range(*(int(bound) for bound in bounds)))
 
     def each(self, loop: Loop, values: Any) -> Iterator[Any]:
+        """The rounds of a loop over values that all lanes share."""
         for value in values:
             if not self.goes_on(loop, True):
                 return
@@ -254,12 +267,14 @@ class Lanes:
             self.live = ~gone if loop.came is None else loop.came & ~gone
 
     def breaks(self, loop: Loop) -> bool:
+        """Live lanes leave the loop; True where all do."""
         if self.live is None:
             return True
         loop.inside = ~self.live if loop.inside is None else loop.inside & ~self.live
         return self.skips()
 
     def skips(self) -> bool:
+        """Live lanes wait for the next round; True where all do."""
         if self.live is None:
             return True
         self.live = torch.zeros_like(self.live)
@@ -268,24 +283,28 @@ class Lanes:
     # Truth.
 
     def at_least(self, a: Any, b: Any) -> Any:
-        """a >= b; of what has a gradient the result knows by how much (`margin`): spikes take their surrogate of it."""
+        """Whether a >= b; of what has a gradient the result knows by how much (`margin`), which surrogates ask for."""
         return self._with_margin(a >= b, a, b)
 
     def above(self, a: Any, b: Any) -> Any:
+        """As `at_least`, a > b."""
         return self._with_margin(a > b, a, b)
 
     def at_most(self, a: Any, b: Any) -> Any:
+        """As `at_least`, a <= b."""
         return self._with_margin(a <= b, b, a)
 
     def below(self, a: Any, b: Any) -> Any:
+        """As `at_least`, a < b."""
         return self._with_margin(a < b, b, a)
 
     def _with_margin(self, found: Any, a: Any, b: Any) -> Any:
         if isinstance(found, Tensor) and any(isinstance(side, Tensor) and side.requires_grad for side in (a, b)):
-            found.margin = a - b  # type: ignore[attr-defined]
+            vars(found)["margin"] = a - b
         return found
 
     def both(self, first: Any, later: Callable[[], Any]) -> Any:
+        """Whether both hold; the second is not asked where the first tells for all."""
         if not isinstance(first, Tensor):
             return later() if first else first
         second = later()
@@ -294,6 +313,7 @@ class Lanes:
         return reached(torch.logical_and(first, second), first, second)
 
     def either(self, first: Any, later: Callable[[], Any]) -> Any:
+        """Whether one holds, likewise."""
         if not isinstance(first, Tensor):
             return first or later()
         second = later()
@@ -302,9 +322,11 @@ class Lanes:
         return reached(torch.logical_or(first, second), first, second)
 
     def no(self, value: Any) -> Any:
+        """Whether it does not hold."""
         return torch.logical_not(value) if isinstance(value, Tensor) else not value
 
     def minus(self, a: Any, b: Any) -> Any:
+        """A difference, of truths as of 0 and 1, too."""
         if isinstance(b, Tensor) and b.dtype is torch.bool:
             b = b.to(torch.float64)
         if isinstance(a, Tensor) and a.dtype is torch.bool:
@@ -312,11 +334,15 @@ class Lanes:
         return a - b
 
 
+def _better(lanes: Lanes, test: Any, new: Any, old: Any) -> Any:
+    return lanes.choose(test, lambda: new, lambda: old)
+
+
 def _extreme(better: Callable[[Any, Any], Any]) -> Callable[..., Any]:
     def found(lanes: Lanes, *values: Any) -> Any:
         best = values[0]
         for value in values[1:]:
-            best = lanes.choose(better(value, best), lambda new=value: new, lambda old=best: old)
+            best = _better(lanes, better(value, best), value, best)
         return best
 
     return found

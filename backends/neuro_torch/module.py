@@ -86,7 +86,7 @@ class Module(torch.nn.Module):
         kind = dtype or torch.get_default_dtype()
         projections, neurons = words.trainable(self.program, trainable)
         self.weights = torch.nn.ParameterDict({name: self._first_weight(name, kind) for name in projections})
-        self.neurons = torch.nn.ModuleDict(
+        self.neurons: Any = torch.nn.ModuleDict(
             {
                 name: torch.nn.ParameterDict({w: self._first(name, w, kind) for w in each})
                 for name, each in neurons.items()

@@ -22,7 +22,9 @@ def take(stepper: Stepper, records: Sequence[Record]) -> dict[str, NDArray[Any]]
     """Copies of everything that changes while it runs."""
     found: dict[str, NDArray[Any]] = {"step": np.array(stepper.now)}
     for k, cells in stepper.cells.items():
-        found[f"cells/{k}"] = torch.stack([state[0] for state in cells.states]).cpu().numpy() if cells.states else np.zeros(0)
+        found[f"cells/{k}"] = (
+            torch.stack([state[0] for state in cells.states]).cpu().numpy() if cells.states else np.zeros(0)
+        )
     for k, source in stepper.sources.items():
         found |= {f"sources/{k}/{name}": getattr(source, name).copy() for name in ("states", "steps", "ids")}
     for k, flow in stepper.flows.items():
@@ -33,7 +35,9 @@ def take(stepper: Stepper, records: Sequence[Record]) -> dict[str, NDArray[Any]]
     for k, versions in stepper.versions.items():
         rows = [[float(since), *weights.cpu().tolist()] for since, weights in versions]
         widest = max(len(row) for row in rows)
-        found[f"weights/{k}"] = np.array([row if len(row) == widest else row[:1] + row[1:] * (widest - 1) for row in rows])
+        found[f"weights/{k}"] = np.array(
+            [row if len(row) == widest else row[:1] + row[1:] * (widest - 1) for row in rows]
+        )
     for k, record in enumerate(records):
         spikes = record.since(-1)
         found |= {f"records/{k}/{name}": getattr(spikes, name) for name in ("steps", "ids", "multiplicity")}

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from neuro.model.neurons import Neuron
-from neuro.program.program import Program
+from neuro.program.program import Ints, Program
 
 
 class Emitted:
@@ -53,17 +53,19 @@ class Wires:
         program: the network.
         index: which projection.
         device: where its arrays are.
+        delay: of every synapse in steps, in place of the program's.
     """
 
-    def __init__(self, program: Program, index: int, device: torch.device) -> None:
+    def __init__(self, program: Program, index: int, device: torch.device, delay: Ints | None = None) -> None:
         self.part, self.device = program.projections[index], device
         self.n_source = program.populations[self.part.source].size
         self.n_target = program.populations[self.part.target].size
         model = program.populations[self.part.target].model
         assert isinstance(model, Neuron)
         self.receptors, self.relay = model.receptors, model.relay
+        self.negated = self.part.receptor is not None and self.part.receptor.negated
         source, target, slot = program.synapses(index)
-        delay = np.broadcast_to(self.part.delay, len(source)).astype(np.int64)
+        delay = np.broadcast_to(self.part.delay if delay is None else delay, len(source)).astype(np.int64)
         order = np.lexsort((np.arange(len(source)), source, -delay))
         self.delays: list[int] = np.unique(delay)[::-1].tolist()
         place = np.searchsorted(-np.array(self.delays), -delay[order]) * self.n_source + source[order]
@@ -78,23 +80,23 @@ class Wires:
         """Bytes that its arrays take, without the weights."""
         return 8 * (3 * self.target.numel() + 2 * self.count.numel())
 
-    def _held(self, values: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Tensor:
+    def _held(self, values: Ints) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(values, dtype=np.int64)).to(self.device)
 
     def each(self, weights: Tensor, synapses: Tensor | slice) -> Tensor:
         """What arrives along some synapses, of one weight for all or one each."""
-        amounts = (
-            weights.expand(self.part.size)[self.slot[synapses]]
-            if weights.numel() == 1
-            else weights[self.slot[synapses]]
-        )
-        return 0.0 - amounts if self.part.receptor is not None and self.part.receptor.negated else amounts
+        places = self.slot[synapses]
+        return self.arriving(weights.expand(len(places)) if weights.numel() == 1 else weights[places])
+
+    def arriving(self, weights: Tensor) -> Tensor:
+        """What arrives at a receptor of some weights."""
+        return 0.0 - weights if self.negated else weights
 
     def receptor(self, amounts: Tensor) -> Tensor | int:
-        """To which of its target's receptors some amounts go."""
+        """To which of its target's receptors some amounts go; none of a weight below 0 goes where that does."""
         if self.part.receptor is not None:
             return self.part.receptor.index
-        return (amounts < 0.0).to(torch.int64) if self.receptors == 2 else 0
+        return torch.signbit(amounts).to(torch.int64) if self.receptors == 2 else 0
 
     def followed(self, sent: Sent) -> tuple[Tensor, Tensor, Tensor]:
         """The synapses along which spikes arrive, one after the other, with their recordings and multiplicities."""
@@ -109,16 +111,39 @@ class Wires:
         synapses = torch.arange(len(which), device=self.device) + (self.first[rows] - end + count)[which]
         return synapses, b[which], m[which]
 
+    def by_rows(self, weights: Tensor) -> bool:
+        """Whether each source reaches all targets by weights of its own, so that rows of them are added as they lie."""
+        return self.whole and not self.relay and weights.numel() > 1 and weights.device.type == "cpu"
+
+    def rows(self, values: Tensor, neurons: Tensor | slice = slice(None)) -> Tensor:
+        """The row of each of some sources, of values in the order of the weights."""
+        return values.reshape(self.n_source, self.n_target)[neurons]
+
     def add(self, x: Tensor, heard: Tensor | None, weights: Tensor, sent: Sent) -> None:
         """Add what arrives to `x`, shape (receptors, batch, neurons); note in `heard` (batch, neurons) who hears."""
-        synapses, b, m = self.followed(sent)
-        if not len(synapses):
+        if self.by_rows(weights):
+            for _, each in sent:
+                self._add_rows(x, weights, each)
+                if heard is not None:
+                    heard[each.recording] = True
             return
-        place = b * self.n_target + self.target[synapses]
-        amounts = m if self.relay else self.each(weights, synapses) * m
-        added(x.view(-1), self.receptor(amounts) * x[0].numel() + place, amounts)
-        if heard is not None:
-            heard.view(-1)[place] = True
+        synapses, b, m = self.followed(sent)
+        if len(synapses):
+            amounts = m if self.relay else self.each(weights, synapses) * m
+            place = b * self.n_target + self.target[synapses]
+            added(x.view(-1), self.receptor(amounts) * x[0].numel() + place, amounts)
+            if heard is not None:
+                heard.view(-1)[place] = True
+
+    def _add_rows(self, x: Tensor, weights: Tensor, emitted: Emitted) -> None:
+        amounts = self.arriving(self.rows(weights, emitted.neuron)) * emitted.multiplicity[:, None]
+        if self.part.receptor is not None:
+            x[self.part.receptor.index].index_add_(0, emitted.recording, amounts)
+        elif self.receptors == 2:
+            x[0].index_add_(0, emitted.recording, amounts.clamp(min=0.0))
+            x[1].index_add_(0, emitted.recording, amounts.clamp(max=0.0))
+        else:
+            x[0].index_add_(0, emitted.recording, amounts)
 
     def hear(self, heard: Tensor, sent: Sent) -> None:
         """Note in `heard` (batch, neurons) who hears a spike."""
@@ -132,61 +157,3 @@ def added(into: Tensor, places: Tensor, amounts: Tensor) -> None:
         into.index_put_((places,), amounts, accumulate=True)  # sorted: the order does not depend on threads
     else:
         into.index_add_(0, places, amounts)
-
-
-class Arrivals(torch.autograd.Function):
-    """What arrives along a projection in a step, with its gradient to the weights and to spikes, also to those not sent.
-
-    A source that stayed silent has a gradient, too: its surrogate says how near it was to a spike.
-    """
-
-    @staticmethod
-    def forward(ctx, wires, weights, batch, sent, *spikes):  # type: ignore[no-untyped-def]
-        """Shape (receptors, batch, neurons); `spikes` are those of `sent`, for their gradients."""
-        x = torch.zeros(max(2, wires.receptors), batch, wires.n_target, dtype=torch.float64, device=wires.device)
-        wires.add(x, None, weights, sent)
-        ctx.wires, ctx.sent = wires, sent
-        ctx.save_for_backward(weights)
-        return x
-
-    @staticmethod
-    def backward(ctx, g):  # type: ignore[no-untyped-def]
-        """Of the weights: what their synapses brought; of a spike: what all its synapses would have brought."""
-        wires, (weights,), g = ctx.wires, ctx.saved_tensors, g.contiguous()
-        of_weights = None
-        if ctx.needs_input_grad[1] and not wires.relay:
-            of_weights = _of_weights(wires, weights, g, ctx.sent)
-        asked = zip(ctx.needs_input_grad[4:], ctx.sent, strict=True)
-        of_spikes = [_of_spikes(wires, weights, g, d) if needed else None for needed, (d, _) in asked]
-        return None, of_weights, None, None, *of_spikes
-
-
-def _of_weights(wires: Wires, weights: Tensor, g: Tensor, sent: Sent) -> Tensor:
-    synapses, b, m = wires.followed(sent)
-    receptor = wires.receptor(wires.each(weights, synapses) * m)
-    share = g.view(-1)[receptor * g[0].numel() + b * wires.n_target + wires.target[synapses]] * m
-    if wires.part.receptor is not None and wires.part.receptor.negated:
-        share = -share
-    if weights.numel() == 1:
-        return share.sum().reshape(weights.shape)
-    found = torch.zeros_like(weights)
-    added(found.view(-1), wires.slot[synapses], share)
-    return found
-
-
-def _of_spikes(wires: Wires, weights: Tensor, g: Tensor, d: int) -> Tensor:
-    if wires.whole and not wires.relay and weights.numel() > 1 and wires.part.receptor is None:
-        w = weights.view(wires.n_source, wires.n_target).T
-        return g[0] @ w.clamp(min=0.0) + g[1] @ w.clamp(max=0.0) if wires.receptors == 2 else g[0] @ w
-    of = slice(wires.bounds[d], wires.bounds[d + 1])
-    target, source = wires.target[of], wires.source[of]
-    if wires.relay:
-        brought = g[0][:, target]
-    else:
-        amounts = wires.each(weights, of)
-        receptor = wires.receptor(amounts)
-        brought = (g[receptor, :, target].T if isinstance(receptor, Tensor) else g[receptor][:, target]) * amounts
-    found = torch.zeros(g.shape[1], wires.n_source, dtype=torch.float64, device=g.device)
-    rows = torch.arange(g.shape[1], device=g.device)[:, None] * wires.n_source + source
-    added(found.view(-1), rows.reshape(-1), brought.reshape(-1))
-    return found

@@ -217,7 +217,9 @@ def test_what_is_no_arithmetic_is_refused_with_its_line(tmp_path: Path, monkeypa
     net = neuro.Network("strange")
     net.population("cells", 8, ladder())
     line = 1 + text.splitlines().index("        k = sum([1 for _ in range(2)])")
-    told = rf"cannot run for all neurons at once \(my_listed.step, line {line}: '\[1 for _ in range\(2\)\]'\)\n  hint: w"
+    told = (
+        rf"cannot run for all neurons at once \(my_listed.step, line {line}: '\[1 for _ in range\(2\)\]'\)\n  hint: w"
+    )
     with pytest.raises(ModelError, match=told):
         start(net)
 

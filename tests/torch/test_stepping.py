@@ -1,4 +1,4 @@
-"""A batch is its recordings one by one; its gradients are those of a smooth neuron, and of autograd's own operations."""
+"""A batch is its recordings one by one; its gradients are those of smooth neurons, whenever it begins."""
 
 import numpy as np
 import pytest
@@ -139,10 +139,45 @@ def test_the_order_of_a_batch_does_not_matter():
 def test_a_shift_in_time_does_not_matter():
     part, events = program(*MODELS["exp"]), inputs()
     later = torch.cat([torch.zeros(BATCH, 4, INPUTS, dtype=torch.float64), events], 1)
-    quiet = gradients(part, later[:, :4])
-    for one, other, rest in zip(gradients(part, events), gradients(part, later), quiet, strict=True):
-        assert rest is None or rest.abs().sum() == 0
+    for one, other in zip(gradients(part, events), gradients(part, later), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-12, atol=1e-14)
+
+
+def delayed(part: Program, events: torch.Tensor, ms: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
+    stepper = Stepper(part)
+    stepper.begin(batch=BATCH, weights={"ih": weights}, delays={"ih": ms})
+    return courses(stepper, events)
+
+
+@pytest.mark.parametrize("name", ["delta", "exp"])
+def test_learnt_delays_on_the_grid_are_those_of_the_program(name):
+    part, events = program(*MODELS[name]), inputs()
+    wires = next(p for p in part.projections if p.name == "ih")
+    found = delayed(part, events, torch.from_numpy(wires.delay * 1.0), torch.tensor(wires.weight))
+    assert torch.equal(found, courses(Stepper(part, batch=BATCH), events))
+
+
+@pytest.mark.parametrize("start", [0.0, 0.3])
+def test_the_gradient_of_a_delay_is_a_finite_difference(start, monkeypatch):
+    monkeypatch.setattr(stepping, "Surrogated", Smooth)
+    part, events = program(*MODELS["exp"]), inputs()
+    wires = next(p for p in part.projections if p.name == "ih")
+    mixed = torch.tensor(np.where(np.arange(20) % 3, 1.0, -1.0) * wires.weight, requires_grad=True)
+
+    def loss(ms: torch.Tensor) -> torch.Tensor:
+        stepper = Stepper(part, batch=BATCH, surrogate=ArcTan(slope=SLOPE), weights={"ih": mixed}, delays={"ih": ms})
+        course = courses(stepper, events)
+        return (course * torch.from_numpy(np.random.default_rng(3).normal(size=course.shape))).sum()
+
+    delays = torch.tensor(wires.delay + start, requires_grad=True)
+    now = loss(delays)
+    now.backward()
+    for i in range(0, 20, 5):
+        later = delays.detach().clone()
+        later[i] += 1e-6
+        difference = float(loss(later).detach() - now.detach()) / 1e-6
+        assert float(delays.grad[i]) == pytest.approx(difference, rel=1e-4, abs=1e-4)
+    assert delays.grad.abs().min() > 0
 
 
 def test_what_cannot_be_is_told():
@@ -155,6 +190,12 @@ def test_what_cannot_be_is_told():
         Stepper(part, parameters={"hidden": {"tau_n": torch.zeros(1, dtype=torch.float64)}})
     with pytest.raises(ModelError, match="unknown population of neurons 'in'"):
         Stepper(part, parameters={"in": {"tau_m": torch.zeros(1, dtype=torch.float64)}})
+    with pytest.raises(ModelError, match="unknown population of a spike_generator 'out'\n  hint: known: in"):
+        Stepper(part).step({"out": torch.zeros(1, 3, dtype=torch.float64)})
+    with pytest.raises(ModelError, match=r"input 'in': found \(2, 5\) of torch.float64: expected \(1, 5\)"):
+        Stepper(part).step({"in": torch.zeros(2, 5, dtype=torch.float64)})
+    with pytest.raises(ModelError, match="delays of 'oe' cannot be learnt: it ends at parrots"):
+        Stepper(part, delays={"oe": torch.ones(3, dtype=torch.float64)})
     net = neuro.Network("t")
     net.population("cells", 1, neuro.aeif_cond_exp())
     with pytest.raises(
