@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -55,7 +56,21 @@ class _Held:
         return np.broadcast_to(self._weights.get(projection, part.weight), part.size)
 
 
-def network_of(net: neuro.Network, seed: int, weights: Mapping[int, Floats], parameters: Parameters) -> neuro.Network:
-    """A network with other weights and parameters; what was drawn at random is listed in it."""
+def network_of(
+    net: neuro.Network,
+    seed: int,
+    weights: Mapping[int, Floats],
+    parameters: Parameters,
+    delays: Mapping[str, Floats],
+) -> neuro.Network:
+    """A network with other weights, parameters and delays (ms); what was drawn at random is listed in it."""
     held: Any = Still(weights, parameters)
-    return neuro.compile(net, backend=held, seed=seed).network()
+    made = neuro.compile(net, backend=held, seed=seed).network()
+    for name, delay in delays.items():
+        part = made.projections[name]
+        shaped: Any = float(delay[0]) if delay.size == 1 else delay
+        if isinstance(part.rule, neuro.all_to_all) and delay.size > 1:
+            ends = (made.populations[end] for end in (part.source, part.target))
+            shaped = delay.reshape([int(np.prod(end.shape)) for end in ends])
+        made.projections[name] = replace(part, delay=shaped)
+    return made

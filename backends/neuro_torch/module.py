@@ -15,7 +15,7 @@ from neuro.compiler import compile_network
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Floats
-from neuro_torch import feeding, learnt
+from neuro_torch import feeding, late, learnt
 from neuro_torch import trainable as words
 from neuro_torch.events import Events
 from neuro_torch.outcome import Outcome, Told
@@ -23,7 +23,8 @@ from neuro_torch.plan import Plan, plan_of
 from neuro_torch.problems import problems, without_gradient
 from neuro_torch.scan import compiled, layers, operations
 from neuro_torch.scan.task import Task
-from neuro_torch.stepped import stepped
+from neuro_torch.stepped import Tensors, stepped
+from neuro_torch.stepping import Stepper
 from neuro_torch.surrogates import Surrogate, surrogate_of
 
 __all__ = ["Module"]
@@ -35,8 +36,8 @@ class Module(torch.nn.Module):
     Args:
         net: the network; it is not changed.
         trainable: names of the projections whose weights learn; or what learns by name of a projection or a population:
-            {"in_hidden": "weight", "hidden": ["tau_m", "V_th"]}. Weights that synapses share, such as kernels of a grid
-            or one number for a projection, are one parameter.
+            {"in_hidden": ["weight", "delay"], "hidden": ["tau_m", "V_th"]}. Weights that synapses share, such as
+            kernels of a grid or one number for a projection, are one parameter.
         surrogate: stands in for the derivative of a spike, by name or itself, see `neuro_torch.surrogates`.
         slope: of a surrogate that is given by name.
         duration: of a recording in ms; that of each batch if not given.
@@ -51,6 +52,8 @@ class Module(torch.nn.Module):
     Attributes:
         weights: the parameters by projection, in mV or pA as the network has them: rows by source of an `all_to_all`,
             kernels of a grid, else one for each synapse.
+        delays: those that learn, by projection, in ms. While training they lie between two steps, and a spike arrives
+            in both in shares; after `module.eval()`, and in `module.network()`, they are the nearest whole steps.
         neurons: parameters of neurons that learn, by population and word.
         program: the network as backends see it.
         outputs: names of the populations that are wanted in time.
@@ -85,7 +88,12 @@ class Module(torch.nn.Module):
         self.outputs = self._outputs(outputs)
         kind = dtype or torch.get_default_dtype()
         projections, neurons = words.trainable(self.program, trainable)
-        self.weights = torch.nn.ParameterDict({name: self._first_weight(name, kind) for name in projections})
+        self.weights = torch.nn.ParameterDict(
+            {name: self._first_weight(name, kind) for name, each in projections.items() if "weight" in each}
+        )
+        self.delays = torch.nn.ParameterDict(
+            {name: self._first_delay(name, kind) for name, each in projections.items() if "delay" in each}
+        )
         self.neurons: Any = torch.nn.ModuleDict(
             {
                 name: torch.nn.ParameterDict({w: self._first(name, w, kind) for w in each})
@@ -94,6 +102,8 @@ class Module(torch.nn.Module):
         )
         self._plan = plan_of(self.program, by, neurons)
         self._kept: dict[Any, Any] = {}
+        self._listed: dict[int, layers.Synapses] = {}
+        self._steppers: dict[torch.device, Stepper] = {}
 
     @property
     def plan(self) -> Plan:
@@ -132,19 +142,34 @@ class Module(torch.nn.Module):
         potentials: dict[int, Tensor] = {}
         for part in self._plan.parts:
             drives: dict[int, Tensor] = {}
-            for each in part.outside:
-                arrived = scans.drive(each, emitted[each.source], weights[each.projection], task)
+            for each, weight in self._ways(part.outside, weights):
+                arrived = scans.drive(each, emitted[each.source], weight, task)
                 drives[each.target] = drives[each.target] + arrived if each.target in drives else arrived
             for k in part.cells.keys() - drives.keys():
                 drives[k] = torch.zeros(
                     task.batch, task.steps, part.cells[k].size, dtype=task.dtype, device=task.device
                 )
-            spikes, before = scans.scan(part, drives, [weights[s.projection] for s in part.inside], task)
+            inside = self._ways(part.inside, weights)
+            spikes, before = scans.scan(late.component(part, inside), drives, [weight for _, weight in inside], task)
             emitted |= spikes
             for k in before.keys() & task.wanted:
                 reset = torch.as_tensor(populations[k].parameters["V_reset"]).to(task.device, task.dtype)
                 potentials[k] = torch.where(spikes[k] > 0, reset, before[k])
         return emitted, potentials
+
+    def _ways(self, parts: Iterable[layers.Synapses], weights: Mapping[int, Tensor]) -> list[late.Way]:
+        """What spikes go along, with its weights: a projection, or two of shares of its weights where delays learn."""
+        found: list[late.Way] = []
+        for part in parts:
+            name = self.program.projections[part.projection].name
+            if name not in self.delays:
+                found.append((part, weights[part.projection]))
+                continue
+            if part.projection not in self._listed:
+                self._listed[part.projection] = layers.synapses(self.program, part.projection, listed=True)
+            listed, weight = self._listed[part.projection], weights[part.projection]
+            found += late.ways(listed, weight, self.delays[name], self.program.resolution, self.training)
+        return found
 
     def _stepped(self, given: Mapping[int, Any], task: Task) -> tuple[dict[int, Any], dict[int, Tensor]]:
         """The same, step by step."""
@@ -155,7 +180,15 @@ class Module(torch.nn.Module):
             for k, each in given.items()
             if each is not None
         }
-        return stepped(self.program, task, dict(self.weights.items()), parameters, inputs)
+        if task.device not in self._steppers:
+            self._steppers = {task.device: Stepper(self.program, device=task.device, surrogate=self.surrogate)}
+        delays = {name: delay if self.training else self._whole(delay) for name, delay in self.delays.items()}
+        tensors = Tensors(dict(self.weights.items()), delays, parameters)
+        return stepped(self._steppers[task.device], task, tensors, inputs)
+
+    def _whole(self, delay: Tensor) -> Tensor:
+        """The nearest whole steps of delays in ms, in ms."""
+        return (delay / self.program.resolution).round().clamp(min=1.0) * self.program.resolution
 
     def network(self) -> neuro.Network:
         """The network with what was learnt, which every backend runs; what was drawn at random is listed in it."""
@@ -166,7 +199,8 @@ class Module(torch.nn.Module):
             for name, each in self.neurons.items()
             for word, values in each.items()
         }
-        return learnt.network_of(self._net, self._seed, taken, parameters)
+        delays = {name: self._whole(delay.detach().double()).cpu().numpy() for name, delay in self.delays.items()}
+        return learnt.network_of(self._net, self._seed, taken, parameters, delays)
 
     def extra_repr(self) -> str:
         """What torch shows of it."""
@@ -227,6 +261,10 @@ class Module(torch.nn.Module):
     def _first_weight(self, name: str, dtype: torch.dtype) -> torch.nn.Parameter:
         index = [part.name for part in self.program.projections].index(name)
         return torch.nn.Parameter(torch.tensor(self._shaped(index), dtype=dtype))
+
+    def _first_delay(self, name: str, dtype: torch.dtype) -> torch.nn.Parameter:
+        part = next(part for part in self.program.projections if part.name == name)
+        return torch.nn.Parameter(torch.tensor(part.delay * self.program.resolution, dtype=dtype))
 
     def _first(self, population: str, word: str, dtype: torch.dtype) -> torch.nn.Parameter:
         values = self.program.populations[self._index[population]].parameters[word]

@@ -3,39 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
-from neuro.program.program import Program
 from neuro_torch.scan.task import Task
 from neuro_torch.stepping import Stepper
 
+Named = Mapping[str, Tensor]
+
+
+class Tensors(NamedTuple):
+    """What learns: weights and delays (ms) by projection, parameters by population and word."""
+
+    weights: Named
+    delays: Named
+    parameters: Mapping[str, Named]
+
 
 def stepped(
-    program: Program,
-    task: Task,
-    weights: Mapping[str, Tensor],
-    parameters: Mapping[str, Mapping[str, Tensor]],
-    given: Mapping[str, Tensor],
+    stepper: Stepper, task: Task, learning: Tensors, given: Named
 ) -> tuple[dict[int, Tensor], dict[int, Tensor]]:
     """Spikes of all populations that emit some, and potentials of those that are wanted, (batch, steps, neurons).
 
     Args:
-        program: the network.
+        stepper: of the network.
         task: what the pass is about.
-        weights: those that learn, by projection.
-        parameters: those that learn, by population and word.
+        learning: what learns.
         given: the spikes that inputs are given, (batch, steps, neurons).
     """
-    stepper = Stepper(
-        program,
+    program = stepper.program
+    stepper.begin(
         batch=task.batch,
-        device=task.device,
-        surrogate=task.surrogate,
-        weights={name: values.double().reshape(-1) for name, values in weights.items()},
-        parameters={name: {word: v.double() for word, v in each.items()} for name, each in parameters.items()},
+        weights={name: values.double().reshape(-1) for name, values in learning.weights.items()},
+        delays={name: values.double().reshape(-1) for name, values in learning.delays.items()},
+        parameters={name: {word: v.double() for word, v in each.items()} for name, each in learning.parameters.items()},
     )
     names = [part.name for part in program.populations]
     with_v = [k for k in task.wanted if "V_m" in [s.name for s in program.populations[k].model.states]]

@@ -17,7 +17,7 @@ FIXED = ("t_ref", "refractory_input", "tau_minus")
 
 
 def trainable(program: Program, given: Iterable[str] | Mapping[str, Iterable[str] | str]) -> tuple[Words, Words]:
-    """The words of projections, "weight", and those of populations, their parameters.
+    """The words of projections, "weight" and "delay", and those of populations, their parameters.
 
     Args:
         program: the network.
@@ -40,8 +40,9 @@ def trainable(program: Program, given: Iterable[str] | Mapping[str, Iterable[str
             raise ModelError(f"trainable: '{name}': torch takes no '.' in a name: expected one without")
         if name in projections:
             for one in each:
-                if one != "weight":
-                    raise unknown(f"word of projection '{name}' that learns", one, ["weight"])
+                if one not in ("weight", "delay"):
+                    raise unknown(f"word of projection '{name}' that learns", one, ["weight", "delay"])
+            _check_delay(program, name, each)
             found[0][name] = each
         elif name in neurons and isinstance(asked, Mapping):
             _check_parameters(name, each, neurons[name].parameters)
@@ -50,6 +51,13 @@ def trainable(program: Program, given: Iterable[str] | Mapping[str, Iterable[str
             known = [*projections, *neurons] if isinstance(asked, Mapping) else projections
             raise unknown("projection", name, known)
     return found
+
+
+def _check_delay(program: Program, name: str, words: tuple[str, ...]) -> None:
+    part = next(part for part in program.projections if part.name == name)
+    if "delay" in words and part.grid is not None:
+        told = f"trainable: '{name}': synapses of a grid share their delay, which has no gradient"
+        raise ModelError(f"{told}: expected its weight alone")
 
 
 def _check_parameters(population: str, words: tuple[str, ...], known: Mapping[str, Any]) -> None:

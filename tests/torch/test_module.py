@@ -451,3 +451,31 @@ def test_the_plan_tells_what_runs_how():
     ]
     other = layers(model=neuro.iaf_psc_exp, tau_syn_ex=3.0)
     assert "population 'hidden': tau_syn_ex and tau_syn_in differ" in str(neuro_torch.Module(other, BOTH).plan)
+
+
+@pytest.mark.parametrize("by", ["kernels", "torch"])
+@pytest.mark.parametrize("recurrent", [False, True], ids=["layers", "recurrent"])
+def test_delays_learn(by, recurrent):
+    net, made, names = random_network(12, "iaf_psc_delta", recurrent)
+    events = a_batch(np.random.default_rng(12), batch=2)
+    learning = {name: ["weight", "delay"] for name in made}
+    module, twin = (
+        neuro_torch.Module(net, learning, outputs=names, dtype=torch.float64, by=each, slope=3.0)
+        for each in (by, "steps")
+    )
+    found = []
+    for each in (module, twin):
+        with torch.no_grad():
+            for delay in each.delays.values():
+                delay += torch.linspace(0.1, 0.8, len(delay))
+        outcome = each(events)
+        sum((outcome.spikes[n] + outcome.V_m[n].sin()).sum() for n in names).backward()
+        found.append([p.grad.numpy() for p in each.parameters()])
+    assert all(each.delays[made[0]].grad.abs().sum() > 0 for each in (module, twin))
+    for ours, theirs in zip(*found, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * np.abs(theirs).max(initial=1.0))
+    module.eval()
+    outcome, expected = module(events), spikes_of(module.network(), names, events, 30)
+    assert expected[names[0]].sum() > 0
+    for name in names:
+        np.testing.assert_array_equal(outcome.spikes[name].detach(), expected[name])
