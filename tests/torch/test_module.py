@@ -420,7 +420,7 @@ def test_a_module_is_refused(make, told):
         (torch.zeros(2, 3, 7), "batch: found Tensor: expected neuro_torch.Events, or tensors by population"),
         ({}, "batch: found (batch, steps) of []: expected one of all inputs"),
         (
-            neuro_torch.Events(10**9, 10**4, {"a": ([], [], [])}),
+            {"a": torch.zeros(1).expand(10**9, 10**4, 7)},
             "a batch of 1000000000 recordings of 10000 steps needs",
         ),
     ],
