@@ -7,22 +7,39 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from neuro.core.errors import ModelError
+from neuro.core.extras import install
 from neuro.core.lazy import lazily
 from neuro_torch.backend import TorchBackend
 
 if TYPE_CHECKING:
     from neuro_torch import losses, surrogates
+    from neuro_torch.events import Events, collate
+    from neuro_torch.module import Module
+    from neuro_torch.outcome import Outcome
     from neuro_torch.stepping import Stepper
 
 backend = TorchBackend()
 
 _HOMES: dict[str, tuple[str, ...]] = {
     "neuro_torch.losses": (),
-    "neuro_torch.stepping": ("Stepper",),
     "neuro_torch.surrogates": (),
+    "neuro_torch.events": ("Events", "collate"),
+    "neuro_torch.module": ("Module",),
+    "neuro_torch.outcome": ("Outcome",),
+    "neuro_torch.stepping": ("Stepper",),
 }
 
-__all__ = ["Stepper", "backend", "losses", "surrogates"]
+__all__ = ["Events", "Module", "Outcome", "Stepper", "backend", "collate", "losses", "surrogates"]
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazily(__name__, _HOMES)
+    _found, __dir__ = lazily(__name__, _HOMES)
+
+    def __getattr__(name: str) -> object:
+        """A public name; one error where torch, which it needs, is missing."""
+        try:
+            return _found(name)
+        except ModuleNotFoundError as error:
+            if error.name != "torch":
+                raise
+            raise ModelError(f"neuro_torch.{name}: torch is not installed", hint=install("torch")) from None
