@@ -132,15 +132,16 @@ def picture(found: Beside, spikes: Recording, path: str, shown_ms: float = 300.0
     figure = Canvas(figsize=(11.0, 6.0), layout="constrained", dpi=130)
     grid = figure.add_gridspec(3, 2, width_ratios=[3, 2])
     axis = figure.add_subplot(grid[:, 0])
-    rows, ticks, top = 0.0, [], {"E": "#0072B2", "I": "#D55E00"}
+    every = max(1, sum(train.size for train in spikes.trains.values()) // 4000)
+    rows, ticks, colours = 0.0, [], {"E": "#0072B2", "I": "#D55E00"}
     for name in reversed(names):
         train = spikes.trains[name]
-        some = (train.times <= spikes.begin + shown_ms) & (train.neurons % 20 == 0)
-        axis.plot(train.times[some], rows + train.neurons[some] / 20, ".", ms=1.5, mew=0, color=top[name[-1]])
-        ticks.append(rows + train.size / 40)
-        rows += train.size / 20 + 40
+        some = (train.times <= spikes.begin + shown_ms) & (train.neurons % every == 0)
+        axis.plot(train.times[some], rows + train.neurons[some] / every, "o", ms=1.3, mew=0, color=colours[name[-1]])
+        ticks.append(rows + train.size / every / 2)
+        rows += train.size / every + 40
     axis.set(yticks=ticks, yticklabels=names[::-1], xlabel="time, ms", ylim=(-40, rows))
-    axis.set_title("every 20th neuron, neuro", fontsize=10)
+    axis.set_title(f"one of {every} neurons, neuro" if every > 1 else "neuro", fontsize=10)
     axis.margins(x=0.0)
     at = np.arange(len(names))
     for i, m in enumerate(MEASURES):

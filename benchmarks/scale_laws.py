@@ -26,6 +26,7 @@ from networks import brunel
 from numba import njit
 
 import neuro
+from neuro.program.program import Program
 
 LINE = 64
 WARM_MS, STRETCH_MS, STRETCHES = 200.0, 100.0, 5
@@ -57,7 +58,7 @@ def point(case: str, size: float, indegree: float) -> dict[str, Any]:
     best = min(stretches, key=lambda told: told["cpu_ns_per_event"])
     neurons = sum(p.size for p in sim.program.populations if p.kind == "neuron")
     synapses = sum(p.size for p in sim.program.projections if p.layout == "csr")
-    memory, peak, line_bytes = sim.memory(), peak_gb(), bytes_of_event(sim)
+    memory, peak, line_bytes = sim.memory(), peak_gb(), bytes_of_event(sim.program)
     del sim
     alone = neurons_alone(net)
     return {
@@ -89,28 +90,25 @@ def neurons_alone(net: neuro.Network) -> float:
     return min(timed(sim, STRETCH_MS)["cpu_s_per_bio_s"] for _ in range(STRETCHES))
 
 
-def bytes_of_event(sim: neuro.Simulation, rows: int = 500) -> float:
+def bytes_of_event(program: Program, rows: int = 500) -> float:
     """Bytes that memory sends for a synaptic event: the lines of the synapses that one spike reaches at one time.
 
-    Targets of 4 bytes and, where each synapse has its own, weights of 8; synapses of one source lie by delay. Some
-    sources of each projection are looked at. Inputs of neurons stay in the cache and are not counted.
+    Targets of 4 bytes and, where each synapse has its own, weights of 8; the synapses of a source lie by delay, and a
+    stretch of n items of b bytes is in 1 + (n - 1) b / 64 lines. Some sources of each projection are looked at. Inputs
+    of neurons stay in the cache and are not counted.
     """
     lines = events = 0.0
-    for part in sim.program.projections:
-        if part.layout != "csr":
+    for part in program.projections:
+        if part.layout != "csr" or not part.targets.size:
             continue
-        ends = part.row_ends
-        for row in np.linspace(0, ends.size - 2, min(rows, ends.size - 1), dtype=np.int64):
-            first, last = int(ends[row]), int(ends[row + 1])
-            if last == first:
-                continue
-            delays = np.broadcast_to(part.delay, part.targets.shape)[first:last]
-            length = np.diff(np.flatnonzero(np.r_[True, delays[1:] != delays[:-1], True]))
-            weight = np.size(part.weight) > 1
-            share = part.targets.size / min(rows, ends.size - 1)  # of the events, for rows of a small projection
-            scaled = share / max(part.targets.size, 1) * (ends.size - 1)
-            lines += scaled * float((1 + (length - 1) * 4 / LINE + weight * (1 + (length - 1) * 8 / LINE)).sum())
-            events += scaled * (last - first)
+        sources = part.row_ends.size - 1
+        chosen = np.linspace(0, sources - 1, min(rows, sources), dtype=np.int64)
+        delays = np.broadcast_to(part.delay, part.targets.shape)
+        each = [np.unique(delays[part.row_ends[i] : part.row_ends[i + 1]], return_counts=True)[1] for i in chosen]
+        length, share = np.concatenate(each), sources / chosen.size
+        items = (4, 8) if part.weight.size > 1 else (4,)
+        lines += share * sum(float((1 + (length - 1) * size / LINE).sum()) for size in items)
+        events += share * float(length.sum())
     return lines * LINE / events
 
 
@@ -187,31 +185,33 @@ def series(points: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
 
 
 def draw(told: dict[str, Any], path: str) -> None:
-    """Time an event, memory, and events a second, over the number of neurons."""
+    """Time of an event, memory, and what memory sends while synapses are read, beside what it can."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(12.0, 4.2), layout="constrained", dpi=130)
-    time_axis, memory_axis, speed_axis = figure.subplots(1, 3)
-    random = told["memory"]["random_lines_gb_per_s"]
-    for (name, points), colour in zip(series(told["points"]).items(), ("#0072B2", "#56B4E9", "#D55E00"), strict=False):
-        x = [p["neurons"] for p in points]
-        time_axis.plot(x, [p["ns_per_event"] for p in points], "o-", color=colour, label=name)
-        time_axis.plot(x, [p["ns_per_event_alone"] for p in points], "o--", color=colour, mfc="w", lw=1)
-        time_axis.plot(x, [p["bytes_per_event"] / random for p in points], ":", color=colour, lw=1.5)
+    figure = Figure(figsize=(12.0, 4.6), layout="constrained", dpi=130)
+    time_axis, memory_axis, bytes_axis = figure.subplots(1, 3)
+    colours = ("#0072B2", "#56B4E9", "#D55E00")
+    for (name, points), colour in zip(series(told["points"]).items(), colours, strict=False):
+        neurons = [p["neurons"] for p in points]
+        time_axis.plot(neurons, [p["ns_per_event"] for p in points], "o-", color=colour, label=name)
+        time_axis.plot(neurons, [p["ns_per_event_alone"] for p in points], "o--", color=colour, mfc="w", lw=1)
         memory_axis.plot([p["synapses"] / 1e6 for p in points], [p["peak_gb"] for p in points], "o-", color=colour)
-        speed_axis.plot(x, [1e3 / p["ns_per_event"] for p in points], "o-", color=colour)
-    time_axis.set(ylabel="ns of the processor", title="a synaptic event", yscale="log")
+        sent = [p["bytes_per_event"] / p["ns_per_event_alone"] for p in points]
+        bytes_axis.plot(neurons, sent, "o--", color=colour, mfc="w", lw=1)
     time_axis.plot([], [], "o--", color="k", mfc="w", lw=1, label="without drive and neurons")
-    time_axis.plot([], [], ":", color="k", label="its bytes at the pace of random lines")
-    time_axis.legend(frameon=False, fontsize=7.5)
-    memory_axis.set(xlabel="million synapses", ylabel="GB", title="peak memory, building and running", yscale="log")
-    speed_axis.set(ylabel="million a second", title="synaptic events, one thread", yscale="log")
+    for word, style in (("read", "-"), ("random_lines", ":")):
+        pace = told["memory"][f"{word}_gb_per_s"]
+        bytes_axis.axhline(pace, color="#999999", ls=style)
+        bytes_axis.annotate(
+            word.replace("_", " "), (1.0, pace), xycoords=("axes fraction", "data"), ha="right", va="bottom"
+        )
+    time_axis.set(xlabel="neurons", ylabel="ns of the processor", title="a synaptic event, one thread", yscale="log")
+    memory_axis.set(xlabel="million synapses", ylabel="GB", title="peak of building and running", yscale="log")
+    bytes_axis.set(xlabel="neurons", ylabel="GB/s", title="synapses read, beside what memory can", ylim=(0, None))
     for axis in figure.axes:
         axis.set_xscale("log")
         axis.spines[["top", "right"]].set_visible(False)
-        axis.set_ylim(bottom=axis.get_ylim()[0] / 1.3)
-    for axis in (time_axis, speed_axis):
-        axis.set_xlabel("neurons")
+    figure.legend(*time_axis.get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
     figure.savefig(path)
 
 
