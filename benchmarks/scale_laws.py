@@ -1,6 +1,7 @@
 """How time and memory grow with the network, beside what memory can do.
 
     python benchmarks/scale_laws.py measure [--quick] [--out FILE.json]    up to 8 GB, 6 minutes; with --quick 2
+    python benchmarks/scale_laws.py table FILE.json
     python benchmarks/scale_laws.py draw FILE.json PICTURE.png
     python benchmarks/scale_laws.py point microcircuit 0.3 [--indegree 1]  one of them, as a JSON line
     python benchmarks/scale_laws.py memory                                 bandwidth of this machine
@@ -37,6 +38,7 @@ POINTS = (
 )
 QUICK = (
     *(("microcircuit", scale, 1.0) for scale in (0.1, 0.4, 1.0)),
+    *(("microcircuit", scale, scale) for scale in (0.1, 0.4)),
     *(("brunel", neurons, 1.0) for neurons in (10_000, 100_000)),
 )
 
@@ -75,7 +77,7 @@ def point(case: str, size: float, indegree: float) -> dict[str, Any]:
         "ns_per_event_alone": (best["cpu_s_per_bio_s"] - alone) / best["events_per_bio_s"] * 1e9,
         "bytes_per_event": line_bytes,
         "bytes_per_synapse": memory["synapses"] / synapses,
-        "engine_gb": sum(memory.values()) / 1e9,
+        "engine_gb": sum(memory.values()) / 2**30,
         "peak_gb": peak,
     }
 
@@ -184,6 +186,27 @@ def series(points: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     return {name: each for name, each in found.items() if len(each) > 1}
 
 
+def table(told: dict[str, Any]) -> str:
+    """The points as a table, and by how much the time of an event differs along each line."""
+    lines = [
+        "| network | neurons | synapses | ns an event | without drive and neurons | million events/s | "
+        "bytes an event | peak GB | bytes a synapse |",
+        "| --- |" + " --- |" * 8,
+    ]
+    spread = []
+    for name, points in series(told["points"]).items():
+        lines += [
+            f"| {name} | {p['neurons']:,} | {p['synapses'] / 1e6:.3g} M | {p['ns_per_event']:.3g} | "
+            f"{p['ns_per_event_alone']:.3g} | {1e3 / p['ns_per_event']:.0f} | {p['bytes_per_event']:.3g} | "
+            f"{p['peak_gb']:.2f} | {p['peak_gb'] * 2**30 / p['synapses']:.1f} |"
+            for p in points
+        ]
+        each = [p["ns_per_event"] for p in points]
+        spread.append(f"{name}: longest by shortest time of an event {max(each) / min(each):.2f}")
+    pace = ", ".join(f"{word.removesuffix('_gb_per_s')} {value:.1f}" for word, value in told["memory"].items())
+    return "\n".join([*lines, "", *spread, f"memory, GB/s: {pace}"])
+
+
 def draw(told: dict[str, Any], path: str) -> None:
     """Time of an event, memory, and what memory sends while synapses are read, beside what it can."""
     from matplotlib.figure import Figure
@@ -206,10 +229,11 @@ def draw(told: dict[str, Any], path: str) -> None:
             word.replace("_", " "), (1.0, pace), xycoords=("axes fraction", "data"), ha="right", va="bottom"
         )
     time_axis.set(xlabel="neurons", ylabel="ns of the processor", title="a synaptic event, one thread", yscale="log")
-    memory_axis.set(xlabel="million synapses", ylabel="GB", title="peak of building and running", yscale="log")
-    bytes_axis.set(xlabel="neurons", ylabel="GB/s", title="synapses read, beside what memory can", ylim=(0, None))
-    for axis in figure.axes:
+    memory_axis.set(xlabel="million synapses", ylabel="GB", title="peak of building and running", ylim=(0, None))
+    bytes_axis.set(xlabel="neurons", ylabel="GB/s", title="synapses read, and memory's pace", ylim=(0, None))
+    for axis in (time_axis, bytes_axis):
         axis.set_xscale("log")
+    for axis in figure.axes:
         axis.spines[["top", "right"]].set_visible(False)
     figure.legend(*time_axis.get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
     figure.savefig(path)
@@ -227,6 +251,7 @@ def main() -> None:
     one.add_argument("size", type=float)
     one.add_argument("--indegree", type=float, default=1.0)
     commands.add_parser("memory")
+    commands.add_parser("table").add_argument("file", type=Path)
     picture = commands.add_parser("draw")
     picture.add_argument("file", type=Path)
     picture.add_argument("out")
@@ -239,6 +264,8 @@ def main() -> None:
             print(json.dumps(point(asked.case, asked.size, asked.indegree)))
         case "memory":
             print(json.dumps(bandwidth()))
+        case "table":
+            print(table(json.loads(asked.file.read_text())))
         case "draw":
             draw(json.loads(asked.file.read_text()), asked.out)
 

@@ -1,6 +1,7 @@
 """How figures of `benchmarks/scale_laws.py` are taken: bytes of an event, and points of a network."""
 
 import importlib.util
+import itertools
 import json
 import sys
 from pathlib import Path
@@ -56,10 +57,14 @@ def test_a_point_counts_what_it_ran(laws):
 
 def test_what_was_measured_is_whole(laws):
     told = json.loads((BENCHMARKS / "measured" / "scale_laws.json").read_text())
-    assert {(p["case"], p["size"], p["indegree"]) for p in told["points"]} == set(laws.POINTS)
+    points = {(p["case"], p["size"], p["indegree"]) for p in told["points"]}
+    assert set(laws.QUICK) <= points <= set(laws.POINTS)
     lines = laws.series(told["points"])
-    assert [p["neurons"] for p in lines["Brunel, 1000 inputs"]] == [10_000, 20_000, 50_000, 100_000]
-    assert len(lines["microcircuit, fewer inputs"]) == 5
+    assert {name: (each[0]["neurons"], each[-1]["neurons"]) for name, each in lines.items()} == {
+        "microcircuit, all inputs": (7717, 77_169),
+        "microcircuit, fewer inputs": (7717, 77_169),
+        "Brunel, 1000 inputs": (10_000, 100_000),
+    }
     assert told["memory"]["random_lines_gb_per_s"] < told["memory"]["read_gb_per_s"]
 
 
@@ -67,3 +72,14 @@ def test_the_picture_is_drawn(laws, tmp_path):
     told = json.loads((BENCHMARKS / "measured" / "scale_laws.json").read_text())
     laws.draw(told, str(tmp_path / "laws.png"))
     assert (tmp_path / "laws.png").stat().st_size > 10_000
+    rows = laws.table(told).splitlines()
+    assert sum(row.startswith("| Brunel") for row in rows) >= 2
+    assert rows[-1].startswith("memory, GB/s: copy ")
+
+
+def test_memory_grows_with_the_synapses(laws):
+    """No point takes more bytes a synapse than a smaller one of its line."""
+    told = json.loads((BENCHMARKS / "measured" / "scale_laws.json").read_text())
+    for name, points in laws.series(told["points"]).items():
+        each = [p["peak_gb"] / p["synapses"] for p in points]
+        assert all(b <= 1.1 * a for a, b in itertools.pairwise(each)), name
