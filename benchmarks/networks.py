@@ -7,9 +7,9 @@ import numpy as np
 import neuro
 
 
-def brunel() -> neuro.Network:
-    """Brunel 2000, model A at g = 5, eta = 2: 10,000 neurons, 10 M static synapses."""
-    return _balanced("brunel", inputs=(800, 200), weight=0.1, excitatory=neuro.static())
+def brunel(neurons: int = 10_000) -> neuro.Network:
+    """Brunel 2000, model A at g = 5, eta = 2: 10,000 neurons, 10 M static synapses; 1000 a neuron in larger ones."""
+    return _balanced("brunel", inputs=(800, 200), weight=0.1, excitatory=neuro.static(), neurons=neurons)
 
 
 def stdp() -> neuro.Network:
@@ -35,12 +35,14 @@ def driven(model: neuro.Model, weight: float) -> neuro.Network:
     return net
 
 
-def _balanced(name: str, inputs: tuple[int, int], weight: float, excitatory: neuro.Synapse) -> neuro.Network:
-    """8,000 excitatory and 2,000 inhibitory neurons, `excitatory` among the former, at twice the threshold rate."""
+def _balanced(
+    name: str, inputs: tuple[int, int], weight: float, excitatory: neuro.Synapse, neurons: int = 10_000
+) -> neuro.Network:
+    """Four excitatory neurons for each inhibitory one, `excitatory` among the former, at twice the threshold rate."""
     net = neuro.Network(name, resolution=0.1)
     cell = neuro.iaf_psc_delta(C_m=1.0, tau_m=20.0, t_ref=2.0, E_L=0.0, V_reset=0.0, V_th=20.0, tau_minus=20.0)
     noise = neuro.poisson_generator(rate=2.0 * 20.0 / (weight * 20.0) * 1000.0)
-    for kind, size in (("exc", 8000), ("inh", 2000)):
+    for kind, size in (("exc", neurons - neurons // 5), ("inh", neurons // 5)):
         net.population(kind, size, cell)
         net.population(f"noise_{kind}", size, noise)
         net.connect(f"noise_{kind}", kind, neuro.one_to_one(), weight=weight, delay=1.5)

@@ -1,0 +1,274 @@
+"""How time and memory grow with the network, beside what memory can do.
+
+    python benchmarks/scale_laws.py measure [--quick] [--out FILE.json]    up to 8 GB, 6 minutes; with --quick 2
+    python benchmarks/scale_laws.py table FILE.json
+    python benchmarks/scale_laws.py draw FILE.json PICTURE.png
+    python benchmarks/scale_laws.py point microcircuit 0.3 [--indegree 1]  one of them, as a JSON line
+    python benchmarks/scale_laws.py memory                                 bandwidth of this machine
+
+The microcircuit grows in two ways: with all inputs of each neuron at any size (`indegree` 1), and as its file has it,
+with as large a share of them. Brunel's network keeps 1000 inputs a neuron: 10 % would be 10^9 synapses at 10^5 neurons.
+Time is of the processor, one thread, the fastest of several stretches; each point has a process of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from microcircuit import circuit, peak_gb, timed
+from networks import brunel
+from numba import njit
+
+import neuro
+from neuro.program.program import Program
+
+LINE = 64
+WARM_MS, STRETCH_MS, STRETCHES = 200.0, 100.0, 5
+POINTS = (
+    *(("microcircuit", scale, 1.0) for scale in (0.1, 0.2, 0.4, 0.7, 1.0)),
+    *(("microcircuit", scale, scale) for scale in (0.1, 0.2, 0.4, 0.7)),
+    *(("brunel", neurons, 1.0) for neurons in (10_000, 20_000, 50_000, 100_000)),
+)
+QUICK = (
+    *(("microcircuit", scale, 1.0) for scale in (0.1, 0.4, 1.0)),
+    *(("microcircuit", scale, scale) for scale in (0.1, 0.4)),
+    *(("brunel", neurons, 1.0) for neurons in (10_000, 100_000)),
+)
+
+
+def network(case: str, size: float, indegree: float) -> neuro.Network:
+    """A network by its name and size: a share of the microcircuit, or neurons of Brunel's."""
+    return circuit(size, indegree) if case == "microcircuit" else brunel(int(size))
+
+
+def point(case: str, size: float, indegree: float) -> dict[str, Any]:
+    """Build, warm up, and take the fastest stretch; then the same neurons without synapses among each other."""
+    net = network(case, size, indegree)
+    began = time.process_time()
+    sim = neuro.compile(net, seed=1)
+    sim.run(net.resolution)
+    built = time.process_time() - began
+    sim.run(WARM_MS - net.resolution)
+    stretches = [timed(sim, STRETCH_MS) for _ in range(STRETCHES)]
+    best = min(stretches, key=lambda told: told["cpu_ns_per_event"])
+    neurons = sum(p.size for p in sim.program.populations if p.kind == "neuron")
+    synapses = sum(p.size for p in sim.program.projections if p.layout == "csr")
+    memory, peak, line_bytes = sim.memory(), peak_gb(), bytes_of_event(sim.program)
+    del sim
+    alone = neurons_alone(net)
+    return {
+        "case": case,
+        "size": size,
+        "indegree": indegree,
+        "neurons": neurons,
+        "synapses": synapses,
+        "build_cpu_s": built,
+        "cpu_s_per_bio_s": best["cpu_s_per_bio_s"],
+        "events_per_bio_s": best["events_per_bio_s"],
+        "ns_per_event": best["cpu_ns_per_event"],
+        "neurons_cpu_s_per_bio_s": alone,
+        "ns_per_event_alone": (best["cpu_s_per_bio_s"] - alone) / best["events_per_bio_s"] * 1e9,
+        "bytes_per_event": line_bytes,
+        "bytes_per_synapse": memory["synapses"] / synapses,
+        "engine_gb": sum(memory.values()) / 2**30,
+        "peak_gb": peak,
+    }
+
+
+def neurons_alone(net: neuro.Network) -> float:
+    """Seconds of the processor for drive and neurons, a biological second."""
+    for name, part in list(net.projections.items()):
+        if part.source in net.populations and net.populations[part.source].model.states:
+            del net.projections[name]
+    sim = neuro.compile(net, seed=1)
+    sim.run(WARM_MS)
+    return min(timed(sim, STRETCH_MS)["cpu_s_per_bio_s"] for _ in range(STRETCHES))
+
+
+def bytes_of_event(program: Program, rows: int = 500) -> float:
+    """Bytes that memory sends for a synaptic event: the lines of the synapses that one spike reaches at one time.
+
+    Targets of 4 bytes and, where each synapse has its own, weights of 8; the synapses of a source lie by delay, and a
+    stretch of n items of b bytes is in 1 + (n - 1) b / 64 lines. Some sources of each projection are looked at. Inputs
+    of neurons stay in the cache and are not counted.
+    """
+    lines = events = 0.0
+    for part in program.projections:
+        if part.layout != "csr" or not part.targets.size:
+            continue
+        sources = part.row_ends.size - 1
+        chosen = np.linspace(0, sources - 1, min(rows, sources), dtype=np.int64)
+        delays = np.broadcast_to(part.delay, part.targets.shape)
+        each = [np.unique(delays[part.row_ends[i] : part.row_ends[i + 1]], return_counts=True)[1] for i in chosen]
+        length, share = np.concatenate(each), sources / chosen.size
+        items = (4, 8) if part.weight.size > 1 else (4,)
+        lines += share * sum(float((1 + (length - 1) * size / LINE).sum()) for size in items)
+        events += share * float(length.sum())
+    return lines * LINE / events
+
+
+@njit
+def _copy(source, target):
+    for i in range(source.size):
+        target[i] = source[i]
+
+
+@njit
+def _sum(source):
+    a = b = c = d = 0.0
+    for i in range(0, source.size, 4):
+        a += source[i]
+        b += source[i + 1]
+        c += source[i + 2]
+        d += source[i + 3]
+    return a + b + c + d
+
+
+@njit
+def _gather(source, lines):
+    total = 0.0
+    for i in range(lines.size):
+        total += source[lines[i] * 8]
+    return total
+
+
+def bandwidth(mb: int = 1024) -> dict[str, float]:
+    """GB/s of this machine's memory, one thread: copying (read + write), reading, and reading lines anywhere."""
+    size = mb * 2**20 // 8
+    source, target = np.ones(size), np.zeros(size // 2)
+    lines = np.random.default_rng(1).integers(0, size // 8, 8_000_000).astype(np.uint32)
+    work = {
+        "copy": (lambda: _copy(source[: size // 2], target), 8.0 * size),
+        "read": (lambda: _sum(source), 8.0 * size),
+        "random_lines": (lambda: _gather(source, lines), float(LINE) * lines.size),
+    }
+    found = {}
+    for name, (call, moved) in work.items():
+        call()
+        taken = []
+        for _ in range(5):
+            began = time.process_time()
+            call()
+            taken.append(time.process_time() - began)
+        found[f"{name}_gb_per_s"] = moved / min(taken) / 1e9
+    return found
+
+
+def measure(points: tuple[tuple[str, float, float], ...]) -> dict[str, Any]:
+    """All points, each in a process of its own."""
+    found = []
+    me = [sys.executable, __file__]
+    for case, size, indegree in points:
+        line = subprocess.run(
+            [*me, "point", case, str(size), "--indegree", str(indegree)], check=True, capture_output=True, text=True
+        ).stdout
+        print(line, end="", file=sys.stderr, flush=True)
+        found.append(json.loads(line))
+    memory = subprocess.run([*me, "memory"], check=True, capture_output=True, text=True).stdout
+    return {"memory": json.loads(memory), "points": found}
+
+
+def series(points: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """The points by what grows, smallest first; the whole circuit belongs to both of its ways."""
+    names = {
+        "microcircuit, all inputs": lambda p: p["case"] == "microcircuit" and p["indegree"] == 1.0,
+        "microcircuit, fewer inputs": lambda p: p["case"] == "microcircuit" and p["indegree"] == p["size"],
+        "Brunel, 1000 inputs": lambda p: p["case"] == "brunel",
+    }
+    found = {name: sorted(filter(which, points), key=lambda p: p["neurons"]) for name, which in names.items()}
+    return {name: each for name, each in found.items() if len(each) > 1}
+
+
+def table(told: dict[str, Any]) -> str:
+    """The points as a table, and by how much the time of an event differs along each line."""
+    lines = [
+        "| network | neurons | synapses | ns an event | without drive and neurons | million events/s | "
+        "bytes an event | peak GB | bytes a synapse |",
+        "| --- |" + " --- |" * 8,
+    ]
+    spread = []
+    for name, points in series(told["points"]).items():
+        lines += [
+            f"| {name} | {p['neurons']:,} | {p['synapses'] / 1e6:.3g} M | {p['ns_per_event']:.3g} | "
+            f"{p['ns_per_event_alone']:.3g} | {1e3 / p['ns_per_event']:.0f} | {p['bytes_per_event']:.3g} | "
+            f"{p['peak_gb']:.2f} | {p['peak_gb'] * 2**30 / p['synapses']:.1f} |"
+            for p in points
+        ]
+        each = [p["ns_per_event"] for p in points]
+        spread.append(f"{name}: longest by shortest time of an event {max(each) / min(each):.2f}")
+    pace = ", ".join(f"{word.removesuffix('_gb_per_s')} {value:.1f}" for word, value in told["memory"].items())
+    return "\n".join([*lines, "", *spread, f"memory, GB/s: {pace}"])
+
+
+def draw(told: dict[str, Any], path: str) -> None:
+    """Time of an event, memory, and what memory sends while synapses are read, beside what it can."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12.0, 4.6), layout="constrained", dpi=130)
+    time_axis, memory_axis, bytes_axis = figure.subplots(1, 3)
+    colours = ("#0072B2", "#56B4E9", "#D55E00")
+    for (name, points), colour in zip(series(told["points"]).items(), colours, strict=False):
+        neurons = [p["neurons"] for p in points]
+        time_axis.plot(neurons, [p["ns_per_event"] for p in points], "o-", color=colour, label=name)
+        time_axis.plot(neurons, [p["ns_per_event_alone"] for p in points], "o--", color=colour, mfc="w", lw=1)
+        memory_axis.plot([p["synapses"] / 1e6 for p in points], [p["peak_gb"] for p in points], "o-", color=colour)
+        sent = [p["bytes_per_event"] / p["ns_per_event_alone"] for p in points]
+        bytes_axis.plot(neurons, sent, "o--", color=colour, mfc="w", lw=1)
+    time_axis.plot([], [], "o--", color="k", mfc="w", lw=1, label="without drive and neurons")
+    for word, style in (("read", "-"), ("random_lines", ":")):
+        pace = told["memory"][f"{word}_gb_per_s"]
+        bytes_axis.axhline(pace, color="#999999", ls=style)
+        bytes_axis.annotate(
+            word.replace("_", " "), (1.0, pace), xycoords=("axes fraction", "data"), ha="right", va="bottom"
+        )
+    time_axis.set(xlabel="neurons", ylabel="ns of the processor", title="a synaptic event, one thread", yscale="log")
+    memory_axis.set(xlabel="million synapses", ylabel="GB", title="peak of building and running", ylim=(0, None))
+    bytes_axis.set(xlabel="neurons", ylabel="GB/s", title="synapses read, and memory's pace", ylim=(0, None))
+    for axis in (time_axis, bytes_axis):
+        axis.set_xscale("log")
+    for axis in figure.axes:
+        axis.spines[["top", "right"]].set_visible(False)
+    figure.legend(*time_axis.get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
+    figure.savefig(path)
+
+
+def main() -> None:
+    """Do what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(dest="command", required=True)
+    every = commands.add_parser("measure")
+    every.add_argument("--quick", action="store_true")
+    every.add_argument("--out", type=Path)
+    one = commands.add_parser("point")
+    one.add_argument("case", choices=["microcircuit", "brunel"])
+    one.add_argument("size", type=float)
+    one.add_argument("--indegree", type=float, default=1.0)
+    commands.add_parser("memory")
+    commands.add_parser("table").add_argument("file", type=Path)
+    picture = commands.add_parser("draw")
+    picture.add_argument("file", type=Path)
+    picture.add_argument("out")
+    asked = parser.parse_args()
+    match asked.command:
+        case "measure":
+            text = json.dumps(measure(QUICK if asked.quick else POINTS), indent=1)
+            print(text) if asked.out is None else asked.out.write_text(text + "\n")
+        case "point":
+            print(json.dumps(point(asked.case, asked.size, asked.indegree)))
+        case "memory":
+            print(json.dumps(bandwidth()))
+        case "table":
+            print(table(json.loads(asked.file.read_text())))
+        case "draw":
+            draw(json.loads(asked.file.read_text()), asked.out)
+
+
+if __name__ == "__main__":
+    main()
