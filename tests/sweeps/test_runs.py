@@ -260,6 +260,30 @@ def test_dask_that_is_not_installed_is_told(runs, tmp_path, monkeypatch):
         sweep(runs.add, {"a": [1]}, tmp_path / "out", on="tcp://h:1")
 
 
+def test_parquet_has_the_rows_of_the_table(runs, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra parquet is not installed")
+    table = sweep(runs.uneven, {"a": [0, 4, 5]}, tmp_path / "out", on="here")
+    for _ in range(2):
+        table.save(tmp_path / "table.parquet")
+    found = parquet.read_table(tmp_path / "table.parquet")
+    assert found.to_pylist() == table.rows()
+    assert found.schema.metadata[b"neuro sweep"] == table.name.encode()
+    (tmp_path / "mine.parquet").write_bytes(b"PAR1 of somebody else PAR1")
+    with pytest.raises(neuro.ModelError, match="exists and is not a table of a sweep"):
+        table.save(tmp_path / "mine.parquet")
+
+
+def kinds(a):
+    return {"found": "none" if a else 1.5}
+
+
+def test_a_column_of_several_kinds_is_none_of_parquet(tmp_path):
+    pytest.importorskip("pyarrow", reason="the extra parquet is not installed")
+    table = sweep(kinds, {"a": [0, 1]}, tmp_path / "out", on="here")
+    with pytest.raises(neuro.ModelError, match=r"a column has values of several kinds: (?s:.)*a CSV file takes them"):
+        table.save(tmp_path / "table.parquet")
+
+
 def test_parquet_without_its_package_is_told(runs, tmp_path, monkeypatch):
     table = sweep(runs.add, {"a": [1]}, tmp_path / "out", on="here")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
