@@ -149,6 +149,17 @@ def test_several_work_in_one_folder_and_nothing_is_done_twice(runs, tmp_path):
     assert table_of(out).column("value") == [2 * a for a in range(40)]
 
 
+def test_a_folder_that_others_have_just_begun_is_gone_on_with(runs, tmp_path):
+    out = tmp_path / "out"
+    (out / "runs").mkdir(parents=True)
+    (out / "claims").mkdir()
+    (out / ".sweep.json.host.1.0.part").touch()
+    assert sweep(runs.add, {"a": [1]}, out, on="here").column("sum") == [1]
+    (tmp_path / "other" / "runs" / "mine").mkdir(parents=True)
+    with pytest.raises(neuro.ModelError, match="other: is there and is no sweep: expected a new name"):
+        sweep(runs.add, {"a": [1]}, tmp_path / "other", on="here")
+
+
 def test_a_claim_is_of_one_and_of_nobody_when_its_process_has_ended(tmp_path):
     mine, other = Claims(tmp_path), Claims(tmp_path)
     assert mine.take("a")
