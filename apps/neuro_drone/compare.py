@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import check_output, make_folder, sealed, write_text
+from neuro.apps import check_output, make_folder, sealed, side_by_side, write_text
 from neuro_drone.controllers import kind_of
-from neuro_drone.cores import side_by_side
 from neuro_drone.evaluate import Lap, grid, try_out
 from neuro_drone.model import Model
 from neuro_drone.paths import Course
