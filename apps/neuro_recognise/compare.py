@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import Unwritable, check_output, find_backend, make_folder, sealed, side_by_side, write_text
+from neuro.apps import Unwritable, check_output, find_backend, make_folder, provenance, sealed, side_by_side, write_text
 from neuro.events import EventFileError, Recordings
 from neuro_recognise.code import code_of
 from neuro_recognise.evaluate import Evaluation, evaluate
@@ -255,7 +255,8 @@ class Fold:
         answer = made.answer_shown(self.shown.take(self.mine), self.backend)
         ended = time.process_time()
         decided = {vote: choose(scores).tolist() for vote, scores in answer.votes.items()}
-        kept = {"format": FORMAT, "of": dict(self.of), "tested": self.mine.tolist()}
+        record = provenance(backend=self.backend, seed=self.of["seed"])
+        kept = {"format": FORMAT, "of": dict(self.of), "provenance": record, "tested": self.mine.tolist()}
         kept |= {"decided": choose(answer.scores).tolist(), "votes": decided}
         kept |= {"train_s": trained - began, "answer_ms": 1000.0 * (ended - trained) / len(self.mine)}
         return kept | {"bills": _bills(answer, len(self.mine), self.targets)}

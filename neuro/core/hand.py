@@ -17,7 +17,7 @@ from multiprocessing import connection, spawn
 from threading import Lock, Thread
 from typing import Any
 
-from neuro.core import processes
+from neuro.core import inputs, processes
 from neuro.core.extension import run_extensions
 
 
@@ -86,11 +86,16 @@ def main() -> None:
         back.raised("refused", error)
         return
     back.tell("ready")
+    known = len(words["read"])
     while True:
         message = asked.get()
         try:
             attempt, job = _read(message)
             found = work(job, attempt, lambda what: back.tell("said", what))
+            read = inputs.noted()
+            if len(read) > known:
+                back.tell("read", read[known:])
+                known = len(read)
             back.tell("done", found)
         except BaseException as error:
             back.raised("raised", error)
@@ -103,6 +108,8 @@ def _prepare(words: Mapping[str, Any]) -> None:
         os.environ["PYTHONPATH"] = words["python_path"]
     sys.argv[:], sys.path[:] = words["argv"], words["paths"]
     _Unpickler.script = words["script"]
+    for name in words["read"]:  # what is made of them tells of them, wherever it is made
+        inputs.note(name)
 
 
 if __name__ == "__main__":

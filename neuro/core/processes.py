@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from multiprocessing import Pipe, connection, spawn
 from typing import Any, TypeAlias
 
+from neuro.core import inputs
 from neuro.core.errors import ModelError
 from neuro.core.extension import extensions
 
@@ -198,7 +199,7 @@ class Processes:
         self._processes.append(each)
         script = {word: told for word, told in spawn.get_preparation_data("").items() if word.startswith("init_main")}
         words = {"argv": sys.argv, "paths": paths, "extensions": extensions(), "script": script}
-        words |= {"python_path": os.environ.get("PYTHONPATH"), "begin": pickle.dumps(self._begin)}
+        words |= {"python_path": os.environ.get("PYTHONPATH"), "begin": pickle.dumps(self._begin), "read": inputs.noted()}
         _send(each, words)
 
     def _ask(self, each: _Process, task: _Task) -> None:
@@ -218,6 +219,10 @@ class Processes:
             if is_ == "refused":
                 raise error
             what = error
+        if is_ == "read":
+            for name in what:
+                inputs.note(name)
+            return []
         if is_ == "ready":
             each.ready, self._unborn = True, 0
             return []
