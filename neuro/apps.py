@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from neuro.core.errors import Where, unknown
     from neuro.core.extension import extensions, run_extensions
     from neuro.core.extras import install
+    from neuro.core.inputs import note
     from neuro.core.jobs import side_by_side
     from neuro.core.outputs import (
         Kind,
@@ -68,6 +69,7 @@ _HOMES = {
     "neuro.core.hdf5": (),
     "neuro.core.extension": ("extensions", "run_extensions"),
     "neuro.core.extras": ("install",),
+    "neuro.core.inputs": ("note",),
     "neuro.core.jobs": ("side_by_side",),
     "neuro.core.processes": ("cores",),
     "neuro.core.outputs": (
@@ -138,6 +140,7 @@ __all__ = [
     "kernel",
     "make_folder",
     "mistake",
+    "note",
     "number",
     "output",
     "plain",

@@ -44,9 +44,7 @@ def page(
     )
 
 
-def head(
-    generator: str, title: str, scripts: str = "'unsafe-inline'", record: Mapping[str, Any] | None = None
-) -> Html:
+def head(generator: str, title: str, scripts: str = "'unsafe-inline'", record: Mapping[str, Any] | None = None) -> Html:
     """What the head of every page begins with.
 
     Args:

@@ -199,7 +199,11 @@ class Processes:
         self._processes.append(each)
         script = {word: told for word, told in spawn.get_preparation_data("").items() if word.startswith("init_main")}
         words = {"argv": sys.argv, "paths": paths, "extensions": extensions(), "script": script}
-        words |= {"python_path": os.environ.get("PYTHONPATH"), "begin": pickle.dumps(self._begin), "read": inputs.noted()}
+        words |= {
+            "python_path": os.environ.get("PYTHONPATH"),
+            "begin": pickle.dumps(self._begin),
+            "read": inputs.noted(),
+        }
         _send(each, words)
 
     def _ask(self, each: _Process, task: _Task) -> None:
