@@ -1,8 +1,8 @@
 """What a sweep takes beside its runs: `python benchmarks/sweeps.py --out FOLDER`.
 
 The same runs, which do nothing, on the cores of this machine, on a Dask cluster (a scheduler and two workers on the
-loopback), and as four parts at once in one folder. Prints CPU of all processes per run, without what a few runs take,
-which is the start; and whether all tables are equal.
+loopback), and as four parts at once in one folder. Prints CPU of all processes per run, with their start and without,
+which is what a few runs take; and whether all tables are equal.
 """
 
 from __future__ import annotations
@@ -99,8 +99,8 @@ class Cluster:
             each.wait()
 
 
-def per_run(name: str, out: Path, runs: int, cluster: Cluster | None) -> float:
-    """CPU of a run beyond the first few, s."""
+def per_run(name: str, out: Path, runs: int, cluster: Cluster | None) -> tuple[float, float]:
+    """CPU of a run, s: with the start of all processes, and beyond the first few runs."""
     found = []
     for number in (FEW, FEW + runs):
         folder = out / f"{name}-{number}"
@@ -113,7 +113,7 @@ def per_run(name: str, out: Path, runs: int, cluster: Cluster | None) -> float:
         else:
             started = [swept(folder, number, "--workers", "2")]
         found.append(taken(started) + (cluster.cpu_s() - before if cluster else 0.0))
-    return (found[1] - found[0]) / runs
+    return found[1] / (FEW + runs), (found[1] - found[0]) / runs
 
 
 def main() -> None:
@@ -136,15 +136,16 @@ def main() -> None:
     asked.out.mkdir(parents=True, exist_ok=True)
     cluster = Cluster(asked.out)
     try:
-        found: dict[str, list[float]] = {}
+        found: dict[str, list[tuple[float, float]]] = {}
         for _ in range(asked.times):
             for name in ("cores", "parts", "dask"):
                 took = per_run(name, asked.out, asked.runs, cluster if name == "dask" else None)
-                found.setdefault(name, []).append(1000.0 * took)
+                found.setdefault(name, []).append(took)
     finally:
         cluster.close()
     for name, each in found.items():
-        print(f"{name}: {min(each):.2f} ms a run ({', '.join(f'{one:.2f}' for one in each)})")
+        whole, beyond = (1000.0 * min(column) for column in zip(*each, strict=True))
+        print(f"{name}: {whole:.2f} ms a run with the start of all processes, {beyond:.2f} ms without")
     tables = [table_of(asked.out / f"{name}-{asked.runs + FEW}") for name in found]
     same = all(table.csv() == tables[0].csv() for table in tables)
     print(f"tables of {len(tables[0]):,} runs: {'equal' if same else 'NOT equal'}, {tables[0].counts()}")

@@ -198,7 +198,7 @@ class Processes:
         each = _Process(process, mine)
         self._processes.append(each)
         script = {word: told for word, told in spawn.get_preparation_data("").items() if word.startswith("init_main")}
-        words = {"argv": sys.argv, "paths": paths, "extensions": extensions(), "script": script}
+        words: dict[str, Any] = {"argv": sys.argv, "paths": paths, "extensions": extensions(), "script": script}
         words |= {
             "python_path": os.environ.get("PYTHONPATH"),
             "begin": pickle.dumps(self._begin),
