@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from neuro.apps import side_by_side
 from neuro_drone.controllers import Controller, make
 from neuro_drone.env import DroneEnv
 from neuro_drone.evaluate import Start, begin
@@ -167,6 +168,11 @@ def measured(name: str, seed: int, folder: Path) -> dict[str, dict[str, Any]]:
     return told
 
 
+def one_of(job: tuple[str, int, Path], report: Callable[[Any], None]) -> dict[str, dict[str, Any]]:
+    """`measured`, in a process of its own."""
+    return measured(*job)
+
+
 def pilot_of(model: Model, case: Case, learning: bool) -> Callable[[], Controller]:
     """What makes the trained controller anew."""
     world = load(case.world, **case.change)
@@ -246,7 +252,7 @@ def main() -> None:
     asked.out.mkdir(parents=True, exist_ok=True)
     found: dict[str, dict[str, Runs]] = {}
     for name in asked.cases:
-        each = [measured(name, seed, asked.out) for seed in range(asked.seeds)]
+        each = side_by_side(one_of, [(name, seed, asked.out) for seed in range(asked.seeds)])
         found[name] = {
             way.name: np.array([one[way.name] for one in each if way.name in one]) for way in CASES[name].ways
         }

@@ -9,11 +9,15 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.apps import side_by_side
 from neuro.cli.options import assignments
 from neuro.events import recordings
 from neuro_recognise.evaluate import wilson
@@ -31,6 +35,26 @@ Split = tuple[NDArray[np.int64], NDArray[np.int64]]
 """Recordings to learn from, and to test."""
 FIELD = (34, 34)
 """px; the pips are crops from a sensor of 128 x 128 px."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fold:
+    """Recordings to learn from and others to test, with a seed."""
+
+    shown: Shown
+    split: Split
+    method: Remus
+    seed: int
+    backend: str
+
+    def run(self, report: Callable[[Any], None]) -> tuple[dict[str, NDArray[np.bool_]], float]:
+        """Which of the others are decided rightly, by each vote; and CPU, s."""
+        began, (others, held_out) = time.process_time(), self.split
+        made = learn(self.method, self.shown.take(others), "fold", seed=self.seed, backend=self.backend)
+        part = self.shown.take(held_out)
+        votes = self.method.answer(made.learnt, part, self.backend).votes
+        right = {vote: choose(scores) == part.labels for vote, scores in votes.items()}
+        return right, time.process_time() - began
 
 
 def main() -> None:
@@ -53,14 +77,18 @@ def main() -> None:
     if asked.case == "poker-upright":
         kept = np.flatnonzero(upright)
         data, shown, upright = data.take(kept), shown.take(kept), upright[kept]
-    began, right = time.process_time(), []
-    for seed in range(asked.seeds):
-        right.append(cross_validate(shown, data.folds(asked.folds, seed=seed), method, seed, asked.backend))
-        if not asked.json:
-            print(f"seed {seed}: " + ", ".join(f"{v} {r.mean():.2%}" for v, r in right[-1].items()), flush=True)
+    parts = {seed: data.folds(asked.folds, seed=seed) for seed in range(asked.seeds)}
+    jobs = [Fold(shown, split, method, seed, asked.backend) for seed, folds in parts.items() for split in folds]
+    found = side_by_side(Fold.run, jobs)
+    right = [{vote: np.zeros(len(shown), bool) for vote in VOTES} for _ in parts]
+    for job, (of_votes, _) in zip(jobs, found, strict=True):
+        for vote, decided in of_votes.items():
+            right[job.seed][vote][job.split[1]] = decided
+    for seed in parts if not asked.json else ():
+        print(f"seed {seed}: " + ", ".join(f"{v} {r.mean():.2%}" for v, r in right[seed].items()))
     report = {"case": asked.case, "settings": asked.settings, "set": asked.set, "recordings": len(shown)}
     report |= {"backend": asked.backend, "folds": asked.folds, "seeds": asked.seeds}
-    report |= {"cpu_s": round(time.process_time() - began, 1)}
+    report |= {"cpu_s": round(sum(cpu_s for _, cpu_s in found), 1)}
     for vote in VOTES:
         all_of_them = np.array([found[vote] for found in right])
         low, high = wilson(round(all_of_them.mean() * len(shown)), len(shown))
@@ -76,19 +104,6 @@ def main() -> None:
             print(text if upright.all() else f"{text}, of the upright ones {only:.2%}")
     if asked.json:
         print(json.dumps(report, indent=1))
-
-
-def cross_validate(
-    shown: Shown, folds: list[Split], method: Remus, seed: int, backend: str = "event"
-) -> dict[str, NDArray[np.bool_]]:
-    """Which recordings are decided rightly, by each vote, when learnt from the other folds."""
-    right = {vote: np.zeros(len(shown), bool) for vote in VOTES}
-    for k, (others, held_out) in enumerate(folds):
-        made = learn(method, shown.take(others), f"fold {k}", seed=seed, backend=backend)
-        part = shown.take(held_out)
-        for vote, scores in method.answer(made.learnt, part, backend).votes.items():
-            right[vote][held_out] = choose(scores) == part.labels
-    return right
 
 
 if __name__ == "__main__":

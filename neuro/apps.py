@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from neuro.core.errors import Where, unknown
     from neuro.core.extension import extensions, run_extensions
     from neuro.core.extras import install
+    from neuro.core.inputs import note
+    from neuro.core.jobs import side_by_side
     from neuro.core.outputs import (
         Kind,
         Unwritable,
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
         write_picture,
         write_text,
     )
+    from neuro.core.processes import cores
     from neuro.core.progress import Bar
     from neuro.core.provenance import provenance
     from neuro.core.quantities import Quantity
@@ -66,6 +69,9 @@ _HOMES = {
     "neuro.core.hdf5": (),
     "neuro.core.extension": ("extensions", "run_extensions"),
     "neuro.core.extras": ("install",),
+    "neuro.core.inputs": ("note",),
+    "neuro.core.jobs": ("side_by_side",),
+    "neuro.core.processes": ("cores",),
     "neuro.core.outputs": (
         "Kind",
         "Unwritable",
@@ -124,6 +130,7 @@ __all__ = [
     "check_fields",
     "check_output",
     "console",
+    "cores",
     "extensions",
     "find_backend",
     "hdf5",
@@ -133,6 +140,7 @@ __all__ = [
     "kernel",
     "make_folder",
     "mistake",
+    "note",
     "number",
     "output",
     "plain",
@@ -141,6 +149,7 @@ __all__ = [
     "read",
     "run_extensions",
     "sealed",
+    "side_by_side",
     "sourced",
     "table",
     "unknown",

@@ -9,7 +9,6 @@ import pytest
 import neuro
 from neuro.core import progress
 from neuro.run.progress import advance
-from neuro_remus.bars import shown
 
 NET = """\
 neuro: 1
@@ -99,10 +98,3 @@ def test_a_bar_on_a_terminal(sim, monkeypatch, capsys):
 def test_progress_is_true_or_false(sim):
     with pytest.raises(neuro.ModelError, match=re.escape("run: progress = 3: expected true or false")):
         sim().run(1.0, progress=3)
-
-
-def test_items_gone_through(monkeypatch, capsys):
-    assert list(shown("abc", "letters", 3, wanted=False)) == ["a", "b", "c"]
-    monkeypatch.setattr(progress, "EVERY_S", 0.0)
-    assert list(shown("abc", "letters", 3)) == ["a", "b", "c"]
-    assert capsys.readouterr().err.splitlines()[-1] == "letters: 3 of 3"

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import check_output, make_folder, sealed, write_text
+from neuro.apps import check_output, make_folder, provenance, sealed, side_by_side, write_text
 from neuro_drone.controllers import kind_of
-from neuro_drone.cores import side_by_side
 from neuro_drone.evaluate import Lap, grid, try_out
 from neuro_drone.model import Model
 from neuro_drone.paths import Course
@@ -157,7 +156,7 @@ class Job:
         kept = _read(result)
         if kept.get("of") != known:
             check_output(result, RESULT)
-            kept = {"format": FORMAT, "of": known, **self._tried(model, say)}
+            kept = {"format": FORMAT, "of": known, "provenance": provenance(seed=self.seed), **self._tried(model, say)}
             write_text(result, json.dumps(kept, indent=1), RESULT)
         say(1.0, f"{kept['error_px']:.2f} px, {kept['laps']} of {kept['starts']} laps")
         return kept

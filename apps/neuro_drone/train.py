@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 import neuro
+from neuro import apps
 from neuro.apps import Checkpoint, check_output, hdf5
-from neuro_drone import cores
 from neuro_drone.controllers import Learner, kind_of, make, settings_of
 from neuro_drone.curve import Curve
 from neuro_drone.env import DroneEnv
@@ -192,7 +192,7 @@ class Job:
 
 
 def side_by_side(jobs: Sequence[Job], processes: int | None = None, report: Report | None = None) -> list[Model]:
-    """Train several, each in a process of its own; each gives what it gives alone.
+    """Train several, each in a process of its own; each gives what it gives alone. See `neuro.apps.side_by_side`.
 
     Args:
         jobs: what to train.
@@ -205,4 +205,4 @@ def side_by_side(jobs: Sequence[Job], processes: int | None = None, report: Repo
     Raises:
         ModelError: of the first job that raises one.
     """
-    return cores.side_by_side(Job.run, jobs, processes, report)
+    return apps.side_by_side(Job.run, jobs, processes, report)

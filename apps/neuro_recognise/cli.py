@@ -225,6 +225,9 @@ def compare(
     seeds: Annotated[int, typer.Option("--seeds", metavar="N", parser=seeds, help="Folds and trainings anew.")] = 1,
     target: Target = TARGETS,
     backend: Backend = "event",
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", metavar="N", parser=seeds, help="Folds at a time; one for each core.")
+    ] = None,
 ) -> None:
     """Train and test all methods on the same folds: accuracy, time, joules on each chip, as a table and a page.
 
@@ -235,7 +238,7 @@ def compare(
     from neuro_recognise.telling.bars import Bar
     from neuro_recognise.telling.compare_report import show, write
 
-    plan = Plan(contestants(method), folds, tuple(range(seeds)), tuple(target), out, backend)
+    plan = Plan(contestants(method), folds, tuple(range(seeds)), tuple(target), out, backend, jobs)
     try:
         with Bar() as bar:
             found = side_by_side(_but(_recordings(data, part), without), plan, bar.show)

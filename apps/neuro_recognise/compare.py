@@ -10,14 +10,15 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from neuro import ModelError
-from neuro.apps import Unwritable, check_output, find_backend, make_folder, sealed, write_text
+from neuro.apps import Unwritable, check_output, find_backend, make_folder, provenance, sealed, side_by_side, write_text
 from neuro.events import EventFileError, Recordings
 from neuro_recognise.code import code_of
 from neuro_recognise.evaluate import Evaluation, evaluate
@@ -61,6 +62,7 @@ class Plan:
         targets: chips and processors for which networks are priced.
         folder: where results are kept.
         backend: runs networks; other methods need none.
+        jobs: folds that are done at the same time; as many as there are cores if None.
     """
 
     contestants: tuple[Contestant, ...]
@@ -69,6 +71,7 @@ class Plan:
     targets: tuple[str, ...]
     folder: Path
     backend: str = "event"
+    jobs: int | None = None
 
     def runs(self, method: Method) -> str:
         """What a method is run on; "event", which is not asked, for one without a network."""
@@ -128,6 +131,8 @@ def contestants(names: Sequence[str] = ()) -> tuple[Contestant, ...]:
 def compare(data: Recordings, plan: Plan, report: Callable[[Progress], None]) -> list[Compared]:
     """Train and test all; what is in the folder already is not done again.
 
+    Folds are done side by side in processes of their own, see `neuro.apps.side_by_side`.
+
     Args:
         data: labelled recordings.
         plan: what to compare.
@@ -144,37 +149,50 @@ def compare(data: Recordings, plan: Plan, report: Callable[[Progress], None]) ->
     field, folds = field_of(data), {seed: data.folds(plan.folds, seed=seed) for seed in plan.seeds}
     make_folder(plan.folder)
     fingerprint = data.fingerprint()
-    return [_compared(data, fingerprint, field, folds, one, plan, report) for one in plan.contestants]
+    looked = [_looked(data, fingerprint, field, one, plan, report) for one in plan.contestants]
+    jobs = [
+        [_fold_of(one, shown, fingerprint[:32], (seed, k), parts, plan) for seed in plan.seeds
+         for k, parts in enumerate(folds[seed])] if isinstance(shown, Shown) else []
+        for one, shown in looked
+    ]  # fmt: skip
+    told = iter(_told(list(chain(*jobs)), plan.jobs, report))
+    return [
+        _compared(data, one, shown, list(islice(told, len(mine))), plan)
+        for (one, shown), mine in zip(looked, jobs, strict=True)
+    ]
 
 
-def _compared(
+def _looked(
     data: Recordings,
     fingerprint: str,
     field: tuple[int, int],
-    folds: Mapping[int, Sequence[tuple[Ints, Ints]]],
     contestant: Contestant,
     plan: Plan,
     report: Callable[[Progress], None],
-) -> Compared:
-    """One method; one that cannot be run, as its extra is missing or the recordings do not suit it, says so."""
-    name = contestant.name
+) -> tuple[Contestant, Shown | str]:
+    """A method that fits the recordings, and what they show to it; or why it cannot be run."""
 
     def look(done: int, n: int) -> None:
-        report(Progress(f"{name}: looking", done, n))
+        report(Progress(f"{contestant.name}: looking", done, n))
 
     try:
         method = contestant.method.fitting(field)
         shown = observe(method, data, fingerprint=fingerprint, report=look)
-        told = [
-            _fold(Contestant(name, method), shown, fingerprint[:32], (seed, k), parts, plan, report)
-            for seed in plan.seeds
-            for k, parts in enumerate(folds[seed])
-        ]
+        return Contestant(contestant.name, method), shown
     except (EventFileError, Unwritable):
         raise
     except ModelError as error:
-        return Compared(contestant, refused=_reason(error))
-    return _summary(contestant, told, shown, plan, _observing_ms(method, data))
+        return contestant, _reason(error)
+
+
+def _compared(
+    data: Recordings, contestant: Contestant, shown: Shown | str, told: Sequence[Mapping[str, Any]], plan: Plan
+) -> Compared:
+    """One method; one that cannot be run, as its extra is missing or the recordings do not suit it, says so."""
+    refused = shown if isinstance(shown, str) else next((one["refused"] for one in told if "refused" in one), "")
+    if refused or isinstance(shown, str):
+        return Compared(contestant, refused=refused)
+    return _summary(contestant, told, shown, plan, _observing_ms(contestant.method, data))
 
 
 def _reason(error: ModelError) -> str:
@@ -182,42 +200,101 @@ def _reason(error: ModelError) -> str:
     return ": ".join(line for line in str(error).splitlines() if not line.startswith("  hint: "))
 
 
-def _fold(
-    contestant: Contestant,
-    shown: Shown,
-    digest: str,
-    which: tuple[int, int],
-    parts: tuple[Ints, Ints],
-    plan: Plan,
-    report: Callable[[Progress], None],
-) -> dict[str, Any]:
-    """Train and test one fold, unless its result is there; gives it as plain data."""
-    (seed, fold), (others, mine) = which, parts
-    method, backend = contestant.method, plan.runs(contestant.method)
-    targets = plan.targets if which == (plan.seeds[0], 0) else ()
-    file = plan.folder / f"{contestant.name.replace(':', '-').replace('/', '_')}-{seed}-{fold}.json"
+@dataclass(frozen=True, slots=True, eq=False)
+class Fold:
+    """A training and its test.
+
+    Attributes:
+        name: for people.
+        method: with its settings.
+        shown: what all recordings show to it.
+        others, mine: recordings to learn from, and to test.
+        of: what its result is of, as plain data.
+        backend: runs networks.
+        targets: for which it is priced.
+        file: of its result.
+    """
+
+    name: str
+    method: Method
+    shown: Shown
+    others: Ints
+    mine: Ints
+    of: Mapping[str, Any]
+    backend: str
+    targets: tuple[str, ...]
+    file: Path
+
+    def kept(self) -> dict[str, Any]:
+        """Its result, if it is there; else nothing."""
+        kept = _read(self.file)
+        there = kept.get("of") == json.loads(json.dumps(self.of)) and _priced(kept, self.targets)
+        return kept if there else {}
+
+    def run(self, report: Callable[[_Said], None]) -> dict[str, Any]:
+        """Train and test; gives the result as plain data, or why it cannot be run."""
+        check_output(self.file, RESULT)
+        try:
+            kept = self._learnt_and_tested(report)
+        except (EventFileError, Unwritable):
+            raise
+        except ModelError as error:
+            kept = {"refused": _reason(error)}
+        else:
+            write_text(self.file, json.dumps(kept, indent=1), RESULT)
+        report((self.name, None))
+        return kept
+
+    def _learnt_and_tested(self, report: Callable[[_Said], None]) -> dict[str, Any]:
+        began = time.process_time()
+        made = learn(
+            self.method, self.shown.take(self.others), self.of["data"], seed=self.of["seed"], backend=self.backend,
+            report=lambda progress: report((self.name, progress)),
+        )  # fmt: skip
+        trained = time.process_time()
+        answer = made.answer_shown(self.shown.take(self.mine), self.backend)
+        ended = time.process_time()
+        decided = {vote: choose(scores).tolist() for vote, scores in answer.votes.items()}
+        record = provenance(backend=self.backend, seed=self.of["seed"])
+        kept = {"format": FORMAT, "of": dict(self.of), "provenance": record, "tested": self.mine.tolist()}
+        kept |= {"decided": choose(answer.scores).tolist(), "votes": decided}
+        kept |= {"train_s": trained - began, "answer_ms": 1000.0 * (ended - trained) / len(self.mine)}
+        return kept | {"bills": _bills(answer, len(self.mine), self.targets)}
+
+
+_Said = tuple[str, Progress | None]
+"""A fold, and how far it is; None when it is done."""
+
+
+def _fold_of(
+    contestant: Contestant, shown: Shown, digest: str, which: tuple[int, int], parts: tuple[Ints, Ints], plan: Plan
+) -> Fold:
+    (seed, fold), method = which, contestant.method
+    backend, targets = plan.runs(method), plan.targets if which == (plan.seeds[0], 0) else ()
     of: dict[str, Any] = {"method": method.called(), "settings": method.as_words(), "code": code_of(method)}
     of |= {"data": digest, "backend": backend, "seed": seed, "fold": fold, "folds": plan.folds}
-    kept = _read(file)
-    if kept.get("of") == json.loads(json.dumps(of)) and _priced(kept, targets):
-        return kept
-    check_output(file, RESULT)
     name = f"{contestant.name}, seed {seed}, fold {fold + 1} of {plan.folds}"
+    file = plan.folder / f"{contestant.name.replace(':', '-').replace('/', '_')}-{seed}-{fold}.json"
+    return Fold(name, method, shown, *parts, of, backend, targets, file)
 
-    def tell(progress: Progress) -> None:
-        report(Progress(f"{name}: {progress.what}", progress.done, progress.total, progress.right))
 
-    began = time.process_time()
-    made = learn(method, shown.take(others), digest, seed=seed, backend=backend, report=tell)
-    trained = time.process_time()
-    answer = made.answer_shown(shown.take(mine), backend)
-    ended = time.process_time()
-    kept = {"format": FORMAT, "of": of, "tested": mine.tolist(), "decided": choose(answer.scores).tolist()}
-    kept |= {"votes": {vote: choose(scores).tolist() for vote, scores in answer.votes.items()}}
-    kept |= {"train_s": trained - began, "answer_ms": 1000.0 * (ended - trained) / len(mine)}
-    kept |= {"bills": _bills(answer, len(mine), targets)}
-    write_text(file, json.dumps(kept, indent=1), RESULT)
-    return kept
+def _told(folds: Sequence[Fold], processes: int | None, report: Callable[[Progress], None]) -> list[dict[str, Any]]:
+    """The results of all folds; those that are not there are done now, side by side."""
+    kept = {number: found for number, fold in enumerate(folds) if (found := fold.kept())}
+    left = [number for number in range(len(folds)) if number not in kept]
+    done = 0
+
+    def tell(said: _Said) -> None:
+        nonlocal done
+        name, progress = said
+        done += progress is None
+        alone = Progress("", done, len(left)) if progress is None else progress
+        among = (done, len(left)) if len(left) > 1 else None
+        report(replace(alone, what=f"{name}: {alone.what}" if alone.what else name, among=among))
+
+    for number, found in zip(left, side_by_side(Fold.run, [folds[k] for k in left], processes, tell), strict=True):
+        kept[number] = found
+    return [kept[number] for number in range(len(folds))]
 
 
 def _bills(answer: Answer, recordings: int, targets: Iterable[str]) -> dict[str, Any] | None:

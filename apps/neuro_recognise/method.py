@@ -53,12 +53,14 @@ class Progress:
         what: is being done, e.g. "epoch 2 of 8".
         done, total: of that.
         right: share of what was done that was decided rightly, where that is known.
+        among: how many of how many such things are done, where there are several.
     """
 
     what: str
     done: int
     total: int
     right: float | None = None
+    among: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import os
-import signal
-from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from neuro import ModelError
-from neuro.apps import Kind, Unwritable, write_text
+from neuro.apps import Bar, Kind, Unwritable, cores, side_by_side, write_text
 from neuro.events import DVSParameters, EventFileError, Events, dvs_events, save
-from neuro_remus.bars import shown
 from neuro_remus.digits import mnist_5k
 
 Floats = npt.NDArray[np.float64]
@@ -160,7 +158,7 @@ def make_dataset(
     jobs = [(file, images[k], saccades, seed * len(images) + k) for file, k in plan if not file.exists()]
     for file in {job[0].parent for job in jobs}:
         file.mkdir(parents=True, exist_ok=True)
-    _run(jobs, workers or os.cpu_count() or 1, progress)
+    _run(jobs, workers or cores(), progress)
     return folder
 
 
@@ -168,24 +166,21 @@ Job = tuple[Path, npt.NDArray[np.uint8], Saccades, int]
 
 
 def _run(jobs: list[Job], workers: int, progress: bool) -> None:
-    def show(done: Iterator[None]) -> None:
-        for _ in shown(done, "recordings", len(jobs), progress):
-            pass
+    done = count(1)
+    with Bar() if progress else nullcontext() as bar:
 
-    if min(workers, len(jobs)) <= 1:
-        return show(map(_record, jobs))
-    spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, spawn, signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool:
-        try:
-            show(pool.map(_record, jobs, chunksize=8))
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+        def show(told: None) -> None:
+            if bar is not None:
+                now = next(done)
+                bar.show(now, len(jobs), f"recordings: {now:,} of {len(jobs):,}")
+
+        side_by_side(_record, jobs, workers, show)
 
 
-def _record(job: Job) -> None:
+def _record(job: Job, report: Callable[[None], None]) -> None:
     file, image, saccades, seed = job
     save(saccades.record(image, seed=seed), file)
+    report(None)
 
 
 def _plan(

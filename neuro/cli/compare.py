@@ -68,7 +68,8 @@ def write(found: Comparison, page_part: Path | None, json_part: Path | None) -> 
     if page_part:
         page_part.write_text(PAGE.seal(page(found)), "utf-8")
     if json_part:
-        json_part.write_text(JSON.seal(plain(found) + "\n"), "utf-8")
+        told = {**found.as_dict(), "provenance": dict(found.record)}
+        json_part.write_text(JSON.seal(json.dumps(told, indent=2) + "\n"), "utf-8")
 
 
 def plain(found: Comparison) -> str:

@@ -47,7 +47,9 @@ def page(comparison: Comparison) -> str:
         *_remarks(comparison),
         tag("footer", f"Written by neuro {VERSION} (neuro compare)."),
     )
-    return html.page("neuro compare", f"{comparison.network}: a comparison of backends", parts, raster.script())
+    return html.page(
+        "neuro compare", f"{comparison.network}: a comparison of backends", parts, raster.script(), comparison.record
+    )
 
 
 def _head(comparison: Comparison) -> Html:

@@ -171,6 +171,7 @@ class Comparison:
         histograms: of the weights of each projection as described and on each chip.
         learnt: of the final weights of each projection that learns, on each backend.
         notes: what else to know.
+        record: where it comes from, see `neuro.core.provenance`.
     """
 
     network: str
@@ -181,6 +182,7 @@ class Comparison:
     histograms: tuple[Histogram, ...]
     learnt: tuple[Histogram, ...]
     notes: tuple[str, ...]
+    record: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def first(self) -> Run:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import copy
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from os import PathLike
+from typing import Any
 
 from neuro.chips.description import Chip
 from neuro.chips.known import chip
@@ -27,6 +28,7 @@ from neuro.model.network import Network
 from neuro.model.neurons import CurrentGenerator, Generator
 from neuro.program.backend import OverflowWarning, find_backend
 from neuro.program.program import Program
+from neuro.run.collect import record_of
 from neuro.run.compiled import ApproximationWarning, compile
 from neuro.run.simulation import Simulation
 
@@ -75,10 +77,11 @@ def compare(
             else:
                 run = _against(_gather(sim, name, first is None), first, sim.time)
         runs.append(replace(run, warnings=tuple(told)))
-    return _comparison(net, ms, seed, runs)
+    record = record_of(net, backend=", ".join(names), threads=threads, seed=seed)
+    return _comparison(net, ms, seed, runs, record)
 
 
-def _comparison(net: Network, ms: float, seed: int, runs: list[Run]) -> Comparison:
+def _comparison(net: Network, ms: float, seed: int, runs: list[Run], record: Mapping[str, Any]) -> Comparison:
     """All runs together, if there are two or more."""
     _enough(runs)
     program = next(run.program for run in runs if run.program is not None)
@@ -92,6 +95,7 @@ def _comparison(net: Network, ms: float, seed: int, runs: list[Run]) -> Comparis
         histograms=histograms(program, fixed),
         learnt=learnt(program, {run.backend: run.final for run in runs if not run.refused}),
         notes=tuple(_notes(runs, float(ms))),
+        record=record,
     )
 
 

@@ -34,26 +34,26 @@ def page(
         script: what the page runs; its policy lets the browser run nothing else.
         record: where it comes from; what this process has read so far if not given, see `neuro.core.provenance`.
     """
-    told = json.dumps(provenance() if record is None else record, ensure_ascii=False)
-    about = f'\n<meta name="{ATTRIBUTE}" content="{escape(told)}">'
     template = Template((_FOLDER / "page.html").read_text("utf-8"))
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return template.substitute(
-        head=head(generator, title, f"'sha256-{digest}'" if script else "'none'") + about,
+        head=head(generator, title, f"'sha256-{digest}'" if script else "'none'", record),
         style=(_FOLDER / "page.css").read_text("utf-8").strip(),
         body=join(parts),
         script=tag("script", Html(script)) if script else "",
     )
 
 
-def head(generator: str, title: str, scripts: str = "'unsafe-inline'") -> Html:
+def head(generator: str, title: str, scripts: str = "'unsafe-inline'", record: Mapping[str, Any] | None = None) -> Html:
     """What the head of every page begins with.
 
     Args:
         generator: the command that makes it, by which the file is known.
         title: of the window.
         scripts: which scripts the browser may run, in the words of its Content-Security-Policy.
+        record: where the page comes from; what this process has read so far if not given, see `neuro.core.provenance`.
     """
+    told = json.dumps(provenance() if record is None else record, ensure_ascii=False)
     policy = f"default-src 'none'; style-src 'unsafe-inline'; script-src {scripts}; img-src data:"
     return Html(
         f"""<meta charset="utf-8">
@@ -62,7 +62,8 @@ def head(generator: str, title: str, scripts: str = "'unsafe-inline'") -> Html:
 <meta http-equiv="Content-Security-Policy" content="{policy}">
 <meta name="color-scheme" content="light dark">
 <link rel="icon" href="data:,">
-{tag("title", title)}"""
+{tag("title", title)}
+<meta name="{ATTRIBUTE}" content="{escape(told)}">"""
     )
 
 

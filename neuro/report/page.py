@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,8 +14,10 @@ from neuro.core import html
 from neuro.core.clock import Clock
 from neuro.core.english import some
 from neuro.core.errors import ModelError
+from neuro.core.extension import extensions
 from neuro.core.html import Html, table, tag
 from neuro.core.outputs import sealed
+from neuro.core.provenance import provenance
 from neuro.core.version import VERSION
 from neuro.files.parts import Train, Weights
 from neuro.files.results import Results
@@ -65,7 +68,8 @@ def page(results: Results, file: Path, target: str = "loihi") -> str:
         *_next(results, file),
         tag("footer", f"Written by neuro {VERSION} (neuro report)."),
     )
-    return html.page("neuro report", f"{results.about['network']}: a run", parts, raster.script())
+    record = provenance((os.path.abspath(file), *extensions()))
+    return html.page("neuro report", f"{results.about['network']}: a run", parts, raster.script(), record)
 
 
 def _bill(results: Results, target: str) -> tuple[Energy | None, str]:

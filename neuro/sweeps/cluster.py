@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from threading import local
 from typing import Any
@@ -55,7 +56,7 @@ def on_cluster(where: str, folder: Folder, items: Sequence[Item], tell: Tell) ->
 
 def _client(where: str) -> Any:
     try:
-        from distributed import Client
+        dask = import_module("distributed")
     except ImportError:
         told = f"on = '{where}': the package distributed is not installed"
         raise ModelError(told, hint=install("dask")) from None
@@ -64,7 +65,7 @@ def _client(where: str) -> Any:
         raise ModelError(f"on = '{where}': there is no such file: expected {known}")
     words = {"address": where} if "://" in where else {"scheduler_file": where}
     try:
-        return Client(**words, timeout=CONNECT_S, set_as_default=False)
+        return dask.Client(**words, timeout=CONNECT_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         told = str(error) or type(error).__name__
         raise ModelError(f"on = '{where}': no scheduler answers: {told.splitlines()[0]}") from None
@@ -104,13 +105,11 @@ def _checked(client: Any, where: str, folder: Folder) -> int:
 
 
 def _gather(client: Any, where: str, folder: Folder, chunks: Sequence[list[Item]], tell: Tell) -> None:
-    from distributed import as_completed
-
-    path = str(folder.path.absolute())
+    dask, path = import_module("distributed"), str(folder.path.absolute())
     plain = [[(item.key, item.point, item.seed) for item in chunk] for chunk in chunks]
     try:
         futures = [client.submit(do, path, chunk, pure=False, retries=2) for chunk in plain]
-        for done in as_completed(futures, loop=client.loop):
+        for done in dask.as_completed(futures, loop=client.loop):
             if done.status == "cancelled":
                 raise ModelError(_GONE.format(where), hint=_HINT)
             for key, failed in done.result():

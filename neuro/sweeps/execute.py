@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from neuro.core.errors import ModelError
+from neuro.core.processes import cores
 from neuro.core.progress import Bar
 from neuro.core.provenance import provenance
 from neuro.core.values import shown
-from neuro.sweeps.cores import Cores, cores
+from neuro.sweeps.cores import Cores
 from neuro.sweeps.definition import Item, Sweep
 from neuro.sweeps.folder import Folder
 from neuro.sweeps.network import NetworkRun

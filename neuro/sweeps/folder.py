@@ -36,6 +36,7 @@ SWEEP = sealed("a sweep", f'"format": "{FORMAT}"', ', "digest": "{}"')
 DONE, FAILED = "done", "failed"
 _RUN = "neuro run of a sweep 1"
 _ASIDE = re.compile(r"\.[0-9a-f]+\.([0-9a-f]+)\.(\d+)-(\d+)\.\d+")
+_PART = re.compile(r"\.sweep\.json\..*\.part")
 _number = count()
 
 
@@ -95,9 +96,10 @@ class Folder:
         Raises:
             ModelError: it is the folder of another sweep, or of something else, or cannot be written.
         """
+        foreign = self._foreign()
         if (self.path / "sweep.json").exists():
             _check_same(self.path, self.read(), told, same, what)
-        elif self.path.is_dir() and any(self.path.iterdir()):
+        elif foreign:
             raise ModelError(f"{self.path}: is there and is no sweep: expected a new name, or an empty folder")
         with self.telling(self.path):
             for each in (self.path, self.runs, self.claims):
@@ -109,6 +111,13 @@ class Folder:
             text = json.dumps({"format": FORMAT, **told}, indent=1, ensure_ascii=False)
             write_text(self.path / "sweep.json", text + "\n", SWEEP)
             _check_same(self.path, self.read(), told, same, what)
+
+    def _foreign(self) -> bool:
+        """Whether it holds more than what others who begin the same sweep at this moment have made so far."""
+        if not self.path.is_dir():
+            return False
+        names = [each.name for each in self.path.iterdir() if not _PART.fullmatch(each.name)]
+        return not {*names} <= {"runs", "claims"} or (self.runs.is_dir() and any(self.runs.iterdir()))
 
     def read(self) -> dict[str, Any]:
         """What `sweep.json` has.

@@ -1,30 +1,23 @@
-"""A process that does runs of a sweep, one after the other: it is told which on its input, and tells how each ended.
-
-It is started by `neuro.sweeps.cores` and ends when its input does. All that counts is on disk before it is told.
-"""
+"""One run of a sweep after the other: claimed, done within its limits, and kept before it is told how it ended."""
 
 from __future__ import annotations
 
 import contextlib
 import io
-import json
 import os
-import queue
 import resource
-import signal
-import sys
 import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 from neuro.core.errors import ModelError
 from neuro.core.extension import run_extensions
 from neuro.core.inputs import digest_of
 from neuro.core.outputs import Unwritable
+from neuro.core.processes import Work
 from neuro.core.provenance import provenance
 from neuro.sweeps.claims import Claims
 from neuro.sweeps.definition import Item, Limits, Run, run_of
@@ -165,40 +158,21 @@ def worker_of(folder: Folder, told: Mapping[str, Any]) -> Worker:
     return Worker(folder, run, limits, tuple(told["inputs"]))
 
 
-def main() -> None:
-    """Do what is asked for on standard input until it ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    lines, out = os.fdopen(os.dup(0)), os.fdopen(os.dup(1), "w", buffering=1)
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, 0)  # what a run starts neither hears nor tells in its place
-    os.dup2(2, 1)
-    asked: queue.SimpleQueue[str] = queue.SimpleQueue()
-    folder = Folder(Path(sys.argv[1]))
-    sys.argv[:] = json.loads(sys.argv[2])
+def begin(folder: Path) -> Work:
+    """What does runs in a process of its own.
 
-    def hear() -> None:
-        for line in lines:
-            asked.put(line)
-        os._exit(0)  # who asked has ended
+    Args:
+        folder: of the sweep.
 
-    Thread(target=hear, daemon=True).start()
+    Raises:
+        ModelError: a file is gone, or was edited.
+    """
+    os.dup2(2, 1)  # what a run prints by itself is none of what the sweep tells
+    warnings.simplefilter("default")
+    kept = Folder(folder)
+    worker = worker_of(kept, kept.read())
 
-    def tell(**words: Any) -> None:
-        out.write(json.dumps(words) + "\n")
+    def work(item: Item, attempt: int, tell: Callable[[Any], None]) -> dict[str, Any]:
+        return worker.do(item, attempt)
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("default")
-        try:
-            worker = worker_of(folder, folder.read())
-        except ModelError as error:
-            tell(**{"is": "refused", "error": str(error)})
-            return
-        tell(**{"is": "ready"})
-        while True:
-            words = json.loads(asked.get())
-            told = worker.do(Item(words["key"], words["point"], words["seed"]), words["attempt"])
-            tell(**told)
-
-
-if __name__ == "__main__":
-    main()
+    return work

@@ -168,6 +168,40 @@ def test_after_a_kill_the_same_call_goes_on(folder, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["o.h5", "set", "slow.py"]
 
 
+KILLED = """
+import os, signal, sys
+from neuro.events.dataset import Dataset, _pack, _store
+from neuro.events.dataset._pack import pack
+_store.BATCH = 1
+def dying(job, numbers):
+    if numbers[0] == 3 and (sys.argv[3] == "always" or not os.path.exists(sys.argv[3])):
+        open(sys.argv[3], "w").close()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return pack(job, numbers)
+def begin(job):
+    return lambda numbers, attempt, tell: dying(job, numbers)
+if __name__ == "__main__":
+    _pack.begin = begin
+    try:
+        print(Dataset(sys.argv[1]).to_hdf5(sys.argv[2], jobs=2).samples)
+    except ValueError as error:
+        print(error)
+"""
+
+
+@pytest.mark.parametrize("when", ["once", "always"])
+def test_a_process_that_is_killed_loses_nothing(folder, tmp_path, when):
+    script, out = tmp_path / "killed.py", tmp_path / "o.h5"
+    script.write_text(KILLED)
+    run = [sys.executable, script, folder, out, tmp_path / "killed" if when == "once" else when]
+    told = subprocess.run(run, capture_output=True, text=True, cwd=tmp_path, timeout=100)
+    assert told.stderr == ""
+    lost = "a process that packs samples was ended by SIGKILL, 2 times: it was killed or ran out of memory"
+    wanted = "30" if when == "once" else f"{out}.parts: {lost}; the same call goes on"
+    assert told.stdout == wanted + "\n"
+    assert Dataset(folder).to_hdf5(out, jobs=1).samples == 30
+
+
 def test_a_file_that_was_gone_on_with_has_the_same_bytes(folder, tmp_path, monkeypatch):
     data = Dataset(folder)
     (folder / "Train/1/4.bin").write_bytes(b"ab")
@@ -184,9 +218,8 @@ def test_a_file_that_was_gone_on_with_has_the_same_bytes(folder, tmp_path, monke
 
 def stopped(job, numbers):
     """Pack only these, then be interrupted."""
-    _pack.begin(job, alone=False)
     if numbers:
-        yield _pack.pack(numbers)
+        yield _pack.pack(job, numbers)
     raise KeyboardInterrupt
 
 

@@ -110,9 +110,19 @@ def test_negative_numbers(tmp_path):
         make_dataset(tmp_path / "set", 0, -1)
 
 
+def test_how_far_it_is_is_told_on_stderr(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("neuro.core.progress.EVERY_S", 0.0)
+    make_dataset(tmp_path / "set", 2, 1, workers=2)
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.splitlines()[-1] == "recordings: 3 of 3"
+    make_dataset(tmp_path / "other", 2, 0, workers=1, progress=False)
+    assert capsys.readouterr().err == ""
+
+
 def test_no_image_twice(digits, tmp_path, monkeypatch):
     seeds = []
-    monkeypatch.setattr("neuro_remus.saccades._record", lambda job: seeds.append(job[3]))
+    monkeypatch.setattr("neuro_remus.saccades._record", lambda job, report: seeds.append(job[3]))
     make_dataset(tmp_path / "set", 4500, 500, workers=1, progress=False)
     assert sorted(seeds) == list(range(5000))
     with pytest.raises(EventFileError) as error:

@@ -149,6 +149,17 @@ def test_several_work_in_one_folder_and_nothing_is_done_twice(runs, tmp_path):
     assert table_of(out).column("value") == [2 * a for a in range(40)]
 
 
+def test_a_folder_that_others_have_just_begun_is_gone_on_with(runs, tmp_path):
+    out = tmp_path / "out"
+    (out / "runs").mkdir(parents=True)
+    (out / "claims").mkdir()
+    (out / ".sweep.json.host.1.0.part").touch()
+    assert sweep(runs.add, {"a": [1]}, out, on="here").column("sum") == [1]
+    (tmp_path / "other" / "runs" / "mine").mkdir(parents=True)
+    with pytest.raises(neuro.ModelError, match="other: is there and is no sweep: expected a new name"):
+        sweep(runs.add, {"a": [1]}, tmp_path / "other", on="here")
+
+
 def test_a_claim_is_of_one_and_of_nobody_when_its_process_has_ended(tmp_path):
     mine, other = Claims(tmp_path), Claims(tmp_path)
     assert mine.take("a")
@@ -258,6 +269,30 @@ def test_dask_that_is_not_installed_is_told(runs, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(neuro.ModelError, match=r"on = 'tcp://h:1': the package distributed is not installed\n  hint: "):
         sweep(runs.add, {"a": [1]}, tmp_path / "out", on="tcp://h:1")
+
+
+def test_parquet_has_the_rows_of_the_table(runs, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra parquet is not installed")
+    table = sweep(runs.uneven, {"a": [0, 4, 5]}, tmp_path / "out", on="here")
+    for _ in range(2):
+        table.save(tmp_path / "table.parquet")
+    found = parquet.read_table(tmp_path / "table.parquet")
+    assert found.to_pylist() == table.rows()
+    assert found.schema.metadata[b"neuro sweep"] == table.name.encode()
+    (tmp_path / "mine.parquet").write_bytes(b"PAR1 of somebody else PAR1")
+    with pytest.raises(neuro.ModelError, match="exists and is not a table of a sweep"):
+        table.save(tmp_path / "mine.parquet")
+
+
+def kinds(a):
+    return {"found": "none" if a else 1.5}
+
+
+def test_a_column_of_several_kinds_is_none_of_parquet(tmp_path):
+    pytest.importorskip("pyarrow", reason="the extra parquet is not installed")
+    table = sweep(kinds, {"a": [0, 1]}, tmp_path / "out", on="here")
+    with pytest.raises(neuro.ModelError, match=r"a column has values of several kinds: (?s:.)*a CSV file takes them"):
+        table.save(tmp_path / "table.parquet")
 
 
 def test_parquet_without_its_package_is_told(runs, tmp_path, monkeypatch):

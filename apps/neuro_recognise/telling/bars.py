@@ -26,6 +26,10 @@ class Bar:
         text = progress.what
         if progress.right is not None:
             text += f": {progress.right:.1%} right"
-        self._line.show(progress.done, progress.total, text)
+        if progress.among is None:
+            self._line.show(progress.done, progress.total, text)
+        else:
+            done, total = progress.among
+            self._line.show(done, total, f"{done} of {total} done; {text}")
         if progress.done == progress.total and progress.right is not None:
             self._line.keep(text)

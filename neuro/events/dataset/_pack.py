@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import threading
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from multiprocessing import connection, parent_process
 from pathlib import Path
 from typing import Any
 
-from neuro.core.extension import run_extensions
+from neuro.core.processes import Work
 from neuro.events.errors import EventFileError, EventFileWarning
 
 CHOICES = ("skip", "mend", "stop")
@@ -29,46 +25,24 @@ class Job:
         sensor_size: for `load`.
         damaged: one of `CHOICES`.
         folder: where the small files go.
-        extensions: files of the user's that register parts.
     """
 
     samples: tuple[Any, ...]
     sensor_size: tuple[int, int] | None
     damaged: str
     folder: str
-    extensions: tuple[str, ...] = ()
 
 
-_job: Job
+def begin(job: Job) -> Work:
+    """What packs batches in a process of its own."""
+    return lambda numbers, attempt, tell: pack(job, numbers)
 
 
-def begin(job: Job, alone: bool = True) -> None:
-    """Set a process up.
-
-    Args:
-        job: what it will work for.
-        alone: whether the process is there for nothing else: then Ctrl-C is left to the one that started it, and it
-            ends with that one, also where that is killed.
-    """
-    global _job
-    _job = job
-    if alone:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        threading.Thread(target=_end_with_parent, daemon=True).start()
-        run_extensions(job.extensions)
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        connection.wait([parent.sentinel])
-        os._exit(1)
-
-
-def pack(numbers: Sequence[int]) -> int:
+def pack(job: Job, numbers: Sequence[int]) -> int:
     """Pack some samples into a small file that is whole or not there.
 
     Args:
+        job: what it is done for.
         numbers: of the samples.
 
     Returns:
@@ -81,11 +55,11 @@ def pack(numbers: Sequence[int]) -> int:
     from neuro.core.outputs import Kind, output
     from neuro.events.formats.hdf5 import write_sample
 
-    path = Path(_job.folder) / f"{numbers[0]:08d}.h5"
+    path = Path(job.folder) / f"{numbers[0]:08d}.h5"
     damaged = {}
     with output(path, Kind("a batch"), replace=True) as part, new_file(part, libver=("v108", "v108")) as file:
         for number in numbers:
-            events, fault = _loaded(_job.samples[number])
+            events, fault = _loaded(job, job.samples[number])
             if fault:
                 damaged[str(number)] = fault
             if events is not None:
@@ -94,19 +68,19 @@ def pack(numbers: Sequence[int]) -> int:
     return len(numbers)
 
 
-def _loaded(sample: Any) -> tuple[Any, str]:
+def _loaded(job: Job, sample: Any) -> tuple[Any, str]:
     """The events of a sample and what is wrong with it, None where nothing is to be kept."""
-    if _job.damaged != "mend":
+    if job.damaged != "mend":
         try:
-            return sample.load(sensor_size=_job.sensor_size), ""
+            return sample.load(sensor_size=job.sensor_size), ""
         except EventFileError as error:
-            if _job.damaged == "stop":
+            if job.damaged == "stop":
                 raise
             return None, _told(error)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", EventFileWarning)
         try:
-            events = sample.load(sensor_size=_job.sensor_size, strict=False)
+            events = sample.load(sensor_size=job.sensor_size, strict=False)
         except EventFileError as error:
             return None, _told(error)
     return events, "; ".join(str(one.message).removeprefix(f"{sample.path}: ") for one in told)

@@ -13,19 +13,17 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-import os
 import shutil
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from neuro.core.errors import unknown
-from neuro.core.extension import extensions
 from neuro.core.outputs import Kind, output, write_text
+from neuro.core.processes import Done, Lost, Processes, Raised, cores
 from neuro.events.dataset import _pack
 from neuro.events.dataset._files import is_hdf5
 from neuro.events.dataset._stored import CLASSES, NUMBER
@@ -40,6 +38,8 @@ CHOICE = "choice"
 """Attribute of the file: what was to become of damaged samples."""
 DAMAGED = "damaged"
 """Attribute of the file: number of each damaged sample, and what is wrong with it, as JSON."""
+
+_LOST = "a process that packs samples {}, {} times: it was killed or ran out of memory; the same call goes on"
 
 Report = Callable[[str, int, int], None]
 
@@ -81,11 +81,11 @@ def store(
     done = _done(folder)
     missing = [k for k in range(len(samples)) if k not in done]
     tell("reading", len(done), len(samples))
-    job = _pack.Job(tuple(samples), sensor_size, damaged, str(folder), extensions())
-    size = max(1, min(BATCH, len(missing) // (8 * (jobs or os.cpu_count() or 1))))
+    job = _pack.Job(tuple(samples), sensor_size, damaged, str(folder))
+    size = max(1, min(BATCH, len(missing) // (8 * (jobs or cores()))))
     batches = [missing[k : k + size] for k in range(0, len(missing), size)]
     count = len(done)
-    for finished in _pack_all(job, batches, jobs or os.cpu_count() or 1):
+    for finished in _pack_all(job, batches, jobs or cores()):
         count += finished
         tell("reading", count, len(samples))
     _join(folder, path, samples, classes, {PLAN: plan, CHOICE: damaged}, tell)
@@ -153,16 +153,19 @@ def _done(folder: Path) -> set[int]:
 def _pack_all(job: _pack.Job, batches: Sequence[Sequence[int]], jobs: int) -> Iterator[int]:
     """Pack all batches; gives the number of samples of each when it is done."""
     if jobs == 1 or len(batches) < 2:
-        _pack.begin(job, alone=False)
-        yield from map(_pack.pack, batches)
+        yield from (_pack.pack(job, batch) for batch in batches)
         return
-    context = get_context("spawn")
-    with ProcessPoolExecutor(min(jobs, len(batches)), context, _pack.begin, (job,)) as pool:
-        waiting = {pool.submit(_pack.pack, batch) for batch in batches}
-        try:
-            yield from (future.result() for future in as_completed(waiting))
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+    with Processes(partial(_pack.begin, job), min(jobs, len(batches))) as pool:
+        for batch in batches:
+            pool.put(batch)
+        while pool.busy:
+            for event in pool.hear():
+                if isinstance(event, Done):
+                    yield event.found
+                elif isinstance(event, Raised):
+                    raise event.error
+                elif isinstance(event, Lost):
+                    raise EventFileError(job.folder, _LOST.format(event.how, event.attempts))
 
 
 def _names(samples: Sequence[Any], classes: Sequence[str]) -> list[str]:

@@ -1,0 +1,288 @@
+"""Processes of this machine that do jobs, one each at a time: one that ends is started anew, its job tried once more.
+
+They hear and tell on a pipe of their own, see `neuro.core.hand`, leave Ctrl-C to the process that asked, and end when
+that does, whatever ended it.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from multiprocessing import Pipe, connection, spawn
+from typing import Any, TypeAlias
+
+from neuro.core import inputs
+from neuro.core.errors import ModelError
+from neuro.core.extension import extensions
+
+__all__ = ["Done", "Event", "Lost", "Processes", "Raised", "Said", "Work", "cores"]
+
+TRIES = 2
+
+Work: TypeAlias = Callable[[Any, int, Callable[[Any], None]], Any]
+"""Does a job: it, the number of this attempt, and what to tell of it meanwhile; gives what comes of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A job tells something while it is done."""
+
+    job: Any
+    what: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """A job is done, and this has come of it."""
+
+    job: Any
+    found: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Raised:
+    """A job has raised an error."""
+
+    job: Any
+    error: BaseException
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """A job is given up: its process has ended too often, or it takes longer than it may.
+
+    Attributes:
+        job: the job.
+        how: its last process ended, in words.
+        attempts: how often it was begun.
+        seconds: that the last attempt took.
+        late: whether it was ended since it took too long.
+    """
+
+    job: Any
+    how: str
+    attempts: int
+    seconds: float
+    late: bool
+
+
+Event: TypeAlias = Said | Done | Raised | Lost
+
+
+class Elsewhere(Exception):
+    """Where an error was raised in another process, as text."""
+
+    def __str__(self) -> str:
+        return f"\n{self.args[0]}"
+
+
+loading_script = False
+"""Whether this process is one of them, and now runs the script of the process that asked to find what is in it."""
+
+
+@dataclass
+class _Task:
+    """A job, and how often it was begun."""
+
+    job: Any
+    attempt: int = 0
+
+
+@dataclass(eq=False)
+class _Process:
+    """A process, what it works on, since when and until when."""
+
+    process: subprocess.Popen[bytes]
+    pipe: connection.Connection
+    ready: bool = False
+    task: _Task | None = None
+    began: float = field(default_factory=time.monotonic)
+    deadline: float = float("inf")
+
+
+class Processes:
+    """Processes that do jobs; they are started when there are jobs for them, and stay until this is closed.
+
+    Args:
+        begin: is called in each process and gives what does a job there; can be pickled, as jobs and what comes of
+            them can.
+        count: how many processes at most.
+        seconds: that a job may take; None for as long as it likes.
+
+    Raises:
+        ModelError: a script asks for them where other processes would do so, too.
+    """
+
+    def __init__(self, begin: Callable[[], Work], count: int, seconds: float | None = None) -> None:
+        if loading_script:
+            told = f"{sys.argv[0]}: starts processes wherever it is read, and they read it to find what they run"
+            raise ModelError(told, hint='write the call below: if __name__ == "__main__":')
+        self._begin, self._count, self._seconds = begin, count, seconds
+        self._waiting: deque[_Task] = deque()
+        self._processes: list[_Process] = []
+        self._unborn = 0
+
+    def __enter__(self) -> Processes:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End all processes, and what they work on."""
+        for each in self._processes:
+            each.process.kill()
+        while self._processes:
+            self._bury(self._processes[-1])
+        self._waiting.clear()
+
+    @property
+    def waiting(self) -> int:
+        """How many jobs no process has begun."""
+        return len(self._waiting)
+
+    @property
+    def busy(self) -> bool:
+        """Whether there is a job that is not done."""
+        return bool(self._waiting) or any(each.task for each in self._processes)
+
+    def put(self, job: Any) -> None:
+        """A job to do."""
+        self._waiting.append(_Task(job))
+
+    def hear(self, seconds: float | None = None) -> list[Event]:
+        """Hand jobs out, and wait until something is heard of one.
+
+        Args:
+            seconds: to wait at most; None for as long as it takes, and not at all if there is no job.
+
+        Raises:
+            ModelError: no process can begin.
+            Exception: that `begin` raises.
+        """
+        self._hand_out()
+        events: list[Event] = []
+        pipes = {each.pipe: each for each in self._processes}
+        for pipe in connection.wait(list(pipes), self._patience(seconds)):
+            events += self._heard(pipes[pipe])  # type: ignore[index]  # only pipes are waited for
+        events += self._late()
+        self._hand_out()
+        return events
+
+    def _hand_out(self) -> None:
+        working = sum(bool(each.task) for each in self._processes)
+        while len(self._processes) < min(self._count, len(self._waiting) + working):
+            self._start()
+        for each in self._processes:
+            if self._waiting and each.ready and each.task is None:
+                self._ask(each, self._waiting.popleft())
+
+    def _start(self) -> None:
+        mine, its = Pipe()
+        paths = [os.path.abspath(path) for path in sys.path]
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-m", "neuro.core.hand", str(its.fileno())],
+            stdin=subprocess.DEVNULL,
+            pass_fds=[its.fileno()],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        )
+        its.close()
+        each = _Process(process, mine)
+        self._processes.append(each)
+        script = {word: told for word, told in spawn.get_preparation_data("").items() if word.startswith("init_main")}
+        words: dict[str, Any] = {"argv": sys.argv, "paths": paths, "extensions": extensions(), "script": script}
+        words |= {
+            "python_path": os.environ.get("PYTHONPATH"),
+            "begin": pickle.dumps(self._begin),
+            "read": inputs.noted(),
+        }
+        _send(each, words)
+
+    def _ask(self, each: _Process, task: _Task) -> None:
+        each.task, each.began = task, time.monotonic()
+        each.deadline = each.began + self._seconds if self._seconds else float("inf")
+        task.attempt += 1
+        _send(each, (task.attempt, task.job))
+
+    def _heard(self, each: _Process) -> list[Event]:
+        try:
+            is_, what = pickle.loads(each.pipe.recv_bytes())
+        except (EOFError, ConnectionResetError):
+            return self._ended(each)
+        if is_ in ("refused", "raised"):
+            error, trace = what
+            error.__cause__ = Elsewhere(trace)
+            if is_ == "refused":
+                raise error
+            what = error
+        if is_ == "read":
+            for name in what:
+                inputs.note(name)
+            return []
+        if is_ == "ready":
+            each.ready, self._unborn = True, 0
+            return []
+        assert each.task is not None
+        job = each.task.job
+        if is_ == "said":
+            return [Said(job, what)]
+        each.task, each.deadline = None, float("inf")
+        return [Done(job, what) if is_ == "done" else Raised(job, what)]
+
+    def _ended(self, each: _Process) -> list[Event]:
+        """A process is gone: its job waits again, unless it was tried often enough."""
+        how, task = self._bury(each), each.task
+        if task is None:
+            self._unborn += not each.ready
+            if self._unborn >= TRIES:
+                raise ModelError(f"a process that should do runs {how} before its first: see above")
+        elif task.attempt < TRIES:
+            self._waiting.appendleft(task)
+        else:
+            return [Lost(task.job, how, task.attempt, time.monotonic() - each.began, False)]
+        return []
+
+    def _late(self) -> list[Event]:
+        """End processes whose job takes longer than it may."""
+        now, events = time.monotonic(), list[Event]()
+        for each in [one for one in self._processes if one.deadline < now]:
+            each.process.kill()
+            how, task = self._bury(each), each.task
+            assert task is not None
+            events.append(Lost(task.job, how, task.attempt, now - each.began, True))
+        return events
+
+    def _patience(self, seconds: float | None) -> float | None:
+        """Until when there is nothing to do but listen."""
+        if not self.busy:
+            return seconds or 0.0
+        first = min((each.deadline for each in self._processes), default=float("inf"))
+        most = float("inf") if seconds is None else seconds
+        patience = min(most, max(0.0, first - time.monotonic()) + 0.001)
+        return None if patience == float("inf") else patience
+
+    def _bury(self, each: _Process) -> str:
+        """Forget a process that is ending; how it ended, in words."""
+        self._processes.remove(each)
+        each.pipe.close()
+        code = each.process.wait()
+        return f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with {code}"
+
+
+def _send(each: _Process, what: Any) -> None:
+    message = pickle.dumps(what)
+    with suppress(BrokenPipeError, ConnectionResetError):  # it has ended, which is heard next
+        each.pipe.send_bytes(message)
+
+
+def cores(threads: int = 1) -> int:
+    """How many processes of so many threads the cores are enough for that this one may use."""
+    return max(1, len(os.sched_getaffinity(0)) // threads)
