@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 
@@ -30,6 +30,9 @@ TRIES = 2
 POLL_S = 0.25
 Tell = Callable[[str, bool], None]
 """Is told the key of each run that is there, and whether it failed."""
+
+More = Callable[[int], Sequence[Item]]
+"""Gives up to so many runs that are next; none where there is nothing to do now."""
 
 
 @dataclass
@@ -76,12 +79,13 @@ class Cores:
             self._bury(each)
         self._processes = []
 
-    def run(self, items: Iterable[Item], tell: Tell) -> None:
+    def run(self, items: Iterable[Item], tell: Tell, more: More | None = None) -> None:
         """Do runs, and wait for those that others work on.
 
         Args:
             items: the runs.
             tell: hears of each when it is there.
+            more: is asked for others whenever a process has nothing to do.
 
         Raises:
             Unwritable: a run cannot be kept, as on a full disk.
@@ -89,6 +93,7 @@ class Cores:
         """
         waiting = deque((item, 1) for item in items)
         elsewhere: list[Item] = []
+        self._add(waiting, elsewhere, more)
         while waiting or elsewhere or any(each.item for each in self._processes):
             if not waiting and elsewhere:
                 elsewhere = self._look_again(elsewhere, waiting, tell)
@@ -96,6 +101,12 @@ class Cores:
             for key, _ in self._selector.select(self._patience(bool(elsewhere))):
                 self._hear(key.data, waiting, elsewhere, tell)
             self._end_late(tell)
+            self._add(waiting, elsewhere, more)
+
+    def _add(self, waiting: deque[tuple[Item, int]], elsewhere: list[Item], more: More | None) -> None:
+        if more is not None:
+            free = self._count - sum(bool(each.item) for each in self._processes) - len(waiting) - len(elsewhere)
+            waiting.extend((item, 1) for item in (more(free) if free > 0 else ()))
 
     def _look_again(self, elsewhere: list[Item], waiting: deque[tuple[Item, int]], tell: Tell) -> list[Item]:
         """Those that somebody else still works on; what was given up waits again."""
@@ -147,7 +158,7 @@ class Cores:
         assert each.process.stdin is not None
         each.item, each.attempt, each.began = item, attempt, time.monotonic()
         each.deadline = each.began + self._seconds if self._seconds else float("inf")
-        words = {"key": item.key, "point": item.point, "seed": item.seed, "attempt": attempt}
+        words = {"key": item.key, "point": item.point, "seed": item.seed, "attempt": attempt, "trial": item.trial}
         with suppress(BrokenPipeError):  # it has ended, which is heard next
             each.process.stdin.write(json.dumps(words) + "\n")
 

@@ -16,8 +16,9 @@ from neuro.core.outputs import output, sealed
 from neuro.core.provenance import differences
 from neuro.core.version import VERSION
 from neuro.sweeps.folder import Folder, Outcome
+from neuro.sweeps.rows import text
 from neuro.sweeps.shaped import Shaped, is_log, ordered, places, scaled, shaped, told
-from neuro.sweeps.table import SweepTable, reasons, text
+from neuro.sweeps.table import SweepTable, reasons
 
 PAGE = sealed("a page of 'neuro sweep'", '<meta name="generator" content="neuro sweep">', "<!-- digest {} -->")
 

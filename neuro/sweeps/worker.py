@@ -1,4 +1,6 @@
-"""A process that does runs of a sweep, one after the other: it is told which on its input, and tells how each ended.
+"""A process that does runs of a sweep or a tuning, one after the other.
+
+It is told which on its input, and tells how each ended.
 
 It is started by `neuro.sweeps.cores` and ends when its input does. All that counts is on disk before it is told.
 """
@@ -19,7 +21,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from threading import Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from neuro.core.errors import ModelError
 from neuro.core.extension import run_extensions
@@ -28,7 +30,11 @@ from neuro.core.outputs import Unwritable
 from neuro.core.provenance import provenance
 from neuro.sweeps.claims import Claims
 from neuro.sweeps.definition import Item, Limits, Run, run_of
-from neuro.sweeps.folder import DONE, FAILED, Folder, Outcome
+from neuro.sweeps.folder import DONE, FAILED, PRUNED, Folder, Outcome
+from neuro.sweeps.steps import Pruned, Worse, hearing
+
+if TYPE_CHECKING:
+    from neuro.sweeps.tuning.pruning import Pruner
 
 TAKEN, THERE, KEPT, LOST = "taken", "there", "kept", "unwritable"
 """How a run ended for the process that asked: somebody else works on it, it was there, it is kept, it cannot be."""
@@ -50,6 +56,7 @@ class Worker:
         self._folder, self._run, self._limits, self._inputs = folder, run, limits, inputs
         self._claims = Claims(folder.claims)
         self._claims.beat()
+        self._pruner: Pruner | None = None
 
     def do(self, item: Item, attempt: int = 1) -> dict[str, Any]:
         """One run, unless it is there or somebody else's: how it ended, as plain data."""
@@ -72,9 +79,13 @@ class Worker:
         began = time.perf_counter()
         found, fill, about = dict[str, Any](), None, dict[str, Any]()
         error = trace = ""
-        with _written_to(printed), _memory(self._limits.bytes):
+        pruned = False
+        worse = self._worse(item)
+        with _written_to(printed), hearing(worse) as heard, _memory(self._limits.bytes):
             try:
                 found, fill, about = self._run(item.point, item.seed)
+            except Pruned:
+                pruned = True
             except MemoryError as lack:
                 error = _lack(self._limits.bytes, lack)
             except ModelError as mistake:
@@ -85,16 +96,27 @@ class Worker:
             item.key,
             item.point,
             item.seed,
-            FAILED if error else DONE,
+            FAILED if error else PRUNED if pruned else DONE,
             found,
             error,
             trace,
             round(time.perf_counter() - began, 6),
             attempt,
             provenance(self._inputs, **about),
+            heard.steps,
         )
         self._folder.keep(outcome, _filling(fill, printed.getvalue()))
         return outcome
+
+    def _worse(self, item: Item) -> Worse | None:
+        """What prunes a run of a tuning."""
+        if item.trial is None:
+            return None
+        from neuro.sweeps.tuning.pruning import Pruner
+
+        if self._pruner is None:
+            self._pruner = Pruner(self._folder)
+        return self._pruner.of(item.trial)
 
 
 @contextlib.contextmanager
@@ -196,7 +218,7 @@ def main() -> None:
         tell(**{"is": "ready"})
         while True:
             words = json.loads(asked.get())
-            told = worker.do(Item(words["key"], words["point"], words["seed"]), words["attempt"])
+            told = worker.do(Item(words["key"], words["point"], words["seed"], words["trial"]), words["attempt"])
             tell(**told)
 
 
