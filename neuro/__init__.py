@@ -321,6 +321,8 @@ __all__ = [
     "td_moves",
     "tempotron",
     "tsodyks2",
+    "tune",
+    "tuned",
     "uniform",
     "vogels_sprekeler",
     "winner_take_all",

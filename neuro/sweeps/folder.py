@@ -134,8 +134,8 @@ class Folder:
         if file.exists():
             self._check_same(told, same, what)
         elif self.path.is_dir() and not all(map(self._begun, os.listdir(self.path))):
-            told = f"{self.path}: is there and is no {self.holding.what}"
-            raise ModelError(f"{told}: expected a new name, or an empty folder")
+            lack = f"{self.path}: is there and is no {self.holding.what}"
+            raise ModelError(f"{lack}: expected a new name, or an empty folder")
         with self.telling(self.path):
             for each in (self.path, self.runs, self.claims):
                 make_folder(each)
@@ -157,7 +157,8 @@ class Folder:
         Raises:
             ModelError: there is none, or it is damaged.
         """
-        path, what = self.path / self.holding.file, self.holding.what
+        path = self.path / self.holding.file
+        what = self.holding.what
         try:
             told = json.loads(path.read_text("utf-8"))
         except FileNotFoundError:
