@@ -178,3 +178,14 @@ def study_of(folder: Folder, directions: Sequence[str], **parts: Any) -> Study:
             storage=storage, study_name=NAME, directions=words, load_if_exists=True, **parts
         )
         return made
+
+
+def trials_of(folder: Folder) -> list[Any]:
+    """The trials in the journal of a folder, as Optuna has them; nothing is written.
+
+    Raises:
+        ModelError: as `storage_of`.
+    """
+    storage = storage_of(folder)
+    studies = storage.get_all_studies()
+    return storage.get_all_trials(studies[0]._study_id, deepcopy=False) if studies else []

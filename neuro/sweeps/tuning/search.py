@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,9 +22,11 @@ from neuro.sweeps.definition import (
     inputs_of,
     limits_said,
     name_said,
+    run_of,
     run_said,
     same_of,
 )
+from neuro.sweeps.folder import Folder
 from neuro.sweeps.function import check_found_elsewhere, function_run
 from neuro.sweeps.metrics import METRICS
 from neuro.sweeps.network import NetworkRun
@@ -107,6 +110,24 @@ def python_search(function: Any, plan: Plan, limits: Limits, set: Mapping[str, A
     search = Search(run.name, run, plan, limits)
     check_search(search)
     return search
+
+
+def search_of(folder: Folder) -> Search:
+    """The search of a folder, once all is what it was when it began.
+
+    Raises:
+        ModelError: there is none, or a file of it was edited, or has to be named by `--with` again.
+    """
+    told = folder.read()
+    for file, digest in told["with"].items():
+        if file not in extensions():
+            raise ModelError(f"it was made with {file}", hint=f"say so, if you trust it: --with {shlex.quote(file)}")
+        if digest_of(file) != digest:
+            raise ModelError(f"{file}: was edited since the tuning began: expected the file that it was")
+    run = run_of(told["what"])
+    run.check_inputs()
+    limits = Limits(told["limits"]["seconds"], told["limits"]["bytes"])
+    return Search(told["name"], run, Plan.of(told["plan"]), limits)
 
 
 def check_search(search: Search) -> None:

@@ -20,7 +20,7 @@ from neuro.sweeps.rows import Rows
 from neuro.sweeps.space import Point
 from neuro.sweeps.table import SweepTable
 from neuro.sweeps.tuning.asking import counted
-from neuro.sweeps.tuning.journal import storage_of
+from neuro.sweeps.tuning.journal import trials_of
 from neuro.sweeps.tuning.objectives import Floats, front, mean_metrics, worth
 from neuro.sweeps.tuning.plan import Plan
 from neuro.sweeps.tuning.sampling import read
@@ -81,7 +81,7 @@ class TuneTable(Rows):
             ModelError: the journal is damaged, or Optuna is not installed.
         """
         folder, found = Folder(self.path, TUNING), []
-        trials = _trials(folder)
+        trials = trials_of(folder)
         items = [self.plan.items(self.before, self._point(trial.params)) for trial in trials]
         there = folder.outcomes({item.key: None for each in items for item in each})
         for trial, each in zip(trials, items, strict=True):
@@ -116,7 +116,7 @@ class TuneTable(Rows):
 
     def counts(self) -> dict[str, int]:
         """How many trials are done, failed, pruned, and left of those that there can be."""
-        return counted(_trials(Folder(self.path, TUNING)), self.plan.most)
+        return counted(trials_of(Folder(self.path, TUNING)), self.plan.most)
 
     def rows(self, times: bool = False) -> list[dict[str, Any]]:
         """A mapping for each trial.
@@ -174,7 +174,7 @@ class TuneTable(Rows):
         return sum(not name.startswith(".") and name not in known and not _is_test(folder, name) for name in names)
 
     def __len__(self) -> int:
-        return len(_trials(Folder(self.path, TUNING)))
+        return len(trials_of(Folder(self.path, TUNING)))
 
     def __repr__(self) -> str:
         counts = self.counts()
@@ -194,12 +194,6 @@ def tune_table_of(path: str | PathLike[str]) -> TuneTable:
         return TuneTable(folder, told["name"], Plan.of(told["plan"]), told["before"])
     except (KeyError, TypeError, ValueError, AttributeError):
         raise ModelError(f"{folder / TUNING.file}: damaged: expected what 'neuro tune run' wrote") from None
-
-
-def _trials(folder: Folder) -> list[Any]:
-    storage = storage_of(folder)
-    studies = storage.get_all_studies()
-    return storage.get_all_trials(studies[0]._study_id, deepcopy=False) if studies else []
 
 
 def _values(trials: list[Found], plan: Plan) -> Floats:
