@@ -21,8 +21,8 @@ def held_out(folder: Tuned, on: On = "cores", workers: Workers = None) -> None:
 
     table = tune_table_of(folder)
     if not table.plan.folds:
-        told = f"{folder}: its trials have no folds, so nothing is held out from them"
-        raise ModelError(told, hint="'folds: 3' in the file, and a function that takes fold and folds")
+        lack = f"{folder}: its trials have no folds, so nothing is held out from them"
+        raise ModelError(lack, hint="'folds: 3' in the file, and a function that takes fold and folds")
     best = table.best()
     if not best:
         raise ModelError(f"{folder}: no trial is done yet: nothing to test")
@@ -32,7 +32,6 @@ def held_out(folder: Tuned, on: On = "cores", workers: Workers = None) -> None:
     rows = {row["trial"]: row for row in table.rows()}
     for each in best:
         row = rows[each.number]
-        told = (
-            f"{aim} {text(row[aim])} in folds, {text(row.get(f'test.{aim}'))} held out" for aim in table.plan.objectives
-        )
-        typer.echo(f"trial {each.number}: {'; '.join(told)}")
+        aims = [(aim, text(row[aim]), text(row.get(f"test.{aim}"))) for aim in table.plan.objectives]
+        told = "; ".join(f"{aim} {inside} in folds, {outside} held out" for aim, inside, outside in aims)
+        typer.echo(f"trial {each.number}: {told}")

@@ -16,6 +16,7 @@ from neuro.sweeps.folder import Folder
 from neuro.sweeps.network import NetworkRun
 from neuro.sweeps.space import Point
 from neuro.sweeps.tuning.asking import Asker
+from neuro.sweeps.tuning.journal import optuna
 from neuro.sweeps.tuning.search import Search
 from neuro.sweeps.worker import LOST, TAKEN, Worker
 
@@ -44,6 +45,7 @@ def execute(
         ModelError: the folder is another's, cannot be written, its journal is damaged, Optuna is not installed, no run
             has a metric of the objectives, or there are no such workers.
     """
+    optuna()  # whether it is there shows before a folder is made
     begin(search, folder)
     asker = Asker(search.plan, search.before, folder, _share(search.plan.most, place.part))
 

@@ -62,12 +62,12 @@ def worth(metrics: Mapping[str, Any], objectives: Mapping[str, str]) -> list[flo
         objectives: by name.
 
     Raises:
-        ModelError: one is not among the metrics (an unknown metric), or no finite number.
+        ModelError: one is not among the metrics, or no finite number.
     """
     found = []
     for name in objectives:
         if name not in metrics:
-            raise unknown("metric of the objectives", name, metrics)
+            raise unknown("objective", name, metrics)
         value = metrics[name]
         if not is_number(value) or not math.isfinite(value):
             raise ModelError(f"objective '{name}' = {shown(value)}: expected a finite number")
@@ -94,7 +94,7 @@ def front(values: Floats, directions: Sequence[str]) -> NDArray[np.bool_]:
     return kept
 
 
-def so_far(values: Sequence[float], direction: str) -> Floats:
+def so_far(values: Sequence[float] | Floats, direction: str) -> Floats:
     """The best value up to each."""
     best = np.maximum if direction == MAXIMISE else np.minimum
     return np.asarray(best.accumulate(np.asarray(values, float)))

@@ -130,7 +130,7 @@ def _points(
         up, across = y.min() + share * (y.max() - y.min()), x.min() + share * (x.max() - x.min())
         parts.append(html.line(LEFT, to_y(up), WIDE - 12, to_y(up), "rule"))
         parts.append(html.text(LEFT - 6, to_y(up) + 4, f"{up:.3g}", "tick", "end"))
-        parts.append(html.text(to_x(across), floor + 16, f"{across:.3g}", "tick", "middle"))
+        parts.append(html.text(to_x(across), floor + 16, _tick(across, x_name), "tick", "middle"))
     if line:
         d = "M" + "L".join(f"{to_x(a):.1f} {to_y(b):.1f}" for a, b in line)
         parts.append(tag("path", d=d, style="fill:none;stroke:var(--item0);stroke-width:1.6;stroke-linejoin:round"))
@@ -141,6 +141,10 @@ def _points(
     parts.append(html.text((LEFT + WIDE) / 2, floor + 34, x_name, "quiet", "middle"))
     picture = html.svg(WIDE, TOP + TALL + BELOW, *parts, label=f"{y_name} over {x_name}")
     return html.figure(picture, caption, y_name)
+
+
+def _tick(value: float, name: str) -> str:
+    return f"{value:.0f}" if name == "trial" else f"{value:.3g}"
 
 
 def _failures(trials: Sequence[Found], outcomes: Mapping[str, Any]) -> Iterator[Html]:

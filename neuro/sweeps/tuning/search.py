@@ -152,7 +152,9 @@ def _plan(said: Mapping[str, Node], given: Mapping[str, Any]) -> Plan:
         return plan_of(**values)
     except ModelError as error:
         first = error.message.partition(" ")[0].partition(".")[0].rstrip(":")
-        node = said.get(first, said["sampler" if error.message.startswith("unknown sampler") else "parameters"])
+        unknown_of = {"unknown sampler": "sampler", "unknown pruner": "prune", "unknown word of prune": "prune"}
+        word = next((word for begin, word in unknown_of.items() if error.message.startswith(begin)), first)
+        node = said.get(word, said["parameters"])
         raise error.at(node.where) from None
 
 
