@@ -226,7 +226,7 @@ def test_steps_are_reported_where_nobody_prunes(runs, tmp_path):
     assert runs.stepping(3.0) == 3.0
     table = neuro.sweep(runs.stepping, {"x": [1.0]}, out=tmp_path / "out", progress=False, on="here")
     assert next(iter(table.outcomes().values())).steps["9"] == 1.0
-    with pytest.raises(neuro.ModelError, match="report_step: value = .nan: expected a finite number"):
+    with pytest.raises(neuro.ModelError, match=r"report_step: value = \.nan: expected a finite number"):
         neuro.report_step(float("nan"), 0)
     with pytest.raises(neuro.ModelError, match="report_step: step = -1: expected a whole number >= 0"):
         neuro.report_step(1.0, -1)

@@ -12,6 +12,7 @@ from typing import Any
 from neuro.core.errors import ModelError
 from neuro.core.extension import extensions
 from neuro.core.inputs import digest_of, note
+from neuro.core.measures import in_ms
 from neuro.model.language.nodes import about, mistake, plain, words
 from neuro.model.language.reader import Node, read
 from neuro.sweeps.definition import (
@@ -179,4 +180,8 @@ def _reporting(run: NetworkRun, plan: Plan, said: Mapping[str, Node]) -> Network
         raise mistake(said["prune"], "prune: a network needs 'at', when it is compared: {by: median, at: [100 ms]}")
     if plan.runs > 1 and times:
         raise mistake(said["prune"], "prune.at: with seeds, trials are compared after each seed: expected no 'at'")
+    end = float(in_ms(run.duration, "for"))
+    if times and times[-1] >= end:
+        told = f"prune.at = {times[-1]:g} ms: expected times before the end of the run, {end:g} ms"
+        raise mistake(said["prune"], told)
     return replace(run, at=times, reports=next(iter(plan.objectives)))
