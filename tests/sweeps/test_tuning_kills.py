@@ -68,14 +68,14 @@ def test_two_processes_ask_one_journal(start, tmp_path, words):
 
 def test_kills_at_random_moments(start, tmp_path):
     """All at once, as a loss of power would, or the process that asks alone."""
-    draw, kills, process, trials = random.Random(0), 0, start(60), 60
+    draw, kills, process, trials = random.Random(0), 0, start(60, pause=0.2), 60
     out, seen = tmp_path / "out", set()
     end = time.monotonic() + 200
     while time.monotonic() < end:
         if kills == 10:
             process.wait(150)
             break
-        time.sleep(draw.uniform(0.5, 2.5))
+        time.sleep(draw.uniform(0.5, 2.0))
         if process.poll() == 0:
             break
         kills += 1
@@ -90,7 +90,7 @@ def test_kills_at_random_moments(start, tmp_path):
             seen = done
         for name in os.listdir(out / "runs") if (out / "runs").is_dir() else ():
             assert name.startswith(".") or Folder(out).outcome(name) is not None, "half-written"
-        process = start(60)
+        process = start(60, pause=0.2)
     assert process.wait(60) == 0
     assert kills >= 3
     check_whole(tmp_path, trials)
