@@ -98,7 +98,10 @@ if TYPE_CHECKING:
     from neuro.run.simulation import Simulation
     from neuro.run.trials import TrialCounts, TrialResults
     from neuro.sweeps.calling import sweep
+    from neuro.sweeps.steps import Pruned, report_step
     from neuro.sweeps.table import SweepTable
+    from neuro.sweeps.tuning.calling import tune, tuned
+    from neuro.sweeps.tuning.table import TuneTable
 
 _HOMES = {
     "neuro.chips": (),
@@ -200,7 +203,10 @@ _HOMES = {
     "neuro.run.ports": ("Port",),
     "neuro.run.trials": ("TrialCounts", "TrialResults"),
     "neuro.sweeps.calling": ("sweep",),
+    "neuro.sweeps.steps": ("Pruned", "report_step"),
     "neuro.sweeps.table": ("SweepTable",),
+    "neuro.sweeps.tuning.calling": ("tune", "tuned"),
+    "neuro.sweeps.tuning.table": ("TuneTable",),
     "neuro.run.compiled": ("ApproximationWarning", "ModelWarning", "compile"),
     "neuro.run.simulation": ("Simulation",),
 }
@@ -213,11 +219,13 @@ __all__ = [
     "Network",
     "OverflowWarning",
     "Port",
+    "Pruned",
     "Simulation",
     "SweepTable",
     "TrialCounts",
     "TrialResults",
     "Trials",
+    "TuneTable",
     "View",
     "__version__",
     "ac_generator",
@@ -285,6 +293,7 @@ __all__ = [
     "read_labels",
     "rectangular",
     "register",
+    "report_step",
     "results",
     "reward",
     "reward_error",
@@ -312,6 +321,8 @@ __all__ = [
     "td_moves",
     "tempotron",
     "tsodyks2",
+    "tune",
+    "tuned",
     "uniform",
     "vogels_sprekeler",
     "winner_take_all",

@@ -519,6 +519,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "neuro/cli/new.py",
         "neuro/cli/report.py",
         "neuro/sweeps/page.py",
+        "neuro/sweeps/tuning/page.py",
         "neuro/sweeps/folder.py",
         "neuro/sweeps/worker.py",
         "neuro/cli/events/frames.py",

@@ -73,7 +73,8 @@ class TorchEngine:
             return values
         source = self.stepper.sources.get(population)
         if source is not None and name in source.names:
-            return source.states[source.names.index(name)]
+            drawn: Floats = source.states[source.names.index(name)]
+            return drawn
         return self.stepper.parameters(population)[name]
 
     def set(self, population: int, values: Mapping[str, Floats]) -> None:

@@ -24,6 +24,7 @@ from neuro.cli.run import run
 from neuro.cli.schema import schema
 from neuro.cli.show import show
 from neuro.cli.sweep import app as sweep
+from neuro.cli.tune import app as tune
 from neuro.cli.verify import verify
 from neuro.core.version import VERSION
 
@@ -51,6 +52,7 @@ for command in COMMANDS:
     app.command()(command)
 app.add_typer(events)
 app.add_typer(sweep)
+app.add_typer(tune)
 
 
 @app.callback(invoke_without_command=True)

@@ -150,6 +150,11 @@ class Processes:
         return len(self._waiting)
 
     @property
+    def free(self) -> int:
+        """How many more jobs could be begun at once."""
+        return self._count - sum(bool(each.task) for each in self._processes) - len(self._waiting)
+
+    @property
     def busy(self) -> bool:
         """Whether there is a job that is not done."""
         return bool(self._waiting) or any(each.task for each in self._processes)

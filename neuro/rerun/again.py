@@ -153,7 +153,7 @@ def _of_sweep(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
     """A run of a sweep: its metrics, and its results where it has kept these."""
     from neuro.core.extension import run_extensions
     from neuro.sweeps.definition import run_of
-    from neuro.sweeps.folder import Folder
+    from neuro.sweeps.folder import PRUNED, Folder
     from neuro.sweeps.network import NetworkRun
 
     sweep = Folder(folder.absolute().parent.parent)
@@ -162,6 +162,8 @@ def _of_sweep(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
         raise ModelError(f"{folder}: not a run of a sweep, as 'neuro sweep run' keeps it")
     if outcome.failed:
         raise ModelError(f"{folder}: has failed: {outcome.error}: expected a run that is done")
+    if outcome.outcome == PRUNED:
+        raise ModelError(f"{folder}: was pruned: expected a run that is done")
     record, told = outcome.provenance, sweep.read()
     elsewhere = moved(record["inputs"], inputs)
     for file in told["with"]:

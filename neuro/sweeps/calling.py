@@ -14,7 +14,7 @@ from neuro.core.quantities import Quantity
 from neuro.core.values import shown
 from neuro.sweeps.definition import Limits, python_sweep, seconds, size
 from neuro.sweeps.execute import HERE, Place, execute, part_of
-from neuro.sweeps.folder import Folder
+from neuro.sweeps.folder import SWEEP, Folder
 from neuro.sweeps.space import space_of
 from neuro.sweeps.table import SweepTable, table_of
 
@@ -82,7 +82,7 @@ def sweep(
         raise ModelError(f"set = {shown(set)}: expected values by name")
     place = Place(str(on), check(_WORKERS, workers, "workers"), None if part is None else part_of(part))
     made = python_sweep(function, points, limits, set, place.on == HERE)
-    folder = Folder(file_path(out, "out"))
+    folder = Folder(file_path(out, "out"), SWEEP)
     again = check(_FLAG, retry_failed, "retry_failed")
 
     def hear(key: str) -> None:

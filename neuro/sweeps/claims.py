@@ -32,20 +32,20 @@ class Claims:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._mine = json.dumps({"machine": machine(), "process": os.getpid(), "began": began(os.getpid())}).encode()
-        self._held: str = ""
+        self._held: set[str] = set()
         self._stop = Event()
 
     def take(self, key: str) -> bool:
         """Claim a run, unless somebody who is alive has it."""
         path = self._folder / key
         if self._make(path) or (not alive(path) and self._take_over(path)):
-            self._held = key
+            self._held.add(key)
             return True
         return False
 
     def give_up(self, key: str) -> None:
         """The run is kept, or was not begun."""
-        self._held = ""
+        self._held.discard(key)
         (self._folder / key).unlink(missing_ok=True)
 
     def free(self, key: str) -> bool:
@@ -58,7 +58,7 @@ class Claims:
 
     def _beat(self) -> None:
         while not self._stop.wait(BEAT_S):
-            if held := self._held:
+            for held in tuple(self._held):
                 with suppress(OSError):
                     os.utime(self._folder / held)
 

@@ -17,7 +17,7 @@ from typing import Any
 from neuro.core.errors import ModelError
 from neuro.core.extras import install
 from neuro.core.version import VERSION
-from neuro.sweeps.cores import Cores, Tell
+from neuro.sweeps.cores import Cores, More, Tell
 from neuro.sweeps.definition import Item
 from neuro.sweeps.folder import Folder
 
@@ -30,7 +30,7 @@ _HINT = "what was done is kept: the same command goes on"
 _mine = local()
 
 
-def on_cluster(where: str, folder: Folder, items: Sequence[Item], tell: Tell) -> None:
+def on_cluster(where: str, folder: Folder, items: Sequence[Item], tell: Tell, more: More | None = None) -> None:
     """Do runs on the workers of a cluster.
 
     Args:
@@ -38,6 +38,7 @@ def on_cluster(where: str, folder: Folder, items: Sequence[Item], tell: Tell) ->
         folder: of the sweep, which all workers must see.
         items: the runs.
         tell: hears of each when it is there.
+        more: is asked for others whenever a worker has nothing to do.
 
     Raises:
         ModelError: Dask is not installed, there is no such cluster, it has no worker, or its workers have not this
@@ -48,7 +49,9 @@ def on_cluster(where: str, folder: Folder, items: Sequence[Item], tell: Tell) ->
         workers = _checked(client, where, folder)
         size = max(1, min(MOST_AT_ONCE, len(items) // (4 * max(1, workers))))
         chunks = [list(items[k : k + size]) for k in range(0, len(items), size)]
-        _gather(client, where, folder, chunks, tell)
+        if more is not None:
+            chunks += [[item] for item in more(max(1, workers))]
+        _gather(client, where, folder, chunks, tell, more)
     finally:
         with suppress(Exception):
             client.close(timeout=2)
@@ -77,7 +80,7 @@ def _checked(client: Any, where: str, folder: Folder) -> int:
         client.wait_for_workers(1, timeout=CONNECT_S)
     except TimeoutError:
         raise ModelError(f"on = '{where}': the cluster has no worker") from None
-    path = str(folder.path.absolute())
+    path, file = str(folder.path.absolute()), folder.holding.file
 
     def look() -> tuple[str, str, bool]:  # nested, so that it is sent by value: workers may not have this module
         import os
@@ -90,7 +93,7 @@ def _checked(client: Any, where: str, folder: Folder) -> int:
             import neuro.sweeps.cluster  # noqa: F401
         except ImportError:
             return there, "", False
-        return there, "", os.path.isfile(os.path.join(path, "sweep.json"))
+        return there, "", os.path.isfile(os.path.join(path, file))
 
     for address, (version, error, seen) in sorted(client.run(look).items()):
         if error:
@@ -104,16 +107,24 @@ def _checked(client: Any, where: str, folder: Folder) -> int:
     return sum(client.nthreads().values())
 
 
-def _gather(client: Any, where: str, folder: Folder, chunks: Sequence[list[Item]], tell: Tell) -> None:
+def _gather(
+    client: Any, where: str, folder: Folder, chunks: Sequence[list[Item]], tell: Tell, more: More | None
+) -> None:
     dask, path = import_module("distributed"), str(folder.path.absolute())
-    plain = [[(item.key, item.point, item.seed) for item in chunk] for chunk in chunks]
+
+    def submitted(chunk: Sequence[Item]) -> Any:
+        plain = [(item.key, item.point, item.seed, item.trial) for item in chunk]
+        return client.submit(do, path, plain, pure=False, retries=2)
+
     try:
-        futures = [client.submit(do, path, chunk, pure=False, retries=2) for chunk in plain]
-        for done in dask.as_completed(futures, loop=client.loop):
+        under_way = dask.as_completed([submitted(chunk) for chunk in chunks], loop=client.loop)
+        for done in under_way:
             if done.status == "cancelled":
                 raise ModelError(_GONE.format(where), hint=_HINT)
             for key, failed in done.result():
                 tell(key, failed)
+            for item in more(1) if more is not None else ():
+                under_way.add(submitted([item]))
     except ModelError:
         raise
     except Exception as error:
@@ -123,12 +134,12 @@ def _gather(client: Any, where: str, folder: Folder, chunks: Sequence[list[Item]
         raise ModelError(f"the cluster at {where}: {kind}: {error}", hint=_HINT) from None
 
 
-def do(path: str, chunk: Sequence[tuple[str, dict[str, Any], int | None]]) -> list[tuple[str, bool]]:
+def do(path: str, chunk: Sequence[tuple[str, dict[str, Any], int | None, int | None]]) -> list[tuple[str, bool]]:
     """What a worker of the cluster does: some runs, in a process of its own.
 
     Args:
         path: of the folder.
-        chunk: hash, point and seed of each run.
+        chunk: hash, point, seed and trial of each run.
 
     Returns:
         The hash of each and whether it failed.

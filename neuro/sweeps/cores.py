@@ -6,7 +6,7 @@ and who goes on asks the folder.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -24,6 +24,9 @@ POLL_S = 0.25
 _HINT = "what was done is kept: the same command goes on"
 Tell = Callable[[str, bool], None]
 """Is told the key of each run that is there, and whether it failed."""
+
+More = Callable[[int], Sequence[Item]]
+"""Gives up to so many runs that are next; none where there is nothing to do now."""
 
 
 class Cores:
@@ -52,12 +55,13 @@ class Cores:
         """End all processes, and what they work on."""
         self._processes.close()
 
-    def run(self, items: Iterable[Item], tell: Tell) -> None:
+    def run(self, items: Iterable[Item], tell: Tell, more: More | None = None) -> None:
         """Do runs, and wait for those that others work on.
 
         Args:
             items: the runs.
             tell: hears of each when it is there.
+            more: is asked for others whenever a process has nothing to do.
 
         Raises:
             ModelError: no process can begin, or a run cannot be kept, as on a full disk.
@@ -66,11 +70,18 @@ class Cores:
         for item in items:
             pool.put(item)
         elsewhere: list[Item] = []
+        self._add(elsewhere, more)
         while pool.busy or elsewhere:
             if elsewhere and not pool.waiting:
                 elsewhere = self._look_again(elsewhere, tell)
             for event in pool.hear(POLL_S if elsewhere else None):
                 self._heard(event, elsewhere, tell)
+            self._add(elsewhere, more)
+
+    def _add(self, elsewhere: list[Item], more: More | None) -> None:
+        free = self._processes.free - len(elsewhere)
+        for item in more(free) if more is not None and free > 0 else ():
+            self._processes.put(item)
 
     def _look_again(self, elsewhere: list[Item], tell: Tell) -> list[Item]:
         """Those that somebody else still works on; what was given up waits again."""

@@ -23,10 +23,11 @@ from neuro.sweeps.network import NetworkRun, network_run
 from neuro.sweeps.space import Point, Space, space_of
 
 Run = NetworkRun | FunctionRun
-_NETWORK = ("for", "backend", "threads", "metrics", "keep")
+OF_NETWORKS = ("for", "backend", "threads", "metrics", "keep")
 _SPACE = ("parameters", "list", "sampling", "runs", "draw", "seeds")
-_LIMITS = ("time_limit", "memory_limit")
-WORDS = ("name", "network", "study", "set", *_NETWORK, *_SPACE, *_LIMITS)
+OF_LIMITS = ("time_limit", "memory_limit")
+OF_ALL = ("name", "network", "study", "set", *OF_NETWORKS, *OF_LIMITS)
+WORDS = (*OF_ALL, *_SPACE)
 KEEP = ("metrics", "results")
 _BYTES = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(MB|GB|MiB|GiB)\s*")
 _SCALE = {"MB": 1e6, "GB": 1e9, "MiB": 2.0**20, "GiB": 2.0**30}
@@ -52,11 +53,13 @@ class Item:
     Attributes:
         key: hash of its inputs, its name in the folder.
         point, seed: what it is told.
+        trial: of a tuning, of which it may be pruned.
     """
 
     key: str
     point: Point
     seed: int | None
+    trial: int | None = None
 
 
 @dataclass(frozen=True)
@@ -78,18 +81,14 @@ class Sweep:
     @cached_property
     def items(self) -> tuple[Item, ...]:
         """All runs, in the order of the space."""
-        before = json.dumps({"run": self._same(), "version": 1}, sort_keys=True)
+        before = before_of(self.run)
         return tuple(Item(key_of(before, point, seed), point, seed) for point, seed in self.space.points())
-
-    def _same(self) -> dict[str, Any]:
-        files = {Path(file).name: digest_of(file) for file in extensions()}
-        return self.run.same() | ({"with": files} if files else {})
 
     def told(self) -> dict[str, Any]:
         """What `sweep.json` has, beside where it comes from."""
         limits = {"seconds": self.limits.seconds, "bytes": self.limits.bytes}
         runs = [[item.key, item.point, item.seed] for item in self.items]
-        same = self._same()
+        same = same_of(self.run)
         return {
             "name": self.name,
             "same": same,
@@ -104,8 +103,24 @@ class Sweep:
     @property
     def inputs(self) -> tuple[str, ...]:
         """All files that decide what comes of it."""
-        own = self.run.files if isinstance(self.run, NetworkRun) else files_of(self.run)
-        return (*own, *extensions())
+        return inputs_of(self.run)
+
+
+def same_of(run: Run) -> dict[str, Any]:
+    """What decides what comes of all runs."""
+    files = {Path(file).name: digest_of(file) for file in extensions()}
+    return run.same() | ({"with": files} if files else {})
+
+
+def before_of(run: Run) -> str:
+    """What decides what comes of a run, beside its point and seed, as `key_of` takes it."""
+    return json.dumps({"run": same_of(run), "version": 1}, sort_keys=True)
+
+
+def inputs_of(run: Run) -> tuple[str, ...]:
+    """All files that decide what comes of runs."""
+    own = run.files if isinstance(run, NetworkRun) else files_of(run)
+    return (*own, *extensions())
 
 
 def key_of(before: str, point: Mapping[str, Any], seed: int | None) -> str:
@@ -134,9 +149,9 @@ def load_sweep(path: Path) -> Sweep:
     note(path)
     said = words(root, WORDS, "a sweep")
     given = {word: plain(node) for word, node in said.items()}
-    run = _run(root, said, given, path)
+    run = run_said(root, said, given, path)
     space = _space(root, said, given)
-    sweep = Sweep(_name(said, given, path), run, space, _limits(said))
+    sweep = Sweep(name_said(said, given, path), run, space, limits_said(said))
     with about(said.get("parameters") or said.get("list") or root):
         check_sweep(sweep)
     return sweep
@@ -165,14 +180,19 @@ def check_sweep(sweep: Sweep) -> None:
         sweep.run.check(first.point, bool(sweep.space.seeds))
 
 
-def _run(root: Node, said: Mapping[str, Node], given: Mapping[str, Any], path: Path) -> Run:
+def run_said(root: Node, said: Mapping[str, Node], given: Mapping[str, Any], path: Path, what: str = "sweep") -> Run:
+    """What is run, from the words of a file.
+
+    Raises:
+        ModelError: with the place of a mistake.
+    """
     if ("network" in said) == ("study" in said):
-        raise mistake(root, "a sweep needs 'network', a file, or 'study', a function of a point")
+        raise mistake(root, f"a {what} needs 'network', a file, or 'study', a function of a point")
     held = given.get("set", {})
     if not isinstance(held, dict):
         raise mistake(said["set"], f"set = {shown(held)}: expected values by name")
     if "study" in said:
-        for word in _NETWORK:
+        for word in OF_NETWORKS:
             if word in said:
                 raise mistake(said[word], f"{word}: a study says for itself how it runs")
         with about(said["study"]):
@@ -217,14 +237,16 @@ def _space(root: Node, said: Mapping[str, Node], given: Mapping[str, Any]) -> Sp
         raise error.at((where or root).where) from None
 
 
-def _name(said: Mapping[str, Node], given: Mapping[str, Any], path: Path) -> str:
+def name_said(said: Mapping[str, Node], given: Mapping[str, Any], path: Path) -> str:
+    """The name that a file says, or its own."""
     name = given.get("name", path.stem)
     if not isinstance(name, str):
         raise mistake(said["name"], f"name = {shown(name)}: expected a name")
     return name
 
 
-def _limits(said: Mapping[str, Node]) -> Limits:
+def limits_said(said: Mapping[str, Node]) -> Limits:
+    """The limits that a file says."""
     found: dict[str, Any] = {}
     if "time_limit" in said:
         with about(said["time_limit"]):

@@ -1,7 +1,7 @@
-"""The folder of a sweep, in which each run is a folder named by the hash of its inputs.
+"""The folder of a sweep or of a tuning, in which each run is a folder named by the hash of its inputs.
 
 ```
-sweep.json        what is run, its space, its limits and where it comes from
+sweep.json        what is run, its space, its limits and where it comes from; tune.json of a tuning
 runs/HASH/        one run
     run.json      its point, seed, outcome, metrics or error, seconds, and where it comes from
     results.h5    what it recorded, where that is kept
@@ -18,6 +18,7 @@ import hashlib
 import json
 import os
 import re
+import shlex
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -28,16 +29,45 @@ from pathlib import Path
 from typing import Any
 
 from neuro.core.errors import ModelError
-from neuro.core.outputs import Unwritable, make_folder, sealed, write_text
+from neuro.core.outputs import Kind, Unwritable, make_folder, sealed, write_text
 from neuro.sweeps.claims import began, machine
 
-FORMAT = "neuro sweep 1"
-SWEEP = sealed("a sweep", f'"format": "{FORMAT}"', ', "digest": "{}"')
-DONE, FAILED = "done", "failed"
+DONE, FAILED, PRUNED = "done", "failed", "pruned"
 _RUN = "neuro run of a sweep 1"
 _ASIDE = re.compile(r"\.[0-9a-f]+\.([0-9a-f]+)\.(\d+)-(\d+)\.\d+")
-_PART = re.compile(r"\.sweep\.json\..*\.part")
 _number = count()
+
+
+@dataclass(frozen=True, slots=True)
+class Holding:
+    """What a folder of runs is of.
+
+    Attributes:
+        what: "sweep", or "tuning".
+        command: makes and reads it.
+    """
+
+    what: str
+    command: str
+
+    @property
+    def file(self) -> str:
+        """In which it is told."""
+        return f"{self.command}.json"
+
+    @property
+    def format(self) -> str:
+        """By which the file is known."""
+        return f"neuro {self.command} 1"
+
+    @property
+    def kind(self) -> Kind:
+        """Of the file."""
+        return sealed(f"a {self.what}", f'"format": "{self.format}"', ', "digest": "{}"')
+
+
+SWEEP = Holding("sweep", "sweep")
+TUNING = Holding("tuning", "tune")
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,13 +78,14 @@ class Outcome:
         key: hash of its inputs.
         point: the values of the parameters.
         seed: of everything random; None where it is told none.
-        outcome: "done" or "failed".
-        metrics: by name; of a run that failed none.
+        outcome: "done", "failed" or "pruned".
+        metrics: by name; of a run that is not done none.
         error: why it failed.
         trace: where, of an error of a program.
         seconds: that it took.
         attempts: how often it was begun.
         provenance: what it can be run again from.
+        steps: what it reported on the way, by step.
     """
 
     key: str
@@ -67,6 +98,7 @@ class Outcome:
     seconds: float = 0.0
     attempts: int = 1
     provenance: dict[str, Any] = field(default_factory=dict)
+    steps: dict[str, float] = field(default_factory=dict)
 
     @property
     def failed(self) -> bool:
@@ -75,67 +107,98 @@ class Outcome:
 
 
 class Folder:
-    """The folder of a sweep.
+    """The folder of a sweep or of a tuning.
 
     Args:
         path: of the folder.
+        holding: of which it is; what stands in it if not given.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, holding: Holding | None = None) -> None:
         self.path = path
+        self.holding = holding or (TUNING if (path / TUNING.file).exists() else SWEEP)
         self.runs, self.claims = path / "runs", path / "claims"
 
     def begin(self, told: Mapping[str, Any], same: str, what: str) -> None:
         """Make the folder, or go on in that of the same sweep.
 
         Args:
-            told: what `sweep.json` has.
+            told: what its file has.
             same: the word of `told` by which a sweep is the same.
             what: that which says what is run, of which messages tell what differs.
 
         Raises:
             ModelError: it is the folder of another sweep, or of something else, or cannot be written.
         """
-        foreign = self._foreign()
-        if (self.path / "sweep.json").exists():
-            _check_same(self.path, self.read(), told, same, what)
+        foreign = self._foreign()  # first: what another process makes meanwhile is no stranger's
+        file = self.path / self.holding.file
+        if file.exists():
+            self._check_same(told, same, what)
         elif foreign:
-            raise ModelError(f"{self.path}: is there and is no sweep: expected a new name, or an empty folder")
+            lack = f"{self.path}: is there and is no {self.holding.what}"
+            raise ModelError(f"{lack}: expected a new name, or an empty folder")
         with self.telling(self.path):
             for each in (self.path, self.runs, self.claims):
                 make_folder(each)
             self._clear()
             (self.claims / f".try-{os.getpid()}").touch()
             (self.claims / f".try-{os.getpid()}").unlink()
-        if not (self.path / "sweep.json").exists():
-            text = json.dumps({"format": FORMAT, **told}, indent=1, ensure_ascii=False)
-            write_text(self.path / "sweep.json", text + "\n", SWEEP)
-            _check_same(self.path, self.read(), told, same, what)
+        if not file.exists():
+            self.write(told)
+            self._check_same(told, same, what)
+
+    def write(self, told: Mapping[str, Any]) -> None:
+        """Write its file, in place of one that was written here."""
+        text = json.dumps({"format": self.holding.format, **told}, indent=1, ensure_ascii=False)
+        write_text(self.path / self.holding.file, text + "\n", self.holding.kind)
 
     def _foreign(self) -> bool:
-        """Whether it holds more than what others who begin the same sweep at this moment have made so far."""
+        """Whether it holds more than what others who begin the same at this moment have made so far."""
         if not self.path.is_dir():
             return False
-        names = [each.name for each in self.path.iterdir() if not _PART.fullmatch(each.name)]
-        return not {*names} <= {"runs", "claims"} or (self.runs.is_dir() and any(self.runs.iterdir()))
+        names = {each.name for each in self.path.iterdir() if not each.name.startswith(f".{self.holding.file}.")}
+        return not names <= {"runs", "claims"} or (self.runs.is_dir() and any(self.runs.iterdir()))
 
     def read(self) -> dict[str, Any]:
-        """What `sweep.json` has.
+        """What its file has.
 
         Raises:
             ModelError: there is none, or it is damaged.
         """
-        path = self.path / "sweep.json"
+        path = self.path / self.holding.file
+        what = self.holding.what
         try:
             told = json.loads(path.read_text("utf-8"))
         except FileNotFoundError:
-            hint = "neuro sweep run sweep.yaml --out FOLDER makes one"
-            raise ModelError(f"{self.path}: holds no sweep: expected a folder with sweep.json", hint=hint) from None
+            lack = f"{self.path}: holds no {what}: expected a folder with {path.name}"
+            raise ModelError(lack, hint=self._other()) from None
         except (OSError, ValueError) as error:
             raise ModelError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'damaged'}") from None
-        if not isinstance(told, dict) or told.get("format") != FORMAT:
-            raise ModelError(f"{path}: not a sweep, as 'neuro sweep run' writes it")
+        if not isinstance(told, dict) or told.get("format") != self.holding.format:
+            raise ModelError(f"{path}: not a {what}, as 'neuro {self.holding.command} run' writes it")
         return told
+
+    def _other(self) -> str:
+        for other in (SWEEP, TUNING):
+            if other != self.holding and (self.path / other.file).exists():
+                return f"it holds a {other.what}: neuro {other.command} status {shlex.quote(str(self.path))}"
+        command = self.holding.command
+        return f"neuro {command} run {command}.yaml --out FOLDER makes one"
+
+    def _check_same(self, told: Mapping[str, Any], same: str, what: str) -> None:
+        """Refuse the folder of another one."""
+        there, kind = self.read(), self.holding.what
+        if there.get(same) == told[same]:
+            return
+        hint = f"expected the same {kind}, or the name of a new folder"
+        begin = f"{self.path}: the folder of another {kind}"
+        before, now = there.get(what, {}), told[what]
+        for word in now:
+            if before.get(word) != now[word]:
+                its, mine = _differing(before.get(word), now[word]), _differing(now[word], before.get(word))
+                raise ModelError(f"{begin}: {word} is {its} there, {mine} now", hint=hint)
+        runs = f"{len(there.get('runs', ())):,} runs there, {len(told.get('runs', ())):,} now"
+        raise ModelError(f"{begin}: its space is not the same, {runs}", hint=hint)
 
     def outcome(self, key: str) -> Outcome | None:
         """What has come of a run; None if it is not there, or not whole."""
@@ -219,19 +282,6 @@ class Folder:
 def _tag() -> str:
     """This machine since it was switched on, in a few letters."""
     return hashlib.sha256(machine().encode()).hexdigest()[:8]
-
-
-def _check_same(path: Path, there: Mapping[str, Any], told: Mapping[str, Any], same: str, what: str) -> None:
-    if there.get(same) == told[same]:
-        return
-    hint = "expected the same sweep, or the name of a new folder"
-    before, now = there.get(what, {}), told[what]
-    for word in now:
-        if before.get(word) != now[word]:
-            its, mine = _differing(before.get(word), now[word]), _differing(now[word], before.get(word))
-            raise ModelError(f"{path}: the folder of another sweep: {word} is {its} there, {mine} now", hint=hint)
-    runs = f"{len(there.get('runs', ())):,} runs there, {len(told['runs']):,} now"
-    raise ModelError(f"{path}: the folder of another sweep: its space is not the same, {runs}", hint=hint)
 
 
 def _differing(one: Any, other: Any) -> str:

@@ -25,6 +25,7 @@ from neuro.model.network import Network
 from neuro.program.backend import find_backend
 from neuro.sweeps.changes import changed, sorted_out
 from neuro.sweeps.metrics import check_metrics, measured
+from neuro.sweeps.steps import report_step
 
 if TYPE_CHECKING:
     from neuro.run.simulation import Simulation
@@ -47,6 +48,8 @@ class NetworkRun:
         set: parameters that are the same in all runs.
         metrics: what is kept as numbers, by name.
         keep: "metrics", or "results" for a file of results, too.
+        at: when it reports on the way, ms; what comes of it does not depend on that.
+        reports: the metric that it reports then.
     """
 
     file: Path
@@ -57,6 +60,8 @@ class NetworkRun:
     set: Mapping[str, Any] = field(default_factory=dict)
     metrics: tuple[str, ...] = ("spikes",)
     keep: str = "metrics"
+    at: tuple[float, ...] = ()
+    reports: str = ""
 
     def same(self) -> dict[str, Any]:
         """What decides what comes of a run: contents, no places."""
@@ -68,13 +73,15 @@ class NetworkRun:
         """All of it as plain data, from which `of` makes it."""
         files = {"file": str(self.file), "files": dict(self.files)}
         words = {"duration": self.duration, "backend": self.backend, "threads": self.threads, "set": dict(self.set)}
+        words |= {"at": list(self.at), "reports": self.reports} if self.at else {}
         return {"kind": "network", **files, **words, "metrics": list(self.metrics), "keep": self.keep}
 
     @classmethod
     def of(cls, told: Mapping[str, Any]) -> NetworkRun:
         """What `told` has written."""
         words = {name: value for name, value in told.items() if name != "kind"}
-        return cls(**{**words, "file": Path(words["file"]), "metrics": tuple(words["metrics"])})
+        lists = {name: tuple(words.get(name, ())) for name in ("metrics", "at")}
+        return cls(**{**words, **lists, "file": Path(words["file"])})
 
     def check_inputs(self) -> None:
         """See whether the files are what they were when the sweep began.
@@ -124,8 +131,12 @@ class NetworkRun:
         options = {name.partition(".")[2]: run[name] for name in run if name.startswith("backend.")}
         with _table(backend, figures) as target:
             sim = compile(net, backend=target, seed=seed or 0, threads=self.threads, **options)
-            sim.run(ms)
-            found = measured(sim, self.metrics, {backend: target})
+            tables = {backend: target}
+            for k, time in enumerate(self.at, 1):
+                sim.run(time - sim.time)
+                report_step(measured(sim, [self.reports], tables)[self.reports], k)
+            sim.run(ms - sim.time)
+            found = measured(sim, self.metrics, tables)
         about = {"backend": backend, "threads": self.threads, "seed": seed or 0, "network": fingerprint(sim.program)}
         return found, self._fill(sim, net) if self.keep == "results" else None, about
 

@@ -16,14 +16,15 @@ from neuro.core.outputs import output, sealed
 from neuro.core.provenance import differences
 from neuro.core.version import VERSION
 from neuro.sweeps.folder import Folder, Outcome
+from neuro.sweeps.rows import Rows, text
 from neuro.sweeps.shaped import Shaped, is_log, ordered, places, scaled, shaped, told
-from neuro.sweeps.table import SweepTable, reasons, text
+from neuro.sweeps.table import SweepTable, reasons
 
 PAGE = sealed("a page of 'neuro sweep'", '<meta name="generator" content="neuro sweep">', "<!-- digest {} -->")
 
 MOST_ROWS = 500
 MOST_REASONS = 20
-_WIDE, _TALL, _LEFT, _TOP, _BELOW = 400.0, 200.0, 58.0, 20.0, 40.0
+WIDE, TALL, LEFT, TOP, BELOW = 400.0, 200.0, 58.0, 20.0, 40.0
 _AXIS = 105.0
 """Room for an axis of parallel coordinates."""
 _COLOURS = 8
@@ -50,8 +51,8 @@ def page(found: SweepTable) -> str:
         tag("div", *_cards(counts, outcomes), class_="cards"),
         *_pictures(found),
         *_failures(found, outcomes),
-        *_rows(found),
-        *_origin(told, outcomes),
+        *rows_of(found),
+        *origin(told, outcomes),
         *_next(found, counts),
         tag("footer", f"Written by neuro {VERSION} (neuro sweep)."),
     )
@@ -63,25 +64,27 @@ def _head(found: SweepTable, told: Mapping[str, Any]) -> Html:
     of = Path(what["file"]).name if what["kind"] == "network" else what["name"]
     over = ", ".join(found.parameters) or "seeds"
     on = f" on {what['backend']}" if what["kind"] == "network" else ""
-    lead = f"{of}{on} over {over}: {_many(len(found), 'run')}."
+    lead = f"{of}{on} over {over}: {many(len(found), 'run')}."
     return tag("header", tag("h1", found.name), tag("p", lead, class_="lead"))
 
 
 def _cards(counts: Mapping[str, int], outcomes: Mapping[str, Outcome]) -> Iterator[Html]:
     total = counts["done"] + counts["failed"] + counts["left"]
     seconds = [each.seconds for each in outcomes.values()]
-    yield _card("done", f"{counts['done']:,}", f"of {_many(total, 'run')}")
-    yield _card("failed", f"{counts['failed']:,}", "kept with their errors" if counts["failed"] else "none")
-    yield _card("left", f"{counts['left']:,}", f"{counts['under way']:,} of them under way")
+    yield card("done", f"{counts['done']:,}", f"of {many(total, 'run')}")
+    yield card("failed", f"{counts['failed']:,}", "kept with their errors" if counts["failed"] else "none")
+    yield card("left", f"{counts['left']:,}", f"{counts['under way']:,} of them under way")
     if seconds:
-        yield _card("a run took", f"{np.median(seconds):.3g} s", f"in the middle; {sum(seconds):,.3g} s all together")
+        yield card("a run took", f"{np.median(seconds):.3g} s", f"in the middle; {sum(seconds):,.3g} s all together")
 
 
-def _card(what: str, big: str, below: str) -> Html:
+def card(what: str, big: str, below: str) -> Html:
+    """A figure, large, with what it is."""
     return tag("section", tag("h3", what), tag("p", big, class_="big"), tag("p", below), class_="card")
 
 
-def _many(n: int, what: str) -> str:
+def many(n: int, what: str) -> str:
+    """So many of something."""
     return f"{n:,} {what}{'s' * (n != 1)}"
 
 
@@ -97,7 +100,7 @@ def _pictures(found: SweepTable) -> Iterator[Html]:
         yield tag("div", *small, class_="grid")
     for each in drawn:
         if each.kind == "parallel":
-            yield _parallel(each)
+            yield parallel(each)
 
 
 def _lines(data: Shaped) -> Html:
@@ -106,8 +109,8 @@ def _lines(data: Shaped) -> Html:
     x = np.concatenate([line[1] for line in drawn])
     y = np.concatenate([np.concatenate([mean - sd, mean + sd]) for _, _, mean, sd in drawn])
     is_wide = is_log(data.axis(0))
-    along = _scale(np.log10(x) if is_wide else x, _LEFT + 6, _WIDE - 18)
-    to_y = _scale(y, _TOP + _TALL, _TOP)
+    along = scale(np.log10(x) if is_wide else x, LEFT + 6, WIDE - 18)
+    to_y = scale(y, TOP + TALL, TOP)
 
     def to_x(value: float) -> float:
         return float(along(np.log10(value) if is_wide else value))
@@ -126,76 +129,76 @@ def _lines(data: Shaped) -> Html:
     more = f", {len(lines) - len(drawn)} more lines are not drawn" if len(lines) > len(drawn) else ""
     spread = "; the band is one standard deviation" if any(line[3].any() for line in drawn) else ""
     caption = f"over {data.names[0]}: the mean of all runs there{spread}{more}"
-    picture = html.svg(_WIDE, _TOP + _TALL + _BELOW, *parts, label=f"{data.metric} over {data.names[0]}")
+    picture = html.svg(WIDE, TOP + TALL + BELOW, *parts, label=f"{data.metric} over {data.names[0]}")
     return html.figure(html.join([words, picture]), caption, data.metric)
 
 
 def _map(data: Shaped) -> Html:
     grid, x, y = data.grid(), data.axis(0), data.axis(1)
-    wide, tall = (_WIDE - _LEFT - 12) / len(x), min(34.0, _TALL / len(y))
+    wide, tall = (WIDE - LEFT - 12) / len(x), min(34.0, TALL / len(y))
     low, high = float(np.nanmin(grid)), float(np.nanmax(grid))
     parts = []
     for (row, column), value in np.ndenumerate(grid):
         if np.isfinite(value):
             share = (value - low) / (high - low) if high > low else 0.5
             title = f"{data.names[0]} = {told(x[column])}, {data.names[1]} = {told(y[row])}: {value:.6g}"
-            at = (_LEFT + column * wide, _TOP + (len(y) - 1 - row) * tall)
+            at = (LEFT + column * wide, TOP + (len(y) - 1 - row) * tall)
             parts.append(html.box(*at, max(wide - 1, 0.5), max(tall - 1, 0.5), "core", title, 0.08 + 0.92 * share))
-    floor = _TOP + tall * len(y)
+    floor = TOP + tall * len(y)
     for k in range(0, len(x), max(1, -(-len(x) // 8))):
-        parts.append(html.text(_LEFT + (k + 0.5) * wide, floor + 14, told(x[k]), "tick", "middle"))
+        parts.append(html.text(LEFT + (k + 0.5) * wide, floor + 14, told(x[k]), "tick", "middle"))
     for k in range(0, len(y), max(1, -(-len(y) // 12))):
-        parts.append(html.text(_LEFT - 6, _TOP + (len(y) - 0.5 - k) * tall + 4, told(y[k]), "tick", "end"))
-    parts.append(html.text((_LEFT + _WIDE) / 2, floor + 32, data.names[0], "quiet", "middle"))
-    parts.append(html.text(0.0, _TOP - 8, data.names[1], "quiet"))
+        parts.append(html.text(LEFT - 6, TOP + (len(y) - 0.5 - k) * tall + 4, told(y[k]), "tick", "end"))
+    parts.append(html.text((LEFT + WIDE) / 2, floor + 32, data.names[0], "quiet", "middle"))
+    parts.append(html.text(0.0, TOP - 8, data.names[1], "quiet"))
     caption = f"from {low:.6g}, pale, to {high:.6g}: the mean of all runs there"
     label = f"{data.metric} over {data.names[0]} and {data.names[1]}"
-    return html.figure(html.svg(_WIDE, floor + _BELOW, *parts, label=label), caption, data.metric)
+    return html.figure(html.svg(WIDE, floor + BELOW, *parts, label=label), caption, data.metric)
 
 
-def _parallel(data: Shaped) -> Html:
-
+def parallel(data: Shaped) -> Html:
+    """All parameters and a metric, as parallel coordinates."""
     names = (*data.names, data.metric)
     metric = [float(np.mean(each)) for _, each in data.points]
     columns = [[values[k] for values, _ in data.points] for k in range(len(data.names))] + [metric]
-    wide = max(_WIDE, _AXIS * len(names))
-    gap = (wide - 2 * _LEFT) / (len(names) - 1)
+    wide = max(WIDE, _AXIS * len(names))
+    gap = (wide - 2 * LEFT) / (len(names) - 1)
     parts: list[Html] = []
     heights: list[list[float]] = []
     for k, values in enumerate(columns):
         every = ordered(values)
-        to_y = _scale(scaled(every), _TOP + _TALL, _TOP + 12)
+        to_y = scale(scaled(every), TOP + TALL, TOP + 12)
         at = {repr(value): to_y(place) for value, place in zip(every, scaled(every), strict=True)}
         heights.append([at[repr(value)] for value in values])
-        x = _LEFT + k * gap
-        parts.append(html.line(x, _TOP + 12, x, _TOP + _TALL, "axis"))
-        parts.append(html.text(x, _TOP + _TALL + 32, names[k], "quiet", "middle"))
-        parts.append(html.text(x, _TOP + 4, told(every[-1]), "tick", "middle"))
-        parts.append(html.text(x, _TOP + _TALL + 16, told(every[0]), "tick", "middle"))
+        x = LEFT + k * gap
+        parts.append(html.line(x, TOP + 12, x, TOP + TALL, "axis"))
+        parts.append(html.text(x, TOP + TALL + 32, names[k], "quiet", "middle"))
+        parts.append(html.text(x, TOP + 4, told(every[-1]), "tick", "middle"))
+        parts.append(html.text(x, TOP + TALL + 16, told(every[0]), "tick", "middle"))
     low, high = min(metric), max(metric)
     lines = []
     for n in np.argsort(metric).tolist():
         share = (metric[n] - low) / (high - low) if high > low else 0.5
-        d = "M" + "L".join(f"{_LEFT + k * gap:.1f} {heights[k][n]:.1f}" for k in range(len(names)))
+        d = "M" + "L".join(f"{LEFT + k * gap:.1f} {heights[k][n]:.1f}" for k in range(len(names)))
         style = f"fill:none;stroke:var(--accent);stroke-width:1.2;stroke-opacity:{0.08 + 0.8 * share:.2f}"
         title = ", ".join(f"{name} = {told(column[n])}" for name, column in zip(names, columns, strict=True))
         lines.append(tag("path", tag("title", title), d=d, style=style))
     caption = f"a line for each point; the darker, the larger {data.metric}, from {low:.6g} to {high:.6g}"
     label = f"{data.metric} over {', '.join(data.names)}"
-    return html.figure(html.svg(wide, _TOP + _TALL + _BELOW, *lines, *parts, label=label), caption, data.metric)
+    return html.figure(html.svg(wide, TOP + TALL + BELOW, *lines, *parts, label=label), caption, data.metric)
 
 
-_DRAW = {"lines": _lines, "map": _map, "parallel": _parallel}
+_DRAW = {"lines": _lines, "map": _map, "parallel": parallel}
 
 
 def _frame(data: Shaped, to_x: Any, y: Any) -> Iterator[Html]:
-    floor = _TOP + _TALL
-    yield html.line(_LEFT, floor, _WIDE - 12, floor, "axis")
+    floor = TOP + TALL
+    yield html.line(LEFT, floor, WIDE - 12, floor, "axis")
     low, high = float(np.min(y)), float(np.max(y))
     for share in (0.0, 0.5, 1.0):
-        at = floor - share * _TALL
-        yield html.line(_LEFT, at, _WIDE - 12, at, "rule")
-        yield html.text(_LEFT - 6, at + 4, f"{low + share * (high - low):.3g}", "tick", "end")
+        at = floor - share * TALL
+        yield html.line(LEFT, at, WIDE - 12, at, "rule")
+        yield html.text(LEFT - 6, at + 4, f"{low + share * (high - low):.3g}", "tick", "end")
     values = data.axis(0)
 
     at_x = places(values)
@@ -205,10 +208,10 @@ def _frame(data: Shaped, to_x: Any, y: Any) -> Iterator[Html]:
         if x - last >= 52:
             yield html.text(x, floor + 16, told(value), "tick", "middle")
             last = x
-    yield html.text((_LEFT + _WIDE) / 2, floor + 34, data.names[0], "quiet", "middle")
+    yield html.text((LEFT + WIDE) / 2, floor + 34, data.names[0], "quiet", "middle")
 
 
-def _scale(values: Any, begin: float, end: float) -> Any:
+def scale(values: Any, begin: float, end: float) -> Any:
     """From values to places of the drawing."""
     low, high = float(np.min(values)), float(np.max(values))
     factor = (end - begin) / (high - low) if high > low else 0.0
@@ -237,12 +240,13 @@ def _failures(found: SweepTable, outcomes: Mapping[str, Outcome]) -> Iterator[Ht
     yield tag("pre", f"neuro sweep run SWEEP.yaml --out {shlex.quote(str(found.path))} --retry-failed")
 
 
-def _rows(found: SweepTable) -> Iterator[Html]:
+def rows_of(found: Rows) -> Iterator[Html]:
+    """The rows of a table, those first that are there."""
     rows = found.rows(times=True)
     there = [row for row in rows if row["outcome"] != "left"][:MOST_ROWS]
     if not there:
         return
-    yield tag("h2", "Runs")
+    yield tag("h2", found.many.capitalize())
     left_out = {"attempts"} if any(row["error"] for row in there) else {"attempts", "error"}
     names = [name for name in there[0] if name not in left_out]
     head = [name if name in ("run", "outcome", "error") else f">{name}" for name in names]
@@ -250,7 +254,8 @@ def _rows(found: SweepTable) -> Iterator[Html]:
     yield table(head, body, f"the first {MOST_ROWS} of {len(rows):,}" if len(rows) > MOST_ROWS else "")
 
 
-def _origin(told: Mapping[str, Any], outcomes: Mapping[str, Outcome]) -> Iterator[Html]:
+def origin(told: Mapping[str, Any], outcomes: Mapping[str, Outcome]) -> Iterator[Html]:
+    """Where runs come from, and whether all are of the same versions and machine."""
     record = told["provenance"]
     yield tag("h2", "Where it comes from")
     versions = ", ".join(f"{name} {number}" for name, number in record["versions"].items())

@@ -203,7 +203,7 @@ def space_of(
     Raises:
         ModelError: it is empty, too large, or not said like that.
     """
-    all_seeds = _seeds(seeds)
+    all_seeds = seeds_of(seeds)
     if isinstance(parameters, (list, tuple)):
         found = Space(sampling="list", seeds=all_seeds, given=tuple(_given(parameters)))
     else:
@@ -251,7 +251,12 @@ def _check_axes(space: Space) -> None:
             raise ModelError(f"{axis.name}.number = {axis.number}: has no meaning with sampling {space.sampling}")
 
 
-def _seeds(seeds: int | Sequence[int] | None) -> tuple[int, ...]:
+def seeds_of(seeds: int | Sequence[int] | None) -> tuple[int, ...]:
+    """Seeds from a number of them, for 0, 1, ..., or a list; none from None.
+
+    Raises:
+        ModelError: it is neither.
+    """
     if seeds is None:
         return ()
     if isinstance(seeds, int) and not isinstance(seeds, bool):

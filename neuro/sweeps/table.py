@@ -2,45 +2,25 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from neuro.core import tables
-from neuro.core.errors import ModelError, unknown
-from neuro.core.extras import install
-from neuro.core.outputs import Kind, marked, output
+from neuro.core.errors import ModelError
 from neuro.core.paths import file_path
 from neuro.sweeps.claims import claimed
-from neuro.sweeps.folder import Folder, Outcome
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
+from neuro.sweeps.folder import SWEEP, Folder, Outcome
+from neuro.sweeps.rows import Rows
 
 LEFT = "left"
-_SHOWN = 20
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
-_MARK = "run,outcome,"
-CSV = marked("a table of a sweep", _MARK)
-
-
-def _is_parquet(path: Path) -> bool:
-    with path.open("rb") as file:
-        head = file.read(4)
-        file.seek(-min(path.stat().st_size, 1 << 16), 2)
-        return head == b"PAR1" and b"neuro sweep" in file.read()
-
-
-PARQUET = Kind("a table of a sweep", _is_parquet)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SweepTable:
+class SweepTable(Rows):
     """A row for each run of a sweep; it is read from the folder each time, so it fills while others work.
 
     Attributes:
@@ -102,20 +82,6 @@ class SweepTable:
             row["error"] = told.error if told else ""
             yield row
 
-    def column(self, name: str) -> list[Any]:
-        """One column, an entry for each run; None where there is none yet.
-
-        Raises:
-            ModelError: there is no such column.
-        """
-        rows = self.rows()
-        if name not in rows[0]:
-            raise unknown("column", name, rows[0])
-        return [row[name] for row in rows]
-
-    def __iter__(self) -> Iterator[dict[str, Any]]:
-        return iter(self.rows())
-
     def __len__(self) -> int:
         return len(self.keys)
 
@@ -123,71 +89,6 @@ class SweepTable:
         counts = self.counts()
         told = ", ".join(f"{counts[word]:,} {word}" for word in ("done", "failed", "left"))
         return f"SweepTable({self.name!r}, {len(self):,} runs: {told})"
-
-    def __str__(self) -> str:
-        return tables.as_text(repr(self), [self._shown()])
-
-    def _repr_html_(self) -> str:
-        return tables.as_html(repr(self), [self._shown()])
-
-    def _shown(self) -> tables.Table:
-        rows = self.rows()
-        names = [name for name in rows[0] if name not in ("run", "error") or any(row[name] for row in rows)]
-        head = tuple(name if name in ("run", "outcome", "error") else f">{name}" for name in names)
-        more = f"the first {_SHOWN} of {len(rows):,} runs" if len(rows) > _SHOWN else ""
-        body = tuple(tuple(text(row[name], name) for name in names) for row in rows[:_SHOWN])
-        return tables.Table(more, head, body)
-
-    def to_pandas(self, times: bool = False) -> DataFrame:
-        """The rows as a data frame; needs the extra `pandas`.
-
-        Raises:
-            ModelError: the package pandas is not installed.
-        """
-        try:
-            import pandas
-        except ImportError:
-            raise ModelError("to_pandas: the package pandas is not installed", hint=install("pandas")) from None
-        return pandas.DataFrame(self.rows(times))
-
-    def save(self, path: str | PathLike[str], times: bool = False) -> None:
-        """Write the rows to a file: CSV, or parquet where its name ends so, which needs the extra `parquet`.
-
-        Raises:
-            ModelError: it ends otherwise, cannot be written, or the package pyarrow is not installed.
-        """
-        file = file_path(path, "path")
-        if file.suffix == ".parquet":
-            self._save_parquet(file, times)
-        elif file.suffix == ".csv" or not file.suffix or (file.exists() and not file.is_file()):
-            with output(file, CSV) as part, part.open("w", encoding="utf-8", newline="") as out:
-                out.write(self.csv(times))
-        else:
-            raise ModelError(f"{file}: expected a name that ends in .csv or .parquet")
-
-    def csv(self, times: bool = False) -> str:
-        """The rows as CSV: numbers with all their digits, nothing where there is none."""
-        rows = self.rows(times)
-        out = io.StringIO()
-        writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-        return out.getvalue()
-
-    def _save_parquet(self, file: Path, times: bool) -> None:
-        try:
-            import pyarrow
-            from pyarrow import parquet
-        except ImportError:
-            told = f"{file}: the package pyarrow is not installed"
-            raise ModelError(told, hint=install("parquet")) from None
-        try:
-            frame = pyarrow.Table.from_pylist(self.rows(times), metadata={"neuro sweep": self.name})
-        except (pyarrow.ArrowInvalid, pyarrow.ArrowTypeError) as error:
-            told = f"{file}: a column has values of several kinds: {error}"
-            raise ModelError(told, hint="a CSV file takes them") from None
-        with output(file, PARQUET) as part:
-            parquet.write_table(frame, part)
 
 
 def table_of(path: str | PathLike[str]) -> SweepTable:
@@ -197,7 +98,7 @@ def table_of(path: str | PathLike[str]) -> SweepTable:
         ModelError: there is none.
     """
     folder = file_path(path, "path")
-    told = Folder(folder).read()
+    told = Folder(folder, SWEEP).read()
     try:
         keys = tuple(key for key, _, _ in told["runs"])
         points = tuple((point, seed) for _, point, seed in told["runs"])
@@ -214,12 +115,3 @@ def reasons(outcomes: Mapping[str, Outcome]) -> list[list[Outcome]]:
         if each.failed:
             found.setdefault(_NUMBER.sub("#", each.error), []).append(each)
     return sorted(found.values(), key=len, reverse=True)
-
-
-def text(value: Any, name: str = "") -> str:
-    """A value as tables for people show it."""
-    if value is None:
-        return "-"
-    if name == "run":
-        return str(value)[:10]
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

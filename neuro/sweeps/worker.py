@@ -1,4 +1,4 @@
-"""One run of a sweep after the other: claimed, done within its limits, and kept before it is told how it ended."""
+"""One run of a sweep or a tuning after the other: claimed, within its limits, kept before it is told how it ended."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from neuro.core.errors import ModelError
 from neuro.core.extension import run_extensions
@@ -21,7 +21,11 @@ from neuro.core.processes import Work
 from neuro.core.provenance import provenance
 from neuro.sweeps.claims import Claims
 from neuro.sweeps.definition import Item, Limits, Run, run_of
-from neuro.sweeps.folder import DONE, FAILED, Folder, Outcome
+from neuro.sweeps.folder import DONE, FAILED, PRUNED, Folder, Outcome
+from neuro.sweeps.steps import Pruned, Worse, hearing
+
+if TYPE_CHECKING:
+    from neuro.sweeps.tuning.pruning import Pruner
 
 TAKEN, THERE, KEPT, LOST = "taken", "there", "kept", "unwritable"
 """How a run ended for the process that asked: somebody else works on it, it was there, it is kept, it cannot be."""
@@ -43,6 +47,7 @@ class Worker:
         self._folder, self._run, self._limits, self._inputs = folder, run, limits, inputs
         self._claims = Claims(folder.claims)
         self._claims.beat()
+        self._pruner: Pruner | None = None
 
     def do(self, item: Item, attempt: int = 1) -> dict[str, Any]:
         """One run, unless it is there or somebody else's: how it ended, as plain data."""
@@ -65,9 +70,13 @@ class Worker:
         began = time.perf_counter()
         found, fill, about = dict[str, Any](), None, dict[str, Any]()
         error = trace = ""
-        with _written_to(printed), _memory(self._limits.bytes):
+        pruned = False
+        worse = self._worse(item)
+        with _written_to(printed), hearing(worse) as heard, _memory(self._limits.bytes):
             try:
                 found, fill, about = self._run(item.point, item.seed)
+            except Pruned:
+                pruned = True
             except MemoryError as lack:
                 error = _lack(self._limits.bytes, lack)
             except ModelError as mistake:
@@ -78,16 +87,27 @@ class Worker:
             item.key,
             item.point,
             item.seed,
-            FAILED if error else DONE,
+            FAILED if error else PRUNED if pruned else DONE,
             found,
             error,
             trace,
             round(time.perf_counter() - began, 6),
             attempt,
             provenance(self._inputs, **about),
+            heard.steps,
         )
         self._folder.keep(outcome, _filling(fill, printed.getvalue()))
         return outcome
+
+    def _worse(self, item: Item) -> Worse | None:
+        """What prunes a run of a tuning."""
+        if item.trial is None:
+            return None
+        from neuro.sweeps.tuning.pruning import Pruner
+
+        if self._pruner is None:
+            self._pruner = Pruner(self._folder)
+        return self._pruner.of(item.trial)
 
 
 @contextlib.contextmanager

@@ -177,3 +177,20 @@ def test_a_worker_without_this_package_is_told_before_the_first_run(runs, tmp_pa
     finally:
         cluster.close()
     assert table_of(tmp_path / "out").counts()["left"] == 1
+
+
+def test_a_search_on_a_cluster(cluster, tmp_path, monkeypatch):
+    """Runs are pruned on workers, too, which see the journal."""
+    pytest.importorskip("optuna", reason="the extra tune is not installed")
+    monkeypatch.syspath_prepend(FOLDER)
+    import my_searches
+
+    cluster.add()
+    table = neuro.tune(
+        my_searches.stepping, {"x": {"from": 0.0, "to": 1.0}}, objectives={"value": "maximise"}, trials=15,
+        out=tmp_path / "out", on=cluster.file, sampler="random", prune={"startup_trials": 2}, progress=False,
+    )  # fmt: skip
+    counts = table.counts()
+    assert counts["done"] + counts["pruned"] == 15
+    assert counts["pruned"] > 0
+    assert table.best()[0].point["x"] == max(table.column("x"))

@@ -44,10 +44,10 @@ def run(
     from neuro.core.progress import Bar
     from neuro.sweeps.definition import load_sweep
     from neuro.sweeps.execute import Place, execute, part_of
-    from neuro.sweeps.folder import Folder
+    from neuro.sweeps.folder import SWEEP, Folder
 
     place = Place(on, workers, None if part is None else part_of(part))
-    made, folder = load_sweep(file), Folder(out)
+    made, folder = load_sweep(file), Folder(out, SWEEP)
     with Bar() as bar:
         try:
             count = execute(made, folder, place, retry=retry_failed, bar=bar)

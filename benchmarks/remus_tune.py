@@ -1,0 +1,70 @@
+"""ReMuS tuned: threshold and grids, right decisions against joules on Loihi, inside folds.
+
+    neuro tune run benchmarks/remus_tune.yaml --out FOLDER --with benchmarks/remus_tune.py --workers 1
+    neuro tune test FOLDER --with benchmarks/remus_tune.py --workers 1
+    neuro tune plot FOLDER
+
+A quarter of the recordings is held out first; the folds divide the others. A trial learns from all folds but one and is
+tested on that one; the held-out quarter is decided by `neuro tune test` alone, learnt from all the others.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import neuro
+from neuro.events import recordings
+from neuro_recognise.method import choose
+from neuro_recognise.methods.remus import Remus
+from neuro_recognise.observations import observe
+from neuro_recognise.priced import price
+from neuro_recognise.recogniser import learn
+from neuro_recognise.shown import Ints, Shown
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "nmnist" / "nmnist_train1000_bin.zip"
+HELD_OUT = 4
+"""One recording of so many is held out."""
+
+
+@neuro.register(kind="study")
+def remus(
+    theta: float, per_class: int, field: int, fold: int | None, folds: int, epochs: int = 8, seed: int = 0
+) -> dict[str, float]:
+    """Share of right decisions, and microjoules of one on Loihi, of ReMuS with some threshold, grids and field.
+
+    Args:
+        theta: threshold of the grids, mV.
+        per_class: grids of each class.
+        field: side of their receptive field, cells.
+        fold: that is tested; None for the held-out recordings.
+        folds: in how many the others are divided.
+        epochs: how often all recordings to learn from are shown.
+        seed: of the learning.
+    """
+    values = {"theta": theta, "per_class": per_class, "field": field, "epochs": epochs}
+    method = Remus().changed(values).fitting((34, 34))
+    train, test = divided(fold, folds)
+    shown = evidence()
+    made = learn(method, shown.take(train), f"fold {fold}", seed=seed)
+    part = shown.take(test)
+    answer = method.answer(made.learnt, part)
+    assert answer.run is not None
+    bill = price(answer.run(), len(part), ["loihi"]).bills["loihi"]
+    right = float((choose(answer.scores) == part.labels).mean())
+    return {"accuracy": right, "loihi_uJ": 1e6 * bill.total_j, "recordings": len(part)}
+
+
+def divided(fold: int | None, folds: int) -> tuple[Ints, Ints]:
+    """Which recordings are learnt from, and which are decided."""
+    inside, held_out = recordings(DATA).folds(HELD_OUT, seed=0)[0]
+    if fold is None:
+        return inside, held_out
+    train, test = recordings(DATA).take(inside).folds(folds, seed=1)[fold]
+    return inside[train], inside[test]
+
+
+@cache
+def evidence() -> Shown:
+    """What the recordings show, which does not depend on what is tuned."""
+    return observe(Remus().fitting((34, 34)), recordings(DATA))

@@ -1,0 +1,163 @@
+"""A search done, wherever its runs are: in this process, on the cores of this machine, on a Dask cluster."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+
+from neuro.core.errors import ModelError
+from neuro.core.processes import cores
+from neuro.core.progress import Bar
+from neuro.core.provenance import provenance
+from neuro.sweeps.cores import POLL_S, Cores, More, Tell
+from neuro.sweeps.definition import Item
+from neuro.sweeps.execute import HERE, Place
+from neuro.sweeps.folder import Folder
+from neuro.sweeps.network import NetworkRun
+from neuro.sweeps.space import Point
+from neuro.sweeps.tuning.asking import Asker
+from neuro.sweeps.tuning.journal import optuna
+from neuro.sweeps.tuning.search import Search
+from neuro.sweeps.worker import LOST, TAKEN, Worker
+
+
+def execute(
+    search: Search,
+    folder: Folder,
+    place: Place,
+    *,
+    bar: Bar | None = None,
+    hear: Callable[[str], None] | None = None,
+) -> dict[str, int]:
+    """Ask for trials and do their runs until there are as many as the plan says.
+
+    Args:
+        search: the search.
+        folder: where runs and the journal are kept; made if it is not there.
+        place: where runs are done; a part asks for its share of the trials and does not wait for others.
+        bar: shows how far it is.
+        hear: is told the key of each run when it is there.
+
+    Returns:
+        How many trials are done, failed, pruned and left.
+
+    Raises:
+        ModelError: the folder is another's, cannot be written, its journal is damaged, Optuna is not installed, no run
+            has a metric of the objectives, or there are no such workers.
+    """
+    optuna()  # whether it is there shows before a folder is made
+    begin(search, folder)
+    asker = Asker(search.plan, search.before, folder, _share(search.plan.most, place.part))
+
+    def show() -> None:
+        if bar is not None:
+            counts = asker.counts()
+            bar.show(search.plan.most - counts["left"], search.plan.most, as_text(counts))
+
+    def tell(key: str, failed: bool) -> None:
+        asker.tell(key)
+        show()
+        if hear is not None:
+            hear(key)
+
+    if bar is not None:
+        bar.say(as_text(asker.counts()))
+    with doing(search, folder, place, tell, asker.more) as do:
+        do(())
+        while place.part is None and not asker.finished():
+            time.sleep(POLL_S)  # others work on what is left, and may die
+            if items := asker.more(1):
+                do(items)
+    return asker.counts()
+
+
+def hold_out(search: Search, folder: Folder, points: Sequence[Point], place: Place, bar: Bar) -> None:
+    """Run points on what is held out from all folds.
+
+    Args:
+        search: the search.
+        folder: where it is kept.
+        points: values of the parameters.
+        place: where runs are done.
+        bar: shows how far it is.
+
+    Raises:
+        ModelError: as `execute`.
+    """
+    begin(search, folder)
+    items = list({item.key: item for point in points for item in search.plan.tests(search.before, point)}.values())
+    left = [item for item in items if folder.outcome(item.key) is None]
+    done = 0
+
+    def tell(key: str, failed: bool) -> None:
+        nonlocal done
+        done += 1
+        bar.show(done, len(left), f"{done:,} of {len(left):,} tested")
+
+    with doing(search, folder, place, tell, None) as do:
+        do(left)
+
+
+@contextmanager
+def doing(
+    search: Search, folder: Folder, place: Place, tell: Tell, more: More | None
+) -> Iterator[Callable[[Sequence[Item]], None]]:
+    """What does runs at a place: those that it is given, and more as long as there are any."""
+    if place.on == HERE:
+        yield _here(search, folder, tell, more)
+    elif place.cluster:
+        from neuro.sweeps.cluster import on_cluster
+
+        yield lambda items: on_cluster(place.on, folder, items, tell, more)
+    else:
+        threads = search.run.threads if isinstance(search.run, NetworkRun) else 1
+        with Cores(folder, place.workers or cores(threads)) as pool:
+            yield lambda items: pool.run(items, tell, more)
+
+
+def _here(search: Search, folder: Folder, tell: Tell, more: More | None) -> Callable[[Sequence[Item]], None]:
+    """One after the other in this process, which cannot end a run that takes too long."""
+    if search.limits.seconds is not None:
+        raise ModelError("a limit of time needs a process for each run: expected on = 'cores'")
+    worker = Worker(folder, search.run, search.limits, search.inputs)
+
+    def do(items: Sequence[Item]) -> None:
+        while items:
+            for item in items:
+                while (told := worker.do(item))["is"] == TAKEN:
+                    time.sleep(POLL_S)
+                if told["is"] == LOST:
+                    raise ModelError(told["error"], hint="what was done is kept: the same command goes on")
+                outcome = folder.outcome(item.key)
+                tell(item.key, outcome is None or outcome.failed)
+            items = more(1) if more is not None else ()
+
+    return lambda items: do(items or (more(1) if more is not None else ()))
+
+
+def begin(search: Search, folder: Folder) -> None:
+    """Make the folder of a search, or go on in it, also with another number of trials.
+
+    Raises:
+        ModelError: it is another's, or cannot be written.
+    """
+    told = search.told()
+    told |= {"inputs": list(search.inputs), "provenance": provenance(search.inputs)}
+    folder.begin(told, "same", "same")
+    there = folder.read()
+    if there["plan"]["trials"] != told["plan"]["trials"]:
+        folder.write(
+            {word: value for word, value in there.items() if word not in ("format", "digest")} | {"plan": told["plan"]}
+        )
+
+
+def _share(most: int, part: tuple[int, int] | None) -> int | None:
+    """Of how many trials a part asks at most."""
+    return None if part is None else most // part[1] + (0 < part[0] <= most % part[1])
+
+
+def as_text(counts: Mapping[str, int]) -> str:
+    """How far a search is, in words."""
+    words = [word for word in counts if word != "pruned" or counts[word]]
+    return ", ".join(f"{counts[word]:,} {word}" for word in words)

@@ -1,0 +1,206 @@
+"""How a search goes: space, objectives, sampler, pruner, and of which runs a trial is made."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any
+
+from neuro.core.errors import ModelError, unknown
+from neuro.core.measures import in_ms
+from neuro.core.values import shown
+from neuro.sweeps.definition import Item, key_of
+from neuro.sweeps.space import Axis, Point, axes, seeds_of
+from neuro.sweeps.tuning.objectives import objectives_of
+
+SAMPLERS = ("tpe", "nsga2", "random", "grid")
+PRUNERS = {
+    "median": ("startup_trials", "warmup_steps"),
+    "hyperband": ("min_steps", "max_steps", "factor"),
+}
+MOST_TRIALS = 100_000
+_PRUNE = ("by", "at", *(word for words in PRUNERS.values() for word in words))
+_LEAST = {"startup_trials": 0, "warmup_steps": 0, "min_steps": 1, "max_steps": 1, "factor": 2}
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How a search goes.
+
+    Attributes:
+        axes: the parameters.
+        objectives: "maximise" or "minimise" by the name of a metric.
+        trials: how many are asked for.
+        sampler: one of `SAMPLERS`.
+        draw: its seed.
+        seeds: with each of which a point is run; none where runs are told no seed.
+        folds: in how many parts data is divided, each point being run once for each; 0 for none.
+        prune: words of `PRUNERS`, with "by" and of networks "at"; empty where nothing is pruned.
+    """
+
+    axes: tuple[Axis, ...]
+    objectives: Mapping[str, str]
+    trials: int
+    sampler: str = "tpe"
+    draw: int = 0
+    seeds: tuple[int, ...] = ()
+    folds: int = 0
+    prune: Mapping[str, Any] | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters, in order."""
+        return tuple(axis.name for axis in self.axes)
+
+    @property
+    def runs(self) -> int:
+        """Of how many runs a trial is made."""
+        return max(1, len(self.seeds)) * max(1, self.folds)
+
+    @property
+    def most(self) -> int:
+        """How many trials there can be: a grid has no more than it has points."""
+        return (
+            min(self.trials, math.prod(axis.count() for axis in self.axes)) if self.sampler == "grid" else self.trials
+        )
+
+    def same(self) -> dict[str, Any]:
+        """What makes a search the same: all but how many trials, which may be more."""
+        return {word: value for word, value in self.told().items() if word != "trials"}
+
+    def told(self) -> dict[str, Any]:
+        """As plain data, from which `of` makes it."""
+        told = {word: getattr(self, word) for word in ("trials", "sampler", "draw", "folds")}
+        space = {axis.name: _plain_axis(axis) for axis in self.axes}
+        prune = dict(self.prune) if self.prune else None
+        return {
+            "parameters": space,
+            "objectives": dict(self.objectives),
+            **told,
+            "seeds": list(self.seeds),
+            "prune": prune,
+        }
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> Plan:
+        """What `told` has written."""
+        space = tuple(
+            Axis(name, **{**words, "values": tuple(words["values"])}) for name, words in told["parameters"].items()
+        )
+        rest = {word: told[word] for word in ("objectives", "trials", "sampler", "draw", "folds", "prune")}
+        return cls(space, seeds=tuple(told["seeds"]), **rest)
+
+    def items(self, before: str, point: Point, trial: int | None = None) -> tuple[Item, ...]:
+        """The runs of a trial: for each fold all seeds.
+
+        Args:
+            before: what decides what comes of a run, beside its point and seed.
+            point: the values of the parameters.
+            trial: its number, where a run by itself may be pruned.
+        """
+        return self._items(before, point, range(self.folds), trial if self.runs == 1 else None)
+
+    def tests(self, before: str, point: Point) -> tuple[Item, ...]:
+        """The runs of a point on what is held out from all folds: `fold` is none."""
+        return self._items(before, point, (None,), None)
+
+    def _items(self, before: str, point: Point, folds: Sequence[int | None], trial: int | None) -> tuple[Item, ...]:
+        points = [{**point, "fold": fold, "folds": self.folds} for fold in folds] if self.folds else [point]
+        pairs = [(each, seed) for each in points for seed in self.seeds or (None,)]
+        return tuple(Item(key_of(before, each, seed), each, seed, trial) for each, seed in pairs)
+
+
+def plan_of(
+    parameters: Any,
+    objectives: Any,
+    trials: Any,
+    sampler: str | None = None,
+    draw: Any = 0,
+    seeds: int | Sequence[int] | None = None,
+    folds: Any = None,
+    prune: Any = None,
+) -> Plan:
+    """A checked plan; the arguments are those of `neuro.tune`.
+
+    Raises:
+        ModelError: the space is empty, or something is not said as it is there.
+    """
+    aims = objectives_of(objectives)
+    chosen = sampler or ("tpe" if len(aims) == 1 else "nsga2")
+    if chosen not in SAMPLERS:
+        raise unknown("sampler", chosen, SAMPLERS)
+    space = axes(parameters)
+    if not space:
+        raise ModelError("the space is empty: expected parameters with values")
+    for axis in space:
+        _check_axis(axis, chosen)
+    return Plan(
+        space,
+        aims,
+        _whole("trials", trials, 1, MOST_TRIALS),
+        chosen,
+        _whole("draw", draw, 0, 2**32 - 1),
+        seeds_of(seeds),
+        0 if folds is None else _whole("folds", folds, 2, 1000),
+        _prune(prune, aims),
+    )
+
+
+def _check_axis(axis: Axis, sampler: str) -> None:
+    if axis.name in ("fold", "folds", "seed"):
+        raise ModelError(f"{axis.name}: is told to runs by 'folds' and 'seeds': expected another parameter")
+    if sampler == "grid" and not axis.values and not axis.number:
+        raise ModelError(f"{axis.name}: a range of a grid needs 'number', how many values")
+    if sampler != "grid" and axis.number:
+        raise ModelError(f"{axis.name}.number = {axis.number}: has no meaning with sampler {sampler}")
+    if axis.whole and sampler != "grid" and (axis.low % 1 or axis.high % 1):
+        raise ModelError(f"{axis.name}: from {axis.low:g} to {axis.high:g}: expected whole numbers with 'whole: true'")
+
+
+def _prune(said: Any, objectives: Mapping[str, str]) -> dict[str, Any] | None:
+    if said is None or said is False:
+        return None
+    words = {"by": said} if isinstance(said, str) else said
+    if not isinstance(words, Mapping):
+        raise ModelError(f"prune = {shown(said)}: expected {' or '.join(PRUNERS)}, or words such as {{by: median}}")
+    for word in words:
+        if word not in _PRUNE:
+            raise unknown("word of prune", word, _PRUNE)
+    by = words.get("by", "median")
+    if by not in PRUNERS:
+        raise unknown("pruner", by, PRUNERS)
+    if len(objectives) > 1:
+        told = f"prune = {by}: trials of {len(objectives)} objectives cannot be compared on the way"
+        raise ModelError(f"{told}: expected one objective, or no prune")
+    found: dict[str, Any] = {"by": by}
+    for word, value in words.items():
+        if word == "at":
+            found["at"] = _times(value)
+        elif word != "by" and word not in PRUNERS[by]:
+            raise ModelError(f"prune.{word}: has no meaning with {by}, which has {', '.join(PRUNERS[by])}")
+        elif word != "by":
+            found[word] = _whole(f"prune.{word}", value, _LEAST[word], 10**9)
+    return found
+
+
+def _times(said: Any) -> list[float]:
+    many = said if isinstance(said, (list, tuple)) else [said]
+    times = [float(in_ms(each, "prune.at")) for each in many]
+    if not times or times[0] <= 0 or any(b <= a for a, b in pairwise(times)):
+        raise ModelError(f"prune.at = {shown(said)}: expected times > 0, each later than the one before")
+    return times
+
+
+def _whole(name: str, value: Any, least: int, most: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+        raise ModelError(f"{name} = {shown(value)}: expected a whole number from {least:,} to {most:,}")
+    return value
+
+
+def _plain_axis(axis: Axis) -> dict[str, Any]:
+    words: dict[str, Any] = json.loads(json.dumps(asdict(axis)))
+    del words["name"]
+    return words

@@ -1,0 +1,229 @@
+"""`neuro tune` on networks and functions from YAML files."""
+
+import subprocess
+import sys
+
+import pytest
+
+import neuro
+from neuro.cli import main
+
+pytest.importorskip("optuna", reason="the extra tune is not installed")
+
+NET = """\
+neuro: 1
+name: pair
+parameters: {w: 300.0}
+populations:
+  noise: {model: {poisson_generator: {rate: 900.0}}, shape: 20}
+  exc: {model: iaf_psc_exp, shape: 10}
+projections:
+  noise_exc: {from: noise, to: exc, rule: all_to_all, weight: $w, delay: 1.0}
+"""
+TUNE = """\
+network: net.yaml
+for: 50 ms
+backend: reference
+parameters:
+  w: {from: 100.0, to: 500.0}
+  exc.V_th: [-55.0, -50.0]
+objectives: {rate.exc: maximise, energy.loihi: minimise}
+seeds: 2
+trials: 6
+"""
+STUDY = """\
+import neuro
+
+
+@neuro.register(kind="study")
+def folded(x, fold, folds):
+    return {"right": 50.0 + x if fold is None else x * (fold + 1) / folds}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, registries):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "net.yaml").write_text(NET)
+    (tmp_path / "tune.yaml").write_text(TUNE)
+    (tmp_path / "my_study.py").write_text(STUDY)
+    return tmp_path
+
+
+def run(*words, status=0):
+    before, sys.argv = sys.argv, ["neuro", *map(str, words)]
+    try:
+        with pytest.raises(SystemExit) as ended:
+            main()
+    finally:
+        sys.argv = before
+    assert (ended.value.code or 0) == status
+
+
+def test_a_network_is_tuned(folder, capsys):
+    run("tune", "run", "tune.yaml", "--on", "here")
+    out = capsys.readouterr().out
+    assert "tuned: 6 done, 0 failed, 0 left\nbest: rate.exc " in out
+    assert "tuned/tune.html: written\nnext: neuro tune table tuned, or neuro tune plot tuned\n" in out
+    table = neuro.tuned("tuned")
+    for trial in table.trials():
+        net = folder / "one.yaml"
+        text = NET.replace("w: 300.0", f"w: {trial.point['w']}").replace(
+            "model: iaf_psc_exp", f"model: {{iaf_psc_exp: {{V_th: {trial.point['exc.V_th']}}}}}"
+        )
+        net.write_text(text)
+        rates = []
+        for seed in (0, 1):
+            sim = neuro.compile(neuro.load(net), backend="reference", seed=seed)
+            sim.run(50.0)
+            rates.append(sim.counts().populations["exc"].spikes / 10 / 0.05)
+        assert trial.metrics["rate.exc"] == pytest.approx(sum(rates) / 2, rel=1e-12)
+    run("tune", "status", "tuned")
+    assert capsys.readouterr().out.startswith("tune: 6 trials by nsga2: 6 done, 0 failed, 0 pruned, 0 left\nbest: ")
+    run("tune", "table", "tuned", "--out", "table.csv")
+    assert (folder / "table.csv").read_text() == table.csv()
+    run("tune", "table", "tuned", "--runs", "--out", "runs.csv")
+    assert (folder / "runs.csv").read_text().count("\n") == 1 + 2 * 6
+    run("tune", "table", "tuned", "--times", "--out", "table.csv")
+    run("rerun", f"tuned/runs/{table.runs().keys[0]}")
+    assert "the same bits" in capsys.readouterr().out
+
+
+def test_pictures_and_the_page(folder, capsys):
+    (folder / "tune.yaml").write_text(TUNE.replace("trials: 6", "trials: 10").replace("seeds: 2\n", ""))
+    run("tune", "run", "tune.yaml", "--on", "here")
+    run("tune", "plot", "tuned")
+    run("tune", "plot", "tuned", "--as", "front", "--format", "svg", "--out", "pictures")
+    names = sorted(path.name for path in (folder / "tuned").glob("*.png"))
+    assert names == ["energy.loihi-parallel.png", "front.png", "history.png", "importance.png", "rate.exc-parallel.png"]
+    assert [path.name for path in (folder / "pictures").iterdir()] == ["front.svg"]
+    page = (folder / "tuned" / "tune.html").read_text()
+    assert "rate.exc maximised, energy.loihi minimised" in page
+    assert page.count("<circle") == 30
+    assert '<meta name="provenance"' in page
+    run("tune", "page", "tuned", "--out", "other.html")
+    assert (folder / "other.html").exists()
+
+
+def test_a_network_is_pruned_at_times(folder, capsys):
+    (folder / "tune.yaml").write_text(
+        "network: net.yaml\nfor: 40 ms\nbackend: reference\nparameters: {w: {from: 0.0, to: 500.0}}\n"
+        "objectives: {spikes.exc: maximise}\nsampler: random\ntrials: 12\n"
+        "prune: {by: median, startup_trials: 2, at: [10 ms, 20 ms]}\n"
+    )
+    run("tune", "run", "tune.yaml", "--on", "here")
+    assert "pruned" in capsys.readouterr().out
+    trials = neuro.tuned("tuned").trials()
+    pruned = [trial for trial in trials if trial.outcome == "pruned"]
+    done = [trial for trial in trials if trial.outcome == "done"]
+    assert pruned
+    assert len(pruned) + len(done) == 12
+    text = (folder / "tune.yaml").read_text()
+    (folder / "tune.yaml").write_text(text[: text.index("prune:")])
+    run("tune", "run", "tune.yaml", "--on", "here", "--out", "whole")
+    whole = {trial.point["w"]: trial for trial in neuro.tuned("whole").trials()}
+    for trial in done:
+        assert whole[trial.point["w"]].metrics == trial.metrics, "a run that is looked at on the way is another run"
+
+
+def test_what_is_held_out_is_seen_by_the_test_alone(folder, capsys):
+    (folder / "tune.yaml").write_text(
+        "study: folded\nparameters: {x: {from: 0, to: 4, whole: true}}\nobjectives: {right: max}\n"
+        "trials: 8\nfolds: 3\nsampler: random\n"
+    )
+    run("tune", "run", "tune.yaml", "--on", "here", "--with", "my_study.py")
+    assert "or neuro tune test tuned" in capsys.readouterr().out
+    best = neuro.tuned("tuned").best()[0]
+    assert best.values[0] < 50
+    assert "test.right" not in neuro.tuned("tuned").rows()[0]
+    run("tune", "test", "tuned", "--on", "here", "--with", "my_study.py")
+    x = best.point["x"]
+    inside = f"{best.values[0]:.6g}"
+    assert capsys.readouterr().out == f"trial {best.number}: right {inside} in folds, {50 + x} held out\n"
+    rows = neuro.tuned("tuned").rows()
+    assert {row["test.right"] for row in rows if row["best"]} == {50.0 + x}
+    assert {row["test.right"] for row in rows if not row["best"]} <= {None}
+    assert neuro.tuned("tuned").strays() == 0
+    run("tune", "plot", "tuned")
+
+
+def test_a_test_without_folds_is_refused(folder, capsys):
+    run("tune", "run", "tune.yaml", "--on", "here")
+    run("tune", "test", "tuned", status=2)
+    assert capsys.readouterr().err == (
+        "error: tuned: its trials have no folds, so nothing is held out from them\n"
+        "  hint: 'folds: 3' in the file, and a function that takes fold and folds\n"
+    )
+
+
+SPACE = "parameters: {w: {from: 1.0, to: 2.0}}\ntrials: 3\n"
+MISTAKES = [
+    ("network: net.yaml\nobjectives: {spikes: max}\ntrials: 3", "tune.yaml:1:1: a tuning needs 'parameters'"),
+    (f"network: net.yaml\n{SPACE}", "a tuning needs 'objectives'"),
+    ("network: net.yaml\nparameters: {}\ntrials: 3\nobjectives: {spikes: max}", "tune.yaml:2:13: the space is empty"),
+    (f"network: net.yaml\nobjectives: {{spikes: up}}\n{SPACE}", "tune.yaml:2:13: objectives.spikes = 'up': expected"),
+    (
+        f"network: net.yaml\nobjectives: {{rat.exc: max}}\n{SPACE}",
+        "unknown metric 'rat.exc'\n  hint: did you mean 'rate.exc'?",
+    ),
+    (
+        "network: net.yaml\nobjectives: {spikes: max}\ntrials: 3\nparameters: {ww: [1]}",
+        "tune.yaml:4:13: unknown parameter 'ww'\n  hint: did you mean 'w'?",
+    ),
+    (f"objectives: {{spikes: max}}\n{SPACE}", "a tuning needs 'network', a file, or 'study', a function of a point"),
+    (f"network: net.yaml\nobjectives: {{spikes: max}}\nsampler: tp\n{SPACE}", "tune.yaml:3:10: unknown sampler 'tp'"),
+    (f"network: net.yaml\nobjectives: {{spikes: max}}\nprune: medium\n{SPACE}", "tune.yaml:3:8: unknown pruner"),
+    (f"network: net.yaml\nobjectives: {{spikes: max}}\nprune: median\n{SPACE}", "3:8: prune: a network needs 'at'"),
+    (
+        f"network: net.yaml\nobjectives: {{spikes: max}}\nseeds: 2\nprune: {{at: [5 ms]}}\n{SPACE}",
+        "tune.yaml:4:8: prune.at: with seeds, trials are compared after each seed: expected no 'at'",
+    ),
+    (
+        f"network: net.yaml\nobjectives: {{spikes: max}}\nprune: {{at: [50 ms, 20 ms]}}\n{SPACE}",
+        "prune.at = [50 ms, 20 ms]: expected times > 0, each later than the one before",
+    ),
+    (
+        f"network: net.yaml\nobjectives: {{spikes: max}}\nfor: 20 ms\nprune: {{at: [50 ms]}}\n{SPACE}",
+        "prune.at = 50 ms: expected times before the end of the run, 20 ms",
+    ),
+    (f"network: net.yaml\nobjectives: {{spikes: max}}\nfolds: 3\n{SPACE}", "folds: are told to a function"),
+    (f"network: net.yaml\nobjectives: {{spikes: max}}\nsampling: grid\n{SPACE}", "unknown word of a tuning 'sampling'"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "told"), MISTAKES, ids=[told[:40] for _, told in MISTAKES])
+def test_a_mistake_is_told_and_nothing_is_written(folder, text, told, capsys):
+    (folder / "tune.yaml").write_text(text)
+    run("tune", "run", "tune.yaml", status=2)
+    err = capsys.readouterr().err
+    assert err.startswith("error: ")
+    assert told in err
+    assert not (folder / "tuned").exists()
+
+
+@pytest.mark.parametrize("command", ["status", "table", "plot", "page", "test"])
+def test_a_folder_without_a_tuning_is_told(folder, command, capsys):
+    run("tune", command, "nothing", status=2)
+    assert capsys.readouterr().err == (
+        "error: nothing: holds no tuning: expected a folder with tune.json\n"
+        "  hint: neuro tune run tune.yaml --out FOLDER makes one\n"
+    )
+    (folder / "nothing").mkdir()
+    (folder / "nothing" / "tune.json").write_text('{"format": "neuro tune 1", "plan": 3}')
+    run("tune", command, "nothing", status=2)
+    assert "nothing/tune.json: damaged: expected what 'neuro tune run' wrote" in capsys.readouterr().err
+
+
+def test_a_study_that_is_not_named_or_was_edited_is_refused(folder):
+    (folder / "tune.yaml").write_text(
+        "study: folded\nparameters: {x: {from: 0, to: 4}}\nobjectives: {right: max}\ntrials: 2\nfolds: 3\n"
+    )
+    run("tune", "run", "tune.yaml", "--on", "here", "--with", "my_study.py")
+    command = [sys.executable, "-m", "neuro", "tune", "test", "tuned", "--on", "here"]
+    told = subprocess.run(command, capture_output=True, text=True)
+    assert told.returncode == 2
+    file = folder / "my_study.py"
+    assert told.stderr == f"error: it was made with {file}\n  hint: say so, if you trust it: --with {file}\n"
+    file.write_text(STUDY.replace("50.0", "60.0"))
+    told = subprocess.run([*command, "--with", "my_study.py"], capture_output=True, text=True)
+    assert f"error: {file}: was edited since the tuning began: expected the file that it was\n" in told.stderr
