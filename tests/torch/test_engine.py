@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -206,6 +207,31 @@ def test_a_strangers_neuron_with_branches_and_loops(tmp_path: Path, monkeypatch)
     assert differences(observe(expected), observe(found), exact=False) == []
     assert len(expected.spikes("cells")[0]) > 10
     assert len(set(expected.get("cells", "rungs"))) > 1
+
+
+EQUATIONS = yaml.safe_load((Path(__file__).parents[1] / "equations" / "models.yaml").read_text())["models"]
+
+
+@pytest.mark.parametrize(
+    ("name", "weight", "words"),
+    [
+        ("own_iaf_psc_alpha", 300.0, {}),
+        ("own_izhikevich", 6.0, {}),
+        ("own_iaf_cond_exp", 8.0, {"integrator": {"rk4": {"substeps": 2}}}),
+    ],
+)
+def test_neurons_of_equations(name, weight, words):
+    net = neuro.Network("equations")
+    net.population("noise", 12, neuro.poisson_generator(rate=800.0))
+    net.population(
+        "cells", 8, neuro.equations(name, **{**EQUATIONS[name], **words})(I_e=neuro.uniform(low=0.0, high=9.0))
+    )
+    net.connect("noise", "cells", neuro.all_to_all(), weight=neuro.uniform(low=0.0, high=weight), delay=0.2)
+    expected, found = (neuro.compile(net, each, seed=2) for each in ("reference", backend))
+    for sim in (expected, found):
+        sim.run(30.0)
+    assert differences(observe(expected), observe(found), exact=False) == []
+    assert len(expected.spikes("cells")[0]) > 5
 
 
 def test_what_is_no_arithmetic_is_refused_with_its_line(tmp_path: Path, monkeypatch):
