@@ -24,14 +24,14 @@ def deliver_alike(view, row, first_source, step_slot, thread, out, mark):
     mask = net.log_ids.shape[1] - 1
     weight = net.weights[row[WEIGHT]]
     # Threads own ascending ids, so going through them in order adds as one thread would.
-    for t in range(net.edges.shape[0] - 1):
+    for t in range(net.edges.shape[1] - 1):
         end = net.log_ends[t, step_slot, row[SOURCE] + 1]
         for place in range(net.log_ends[t, step_slot, row[SOURCE]], end):
             at = row_of(view, row, first_source, thread, t, place)
             after = row_of(view, row, first_source, thread, t, min(place + 1, end - 1))
             ahead = view[TARGETS, 0] + 4 * net.rows[after]
             value = weight * np.float64(net.log_counts[t, place & mask])
-            add(net.targets, net.rows[at], net.rows[at + 1], value, net.buf, out, net.due, mark, ahead)
+            add(net.targets, net.rows[at], net.rows[at + 1], value, net.buf, out, net.due[thread], mark, ahead)
 
 
 @merged
@@ -39,7 +39,7 @@ def row_of(view, row, first_source, thread, t, place):
     """The row of synapses, onto a thread's targets, of a spike at a place of the log of thread t."""
     net = net_of(view)
     source = np.int64(net.log_ids[t, place & (net.log_ids.shape[1] - 1)]) - first_source
-    return row[ROW] + source * (net.edges.shape[0] - 1) + thread
+    return row[ROW] + source * (net.edges.shape[1] - 1) + thread
 
 
 @inner

@@ -25,12 +25,12 @@ from neuro_event.tables import (
     FIRST_BLOCK,
     KERNEL_HEIGHT,
     KERNEL_WIDTH,
-    LAST_BLOCK,
     LAYOUT,
     LEFT,
     MAPS,
     MIXED,
     NEGATIVE,
+    NUMBER,
     ONE_TO_ONE,
     REACH,
     RECEPTOR,
@@ -95,7 +95,7 @@ def csr_delayed(view, row, source_id, m, step, thread, receptors, mark, slots):
     """One spike over a projection whose synapses have delays of their own, into its ring."""
     net = net_of(view)
     blocks = net.awake.shape[0]
-    place = row[ROW] + source_id * (net.edges.shape[0] - 1) + thread
+    place = row[ROW] + source_id * (net.edges.shape[1] - 1) + thread
     size, base, apart = row[RING_SIZE], base_of(row), told_apart(row, receptors)
     for e in range(net.rows[place], net.rows[place + 1]):
         s = e - row[SYNAPSE]
@@ -104,7 +104,7 @@ def csr_delayed(view, row, source_id, m, step, thread, receptors, mark, slots):
         target = np.int64(net.targets[e])
         to = (at & row[RING_MASK]) * receptors + base + receptor(weight, apart)
         net.buf[row[RING] + to * size + target] += weight
-        net.due[(at & slots) * blocks + mark + (target >> _BLOCK)] = 1
+        net.due[thread, (at & slots) * blocks + mark + (target >> _BLOCK)] = 1
 
 
 @inner
@@ -164,13 +164,13 @@ def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between,
     place of the targets' first block in `due`, or -1 where all blocks are marked at once.
     """
     net = net_of(view)
-    buf, weights = net.buf, net.weights
+    buf, weights, due = net.buf, net.weights, net.due[thread]
     layout = row[LAYOUT]
     if layout == CSR:
-        place = row[ROW] + source_id * (net.edges.shape[0] - 1) + thread
+        place = row[ROW] + source_id * (net.edges.shape[1] - 1) + thread
         first, last = net.rows[place], net.rows[place + 1]
         w = row[WEIGHT] + first - row[SYNAPSE]
-        csr_own(net.targets, first, last, weights, w, m, receptors, between, buf, out, net.due, mark)
+        csr_own(net.targets, first, last, weights, w, m, receptors, between, buf, out, due, mark)
     elif layout == DENSE:
         w = row[WEIGHT] + source_id * n
         if row[WEIGHT_STRIDE] == 0:
@@ -192,12 +192,12 @@ def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between,
             weight = weights[row[WEIGHT] + source_id * row[WEIGHT_STRIDE]] * m
             buf[out + source_id + receptor(weight, receptors) * between] += weight
             if mark >= 0:
-                net.due[mark + (source_id >> _BLOCK)] = 1
+                due[mark + (source_id >> _BLOCK)] = 1
     elif row[SIGN] == MIXED and receptors == 2:
-        grid_add(row, source_id, m, weights, lo, hi, buf, out, between, net.due, mark)
+        grid_add(row, source_id, m, weights, lo, hi, buf, out, between, due, mark)
     else:
         o = out + (between if row[SIGN] == NEGATIVE and receptors == 2 else 0)
-        grid_add(row, source_id, m, weights, lo, hi, buf, o, 0, net.due, mark)
+        grid_add(row, source_id, m, weights, lo, hi, buf, o, 0, due, mark)
 
 
 @inner
@@ -210,9 +210,9 @@ def log_delivery(view, q, j, k, thread, ring):
     net = net_of(view)
     row = net.projections[q]
     source, target = net.pops[row[SOURCE]], net.pops[row[TARGET]]
-    threads = net.edges.shape[0] - 1
-    first_block = max(target[FIRST_BLOCK], net.edges[thread])
-    last_block = min(target[LAST_BLOCK], net.edges[thread + 1])
+    threads = net.edges.shape[1] - 1
+    first_block = net.edges[target[NUMBER], thread]
+    last_block = net.edges[target[NUMBER], thread + 1]
     step_slot = j & (net.log_ends.shape[1] - 1)
     some = False
     for t in range(threads):
@@ -220,7 +220,7 @@ def log_delivery(view, q, j, k, thread, ring):
     if first_block >= last_block or not some:
         return
     blocks = net.awake.shape[0]
-    slots = net.due.shape[0] // blocks - 1
+    slots = net.due.shape[1] // blocks - 1
     n = target[END] - target[BEGIN]
     receptors = target[RECEPTORS]
     lo = first_block * BLOCK - target[BEGIN]
@@ -244,7 +244,7 @@ def log_delivery(view, q, j, k, thread, ring):
         to = out + receptor(net.weights[row[WEIGHT]], apart) * between
         deliver_alike(view, row, source[BEGIN], step_slot, thread, to, mark)
         if wide:
-            net.due[slot + first_block : slot + last_block] = 1
+            net.due[thread, slot + first_block : slot + last_block] = 1
         return
     # Threads own ascending ids, so going through them in order adds as one thread would.
     for t in range(threads):
@@ -256,4 +256,4 @@ def log_delivery(view, q, j, k, thread, ring):
             else:
                 scatter(view, row, source_id, m, thread, lo, hi, n, apart, out, between, mark)
     if wide:
-        net.due[slot + first_block : slot + last_block] = 1
+        net.due[thread, slot + first_block : slot + last_block] = 1

@@ -38,8 +38,8 @@ class EventEngine:
         self._n_threads = threads
         self._start_over(None)
 
-    def _start_over(self, weights: dict[int, Floats] | None, eager: bool = True) -> None:
-        self._a = build.build(self._program, self._n_threads, eager)
+    def _start_over(self, weights: dict[int, Floats] | None, eager: bool = True, edges: Ints | None = None) -> None:
+        self._a = build.build(self._program, self._n_threads, eager, edges)
         self._step = 0
         self._changes = Changes(self._program)
         self._record = Record(self._program, self._a.places)
@@ -47,7 +47,7 @@ class EventEngine:
         self._drives = Drives(self._program, self._currents, self._a, self._parameter)
         self._rates = Rates(self._program)
         self._steady = not any(p.kind == "current" or p.schedule is not None for p in self._program.populations)
-        self._threads = Threads(self._n_threads)
+        self._threads = Threads(self._a.net["edges"].shape[1] - 1)
         self._listed = Listed(self._a)
         self._samples, self._notes = Samples(self._a), Notes(self._a)
         self._stops = bool(self._samples.probes or self._notes)
@@ -496,10 +496,11 @@ class EventEngine:
         Raises:
             ModelError: it was taken with another number of threads.
         """
-        if not np.array_equal(arrays["engine.edges"], self._a.net["edges"]):
-            n = arrays["engine.edges"].size - 1
+        edges = layout.edges_of(arrays["engine.edges"], self._a.places)
+        n = edges.shape[1] - 1
+        if n not in (layout.parts(self._program, self._n_threads), self._n_threads):
             raise ModelError(f"the state was saved with threads={n}: expected the same to continue")
-        self._start_over(None, eager=snapshot.is_eager(arrays))
+        self._start_over(None, snapshot.is_eager(arrays), edges)
         snapshot.restore(self._a, arrays)
         late.restore(self._a, arrays)
         self._step = int(arrays["engine.step"])

@@ -12,12 +12,11 @@ from neuro_event.tables import (
     BLOCK,
     END,
     ENTRY,
-    FIRST_BLOCK,
     GROUP,
     GROUPED,
     HISTORY,
-    LAST_BLOCK,
     LINEAR,
+    NUMBER,
     RECEPTORS,
     RECORD,
     RELAY,
@@ -170,11 +169,11 @@ def step_word_of_blocks(view, thread, row, begin, end, slot, step, h, n_all):
     net = net_of(view)
     run = begin
     for block in range(begin, end + 1):
-        if block < end and (net.awake[block] == 1 or net.due[slot + block] == 1):
+        if block < end and (net.awake[block] == 1 or net.due[thread, slot + block] == 1):
             lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
             if net.awake[block] == 0:
                 wake(view, thread, row, block, step - 1, h)
-            if net.due[slot + block] == 1:
+            if net.due[thread, slot + block] == 1:
                 for k in range(row[RINGS], row[RINGS_END]):
                     add_ring(view, net.projections[net.incoming[k]], lo, hi, row, step, n_all)
             continue
@@ -196,21 +195,23 @@ def step_neighbours(view, row, lo, hi, step):
 def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks):
     """One step of a population of neurons; return the next place in the log."""
     net = net_of(view)
-    first = max(row[FIRST_BLOCK], net.edges[thread])
-    last = min(row[LAST_BLOCK], net.edges[thread + 1])
+    first = net.edges[row[NUMBER], thread]
+    last = net.edges[row[NUMBER], thread + 1]
     slot = (step & slots) * blocks
     receptors = row[RECEPTORS]
     n_found = 0
+    if first == last:  # the last group of blocks may be of another thread
+        return n_found, at
     for word in range(first // GROUPED, (last + GROUPED - 1) // GROUPED):
-        if net.awake_groups[word] == 0 and net.due_groups[slot // GROUPED + word] == 0:
+        if net.awake_groups[word] == 0 and net.due_groups[thread, slot // GROUPED + word] == 0:
             continue
         begin, end = word * GROUPED, min((word + 1) * GROUPED, last)
         step_word_of_blocks(view, thread, row, begin, end, slot, step, h, n_all)
         for block in range(begin, end):
             if net.awake[block] == 0:
                 continue
-            due = net.due[slot + block]
-            net.due[slot + block] = 0
+            due = net.due[thread, slot + block]
+            net.due[thread, slot + block] = 0
             lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
             active = 0
             if any_fired(view, lo):

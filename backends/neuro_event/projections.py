@@ -28,7 +28,7 @@ def add_projections(a: Arrays) -> None:
         row[t.SOURCE], row[t.TARGET], row[t.LAYOUT] = p.source, p.target, s.layout
         row[t.RECEPTOR] = t.NONE if p.receptor is None else p.receptor.index
         if s.layout == t.CSR:
-            local = a.net["edges"] * t.BLOCK - a.places[p.target].begin
+            local = a.net["edges"][p.target] * t.BLOCK - a.places[p.target].begin
             targets.append(s.targets)
             row[t.SYNAPSE] = n_targets
             if timed:
@@ -71,7 +71,7 @@ def add_projections(a: Arrays) -> None:
     a.net["projections"] = table
     a.net["rows"] = _joined(rows, np.int64)
     a.net["runs"] = _joined(runs, np.uint32)
-    a.net["queue"] = np.zeros((a.net["edges"].size - 1, QUEUE, 3), dtype=np.int64)
+    a.net["queue"] = np.zeros((a.net["edges"].shape[1] - 1, QUEUE, 3), dtype=np.int64)
     a.net["targets"] = _joined(targets, np.int32)
     a.net["weights"] = _joined(weights, np.float64)
     if any(p.synapse.learns == "trials" for p in program.projections):
