@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from neuro.core import keyed_random
+from neuro.kernels.lanes import LANES
 from neuro.model.neurons import Generator, Neuron
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
 from neuro.program.program import Floats, Ints, Program
@@ -66,6 +67,7 @@ def _neurons(a: Arrays, slots: int) -> None:
         "current": memory.zeros(n, np.float64, line=8),
         "none": memory.zeros(t.BLOCK * t.GROUPED, np.float64, line=8),
         "fired": memory.zeros(n, np.uint8, line=16),
+        "spots": memory.zeros(n // LANES, np.uint8),
         "muted": np.zeros(n, dtype=np.uint8),
         "events": memory.zeros(n, np.int64, line=24),
         "spikes": memory.zeros(n, np.int64, line=32),

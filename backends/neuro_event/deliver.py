@@ -8,13 +8,15 @@ projections whose spikes are delivered at emission. `due` marks the blocks that 
 import numpy as np
 
 from neuro.kernels.jit import inner
-from neuro_event.alike import deliver_alike
+from neuro.kernels.lanes import LANES
+from neuro_event.alike import deliver_alike, mark_spots
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
     CHANNEL_HEIGHT,
     CHANNEL_WIDTH,
     CHANNELS_INSIDE,
+    COLLECTS,
     COLUMNS,
     CSR,
     DELAY,
@@ -157,11 +159,11 @@ def add_by_sign(weights, m, first, second):
 
 
 @inner
-def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between, mark):
+def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between, mark, spot):
     """One spike of multiplicity m over a projection with one delay, to this thread's targets lo:hi of n.
 
     `out` is the place of target 0 in `buf`, `between` the distance to the second receptor, and `mark` the
-    place of the targets' first block in `due`, or -1 where all blocks are marked at once.
+    place of the targets' first block in `due`, or -1 where all blocks are marked at once; `spot` as in `alike`.
     """
     net = net_of(view)
     buf, weights, due = net.buf, net.weights, net.due[thread]
@@ -171,6 +173,8 @@ def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between,
         first, last = net.rows[place], net.rows[place + 1]
         w = row[WEIGHT] + first - row[SYNAPSE]
         csr_own(net.targets, first, last, weights, w, m, receptors, between, buf, out, due, mark)
+        if spot >= 0:
+            mark_spots(net.targets, first, last, net.spots, spot)
     elif layout == DENSE:
         w = row[WEIGHT] + source_id * n
         if row[WEIGHT_STRIDE] == 0:
@@ -239,10 +243,11 @@ def log_delivery(view, q, j, k, thread, ring):
     slot = (at & slots) * blocks
     wide = row[WAKE_ALL] == 1 and not own_delays
     mark = -1 if wide else slot + target[FIRST_BLOCK]
+    spot = target[BEGIN] // LANES if target[COLLECTS] >= 0 else -1
     mask = net.log_ids.shape[1] - 1
     if row[LAYOUT] == CSR and row[WEIGHT_STRIDE] == 0 and not own_delays:
         to = out + receptor(net.weights[row[WEIGHT]], apart) * between
-        deliver_alike(view, row, source[BEGIN], step_slot, thread, to, mark)
+        deliver_alike(view, row, source[BEGIN], step_slot, thread, to, mark, spot)
         if wide:
             net.due[thread, slot + first_block : slot + last_block] = 1
         return
@@ -254,6 +259,6 @@ def log_delivery(view, q, j, k, thread, ring):
             if own_delays:
                 csr_delayed(view, row, source_id, m, j, thread, receptors, target[FIRST_BLOCK], slots)
             else:
-                scatter(view, row, source_id, m, thread, lo, hi, n, apart, out, between, mark)
+                scatter(view, row, source_id, m, thread, lo, hi, n, apart, out, between, mark, spot)
     if wide:
         net.due[thread, slot + first_block : slot + last_block] = 1

@@ -63,7 +63,7 @@ class EventEngine:
         net = self._a.net
         net["awake_groups"] = net["awake"].view(np.uint64)
         net["due_groups"] = net["due"].view(np.uint64)
-        net["fired_words"] = net["fired"].view(np.uint64)
+        net["spot_words"] = net["spots"].view(np.uint64)
         self._a.plastic["traces"] = self._a.plastic["past"].view(np.float64)
         self._view = table_of(net, self._a.plastic)
         self._overrun = net["clock"][:, t.OVERRUN]

@@ -5,8 +5,9 @@ import numpy as np
 
 from neuro.kernels.draws import poisson_by_sum, step_word, uniform
 from neuro.kernels.jit import inner
+from neuro.kernels.lanes import lowest, marked
 from neuro_event.counted import draw_counts
-from neuro_event.neurons import any_fired, emit, next_fired
+from neuro_event.neurons import emit
 from neuro_event.operations import STEP
 from neuro_event.tables import (
     BEGIN,
@@ -18,6 +19,8 @@ from neuro_event.tables import (
     STOP,
 )
 from neuro_event.views import call_entry, net_of
+
+_ONE = np.uint64(1)
 
 
 @inner
@@ -38,12 +41,12 @@ def draw_poisson(view, thread, pop, row, step, at, done, h):
         first = lo - row[BEGIN]
         for k in range(emits.size):
             emits[k] = uniform(base, first + k) >= nothing[k]
-        if any_fired(view, lo):
-            i = next_fired(view, lo, hi)
-            while i < hi:
-                m = poisson_by_sum(base, i - row[BEGIN], net.mean[i], net.nothing[i])
-                at = emit(view, thread, pop, row, i, m, step, done, h, at)
-                i = next_fired(view, i + 1, hi)
+        fired = marked(net.fired, lo)
+        while fired:
+            i = lo + lowest(fired)
+            fired &= fired - _ONE
+            m = poisson_by_sum(base, i - row[BEGIN], net.mean[i], net.nothing[i])
+            at = emit(view, thread, pop, row, i, m, step, done, h, at)
     return at
 
 
@@ -56,11 +59,11 @@ def let_emit(view, thread, pop, row, step, at, done, h):
     for block in range(net.edges[row[NUMBER], thread], net.edges[row[NUMBER], thread + 1]):
         lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
         call_entry(view, row, STEP, lo, hi, thread, step, h)
-        if any_fired(view, lo):
-            i = next_fired(view, lo, hi)
-            while i < hi:
-                at = emit(view, thread, pop, row, i, np.int64(net.x[0, i]), step, done, h, at)
-                i = next_fired(view, i + 1, hi)
+        fired = marked(net.fired, lo)
+        while fired:
+            i = lo + lowest(fired)
+            fired &= fired - _ONE
+            at = emit(view, thread, pop, row, i, np.int64(net.x[0, i]), step, done, h, at)
     return at
 
 

@@ -10,6 +10,7 @@ from neuro.kernels.atomic import look, tell
 from neuro.kernels.jit import inner, kernel
 from neuro_event.arrivals import arrive, at_emission
 from neuro_event.candidates import weigh_maps
+from neuro_event.collected import step_collecting
 from neuro_event.counted import add_counts
 from neuro_event.deliver import log_delivery
 from neuro_event.drive import charge, drive
@@ -22,6 +23,7 @@ from neuro_event.tables import (
     ARRIVALS,
     ARRIVALS_END,
     BEGIN,
+    COLLECTS,
     DENSE_COUNTS,
     DONE,
     DONE_DOPAMINE,
@@ -98,6 +100,9 @@ def advance(view, thread, first, last, h):
                         add_counts(view, thread, projection, row, step, n_all, slots, blocks)
                     else:
                         log_delivery(view, q, j, step, thread, False)
+                if row[COLLECTS] >= 0:
+                    at = step_collecting(view, thread, pop, row, step, at, done, h, slots, blocks)
+                    continue
                 n_found, at = step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks)
                 if n_found > 0:
                     at = settle(view, thread, pop, row, n_found, step, at, done, h)

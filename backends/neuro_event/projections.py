@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.program.program import Floats, Grid, Ints, Program, Projection
+from neuro.program.program import Floats, Grid, Ints, Population, Program, Projection
 from neuro_event import layout, memory
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
@@ -178,7 +178,7 @@ def _joined(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:
 def list_incoming(a: Arrays) -> None:
     """For each population: the projections delivered on arrival, and those that fill a ring (currents in neither)."""
     incoming: list[int] = []
-    for k in range(len(a.program.populations)):
+    for k, population in enumerate(a.program.populations):
         into = [
             q
             for q, p in enumerate(a.program.projections)
@@ -188,4 +188,21 @@ def list_incoming(a: Arrays) -> None:
             a.net["pops"][k, first] = len(incoming)
             incoming += [q for q in into if (a.net["projections"][q, t.LAG] == 0) == ringed]
             a.net["pops"][k, last] = len(incoming)
+        a.net["pops"][k, t.COLLECTS] = _first_collected(a, k, population) if _all_marked(a, into) else t.NONE
     a.net["incoming"] = np.array(incoming, dtype=np.int64)
+
+
+def _first_collected(a: Arrays, k: int, population: Population) -> int:
+    """The first of the states to which a population's input is only added, if the loop may do so after a step."""
+    row, model = a.net["pops"][k], population.model
+    if row[t.KIND] != t.NEURON or row[t.ENTRY] != 0 or row[t.GROUP] >= 0 or row[t.CARRIED] == 1 or not model.collects:
+        return t.NONE
+    return [state.name for state in type(model).states].index(model.collects[0])
+
+
+def _all_marked(a: Arrays, into: list[int]) -> bool:
+    """Whether deliveries over all of some projections mark where input arrives, and reach few."""
+    return all(
+        row[t.LAYOUT] == t.CSR and row[t.LAG] > 0 and row[t.RUN] < 0 and row[t.WAKE_ALL] == 0
+        for row in a.net["projections"][into]
+    )

@@ -15,9 +15,22 @@ from neuro_event.arrays import Arrays
 
 _LAID_OUT = {"edges", "most", "rows", "runs", "targets", "delays", "order"}
 _GIVEN = _LAID_OUT | {"map_of", "initial", "resets", "keys", "group_keys", "local"}
-VIEWS = {"x", "bits", "awake_groups", "due_groups", "fired_words", "traces"}
+VIEWS = {"x", "bits", "awake_groups", "due_groups", "spot_words", "traces"}
 """Arrays that show others in another way."""
-_EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws", "won", "queue", "tally", "none"}
+_EMPTY = {
+    "calm",
+    "scratch",
+    "words",
+    "found",
+    "found_arrived",
+    "fired",
+    "draws",
+    "won",
+    "queue",
+    "tally",
+    "none",
+    "spots",
+}
 _LISTS = {"incoming", "in_synapse", "in_source"}
 _NOTES = {"note_this", "note_at", "note_steps", "note_synapses", "note_y"}
 _DRIVES = {

@@ -52,7 +52,8 @@ emitted f8 1       currents that are emitted, each value once: of each line (row
 emitted_rows i8 2  (lines, steps) which row of a line is emitted
 emitted_from i8 1  the first of these steps
 fired u1 1         how often each reached threshold in the present step
-fired_words u8 1   the same memory, eight neurons at a time
+spots u1 1         eight neurons each: not 0 where input of the present step arrived, see `collected`
+spot_words u8 1    the same memory, a block at a time
 muted u1 1         who must not fire, and why: bits of `tables`
 events i8 1        spike events of each neuron
 spikes i8 1        with their multiplicity
