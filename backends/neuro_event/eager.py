@@ -60,6 +60,9 @@ FORWARD = (1 << 62) - 1
 PER_LINE = 16
 """Entries of a list in a cache line."""
 
+_BLOCK = np.uint64(6)
+assert BLOCK == 1 << 6
+
 NOTHING = 1e-290
 """A trace below this is 0: numbers that are slow to compute with are never reached."""
 
@@ -274,8 +277,9 @@ def eager_entry(model, row_of):
         elif row[WAKE_ALL] == 0:
             blocks = net.awake.shape[0]
             mark = (at & (net.due.shape[1] // blocks - 1)) * blocks + target_row[FIRST_BLOCK]
-            for e in range(first, end):
-                net.due[thread, mark + (np.int64(net.targets[e]) >> 6)] = 1
+            due, place = net.due[thread], np.uint64(mark)
+            for e in range(np.uint64(first), np.uint64(end)):
+                due[place + (np.uint64(net.targets[e]) >> _BLOCK)] = 1
         keep_pres(p, thread, own, pre_lefts(p, q, step), step)
 
     @kernel

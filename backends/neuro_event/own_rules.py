@@ -265,7 +265,7 @@ def rule_entry(model, row_of):
         target_row = net.pops[row[TARGET]]
         receptors, relay = target_row[RECEPTORS], target_row[RELAY]
         blocks = net.awake.shape[0]
-        slots = net.due.shape[1] // blocks - 1
+        slots, due = net.due.shape[1] // blocks - 1, net.due[thread]
         own = table[FIRST_SOURCE] + source * table[SOURCE_STRIDE]
         pre = pre_values(p, q, thread, own, step, h)
         place = row[ROW] + source * (net.edges.shape[1] - 1) + thread
@@ -295,7 +295,7 @@ def rule_entry(model, row_of):
             ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]
             net.buf[ring + target] += 1.0 if relay == 1 else weight
             if not wide:
-                net.due[thread, (at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
+                due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
         if wide and net.rows[place] < end:
             due_everywhere(net, target_row, step + np.int64(net.delays[row[DELAY]]), thread)
         for j in range(n_pre):

@@ -155,7 +155,7 @@ def _pre_spike(row_of):
         target_row = net.pops[row[TARGET]]
         receptors, relay = target_row[RECEPTORS], target_row[RELAY]
         blocks = net.awake.shape[0]
-        slots = net.due.shape[1] // blocks - 1
+        slots, due = net.due.shape[1] // blocks - 1, net.due[thread]
         own = table[FIRST_SOURCE] + source
         k_plus, last = p.k_plus[thread, own], p.k_time[thread, own]
         place = row[ROW] + source * (net.edges.shape[1] - 1) + thread
@@ -195,7 +195,7 @@ def _pre_spike(row_of):
             ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]
             net.buf[ring + target] += 1.0 if relay == 1 else weight
             if not wide:
-                net.due[thread, (at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
+                due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
         if wide and net.rows[place] < net.rows[place + 1]:
             due_everywhere(net, target_row, step + np.int64(net.delays[row[DELAY]]), thread)
         trace = 1.0
