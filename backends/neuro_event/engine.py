@@ -39,7 +39,8 @@ class EventEngine:
         self._start_over(None)
 
     def _start_over(self, weights: dict[int, Floats] | None, eager: bool = True, edges: Ints | None = None) -> None:
-        self._a = build.build(self._program, self._n_threads, eager, edges)
+        cut = () if edges is None else (edges,)
+        self._a = build.build(self._program, self._n_threads, eager, *cut)
         self._step = 0
         self._changes = Changes(self._program)
         self._record = Record(self._program, self._a.places)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.model.neurons import Neuron
 from neuro.program.program import Floats, Grid, Ints, Population, Program, Projection
 from neuro_event import layout, memory
 from neuro_event import tables as t
@@ -195,7 +196,9 @@ def list_incoming(a: Arrays) -> None:
 def _first_collected(a: Arrays, k: int, population: Population) -> int:
     """The first of the states to which a population's input is only added, if the loop may do so after a step."""
     row, model = a.net["pops"][k], population.model
-    if row[t.KIND] != t.NEURON or row[t.ENTRY] != 0 or row[t.GROUP] >= 0 or row[t.CARRIED] == 1 or not model.collects:
+    if not isinstance(model, Neuron) or not model.collects:
+        return t.NONE
+    if row[t.ENTRY] != 0 or row[t.GROUP] >= 0 or row[t.CARRIED] == 1:
         return t.NONE
     return [state.name for state in type(model).states].index(model.collects[0])
 

@@ -39,7 +39,7 @@ def marked(typingctx, bytes_, first):
     """The 64 bytes from one on as bits: 1 where a byte is not 0."""
 
     def codegen(context, builder, signature, arguments):
-        place, items = _at(context, builder, signature.args[0], *arguments, 64)
+        place, items = _at(context, builder, signature.args[0], arguments[0], arguments[1], 64)
         some = builder.icmp_unsigned("!=", _load(builder, place, 1), ir.Constant(items, None))
         return builder.bitcast(some, _WORD)
 
