@@ -50,6 +50,14 @@ def compiling_is_not_told() -> None:
     kept._said = True
 
 
+@pytest.fixture(scope="session", autouse=True)
+def small_networks_are_shared_by_threads() -> None:
+    """The networks of tests are too small to be worth it, and threads are what some of them are about."""
+    from neuro_event import layout
+
+    layout.WORTH_MEETING = 0
+
+
 @pytest.fixture(scope="session")
 def nest() -> None:
     """NEST, where there is one: its wheels are for Linux only."""

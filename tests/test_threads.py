@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import neuro
-from neuro_event import loop, threads
+from neuro.compiler import compile_network
+from neuro_event import layout, loop, threads
 
 
 def network() -> neuro.Network:
@@ -71,3 +72,66 @@ def test_a_thread_that_waits_in_vain_comes_back():
     assert list(said[:, 0]) == [1, 1, 1]
     said[2, 0] = loop.HALT
     assert loop.share(view, said, 1, 11, 1, 30, 0.1) == 1
+
+
+def parted(sizes: list[int], n: int, delay: float = 1.0) -> np.ndarray[Any, np.dtype[np.int64]]:
+    """How many blocks each of n threads has of some populations."""
+    net = neuro.Network("parted", resolution=0.1)
+    for k, size in enumerate(sizes):
+        net.population(f"p{k}", size, neuro.iaf_psc_exp())
+    net.connect("p0", "p0", neuro.one_to_one(), weight=1.0, delay=delay)
+    program = compile_network(net, 0)
+    return np.diff(layout.thread_edges(program, layout.places(program), n), axis=1)
+
+
+def test_threads_share_each_population_evenly():
+    assert parted([4096, 2048], 2).tolist() == [[32, 32], [16, 16]]
+    assert parted([8000, 2000], 2).tolist() == [[64, 61], [16, 16]]
+    assert parted([6144], 3).tolist() == [[32, 32, 32]]
+
+
+def test_what_cannot_be_shared_is_made_up_for():
+    shares = parted([500] * 6, 2)
+    assert sorted(shares.tolist()) == [[0, 8]] * 3 + [[8, 0]] * 3
+    assert parted([1536, 1536], 2).sum(axis=0).tolist() == [24, 24]
+
+
+@pytest.mark.parametrize(("size", "delay", "found"), [(4000, 0.1, 1), (30_000, 0.1, 2), (4000, 1.5, 2)])
+def test_a_network_is_cut_only_where_threads_meet_seldom_enough(
+    size: int, delay: float, found: int, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(layout, "WORTH_MEETING", 12_000)
+    net = neuro.Network("cut", resolution=0.1)
+    net.population("cells", size, neuro.iaf_psc_exp())
+    net.connect("cells", "cells", neuro.one_to_one(), weight=1.0, delay=delay)
+    assert layout.parts(compile_network(net, 0), 2) == found
+    assert layout.parts(compile_network(net, 0), 1) == 1
+
+
+def test_a_state_saved_with_one_edge_for_all_populations_goes_on(monkeypatch: pytest.MonkeyPatch):
+    """As in version 0.1.0, where threads owned stretches of all neurons."""
+
+    def flat(program: Any, where: list[layout.Place], n: int) -> Any:
+        words = layout.total(program) // layout.WORD
+        return layout.edges_of(np.arange(n + 1) * words // n * 8, where)
+
+    alone = ran([40.0])
+    with monkeypatch.context() as patched:
+        patched.setattr(layout, "thread_edges", flat)
+        sim = neuro.compile(network(), seed=4, threads=2)
+        sim.run(15.3)
+        arrays = sim._engine.snapshot()
+    words = layout.total(sim.program) // layout.WORD
+    arrays["engine.edges"] = np.arange(3) * words // 2 * 8
+    other = neuro.compile(network(), seed=4, threads=2)
+    other._engine.restore(arrays)
+    other.run(24.7)
+    found = [*other.spikes("exc"), *other.spikes("inh"), other.get("exc_exc", "weight"), other.get("exc", "V_m")]
+    assert all(np.array_equal(a, b) for a, b in zip(found, alone, strict=False))
+
+
+def test_a_state_of_another_number_of_threads_is_refused():
+    sim, other = neuro.compile(network(), seed=4, threads=3), neuro.compile(network(), seed=4, threads=2)
+    sim.run(5.0)
+    with pytest.raises(neuro.ModelError, match=r"^the state was saved with threads=3: expected the same to continue$"):
+        other._engine.restore(sim._engine.snapshot())

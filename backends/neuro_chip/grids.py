@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.kernels.jit import inner
+from neuro.kernels.jit import inner, kernel
 from neuro.program.program import Ints, Program, Projection
 from neuro_chip import tables as t
 from neuro_chip.deliver import add, send_row
@@ -48,12 +48,31 @@ def turn(a: dict[str, NDArray[Any]], part: Projection, row: Ints) -> None:
         here[:] = words.reshape(part.grid.maps, -1).T if row[t.WORD_STRIDE] else words
 
 
-def turn_some(a: dict[str, NDArray[Any]], part: Projection, row: Ints, synapses: Ints, words: NDArray[Any]) -> None:
-    """Likewise of some of its weights."""
-    if row[t.GATHER] >= 0:
-        assert part.grid is not None
-        m, place = np.divmod(synapses, part.size // part.grid.maps)
-        a["kernels"][row[t.KERNEL] + place * part.grid.maps + m] = words
+@kernel
+def write_some(mantissas, synapses, table, lowest, words, kernels, row, size):
+    """Write the words of some synapses of a projection, where it has room for them with the maps innermost, too.
+
+    Args:
+        mantissas: of all its synapses.
+        synapses: which have changed.
+        table: the word of each mantissa from `lowest` on.
+        lowest: the smallest mantissa.
+        words: of all projections, changed.
+        kernels: likewise with the maps innermost.
+        row: of the projection; it is told that there may be words of a sign.
+        size: weights of a map.
+    """
+    maps = row[t.MAPS]
+    for k in range(synapses.size):
+        s = synapses[k]
+        word = table[mantissas[s] - lowest]
+        words[row[t.WORD] + s] = word
+        if word > 0:
+            row[t.POSITIVE] = 1
+        elif word < 0:
+            row[t.NEGATIVE] = 1
+        if row[t.GATHER] >= 0:
+            kernels[row[t.KERNEL] + s % size * maps + s // size] = word
 
 
 @inner

@@ -128,11 +128,13 @@ class Machine:
 
     def check_overflows(self) -> None:
         """Tell of each kind of overflow once, or refuse to go on."""
-        columns = self.arrays["native"][:, : t.MERGED]
+        columns, learnt = self.arrays["native"][:, : t.MERGED], self.learners.overflows()
+        if not learnt and not columns.any():
+            return
         found = {
             f"{t.NATIVE[column]} of {self.program.populations[k].name}": int(columns[k, column])
             for k, column in zip(*np.nonzero(columns), strict=True)
-        } | self.learners.overflows()
+        } | learnt
         for what in [what for what in found if what not in self._warned]:
             self._warned.add(what)
             text = f"backend '{self.fixed.chip.name}': {found[what]} {what} up to step {self.step}"

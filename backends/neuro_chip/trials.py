@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import ModuleType
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,7 +37,7 @@ class Trials:
         self._began = 0
         self.changes = 0
         self._inputs: dict[tuple[int, int], tuple[Ints, Ints]] = {}
-        self._constants: dict[int, tuple[Floats, Floats]] = {}
+        self._taught: dict[int, tuple[Floats, Floats, ModuleType]] = {}
         self._keys = [keyed_random.key(machine.program.seed, "rounding", p.name) for p in machine.program.projections]
 
     def start_anew(self) -> None:
@@ -145,21 +147,21 @@ class Trials:
         delay = self._delays_of(projection, slots)
         since = (tick + self._began + 1 - first - delay) * machine.program.resolution
         since[first == NEVER] = -np.inf
-        wires, rule, key = self._prepared(projection)
+        wires, rule, key, arithmetic = self._prepared(projection)
         weights.updates[projection] += len(slots)
         if projection in machine.delays:
             units, unit = machine.delays.units[projection], machine.program.resolution / FRACTIONS
-            host.teacher(part.synapse.arithmetic.teach)(
+            host.teacher(arithmetic.teach)(
                 units, unit, *machine.delays.bounds(projection), 1,
                 slots, since, lesson, rule, key, self.changes,
             )  # fmt: skip
             machine.delays.write(projection)
             return
-        host.teacher(part.synapse.arithmetic.teach)(
+        host.teacher(arithmetic.teach)(
             weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
             slots, since, lesson, rule, key, self.changes,
         )  # fmt: skip
-        if (settle := getattr(part.synapse.arithmetic, "settle", None)) is not None:
+        if (settle := getattr(arithmetic, "settle", None)) is not None:
             total = float(weights.mantissas[projection][slots].sum() * float(wires.step[0]))
             self.changes += 1
             host.teacher(settle)(
@@ -180,8 +182,8 @@ class Trials:
         """Apply the rule's `encourage` to every weight of some maps, rounding stochastically."""
         weights = self._machine.weights
         part = self._machine.program.projections[projection]
-        wires, rule, key = self._prepared(projection)
-        grow = host.grower(part.synapse.arithmetic.encourage)
+        wires, rule, key, arithmetic = self._prepared(projection)
+        grow = host.grower(arithmetic.encourage)
         for begin, end in self._ranges(part, maps):
             grow(
                 weights.mantissas[projection], float(wires.step[0]), wires.low, wires.high, wires.grain,
@@ -201,17 +203,17 @@ class Trials:
         begins = np.concatenate(([0], ends[:-1] + 1))
         return [(int(slots[a]), int(slots[b]) + 1) for a, b in zip(begins, ends, strict=True)] if slots.size else []
 
-    def _prepared(self, projection: int) -> tuple[FixedProjection, Floats, np.uint64]:
-        """The scale of a projection, its rule's constants, and the key of its draws; counts a change."""
+    def _prepared(self, projection: int) -> tuple[FixedProjection, Floats, np.uint64, ModuleType]:
+        """The scale of a projection, its rule's constants, the key of its draws, and the rule; counts a change."""
         machine = self._machine
         numbers = machine.weights.rules[projection]
-        kept = self._constants.get(projection)
+        kept = self._taught.get(projection)
         if kept is None or kept[0] is not numbers:
             synapse = machine.program.projections[projection].synapse
-            kept = self._constants[projection] = numbers, np.zeros(synapse.width)
-            synapse.arithmetic.constants(numbers, machine.program.resolution, kept[1])
+            kept = self._taught[projection] = numbers, np.zeros(synapse.width), synapse.arithmetic
+            kept[2].constants(numbers, machine.program.resolution, kept[1])
         self.changes += 1
-        return machine.weights.wires_of(projection), kept[1], np.uint64(self._keys[projection])
+        return machine.weights.wires_of(projection), kept[1], np.uint64(self._keys[projection]), kept[2]
 
 
 def _under_kernel(part: Projection, neuron: int) -> tuple[Ints, Ints]:

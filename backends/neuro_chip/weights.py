@@ -39,6 +39,7 @@ class Weights:
         self.wires = list(fixed.projections)
         self._described = fixed.projections
         self._given: dict[int, Floats] = {}
+        self._words: dict[int, tuple[FixedProjection, NDArray[Any]]] = {}
         self.mantissas: list[Words] = []
         self.rules: dict[int, Floats] = {}
         self.updates: Ints = np.zeros(len(self.wires), dtype=np.int64)
@@ -146,11 +147,20 @@ class Weights:
         if not row[t.WORD_STRIDE] or self.mantissas[index].size != part.size:
             self.write(index)
             return
-        words = self._family.words(self.wires_of(index), self.mantissas[index][synapses])
-        self._a["words"][row[t.WORD] + synapses] = words
-        row[t.POSITIVE] |= bool((words > 0).any())  # to say that there may be some is enough
-        row[t.NEGATIVE] |= bool((words < 0).any())
-        grids.turn_some(self._a, part, row, synapses, words)
+        table, lowest = self._words_of(index)
+        maps = 1 if part.grid is None else part.grid.maps
+        grids.write_some(
+            self.mantissas[index], synapses, table, lowest, self._a["words"], self._a["kernels"], row, part.size // maps
+        )
+
+    def _words_of(self, index: int) -> tuple[NDArray[Any], int]:
+        """The word of each mantissa of a projection, and the lowest of these; computed once at a scale."""
+        wires = self.wires_of(index)
+        kept = self._words.get(index)
+        if kept is None or kept[0] is not wires:
+            words = self._family.words(wires, np.arange(wires.low, wires.high + 1, dtype=np.int32))
+            kept = self._words[index] = wires, words.astype(self._a["words"].dtype)
+        return kept[1], wires.low
 
     def take(self, wires: Mapping[int, FixedProjection]) -> None:
         """Other scales and mantissas of some projections."""

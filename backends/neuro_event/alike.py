@@ -4,6 +4,7 @@
 import numpy as np
 
 from neuro.kernels.jit import inner, merged
+from neuro.kernels.lanes import LANES
 from neuro_event.tables import BLOCK, ROW, SOURCE, WEIGHT
 from neuro_event.views import TARGETS, net_of, prefetch
 
@@ -12,26 +13,40 @@ LINE = 16
 
 _SHIFT = np.uint64(6)
 assert BLOCK == 1 << 6
+_SPOT = np.uint64(3)
+assert LANES == 1 << 3
 
 
 @inner
-def deliver_alike(view, row, first_source, step_slot, thread, out, mark):
+def deliver_alike(view, row, first_source, step_slot, thread, out, mark, spot):
     """Deliver the spikes of a step to this thread's targets; `out` is the place of target 0 in `buf`.
 
-    `mark` is the place of the targets' first block in `due`, or -1 where all blocks are marked at once.
+    `mark` is the place of the targets' first block in `due`, or -1 where all blocks are marked at once; `spot` that of
+    their first spot, or -1 where none are marked.
     """
     net = net_of(view)
     mask = net.log_ids.shape[1] - 1
     weight = net.weights[row[WEIGHT]]
     # Threads own ascending ids, so going through them in order adds as one thread would.
-    for t in range(net.edges.shape[0] - 1):
+    for t in range(net.edges.shape[1] - 1):
         end = net.log_ends[t, step_slot, row[SOURCE] + 1]
         for place in range(net.log_ends[t, step_slot, row[SOURCE]], end):
             at = row_of(view, row, first_source, thread, t, place)
             after = row_of(view, row, first_source, thread, t, min(place + 1, end - 1))
             ahead = view[TARGETS, 0] + 4 * net.rows[after]
             value = weight * np.float64(net.log_counts[t, place & mask])
-            add(net.targets, net.rows[at], net.rows[at + 1], value, net.buf, out, net.due, mark, ahead)
+            first, last = net.rows[at], net.rows[at + 1]
+            add(net.targets, first, last, value, net.buf, out, net.due[thread], mark, ahead)
+            if spot >= 0:
+                mark_spots(net.targets, first, last, net.spots, spot)
+
+
+@inner
+def mark_spots(targets, first, last, spots, spot):
+    """Mark the spots of the targets first:last; `spot` is that of target 0."""
+    begin = np.uint64(spot)
+    for e in range(np.uint64(first), np.uint64(last)):
+        spots[begin + (np.uint64(targets[e]) >> _SPOT)] = 1
 
 
 @merged
@@ -39,7 +54,7 @@ def row_of(view, row, first_source, thread, t, place):
     """The row of synapses, onto a thread's targets, of a spike at a place of the log of thread t."""
     net = net_of(view)
     source = np.int64(net.log_ids[t, place & (net.log_ids.shape[1] - 1)]) - first_source
-    return row[ROW] + source * (net.edges.shape[0] - 1) + thread
+    return row[ROW] + source * (net.edges.shape[1] - 1) + thread
 
 
 @inner

@@ -20,6 +20,7 @@ from neuro_event.tables import (
     LAST_BLOCK,
     MIXED,
     NEGATIVE,
+    NUMBER,
     RECEPTORS,
     RING,
     RING_MASK,
@@ -96,7 +97,7 @@ def ask_for(view, row, first, last):
 
 
 @inner
-def add_run(view, row, first, last, m, receptors, between, out, mark):
+def add_run(view, row, thread, first, last, m, receptors, between, out, mark):
     """Add a run, the synapses first:last of its projection, to the input whose target 0 lies at `out`."""
     net = net_of(view)
     e = row[SYNAPSE]
@@ -104,13 +105,13 @@ def add_run(view, row, first, last, m, receptors, between, out, mark):
         weight = net.weights[row[WEIGHT]] * m
         at = out + receptor(weight, receptors) * between
         here = view[TARGETS, 0] + 4 * (e + first)  # asked for long before
-        add(net.targets, e + first, e + last, weight, net.buf, at, net.due, mark, here)
+        add(net.targets, e + first, e + last, weight, net.buf, at, net.due[thread], mark, here)
     else:
         apart, at = receptors, out
         if receptors == 2 and row[SIGN] != MIXED:
             apart, at = 1, out + (between if row[SIGN] == NEGATIVE else 0)
-        w = row[WEIGHT] + first
-        csr_own(net.targets, e + first, e + last, net.weights, w, m, apart, between, net.buf, at, net.due, mark)
+        w, due = row[WEIGHT] + first, net.due[thread]
+        csr_own(net.targets, e + first, e + last, net.weights, w, m, apart, between, net.buf, at, due, mark)
 
 
 @inner
@@ -132,11 +133,11 @@ def add_queue(view, row, thread, n, total, slot):
     for k in range(n):
         if k + AHEAD < n:
             ask_for(view, row, queue[k + AHEAD, 0], queue[k + AHEAD, 1])
-        add_run(view, row, queue[k, 0], queue[k, 1], np.float64(queue[k, 2]), receptors, between, out, mark)
+        add_run(view, row, thread, queue[k, 0], queue[k, 1], np.float64(queue[k, 2]), receptors, between, out, mark)
     if wide:
-        first_block = max(target[FIRST_BLOCK], net.edges[thread])
-        last_block = min(target[LAST_BLOCK], net.edges[thread + 1])
-        net.due[slot + first_block : slot + last_block] = 1
+        first_block = net.edges[target[NUMBER], thread]
+        last_block = net.edges[target[NUMBER], thread + 1]
+        net.due[thread, slot + first_block : slot + last_block] = 1
 
 
 @inner
@@ -145,11 +146,11 @@ def arrive(view, q, step, thread):
     net = net_of(view)
     row = net.projections[q]
     source, target = net.pops[row[SOURCE]], net.pops[row[TARGET]]
-    threads = net.edges.shape[0] - 1
-    if max(target[FIRST_BLOCK], net.edges[thread]) >= min(target[LAST_BLOCK], net.edges[thread + 1]):
+    threads = net.edges.shape[1] - 1
+    if net.edges[target[NUMBER], thread] >= net.edges[target[NUMBER], thread + 1]:
         return
     blocks = net.awake.shape[0]
-    slot = (step & (net.due.shape[0] // blocks - 1)) * blocks
+    slot = (step & (net.due.shape[1] // blocks - 1)) * blocks
     queue = net.queue[thread]
     mask, steps = net.log_ids.shape[1] - 1, net.log_ends.shape[1] - 1
     n = total = 0
@@ -185,7 +186,7 @@ def at_emission(view, q, step, after, thread):
         log_delivery(view, q, step, 0, thread, True)
         return
     mask, slot = net.log_ids.shape[1] - 1, step & (net.log_ends.shape[1] - 1)
-    for t in range(net.edges.shape[0] - 1):
+    for t in range(net.edges.shape[1] - 1):
         for place in range(net.log_ends[t, slot, row[SOURCE]], net.log_ends[t, slot, row[SOURCE] + 1]):
             i = np.int64(net.log_ids[t, place & mask]) - net.pops[row[SOURCE], BEGIN]
             keep_for_later(view, row, i, np.float64(net.log_counts[t, place & mask]), step, after, thread)
@@ -196,9 +197,9 @@ def keep_for_later(view, row, i, m, step, after, thread):
     """Put the spike of source i in a step, of multiplicity m, into the ring of its projection."""
     net = net_of(view)
     target = net.pops[row[TARGET]]
-    threads = net.edges.shape[0] - 1
+    threads = net.edges.shape[1] - 1
     blocks = net.awake.shape[0]
-    slots = net.due.shape[0] // blocks - 1
+    slots = net.due.shape[1] // blocks - 1
     receptors = target[RECEPTORS]
     for d in range(row[DELAYS]):
         at = step + row[SHORTEST] + d
@@ -208,4 +209,4 @@ def keep_for_later(view, row, i, m, step, after, thread):
             continue
         out = row[RING] + ((at & row[RING_MASK]) * receptors + base_of(row)) * row[RING_SIZE]
         mark = (at & slots) * blocks + target[FIRST_BLOCK]
-        add_run(view, row, first, last, m, told_apart(row, receptors), row[RING_SIZE], out, mark)
+        add_run(view, row, thread, first, last, m, told_apart(row, receptors), row[RING_SIZE], out, mark)

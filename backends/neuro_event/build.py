@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from neuro.core import keyed_random
+from neuro.kernels.lanes import LANES
 from neuro.model.neurons import Generator, Neuron
 from neuro.model.parts import lateral_reset, local_winners, winner_take_all
-from neuro.program.program import Floats, Program
+from neuro.program.program import Floats, Ints, Program
 from neuro_event import layout, memory
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
@@ -23,14 +24,16 @@ LINE = 16
 """Numbers between what two threads write often, so that they share no cache line."""
 
 
-def build(program: Program, threads: int, eager: bool = True) -> Arrays:
-    """Lay out a program for a number of threads."""
+def build(program: Program, threads: int, eager: bool = True, edges: Ints | None = None) -> Arrays:
+    """Lay out a program for a number of threads, or cut at given edges."""
     where = layout.places(program)
     arranged = [layout.synapses(program, q, where) for q in range(len(program.projections))]
     learning = [q for q, p in enumerate(program.projections) if layout.learns_pairs(p)]
     longest = _longest_delay(program)
     slots = layout.power_of_two(2 * longest + 2)
-    net: dict[str, Any] = {"edges": layout.thread_edges(program, where, threads)}
+    if edges is None:
+        edges = layout.thread_edges(program, where, layout.parts(program, threads))
+    net: dict[str, Any] = {"edges": edges}
     arrays = Arrays(
         program, where, arranged, {q: k for k, q in enumerate(learning)}, net, {}, max(1, program.min_delay), longest, 0
     )
@@ -56,7 +59,7 @@ def _longest_delay(program: Program) -> int:
 
 def _neurons(a: Arrays, slots: int) -> None:
     n = layout.total(a.program)
-    blocks = n // t.BLOCK
+    blocks, threads = n // t.BLOCK, a.net["edges"].shape[1] - 1
     states = [len(type(p.model).states) for p in a.program.populations if layout.computes(p)]
     a.net |= {
         "state": memory.rows(max([1, *states]), n, line=4),
@@ -64,14 +67,15 @@ def _neurons(a: Arrays, slots: int) -> None:
         "current": memory.zeros(n, np.float64, line=8),
         "none": memory.zeros(t.BLOCK * t.GROUPED, np.float64, line=8),
         "fired": memory.zeros(n, np.uint8, line=16),
+        "spots": memory.zeros(n // LANES, np.uint8),
         "muted": np.zeros(n, dtype=np.uint8),
-        "events": np.zeros(n, dtype=np.int64),
-        "spikes": np.zeros(n, dtype=np.int64),
-        "active": np.zeros((a.net["edges"].size - 1, len(a.program.populations) + LINE), dtype=np.int64),
+        "events": memory.zeros(n, np.int64, line=24),
+        "spikes": memory.zeros(n, np.int64, line=32),
+        "active": np.zeros((threads, len(a.program.populations) + LINE), dtype=np.int64),
         "awake": np.zeros(blocks, dtype=np.uint8),
-        "due": np.zeros(slots * blocks, dtype=np.uint8),
-        "slept": np.zeros(blocks, dtype=np.int64),
-        "busy": np.zeros(blocks, dtype=np.int64),
+        "due": memory.zeros(threads * slots * blocks, np.uint8).reshape(threads, slots * blocks),
+        "slept": memory.zeros(blocks, np.int64),
+        "busy": memory.zeros(blocks, np.int64),
         "mean": np.zeros(n),
         "nothing": np.ones(n),
         "tau_minus": np.ones(n),
@@ -138,11 +142,13 @@ def rebuild_constants(a: Arrays, changed: dict[int, Floats]) -> None:
 
 
 def _logs(a: Arrays) -> None:
-    threads = a.net["edges"].size - 1
-    n = int(np.diff(a.net["edges"]).max()) * t.BLOCK
+    threads = a.net["edges"].shape[1] - 1
+    most = np.diff(a.net["edges"], axis=1).sum(axis=0) * t.BLOCK
+    n = int(most.max())
     steps = layout.power_of_two(a.reach + 2 * a.longest_slice + 2)
     capacity = layout.power_of_two(4 * n + n * a.longest_slice)
     a.net |= {
+        "most": most,
         "log_ids": np.zeros((threads, capacity), dtype=np.int32),
         "log_counts": np.zeros((threads, capacity), dtype=np.int32),
         "log_ends": np.zeros((threads, steps, len(a.program.populations) + 1), dtype=np.int64),
@@ -212,4 +218,4 @@ def _rivals(a: Arrays) -> None:
             place, shape = a.places[group.population], a.program.populations[group.population].shape
             a.net["groups"][k, [t.RIVALS, t.APART]] = shape[choice.axis], place.steps(shape)[choice.axis]
     most = max(1, int(a.net["groups"][:, t.RIVALS].max()))
-    a.net["rivals"] = np.zeros((a.net["edges"].size - 1, most), dtype=np.int64)
+    a.net["rivals"] = np.zeros((a.net["edges"].shape[1] - 1, most), dtype=np.int64)

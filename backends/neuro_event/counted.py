@@ -15,7 +15,7 @@ from neuro_event.tables import (
     FIRST_BLOCK,
     GROUPED,
     LAG,
-    LAST_BLOCK,
+    NUMBER,
     RECEPTORS,
     SOURCE,
     START,
@@ -43,7 +43,7 @@ def draw_counts(view, thread, pop, row, step):
         net.counts[place : place + n] = 0
         return
     base = step_word(net.keys[pop], step)
-    begin, end = max(row[FIRST_BLOCK], net.edges[thread]), min(row[LAST_BLOCK], net.edges[thread + 1])
+    begin, end = net.edges[row[NUMBER], thread], net.edges[row[NUMBER], thread + 1]
     run = begin
     for block in range(begin, end + 1):
         awake = block < end and net.awake[block] == 1
@@ -99,7 +99,7 @@ def add_counts(view, thread, row, target, step, n_all, slots, blocks):
     place = source[COUNTS] + ((step - row[LAG]) & (source[COUNTS_STEPS] - 1)) * n
     weight = net.weights[row[WEIGHT]]
     out = target[BEGIN] + (base_of(row) + receptor(weight, told_apart(row, target[RECEPTORS]))) * n_all
-    for block in range(max(target[FIRST_BLOCK], net.edges[thread]), min(target[LAST_BLOCK], net.edges[thread + 1])):
+    for block in range(net.edges[target[NUMBER], thread], net.edges[target[NUMBER], thread + 1]):
         from_block = source[FIRST_BLOCK] + block - target[FIRST_BLOCK]
         # what one sent before it fell silent may still be under way
         if net.awake[from_block] == 0 and step - row[LAG] > net.busy[from_block]:
@@ -114,4 +114,4 @@ def add_counts(view, thread, row, target, step, n_all, slots, blocks):
             old = into[i]
             into[i] = old + weight * counts[i] if counts[i] > 0 else old
         if some:
-            net.due[(step & slots) * blocks + block] = 1
+            net.due[thread, (step & slots) * blocks + block] = 1

@@ -8,13 +8,15 @@ projections whose spikes are delivered at emission. `due` marks the blocks that 
 import numpy as np
 
 from neuro.kernels.jit import inner
-from neuro_event.alike import deliver_alike
+from neuro.kernels.lanes import LANES
+from neuro_event.alike import deliver_alike, mark_spots
 from neuro_event.tables import (
     BEGIN,
     BLOCK,
     CHANNEL_HEIGHT,
     CHANNEL_WIDTH,
     CHANNELS_INSIDE,
+    COLLECTS,
     COLUMNS,
     CSR,
     DELAY,
@@ -25,12 +27,12 @@ from neuro_event.tables import (
     FIRST_BLOCK,
     KERNEL_HEIGHT,
     KERNEL_WIDTH,
-    LAST_BLOCK,
     LAYOUT,
     LEFT,
     MAPS,
     MIXED,
     NEGATIVE,
+    NUMBER,
     ONE_TO_ONE,
     REACH,
     RECEPTOR,
@@ -95,7 +97,7 @@ def csr_delayed(view, row, source_id, m, step, thread, receptors, mark, slots):
     """One spike over a projection whose synapses have delays of their own, into its ring."""
     net = net_of(view)
     blocks = net.awake.shape[0]
-    place = row[ROW] + source_id * (net.edges.shape[0] - 1) + thread
+    place = row[ROW] + source_id * (net.edges.shape[1] - 1) + thread
     size, base, apart = row[RING_SIZE], base_of(row), told_apart(row, receptors)
     for e in range(net.rows[place], net.rows[place + 1]):
         s = e - row[SYNAPSE]
@@ -104,7 +106,7 @@ def csr_delayed(view, row, source_id, m, step, thread, receptors, mark, slots):
         target = np.int64(net.targets[e])
         to = (at & row[RING_MASK]) * receptors + base + receptor(weight, apart)
         net.buf[row[RING] + to * size + target] += weight
-        net.due[(at & slots) * blocks + mark + (target >> _BLOCK)] = 1
+        net.due[thread, (at & slots) * blocks + mark + (target >> _BLOCK)] = 1
 
 
 @inner
@@ -157,20 +159,22 @@ def add_by_sign(weights, m, first, second):
 
 
 @inner
-def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between, mark):
+def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between, mark, spot):
     """One spike of multiplicity m over a projection with one delay, to this thread's targets lo:hi of n.
 
     `out` is the place of target 0 in `buf`, `between` the distance to the second receptor, and `mark` the
-    place of the targets' first block in `due`, or -1 where all blocks are marked at once.
+    place of the targets' first block in `due`, or -1 where all blocks are marked at once; `spot` as in `alike`.
     """
     net = net_of(view)
-    buf, weights = net.buf, net.weights
+    buf, weights, due = net.buf, net.weights, net.due[thread]
     layout = row[LAYOUT]
     if layout == CSR:
-        place = row[ROW] + source_id * (net.edges.shape[0] - 1) + thread
+        place = row[ROW] + source_id * (net.edges.shape[1] - 1) + thread
         first, last = net.rows[place], net.rows[place + 1]
         w = row[WEIGHT] + first - row[SYNAPSE]
-        csr_own(net.targets, first, last, weights, w, m, receptors, between, buf, out, net.due, mark)
+        csr_own(net.targets, first, last, weights, w, m, receptors, between, buf, out, due, mark)
+        if spot >= 0:
+            mark_spots(net.targets, first, last, net.spots, spot)
     elif layout == DENSE:
         w = row[WEIGHT] + source_id * n
         if row[WEIGHT_STRIDE] == 0:
@@ -192,12 +196,12 @@ def scatter(view, row, source_id, m, thread, lo, hi, n, receptors, out, between,
             weight = weights[row[WEIGHT] + source_id * row[WEIGHT_STRIDE]] * m
             buf[out + source_id + receptor(weight, receptors) * between] += weight
             if mark >= 0:
-                net.due[mark + (source_id >> _BLOCK)] = 1
+                due[mark + (source_id >> _BLOCK)] = 1
     elif row[SIGN] == MIXED and receptors == 2:
-        grid_add(row, source_id, m, weights, lo, hi, buf, out, between, net.due, mark)
+        grid_add(row, source_id, m, weights, lo, hi, buf, out, between, due, mark)
     else:
         o = out + (between if row[SIGN] == NEGATIVE and receptors == 2 else 0)
-        grid_add(row, source_id, m, weights, lo, hi, buf, o, 0, net.due, mark)
+        grid_add(row, source_id, m, weights, lo, hi, buf, o, 0, due, mark)
 
 
 @inner
@@ -210,9 +214,9 @@ def log_delivery(view, q, j, k, thread, ring):
     net = net_of(view)
     row = net.projections[q]
     source, target = net.pops[row[SOURCE]], net.pops[row[TARGET]]
-    threads = net.edges.shape[0] - 1
-    first_block = max(target[FIRST_BLOCK], net.edges[thread])
-    last_block = min(target[LAST_BLOCK], net.edges[thread + 1])
+    threads = net.edges.shape[1] - 1
+    first_block = net.edges[target[NUMBER], thread]
+    last_block = net.edges[target[NUMBER], thread + 1]
     step_slot = j & (net.log_ends.shape[1] - 1)
     some = False
     for t in range(threads):
@@ -220,7 +224,7 @@ def log_delivery(view, q, j, k, thread, ring):
     if first_block >= last_block or not some:
         return
     blocks = net.awake.shape[0]
-    slots = net.due.shape[0] // blocks - 1
+    slots = net.due.shape[1] // blocks - 1
     n = target[END] - target[BEGIN]
     receptors = target[RECEPTORS]
     lo = first_block * BLOCK - target[BEGIN]
@@ -239,12 +243,13 @@ def log_delivery(view, q, j, k, thread, ring):
     slot = (at & slots) * blocks
     wide = row[WAKE_ALL] == 1 and not own_delays
     mark = -1 if wide else slot + target[FIRST_BLOCK]
+    spot = target[BEGIN] // LANES if target[COLLECTS] >= 0 else -1
     mask = net.log_ids.shape[1] - 1
     if row[LAYOUT] == CSR and row[WEIGHT_STRIDE] == 0 and not own_delays:
         to = out + receptor(net.weights[row[WEIGHT]], apart) * between
-        deliver_alike(view, row, source[BEGIN], step_slot, thread, to, mark)
+        deliver_alike(view, row, source[BEGIN], step_slot, thread, to, mark, spot)
         if wide:
-            net.due[slot + first_block : slot + last_block] = 1
+            net.due[thread, slot + first_block : slot + last_block] = 1
         return
     # Threads own ascending ids, so going through them in order adds as one thread would.
     for t in range(threads):
@@ -254,6 +259,6 @@ def log_delivery(view, q, j, k, thread, ring):
             if own_delays:
                 csr_delayed(view, row, source_id, m, j, thread, receptors, target[FIRST_BLOCK], slots)
             else:
-                scatter(view, row, source_id, m, thread, lo, hi, n, apart, out, between, mark)
+                scatter(view, row, source_id, m, thread, lo, hi, n, apart, out, between, mark, spot)
     if wide:
-        net.due[slot + first_block : slot + last_block] = 1
+        net.due[thread, slot + first_block : slot + last_block] = 1

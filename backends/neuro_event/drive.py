@@ -13,14 +13,13 @@ from neuro_event.tables import (
     COLUMN_AT,
     DRIVEN,
     END,
-    FIRST_BLOCK,
     FIRST_VALUE,
     HOW,
-    LAST_BLOCK,
     LATE,
     LINE_ENDS,
     LINE_STRIDE,
     LINE_WEIGHT,
+    NUMBER,
     SHARE,
     TO_ALL,
     VALUES,
@@ -35,7 +34,7 @@ def drive(view, thread, step):
     for k in range(net.lines.shape[0]):
         line = net.lines[k]
         row = net.pops[line[DRIVEN]]
-        for block in range(max(row[FIRST_BLOCK], net.edges[thread]), min(row[LAST_BLOCK], net.edges[thread + 1])):
+        for block in range(net.edges[row[NUMBER], thread], net.edges[row[NUMBER], thread + 1]):
             net.busy[block] = step
             if line[CHARGED] < 0:
                 lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
@@ -52,8 +51,8 @@ def charge(view, thread, step):
         line = net.lines[k]
         if line[CHARGED] >= 0:
             row = net.pops[line[DRIVEN]]
-            lo = max(row[BEGIN], net.edges[thread] * BLOCK)
-            hi = min(row[END], net.edges[thread + 1] * BLOCK)
+            lo = net.edges[row[NUMBER], thread] * BLOCK
+            hi = min(row[END], net.edges[row[NUMBER], thread + 1] * BLOCK)
             add_line(view, k, row, lo, hi, step, net.state[line[CHARGED]])
 
 

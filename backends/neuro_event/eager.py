@@ -38,6 +38,7 @@ from neuro_event.tables import (
     FIRST_SYNAPSE,
     FIRST_TARGET,
     INCOMING,
+    NUMBER,
     PROJECTION,
     RECEPTORS,
     RELAY,
@@ -58,6 +59,9 @@ FORWARD = (1 << 62) - 1
 
 PER_LINE = 16
 """Entries of a list in a cache line."""
+
+_BLOCK = np.uint64(6)
+assert BLOCK == 1 << 6
 
 NOTHING = 1e-290
 """A trace below this is 0: numbers that are slow to compute with are never reached."""
@@ -140,8 +144,8 @@ def enter_epoch(view, q, thread):
     for j in range(stride):
         if p.kinds[q, j, TAU] != TIME:
             lessen(p.k_plus[thread], first + j, last, stride, p.decay[q, OWN + j, table[EPOCH]])
-    lo = max(net.edges[thread] * BLOCK, target[BEGIN]) - target[BEGIN] + table[FIRST_TARGET]
-    hi = min(net.edges[thread + 1] * BLOCK, target[END]) - target[BEGIN] + table[FIRST_TARGET]
+    lo = net.edges[target[NUMBER], thread] * BLOCK - target[BEGIN] + table[FIRST_TARGET]
+    hi = min(net.edges[target[NUMBER], thread + 1] * BLOCK, target[END]) - target[BEGIN] + table[FIRST_TARGET]
     for j in range(p.heard.shape[1]):
         if p.kinds[q, half + j, TAU] != TIME:
             lessen(p.heard[:, j], lo, hi, 1, p.decay[q, OWN + half + j, table[EPOCH]])
@@ -246,7 +250,7 @@ def eager_entry(model, row_of):
         receptors, relay = target_row[RECEPTORS], target_row[RELAY]
         own, left = table[FIRST_SOURCE] + source * table[SOURCE_STRIDE], post_lefts(p, q, step)
         pre = pre_values(p, thread, own, pre_lefts(p, q, step), step, h)
-        line = row[ROW] + source * (net.edges.shape[0] - 1) + thread
+        line = row[ROW] + source * (net.edges.shape[1] - 1) + thread
         first, end = net.rows[line], net.rows[line + 1]
         at = step + np.int64(net.delays[row[DELAY]])
         ring = row[RING] + (at & row[RING_MASK]) * receptors * row[RING_SIZE]
@@ -272,9 +276,10 @@ def eager_entry(model, row_of):
             due_everywhere(net, target_row, at, thread)
         elif row[WAKE_ALL] == 0:
             blocks = net.awake.shape[0]
-            mark = (at & (net.due.shape[0] // blocks - 1)) * blocks + target_row[FIRST_BLOCK]
-            for e in range(first, end):
-                net.due[mark + (np.int64(net.targets[e]) >> 6)] = 1
+            mark = (at & (net.due.shape[1] // blocks - 1)) * blocks + target_row[FIRST_BLOCK]
+            due, place = net.due[thread], np.uint64(mark)
+            for e in range(np.uint64(first), np.uint64(end)):
+                due[place + (np.uint64(net.targets[e]) >> _BLOCK)] = 1
         keep_pres(p, thread, own, pre_lefts(p, q, step), step)
 
     @kernel

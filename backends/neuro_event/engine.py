@@ -38,8 +38,9 @@ class EventEngine:
         self._n_threads = threads
         self._start_over(None)
 
-    def _start_over(self, weights: dict[int, Floats] | None, eager: bool = True) -> None:
-        self._a = build.build(self._program, self._n_threads, eager)
+    def _start_over(self, weights: dict[int, Floats] | None, eager: bool = True, edges: Ints | None = None) -> None:
+        cut = () if edges is None else (edges,)
+        self._a = build.build(self._program, self._n_threads, eager, *cut)
         self._step = 0
         self._changes = Changes(self._program)
         self._record = Record(self._program, self._a.places)
@@ -47,7 +48,7 @@ class EventEngine:
         self._drives = Drives(self._program, self._currents, self._a, self._parameter)
         self._rates = Rates(self._program)
         self._steady = not any(p.kind == "current" or p.schedule is not None for p in self._program.populations)
-        self._threads = Threads(self._n_threads)
+        self._threads = Threads(self._a.net["edges"].shape[1] - 1)
         self._listed = Listed(self._a)
         self._samples, self._notes = Samples(self._a), Notes(self._a)
         self._stops = bool(self._samples.probes or self._notes)
@@ -63,7 +64,7 @@ class EventEngine:
         net = self._a.net
         net["awake_groups"] = net["awake"].view(np.uint64)
         net["due_groups"] = net["due"].view(np.uint64)
-        net["fired_words"] = net["fired"].view(np.uint64)
+        net["spot_words"] = net["spots"].view(np.uint64)
         self._a.plastic["traces"] = self._a.plastic["past"].view(np.float64)
         self._view = table_of(net, self._a.plastic)
         self._overrun = net["clock"][:, t.OVERRUN]
@@ -496,10 +497,11 @@ class EventEngine:
         Raises:
             ModelError: it was taken with another number of threads.
         """
-        if not np.array_equal(arrays["engine.edges"], self._a.net["edges"]):
-            n = arrays["engine.edges"].size - 1
+        edges = layout.edges_of(arrays["engine.edges"], self._a.places)
+        n = edges.shape[1] - 1
+        if n not in (layout.parts(self._program, self._n_threads), self._n_threads):
             raise ModelError(f"the state was saved with threads={n}: expected the same to continue")
-        self._start_over(None, eager=snapshot.is_eager(arrays))
+        self._start_over(None, snapshot.is_eager(arrays), edges)
         snapshot.restore(self._a, arrays)
         late.restore(self._a, arrays)
         self._step = int(arrays["engine.step"])

@@ -5,11 +5,22 @@ import numpy as np
 
 from neuro.kernels.draws import poisson_by_sum, step_word, uniform
 from neuro.kernels.jit import inner
+from neuro.kernels.lanes import lowest, marked
 from neuro_event.counted import draw_counts
-from neuro_event.neurons import any_fired, emit, next_fired
+from neuro_event.neurons import emit
 from neuro_event.operations import STEP
-from neuro_event.tables import BEGIN, BLOCK, COUNTS, END, FIRST_BLOCK, LAST_BLOCK, START, STOP
+from neuro_event.tables import (
+    BEGIN,
+    BLOCK,
+    COUNTS,
+    END,
+    NUMBER,
+    START,
+    STOP,
+)
 from neuro_event.views import call_entry, net_of
+
+_ONE = np.uint64(1)
 
 
 @inner
@@ -22,7 +33,7 @@ def draw_poisson(view, thread, pop, row, step, at, done, h):
     if step <= row[START] or step > row[STOP]:
         return at
     base = step_word(net.keys[pop], step)
-    for block in range(max(row[FIRST_BLOCK], net.edges[thread]), min(row[LAST_BLOCK], net.edges[thread + 1])):
+    for block in range(net.edges[row[NUMBER], thread], net.edges[row[NUMBER], thread + 1]):
         if net.awake[block] == 0:
             continue
         lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
@@ -30,12 +41,12 @@ def draw_poisson(view, thread, pop, row, step, at, done, h):
         first = lo - row[BEGIN]
         for k in range(emits.size):
             emits[k] = uniform(base, first + k) >= nothing[k]
-        if any_fired(view, lo):
-            i = next_fired(view, lo, hi)
-            while i < hi:
-                m = poisson_by_sum(base, i - row[BEGIN], net.mean[i], net.nothing[i])
-                at = emit(view, thread, pop, row, i, m, step, done, h, at)
-                i = next_fired(view, i + 1, hi)
+        fired = marked(net.fired, lo)
+        while fired:
+            i = lo + lowest(fired)
+            fired &= fired - _ONE
+            m = poisson_by_sum(base, i - row[BEGIN], net.mean[i], net.nothing[i])
+            at = emit(view, thread, pop, row, i, m, step, done, h, at)
     return at
 
 
@@ -45,14 +56,14 @@ def let_emit(view, thread, pop, row, step, at, done, h):
     net = net_of(view)
     if step <= row[START] or step > row[STOP]:
         return at
-    for block in range(max(row[FIRST_BLOCK], net.edges[thread]), min(row[LAST_BLOCK], net.edges[thread + 1])):
+    for block in range(net.edges[row[NUMBER], thread], net.edges[row[NUMBER], thread + 1]):
         lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
         call_entry(view, row, STEP, lo, hi, thread, step, h)
-        if any_fired(view, lo):
-            i = next_fired(view, lo, hi)
-            while i < hi:
-                at = emit(view, thread, pop, row, i, np.int64(net.x[0, i]), step, done, h, at)
-                i = next_fired(view, i + 1, hi)
+        fired = marked(net.fired, lo)
+        while fired:
+            i = lo + lowest(fired)
+            fired &= fired - _ONE
+            at = emit(view, thread, pop, row, i, np.int64(net.x[0, i]), step, done, h, at)
     return at
 
 
@@ -60,7 +71,7 @@ def let_emit(view, thread, pop, row, step, at, done, h):
 def list_spikes(view, thread, pop, row, step, at, done, h):
     """The listed spikes of a spike_generator in this step."""
     net = net_of(view)
-    lo, hi = net.edges[thread] * BLOCK, net.edges[thread + 1] * BLOCK
+    lo, hi = net.edges[pop, thread] * BLOCK, net.edges[pop, thread + 1] * BLOCK
     place = net.cursor[thread, pop]
     end = net.cursor[net.cursor.shape[0] - 1, pop]
     while place < end and net.list_steps[place] <= step:

@@ -75,7 +75,7 @@ def teacher(teach: Any) -> Any:
     def learn(view, q, c, late, fewest, most, first, moment, local, lesson, h):
         net = net_of(view)
         row = net.projections[q]
-        threads = net.edges.shape[0] - 1
+        threads = net.edges.shape[1] - 1
         changed = 0
         for source in range(first.shape[0]):
             begin = row[t.ROW] + source * threads

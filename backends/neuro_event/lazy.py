@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from neuro.kernels.jit import kernel
+from neuro.kernels.jit import inner, kernel
 from neuro_event import tables as t
 from neuro_event.arrivals import at_emission
 from neuro_event.deliver import base_of, receptor, told_apart
@@ -77,6 +77,15 @@ def concentrations(view, q, out, step, h):
         out[target] = dopamine_at(view, q, target, step, h)
 
 
+@inner
+def owner(edges, block):
+    """The thread that a block belongs to."""
+    thread = 0
+    while block >= edges[thread + 1]:
+        thread += 1
+    return thread
+
+
 @kernel
 def deliver_counts(view, q, first, last):
     """Put the counts of the steps first..last, which a poisson_generator keeps, into the ring of a projection.
@@ -88,7 +97,7 @@ def deliver_counts(view, q, first, last):
     source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
     n = source[t.END] - source[t.BEGIN]
     blocks = net.awake.shape[0]
-    slots = net.due.shape[0] // blocks - 1
+    slots = net.due.shape[1] // blocks - 1
     for step in range(max(first, net.clock[0, t.HORIZON] + 1), last + 1):
         at = step + np.int64(net.delays[row[t.DELAY]])
         place = source[t.COUNTS] + (step & (source[t.COUNTS_STEPS] - 1)) * n
@@ -99,13 +108,14 @@ def deliver_counts(view, q, first, last):
                 weight = net.weights[row[t.WEIGHT] + i * row[t.WEIGHT_STRIDE]]
                 to = receptor(weight, told_apart(row, target[t.RECEPTORS]))
                 net.buf[ring + to * row[t.RING_SIZE] + i] += weight * m
-                net.due[(at & slots) * blocks + target[t.FIRST_BLOCK] + i // t.BLOCK] = 1
+                block = target[t.FIRST_BLOCK] + i // t.BLOCK
+                net.due[owner(net.edges[row[t.TARGET]], block), (at & slots) * blocks + block] = 1
 
 
 @kernel
 def deliver_between(view, q, first, last):
     """Put what of the spikes that a projection's source emitted in the steps first..last is under way into its ring."""
     net = net_of(view)
-    for thread in range(net.edges.shape[0] - 1):
+    for thread in range(net.edges.shape[1] - 1):
         for step in range(max(first, net.clock[thread, t.HORIZON] + 1), last + 1):
             at_emission(view, q, step, last + 1, thread)

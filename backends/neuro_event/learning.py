@@ -26,7 +26,7 @@ from neuro_event.own_rules import ENTRY, NEWEST, OF_NEURON, OWN, TAU, TIME, own_
 
 def add_learning(a: Arrays, learning: list[int]) -> None:
     """Lay out the synapses, traces and histories of the projections `learning`."""
-    threads = a.net["edges"].size - 1
+    threads = a.net["edges"].shape[1] - 1
     program, pops = a.program, a.net["pops"]
     table = np.full((len(learning), t.PLASTIC_COLUMNS), t.NONE, dtype=np.int64)
     tau = np.zeros((len(learning), 2))

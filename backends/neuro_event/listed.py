@@ -61,7 +61,7 @@ class Listed:
     def _write(self, now: int) -> None:
         """Write all spikes after step `now`, equal ones joined."""
         net = self._a.net
-        threads = net["edges"].size - 1
+        threads = net["edges"].shape[1] - 1
         net["cursor"] = np.zeros((threads + 1, len(self._a.program.populations)), dtype=np.int64)
         columns, at = [np.zeros((0, 3), dtype=np.int64)], 0
         for k, (steps, ids) in self._spikes.items():

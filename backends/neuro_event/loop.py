@@ -4,10 +4,13 @@
 """
 
 # mypy: ignore-errors
+import numpy as np
+
 from neuro.kernels.atomic import look, tell
 from neuro.kernels.jit import inner, kernel
 from neuro_event.arrivals import arrive, at_emission
 from neuro_event.candidates import weigh_maps
+from neuro_event.collected import step_collecting
 from neuro_event.counted import add_counts
 from neuro_event.deliver import log_delivery
 from neuro_event.drive import charge, drive
@@ -20,7 +23,7 @@ from neuro_event.tables import (
     ARRIVALS,
     ARRIVALS_END,
     BEGIN,
-    BLOCK,
+    COLLECTS,
     DENSE_COUNTS,
     DONE,
     DONE_DOPAMINE,
@@ -72,7 +75,7 @@ def advance(view, thread, first, last, h):
     net = net_of(view)
     n_all = net.x.shape[1]
     blocks = net.awake.shape[0]
-    slots = net.due.shape[0] // blocks - 1
+    slots = net.due.shape[1] // blocks - 1
     # Only now have all threads logged the spikes of the slice before; what they send arrives in `first` or later.
     act_at_emission(view, thread, first - 1, first - 1, h)
     done = first - 1
@@ -97,6 +100,9 @@ def advance(view, thread, first, last, h):
                         add_counts(view, thread, projection, row, step, n_all, slots, blocks)
                     else:
                         log_delivery(view, q, j, step, thread, False)
+                if row[COLLECTS] >= 0:
+                    at = step_collecting(view, thread, pop, row, step, at, done, h, slots, blocks)
+                    continue
                 n_found, at = step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks)
                 if n_found > 0:
                     at = settle(view, thread, pop, row, n_found, step, at, done, h)
@@ -115,8 +121,8 @@ def advance(view, thread, first, last, h):
 def room(view, step, steps, reach):
     """How many of the next steps the log and the record have room for, whatever fires."""
     net = net_of(view)
-    for thread in range(net.edges.shape[0] - 1):
-        n = (net.edges[thread + 1] - net.edges[thread]) * BLOCK
+    for thread in range(net.edges.shape[1] - 1):
+        n = net.most[thread]
         if n == 0:
             continue
         oldest = net.log_ends[thread, (step - reach) & (net.log_ends.shape[1] - 1), 0]
@@ -135,15 +141,17 @@ def has_room(view, step, steps, reach):
 def run(view, first, last, longest, reach, h):
     """Run the steps first:last in slices of at most `longest`; return where there was no room to go on, or `last`."""
     net = net_of(view)
-    threads = net.edges.shape[0] - 1
+    threads = net.edges.shape[1] - 1
     step = first
     while step < last:
-        steps = room(view, step, min(longest, last - step), reach)
-        if steps < 1:
+        until = step + room(view, step, last - step, reach)
+        if until == step:
             return step
-        for thread in range(threads):
-            advance(view, thread, step, step + steps, h)
-        step += steps
+        while step < until:
+            end = min(step + longest, until)
+            for thread in range(threads):
+                advance(view, thread, step, end, h)
+            step = end
     # A read at the last step shows dopamine and post spikes up to it, but not the pre spikes emitted in it.
     for thread in range(threads):
         act_at_emission(view, thread, last - 2, last - 1, h)
@@ -154,33 +162,31 @@ def run(view, first, last, longest, reach, h):
 def share(view, told, thread, last, longest, reach, h):
     """Run one thread's part of the steps up to `last`, slice by slice, beside the other threads that do so.
 
-    Rows of `told` say up to which step each thread is done; the last one says up to which step all may run, as thread 0
-    decides, or `HALT`. Return 1 where all is done or there is no room for more steps; 0 where the others have been
+    Rows of `told` say up to which step each thread is done; the last one says up to which step there is room, as
+    thread 0 finds when all have come there, or `HALT`. Between two slices each thread looks whether the others have
+    come as far as itself. Return 1 where all is done or there is no room for more steps; 0 where something has been
     waited for in vain: who calls again after some time goes on from there.
     """
     threads = told.shape[0] - 1
     while True:
         step = look(told, thread)
         patience = PATIENCE
-        if thread == 0:
-            for other in range(1, threads):
-                while look(told, other) < step:
-                    patience -= 1
-                    if patience == 0:
-                        return 0
-            steps = room(view, step, min(longest, last - step), reach)
-            if steps < 1:
-                tell(told, threads, HALT)
-                return 1
-            tell(told, threads, step + steps)
-        else:
-            while look(told, threads) == step:
+        for other in range(threads):
+            while look(told, other) < step:
                 patience -= 1
                 if patience == 0:
-                    return 0
-        end = look(told, threads)
-        if end == HALT:
+                    return np.int64(look(told, threads) == HALT)
+        if thread == 0 and look(told, threads) == step:
+            steps = room(view, step, last - step, reach)
+            tell(told, threads, step + steps if steps > 0 else HALT)
+        while look(told, threads) == step:
+            patience -= 1
+            if patience == 0:
+                return 0
+        until = look(told, threads)
+        if until == HALT:
             return 1
+        end = min(step + longest, until)
         advance(view, thread, step, end, h)
         tell(told, thread, end)
 
@@ -216,7 +222,7 @@ def run_trial(view, group, first, last, at_decision, reach, h):
     for step in range(first, last):
         if room(view, step, 1, reach) < 1:
             return step
-        for thread in range(net.edges.shape[0] - 1):
+        for thread in range(net.edges.shape[1] - 1):
             advance(view, thread, step, step + 1, h)
         if at_decision and net.closed[group] == 1:
             return step + 1
@@ -231,7 +237,7 @@ def end_trial(view, pop, group, end, h):
     if net.groups[group, WINNER] < 0 or net.local[group, RADIUS] >= 0:
         weigh_maps(view, 0, row, end, h)
     admit_all(view, row)
-    for thread in range(net.edges.shape[0] - 1):
+    for thread in range(net.edges.shape[1] - 1):
         act_at_emission(view, thread, end - 1, end, h)
     net.groups[group, IN_TRIAL] = 0
 
@@ -247,7 +253,7 @@ def drop_all(view, step):
     ring = net.x.shape[0] * net.x.shape[1]
     if net.buf.shape[0] > ring:
         net.buf[ring:] = -0.0
-        net.due[:] = 0
+        net.due[:, :] = 0
 
 
 @kernel

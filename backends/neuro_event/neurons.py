@@ -4,6 +4,7 @@
 import numpy as np
 
 from neuro.kernels.jit import inner
+from neuro.kernels.lanes import lowest, marked
 from neuro_event.models import NEURONS
 from neuro_event.operations import CATCH_UP, FIRE, QUIET, STEP, compiled_operations
 from neuro_event.plastic import post_spike
@@ -12,12 +13,11 @@ from neuro_event.tables import (
     BLOCK,
     END,
     ENTRY,
-    FIRST_BLOCK,
     GROUP,
     GROUPED,
     HISTORY,
-    LAST_BLOCK,
     LINEAR,
+    NUMBER,
     RECEPTORS,
     RECORD,
     RELAY,
@@ -33,8 +33,9 @@ IDLE = 16
 """Steps without input after which a block may sleep; it is looked at every so many steps."""
 
 _SIGN = np.int64(-(2**63))
+_ONE = np.uint64(1)
 
-catch_up, step_run, is_quiet, fire_one = compiled_operations(NEURONS)
+catch_up, step_run, step_bare, is_quiet, fire_one = compiled_operations(NEURONS)
 
 
 @inner
@@ -137,31 +138,6 @@ def take_arrivals(view, lo, receptors):
 
 
 @inner
-def any_fired(view, lo):
-    """Whether any of a block's neurons reached threshold."""
-    words = net_of(view).fired_words
-    first = np.uint64(lo >> 3)
-    some = np.uint64(0)
-    for k in range(first, first + np.uint64(BLOCK >> 3)):
-        some |= words[k]
-    return some != 0
-
-
-@inner
-def next_fired(view, i, hi):
-    """The first of the neurons i:hi that reached threshold, or hi."""
-    net = net_of(view)
-    while i < hi:
-        if i & 7 == 0 and net.fired_words[i >> 3] == 0:
-            i += 8
-        elif net.fired[i] == 0:
-            i += 1
-        else:
-            return i
-    return hi
-
-
-@inner
 def step_word_of_blocks(view, thread, row, begin, end, slot, step, h, n_all):
     """Wake the due blocks among begin:end, take in what their rings hold, and step all that are awake.
 
@@ -170,11 +146,11 @@ def step_word_of_blocks(view, thread, row, begin, end, slot, step, h, n_all):
     net = net_of(view)
     run = begin
     for block in range(begin, end + 1):
-        if block < end and (net.awake[block] == 1 or net.due[slot + block] == 1):
+        if block < end and (net.awake[block] == 1 or net.due[thread, slot + block] == 1):
             lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
             if net.awake[block] == 0:
                 wake(view, thread, row, block, step - 1, h)
-            if net.due[slot + block] == 1:
+            if net.due[thread, slot + block] == 1:
                 for k in range(row[RINGS], row[RINGS_END]):
                     add_ring(view, net.projections[net.incoming[k]], lo, hi, row, step, n_all)
             continue
@@ -196,26 +172,30 @@ def step_neighbours(view, row, lo, hi, step):
 def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks):
     """One step of a population of neurons; return the next place in the log."""
     net = net_of(view)
-    first = max(row[FIRST_BLOCK], net.edges[thread])
-    last = min(row[LAST_BLOCK], net.edges[thread + 1])
+    first = net.edges[row[NUMBER], thread]
+    last = net.edges[row[NUMBER], thread + 1]
     slot = (step & slots) * blocks
     receptors = row[RECEPTORS]
     n_found = 0
+    if first == last:  # the last group of blocks may be of another thread
+        return n_found, at
     for word in range(first // GROUPED, (last + GROUPED - 1) // GROUPED):
-        if net.awake_groups[word] == 0 and net.due_groups[slot // GROUPED + word] == 0:
+        if net.awake_groups[word] == 0 and net.due_groups[thread, slot // GROUPED + word] == 0:
             continue
         begin, end = word * GROUPED, min((word + 1) * GROUPED, last)
         step_word_of_blocks(view, thread, row, begin, end, slot, step, h, n_all)
         for block in range(begin, end):
             if net.awake[block] == 0:
                 continue
-            due = net.due[slot + block]
-            net.due[slot + block] = 0
+            due = net.due[thread, slot + block]
+            net.due[thread, slot + block] = 0
             lo, hi = block * BLOCK, min((block + 1) * BLOCK, row[END])
             active = 0
-            if any_fired(view, lo):
-                i = next_fired(view, lo, hi)
-                while i < hi:
+            fired = marked(net.fired, lo)
+            if fired:
+                while fired:
+                    i = lo + lowest(fired)
+                    fired &= fired - _ONE
                     came = heard(view, i, receptors)
                     if row[GROUP] < 0:
                         m = np.int64(net.x[0, i]) if row[RELAY] == 1 else np.int64(net.fired[i])
@@ -226,7 +206,6 @@ def step_neurons(view, thread, pop, row, step, at, done, h, n_all, slots, blocks
                         net.found[thread, n_found] = i
                         net.found_arrived[thread, n_found] = came
                         n_found += 1
-                    i = next_fired(view, i + 1, hi)
                 net.busy[block] = step
             if due:
                 active += take_arrivals(view, lo, receptors)

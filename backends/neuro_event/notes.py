@@ -39,7 +39,7 @@ def probes_of(program: Program) -> list[tuple[int, SynapseProbe]]:
 
 
 def _make_room(a: Arrays, room: int) -> None:
-    threads = a.net["edges"].size - 1
+    threads = a.net["edges"].shape[1] - 1
     a.plastic["note_at"] = np.zeros((threads, 8), dtype=np.int64)
     a.plastic["note_steps"] = np.zeros((threads, room), dtype=np.int64)
     a.plastic["note_synapses"] = np.zeros((threads, room), dtype=np.int64)

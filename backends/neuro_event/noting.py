@@ -13,7 +13,7 @@ def note(view, q, source, step, thread):
     """Keep the states of this thread's synapses of a source as its spike has just left them."""
     net, p = net_of(view), plastic_of(view)
     row = net.projections[p.table[q, PROJECTION]]
-    place = row[ROW] + source * (net.edges.shape[0] - 1) + thread
+    place = row[ROW] + source * (net.edges.shape[1] - 1) + thread
     at = p.note_at[thread, 0]
     for e in range(net.rows[place], net.rows[place + 1]):
         z = p.table[q, FIRST_SYNAPSE] + e - row[SYNAPSE]
@@ -30,7 +30,7 @@ def note(view, q, source, step, thread):
 def notes_to_come(view, upto):
     """How many notes the spikes up to a step that have not acted yet can make on one thread at most."""
     net, p = net_of(view), plastic_of(view)
-    threads = net.edges.shape[0] - 1
+    threads = net.edges.shape[1] - 1
     mask = net.log_ids.shape[1] - 1
     most = np.int64(0)
     for thread in range(threads):

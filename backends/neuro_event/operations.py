@@ -13,6 +13,7 @@ from neuro.kernels.address import entry_of
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.jit import compiled, inner, kernel
 from neuro_event.dispatch import chosen
+from neuro_event.nothing import no_current, no_input
 from neuro_event.tables import BEGIN, CARRIED, CONSTANT, CONSTANT_STRIDE, MODEL
 from neuro_event.views import ENTRY_TYPE, moved, net_of
 
@@ -22,7 +23,7 @@ CATCH_UP, STEP, QUIET, FIRE = range(4)
 """Operations of an entry."""
 
 
-def operations(constants, step, fire, quiet):
+def operations(constants, step, fire, quiet, without_current):
     """The operations, compiled for functions that take a model's number first: see `neuro.model.neurons.base`."""
 
     @inner
@@ -44,15 +45,30 @@ def operations(constants, step, fire, quiet):
         """Step neurons with their input."""
         net = net_of(view)
         if row[CONSTANT_STRIDE] == 0:
-            c = net.constants[row[CONSTANT]]
-            # to read that there is none for each neuron would cost as much as a state
-            current = net.current if row[CARRIED] == 1 else moved(net.none, lo)
-            step(row[MODEL], net.state, c, net.x, current, np.uint64(lo), np.uint64(hi), net.fired, net.draws)
+            c, begin, end = net.constants[row[CONSTANT]], np.uint64(lo), np.uint64(hi)
+            if row[CARRIED] == 1:
+                step(row[MODEL], net.state, c, net.x, net.current, begin, end, net.fired, net.draws)
+            else:
+                step(row[MODEL], net.state, c, net.x, without_current(net, lo), begin, end, net.fired, net.draws)
             return
         for i in range(lo, hi):
             c = net.constants[row[CONSTANT] + i - row[BEGIN]]
             u = np.uint64(i)
             step(row[MODEL], net.state, c, net.x, net.current, u, u + _ONE, net.fired, net.draws)
+
+    @inner
+    def step_bare(view, row, lo, hi):
+        """Step neurons that have neither input nor current."""
+        net = net_of(view)
+        none = no_input(), no_current()
+        if row[CONSTANT_STRIDE] == 0:
+            c = net.constants[row[CONSTANT]]
+            step(row[MODEL], net.state, c, none[0], none[1], np.uint64(lo), np.uint64(hi), net.fired, net.draws)
+            return
+        for i in range(lo, hi):
+            c = net.constants[row[CONSTANT] + i - row[BEGIN]]
+            u = np.uint64(i)
+            step(row[MODEL], net.state, c, none[0], none[1], u, u + _ONE, net.fired, net.draws)
 
     @inner
     def is_quiet(view, row, lo, hi):
@@ -73,16 +89,29 @@ def operations(constants, step, fire, quiet):
         c = net.constants[row[CONSTANT] + (i - row[BEGIN]) * row[CONSTANT_STRIDE]]
         fire(row[MODEL], net.state, c, i)
 
-    return catch_up, step_run, is_quiet, fire_one
+    return catch_up, step_run, step_bare, is_quiet, fire_one
 
 
-def compiled_operations(models):
+@inner
+def not_read(net, lo):
+    """No current."""
+    return no_current()
+
+
+@inner
+def read(net, lo):
+    """No current, as an array whose items from `lo` on may be read: a stranger's model may do so in any way."""
+    return moved(net.none, lo)
+
+
+def compiled_operations(models, without_current=not_read):
     """The operations of some models, chosen by their places in the list."""
     return operations(
         chosen("constants", "p, h, c", models),
         chosen("step", "s, c, x, i_0, lo, hi, fired, u", models),
         chosen("fire", "s, c, i", models),
         chosen("quiet", "s, c, i_0, lo, hi", models),
+        without_current,
     )
 
 
@@ -101,7 +130,7 @@ def entry(model):
 
     Its arguments are those of `neuro_event.views.call`.
     """
-    catch_up, step_run, is_quiet, fire_one = compiled_operations([model])
+    catch_up, step_run, _, is_quiet, fire_one = compiled_operations([model], read)
     draws, linear = model.draws, model.linear
 
     @kernel

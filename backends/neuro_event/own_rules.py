@@ -33,8 +33,8 @@ from neuro_event.tables import (
     GRID_STEPS,
     HISTORY,
     INCOMING,
-    LAST_BLOCK,
     MOST,
+    NUMBER,
     PROJECTION,
     RECEPTORS,
     RELAY,
@@ -75,9 +75,9 @@ TIME, OF_NEURON = -1.0, -2.0
 def due_everywhere(net, target_row, at, thread):
     """Wake the blocks of this thread's neurons of a population when input arrives in a step."""
     blocks = net.awake.shape[0]
-    mark = (at & (net.due.shape[0] // blocks - 1)) * blocks
-    lo, hi = max(target_row[FIRST_BLOCK], net.edges[thread]), min(target_row[LAST_BLOCK], net.edges[thread + 1])
-    net.due[mark + lo : mark + hi] = 1
+    mark = (at & (net.due.shape[1] // blocks - 1)) * blocks
+    lo, hi = net.edges[target_row[NUMBER], thread], net.edges[target_row[NUMBER], thread + 1]
+    net.due[thread, mark + lo : mark + hi] = 1
 
 
 @inner
@@ -265,10 +265,10 @@ def rule_entry(model, row_of):
         target_row = net.pops[row[TARGET]]
         receptors, relay = target_row[RECEPTORS], target_row[RELAY]
         blocks = net.awake.shape[0]
-        slots = net.due.shape[0] // blocks - 1
+        slots, due = net.due.shape[1] // blocks - 1, net.due[thread]
         own = table[FIRST_SOURCE] + source * table[SOURCE_STRIDE]
         pre = pre_values(p, q, thread, own, step, h)
-        place = row[ROW] + source * (net.edges.shape[0] - 1) + thread
+        place = row[ROW] + source * (net.edges.shape[1] - 1) + thread
         end = net.rows[place + 1]
         wide = row[WAKE_ALL] == 1 and row[DELAY_STRIDE] == 0
         past_width, others_width = 8 * p.past.shape[1], 8 * p.others.shape[1] * p.others.shape[2]
@@ -295,7 +295,7 @@ def rule_entry(model, row_of):
             ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]
             net.buf[ring + target] += 1.0 if relay == 1 else weight
             if not wide:
-                net.due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
+                due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
         if wide and net.rows[place] < end:
             due_everywhere(net, target_row, step + np.int64(net.delays[row[DELAY]]), thread)
         for j in range(n_pre):

@@ -51,6 +51,7 @@ from neuro_event.tables import (
     LONGEST,
     MODULATED,
     NOTED,
+    NUMBER,
     OVERRUN,
     PROJECTION,
     RECEPTORS,
@@ -154,10 +155,10 @@ def _pre_spike(row_of):
         target_row = net.pops[row[TARGET]]
         receptors, relay = target_row[RECEPTORS], target_row[RELAY]
         blocks = net.awake.shape[0]
-        slots = net.due.shape[0] // blocks - 1
+        slots, due = net.due.shape[1] // blocks - 1, net.due[thread]
         own = table[FIRST_SOURCE] + source
         k_plus, last = p.k_plus[thread, own], p.k_time[thread, own]
-        place = row[ROW] + source * (net.edges.shape[0] - 1) + thread
+        place = row[ROW] + source * (net.edges.shape[1] - 1) + thread
         wide = row[WAKE_ALL] == 1 and row[DELAY_STRIDE] == 0
         end = net.rows[place + 1]
         slot = slot_of_first(net, row, receptors, step)
@@ -194,7 +195,7 @@ def _pre_spike(row_of):
             ring = row[RING] + ((at & row[RING_MASK]) * receptors + second) * row[RING_SIZE]
             net.buf[ring + target] += 1.0 if relay == 1 else weight
             if not wide:
-                net.due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
+                due[(at & slots) * blocks + target_row[FIRST_BLOCK] + (target >> 6)] = 1
         if wide and net.rows[place] < net.rows[place + 1]:
             due_everywhere(net, target_row, step + np.int64(net.delays[row[DELAY]]), thread)
         trace = 1.0
@@ -273,14 +274,14 @@ def dopamine_arrivals(view, q, step, thread, h):
     if j <= net.clock[thread, HORIZON]:
         return
     target_row = net.pops[net.projections[table[PROJECTION], TARGET]]
-    lo = max(net.edges[thread] * BLOCK - target_row[BEGIN], 0)
-    hi = min(net.edges[thread + 1] * BLOCK, target_row[END]) - target_row[BEGIN]
+    lo = net.edges[target_row[NUMBER], thread] * BLOCK - target_row[BEGIN]
+    hi = min(net.edges[target_row[NUMBER], thread + 1] * BLOCK, target_row[END]) - target_row[BEGIN]
     population = table[DOPAMINE]
     slot = j & (net.log_ends.shape[1] - 1)
     mask = net.log_ids.shape[1] - 1
     each = 1.0 / p.tau[q, 1]
     total = 0.0
-    for t in range(net.edges.shape[0] - 1):
+    for t in range(net.edges.shape[1] - 1):
         for place in range(net.log_ends[t, slot, population], net.log_ends[t, slot, population + 1]):
             m = net.log_counts[t, place & mask]
             if table[DOPAMINE_ONE_TO_ONE] == 1:
@@ -367,7 +368,7 @@ def learn_step(view, step, done_arrivals, thread, h, arrivals_only):
         source = net.projections[p.table[q, PROJECTION], SOURCE]
         slot = step & (net.log_ends.shape[1] - 1)
         mask = net.log_ids.shape[1] - 1
-        for t in range(net.edges.shape[0] - 1):
+        for t in range(net.edges.shape[1] - 1):
             for place in range(net.log_ends[t, slot, source], net.log_ends[t, slot, source + 1]):
                 local = np.int64(net.log_ids[t, place & mask]) - net.pops[source, BEGIN]
                 for nth in range(net.log_counts[t, place & mask]):

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.program.program import Floats, Grid, Ints, Program, Projection
+from neuro.model.neurons import Neuron
+from neuro.program.program import Floats, Grid, Ints, Population, Program, Projection
 from neuro_event import layout, memory
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
@@ -28,7 +29,7 @@ def add_projections(a: Arrays) -> None:
         row[t.SOURCE], row[t.TARGET], row[t.LAYOUT] = p.source, p.target, s.layout
         row[t.RECEPTOR] = t.NONE if p.receptor is None else p.receptor.index
         if s.layout == t.CSR:
-            local = a.net["edges"] * t.BLOCK - a.places[p.target].begin
+            local = a.net["edges"][p.target] * t.BLOCK - a.places[p.target].begin
             targets.append(s.targets)
             row[t.SYNAPSE] = n_targets
             if timed:
@@ -72,7 +73,7 @@ def add_projections(a: Arrays) -> None:
     a.net["runs"] = np.zeros(n_runs, dtype=np.uint32)
     for q in np.flatnonzero(table[:, t.RUN] >= 0).tolist():
         _fill_runs(a, q)
-    a.net["queue"] = np.zeros((a.net["edges"].size - 1, QUEUE, 3), dtype=np.int64)
+    a.net["queue"] = np.zeros((a.net["edges"].shape[1] - 1, QUEUE, 3), dtype=np.int64)
     a.net["targets"] = _joined(targets, np.int32)
     a.net["weights"] = _joined(weights, np.float64)
     if any(p.synapse.learns == "trials" for p in program.projections):
@@ -93,7 +94,7 @@ def _time(program: Program, p: Projection, edges: Ints, row: Ints) -> int:
 def _fill_runs(a: Arrays, q: int) -> None:
     """Tell where the runs of a projection begin."""
     p, s, row = a.program.projections[q], a.synapses[q], a.net["projections"][q]
-    local = a.net["edges"] * t.BLOCK - a.places[p.target].begin
+    local = a.net["edges"][p.target] * t.BLOCK - a.places[p.target].begin
     runs = a.net["runs"][row[t.RUN] : row[t.RUN] + _time(a.program, p, local, row)]
     delay = p.delay if s.order is None else p.delay[s.order]
     fill_runs(s.row_ends, s.targets, delay, int(row[t.SHORTEST]), int(row[t.DELAYS]), local, runs)
@@ -184,7 +185,7 @@ def _joined(parts: list[NDArray[Any]], dtype: Any) -> NDArray[Any]:
 def list_incoming(a: Arrays) -> None:
     """For each population: the projections delivered on arrival, and those that fill a ring (currents in neither)."""
     incoming: list[int] = []
-    for k in range(len(a.program.populations)):
+    for k, population in enumerate(a.program.populations):
         into = [
             q
             for q, p in enumerate(a.program.projections)
@@ -194,4 +195,23 @@ def list_incoming(a: Arrays) -> None:
             a.net["pops"][k, first] = len(incoming)
             incoming += [q for q in into if (a.net["projections"][q, t.LAG] == 0) == ringed]
             a.net["pops"][k, last] = len(incoming)
+        a.net["pops"][k, t.COLLECTS] = _first_collected(a, k, population) if _all_marked(a, into) else t.NONE
     a.net["incoming"] = np.array(incoming, dtype=np.int64)
+
+
+def _first_collected(a: Arrays, k: int, population: Population) -> int:
+    """The first of the states to which a population's input is only added, if the loop may do so after a step."""
+    row, model = a.net["pops"][k], population.model
+    if not isinstance(model, Neuron) or not model.collects:
+        return t.NONE
+    if row[t.ENTRY] != 0 or row[t.GROUP] >= 0 or row[t.CARRIED] == 1:
+        return t.NONE
+    return [state.name for state in type(model).states].index(model.collects[0])
+
+
+def _all_marked(a: Arrays, into: list[int]) -> bool:
+    """Whether deliveries over all of some projections mark where input arrives, and reach few."""
+    return all(
+        row[t.LAYOUT] == t.CSR and row[t.LAG] > 0 and row[t.RUN] < 0 and row[t.WAKE_ALL] == 0
+        for row in a.net["projections"][into]
+    )

@@ -22,7 +22,7 @@ def first_spikes(view, pop, start, end, first):
     mask = net.log_ids.shape[1] - 1
     for step in range(end, start, -1):
         slot = step & (net.log_ends.shape[1] - 1)
-        for thread in range(net.edges.shape[0] - 1):
+        for thread in range(net.edges.shape[1] - 1):
             for place in range(net.log_ends[thread, slot, pop], net.log_ends[thread, slot, pop + 1]):
                 first[np.int64(net.log_ids[thread, place & mask]) - net.pops[pop, t.BEGIN]] = step
 
@@ -78,7 +78,7 @@ def teacher(teach):
                         w[e] = rule(w[e], came, lesson, c)
                         changed += 1
             return changed
-        threads = net.edges.shape[0] - 1
+        threads = net.edges.shape[1] - 1
         n_target = net.pops[row[t.TARGET], t.END] - net.pops[row[t.TARGET], t.BEGIN]
         for source in range(n_source):
             if row[t.LAYOUT] == t.DENSE:
@@ -132,7 +132,7 @@ def grower(encourage):
             return changed
         source, target = net.pops[row[t.SOURCE]], net.pops[row[t.TARGET]]
         n_source, n_target = source[t.END] - source[t.BEGIN], target[t.END] - target[t.BEGIN]
-        threads = net.edges.shape[0] - 1
+        threads = net.edges.shape[1] - 1
         for s in range(n_source):
             if row[t.LAYOUT] == t.DENSE:
                 for k in range(n_target):

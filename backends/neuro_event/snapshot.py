@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,11 +13,24 @@ from neuro_event import layout, projections, sources
 from neuro_event import tables as t
 from neuro_event.arrays import Arrays
 
-_LAID_OUT = {"edges", "rows", "runs", "targets", "delays", "order"}
+_LAID_OUT = {"edges", "most", "rows", "runs", "targets", "delays", "order"}
 _GIVEN = _LAID_OUT | {"map_of", "initial", "resets", "keys", "group_keys", "local"}
-VIEWS = {"x", "bits", "awake_groups", "due_groups", "fired_words", "traces"}
+VIEWS = {"x", "bits", "awake_groups", "due_groups", "spot_words", "traces"}
 """Arrays that show others in another way."""
-_EMPTY = {"calm", "scratch", "words", "found", "found_arrived", "fired", "draws", "won", "queue", "tally", "none"}
+_EMPTY = {
+    "calm",
+    "scratch",
+    "words",
+    "found",
+    "found_arrived",
+    "fired",
+    "draws",
+    "won",
+    "queue",
+    "tally",
+    "none",
+    "spots",
+}
 _LISTS = {"incoming", "in_synapse", "in_source"}
 _NOTES = {"note_this", "note_at", "note_steps", "note_synapses", "note_y"}
 _DRIVES = {
@@ -40,11 +54,22 @@ def snapshot(a: Arrays) -> dict[str, NDArray[Any]]:
     """Copies of all arrays that hold something between two runs."""
     net = {f"net.{k}": v.copy() for k, v in a.net.items() if k not in _FIXED}
     net["net.state"] = a.net["state"][:, : layout.total(a.program)].copy()  # each row ends in room for nothing
+    net["net.due"] = _own_marks(a, a.net["due"])
     net["net.pops"] = a.net["pops"][:, : t.NUMBER].copy()  # what follows are addresses of this process
     net["net.projections"] = a.net["projections"][:, : t.CHANNEL_HEIGHT].copy()  # the rest follows from the program
     plastic = {f"plastic.{k}": v.copy() for k, v in a.plastic.items() if k not in VIEWS | _NOTES | _LISTS | {"rule"}}
     plastic["plastic.table"] = a.plastic["table"][:, : t.RULE_NUMBER].copy()
     return {**net, **plastic, "engine.runs": np.flatnonzero(a.net["projections"][:, t.RUN] >= 0)}
+
+
+def _own_marks(a: Arrays, due: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The marks of arrivals, flat: of each block those of the thread that it belongs to."""
+    owner = np.zeros(a.net["awake"].size, dtype=np.int64)
+    for edges in a.net["edges"]:
+        for thread, (first, end) in enumerate(pairwise(edges.tolist())):
+            owner[first:end] = thread
+    slots = due.reshape(due.shape[0], -1, owner.size)
+    return slots[owner, :, np.arange(owner.size)].T.ravel()
 
 
 def _by_runs(a: Arrays) -> None:
@@ -74,6 +99,8 @@ def restore(a: Arrays, arrays: Mapping[str, NDArray[Any]]) -> None:
             a.net["pops"][:, : t.NUMBER] = value
         elif name == "net.projections":
             a.net["projections"][:, : t.CHANNEL_HEIGHT] = value[:, : t.CHANNEL_HEIGHT]
+        elif name == "net.due":
+            a.net["due"] = np.tile(value, (a.net["due"].shape[0], 1))
         elif name == "net.groups":
             a.net["groups"][:, : value.shape[1]] = value  # fewer columns in version 0.1.0
         elif name == "net.state":

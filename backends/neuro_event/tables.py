@@ -39,8 +39,9 @@ POSITIVE, NEGATIVE, MIXED = range(3)
     NUMBER,
     ENTRY,
     CARRIED,
+    COLLECTS,
     POPULATION_COLUMNS,
-) = range(27)
+) = range(28)
 
 # projections
 (

@@ -29,7 +29,8 @@ pops i8 2          columns of `tables`, a row per population
 projections i8 2   likewise, a row per projection
 incoming i8 1      projections by target: those delivered on arrival, then those with a ring
 at_emission i8 1   static projections that are delivered into a ring at emission
-edges i8 1         first block of each thread, and the end
+edges i8 2         (populations, threads + 1) first block of each thread in each, and the end
+most i8 1          spikes that a step of each thread can make
 parameters f8 2    of each population, or of each neuron where they differ
 constants f8 2     computed from them for one step
 scratch f8 2       constants of another interval, a row per thread
@@ -51,7 +52,8 @@ emitted f8 1       currents that are emitted, each value once: of each line (row
 emitted_rows i8 2  (lines, steps) which row of a line is emitted
 emitted_from i8 1  the first of these steps
 fired u1 1         how often each reached threshold in the present step
-fired_words u8 1   the same memory, eight neurons at a time
+spots u1 1         eight neurons each: not 0 where input of the present step arrived, see `collected`
+spot_words u8 1    the same memory, a block at a time
 muted u1 1         who must not fire, and why: bits of `tables`
 events i8 1        spike events of each neuron
 spikes i8 1        with their multiplicity
@@ -60,8 +62,8 @@ draws f8 1         random numbers of the present step, of neurons whose models d
 order i8 1         id of each neuron in its population
 awake u1 1         whether a block is stepped
 awake_groups u8 1  the same memory, eight blocks at a time
-due u1 1           (slots, blocks) flat: where input arrives
-due_groups u8 1    the same memory, eight blocks at a time
+due u1 2           (threads, slots * blocks) where input arrives; each thread marks its own blocks in its row
+due_groups u8 2    the same memory, eight blocks at a time
 slept i8 1         last step of a sleeping block
 busy i8 1          last step in which a block had input or a spike, or a silent one of a generator a rate
 mean f8 1          of a poisson_generator's neurons, per step

@@ -144,6 +144,8 @@ class Neuron(Model):
             second of two gets them with a minus, as it gets those that come to it by their sign.
         filters: by name the receptors to which a current may be sent: the state that it charges, and the parameter that
             is the time constant with which this state decays.
+        collects: the states, one for each of two receptors and side by side, to which `step` adds what arrives, as it
+            is and after all else, and which `fire` leaves alone; empty where that is not so.
         weight_unit: of the weights onto it, "" where they have none.
         relay: whether a spike carries the multiplicity that arrived, whatever the weight.
         linear: whether n quiet steps equal one step with the constants of n h.
@@ -160,6 +162,7 @@ class Neuron(Model):
     receptor_names: ClassVar[tuple[str, ...]] = ()
     conductances: ClassVar[tuple[str, ...]] = ()
     filters: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    collects: ClassVar[tuple[str, ...]] = ()
     weight_unit: ClassVar[str] = ""
     relay: ClassVar[bool] = False
     linear: ClassVar[bool] = False

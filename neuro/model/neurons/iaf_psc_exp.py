@@ -37,6 +37,7 @@ class iaf_psc_exp(Neuron):
         "ex": ("I_syn_ex", "tau_syn_ex"),
         "in": ("I_syn_in", "tau_syn_in"),
     }
+    collects: ClassVar[tuple[str, ...]] = ("I_syn_ex", "I_syn_in")
     linear: ClassVar[bool] = True
 
     tau_m: Value = quantity(10.0, "ms", "membrane time constant", above=0, infinite=True, arrays=True)

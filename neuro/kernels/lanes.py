@@ -1,0 +1,85 @@
+"""Operations on eight neighbouring numbers, and on 64 marks, at once."""
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call,misc"
+from __future__ import annotations
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+LANES = 8
+
+_WORD, _BYTE = ir.IntType(64), ir.IntType(8)
+
+
+def _at(context, builder, kind, array, first, lanes):
+    """The address of neighbouring items of a flat array from one on, and their type."""
+    items = ir.VectorType(context.get_data_type(kind.dtype), lanes)
+    view = context.make_array(kind)(context, builder, array)
+    return builder.bitcast(builder.gep(view.data, [first]), items.as_pointer()), items
+
+
+def _load(builder, place, align):
+    value = builder.load(place)
+    value.align = align
+    return value
+
+
+def _store(builder, value, place, align):
+    builder.store(value, place).align = align
+
+
+def _function(builder, name, result, *arguments):
+    return cgutils.get_or_insert_function(builder.module, ir.FunctionType(result, arguments), name)
+
+
+@intrinsic
+def marked(typingctx, bytes_, first):
+    """The 64 bytes from one on as bits: 1 where a byte is not 0."""
+
+    def codegen(context, builder, signature, arguments):
+        place, items = _at(context, builder, signature.args[0], arguments[0], arguments[1], 64)
+        some = builder.icmp_unsigned("!=", _load(builder, place, 1), ir.Constant(items, None))
+        return builder.bitcast(some, _WORD)
+
+    return types.uint64(bytes_, types.intp), codegen
+
+
+@intrinsic
+def take(typingctx, states, inputs, first):
+    """Add eight inputs to eight states, and leave none, -0.0; return as bits in which of them there was some."""
+
+    def codegen(context, builder, signature, arguments):
+        state, items = _at(context, builder, signature.args[0], arguments[0], arguments[2], LANES)
+        came, _ = _at(context, builder, signature.args[1], arguments[1], arguments[2], LANES)
+        words = ir.VectorType(_WORD, LANES)
+        none = ir.Constant(words, [1 << 63] * LANES)
+        new = _load(builder, came, 8)
+        some = builder.icmp_unsigned("!=", builder.bitcast(new, words), none)
+        _store(builder, builder.fadd(_load(builder, state, 8), new), state, 8)
+        _store(builder, builder.bitcast(none, items), came, 8)
+        return builder.zext(builder.bitcast(some, _BYTE), _WORD)
+
+    return types.uint64(states, inputs, types.intp), codegen
+
+
+@intrinsic
+def lowest(typingctx, word):
+    """The place of the lowest bit of a word that is not 0."""
+
+    def codegen(context, builder, signature, arguments):
+        bit = ir.IntType(1)
+        return builder.call(_function(builder, "llvm.cttz.i64", _WORD, _WORD, bit), [arguments[0], bit(1)])
+
+    return types.int64(types.uint64), codegen
+
+
+@intrinsic
+def bits_of(typingctx, word):
+    """How many bits of a word are 1."""
+
+    def codegen(context, builder, signature, arguments):
+        return builder.call(_function(builder, "llvm.ctpop.i64", _WORD, _WORD), [arguments[0]])
+
+    return types.int64(types.uint64), codegen
