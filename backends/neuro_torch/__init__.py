@@ -11,13 +11,21 @@ from neuro.core.lazy import lazily
 
 if TYPE_CHECKING:
     from neuro_torch import losses, surrogates
+    from neuro_torch.bill import Bill
+    from neuro_torch.events import Events, collate
+    from neuro_torch.module import Module
+    from neuro_torch.outcome import Outcome
 
 _HOMES: dict[str, tuple[str, ...]] = {
     "neuro_torch.losses": (),
     "neuro_torch.surrogates": (),
+    "neuro_torch.bill": ("Bill",),
+    "neuro_torch.events": ("Events", "collate"),
+    "neuro_torch.module": ("Module",),
+    "neuro_torch.outcome": ("Outcome",),
 }
 
-__all__ = ["losses", "surrogates"]
+__all__ = ["Bill", "Events", "Module", "Outcome", "collate", "losses", "surrogates"]
 
 if not TYPE_CHECKING:
     __getattr__, __dir__ = lazily(__name__, _HOMES)

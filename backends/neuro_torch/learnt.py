@@ -1,0 +1,57 @@
+"""The network with what was learnt, for every other backend."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import neuro
+from neuro.program.program import Floats, Program
+
+
+class Still:
+    """A backend that runs nothing: it holds what was learnt, so that a simulation makes a network of it.
+
+    Args:
+        weights: by index of the projection; the others are the program's.
+    """
+
+    name = "torch"
+    description = "holds weights"
+
+    def __init__(self, weights: Mapping[int, Floats]) -> None:
+        self._weights = weights
+
+    def problems(self, program: Program, **options: Any) -> list[Any]:
+        """Nothing is run, so nothing is refused."""
+        return []
+
+    def build(self, program: Program, *, threads: int = 1, **options: Any) -> Any:
+        """What answers for an engine at step 0."""
+        return _Held(program, self._weights)
+
+
+class _Held:
+    step = 0
+
+    def __init__(self, program: Program, weights: Mapping[int, Floats]) -> None:
+        self._program, self._weights = program, weights
+
+    def get(self, population: int, name: str, ids: NDArray[np.int64] | None = None) -> Floats:
+        """A parameter of all neurons."""
+        part = self._program.populations[population]
+        return np.broadcast_to(part.parameters[name], part.size)
+
+    def get_synapses(self, projection: int, name: str) -> Floats:
+        """The weight of every synapse."""
+        part = self._program.projections[projection]
+        return np.broadcast_to(self._weights.get(projection, part.weight), part.size)
+
+
+def network_of(net: neuro.Network, seed: int, weights: Mapping[int, Floats]) -> neuro.Network:
+    """A network with other weights; what was drawn at random is listed in it."""
+    held: Any = Still(weights)
+    return neuro.compile(net, backend=held, seed=seed).network()

@@ -1,0 +1,265 @@
+"""Scans as torch's functions, on kernels compiled for the CPU."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from neuro_torch.scan import cells, travel
+from neuro_torch.scan.layers import Cells, Component, Synapses
+from neuro_torch.surrogates import Surrogate
+
+Array = NDArray[Any]
+
+
+class Packed(NamedTuple):
+    """Spikes of all steps or of a stretch, as `neuro_torch.scan.travel` takes them."""
+
+    ends: NDArray[np.int64]
+    ids: NDArray[np.int32]
+    values: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Task:
+    """What one forward pass is about.
+
+    Attributes:
+        batch, steps: of it.
+        dtype: of all numbers.
+        surrogate: stands in for the derivative of a spike.
+        damping: of gradients each time they go along a synapse of a circle.
+        push: what currents add, by population, see `neuro_torch.scan.cells`.
+        wanted: populations whose potentials are asked for.
+    """
+
+    batch: int
+    steps: int
+    dtype: torch.dtype
+    surrogate: Surrogate
+    damping: float
+    push: Mapping[int, Array]
+    wanted: frozenset[int]
+
+
+def packed(spikes: Tensor) -> Packed:
+    """The spikes of a dense tensor, (batch, steps, neurons)."""
+    array = spikes.detach().contiguous().numpy()
+    number = int(np.count_nonzero(array))
+    return _pack(array, 0, array.shape[1], number)
+
+
+def _pack(array: Array, first: int, width: int, room: int) -> Packed:
+    ends = np.empty(array.shape[0] * width + 1, dtype=np.int64)
+    found = Packed(ends, np.empty(room, dtype=np.int32), np.empty(room, dtype=array.dtype))
+    travel.pack(array, first, width, *found)
+    return found
+
+
+def drive(part: Synapses, spikes: Tensor | Packed, weight: Tensor, task: Task) -> Tensor:
+    """The input that spikes bring along a projection, (batch, steps, targets)."""
+    dense = spikes if isinstance(spikes, Tensor) else None
+    listed = packed(spikes) if isinstance(spikes, Tensor) else spikes
+    driven: Tensor = _Drive.apply(dense, weight, part, listed, task)  # type: ignore[no-untyped-call]
+    return driven
+
+
+class _Drive(torch.autograd.Function):
+    """Along one projection, over all steps."""
+
+    @staticmethod
+    def forward(ctx: Any, dense: Tensor | None, weight: Tensor, part: Synapses, spikes: Packed, task: Task) -> Tensor:
+        ctx.part, ctx.spikes, ctx.task = part, spikes, task
+        ctx.save_for_backward(weight)
+        out = torch.zeros(task.batch, task.steps, part.sizes[1], dtype=task.dtype)
+        _push(part, spikes, 0, task.steps, rows_of(part, weight), out.numpy())
+        return out
+
+    @staticmethod
+    @once_differentiable  # type: ignore[untyped-decorator]
+    def backward(ctx: Any, *grads: Tensor) -> Any:
+        part, task, (weight,), grad = ctx.part, ctx.task, ctx.saved_tensors, grads[0].contiguous()
+        to_weight = to_spikes = None
+        if ctx.needs_input_grad[1]:
+            to_weight = teach(part, ctx.spikes, weight, grad)
+        if ctx.needs_input_grad[0]:
+            to_spikes = torch.zeros(task.batch, task.steps, part.sizes[0], dtype=task.dtype)
+            _pull(part, 0, task.steps, weight, grad, 1.0, to_spikes)
+        return to_spikes, to_weight, None, None, None
+
+
+def rows_of(part: Synapses, weight: Tensor) -> Array:
+    """The weights as kernels take them: rows by source where dense, else in a row."""
+    weight = weight.detach()
+    return (weight.expand(part.sizes) if part.dense else weight.reshape(-1)).contiguous().numpy()
+
+
+def _push(part: Synapses, spikes: Packed, first: int, width: int, weight: Array, out: Array) -> None:
+    if part.dense:
+        travel.push_dense(*spikes, first, width, weight, part.least, out)
+    else:
+        travel.push_listed(*spikes, first, width, part.row_ends, part.targets, part.slot, part.delay, weight, out)
+
+
+def _pull(
+    part: Synapses, first: int, width: int, weight: Tensor, grad: Tensor, damping: float, to_spikes: Tensor
+) -> None:
+    """Add the gradient of the input to that of the spikes of a stretch that made it."""
+    if not part.dense:
+        lists = (part.row_ends, part.targets, part.slot, part.delay)
+        flat = (rows_of(part, weight), grad.numpy(), grad.numpy().dtype.type(damping), to_spikes.numpy())
+        travel.pull_listed(first, width, *lists, *flat)
+        return
+    begin, end = first + part.least, min(first + width + part.least, grad.shape[1])
+    if end > begin:
+        back = torch.matmul(grad[:, begin:end], weight.detach().expand(part.sizes).T)
+        to_spikes[:, first : first + end - begin] += back if damping == 1.0 else damping * back
+
+
+def teach(part: Synapses, spikes: Packed, weight: Tensor, grad: Tensor) -> Tensor:
+    """The gradient of the weights from that of the input that they brought in all steps."""
+    steps, array = grad.shape[1], grad.numpy()
+    if not part.dense:
+        out = torch.zeros(weight.numel(), dtype=weight.dtype)
+        lists = (part.row_ends, part.targets, part.slot, part.delay)
+        travel.teach_listed(*spikes, 0, steps, *lists, array, out.numpy())
+        return out.reshape(weight.shape)
+    out = torch.zeros(part.sizes, dtype=weight.dtype)
+    travel.teach_dense(*spikes, 0, steps, array, part.least, out.numpy())
+    return out if weight.numel() > 1 or weight.shape == part.sizes else out.sum().reshape(weight.shape)
+
+
+def scan(
+    part: Component, drives: Mapping[int, Tensor], weights: Sequence[Tensor], task: Task
+) -> tuple[dict[int, Tensor], dict[int, Tensor]]:
+    """Spikes and potentials before the reset of the populations of a component, from their input.
+
+    Args:
+        part: the component.
+        drives: input from outside by population.
+        weights: of the synapses inside, in their order.
+        task: what it is about; potentials that are not wanted have an undefined number of steps.
+    """
+    learns = torch.is_grad_enabled() and any(t.requires_grad for t in (*drives.values(), *weights))
+    ins = [drives[k] for k in part.cells]
+    found: tuple[Tensor, ...] = _Scan.apply(part, task, learns, *ins, *weights)  # type: ignore[no-untyped-call]
+    n = len(part.cells)
+    return dict(zip(part.cells, found[:n], strict=True)), dict(zip(part.cells, found[n:], strict=True))
+
+
+class _Population:
+    """A population on its way through the steps."""
+
+    def __init__(self, part: Cells, drive: Array, task: Task, keep: bool) -> None:
+        kind, batch = drive.dtype, task.batch
+        self.part, self.drive = part, drive
+        self.c, self.push = part.constants.astype(kind), task.push[part.population].astype(kind)
+        self.v, self.current = (np.repeat(x[None].astype(kind), batch, axis=0) for x in (part.v, part.current))
+        self.held = np.zeros_like(self.v)
+        self.keep = int(keep or part.population in task.wanted)
+        kept = task.steps if self.keep else 1
+        self.potential = torch.empty(batch, kept, part.size, dtype=task.dtype)
+        self.fate = np.empty((batch, kept, part.size), dtype=np.uint8)
+        self.spikes = torch.empty(batch, task.steps, part.size, dtype=task.dtype)
+
+    def go(self, first: int, last: int) -> None:
+        """Through a stretch."""
+        out = (self.potential.numpy(), self.spikes.numpy(), self.fate)
+        if self.part.model == "iaf_psc_delta":
+            cells.delta(self.drive, self.push, first, last, self.c, self.v, self.held, self.keep, *out)
+        else:
+            states = (self.v, self.current, self.held)
+            cells.exp(self.drive, self.push, first, last, self.c, *states, self.keep, *out)
+
+
+class _Adjoint:
+    """A population on its way back."""
+
+    def __init__(self, part: Cells, spikes: Tensor, potential: Tensor, fate: Array, grads: tuple[Any, Any]) -> None:
+        kind = spikes.numpy().dtype
+        self.part, self.c = part, part.constants.astype(kind)
+        self.saved = potential.numpy(), spikes.numpy(), fate
+        self.to_spikes = torch.zeros_like(spikes) if grads[0] is None else grads[0].contiguous().clone()
+        shape = (spikes.shape[0], 1, part.size)
+        self.to_potential = np.zeros(shape, kind) if grads[1] is None else grads[1].contiguous().numpy()
+        self.carry, self.carry_current = (np.zeros(self.saved[1].shape[::2], kind) for _ in range(2))
+        self.grad = torch.empty_like(spikes)
+
+    def go(self, first: int, last: int, surrogate: Surrogate) -> None:
+        """Through a stretch, from its last step to its first."""
+        known = (self.c, *self.saved, surrogate.code, self.c.dtype.type(surrogate.slope), self.to_spikes.numpy())
+        if self.part.model == "iaf_psc_delta":
+            cells.delta_adjoint(first, last, *known, self.to_potential, self.carry, self.grad.numpy())
+        else:
+            carries = (self.carry, self.carry_current)
+            cells.exp_adjoint(first, last, *known, self.to_potential, *carries, self.grad.numpy())
+
+
+class _Scan(torch.autograd.Function):
+    """The populations of a component, stretch by stretch."""
+
+    @staticmethod
+    def forward(ctx: Any, part: Component, task: Task, learns: bool, *tensors: Tensor) -> tuple[Tensor, ...]:
+        n = len(part.cells)
+        ctx.set_materialize_grads(False)
+        ctx.part, ctx.task, ctx.weights = part, task, tensors[n:]
+        # What spikes of inside bring is added to the input in place: it was made for this scan.
+        drives = [each.detach().clone() if part.inside else each.detach().contiguous() for each in tensors[:n]]
+        all_ = {
+            k: _Population(cell, each.numpy(), task, learns)
+            for (k, cell), each in zip(part.cells.items(), drives, strict=True)
+        }
+        weights = [rows_of(s, w) for s, w in zip(part.inside, tensors[n:], strict=True)]
+        for first, last in stretches(part.stretch, task.steps):
+            for each in all_.values():
+                each.go(first, last)
+            sent = {s.source: _stretch(all_[s.source].spikes.numpy(), first, last) for s in part.inside}
+            for synapses, weight in zip(part.inside, weights, strict=True):
+                goal = all_[synapses.target].drive
+                _push(synapses, sent[synapses.source], first, last - first, weight, goal)
+        spikes, potentials = [p.spikes for p in all_.values()], [p.potential for p in all_.values()]
+        ctx.fates = [p.fate for p in all_.values()]
+        ctx.save_for_backward(*spikes, *potentials, *tensors[n:])
+        return (*spikes, *potentials)
+
+    @staticmethod
+    @once_differentiable  # type: ignore[untyped-decorator]
+    def backward(ctx: Any, *grads: Any) -> Any:
+        part, task, n = ctx.part, ctx.task, len(ctx.part.cells)
+        saved = ctx.saved_tensors
+        spikes, potentials, weights = saved[:n], saved[n : 2 * n], saved[2 * n :]
+        all_ = {
+            k: _Adjoint(cell, spikes[i], potentials[i], ctx.fates[i], (grads[i], grads[n + i]))
+            for i, (k, cell) in enumerate(part.cells.items())
+        }
+        for first, last in reversed(list(stretches(part.stretch, task.steps))):
+            for synapses, weight in zip(part.inside, weights, strict=True):
+                goal = all_[synapses.source].to_spikes
+                _pull(synapses, first, last - first, weight, all_[synapses.target].grad, task.damping, goal)
+            for each in all_.values():
+                each.go(first, last, task.surrogate)
+        places = {k: i for i, k in enumerate(part.cells)}
+        taught = [
+            teach(s, packed(spikes[places[s.source]]), w, all_[s.target].grad)
+            if ctx.needs_input_grad[3 + n + i]
+            else None
+            for i, (s, w) in enumerate(zip(part.inside, weights, strict=True))
+        ]
+        return (None, None, None, *(each.grad for each in all_.values()), *taught)
+
+
+def stretches(length: int, steps: int) -> list[tuple[int, int]]:
+    """The first step of each stretch, and that after its last."""
+    length = length or steps
+    return [(first, min(first + length, steps)) for first in range(0, steps, length)]
+
+
+def _stretch(spikes: Array, first: int, last: int) -> Packed:
+    return _pack(spikes, first, last - first, spikes.shape[0] * (last - first) * spikes.shape[2])

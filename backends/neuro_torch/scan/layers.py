@@ -1,0 +1,195 @@
+"""What a scan needs of a program: cells with their constants, synapses in one of two layouts, and their order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from graphlib import TopologicalSorter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from neuro.program.currents import Currents, driven
+from neuro.program.program import Floats, Population, Program, Projection
+from neuro_torch.scan import cells as rows
+
+CELLS = ("iaf_psc_delta", "iaf_psc_exp")
+"""Models that are scanned."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """The neurons of a population.
+
+    Attributes:
+        population: its index.
+        size: neurons.
+        model: a name of `CELLS`.
+        constants: see `neuro_torch.scan.cells`, (constants, size).
+        per_pa: mV that a current of 1 pA adds in a step, (size,).
+        constant: pA that always flow, (size,).
+        v, current: at step 0, (size,).
+    """
+
+    population: int
+    size: int
+    model: str
+    constants: Floats
+    per_pa: Floats
+    constant: Floats
+    v: Floats
+    current: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Synapses:
+    """The synapses of a projection.
+
+    Attributes:
+        projection, source, target: indices.
+        sizes: neurons of source and target.
+        shape: of the weights as a user sees them.
+        dense: whether they are rows of weights with one delay; `row_ends`, `targets`, `slot` are empty then.
+        row_ends, targets, slot, delay: synapses by source: the target of each, the place of its weight, its steps.
+        least: the smallest delay.
+    """
+
+    projection: int
+    source: int
+    target: int
+    sizes: tuple[int, int]
+    shape: tuple[int, ...]
+    dense: bool
+    row_ends: NDArray[np.int64]
+    targets: NDArray[np.int32]
+    slot: NDArray[np.int64]
+    delay: NDArray[np.int64]
+    least: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Component:
+    """Populations that are scanned together: one alone, or those of a circle.
+
+    Attributes:
+        cells: by population.
+        outside: synapses from populations that are complete before, in the order of the program.
+        inside: synapses among its own populations.
+        stretch: steps that can be done at once, since no spike of them arrives in them; 0: all.
+    """
+
+    cells: dict[int, Cells]
+    outside: tuple[Synapses, ...]
+    inside: tuple[Synapses, ...]
+    stretch: int
+
+
+def unfit(program: Program) -> list[str]:
+    """Why a program cannot be scanned, one sentence for each reason."""
+    found = []
+    for part in program.populations:
+        if part.kind == "neuron":
+            found += [f"population '{part.name}': {why}" for why in _unfit_cells(part)]
+        elif part.kind not in ("listed", "current"):
+            found.append(f"population '{part.name}': {part.said} draws its spikes step by step")
+    if driven(program):
+        names = ", ".join(f"'{program.populations[k].name}'" for k in driven(program))
+        found.append(f"the current into {names} changes in every step")
+    return found
+
+
+def _unfit_cells(part: Population) -> list[str]:
+    if part.model.name not in CELLS:
+        return [f"no scan has {part.model.name}, only {' and '.join(CELLS)}"]
+    p = part.parameters
+    if part.model.name == "iaf_psc_delta":
+        return ["it keeps input while refractory"] if np.any(p["refractory_input"] != 0.0) else []
+    return [] if np.all(p["tau_syn_ex"] == p["tau_syn_in"]) else ["tau_syn_ex and tau_syn_in differ"]
+
+
+def components(program: Program) -> list[Component]:
+    """The neurons of a program in parts, in an order in which all input of one is complete when it is scanned."""
+    wired = [synapses(program, q) for q, part in enumerate(program.projections) if part.carries == "spikes"]
+    neurons = [k for k, part in enumerate(program.populations) if part.kind == "neuron"]
+    label = _circles(len(program.populations), wired)
+    order = TopologicalSorter({int(label[k]): set[int]() for k in neurons})
+    for each in wired:
+        if label[each.source] != label[each.target] and each.source in neurons:
+            order.add(int(label[each.target]), int(label[each.source]))
+    return [_component(program, [k for k in neurons if label[k] == one], wired) for one in order.static_order()]
+
+
+def _circles(n: int, wired: list[Synapses]) -> NDArray[np.int32]:
+    """A number for each population, the same for those that reach each other."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    pre, post = ([getattr(each, word) for each in wired] for word in ("source", "target"))
+    graph = coo_array((np.ones(len(wired)), (pre, post)), shape=(n, n))
+    labels: NDArray[np.int32] = connected_components(graph, directed=True, connection="strong")[1]
+    return labels
+
+
+def _component(program: Program, members: list[int], wired: list[Synapses]) -> Component:
+    onto = [each for each in wired if each.target in members]
+    inside = tuple(each for each in onto if each.source in members)
+    outside = tuple(each for each in onto if each.source not in members)
+    return Component({k: cells(program, k) for k in members}, outside, inside, min((e.least for e in inside), default=0))
+
+
+def cells(program: Program, index: int) -> Cells:
+    """The neurons of a population with the constants of their model."""
+    part = program.populations[index]
+    model: Any = part.model
+    parameters = [np.broadcast_to(values, part.size) for values in part.parameters.values()]
+    each = np.zeros((part.size, model.width))
+    alike = all(values.size == 1 for values in part.parameters.values())
+    for i in range(1 if alike else part.size):
+        model.arithmetic.constants([float(values[i]) for values in parameters], program.resolution, each[i])
+    if alike:
+        each[:] = each[0]
+    named = {name: each[:, k] for name, k in vars(model.arithmetic).items() if name.isupper() and isinstance(k, int)}
+    table = np.zeros((rows.CONSTANTS, part.size))
+    for row, name in ((rows.E_L, "E_L"), (rows.P33, "P33"), (rows.V_TH, "V_TH"), (rows.V_RESET, "V_RESET")):
+        table[row] = named[name]
+    table[rows.REFRACTORY] = named["R"]
+    if model.name == "iaf_psc_delta":
+        table[rows.V_MIN] = named["V_MIN"]
+    else:
+        table[rows.P32], table[rows.P11] = named["P32_EX"], named["P11_EX"]
+    start = {name: np.broadcast_to(values, part.size).astype(np.float64) for name, values in part.initial.items()}
+    current = start.get("I_syn_ex", 0.0) + start.get("I_syn_in", 0.0) + np.zeros(part.size)
+    return Cells(index, part.size, model.name, table, named["P30"], named["I_E"], start["V_m"], current)
+
+
+def push(program: Program, part: Cells, steps: int) -> Floats:
+    """What currents add to V in each of the first steps, mV, (1 or steps, size)."""
+    currents = Currents(program)
+    if part.population not in currents.targets:
+        return (part.per_pa * part.constant)[None]
+    outside = np.array([currents.into(part.population, step) for step in range(1, steps + 1)])
+    return part.per_pa * (part.constant + outside)
+
+
+def synapses(program: Program, index: int) -> Synapses:
+    """The synapses of a projection."""
+    part = program.projections[index]
+    sizes = program.populations[part.source].size, program.populations[part.target].size
+    first, nothing = int(part.delay.min(initial=1)), np.zeros(0, dtype=np.int64)
+    ends = index, part.source, part.target, sizes, shape_of(part, sizes)
+    if part.layout == "dense" and np.all(part.delay == first):
+        return Synapses(*ends, True, nothing, nothing.astype(np.int32), nothing, np.array([first]), first)
+    source, target, slot = program.synapses(index)
+    slot = np.zeros(len(source), dtype=np.int64) if part.weight.size == 1 else np.asarray(slot, dtype=np.int64)
+    row_ends = np.searchsorted(source, np.arange(sizes[0] + 1)).astype(np.int64)
+    delay = np.broadcast_to(part.delay, len(source)).astype(np.int64)
+    return Synapses(*ends, False, row_ends, target.astype(np.int32), slot, delay, first)
+
+
+def shape_of(part: Projection, sizes: tuple[int, int]) -> tuple[int, ...]:
+    """How weights are laid out for users: as one number, rows by source, kernels by map, or one for each synapse."""
+    if part.weight.size == 1:
+        return (1,)
+    if part.grid is not None:
+        return part.grid.kernels
+    return sizes if part.layout == "dense" else (part.size,)
