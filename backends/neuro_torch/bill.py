@@ -35,12 +35,14 @@ _WAYS = {"spike_in_tile": "local", "hop_east_west": "east_west", "hop_north_sout
 
 
 class Counted(Protocol):
-    """What a bill reads of an outcome: spikes (batch, neurons) by population, and active updates (batch,)."""
+    """What a bill reads of `neuro_torch.Outcome`: spikes (batch, neurons) by population, active updates (batch,)."""
 
     @property
     def counts(self) -> Mapping[str, Tensor]: ...
     @property
     def active(self) -> Mapping[str, Tensor]: ...
+    @property
+    def steps(self) -> int: ...
 
 
 class Compiled(Protocol):
@@ -48,8 +50,6 @@ class Compiled(Protocol):
 
     @property
     def program(self) -> Program: ...
-    @property
-    def steps(self) -> int: ...
 
 
 class Bill:
@@ -71,7 +71,7 @@ class Bill:
     def __init__(
         self, module: Compiled, chip: str | PathLike[str] = "loihi", *, neurons_per_core: int | None = None
     ) -> None:
-        self.chip, self.program, self.steps = chip_of(chip), module.program, module.steps
+        self.chip, self.program = chip_of(chip), module.program
         check_costs(self.chip)
         if "mac" in self.chip.costs:
             what = f"target '{self.chip.name}' prices every synapse in every step, whatever spikes there are"
@@ -82,7 +82,7 @@ class Bill:
             check_fits(self.program, self.placement, self.chip)
         parts = enumerate(self.program.populations)
         self._spike = {part.name: torch.from_numpy(self._of_spikes(index)) for index, part in parts}
-        self._time = _Time(self.program, self.chip, self.placement, self.steps)
+        self._time = _Time(self.program, self.chip, self.placement)
 
     def __call__(self, outcome: Counted) -> Tensor:
         """Joules of a recording, the mean of the batch."""
@@ -129,7 +129,7 @@ class Bill:
         """Joules of the updates of neurons."""
         active, inactive = (self._cost(f"neuron_update_{how}") for how in ("active", "inactive"))
         neurons = [part for part in self.program.populations if part.kind == "neuron"]
-        total = torch.tensor(inactive * self.steps * sum(part.size for part in neurons), dtype=torch.float64)
+        total = torch.tensor(inactive * outcome.steps * sum(part.size for part in neurons), dtype=torch.float64)
         for part in neurons:
             done = _mean(outcome.active[part.name])
             total = total.to(done.device) + done * (active - inactive)
@@ -139,13 +139,12 @@ class Bill:
 class _Time:
     """How long the chip takes: steps x the end of a step, and the work of the busiest core."""
 
-    def __init__(self, program: Program, chip: Chip, placement: Placement | None, steps: int) -> None:
-        self._program, self._placement = program, placement
-        self._fixed, self._works = 0.0, False
+    def __init__(self, program: Program, chip: Chip, placement: Placement | None) -> None:
+        self._program, self._each, self._works = program, 0.0, False
         if chip.step_s is not None:
-            self._fixed = steps * chip.step_s.value
+            self._each = chip.step_s.value
         elif placement is not None and all(name in chip.costs for name in BARRIERS):
-            self._fixed = steps * barrier(placement, chip, {"chips": float(placement.chips_used)})
+            self._each = barrier(placement, chip, {"chips": float(placement.chips_used)})
             self._works = True
             sizes = [part.size for part in program.populations]
             share = np.zeros((len(placement.cores), len(sizes)))
@@ -155,24 +154,23 @@ class _Time:
             self._share = torch.from_numpy(share)
             figures = (chip.costs.get(f"{what}_time") for what in ("synaptic_op", *_UPDATES))
             self._op, self._active, self._inactive = (0.0 if figure is None else figure.value for figure in figures)
-            self._steps = steps
             self._fans = [torch.from_numpy(fan_out(program, i)).double() for i in range(len(program.projections))]
 
     def __call__(self, outcome: Counted) -> Tensor:
         """Seconds of a mean recording."""
         some = _mean(next(iter(outcome.counts.values())))
         if not self._works:
-            return some.new_tensor(self._fixed)
+            return some.new_tensor(outcome.steps * self._each)
         work = [some.new_zeros(()) for _ in self._program.populations]
         for index, part in enumerate(self._program.populations):
             if part.kind == "neuron":
                 active = _mean(outcome.active[part.name])
-                rest = part.size * self._steps - active
+                rest = part.size * outcome.steps - active
                 work[index] = active * self._active + rest * self._inactive
         for projection, fans in zip(self._program.projections, self._fans, strict=True):
             counts = _mean(outcome.counts[self._program.populations[projection.source].name])
             work[projection.target] = work[projection.target] + (counts * fans.to(counts.device)).sum() * self._op
-        return self._fixed + (self._share.to(some.device) @ torch.stack(work)).amax()
+        return outcome.steps * self._each + (self._share.to(some.device) @ torch.stack(work)).amax()
 
 
 _UPDATES = ("neuron_update_active", "neuron_update_inactive")

@@ -36,7 +36,8 @@ class Train:
         parts = [slice(int(self.ends[b]), int(self.ends[b + 1])) for b in recordings]
         lengths = [part.stop - part.start for part in parts]
         step, neuron = (
-            np.concatenate([np.zeros(0, np.int32), *(each[part] for part in parts)]) for each in (self.step, self.neuron)
+            np.concatenate([np.zeros(0, np.int32), *(each[part] for part in parts)])
+            for each in (self.step, self.neuron)
         )
         return Train(np.concatenate(([0], np.cumsum(lengths, dtype=np.int64))), step, neuron)
 

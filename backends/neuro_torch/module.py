@@ -15,6 +15,7 @@ from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.core.memory import free_memory
 from neuro_torch import learnt
+from neuro_torch.active import active_updates
 from neuro_torch.events import Events, Train
 from neuro_torch.outcome import Outcome, Told, input_counts
 from neuro_torch.plan import Plan, plan_of
@@ -90,7 +91,13 @@ class Module(torch.nn.Module):
         self._refuse_large(size, steps)
         dtype = next(iter(self.weights.values())).dtype
         task = compiled.Task(
-            size, steps, dtype, self.surrogate, self.damping, self._push(steps), frozenset(self._index[n] for n in self.outputs)
+            size,
+            steps,
+            dtype,
+            self.surrogate,
+            self.damping,
+            self._push(steps),
+            frozenset(self._index[n] for n in self.outputs),
         )
         emitted: dict[int, Any] = {
             k: self._emitted(k, given.get(part.name), task)
@@ -109,7 +116,7 @@ class Module(torch.nn.Module):
             spikes, before = compiled.scan(part, drives, [weights[s.projection] for s in part.inside], task)
             emitted |= spikes
             potentials |= before
-        return self._outcome(batch, emitted, potentials, steps)
+        return self._outcome(batch, emitted, potentials, task)
 
     def network(self) -> neuro.Network:
         """The network with what was learnt, which every backend runs; what was drawn at random is listed in it."""
@@ -171,7 +178,9 @@ class Module(torch.nn.Module):
     def _push(self, steps: int) -> dict[int, Any]:
         if steps not in self._pushes:
             self._pushes = {
-                steps: {k: layers.push(self.program, c, steps) for part in self.plan.parts for k, c in part.cells.items()}
+                steps: {
+                    k: layers.push(self.program, c, steps) for part in self.plan.parts for k, c in part.cells.items()
+                }
             }
         return self._pushes[steps]
 
@@ -195,7 +204,9 @@ class Module(torch.nn.Module):
             raise ModelError(f"{told}: expected (batch, steps, {part.size})")
         return given.to(task.dtype)
 
-    def _outcome(self, batch: Any, emitted: dict[int, Any], potentials: dict[int, Tensor], steps: int) -> Outcome:
+    def _outcome(
+        self, batch: Any, emitted: dict[int, Any], potentials: dict[int, Tensor], task: compiled.Task
+    ) -> Outcome:
         outs = {name: self._index[name] for name in self.outputs}
         counts = {}
         for name, k in self._index.items():
@@ -208,11 +219,18 @@ class Module(torch.nn.Module):
             name: (lambda k=k: torch.where(emitted[k] > 0, self._reset(k, emitted[k]), potentials[k]))
             for name, k in outs.items()
         }
+        wired = [each for part in self.plan.parts for each in (*part.outside, *part.inside)]
+        active = {
+            name: lambda k=k: active_updates(k, emitted, [each for each in wired if each.target == k], task)
+            for name, k in self._index.items()
+            if self.program.populations[k].kind == "neuron"
+        }
         return Outcome(
             {name: emitted[k] for name, k in outs.items()},
             Told("population of the outputs", reset),
             Told("population", counts),
-            steps,
+            Told("population of neurons", active),
+            task.steps,
             self.program.resolution,
         )
 

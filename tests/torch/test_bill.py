@@ -10,7 +10,8 @@ from neuro import ModelError
 from neuro.chips import chip, place, price
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed")
-from neuro_torch.bill import Bill  # noqa: E402
+import neuro_torch  # noqa: E402
+from neuro_torch import Bill  # noqa: E402
 
 STEPS = 40
 CHIPS = ("loihi", "spinnaker", "spinnaker2", "truenorth")
@@ -50,11 +51,11 @@ def outcome_of(sim, shares=(1.0,)):
     scaled = torch.tensor(shares, dtype=torch.float64)
     spikes = {n: torch.outer(scaled, torch.from_numpy(s).double()) for n, s in zip(names, counts.spikes, strict=True)}
     active = {n: scaled * float(a) for n, a in zip(names, counts.active, strict=True)}
-    return SimpleNamespace(counts=spikes, active=active)
+    return SimpleNamespace(counts=spikes, active=active, steps=STEPS)
 
 
 def billed(sim, **words):
-    return lambda target: Bill(SimpleNamespace(program=sim.program, steps=STEPS), target, **words)
+    return lambda target: Bill(SimpleNamespace(program=sim.program), target, **words)
 
 
 @pytest.mark.parametrize("target", CHIPS)
@@ -65,6 +66,20 @@ def test_it_is_the_bill_of_the_chips(ran, target):
     assert float(bill.static(outcome)) == pytest.approx(energy.static_j, rel=1e-12)
     assert float(bill(outcome)) == pytest.approx(energy.total_j, rel=1e-12)
     assert float(bill.seconds(outcome)) == pytest.approx(energy.chip_time_s or 0.0, rel=1e-12)
+
+
+def test_what_a_module_counts_is_what_event_counts(ran):
+    """Spikes, updates and joules of a batch, by every layout: not only those of a stand-in."""
+    module = neuro_torch.Module(network(), trainable=["maps_hidden"], dtype=torch.float64)
+    outcome = module(neuro_torch.Events(2, STEPS, {}))
+    raw = ran.taken().raw_counts
+    for index, part in enumerate(ran.program.populations):
+        assert outcome.counts[part.name].shape == (2, part.size)
+        np.testing.assert_array_equal(outcome.counts[part.name].detach()[1], raw.spikes[index])
+        if part.kind == "neuron":
+            assert outcome.active[part.name].tolist() == [raw.active[index]] * 2
+    for target in CHIPS:
+        assert float(Bill(module, target)(outcome).detach()) == pytest.approx(ran.energy(target).total_j, rel=1e-12)
 
 
 def test_fewer_neurons_on_a_core(ran):

@@ -134,7 +134,9 @@ def _component(program: Program, members: list[int], wired: list[Synapses]) -> C
     onto = [each for each in wired if each.target in members]
     inside = tuple(each for each in onto if each.source in members)
     outside = tuple(each for each in onto if each.source not in members)
-    return Component({k: cells(program, k) for k in members}, outside, inside, min((e.least for e in inside), default=0))
+    return Component(
+        {k: cells(program, k) for k in members}, outside, inside, min((e.least for e in inside), default=0)
+    )
 
 
 def cells(program: Program, index: int) -> Cells:
