@@ -96,7 +96,8 @@ class Events:
         if len(set(sizes.values())) != 1:
             raise ModelError(f"found (batch, steps) of {sizes}: expected one of all, and at least one population")
         batch, steps = next(iter(sizes.values()))
-        return cls(batch, steps, {name: array.nonzero() for name, array in arrays.items()})
+        places: dict[str, Any] = {name: array.nonzero() for name, array in arrays.items()}
+        return cls(batch, steps, places)
 
     @classmethod
     def of_recordings(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -13,13 +13,14 @@ import neuro
 from neuro.compiler import compile_network
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
-from neuro.core.memory import free_memory
-from neuro_torch import learnt
+from neuro.program.program import Floats
+from neuro_torch import feeding, learnt
 from neuro_torch.active import active_updates
-from neuro_torch.events import Events, Train
-from neuro_torch.outcome import Outcome, Told, input_counts
+from neuro_torch.events import Events
+from neuro_torch.outcome import Outcome, Told
 from neuro_torch.plan import Plan, plan_of
-from neuro_torch.scan import compiled, layers
+from neuro_torch.scan import compiled, layers, operations
+from neuro_torch.scan.task import Task
 from neuro_torch.surrogates import Surrogate, surrogate_of
 
 __all__ = ["Module"]
@@ -40,12 +41,14 @@ class Module(torch.nn.Module):
         seed: of everything random.
         dtype: of all numbers, torch's default if not given. With `torch.float64` spikes are those of `event`.
         damping: what gradients are multiplied by each time they go along a synapse of a recurrent part, 0 to 1.
+        by: "kernels" (compiled, for CPUs) or "torch" (torch's operations, for any device); that of the device of the
+            parameters if not given.
 
     Attributes:
         weights: the parameters by projection, in mV or pA as the network has them: rows by source of an `all_to_all`,
             kernels of a grid, else one for each synapse.
         program: the network as backends see it.
-        plan: which part runs by what; `str` tells it.
+        outputs: names of the populations that are wanted in time.
 
     Raises:
         ModelError: a name is unknown, nothing is trainable, or the network cannot be differentiated.
@@ -63,17 +66,30 @@ class Module(torch.nn.Module):
         seed: int = 0,
         dtype: torch.dtype | None = None,
         damping: float = 1.0,
+        by: str | None = None,
     ) -> None:
         super().__init__()
+        if not isinstance(net, neuro.Network):
+            raise ModelError(f"neuro_torch.Module: found {net!r}: expected a Network", hint="neuro.load reads one")
         self.program = compile_network(net, seed)
-        self.surrogate, self.damping = surrogate_of(surrogate, slope), damping
-        self._net, self._seed = net, seed
+        self.surrogate, self.damping = surrogate_of(surrogate, slope), _share(damping)
+        self._net, self._seed, self._by = net, seed, _one_of("by", by, (None, "kernels", "torch"))
         self._index = {part.name: k for k, part in enumerate(self.program.populations)}
         self._steps = None if duration is None else Clock(net.resolution).step(float(duration), "duration")
         self.outputs = self._outputs(outputs)
-        self.plan: Plan = plan_of(self.program)
-        self.weights = torch.nn.ParameterDict(self._learning(list(trainable), dtype or torch.get_default_dtype()))
-        self._pushes: dict[int, dict[int, Any]] = {}
+        self._plan = plan_of(self.program)
+        known = {part.name: q for q, part in enumerate(self.program.projections) if part.carries == "spikes"}
+        names = _trainable(trainable, known)
+        kind = dtype or torch.get_default_dtype()
+        self.weights = torch.nn.ParameterDict(
+            {name: torch.nn.Parameter(torch.tensor(self._shaped(known[name]), dtype=kind)) for name in names}
+        )
+        self._kept: dict[Any, Any] = {}
+
+    @property
+    def plan(self) -> Plan:
+        """Which part runs by what on the device where the parameters are; `str` tells it."""
+        return Plan(self.program, self._plan.parts, self._scans()[1], self._plan.why)
 
     def forward(self, batch: Events | Mapping[str, Any]) -> Outcome:
         """Run a batch from step 0.
@@ -86,34 +102,25 @@ class Module(torch.nn.Module):
         Raises:
             ModelError: a name or a shape is wrong, or the batch needs more memory than is free.
         """
-        given = dict(batch.trains) if isinstance(batch, Events) else dict(batch)
-        size, steps = self._sizes(batch)
-        self._refuse_large(size, steps)
-        dtype = next(iter(self.weights.values())).dtype
-        task = compiled.Task(
-            size,
-            steps,
-            dtype,
-            self.surrogate,
-            self.damping,
-            self._push(steps),
-            frozenset(self._index[n] for n in self.outputs),
-        )
+        size, steps = feeding.sizes(self.program, batch, self._steps)
+        task, scans = self._task(size, steps), self._scans()[0]
+        feeding.refuse_large(self.program, size, steps, task.dtype)
+        given = batch.trains if isinstance(batch, Events) else batch
         emitted: dict[int, Any] = {
-            k: self._emitted(k, given.get(part.name), task)
+            k: feeding.emitted(part, given.get(part.name), task, scans)
             for k, part in enumerate(self.program.populations)
             if part.kind == "listed"
         }
-        weights = {q: self._weight(q, dtype) for q, p in enumerate(self.program.projections) if p.carries == "spikes"}
+        weights = {q: self._weight(q, task) for q, p in enumerate(self.program.projections) if p.carries == "spikes"}
         potentials: dict[int, Tensor] = {}
-        for part in self.plan.parts:
-            drives = {k: torch.zeros(size, steps, cell.size, dtype=dtype) for k, cell in part.cells.items()}
-            fresh = set(drives)
+        for part in self._plan.parts:
+            drives: dict[int, Tensor] = {}
             for each in part.outside:
-                arrived = compiled.drive(each, emitted[each.source], weights[each.projection], task)
-                drives[each.target] = arrived if each.target in fresh else drives[each.target] + arrived
-                fresh.discard(each.target)
-            spikes, before = compiled.scan(part, drives, [weights[s.projection] for s in part.inside], task)
+                arrived = scans.drive(each, emitted[each.source], weights[each.projection], task)
+                drives[each.target] = drives[each.target] + arrived if each.target in drives else arrived
+            for k in part.cells.keys() - drives.keys():
+                drives[k] = torch.zeros(size, steps, part.cells[k].size, dtype=task.dtype, device=task.device)
+            spikes, before = scans.scan(part, drives, [weights[s.projection] for s in part.inside], task)
             emitted |= spikes
             potentials |= before
         return self._outcome(batch, emitted, potentials, task)
@@ -121,8 +128,24 @@ class Module(torch.nn.Module):
     def network(self) -> neuro.Network:
         """The network with what was learnt, which every backend runs; what was drawn at random is listed in it."""
         found = {part.name: q for q, part in enumerate(self.program.projections)}
-        taken = {found[name]: w.detach().double().cpu().numpy().reshape(-1) for name, w in self.weights.items()}
+        taken = {found[name]: w.detach().cpu().double().numpy().reshape(-1) for name, w in self.weights.items()}
         return learnt.network_of(self._net, self._seed, taken)
+
+    def on(self, net: neuro.Network) -> Module:
+        """A module of another network that learns the same projections in the same way, with the same outputs."""
+        like = self._like()
+        made = Module(
+            net,
+            list(self.weights),
+            surrogate=self.surrogate,
+            duration=None if self._steps is None else self._steps * net.resolution,
+            outputs=self.outputs,
+            seed=self._seed,
+            dtype=like.dtype,
+            damping=self.damping,
+            by=self._by,
+        )
+        return made.to(like.device)
 
     def extra_repr(self) -> str:
         """What torch shows of it."""
@@ -138,114 +161,92 @@ class Module(torch.nn.Module):
                 raise unknown("population of neurons", name, neurons)
         return tuple(named)
 
-    def _learning(self, names: list[str], dtype: torch.dtype) -> dict[str, torch.nn.Parameter]:
-        known = {part.name: q for q, part in enumerate(self.program.projections) if part.carries == "spikes"}
-        if not names:
-            raise ModelError("trainable: found no projection: expected at least one", hint=f"known: {', '.join(known)}")
-        made = {}
-        for name in names:
-            if name not in known:
-                raise unknown("projection", name, known)
-            part = self.program.projections[known[name]]
-            sizes = self.program.populations[part.source].size, self.program.populations[part.target].size
-            values = part.weight.reshape(layers.shape_of(part, sizes))
-            made[name] = torch.nn.Parameter(torch.tensor(values, dtype=dtype))
-        return made
+    def _scans(self) -> tuple[Any, str]:
+        """What does the scans where the parameters are, and its name."""
+        by = self._by or ("kernels" if self._like().device.type == "cpu" else "torch")
+        return {"kernels": compiled, "torch": operations}[by], by
 
-    def _weight(self, projection: int, dtype: torch.dtype) -> Tensor:
+    def _like(self) -> Tensor:
+        """A parameter, whose type and device are those of all."""
+        return next(iter(self.weights.values()))
+
+    def _task(self, batch: int, steps: int) -> Task:
+        like, wanted = self._like(), frozenset(self._index[name] for name in self.outputs)
+        if self._kept.get("steps") != steps:
+            cells = {k: cell for part in self._plan.parts for k, cell in part.cells.items()}
+            self._kept["steps"] = steps
+            self._kept["push"] = {k: layers.push(self.program, cell, steps) for k, cell in cells.items()}
+        push = self._kept["push"]
+        return Task(batch, steps, like.dtype, like.device, self.surrogate, self.damping, push, wanted)
+
+    def _weight(self, projection: int, task: Task) -> Tensor:
+        """The weights of a projection; those that do not learn are the network's in the type of the others."""
+        name, key = self.program.projections[projection].name, (projection, task.dtype, task.device)
+        if name in self.weights:
+            return self.weights[name]
+        if key not in self._kept:
+            self._kept[key] = torch.tensor(self._shaped(projection), dtype=task.dtype, device=task.device)
+        kept: Tensor = self._kept[key]
+        return kept
+
+    def _shaped(self, projection: int) -> Floats:
         part = self.program.projections[projection]
-        if part.name in self.weights:
-            return self.weights[part.name]
         sizes = self.program.populations[part.source].size, self.program.populations[part.target].size
-        return torch.tensor(part.weight.reshape(layers.shape_of(part, sizes)), dtype=dtype)
+        return part.weight.reshape(layers.shape_of(part, sizes))
 
-    def _sizes(self, batch: Events | Mapping[str, Any]) -> tuple[int, int]:
-        inputs = [part.name for part in self.program.populations if part.kind == "listed"]
-        for name in batch.trains if isinstance(batch, Events) else batch:
-            if name not in inputs:
-                raise unknown("population of inputs", name, inputs)
-        if isinstance(batch, Events):
-            size, steps = batch.batch, batch.steps
-        else:
-            shapes = {tuple(each.shape[:2]) for each in batch.values()}
-            if len(shapes) != 1:
-                raise ModelError(f"batch: found (batch, steps) of {sorted(shapes)}: expected one of all inputs")
-            size, steps = shapes.pop()
-        if self._steps is not None and steps != self._steps:
-            raise ModelError(f"batch: found {steps} steps: expected {self._steps}, the module's duration")
-        return size, steps
-
-    def _push(self, steps: int) -> dict[int, Any]:
-        if steps not in self._pushes:
-            self._pushes = {
-                steps: {
-                    k: layers.push(self.program, c, steps) for part in self.plan.parts for k, c in part.cells.items()
-                }
-            }
-        return self._pushes[steps]
-
-    def _emitted(self, index: int, given: Any, task: compiled.Task) -> Any:
-        """The spikes of a generator, a dense tensor or packed."""
-        part = self.program.populations[index]
-        if given is None:
-            inside = part.spike_steps <= task.steps
-            steps, ids = part.spike_steps[inside] - 1, part.spike_ids[inside]
-            every = np.repeat(np.arange(task.batch), len(steps))
-            dense = np.zeros((task.batch, task.steps, part.size))
-            np.add.at(dense, (every, np.tile(steps, task.batch), np.tile(ids, task.batch)), 1.0)
-            return torch.tensor(dense, dtype=task.dtype)
-        if isinstance(given, Train):
-            if given.neuron.size and int(given.neuron.max()) >= part.size:
-                raise ModelError(f"'{part.name}': found neuron {given.neuron.max()}: expected 0 to {part.size - 1}")
-            ones = np.ones(len(given.neuron), dtype=np.float32 if task.dtype == torch.float32 else np.float64)
-            return compiled.Packed(given.rows(task.steps), given.neuron, ones)
-        if given.ndim != 3 or given.shape[2] != part.size:
-            told = f"'{part.name}': found the shape {tuple(given.shape)}"
-            raise ModelError(f"{told}: expected (batch, steps, {part.size})")
-        return given.to(task.dtype)
-
-    def _outcome(
-        self, batch: Any, emitted: dict[int, Any], potentials: dict[int, Tensor], task: compiled.Task
-    ) -> Outcome:
+    def _outcome(self, batch: Any, emitted: dict[int, Any], potentials: dict[int, Tensor], task: Task) -> Outcome:
         outs = {name: self._index[name] for name in self.outputs}
-        counts = {}
-        for name, k in self._index.items():
-            if isinstance(emitted.get(k), Tensor):
-                counts[name] = lambda k=k: emitted[k].sum(1)
-            elif k in emitted:
-                size = self.program.populations[k].size
-                counts[name] = lambda name=name, size=size: input_counts(batch, name, size)
-        reset = {
-            name: (lambda k=k: torch.where(emitted[k] > 0, self._reset(k, emitted[k]), potentials[k]))
-            for name, k in outs.items()
+        counts = {
+            name: partial(self._count, batch, k, emitted[k], task) for name, k in self._index.items() if k in emitted
         }
-        wired = [each for part in self.plan.parts for each in (*part.outside, *part.inside)]
+        wired = [each for part in self._plan.parts for each in (*part.outside, *part.inside)]
         active = {
-            name: lambda k=k: active_updates(k, emitted, [each for each in wired if each.target == k], task)
-            for name, k in self._index.items()
-            if self.program.populations[k].kind == "neuron"
+            part.name: partial(active_updates, k, emitted, [w for w in wired if w.target == k], task, self._scans()[0])
+            for k, part in enumerate(self.program.populations)
+            if part.kind == "neuron"
         }
+        after = {name: partial(self._after, k, emitted[k], potentials[k]) for name, k in outs.items()}
         return Outcome(
             {name: emitted[k] for name, k in outs.items()},
-            Told("population of the outputs", reset),
+            Told("population of the outputs", after),
             Told("population", counts),
             Told("population of neurons", active),
             task.steps,
             self.program.resolution,
         )
 
-    def _reset(self, population: int, like: Tensor) -> Tensor:
-        return torch.as_tensor(self.program.populations[population].parameters["V_reset"], dtype=like.dtype)
+    def _count(self, batch: Any, index: int, emitted: Any, task: Task) -> Tensor:
+        """The spikes of each neuron of a population."""
+        if isinstance(emitted, Tensor):
+            return torch.sum(emitted, 1)
+        part = self.program.populations[index]
+        return torch.from_numpy(batch.counts(part.name, part.size)).to(task.device, task.dtype)
 
-    def _refuse_large(self, batch: int, steps: int) -> None:
-        """Refuse a batch for which memory does not suffice, before any is taken."""
-        neurons = sum(part.size for part in self.program.populations if part.kind == "neuron")
-        bytes_ = torch.finfo(next(iter(self.weights.values())).dtype).bits // 8
-        one = neurons * steps * (5 * bytes_ + 1)
-        free = free_memory()
-        if free is not None and batch * one > free:
-            raise ModelError(
-                f"a batch of {batch} recordings of {steps} steps needs about {batch * one / 1e9:.1f} GB: expected at "
-                f"most what is free, {free / 1e9:.1f} GB",
-                hint=f"a batch of {max(1, free // (2 * one))} takes half of it",
-            )
+    def _after(self, index: int, spikes: Tensor, before: Tensor) -> Tensor:
+        """The potential after the resets."""
+        reset = torch.as_tensor(self.program.populations[index].parameters["V_reset"])
+        return torch.where(spikes > 0, reset.to(before.device, before.dtype), before)
+
+
+def _trainable(given: Iterable[str], known: Mapping[str, int]) -> list[str]:
+    names = [given] if isinstance(given, str) else list(given)
+    if not names:
+        raise ModelError("trainable: found no projection: expected at least one", hint=f"known: {', '.join(known)}")
+    for name in names:
+        if name not in known:
+            raise unknown("projection", name, known)
+        if "." in name:
+            raise ModelError(f"trainable: '{name}': torch takes no '.' in a name: expected a projection without one")
+    return names
+
+
+def _share(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value <= 1.0:
+        raise ModelError(f"damping = {value!r}: expected a number from 0 to 1")
+    return float(value)
+
+
+def _one_of(word: str, value: Any, known: Sequence[Any]) -> Any:
+    if value not in known:
+        raise unknown(word, value, [each for each in known if each])
+    return value

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from neuro.core.errors import unknown
-from neuro_torch.events import Events
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -74,10 +73,3 @@ class Told(Mapping[str, Any]):
 
     def __repr__(self) -> str:
         return f"{self._kind}: {', '.join(self._makers)}"
-
-
-def input_counts(batch: Events, name: str, neurons: int) -> Any:
-    """The counts of a population of inputs that were given as events."""
-    import torch
-
-    return torch.from_numpy(batch.counts(name, neurons))

@@ -29,7 +29,7 @@ EVERY = 20
 
 
 def quantised(module: Module, bits: int = 8, chip: str | PathLike[str] = "loihi") -> Module:
-    """Round the weights that learn as a chip does, in place; what was learnt below the rounding stays in the parameters.
+    """Round the weights that learn as a chip does, in place; what is below the rounding stays in the parameters.
 
     Scales are those that `neuro.chips.quantise` chooses for the weights as they are; while the module trains they are
     chosen anew every 20 batches, and for each batch that it is only asked.
@@ -78,7 +78,9 @@ class _Scales:
         """Choose them for the weights as they are."""
         rounded = _rounded(module)
         present = {name: getattr(module.weights.parametrizations, name).original for name in rounded}
-        weights = {self._index[name]: weight.detach().double().cpu().numpy().ravel() for name, weight in present.items()}
+        weights = {
+            self._index[name]: weight.detach().double().cpu().numpy().ravel() for name, weight in present.items()
+        }
         projections = list(module.program.projections)
         for index, weight in weights.items():
             projections[index] = replace(projections[index], weight=weight)
@@ -105,6 +107,12 @@ class _Scales:
 class _Rounded(torch.nn.Module):
     """The weights of one projection on the grid of a chip."""
 
+    step: Tensor
+    below: Tensor
+    low: Tensor
+    high: Tensor
+    age: Tensor
+
     def __init__(self, weight: Tensor) -> None:
         super().__init__()
         for name in ("step", "below"):
@@ -116,12 +124,13 @@ class _Rounded(torch.nn.Module):
         """Take a grid; of each step so few bits are kept that every weight on it is one, in single precision, too."""
         for buffer, values in ((self.step, step), (self.below, below)):
             fraction, exponent = np.frexp(np.broadcast_to(values, buffer.numel() if np.size(values) > 1 else 1))
-            short = np.ldexp(np.ceil(fraction * 2.0**12) / 2.0**12, exponent)
+            kept = 16 if buffer.dtype == torch.float32 else 44
+            short = np.ldexp(np.ceil(np.ldexp(fraction, kept)), exponent - kept)
             buffer.copy_(torch.as_tensor(short.reshape(buffer.shape if short.size > 1 else (1,))))
 
     def forward(self, weight: Tensor) -> Tensor:
         """What the chip has of them."""
-        rounded: Tensor = _Straight.apply(weight, self.step, self.below, self.low, self.high)
+        rounded: Tensor = _Straight.apply(weight, self.step, self.below, self.low, self.high)  # type: ignore[no-untyped-call]
         return rounded
 
     def right_inverse(self, weight: Tensor) -> Tensor:

@@ -18,7 +18,16 @@ from neuro.core.hints import nearest
 
 __all__ = ["ModelError", "Where", "here", "nearest", "unknown"]
 
-_PACKAGES = ("neuro", "neuro_chip", "neuro_event", "neuro_nest", "neuro_reference", "dataclasses", "contextlib")
+_PACKAGES = (
+    "neuro",
+    "neuro_chip",
+    "neuro_event",
+    "neuro_nest",
+    "neuro_reference",
+    "neuro_torch",
+    "dataclasses",
+    "contextlib",
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,8 +11,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from neuro_torch.events import Train
 from neuro_torch.scan import cells, travel
 from neuro_torch.scan.layers import Cells, Component, Synapses
+from neuro_torch.scan.task import Task
 from neuro_torch.surrogates import Surrogate
 
 Array = NDArray[Any]
@@ -27,26 +28,10 @@ class Packed(NamedTuple):
     values: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Task:
-    """What one forward pass is about.
-
-    Attributes:
-        batch, steps: of it.
-        dtype: of all numbers.
-        surrogate: stands in for the derivative of a spike.
-        damping: of gradients each time they go along a synapse of a circle.
-        push: what currents add, by population, see `neuro_torch.scan.cells`.
-        wanted: populations whose potentials are asked for.
-    """
-
-    batch: int
-    steps: int
-    dtype: torch.dtype
-    surrogate: Surrogate
-    damping: float
-    push: Mapping[int, Array]
-    wanted: frozenset[int]
+def listed(train: Train, task: Task) -> Packed:
+    """The spikes of a population of inputs."""
+    ones = np.ones(len(train.neuron), dtype=np.float32 if task.dtype == torch.float32 else np.float64)
+    return Packed(train.rows(task.steps), train.neuron, ones)
 
 
 def packed(spikes: Tensor) -> Packed:
@@ -83,7 +68,7 @@ class _Drive(torch.autograd.Function):
         return out
 
     @staticmethod
-    @once_differentiable  # type: ignore[untyped-decorator]
+    @once_differentiable
     def backward(ctx: Any, *grads: Tensor) -> Any:
         part, task, (weight,), grad = ctx.part, ctx.task, ctx.saved_tensors, grads[0].contiguous()
         to_weight = to_spikes = None
@@ -230,7 +215,7 @@ class _Scan(torch.autograd.Function):
         return (*spikes, *potentials)
 
     @staticmethod
-    @once_differentiable  # type: ignore[untyped-decorator]
+    @once_differentiable
     def backward(ctx: Any, *grads: Any) -> Any:
         part, task, n = ctx.part, ctx.task, len(ctx.part.cells)
         saved = ctx.saved_tensors

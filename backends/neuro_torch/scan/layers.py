@@ -170,7 +170,8 @@ def push(program: Program, part: Cells, steps: int) -> Floats:
     if part.population not in currents.targets:
         return (part.per_pa * part.constant)[None]
     outside = np.array([currents.into(part.population, step) for step in range(1, steps + 1)])
-    return part.per_pa * (part.constant + outside)
+    pushed: Floats = part.per_pa * (part.constant + outside)
+    return pushed
 
 
 def synapses(program: Program, index: int) -> Synapses:

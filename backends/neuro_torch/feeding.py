@@ -1,0 +1,107 @@
+"""What a batch gives to the inputs of a network: checked, and as scans take it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+
+from neuro.core.errors import ModelError, unknown
+from neuro.core.memory import free_memory
+from neuro.program.program import Population, Program
+from neuro_torch.events import Events, Train
+from neuro_torch.scan.task import Task
+
+
+def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
+    """Recordings and steps of a batch.
+
+    Args:
+        program: the network.
+        batch: as given to `neuro_torch.Module`.
+        steps: those that it has to have, None for any.
+
+    Raises:
+        ModelError: it names no inputs, or its parts or steps do not agree.
+    """
+    known = [part.name for part in program.populations if part.kind == "listed"]
+    if not isinstance(batch, (Events, Mapping)):
+        told = f"batch: found {type(batch).__name__}: expected neuro_torch.Events, or tensors by population"
+        raise ModelError(told, hint=f"{{'{known[0]}': tensor}}" if known else "")
+    named = batch.trains if isinstance(batch, Events) else batch
+    for name in named:
+        if name not in known:
+            raise unknown("population of inputs", name, known)
+    if isinstance(batch, Events):
+        found = {(batch.batch, batch.steps)}
+    else:
+        found = {tuple(each.shape[:2]) for each in batch.values()}
+    if len(found) != 1:
+        raise ModelError(f"batch: found (batch, steps) of {sorted(found)}: expected one of all inputs")
+    size, given = found.pop()
+    if size < 1 or given < 1:
+        raise ModelError(f"batch: found {size} recordings of {given} steps: expected at least one of each")
+    if steps is not None and given != steps:
+        raise ModelError(f"batch: found {given} steps: expected {steps}, the module's duration")
+    return size, given
+
+
+def emitted(part: Population, given: Any, task: Task, scans: Any) -> Any:
+    """The spikes of a generator: a dense tensor, or listed as the scans take them.
+
+    Args:
+        part: the generator.
+        given: of the batch, None if it does not name it; then the network lists its spikes.
+        task: what the pass is about.
+        scans: `neuro_torch.scan.compiled` or `neuro_torch.scan.operations`.
+
+    Raises:
+        ModelError: a shape or a neuron is wrong.
+    """
+    if given is None:
+        if part.stream is not None:
+            hint = "neuro_torch.Events.of_recordings makes spikes of recordings"
+            raise ModelError(f"batch: '{part.name}' is not named: expected the spikes of this {part.said}", hint=hint)
+        return _listed(part, task)
+    if isinstance(given, Train):
+        if given.neuron.size and int(given.neuron.max()) >= part.size:
+            told = f"batch: '{part.name}': found neuron {given.neuron.max()}"
+            raise ModelError(f"{told}: expected 0 to {part.size - 1}")
+        return scans.listed(given, task)
+    if given.ndim != 3 or given.shape[2] != part.size:
+        told = f"batch: '{part.name}': found the shape {tuple(given.shape)}"
+        raise ModelError(f"{told}: expected (batch, steps, {part.size})")
+    return torch.as_tensor(given).to(task.device, task.dtype)
+
+
+def _listed(part: Population, task: Task) -> torch.Tensor:
+    inside = part.spike_steps <= task.steps
+    dense = np.zeros((task.steps, part.size))
+    np.add.at(dense, (part.spike_steps[inside] - 1, part.spike_ids[inside]), 1.0)
+    return torch.as_tensor(dense).to(task.device, task.dtype).expand(task.batch, -1, -1)
+
+
+def refuse_large(program: Program, batch: int, steps: int, dtype: torch.dtype) -> None:
+    """Refuse a batch for which memory does not suffice, before any is taken.
+
+    Raises:
+        ModelError: it needs more than is free.
+    """
+    one = bytes_of(program, steps, dtype)
+    free = free_memory()
+    if free is not None and batch * one > free:
+        raise ModelError(
+            f"a batch of {batch} recordings of {steps} steps needs about {batch * one / 1e9:.3g} GB: expected at most "
+            f"what is free, {free / 1e9:.3g} GB",
+            hint=f"a batch of {max(1, free // (2 * one))} takes half of that"
+            if one < free
+            else "a shorter duration or longer steps need less",
+        )
+
+
+def bytes_of(program: Program, steps: int, dtype: torch.dtype) -> int:
+    """About how much memory a recording takes in training: input, potential, spikes and their gradients, and fates."""
+    neurons = sum(part.size for part in program.populations if part.kind == "neuron")
+    return neurons * steps * (5 * dtype.itemsize + 1)

@@ -1,0 +1,162 @@
+"""The scans by torch's own operations, for devices on which no kernel of ours runs; gradients are autograd's.
+
+The interface is that of `neuro_torch.scan.compiled`. Synapses are matrices, one for each delay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from neuro_torch.events import Train
+from neuro_torch.scan import cells as rows
+from neuro_torch.scan.layers import Cells, Component, Synapses
+from neuro_torch.scan.task import Task
+
+Fire = Callable[[Tensor, Task], Tensor]
+"""Spikes from x = (V_m - V_th) / (V_th - V_reset)."""
+
+
+class Listed(NamedTuple):
+    """Spikes of a batch: the recording, the step and the neuron of each."""
+
+    recording: Tensor
+    step: Tensor
+    neuron: Tensor
+
+
+def listed(train: Train, task: Task) -> Listed:
+    """The spikes of a population of inputs, where they are to be used."""
+    recording = torch.repeat_interleave(torch.arange(task.batch), torch.from_numpy(train.ends).diff())
+    parts = (recording, torch.from_numpy(train.step).long(), torch.from_numpy(train.neuron).long())
+    return Listed(*(part.to(task.device) for part in parts))
+
+
+def drive(part: Synapses, spikes: Tensor | Listed, weight: Tensor, task: Task) -> Tensor:
+    """The input that spikes bring along a projection, (batch, steps, targets)."""
+    out = torch.zeros(task.batch, task.steps, part.sizes[1], dtype=task.dtype, device=task.device)
+    for delay, matrix in matrices(part, weight).items():
+        if delay >= task.steps:
+            continue
+        if isinstance(spikes, Listed):
+            inside = spikes.step + delay < task.steps
+            place = (spikes.recording * task.steps + spikes.step + delay)[inside]
+            out = out.flatten(0, 1).index_add(0, place, matrix[spikes.neuron[inside]]).view(out.shape)
+        else:
+            arriving = torch.matmul(spikes[:, : task.steps - delay], matrix)
+            out = out + torch.nn.functional.pad(arriving, (0, 0, delay, 0))
+    return out
+
+
+def matrices(part: Synapses, weight: Tensor) -> dict[int, Tensor]:
+    """By delay in steps the weights from each source, a row, to each target."""
+    if part.dense:
+        return {part.least: weight.expand(part.sizes)}
+    target, slot, delay = (torch.from_numpy(x).long().to(weight.device) for x in (part.targets, part.slot, part.delay))
+    ends = torch.from_numpy(part.row_ends).to(weight.device)
+    source = torch.repeat_interleave(torch.arange(part.sizes[0], device=weight.device), ends.diff())
+    flat, made = weight.reshape(-1)[slot], {}
+    for steps in torch.unique(delay).tolist():
+        some = delay == steps
+        empty = torch.zeros(part.sizes[0] * part.sizes[1], dtype=weight.dtype, device=weight.device)
+        made[steps] = empty.index_add(0, (source * part.sizes[1] + target)[some], flat[some]).view(part.sizes)
+    return made
+
+
+class _Spike(torch.autograd.Function):
+    """A step whose derivative is the surrogate's."""
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, task: Task) -> Tensor:
+        ctx.save_for_backward(x)
+        ctx.surrogate = task.surrogate
+        return (x >= 0).to(x.dtype)
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> Any:
+        return grads[0] * ctx.surrogate.derivative(ctx.saved_tensors[0]), None
+
+
+class _Damped(torch.autograd.Function):
+    """The same, with a smaller gradient."""
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, damping: float) -> Tensor:
+        ctx.damping = damping
+        return x.view_as(x)
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> Any:
+        return grads[0] * ctx.damping, None
+
+
+def spike(x: Tensor, task: Task) -> Tensor:
+    """1 at the threshold and above."""
+    fired: Tensor = _Spike.apply(x, task)  # type: ignore[no-untyped-call]
+    return fired
+
+
+class _Population:
+    """A population on its way through the steps."""
+
+    def __init__(self, part: Cells, drive: Tensor, task: Task, fire: Fire) -> None:
+        self.part, self.drive, self.task, self.fire = part, list(drive.unbind(1)), task, fire
+        self.c, push, v, current = (
+            torch.as_tensor(x).to(task.device, task.dtype)
+            for x in (part.constants, task.push[part.population], part.v, part.current)
+        )
+        self.push = push.expand(task.steps, part.size)
+        self.v, self.current = (x.expand(task.batch, part.size) for x in (v, current))
+        self.held = torch.zeros_like(self.v)
+        self.spikes: list[Tensor] = []
+        self.potential: list[Tensor] = []
+
+    def go(self, t: int) -> None:
+        """Through one step."""
+        c, held = self.c, self.held > 0
+        new = c[rows.E_L] + c[rows.P33] * (self.v - c[rows.E_L])
+        if self.part.model == "iaf_psc_delta":
+            new = new + self.push[t] + self.drive[t]
+            new = torch.where(new < c[rows.V_MIN], c[rows.V_MIN], new)
+        else:
+            new = new + c[rows.P32] * self.current + self.push[t]
+            self.current = self.current * c[rows.P11] + self.drive[t]
+        new = torch.where(held, self.v, new)
+        fired = new >= c[rows.V_TH]
+        # The sign of the difference of two numbers is exact, so x >= 0 where V >= V_th.
+        self.spikes.append(self.fire((new - c[rows.V_TH]) / (c[rows.V_TH] - c[rows.V_RESET]), self.task))
+        self.potential.append(new)
+        self.v = torch.where(fired, c[rows.V_RESET], new)
+        self.held = torch.where(fired, c[rows.REFRACTORY], (self.held - 1).clamp(min=0))
+
+
+def scan(
+    part: Component, drives: Mapping[int, Tensor], weights: Sequence[Tensor], task: Task, fire: Fire = spike
+) -> tuple[dict[int, Tensor], dict[int, Tensor]]:
+    """Spikes and potentials before the reset of the populations of a component, from their input.
+
+    Args:
+        part: the component.
+        drives: input from outside by population.
+        weights: of the synapses inside, in their order.
+        task: what it is about.
+        fire: what a potential makes; tests put something smooth there.
+    """
+    all_ = {k: _Population(cell, drives[k], task, fire) for k, cell in part.cells.items()}
+    inside = [(s, matrices(s, w)) for s, w in zip(part.inside, weights, strict=True)]
+    for t in range(task.steps):
+        for each in all_.values():
+            each.go(t)
+        for synapses, by_delay in inside:
+            sent = _Damped.apply(all_[synapses.source].spikes[t], task.damping)  # type: ignore[no-untyped-call]
+            goal = all_[synapses.target].drive
+            for delay, matrix in by_delay.items():
+                if t + delay < task.steps:
+                    goal[t + delay] = goal[t + delay] + sent @ matrix
+    spikes, potentials = (
+        {k: torch.stack(getattr(each, word), 1) for k, each in all_.items()} for word in ("spikes", "potential")
+    )
+    return spikes, potentials

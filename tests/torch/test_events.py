@@ -1,0 +1,108 @@
+"""Sparse batches: what they hold, how they are joined and chosen, what is refused."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+import neuro
+
+torch = pytest.importorskip("torch")
+import neuro_torch  # noqa: E402
+from neuro_torch import Events  # noqa: E402
+
+DENSE = arrays.arrays(np.bool_, st.tuples(st.integers(1, 4), st.integers(1, 6), st.integers(1, 5)))
+
+
+@given(dense=DENSE)
+def test_dense_and_back(dense):
+    events = Events.of_dense({"a": dense})
+    assert (len(events), events.steps) == dense.shape[:2]
+    np.testing.assert_array_equal(events.dense("a", dense.shape[2]), dense)
+    np.testing.assert_array_equal(events.counts("a", dense.shape[2]), dense.sum(1))
+    again = Events.join([events[b] for b in range(len(events))])
+    np.testing.assert_array_equal(again.dense("a", dense.shape[2]), dense)
+    np.testing.assert_array_equal(events[::-1].dense("a", dense.shape[2]), dense[::-1])
+
+
+@given(dense=DENSE, seed=st.integers(0, 99))
+def test_any_order_and_doubled_spikes_are_the_same_batch(dense, seed):
+    batch, steps, neurons = dense.shape
+    found = np.array(dense.nonzero())
+    doubled = np.concatenate((found, found[:, ::2]), axis=1)
+    mixed = doubled[:, np.random.default_rng(seed).permutation(doubled.shape[1])]
+    events = Events(batch, steps, {"a": tuple(mixed)})
+    np.testing.assert_array_equal(events.dense("a", neurons), dense)
+    assert len(events.trains["a"].step) == found.shape[1]
+
+
+def test_rows_end_where_steps_do():
+    events = Events(2, 3, {"a": ([0, 0, 1, 1], [0, 2, 1, 1], [4, 1, 0, 3])})
+    assert events.trains["a"].rows(3).tolist() == [0, 1, 1, 2, 2, 4, 4]
+
+
+def test_recordings_of_a_camera():
+    recording = neuro.events.Events(
+        t=[100, 900, 1100, 5100, 9200], x=[0, 0, 3, 1, 2], y=[0, 0, 1, 2, 0], p=[0, 0, 1, 1, 0], sensor_size=(4, 3)
+    )
+    events = Events.of_recordings([recording, recording], "pixels", shape=(2, 3, 4), step=1.0, duration=6.0)
+    assert (len(events), events.steps) == (2, 6)
+    where = np.argwhere(events.dense("pixels", 24)[0]).tolist()
+    assert where == [[0, 0], [1, 12 + 4 + 3], [5, 12 + 8 + 1]]
+    merged = Events.of_recordings([recording], "pixels", shape=(2, 2), step=0.5, duration=12.0, scale=2, start=1.0)
+    assert np.argwhere(merged.dense("pixels", 4)[0]).tolist() == [[0, 1], [8, 2], [16, 1]]
+    played = neuro.Network("played", resolution=1.0)
+    played.population("pixels", "auto", neuro.event_camera(events=recording))
+    played.probe("seen", "pixels")
+    sim = neuro.compile(played)
+    sim.run(6.0)
+    times, ids = sim.spikes("pixels")
+    assert sorted({(int(t) - 1, int(i)) for t, i in zip(times, ids, strict=True)}) == [tuple(w) for w in where]
+
+
+def test_a_data_loader():
+    data = [(Events(1, 5, {"a": ([0, 0], [k % 5, 1], [k, 0])}), k) for k in range(7)]
+    loader = torch.utils.data.DataLoader(data, batch_size=3, collate_fn=neuro_torch.collate)
+    sizes = []
+    for events, labels in loader:
+        sizes.append(len(events))
+        for b, label in enumerate(labels.tolist()):
+            assert events.dense("a", 7)[b, label % 5, label] == 1
+    assert sizes == [3, 3, 1]
+    assert len(neuro_torch.collate([each for each, _ in data])) == 7
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda: Events(2, 3, {"a": ([0, 2], [0, 0], [0, 0])}), "'a': spike 1: found recording 2: expected 0 to 1"),
+        (lambda: Events(2, 3, {"a": ([0], [3], [0])}), "'a': spike 0: found step 3: expected 0 to 2"),
+        (lambda: Events(2, 3, {"a": ([0], [1], [-1])}), "'a': spike 0: found neuron -1: expected at least 0"),
+        (
+            lambda: Events(2, 3, {"a": ([0], [1], [0.5])}),
+            "'a': found float64 of the shape (1,): expected whole numbers",
+        ),
+        (lambda: Events(2, 3, {"a": ([0], [1, 2], [0])}), "'a': 1 recordings, 2 steps, 1 neurons"),
+        (lambda: Events(2, 0, {}), "Events: steps = 0: expected a whole number >= 1"),
+        (lambda: Events.of_dense({"a": np.full((1, 2, 2), 0.5)}), "'a': found values other than 0 and 1"),
+        (
+            lambda: Events.of_dense({"a": np.zeros((2, 2))}),
+            "'a': found the shape (2, 2): expected (batch, steps, neurons)",
+        ),
+        (lambda: Events.join([]), "Events.join: found no batch"),
+        (
+            lambda: Events.join([Events(1, 3, {"a": ([], [], [])}), Events(1, 4, {"a": ([], [], [])})]),
+            "batch 1 has 4 steps of ['a']: expected 3 of ['a'], as the first",
+        ),
+        (
+            lambda: Events.of_recordings([], "a", shape=(2, 2), step=5.0, duration=7.0),
+            "duration = 7 ms",
+        ),
+        (lambda: Events.of_recordings([], "a", shape=(3, 2, 2), step=5.0, duration=5.0), "shape [3, 2, 2]"),
+    ],
+)
+def test_refusals(make, told):
+    with pytest.raises(neuro.ModelError) as error:
+        make()
+    assert told in str(error.value)
