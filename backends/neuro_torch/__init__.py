@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from neuro_torch.events import Events, collate
     from neuro_torch.module import Module
     from neuro_torch.outcome import Outcome
-    from neuro_torch.prune import prune
+    from neuro_torch.prune import largest, prune
     from neuro_torch.quantise import quantised
 
 _HOMES: dict[str, tuple[str, ...]] = {
@@ -25,11 +25,11 @@ _HOMES: dict[str, tuple[str, ...]] = {
     "neuro_torch.events": ("Events", "collate"),
     "neuro_torch.module": ("Module",),
     "neuro_torch.outcome": ("Outcome",),
-    "neuro_torch.prune": ("prune",),
+    "neuro_torch.prune": ("largest", "prune"),
     "neuro_torch.quantise": ("quantised",),
 }
 
-__all__ = ["Bill", "Events", "Module", "Outcome", "collate", "losses", "prune", "quantised", "surrogates"]
+__all__ = ["Bill", "Events", "Module", "Outcome", "collate", "largest", "losses", "prune", "quantised", "surrogates"]
 
 if not TYPE_CHECKING:
     __getattr__, __dir__ = lazily(__name__, _HOMES)

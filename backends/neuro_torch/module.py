@@ -218,14 +218,16 @@ class Module(torch.nn.Module):
     def _count(self, batch: Any, index: int, emitted: Any, task: Task) -> Tensor:
         """The spikes of each neuron of a population."""
         if isinstance(emitted, Tensor):
-            return torch.sum(emitted, 1)
+            summed: Tensor = torch.sum(emitted, 1)
+            return summed
         part = self.program.populations[index]
         return torch.from_numpy(batch.counts(part.name, part.size)).to(task.device, task.dtype)
 
     def _after(self, index: int, spikes: Tensor, before: Tensor) -> Tensor:
         """The potential after the resets."""
         reset = torch.as_tensor(self.program.populations[index].parameters["V_reset"])
-        return torch.where(spikes > 0, reset.to(before.device, before.dtype), before)
+        after: Tensor = torch.where(spikes > 0, reset.to(before.device, before.dtype), before)
+        return after
 
 
 def _trainable(given: Iterable[str], known: Mapping[str, int]) -> list[str]:
