@@ -41,8 +41,9 @@ def train(
     test: Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on.")] = None,
     backends: Annotated[str, Option(metavar="A,B,...", help="What to test on.")] = "event,loihi,spinnaker",
     folds: Annotated[
-        int, Option("--folds", metavar="N", parser=folds, help="Test each Nth on what the others taught instead.")
-    ] = 0,
+        int | None,
+        Option("--folds", metavar="N", parser=folds, help="Test each Nth on what the others taught instead."),
+    ] = None,
     epochs: Annotated[int, Option(metavar="N", help="How often each recording is shown; 0 tests only.")] = 60,
     duration: Annotated[float, Option(metavar="MS", help="Of each recording, in ms.")] = 100.0,
     start: Annotated[float, Option(metavar="MS", help="What is left out before that, in ms.")] = 0.0,

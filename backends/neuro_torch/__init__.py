@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from neuro_torch.events import Events, collate
     from neuro_torch.module import Module
     from neuro_torch.outcome import Outcome
-    from neuro_torch.prune import largest, prune
+    from neuro_torch.pruning import largest, prune
     from neuro_torch.quantise import quantised
 
 _HOMES: dict[str, tuple[str, ...]] = {
@@ -25,7 +25,7 @@ _HOMES: dict[str, tuple[str, ...]] = {
     "neuro_torch.events": ("Events", "collate"),
     "neuro_torch.module": ("Module",),
     "neuro_torch.outcome": ("Outcome",),
-    "neuro_torch.prune": ("largest", "prune"),
+    "neuro_torch.pruning": ("largest", "prune"),
     "neuro_torch.quantise": ("quantised",),
 }
 
