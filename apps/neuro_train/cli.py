@@ -63,7 +63,10 @@ def train(
         list[str], Option("--learn", metavar="NAME", help="A projection that learns; all if not given; repeatable.")
     ] = [],  # noqa: B006
     augment: Annotated[
-        list[str], Option("--augment", metavar="NAME=N", help="shift=2: move by up to 2 px; repeatable.")
+        list[str],
+        Option(
+            "--augment", metavar="NAME=N", help="shift=2: move by up to 2 px; warp=0.1: turn, scale, shear; repeatable."
+        ),
     ] = [],  # noqa: B006
     cost: Annotated[
         list[str], Option("--cost", metavar="CHIP=X", help="Add X to the loss for each microjoule; repeatable.")
@@ -83,7 +86,6 @@ def train(
     _need_torch()
     import neuro
 
-    moves = augmentation(augment)
     plan = Plan(
         input=input,
         output=output,
@@ -99,7 +101,7 @@ def train(
         temperature=temperature,
         surrogate=surrogate,
         slope=slope,
-        shift=moves.get("shift", 0),
+        **augmentation(augment),
         cost=costs(cost),
         bits=bits,
         prune=prune,

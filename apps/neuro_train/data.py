@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from neuro.events import Recordings
     from neuro_torch import Events
 
-__all__ = ["Shown", "check_network", "shift", "show"]
+__all__ = ["Shown", "check_network", "moved", "show"]
 
 Ints = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
 Report = Callable[[str, int, int], None]
 """Is told what is done, how much of it, and of how much."""
 
@@ -125,25 +126,43 @@ def _check_sensor(data: Recordings, shape: tuple[int, ...], plan: Plan) -> None:
         raise ModelError(f"{told}: expected the shape {expected}", hint="set it in the file, or by --set")
 
 
-def shift(events: Events, population: str, shape: tuple[int, ...], most: int, rng: np.random.Generator) -> Events:
+def moved(
+    events: Events, population: str, shape: tuple[int, ...], shift: int, warp: float, rng: np.random.Generator
+) -> Events:
     """Move each recording at random; events that leave the field are lost.
 
     Args:
         events: a batch.
         population: of the pixels.
         shape: theirs.
-        most: px on each axis.
+        shift: px on each axis, at most.
+        warp: by how much each is turned (rad), made larger and sheared (shares) about the middle, at most.
         rng: draws.
     """
     from neuro_torch import Events
 
     train, (rows, columns) = events.trains[population], shape[-2:]
-    down, right = rng.integers(-most, most + 1, (2, events.batch))
+    down, right = rng.integers(-shift, shift + 1, (2, events.batch))
     recording = np.repeat(np.arange(events.batch), np.diff(train.ends))
     place, x = np.divmod(train.neuron.astype(np.int64), columns)
-    y = place % rows
-    inside = (x + right[recording] >= 0) & (x + right[recording] < columns)
-    inside &= (y + down[recording] >= 0) & (y + down[recording] < rows)
-    moved = (train.neuron + down[recording] * columns + right[recording])[inside].astype(np.int32)
-    ends = np.concatenate(([0], np.cumsum(np.bincount(recording[inside], minlength=events.batch))))
-    return Events.of_trains(events.steps, {population: type(train)(ends, train.step[inside], moved)})
+    sheet, y = np.divmod(place, rows)
+    if warp:
+        x, y = _warped(
+            x - (columns - 1) / 2, y - (rows - 1) / 2, rng.uniform(-warp, warp, (3, events.batch))[:, recording]
+        )
+        x, y = (np.rint(x + (columns - 1) / 2).astype(np.int64), np.rint(y + (rows - 1) / 2).astype(np.int64))
+    x, y = x + right[recording], y + down[recording]
+    inside = (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
+    neuron = ((sheet * rows + y) * columns + x)[inside].astype(np.int32)
+    step, recording = train.step[inside], recording[inside]
+    if warp:  # pixels may have come to one, and lie in another order
+        return Events(events.batch, events.steps, {population: (recording, step, neuron)})
+    ends = np.concatenate(([0], np.cumsum(np.bincount(recording, minlength=events.batch))))
+    return Events.of_trains(events.steps, {population: type(train)(ends, step, neuron)})
+
+
+def _warped(x: Floats, y: Floats, by: Floats) -> tuple[Floats, Floats]:
+    """Places about the middle, turned by an angle, made larger by a share, and sheared by a share."""
+    turn, growth, shear = by
+    x, y = np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y
+    return (1.0 + growth) * (x + shear * y), (1.0 + growth) * y

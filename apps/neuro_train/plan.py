@@ -13,7 +13,7 @@ from neuro.apps import unknown
 __all__ = ["LOSSES", "Plan", "augmentation", "costs"]
 
 LOSSES = ("count", "potential", "first_spike")
-AUGMENTATIONS = ("shift",)
+AUGMENTATIONS = {"shift": "a whole number of px >= 0", "warp": "a share, 0 to less than 1"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,6 +35,7 @@ class Plan:
         temperature: by how many spikes, mV or steps more one class is likelier by a factor of e.
         surrogate, slope: see `neuro_torch.surrogates`.
         shift: px by which recordings are moved at random on each axis.
+        warp: by how much recordings are turned (rad), made larger and sheared (shares) at random.
         cost: what a microjoule of a recording adds to the loss, by chip.
         bits: of the weights while they learn, on the first chip of `cost`, or Loihi; None: as they are.
         prune: share of the synapses that go, the smallest, after half of the epochs.
@@ -61,6 +62,7 @@ class Plan:
     surrogate: str = "fast_sigmoid"
     slope: float = 1.0
     shift: int = 0
+    warp: float = 0.0
     cost: Mapping[str, float] = field(default_factory=dict)
     bits: int | None = None
     prune: float = 0.0
@@ -75,7 +77,8 @@ class Plan:
             _expect(name, getattr(self, name), lambda v: 0.0 < v < math.inf, f"a number > 0{unit}")
         for name in ("decay", "start"):
             _expect(name, getattr(self, name), lambda v: 0.0 <= v < math.inf, "a number >= 0")
-        _expect("prune", self.prune, lambda v: 0.0 <= v < 1.0, "a share, 0 to 1 and less than 1")
+        for name in ("prune", "warp"):
+            _expect(name, getattr(self, name), lambda v: 0.0 <= v < 1.0, "a share, 0 to less than 1")
         for name in ("bits", "neurons_per_core"):
             if getattr(self, name) is not None:
                 self._whole(name, 1)
@@ -97,8 +100,8 @@ class Plan:
         return asdict(self) | {"trainable": list(self.trainable), "cost": dict(self.cost)}
 
 
-def augmentation(texts: Sequence[str]) -> dict[str, int]:
-    """How recordings are changed at random, from texts such as "shift=2".
+def augmentation(texts: Sequence[str]) -> dict[str, Any]:
+    """How recordings are changed at random, from texts such as "shift=2", "warp=0.1".
 
     Raises:
         ModelError: there is no such change, or its number is none.
@@ -107,9 +110,10 @@ def augmentation(texts: Sequence[str]) -> dict[str, int]:
     for name, value in (_named("augment", text) for text in texts):
         if name not in AUGMENTATIONS:
             raise unknown("augmentation", name, AUGMENTATIONS)
-        if not value.isdigit():
-            raise ModelError(f"--augment {name}={value}: expected a whole number of px >= 0")
-        found[name] = int(value)
+        try:
+            found[name] = int(value) if name == "shift" else float(value)
+        except ValueError:
+            raise ModelError(f"--augment {name}={value}: expected {AUGMENTATIONS[name]}") from None
     return found
 
 

@@ -22,7 +22,7 @@ import neuro
 import neuro_torch
 from neuro import ModelError
 from neuro.apps import Checkpoint
-from neuro_train.data import Shown, shift
+from neuro_train.data import Shown, moved
 from neuro_train.plan import Plan
 
 __all__ = ["CURVES", "Trained", "begun", "learn", "module_of"]
@@ -179,8 +179,8 @@ class _Training:
         """One step of learning; gives what is noted of it."""
         plan, labels = self._plan, self._labels[torch.from_numpy(chosen)].to(self._plan.device)
         events = self._shown.events[chosen.tolist()]
-        if plan.shift:
-            events = shift(events, plan.input, self._shown.shape, plan.shift, rng)
+        if plan.shift or plan.warp:
+            events = moved(events, plan.input, self._shown.shape, plan.shift, plan.warp, rng)
         rate = self._rate(self.done * self._batches + k)
         for group in self._optimiser.param_groups:
             group["lr"] = rate

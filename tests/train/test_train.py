@@ -12,7 +12,7 @@ import neuro as snn
 from neuro import ModelError
 from neuro.events import recordings
 from neuro_train import trainer
-from neuro_train.data import shift, show
+from neuro_train.data import moved, show
 from neuro_train.plan import Plan
 from neuro_train.tested import by_module, on_backend
 
@@ -199,15 +199,31 @@ def test_a_shift_moves_every_event_alike_and_loses_those_that_leave():
     rng = np.random.default_rng(2)
     dense = rng.random((5, 7, 2 * 6 * 4)) < 0.2
     events = Events(5, 7, {"pixels": np.nonzero(dense)})
-    moved = shift(events, "pixels", (2, 6, 4), 2, np.random.default_rng(8)).dense("pixels", 48).reshape(5, 7, 2, 6, 4)
+    found = (
+        moved(events, "pixels", (2, 6, 4), 2, 0.0, np.random.default_rng(8)).dense("pixels", 48).reshape(5, 7, 2, 6, 4)
+    )
     down, right = np.random.default_rng(8).integers(-2, 3, (2, 5))
     for b in range(5):
         expected = np.zeros((7, 2, 6, 4))
         for t, p, y, x in zip(*np.nonzero(dense[b].reshape(7, 2, 6, 4)), strict=True):
             if 0 <= y + down[b] < 6 and 0 <= x + right[b] < 4:
                 expected[t, p, y + down[b], x + right[b]] = 1.0
-        np.testing.assert_array_equal(moved[b], expected)
+        np.testing.assert_array_equal(found[b], expected)
     assert len({*down, *right}) > 2
+
+
+def test_a_warp_keeps_the_middle_and_stays_small():
+    from neuro_torch import Events
+
+    rng = np.random.default_rng(5)
+    y, x = np.mgrid[3:18, 3:18].reshape(2, -1)
+    batch = np.repeat(np.arange(40), y.size)
+    events = Events(40, 1, {"pixels": (batch, 0 * batch, np.tile(y * 21 + x, 40))})
+    found = moved(events, "pixels", (21, 21), 0, 0.2, rng).dense("pixels", 441).reshape(40, 21, 21)
+    assert np.all(found[:, 10, 10] == 1.0)  # the middle does not move
+    sizes = found.sum(axis=(1, 2))
+    assert 0.6 * 225 < sizes.min() < 225 <= sizes.max() < 1.5 * 225
+    assert len({image.tobytes() for image in found}) == 40
 
 
 @pytest.mark.parametrize(
@@ -225,7 +241,9 @@ def test_a_shift_moves_every_event_alike_and_loses_those_that_leave():
         (["--loss", "counts"], "unknown loss 'counts'"),
         (["--surrogate", "sigmoid"], "unknown surrogate 'sigmoid'"),
         (["--epochs", -1], "epochs = -1: expected a whole number >= 0"),
-        (["--prune", 1], "prune = 1.0: expected a share, 0 to 1 and less than 1"),
+        (["--prune", 1], "prune = 1.0: expected a share, 0 to less than 1"),
+        (["--augment", "warp=a"], "--augment warp=a: expected a share, 0 to less than 1"),
+        (["--augment", "shift=-1"], "shift = -1: expected a whole number >= 0"),
         (["--bits", 9], "bits = 9: weights of loihi have 8: expected 1 to 8"),
         (["--learn", "in_hiden"], "unknown projection 'in_hiden'"),
         (["--device", "cuda:7"], "--device cuda:7: torch has no such device here: expected one of cpu"),
