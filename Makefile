@@ -7,8 +7,8 @@
 #                   (NEST_MPI=file.whl: a wheel that is built already); needs openmpi-bin libopenmpi-dev libgsl-dev
 # make test-oracles the tests of event files beside other libraries, in an environment of their own
 # make bench        how fast it is
-# make bench-peers  how fast NEST, Brian2 and public emulators of Loihi are with the same networks, in environments of
-#                   their own
+# make bench-peers  how fast NEST, Brian2, public emulators of Loihi, and packages that train by gradients are with the
+#                   same networks, in environments of their own
 # make constraints  resolve anew what test and demo install with this Python
 # make clean        remove what was made; make distclean: environments, too
 #
@@ -81,7 +81,9 @@ demo: $(VENV)/.demo
 bench: $(VENV)/.test
 	$(BIN)/pytest benchmarks --benchmark-only -p no:xdist
 
-bench-peers: $(VENV)/.test $(if $(wildcard $(PEERS)/bench_nest.py),$(VENV)-peers/.installed $(VENV)-peers-chips/.installed)
+bench-peers: $(VENV)/.test $(if $(wildcard $(PEERS)/bench_nest.py),$(VENV)-peers/.installed $(VENV)-peers-chips/.installed) \
+             $(if $(TORCH),$(VENV)-peers-torch/.installed)
+	$(if $(TORCH),$(VENV)-peers-torch/bin/python benchmarks/peers_torch.py)
 	$(BIN)/python benchmarks/peers.py --scripts "$(PEERS)" --python $(VENV)-peers/bin/python
 	$(BIN)/python benchmarks/peers_chips.py --scripts "$(PEERS)" --python $(VENV)-peers-chips/bin/python
 
@@ -125,9 +127,16 @@ $(VENV)-peers-chips/.installed:
 	$(VENV)-peers-chips/bin/python $(PIP) 'numpy<2' nengo-loihi brian2-loihi sanafe cython setuptools
 	@touch $@
 
+# Without what they need only for pictures, formats and chips of their own.
+$(VENV)-peers-torch/.installed: pyproject.toml
+	$(call environment,$(VENV)-peers-torch)
+	$(VENV)-peers-torch/bin/python $(PIP) --editable . $(TORCH) tqdm loguru requests packaging pbr
+	$(VENV)-peers-torch/bin/python $(PIP) --no-deps spikingjelly==2.0.0 snntorch==1.0.0 norse==1.1.0 sinabs==3.1.3 nir nirtorch
+	@touch $@
+
 clean:
 	rm -rf demo build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .benchmarks
 	find . -name __pycache__ -not -path './.venv*' -prune -exec rm -rf {} +
 
 distclean: clean
-	rm -rf $(VENV) $(VENV)-mpi $(VENV)-oracles $(VENV)-peers $(VENV)-peers-chips
+	rm -rf $(VENV) $(VENV)-mpi $(VENV)-oracles $(VENV)-peers $(VENV)-peers-chips $(VENV)-peers-torch

@@ -57,6 +57,13 @@ def nest() -> None:
         pytest.skip("NEST is not installed: pip install nest-simulator")
 
 
+@pytest.fixture(scope="session")
+def torch() -> None:
+    """torch, where there is one: its wheels are large."""
+    if find_spec("torch") is None:
+        pytest.skip("torch is not installed: pip install torch")
+
+
 @pytest.fixture
 def own_nest(nest: None) -> Iterator[Any]:
     """NEST for a network of its own, which is gone afterwards: a process has one."""

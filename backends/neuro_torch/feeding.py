@@ -13,6 +13,7 @@ from neuro.core.memory import free_memory
 from neuro.program.program import Population, Program
 from neuro_torch.events import Events, Train
 from neuro_torch.scan.task import Task
+from neuro_torch.sources import Source
 
 
 def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
@@ -48,48 +49,64 @@ def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
     return size, given
 
 
-def emitted(part: Population, given: Any, task: Task, scans: Any) -> Any:
-    """The spikes of a generator: a dense tensor, or listed as the scans take them.
-
-    Args:
-        part: the generator.
-        given: of the batch, None if it does not name it; then the network lists its spikes.
-        task: what the pass is about.
-        scans: `neuro_torch.scan.compiled` or `neuro_torch.scan.operations`.
+def given_to(part: Population, given: Any, task: Task) -> Train | torch.Tensor | None:
+    """What a batch gives to a generator, checked: sparse spikes or a dense tensor, None where it does not name it.
 
     Raises:
-        ModelError: a shape or a neuron is wrong.
+        ModelError: a shape or a neuron is wrong, or what has no spikes of its own is not named.
     """
     if given is None:
         if part.stream is not None:
             hint = "neuro_torch.Events.of_recordings makes spikes of recordings"
             raise ModelError(f"batch: '{part.name}' is not named: expected the spikes of this {part.said}", hint=hint)
-        return _listed(part, task)
+        return None
     if isinstance(given, Train):
         if given.neuron.size and int(given.neuron.max()) >= part.size:
             told = f"batch: '{part.name}': found neuron {given.neuron.max()}"
             raise ModelError(f"{told}: expected 0 to {part.size - 1}")
-        return scans.listed(given, task)
+        return given
     if given.ndim != 3 or given.shape[2] != part.size:
         told = f"batch: '{part.name}': found the shape {tuple(given.shape)}"
         raise ModelError(f"{told}: expected (batch, steps, {part.size})")
     return torch.as_tensor(given).to(task.device, task.dtype)
 
 
-def _listed(part: Population, task: Task) -> torch.Tensor:
-    inside = part.spike_steps <= task.steps
-    dense = np.zeros((task.steps, part.size))
-    np.add.at(dense, (part.spike_steps[inside] - 1, part.spike_ids[inside]), 1.0)
-    return torch.as_tensor(dense).to(task.device, task.dtype).expand(task.batch, -1, -1)
+def emitted(program: Program, part: Population, given: Train | torch.Tensor | None, task: Task, scans: Any) -> Any:
+    """All that a generator emits: a dense tensor, or listed as the scans take it.
+
+    Args:
+        program: the network.
+        part: the generator.
+        given: what `given_to` has found.
+        task: what the pass is about.
+        scans: `neuro_torch.scan.compiled` or `neuro_torch.scan.operations`.
+    """
+    silent = part.kind == "listed" and not np.any(part.spike_steps <= task.steps)
+    if isinstance(given, Train) and silent:
+        return scans.listed(given, task)
+    if silent and given is not None:
+        return given
+    source = Source(part, program.resolution, program.seed)
+    own = np.array([source.emit(step) for step in range(1, task.steps + 1)])
+    every = torch.as_tensor(own).to(task.device, task.dtype).expand(task.batch, -1, -1)
+    return every if given is None else every + dense(given, part, task)
 
 
-def refuse_large(program: Program, batch: int, steps: int, dtype: torch.dtype) -> None:
+def dense(given: Train | torch.Tensor, part: Population, task: Task) -> torch.Tensor:
+    """Spikes that are given, (batch, steps, neurons)."""
+    if isinstance(given, Train):
+        events = Events.of_trains(task.steps, {part.name: given})
+        return torch.from_numpy(events.dense(part.name, part.size)).to(task.device, task.dtype)
+    return given
+
+
+def refuse_large(program: Program, batch: int, steps: int, dtype: torch.dtype, scanned: bool) -> None:
     """Refuse a batch for which memory does not suffice, before any is taken.
 
     Raises:
         ModelError: it needs more than is free.
     """
-    one = bytes_of(program, steps, dtype)
+    one = bytes_of(program, steps, dtype, scanned)
     free = free_memory()
     if free is not None and batch * one > free:
         raise ModelError(
@@ -101,7 +118,11 @@ def refuse_large(program: Program, batch: int, steps: int, dtype: torch.dtype) -
         )
 
 
-def bytes_of(program: Program, steps: int, dtype: torch.dtype) -> int:
-    """About how much memory a recording takes in training: input, potential, spikes and their gradients, and fates."""
+def bytes_of(program: Program, steps: int, dtype: torch.dtype, scanned: bool) -> int:
+    """About how much memory a recording takes in training.
+
+    A scan keeps of each neuron and step input, potential, spike and their gradients, and what became of it; steps keep
+    about 30 doubles.
+    """
     neurons = sum(part.size for part in program.populations if part.kind == "neuron")
-    return neurons * steps * (5 * dtype.itemsize + 1)
+    return neurons * steps * (5 * dtype.itemsize + 1 if scanned else 240)

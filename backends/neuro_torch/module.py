@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -14,13 +15,17 @@ from neuro.compiler import compile_network
 from neuro.core.clock import Clock
 from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Floats
-from neuro_torch import feeding, learnt
+from neuro_torch import feeding, late, learnt
+from neuro_torch import trainable as words
 from neuro_torch.active import active_updates
 from neuro_torch.events import Events
 from neuro_torch.outcome import Outcome, Told
 from neuro_torch.plan import Plan, plan_of
+from neuro_torch.problems import problems, without_gradient
 from neuro_torch.scan import compiled, layers, operations
 from neuro_torch.scan.task import Task
+from neuro_torch.stepped import Tensors, stepped
+from neuro_torch.stepping import Stepper
 from neuro_torch.surrogates import Surrogate, surrogate_of
 
 __all__ = ["Module"]
@@ -31,8 +36,9 @@ class Module(torch.nn.Module):
 
     Args:
         net: the network; it is not changed.
-        trainable: names of the projections whose weights learn. Weights that synapses share, such as kernels of a grid
-            or one number for a projection, are one parameter.
+        trainable: names of the projections whose weights learn; or what learns by name of a projection or a population:
+            {"in_hidden": ["weight", "delay"], "hidden": ["tau_m", "V_th"]}. Weights that synapses share, such as
+            kernels of a grid or one number for a projection, are one parameter.
         surrogate: stands in for the derivative of a spike, by name or itself, see `neuro_torch.surrogates`.
         slope: of a surrogate that is given by name.
         duration: of a recording in ms; that of each batch if not given.
@@ -41,12 +47,15 @@ class Module(torch.nn.Module):
         seed: of everything random.
         dtype: of all numbers, torch's default if not given. With `torch.float64` spikes are those of `event`.
         damping: what gradients are multiplied by each time they go along a synapse of a recurrent part, 0 to 1.
-        by: "kernels" (compiled, for CPUs) or "torch" (torch's operations, for any device); that of the device of the
-            parameters if not given.
+        by: "kernels" (compiled, for CPUs), "torch" (torch's operations, for any device) or "steps"; what is fastest
+            where the parameters are if not given. What no scan fits is stepped anyway.
 
     Attributes:
         weights: the parameters by projection, in mV or pA as the network has them: rows by source of an `all_to_all`,
             kernels of a grid, else one for each synapse.
+        delays: those that learn, by projection, in ms. While training they lie between two steps, and a spike arrives
+            in both in shares; after `module.eval()`, and in `module.network()`, they are the nearest whole steps.
+        neurons: parameters of neurons that learn, by population and word.
         program: the network as backends see it.
         outputs: names of the populations that are wanted in time.
 
@@ -57,7 +66,7 @@ class Module(torch.nn.Module):
     def __init__(
         self,
         net: neuro.Network,
-        trainable: Iterable[str],
+        trainable: Iterable[str] | Mapping[str, Iterable[str] | str],
         *,
         surrogate: str | Surrogate = "fast_sigmoid",
         slope: float | None = None,
@@ -73,23 +82,34 @@ class Module(torch.nn.Module):
             raise ModelError(f"neuro_torch.Module: found {net!r}: expected a Network", hint="neuro.load reads one")
         self.program = compile_network(net, seed)
         self.surrogate, self.damping = surrogate_of(surrogate, slope), _share(damping)
-        self._net, self._seed, self._by = net, seed, _one_of("by", by, (None, "kernels", "torch"))
+        self._net, self._seed, self._by = net, seed, _one_of("by", by, (None, "kernels", "torch", "steps"))
+        self._refuse()
         self._index = {part.name: k for k, part in enumerate(self.program.populations)}
         self._steps = None if duration is None else Clock(net.resolution).step(float(duration), "duration")
         self.outputs = self._outputs(outputs)
-        self._plan = plan_of(self.program)
-        known = {part.name: q for q, part in enumerate(self.program.projections) if part.carries == "spikes"}
-        names = _trainable(trainable, known)
         kind = dtype or torch.get_default_dtype()
+        projections, neurons = words.trainable(self.program, trainable)
         self.weights = torch.nn.ParameterDict(
-            {name: torch.nn.Parameter(torch.tensor(self._shaped(known[name]), dtype=kind)) for name in names}
+            {name: self._first_weight(name, kind) for name, each in projections.items() if "weight" in each}
         )
+        self.delays = torch.nn.ParameterDict(
+            {name: self._first_delay(name, kind) for name, each in projections.items() if "delay" in each}
+        )
+        self.neurons: Any = torch.nn.ModuleDict(
+            {
+                name: torch.nn.ParameterDict({w: self._first(name, w, kind) for w in each})
+                for name, each in neurons.items()
+            }
+        )
+        self._plan = plan_of(self.program, by, neurons)
         self._kept: dict[Any, Any] = {}
+        self._listed: dict[int, layers.Synapses] = {}
+        self._steppers: dict[torch.device, Stepper] = {}
 
     @property
     def plan(self) -> Plan:
         """Which part runs by what on the device where the parameters are; `str` tells it."""
-        return Plan(self.program, self._plan.parts, self._scans()[1], self._plan.why)
+        return replace(self._plan, by=self._scans()[1])
 
     def forward(self, batch: Events | Mapping[str, Any]) -> Outcome:
         """Run a batch from step 0.
@@ -103,40 +123,94 @@ class Module(torch.nn.Module):
             ModelError: a name or a shape is wrong, or the batch needs more memory than is free.
         """
         size, steps = feeding.sizes(self.program, batch, self._steps)
-        task, scans = self._task(size, steps), self._scans()[0]
-        feeding.refuse_large(self.program, size, steps, task.dtype)
-        given = batch.trains if isinstance(batch, Events) else batch
-        emitted: dict[int, Any] = {
-            k: feeding.emitted(part, given.get(part.name), task, scans)
+        task = self._task(size, steps)
+        feeding.refuse_large(self.program, size, steps, task.dtype, bool(self._plan.parts))
+        asked = batch.trains if isinstance(batch, Events) else batch
+        given = {
+            k: feeding.given_to(part, asked.get(part.name), task)
             for k, part in enumerate(self.program.populations)
-            if part.kind == "listed"
+            if part.kind in ("listed", "poisson", "generator")
         }
+        emitted, potentials = self._scanned(given, task) if self._plan.parts else self._stepped(given, task)
+        return self._outcome(batch, emitted, potentials, task)
+
+    def _scanned(self, given: Mapping[int, Any], task: Task) -> tuple[dict[int, Any], dict[int, Tensor]]:
+        """What populations emit, and potentials at the ends of steps."""
+        scans = self._scans()[0]
+        populations = self.program.populations
+        emitted = {k: feeding.emitted(self.program, populations[k], each, task, scans) for k, each in given.items()}
         weights = {q: self._weight(q, task) for q, p in enumerate(self.program.projections) if p.carries == "spikes"}
         potentials: dict[int, Tensor] = {}
         for part in self._plan.parts:
             drives: dict[int, Tensor] = {}
-            for each in part.outside:
-                arrived = scans.drive(each, emitted[each.source], weights[each.projection], task)
+            for each, weight in self._ways(part.outside, weights):
+                arrived = scans.drive(each, emitted[each.source], weight, task)
                 drives[each.target] = drives[each.target] + arrived if each.target in drives else arrived
             for k in part.cells.keys() - drives.keys():
-                drives[k] = torch.zeros(size, steps, part.cells[k].size, dtype=task.dtype, device=task.device)
-            spikes, before = scans.scan(part, drives, [weights[s.projection] for s in part.inside], task)
+                drives[k] = torch.zeros(
+                    task.batch, task.steps, part.cells[k].size, dtype=task.dtype, device=task.device
+                )
+            inside = self._ways(part.inside, weights)
+            spikes, before = scans.scan(late.component(part, inside), drives, [weight for _, weight in inside], task)
             emitted |= spikes
-            potentials |= before
-        return self._outcome(batch, emitted, potentials, task)
+            for k in before.keys() & task.wanted:
+                reset = torch.as_tensor(populations[k].parameters["V_reset"]).to(task.device, task.dtype)
+                potentials[k] = torch.where(spikes[k] > 0, reset, before[k])
+        return emitted, potentials
+
+    def _ways(self, parts: Iterable[layers.Synapses], weights: Mapping[int, Tensor]) -> list[late.Way]:
+        """What spikes go along, with its weights: a projection, or two of shares of its weights where delays learn."""
+        found: list[late.Way] = []
+        for part in parts:
+            name = self.program.projections[part.projection].name
+            if name not in self.delays:
+                found.append((part, weights[part.projection]))
+                continue
+            if part.projection not in self._listed:
+                self._listed[part.projection] = layers.synapses(self.program, part.projection, listed=True)
+            listed, weight = self._listed[part.projection], weights[part.projection]
+            found += late.ways(listed, weight, self.delays[name], self.program.resolution, self.training)
+        return found
+
+    def _stepped(self, given: Mapping[int, Any], task: Task) -> tuple[dict[int, Any], dict[int, Tensor]]:
+        """The same, step by step."""
+        populations = self.program.populations
+        parameters = {name: dict(each.items()) for name, each in self.neurons.items()}
+        inputs = {
+            populations[k].name: feeding.dense(each, populations[k], task)
+            for k, each in given.items()
+            if each is not None
+        }
+        if task.device not in self._steppers:
+            self._steppers = {task.device: Stepper(self.program, device=task.device, surrogate=self.surrogate)}
+        delays = {name: delay if self.training else self._whole(delay) for name, delay in self.delays.items()}
+        tensors = Tensors(dict(self.weights.items()), delays, parameters)
+        return stepped(self._steppers[task.device], task, tensors, inputs)
+
+    def _whole(self, delay: Tensor) -> Tensor:
+        """The nearest whole steps of delays in ms, in ms."""
+        return (delay / self.program.resolution).round().clamp(min=1.0) * self.program.resolution
 
     def network(self) -> neuro.Network:
         """The network with what was learnt, which every backend runs; what was drawn at random is listed in it."""
         found = {part.name: q for q, part in enumerate(self.program.projections)}
         taken = {found[name]: w.detach().cpu().double().numpy().reshape(-1) for name, w in self.weights.items()}
-        return learnt.network_of(self._net, self._seed, taken)
+        parameters = {
+            (self._index[name], word): values.detach().cpu().double().numpy()
+            for name, each in self.neurons.items()
+            for word, values in each.items()
+        }
+        delays = {name: self._whole(delay.detach().double()).cpu().numpy() for name, delay in self.delays.items()}
+        return learnt.network_of(self._net, self._seed, taken, parameters, delays)
 
     def on(self, net: neuro.Network) -> Module:
         """A module of another network that learns the same projections in the same way, with the same outputs."""
-        like = self._like()
+        like, learns = self._like(), {name: ["weight"] for name in self.weights}
+        for name in self.delays:
+            learns[name] = [*learns.get(name, []), "delay"]
         made = Module(
             net,
-            list(self.weights),
+            learns | {name: list(each) for name, each in self.neurons.items()},
             surrogate=self.surrogate,
             duration=None if self._steps is None else self._steps * net.resolution,
             outputs=self.outputs,
@@ -151,6 +225,18 @@ class Module(torch.nn.Module):
         """What torch shows of it."""
         return f"{self.program.name!r}, outputs={list(self.outputs)}, surrogate={self.surrogate}"
 
+    def _refuse(self) -> None:
+        """Refuse a network that cannot be run or differentiated, with all reasons."""
+        found = [*problems(self.program), *without_gradient(self.program)]
+        if found:
+            told = "".join(
+                f"\n{f'{each.origin}: ' if each.origin else ''}{each.what}: {each.why}"
+                f"{f'{chr(10)}  hint: {each.way_out}' if each.way_out else ''}"
+                for each in found
+            )
+            count = f"{len(found)} problem{'s' * (len(found) > 1)}"
+            raise ModelError(f"network '{self.program.name}' cannot be trained by gradients ({count}){told}")
+
     def _outputs(self, named: Sequence[str] | None) -> tuple[str, ...]:
         neurons = [part.name for part in self.program.populations if part.kind == "neuron"]
         if named is None:
@@ -163,12 +249,14 @@ class Module(torch.nn.Module):
 
     def _scans(self) -> tuple[Any, str]:
         """What does the scans where the parameters are, and its name."""
+        if not self._plan.parts:
+            return None, "steps"
         by = self._by or ("kernels" if self._like().device.type == "cpu" else "torch")
         return {"kernels": compiled, "torch": operations}[by], by
 
     def _like(self) -> Tensor:
         """A parameter, whose type and device are those of all."""
-        return next(iter(self.weights.values()))
+        return next(self.parameters())
 
     def _task(self, batch: int, steps: int) -> Task:
         like, wanted = self._like(), frozenset(self._index[name] for name in self.outputs)
@@ -189,6 +277,18 @@ class Module(torch.nn.Module):
         kept: Tensor = self._kept[key]
         return kept
 
+    def _first_weight(self, name: str, dtype: torch.dtype) -> torch.nn.Parameter:
+        index = [part.name for part in self.program.projections].index(name)
+        return torch.nn.Parameter(torch.tensor(self._shaped(index), dtype=dtype))
+
+    def _first_delay(self, name: str, dtype: torch.dtype) -> torch.nn.Parameter:
+        part = next(part for part in self.program.projections if part.name == name)
+        return torch.nn.Parameter(torch.tensor(part.delay * self.program.resolution, dtype=dtype))
+
+    def _first(self, population: str, word: str, dtype: torch.dtype) -> torch.nn.Parameter:
+        values = self.program.populations[self._index[population]].parameters[word]
+        return torch.nn.Parameter(torch.tensor(values, dtype=dtype))
+
     def _shaped(self, projection: int) -> Floats:
         part = self.program.projections[projection]
         sizes = self.program.populations[part.source].size, self.program.populations[part.target].size
@@ -196,19 +296,15 @@ class Module(torch.nn.Module):
 
     def _outcome(self, batch: Any, emitted: dict[int, Any], potentials: dict[int, Tensor], task: Task) -> Outcome:
         outs = {name: self._index[name] for name in self.outputs}
-        counts = {
-            name: partial(self._count, batch, k, emitted[k], task) for name, k in self._index.items() if k in emitted
-        }
-        wired = [each for part in self._plan.parts for each in (*part.outside, *part.inside)]
+        counts = {n: partial(self._count, batch, k, emitted[k], task) for n, k in self._index.items() if k in emitted}
         active = {
-            part.name: partial(active_updates, k, emitted, [w for w in wired if w.target == k], task, self._scans()[0])
+            part.name: partial(self._active, k, emitted, task)
             for k, part in enumerate(self.program.populations)
             if part.kind == "neuron"
         }
-        after = {name: partial(self._after, k, emitted[k], potentials[k]) for name, k in outs.items()}
         return Outcome(
             {name: emitted[k] for name, k in outs.items()},
-            Told("population of the outputs", after),
+            {name: potentials[k] for name, k in outs.items() if k in potentials},
             Told("population", counts),
             Told("population of neurons", active),
             task.steps,
@@ -223,23 +319,15 @@ class Module(torch.nn.Module):
         part = self.program.populations[index]
         return torch.from_numpy(batch.counts(part.name, part.size)).to(task.device, task.dtype)
 
-    def _after(self, index: int, spikes: Tensor, before: Tensor) -> Tensor:
-        """The potential after the resets."""
-        reset = torch.as_tensor(self.program.populations[index].parameters["V_reset"])
-        after: Tensor = torch.where(spikes > 0, reset.to(before.device, before.dtype), before)
-        return after
-
-
-def _trainable(given: Iterable[str], known: Mapping[str, int]) -> list[str]:
-    names = [given] if isinstance(given, str) else list(given)
-    if not names:
-        raise ModelError("trainable: found no projection: expected at least one", hint=f"known: {', '.join(known)}")
-    for name in names:
-        if name not in known:
-            raise unknown("projection", name, known)
-        if "." in name:
-            raise ModelError(f"trainable: '{name}': torch takes no '.' in a name: expected a projection without one")
-    return names
+    def _active(self, population: int, emitted: Mapping[int, Any], task: Task) -> Tensor:
+        """The updates of a population that something arrives at, or a spike ends; delays are the network's."""
+        wired = [
+            layers.synapses(self.program, q)
+            for q, part in enumerate(self.program.projections)
+            if part.target == population and part.carries == "spikes"
+        ]
+        scans = compiled if task.device.type == "cpu" and self._scans()[1] != "torch" else operations
+        return active_updates(population, emitted, wired, task, scans)
 
 
 def _share(value: Any) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from neuro.core.english import some
@@ -25,7 +26,7 @@ class Plan:
     why: tuple[str, ...]
 
     def __str__(self) -> str:
-        if self.by == "steps":
+        if not self.parts:
             return "\n".join(["all populations: step by step, since", *(f"  {why}" for why in self.why)])
         how = {"kernels": "by compiled kernels", "torch": "by torch's operations"}[self.by]
         return "\n".join(f"{self._named(part)}: {self._told(part)} {how}" for part in self.parts)
@@ -39,9 +40,17 @@ class Plan:
         return f"a recurrent scan, {some(part.stretch, 'step')} at once"
 
 
-def plan_of(program: Program, by: str = "kernels") -> Plan:
-    """How a program runs, where nothing speaks against it by `by`."""
-    why = tuple(unfit(program))
-    if why or by == "steps":
-        return Plan(program, (), "steps", why or ("it was asked for",))
-    return Plan(program, tuple(components(program)), by, ())
+def plan_of(program: Program, by: str | None, learning: Iterable[str]) -> Plan:
+    """How a program runs.
+
+    Args:
+        program: the network.
+        by: what is asked for, None for what is fastest on a CPU.
+        learning: populations with parameters that learn.
+    """
+    why = [*unfit(program), *(f"population '{name}': its parameters learn" for name in learning)]
+    if by == "steps":
+        why.append("it is asked for")
+    if why:
+        return Plan(program, (), "steps", tuple(why))
+    return Plan(program, tuple(components(program)), by or "kernels", ())

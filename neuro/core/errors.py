@@ -18,16 +18,8 @@ from neuro.core.hints import nearest
 
 __all__ = ["ModelError", "Where", "here", "nearest", "unknown"]
 
-_PACKAGES = (
-    "neuro",
-    "neuro_chip",
-    "neuro_event",
-    "neuro_nest",
-    "neuro_reference",
-    "neuro_torch",
-    "dataclasses",
-    "contextlib",
-)
+_BACKENDS = ("neuro_chip", "neuro_event", "neuro_nest", "neuro_reference", "neuro_torch")
+_PACKAGES = ("neuro", *_BACKENDS, "dataclasses", "contextlib")
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,6 +22,29 @@ surrogate = compiled(derivative_at, merged)
 
 
 @kernel
+def through_spikes(first, last, c, potential, code, slope, grad_spikes, grad):
+    """What the gradients of the spikes of a stretch are for V. A loop of one surrogate does several neurons at once."""
+    if code == 0:
+        _through(0, first, last, c, potential, slope, grad_spikes, grad)
+    elif code == 1:
+        _through(1, first, last, c, potential, slope, grad_spikes, grad)
+    elif code == 2:
+        _through(2, first, last, c, potential, slope, grad_spikes, grad)
+    else:
+        _through(3, first, last, c, potential, slope, grad_spikes, grad)
+
+
+@merged
+def _through(code, first, last, c, potential, slope, grad_spikes, grad):
+    for b in range(grad.shape[0]):
+        for t in range(first, last):
+            for i in range(grad.shape[2]):
+                width = c[V_TH, i] - c[V_RESET, i]
+                x = (potential[b, t, i] - c[V_TH, i]) / width
+                grad[b, t, i] = grad_spikes[b, t, i] * surrogate(code, slope, x) / width
+
+
+@kernel
 def delta(drive, push, first, last, c, v, held, keep, potential, spikes, fate):
     """`iaf_psc_delta` in steps first <= t < last."""
     for b in range(drive.shape[0]):
@@ -42,9 +65,10 @@ def delta(drive, push, first, last, c, v, held, keep, potential, spikes, fate):
 
 
 @kernel
-def delta_adjoint(first, last, c, potential, spikes, fate, code, slope, grad_spikes, grad_potential, carry, grad):
-    """The adjoint of `delta`: from the gradients of spikes and of V before the reset to that of the input.
+def delta_adjoint(first, last, c, spikes, fate, grad_potential, carry, grad):
+    """The adjoint of `delta`: from the gradient of V before the reset to that of the input.
 
+    `grad` holds at first what `through_spikes` left there, `grad_potential` what else there is.
     `carry` is the gradient of V after the last step of the stretch, and then of V before its first.
     """
     zero = c.dtype.type(0)
@@ -52,11 +76,8 @@ def delta_adjoint(first, last, c, potential, spikes, fate, code, slope, grad_spi
         for t in range(last - 1, first - 1, -1):
             at = min(t, grad_potential.shape[1] - 1)
             for i in range(spikes.shape[2]):
-                width = c[V_TH, i] - c[V_RESET, i]
                 here = carry[b, i] if spikes[b, t, i] == 0 else zero
-                here += grad_potential[b, at, i]
-                x = (potential[b, t, i] - c[V_TH, i]) / width
-                here += grad_spikes[b, t, i] * surrogate(code, slope, x) / width
+                here += grad_potential[b, at, i] + grad[b, t, i]
                 moved = here if fate[b, t, i] == FREE else zero
                 grad[b, t, i] = moved
                 carry[b, i] = c[P33, i] * moved if fate[b, t, i] != HELD else here
@@ -82,20 +103,15 @@ def exp(drive, push, first, last, c, v, current, held, keep, potential, spikes, 
 
 
 @kernel
-def exp_adjoint(
-    first, last, c, potential, spikes, fate, code, slope, grad_spikes, grad_potential, carry, carry_current, grad
-):
+def exp_adjoint(first, last, c, spikes, fate, grad_potential, carry, carry_current, grad):
     """The adjoint of `exp`; `carry_current` is that of the current, as `carry` is that of V."""
     zero = c.dtype.type(0)
     for b in range(spikes.shape[0]):
         for t in range(last - 1, first - 1, -1):
             at = min(t, grad_potential.shape[1] - 1)
             for i in range(spikes.shape[2]):
-                width = c[V_TH, i] - c[V_RESET, i]
                 here = carry[b, i] if spikes[b, t, i] == 0 else zero
-                here += grad_potential[b, at, i]
-                x = (potential[b, t, i] - c[V_TH, i]) / width
-                here += grad_spikes[b, t, i] * surrogate(code, slope, x) / width
+                here += grad_potential[b, at, i] + grad[b, t, i]
                 moved = here if fate[b, t, i] == FREE else zero
                 grad[b, t, i] = carry_current[b, i]
                 carry_current[b, i] = c[P11, i] * carry_current[b, i] + c[P32, i] * moved

@@ -179,12 +179,14 @@ class _Adjoint:
 
     def go(self, first: int, last: int, surrogate: Surrogate) -> None:
         """Through a stretch, from its last step to its first."""
-        known = (self.c, *self.saved, surrogate.code, self.c.dtype.type(surrogate.slope), self.to_spikes.numpy())
+        potential, spikes, fate = self.saved
+        grad, slope = self.grad.numpy(), self.c.dtype.type(surrogate.slope)
+        cells.through_spikes(first, last, self.c, potential, surrogate.code, slope, self.to_spikes.numpy(), grad)
+        known = (first, last, self.c, spikes, fate, self.to_potential, self.carry)
         if self.part.model == "iaf_psc_delta":
-            cells.delta_adjoint(first, last, *known, self.to_potential, self.carry, self.grad.numpy())
+            cells.delta_adjoint(*known, grad)
         else:
-            carries = (self.carry, self.carry_current)
-            cells.exp_adjoint(first, last, *known, self.to_potential, *carries, self.grad.numpy())
+            cells.exp_adjoint(*known, self.carry_current, grad)
 
 
 class _Scan(torch.autograd.Function):

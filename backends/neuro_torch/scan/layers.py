@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from graphlib import TopologicalSorter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from neuro.core.clock import NEVER
 from neuro.program.currents import Currents, driven
 from neuro.program.program import Floats, Population, Program, Projection
 from neuro_torch.scan import cells as rows
@@ -90,8 +91,6 @@ def unfit(program: Program) -> list[str]:
     for part in program.populations:
         if part.kind == "neuron":
             found += [f"population '{part.name}': {why}" for why in _unfit_cells(part)]
-        elif part.kind not in ("listed", "current"):
-            found.append(f"population '{part.name}': {part.said} draws its spikes step by step")
     if driven(program):
         names = ", ".join(f"'{program.populations[k].name}'" for k in driven(program))
         found.append(f"the current into {names} changes in every step")
@@ -174,19 +173,25 @@ def push(program: Program, part: Cells, steps: int) -> Floats:
     return pushed
 
 
-def synapses(program: Program, index: int) -> Synapses:
-    """The synapses of a projection."""
+def synapses(program: Program, index: int, listed: bool = False) -> Synapses:
+    """The synapses of a projection, where asked one by one also if they are rows."""
     part = program.projections[index]
     sizes = program.populations[part.source].size, program.populations[part.target].size
-    first, nothing = int(part.delay.min(initial=1)), np.zeros(0, dtype=np.int64)
+    first, nothing = int(part.delay.min()) if part.delay.size else 1, np.zeros(0, dtype=np.int64)
     ends = index, part.source, part.target, sizes, shape_of(part, sizes)
-    if part.layout == "dense" and np.all(part.delay == first):
+    if not listed and part.layout == "dense" and np.all(part.delay == first):
         return Synapses(*ends, True, nothing, nothing.astype(np.int32), nothing, np.array([first]), first)
     source, target, slot = program.synapses(index)
     slot = np.zeros(len(source), dtype=np.int64) if part.weight.size == 1 else np.asarray(slot, dtype=np.int64)
     row_ends = np.searchsorted(source, np.arange(sizes[0] + 1)).astype(np.int64)
     delay = np.broadcast_to(part.delay, len(source)).astype(np.int64)
     return Synapses(*ends, False, row_ends, target.astype(np.int32), slot, delay, first)
+
+
+def delayed(part: Synapses, delay: NDArray[np.int64]) -> Synapses:
+    """Listed synapses with other delays in steps, one or one of each."""
+    each = np.broadcast_to(delay, len(part.targets)).astype(np.int64)
+    return replace(part, delay=each, least=int(each.min(initial=NEVER)))
 
 
 def shape_of(part: Projection, sizes: tuple[int, int]) -> tuple[int, ...]:

@@ -21,6 +21,8 @@ it: an absolute tolerance, and for some neurons one relative to the slope.
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
+import hashlib
+import linecache
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -206,6 +208,9 @@ def _written(tableau: Tableau, variables: int, decaying: int, by_slope: bool) ->
 
 
 def _function(head: str, lines: list[str]) -> FunctionType:
-    scope: dict[str, FunctionType] = {}
-    exec("\n    ".join([f"def {head}:", *lines]), {"__name__": __name__}, scope)
+    """A function of written lines, whose text can be looked at as that of any other."""
+    text, scope = "\n    ".join([f"def {head}:", *lines]), dict[str, FunctionType]()
+    file = f"<neuro {hashlib.sha256(text.encode()).hexdigest()[:16]}>"
+    linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
+    exec(compile(text, file, "exec"), {"__name__": __name__}, scope)
     return scope[head.partition("(")[0]]

@@ -1,0 +1,133 @@
+"""The neurons of one population for a batch of recordings, and one step of them by their model's own arithmetic."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from neuro.core import keyed_random
+from neuro.model.neurons import Neuron
+from neuro.program.program import Floats, Population, drawn_for
+from neuro_torch.lanes import ALL, Lanes, Rows, spread
+from neuro_torch.problems import reset_of
+from neuro_torch.sources import constants_of
+
+Spike = Callable[[Tensor, Tensor, Tensor], Tensor]
+"""Makes spikes of what fired and by how much it was above its threshold, absolute and in units of the surrogate."""
+
+
+class Cells:
+    """States and parameters of a population.
+
+    Attributes:
+        states: a tensor each, shape (batch, size).
+        parameters: by word, as they are now, on the host.
+        constants: what follows from them: a number that all neurons share, or a tensor of one each.
+
+    Args:
+        part: the population.
+        batch: recordings.
+        resolution: length of a step in ms.
+        seed: of the draws of neurons that fire at random.
+        device: where its tensors are.
+        learnt: parameters that are tensors, with a gradient, by word; shape (1,) or (size,).
+    """
+
+    def __init__(
+        self,
+        part: Population,
+        batch: int,
+        resolution: float,
+        seed: int,
+        device: torch.device,
+        learnt: Mapping[str, Tensor] | None = None,
+    ) -> None:
+        assert isinstance(part.model, Neuron)
+        self.part, self.model, self.shape, self.device = part, part.model, (batch, part.size), device
+        self.names = [state.name for state in part.model.states]
+        self.receptors = max(2, part.model.receptors)
+        self._h, self._key = resolution, keyed_random.key(seed, drawn_for(part), part.name)
+        self.parameters = {word: values.copy() for word, values in part.parameters.items()}
+        self._learnt = dict(learnt or {})
+        self._held = self.names.index("refractory") if "refractory" in self.names else -1
+        self.start_anew()
+        self.refresh()
+
+    def start_anew(self) -> None:
+        """As at step 0; parameters stay."""
+        self.states = [self._whole(self.part.initial[name]) for name in self.names]
+
+    def put(self, name: str, values: Floats) -> None:
+        """Set a state of all recordings."""
+        self.states[self.names.index(name)] = self._whole(values)
+
+    def _whole(self, values: Floats) -> Tensor:
+        return torch.tensor(np.broadcast_to(values, self.part.size), device=self.device).expand(self.shape)
+
+    def refresh(self) -> None:
+        """Work out the constants after a change of parameters."""
+        if self._learnt:
+            self._constants_with_gradient()
+            return
+        columns = constants_of(self.part, self.parameters, self._h).T
+        self.constants: list[Any] = [
+            float(column[0]) if bool((column == column[0]).all()) else torch.tensor(column, device=self.device)
+            for column in columns
+        ]
+
+    def _constants_with_gradient(self) -> None:
+        values: list[Any] = [
+            self._learnt[word]
+            if word in self._learnt
+            else float(v[0])
+            if v.size == 1
+            else torch.tensor(v, device=self.device)
+            for word, v in self.parameters.items()
+        ]
+        self.constants = [0.0] * self.model.width
+        Lanes(self.device).run(self.model.arithmetic.constants, values, self._h, self.constants)
+
+    def scale(self) -> Tensor | float:
+        """V_th - V_reset in mV, the unit of surrogates."""
+        both = [self._learnt.get(word, self.parameters[word]) for word in ("V_th", reset_of(self.part))]
+        top, bottom = (each if isinstance(each, Tensor) else torch.tensor(each, device=self.device) for each in both)
+        return top - bottom
+
+    def step(self, x: Tensor, current: Tensor | float, step: int, spike: Spike | None = None) -> Tensor:
+        """Step every neuron; return how often each spiked, as doubles.
+
+        Args:
+            x: arrived input, shape (receptors, batch, size).
+            current: external, in pA; a number or shape (size,).
+            step: which it is.
+            spike: makes spikes with a gradient of what fired; None makes them without.
+        """
+        lanes, arithmetic = Lanes(self.device), self.model.arithmetic
+        states, fired = Rows(self.states, self.shape), Rows([0.0])
+        free = self.states[self._held] == 0.0 if self._held >= 0 else None
+        drawn = (Rows([self._uniform(step)]),) if self.model.draws else ()
+        arriving, flowing = Rows(list(x)), Rows([current])
+        lanes.run(arithmetic.step, states, self.constants, arriving, flowing, ALL, ALL, fired, *drawn)
+        reached = fired.rows[0]
+        self.states = states.rows
+        spikes = spread(reached, self.shape, self.device)
+        who = spikes != 0.0
+        if self.model.relay:
+            spikes = x[0] * who
+        elif spike is not None and (margin := getattr(reached, "margin", None)) is not None:
+            spikes = spike(spikes, margin / self.scale(), free if free is not None else torch.ones_like(who))
+        self._fire(who)
+        return spikes
+
+    def _fire(self, who: Tensor) -> None:
+        if not self.model.resets_in_step and bool(who.any()):
+            states = Rows(self.states, self.shape)
+            Lanes(self.device, who).run(self.model.arithmetic.fire, states, self.constants, ALL)
+            self.states = states.rows
+
+    def _uniform(self, step: int) -> Tensor:
+        return torch.tensor(keyed_random.uniform(self._key, step, np.arange(self.part.size)), device=self.device)

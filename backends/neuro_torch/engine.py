@@ -1,0 +1,171 @@
+"""The engine: a program stepped as tensors for one recording, and reading and writing between its steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from neuro.program.backend import EngineCounts, Outcome, Spikes, Trial
+from neuro.program.program import Floats, Ints, Program
+from neuro_torch import snapshots
+from neuro_torch.record import Record
+from neuro_torch.stepping import Stepper
+
+
+class TorchEngine:
+    """A program in execution; `neuro.program.backend.Engine` says what each method does.
+
+    Args:
+        program: the network, of which nothing is refused.
+        threads: of torch, while it runs.
+        device: where its tensors are.
+    """
+
+    def __init__(self, program: Program, threads: int, device: torch.device) -> None:
+        self.program, self._threads = program, threads
+        self.stepper = Stepper(program, device=device, hears=True)
+        self.records = [Record(part.size, part.records) for part in program.populations]
+
+    @property
+    def step(self) -> int:
+        """The last finished step."""
+        return self.stepper.now
+
+    def run(self, steps: int) -> None:
+        """Advance."""
+        with torch.no_grad(), _threads(self._threads), np.errstate(over="ignore", invalid="ignore"):
+            for _ in range(steps):
+                self.stepper.step()
+                self._record()
+
+    def _record(self) -> None:
+        for k, record in enumerate(self.records):
+            if (emitted := self.stepper.emitted(k)) is None:
+                continue
+            ids = emitted.neuron.cpu().numpy()
+            record.add(self.step, ids, emitted.multiplicity.cpu().numpy().astype(np.int64))
+            if k in self.stepper.heard:
+                heard = self.stepper.heard[k][0]
+                heard[emitted.neuron] = True
+                record.active += int(heard.sum())
+
+    def inject(self, population: int, steps: Ints, ids: Ints) -> None:
+        """Add spikes of a spike_generator."""
+        self.stepper.sources[population].inject(steps, ids, self.step)
+
+    def signal(self, signal: int, values: Floats) -> None:
+        """Nothing listens: rules under dopamine are refused."""
+
+    def get(self, population: int, name: str, ids: Ints | None = None) -> Floats:
+        """A state or parameter of every neuron, or of some."""
+        every: Floats = np.broadcast_to(self._values(population, name), self.program.populations[population].size)
+        found: Floats = every.copy() if ids is None else every[ids]
+        return found
+
+    def _values(self, population: int, name: str) -> Floats:
+        if (cells := self.stepper.cells.get(population)) is not None and name in cells.names:
+            values: Floats = cells.states[cells.names.index(name)][0].cpu().numpy()
+            return values
+        source = self.stepper.sources.get(population)
+        if source is not None and name in source.names:
+            return source.states[source.names.index(name)]
+        return self.stepper.parameters(population)[name]
+
+    def set(self, population: int, values: Mapping[str, Floats]) -> None:
+        """Change states and parameters."""
+        part = self.stepper.cells.get(population) or self.stepper.sources.get(population)
+        for name, each in values.items():
+            if part is not None and name in part.names:
+                part.put(name, each)
+            else:
+                self.stepper.parameters(population)[name] = each.copy()
+        if part is not None:
+            part.refresh()
+
+    def get_synapses(self, projection: int, name: str) -> Floats:
+        """The weight of every synapse: they have nothing else here."""
+        if projection in self.stepper.flows:
+            return self.stepper.flows[projection].weights.copy()
+        weights: Floats = self.stepper.weights(projection).cpu().numpy()
+        return np.broadcast_to(weights, self.program.projections[projection].size).copy()
+
+    def set_rule(self, projection: int, parameters: Floats) -> None:
+        """Nothing is there to change: static synapses have no numbers."""
+
+    def set_weights(self, projection: int, weights: Floats, chosen: NDArray[np.bool_] | None = None) -> None:
+        """Replace all weights, or those that are chosen."""
+        where = slice(None) if chosen is None else chosen
+        kept = self.get_synapses(projection, "weight")
+        kept[where] = np.broadcast_to(weights, kept.shape)[where]
+        if projection in self.stepper.flows:
+            self.stepper.flows[projection].weights = kept
+        else:
+            self.stepper.set_weights(projection, torch.from_numpy(kept).to(self.stepper.device))
+
+    def spikes(self, population: int, since: int) -> Spikes:
+        """Recorded spikes after a step."""
+        return self.records[population].since(since)
+
+    def forget(self, before: int) -> None:
+        """Drop recorded spikes up to a step."""
+        for record in self.records:
+            record.forget(before)
+
+    def counts(self) -> EngineCounts:
+        """Counts since the start or the last reset."""
+        return EngineCounts(
+            steps=self.step,
+            events=tuple(record.events.copy() for record in self.records),
+            spikes=tuple(record.spikes.copy() for record in self.records),
+            active=np.array([record.active for record in self.records], dtype=np.int64),
+            trial_updates=np.zeros(len(self.program.projections), dtype=np.int64),
+        )
+
+    def memory(self) -> dict[str, int]:
+        """Bytes of states, synapses and recorded spikes."""
+        return {**self.stepper.memory(), "spikes": sum(record.nbytes for record in self.records)}
+
+    def reset(self, weights: bool) -> None:
+        """Back to step 0."""
+        self.stepper.start_anew()
+        for record in self.records:
+            record.start_anew()
+        if weights:
+            for k, part in enumerate(self.program.projections):
+                self.set_weights(k, part.weight)
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Everything that `restore` needs."""
+        return snapshots.take(self.stepper, self.records)
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Continue from a snapshot."""
+        snapshots.put(self.stepper, self.records, arrays)
+
+    def present(self, trial: Trial) -> Outcome:
+        """Never called: networks with trials are refused."""
+        raise NotImplementedError
+
+    def learn(self, projection: int, neuron: int, tick: int, lesson: float) -> None:
+        """Never called, as `present`."""
+        raise NotImplementedError
+
+    def encourage(self, projection: int, maps: Ints) -> None:
+        """Never called, as `present`."""
+        raise NotImplementedError
+
+
+@contextmanager
+def _threads(number: int) -> Iterator[None]:
+    """Let torch compute with some threads, and afterwards with as many as before."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(number)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -1,0 +1,79 @@
+"""What torch cannot run as described, what has no gradient, and the way out of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from neuro.model.neurons import Neuron
+from neuro.program.backend import Problem, floats_only
+from neuro.program.program import Population, Program
+from neuro_torch.translate import Untranslatable, translated
+
+ELSEWHERE = "backend 'event' runs it"
+LEARNT_THERE = "backend 'event' runs it; where the weights stay as they are, use static"
+RESET = {"izhikevich": "c"}
+"""The parameter that is the potential after a spike, of models that do not call it V_reset."""
+
+
+def problems(program: Program) -> list[Problem]:
+    """All that is refused."""
+    chips = floats_only(program)
+    if chips:
+        return chips
+    found = [_refused(f"group '{g.name}'", f"there is no {g.choice.noun} here", ELSEWHERE, g) for g in program.groups]
+    if program.trials is not None:
+        way_out = f"{ELSEWHERE}; neuro_torch.Module trains by gradients instead"
+        found.append(_refused("trials", "there are none here", way_out, program.trials))
+    for projection in program.projections:
+        if projection.synapse.learns:
+            what = f"projection '{projection.name}': {projection.synapse.name}"
+            found.append(_refused(what, "only static synapses are here", LEARNT_THERE, projection))
+    for part in program.populations:
+        found += _of_population(part)
+    return found
+
+
+def _of_population(part: Population) -> Iterator[Problem]:
+    if isinstance(part.model, Neuron):
+        for name in ("step", "fire"):
+            try:
+                translated(getattr(part.model.arithmetic, name))
+            except Untranslatable as error:
+                told = f"population '{part.name}': {part.said}"
+                way_out = f"write it with numbers, ifs and loops only, or {ELSEWHERE.replace(' it', ' it as it is')}"
+                yield _refused(told, f"it cannot run for all neurons at once ({error})", way_out, part)
+
+
+def without_gradient(program: Program) -> list[Problem]:
+    """Populations through whose spikes no gradient goes."""
+    found = []
+    for part in program.populations:
+        if isinstance(part.model, Neuron) and (why := _no_gradient(part)):
+            told = f"population '{part.name}': {part.said}"
+            found.append(
+                _refused(told, f"its spikes have no gradient: {why}", "use iaf_psc_delta or iaf_psc_exp", part)
+            )
+    return found
+
+
+def _no_gradient(part: Population) -> str:
+    model = part.model
+    assert isinstance(model, Neuron)
+    if model.relay:
+        return ""
+    if model.draws:
+        return "it fires at random"
+    if model.resets_in_step:
+        return "it resets within a step"
+    if reset_of(part) not in part.parameters or "V_th" not in part.parameters:
+        return "a surrogate is told in units of V_th - V_reset, and it has none"
+    return ""
+
+
+def reset_of(part: Population) -> str:
+    """The parameter that is the potential after a spike."""
+    return RESET.get(part.model.name, "V_reset")
+
+
+def _refused(what: str, why: str, way_out: str, part: object) -> Problem:
+    return Problem(True, what, why, way_out, getattr(part, "origin", None))

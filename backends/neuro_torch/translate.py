@@ -1,0 +1,220 @@
+"""Plain functions over one neuron after the other, rewritten so that they run for all neurons at once on tensors.
+
+A model's `step` is a loop over neurons with branches. Each neuron is a lane here: what was `for i in range(lo, hi)` is
+done once for all of them, and where lanes go different ways, both ways are gone and each lane keeps what its own way
+left (`neuro_torch.lanes` says how). So models of this package, of strangers and those made of equations need nothing
+more than what the reference backend runs.
+
+What cannot be rewritten is refused with the line that stops it: comprehensions, `try`, `with`, functions in functions.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import textwrap
+from functools import cache
+from types import FunctionType
+from typing import Any
+
+LANES = "_lanes"
+"""What the object that runs the lanes is called in a rewritten function."""
+
+_COMPARED = {ast.GtE: "at_least", ast.Gt: "above", ast.LtE: "at_most", ast.Lt: "below"}
+
+
+class Untranslatable(Exception):
+    """A function has a part that cannot run for all neurons at once; it says which and where."""
+
+
+@cache
+def translated(function: FunctionType) -> Any:
+    """The rewritten function; its first argument is the `Lanes` that run it.
+
+    Raises:
+        Untranslatable: it cannot be rewritten.
+    """
+    try:
+        text = textwrap.dedent(inspect.getsource(function))
+    except (OSError, TypeError):
+        raise Untranslatable(f"the source of '{function.__qualname__}' is not there") from None
+    tree = ast.parse(text).body[0]
+    if not isinstance(tree, ast.FunctionDef):
+        raise Untranslatable(f"'{function.__qualname__}' is no plain function")
+    made = _Rewriter(function).function(tree)
+    module = ast.fix_missing_locations(ast.Module([made], []))
+    closed = inspect.getclosurevars(function).nonlocals
+    scope = {**function.__globals__, **closed}
+    exec(compile(module, f"<lanes of {function.__module__}.{function.__qualname__}>", "exec"), scope)
+    result = scope[tree.name]
+    result.__defaults__ = function.__defaults__
+    return result
+
+
+def _name(word: str) -> ast.Name:
+    return ast.Name(word, ast.Load())
+
+
+def _call(method: str, *arguments: ast.expr) -> ast.Call:
+    return ast.Call(ast.Attribute(_name(LANES), method, ast.Load()), list(arguments), [])
+
+
+def _later(value: ast.expr) -> ast.expr:
+    """An expression that is worked out when it is asked for."""
+    empty = ast.arguments([], [], None, [], [], None, [])
+    return ast.Lambda(empty, value)
+
+
+def _assign(word: str, value: ast.expr) -> ast.stmt:
+    return ast.Assign([ast.Name(word, ast.Store())], value)
+
+
+class _Rewriter:
+    """Rewrites one function."""
+
+    def __init__(self, function: FunctionType) -> None:
+        self._function, self._made, self._loops = function, 0, list[str]()
+
+    def function(self, tree: ast.FunctionDef) -> ast.FunctionDef:
+        if tree.args.vararg or tree.args.kwarg or tree.args.kwonlyargs:
+            raise self._stopped(tree, "arguments with * or after it")
+        given = [ast.arg(LANES), *(ast.arg(argument.arg) for argument in tree.args.args)]
+        arguments = ast.arguments([], given, None, [], [], None, tree.args.defaults)
+        own = {argument.arg for argument in tree.args.args}
+        stored = {n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+        body: list[ast.stmt] = [_assign(word, ast.Constant(None)) for word in sorted(stored - own)]
+        body.append(_assign("_frame", _call("enter")))
+        body += self._block(tree.body)
+        body.append(ast.Return(_call("leave", _name("_frame"))))
+        return ast.FunctionDef(tree.name, arguments, body, [], None)
+
+    def _stopped(self, node: ast.AST, what: str) -> Untranslatable:
+        line = self._function.__code__.co_firstlineno + getattr(node, "lineno", 1) - 1
+        return Untranslatable(f"{self._function.__module__}.{self._function.__qualname__}, line {line}: {what}")
+
+    def _new(self, word: str) -> str:
+        self._made += 1
+        return f"_{word}{self._made}"
+
+    def _block(self, statements: list[ast.stmt]) -> list[ast.stmt]:
+        return [made for statement in statements for made in self._statement(statement)] or [ast.Pass()]
+
+    def _statement(self, node: ast.stmt) -> list[ast.stmt]:
+        method = getattr(self, f"_on_{type(node).__name__.lower()}", None)
+        if method is None:
+            raise self._stopped(node, f"'{ast.unparse(node).splitlines()[0]}'")
+        found: list[ast.stmt] = method(node)
+        return found
+
+    def _on_pass(self, node: ast.Pass) -> list[ast.stmt]:
+        return []
+
+    def _on_expr(self, node: ast.Expr) -> list[ast.stmt]:
+        return [] if isinstance(node.value, ast.Constant) else [ast.Expr(self._value(node.value))]
+
+    def _on_annassign(self, node: ast.AnnAssign) -> list[ast.stmt]:
+        return [] if node.value is None else self._store(node.target, self._value(node.value))
+
+    def _on_augassign(self, node: ast.AugAssign) -> list[ast.stmt]:
+        now = ast.parse(ast.unparse(node.target), mode="eval").body
+        return self._store(node.target, self._value(ast.BinOp(now, node.op, node.value)))
+
+    def _on_assign(self, node: ast.Assign) -> list[ast.stmt]:
+        value = self._value(node.value)
+        if len(node.targets) == 1 and not isinstance(node.targets[0], ast.Tuple):
+            return self._store(node.targets[0], value)
+        kept = self._new("value")
+        return [_assign(kept, value), *(made for target in node.targets for made in self._store(target, _name(kept)))]
+
+    def _store(self, target: ast.expr, value: ast.expr) -> list[ast.stmt]:
+        if isinstance(target, ast.Name):
+            return [_assign(target.id, _call("put", _name(target.id), value))]
+        if isinstance(target, ast.Subscript):
+            return [ast.Expr(_call("store", self._value(target.value), self._value(target.slice), value))]
+        if isinstance(target, ast.Tuple):
+            kept, made = self._new("parts"), list[ast.stmt]()
+            for place, each in enumerate(target.elts):
+                made += self._store(each, ast.Subscript(_name(kept), ast.Constant(place), ast.Load()))
+            return [_assign(kept, value), *made]
+        raise self._stopped(target, f"'{ast.unparse(target)} = ...'")
+
+    def _on_if(self, node: ast.If) -> list[ast.stmt]:
+        way = self._new("way")
+        made: list[ast.stmt] = [_assign(way, _call("fork", self._value(node.test)))]
+        made.append(ast.If(_call("first", _name(way)), self._block(node.body), []))
+        made.append(ast.If(_call("second", _name(way)), self._block(node.orelse), []))
+        return [*made, ast.Expr(_call("join", _name(way)))]
+
+    def _on_while(self, node: ast.While) -> list[ast.stmt]:
+        if node.orelse:
+            raise self._stopped(node, "'else' of a loop")
+        loop = self._new("loop")
+        on = _call("goes_on", _name(loop), self._value(node.test))
+        return self._looped(loop, ast.While(on, self._inside(loop, node.body), []))
+
+    def _on_for(self, node: ast.For) -> list[ast.stmt]:
+        if node.orelse or not isinstance(node.target, ast.Name):
+            raise self._stopped(node, f"'{ast.unparse(node).splitlines()[0]}'")
+        loop, over = self._new("loop"), node.iter
+        if isinstance(over, ast.Call) and isinstance(over.func, ast.Name) and over.func.id == "range":
+            each = _call("numbers", _name(loop), *map(self._value, over.args))
+        else:
+            each = _call("each", _name(loop), self._value(over))
+        target = ast.Name(node.target.id, ast.Store())
+        return self._looped(loop, ast.For(target, each, self._inside(loop, node.body), []))
+
+    def _looped(self, loop: str, statement: ast.stmt) -> list[ast.stmt]:
+        return [_assign(loop, _call("loop", _name("_frame"))), statement, ast.Expr(_call("looped", _name(loop)))]
+
+    def _inside(self, loop: str, body: list[ast.stmt]) -> list[ast.stmt]:
+        self._loops.append(loop)
+        made = self._block(body)
+        self._loops.pop()
+        return made
+
+    def _on_break(self, node: ast.Break) -> list[ast.stmt]:
+        return [ast.If(_call("breaks", _name(self._loops[-1])), [ast.Break()], [])]
+
+    def _on_continue(self, node: ast.Continue) -> list[ast.stmt]:
+        return [ast.If(_call("skips"), [ast.Continue()], [])]
+
+    def _on_return(self, node: ast.Return) -> list[ast.stmt]:
+        value = ast.Constant(None) if node.value is None else self._value(node.value)
+        out: list[ast.stmt] = [ast.Return(_call("leave", _name("_frame")))]
+        return [ast.If(_call("returns", _name("_frame"), value), out, [])]
+
+    def _value(self, node: ast.expr) -> ast.expr:
+        """An expression, rewritten."""
+        match node:
+            case ast.Name() | ast.Constant() | ast.Attribute():
+                return node
+            case ast.Starred(value=value):
+                return ast.Starred(self._value(value), ast.Load())
+            case ast.Tuple(elts=elements):
+                return ast.Tuple([self._value(each) for each in elements], ast.Load())
+            case ast.Subscript(value=of, slice=at):
+                return ast.Subscript(self._value(of), self._value(at), ast.Load())
+            case ast.IfExp(test=test, body=body, orelse=orelse):
+                return _call("choose", self._value(test), _later(self._value(body)), _later(self._value(orelse)))
+            case ast.BoolOp(op=op, values=values):
+                method = "both" if isinstance(op, ast.And) else "either"
+                first, *rest = map(self._value, values)
+                for each in rest:
+                    first = _call(method, first, _later(each))
+                return first
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                return _call("no", self._value(operand))
+            case ast.UnaryOp(op=op, operand=operand):
+                return ast.UnaryOp(op, self._value(operand))
+            case ast.BinOp(left=left, op=ast.Sub(), right=right):
+                return _call("minus", self._value(left), self._value(right))
+            case ast.BinOp(left=left, op=op, right=right):
+                return ast.BinOp(self._value(left), op, self._value(right))
+            case ast.Compare(left=left, ops=[op], comparators=[right]):
+                sides = self._value(left), self._value(right)
+                if type(op) in _COMPARED:
+                    return _call(_COMPARED[type(op)], *sides)
+                return ast.Compare(sides[0], [op], [sides[1]])
+            case ast.Call(func=ast.Name() | ast.Attribute() as function, args=arguments, keywords=[]):
+                return _call("call", function, *map(self._value, arguments))
+        raise self._stopped(node, f"'{ast.unparse(node)}'")

@@ -1,0 +1,47 @@
+"""The cases of `neuro.testing` that cannot run as tensors, each with its reason."""
+
+from __future__ import annotations
+
+_TRIALS = "there are no trials"
+_GROUP = "there is no winner-take-all"
+_COMPETITION = "there is no competition"
+_RIVALS = "there is no lateral reset"
+_PAIRS = "only static synapses are stepped"
+
+_LAWS = (
+    *("a_seed_repeats", "seeds_differ", "threads_do_not_matter", "a_reset_repeats", "a_reset_keeps_weights"),
+    *("another_population_does_not_matter", "counts_follow_from_spikes", "cutting_does_not_matter"),
+    *("cutting_does_not_matter_when_steered", "probes_do_not_matter"),
+    *("a_saved_state_continues", "a_state_saved_after_a_change_continues"),
+)
+
+UNSUPPORTED: dict[str, str] = {
+    **dict.fromkeys(("best_of_each_step", "first_to_fire", "exact_best_of_each_step"), _GROUP),
+    **dict.fromkeys((f"{law}_of_fixed_weights" for law in _LAWS), _GROUP),
+    **dict.fromkeys(("first_along_an_axis", "maps_that_reset_each_other", "exact_lateral_reset"), _RIVALS),
+    "local_winners_without_trials": _COMPETITION,
+    **dict.fromkeys((*_LAWS, *(f"{law}_of_learning" for law in _LAWS)), _PAIRS),
+    **dict.fromkeys(
+        (
+            *("stdp_multiplicative", "stdp_additive", "stdp_between", "stdp_within_a_population", "stdp_onto_parrots"),
+            *("stdp_changes", "synapses_that_differ", "synapses_that_come_to_differ", "counts_of_learning"),
+            *("dopamine_by_signal", "dopamine_by_spikes", "dopamine_one_to_one", "dopamine_without_a_source"),
+            *("dopamine_from_the_target", "dopamine_changes", "ports_of_signals_and_weights", "weights_are_recorded"),
+            *("weights_at_pre_spikes", "states_at_pre_spikes", "views_are_connected"),
+            *("single_plastic_weights_change",),
+        ),
+        _PAIRS,
+    ),
+    **dict.fromkeys(
+        (
+            *("trials_decide", "trials_run_to_their_end", "silent_trials", "rewarded_learning", "rescued_learning"),
+            *("dropout_of_each_trial", "rewarded_learning_with_padding", "rewarded_learning_of_all_pairs"),
+            *("rewarded_learning_by_channel", "rewarded_learning_with_delays", "rewarded_learning_from_a_layer"),
+            *("learning_without_labels", "learning_at_the_peak", "states_that_go_on"),
+            *("exact_decisions", "exact_full_trials", "exact_run_after_a_decision", "exact_rewards", "exact_rescue"),
+            *("exact_growth", "exact_local_winners", "exact_local_winners_to_the_last", "local_winners_learn"),
+            *("local_winners_are_rewarded", "saved_trials_continue", "cutting_a_batch_does_not_matter"),
+        ),
+        _TRIALS,
+    ),
+}
