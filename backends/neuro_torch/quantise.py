@@ -24,7 +24,7 @@ from neuro_torch.module import Module
 
 __all__ = ["quantised"]
 
-EVERY = 20
+EVERY = 50
 """Batches of a training from one choice of the chip's scales to the next."""
 
 
@@ -32,7 +32,7 @@ def quantised(module: Module, bits: int = 8, chip: str | PathLike[str] = "loihi"
     """Round the weights that learn as a chip does, in place; what is below the rounding stays in the parameters.
 
     Scales are those that `neuro.chips.quantise` chooses for the weights as they are; while the module trains they are
-    chosen anew every 20 batches, and for each batch that it is only asked.
+    chosen anew every 50 batches, and for each batch that it is only asked.
 
     Args:
         module: the network.
