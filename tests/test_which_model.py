@@ -15,7 +15,7 @@ from neuro_nest.tables import NODES
 from neuro_nest.tables import SYNAPSES as NEST_SYNAPSES
 
 PAGES = Path(__file__).parents[1] / "docs" / "how-to"
-BACKENDS = ("reference", "event", "nest", "loihi", "spinnaker")
+BACKENDS = ("reference", "event", "nest", "torch", "loihi", "spinnaker")
 RULES = [name for name in SYNAPSES if not SYNAPSES[name].chip]
 OF_TRIALS = [name for name in RULES if SYNAPSES[name].learns == "trials"]
 

@@ -65,12 +65,12 @@ def network_of(
 ) -> neuro.Network:
     """A network with other weights, parameters and delays (ms); what was drawn at random is listed in it."""
     held: Any = Still(weights, parameters)
-    made = neuro.compile(net, backend=held, seed=seed).network()
+    sim = neuro.compile(net, backend=held, seed=seed)
+    made, sizes = sim.network(), {part.name: part.size for part in sim.program.populations}
     for name, delay in delays.items():
         part = made.projections[name]
         shaped: Any = float(delay[0]) if delay.size == 1 else delay
         if isinstance(part.rule, neuro.all_to_all) and delay.size > 1:
-            ends = (made.populations[end] for end in (part.source, part.target))
-            shaped = delay.reshape([int(np.prod(end.shape)) for end in ends])
+            shaped = delay.reshape(sizes[part.source], sizes[part.target])
         made.projections[name] = replace(part, delay=shaped)
     return made

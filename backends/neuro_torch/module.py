@@ -270,12 +270,10 @@ class Module(torch.nn.Module):
     def _weight(self, projection: int, task: Task) -> Tensor:
         """The weights of a projection; those that do not learn are the network's in the type of the others."""
         name, key = self.program.projections[projection].name, (projection, task.dtype, task.device)
-        if name in self.weights:
-            return self.weights[name]
-        if key not in self._kept:
+        if name not in self.weights and key not in self._kept:
             self._kept[key] = torch.tensor(self._shaped(projection), dtype=task.dtype, device=task.device)
-        kept: Tensor = self._kept[key]
-        return kept
+        weight: Tensor = self.weights[name] if name in self.weights else self._kept[key]
+        return weight
 
     def _first_weight(self, name: str, dtype: torch.dtype) -> torch.nn.Parameter:
         index = [part.name for part in self.program.projections].index(name)

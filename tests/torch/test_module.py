@@ -1,5 +1,8 @@
 """Modules: spikes are those of backend event, gradients those of autograd."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -420,7 +423,7 @@ def test_a_module_is_refused(make, told):
         (torch.zeros(2, 3, 7), "batch: found Tensor: expected neuro_torch.Events, or tensors by population"),
         ({}, "batch: found (batch, steps) of []: expected one of all inputs"),
         (
-            neuro_torch.Events(10**9, 10**4, {"a": ([], [], [])}),
+            {"a": torch.zeros(1).expand(10**9, 10**4, 7)},
             "a batch of 1000000000 recordings of 10000 steps needs",
         ),
     ],
@@ -479,3 +482,17 @@ def test_delays_learn(by, recurrent):
     assert expected[names[0]].sum() > 0
     for name in names:
         np.testing.assert_array_equal(outcome.spikes[name].detach(), expected[name])
+
+
+def test_without_torch_there_is_one_error_and_batches_still_work():
+    code = (
+        "import sys; sys.modules['torch'] = None\n"
+        "import neuro, neuro_torch\n"
+        "print(neuro_torch.Events(1, 2, {'a': ([0], [1], [0])}))\n"
+        "try:\n    neuro_torch.Module\nexcept neuro.ModelError as error:\n    print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    first, second, hint = done.stdout.splitlines()
+    assert first == "Events(batch=1, steps=2, spikes: 1 of 'a')"
+    assert second == "neuro_torch.Module: torch is not installed"
+    assert "[torch]" in hint
