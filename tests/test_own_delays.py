@@ -9,9 +9,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import neuro
+from neuro.chips.lag import lag
 from neuro.compiler import compile_network, drawn, resolve
-from neuro.compiler.rows import by_delay, sorted_draws
+from neuro.compiler.rows import by_delay, draw_rows
 from neuro.core.keyed_random import uniform
+from neuro.model import distributions
 from neuro.model.network import Network
 from neuro.run.simulation import Simulation
 from neuro.testing import observe
@@ -167,6 +169,7 @@ def test_few_synapses_with_very_many_delays_go_into_a_ring():
 @pytest.fixture
 def many(monkeypatch: pytest.MonkeyPatch) -> None:
     """What holds for a million synapses holds for a hundred."""
+    monkeypatch.setattr(distributions, "_MANY", 100)
     monkeypatch.setattr(drawn, "MANY", 100)
     monkeypatch.setattr(resolve, "MANY", 100)
 
@@ -205,11 +208,19 @@ def test_the_order_keeps_pairs_and_delays(monkeypatch: pytest.MonkeyPatch):
     assert all(pairs[j, i] in (late, pairs[i, j]) for (i, j), late in pairs.items())
 
 
-@given(st.integers(0, 2**64 - 1), st.integers(0, 70_000), st.integers(1, 2**40))
-@settings(max_examples=25, deadline=None, derandomize=True)
-def test_draws_come_in_order(key: int, n: int, bound: int):
-    expected = np.sort((uniform(key, 0, np.arange(n)) * bound).astype(np.int64))
-    assert np.array_equal(sorted_draws(key, n, bound), expected)
+@given(
+    st.integers(0, 2**64 - 1),
+    st.integers(1, 70_000),
+    st.lists(st.integers(0, 9) | st.integers(0, 2**31), min_size=1, max_size=600),
+)
+@settings(max_examples=40, deadline=None, derandomize=True)
+def test_draws_come_in_order(key: int, n: int, degrees: list[int]):
+    ends = np.concatenate(([0], np.cumsum([*degrees, 1])))
+    expected = np.sort((uniform(key, 0, np.arange(n)) * ends[-1]).astype(np.int64))
+    targets = np.empty(n, dtype=np.int32)
+    row_ends = draw_rows(key, ends, None, targets)
+    assert np.array_equal(row_ends, np.searchsorted(expected, ends))
+    assert np.array_equal(np.repeat(ends[:-1], np.diff(row_ends)) + targets, expected)
 
 
 @pytest.mark.parametrize("autapses", [True, False])
@@ -230,7 +241,7 @@ def test_rows_are_sorted_by_delay(rows: list[list[tuple[int, int]]]):
     flat = [entry for row in rows for entry in row]
     late, targets = (np.array(column, dtype=np.int32) for column in zip(*flat, strict=True))
     places = np.arange(late.size)
-    by_delay(ends, late, targets, places)
+    by_delay(ends, late, int(late.min()), int(late.max()), targets, places)
     expected = [
         place for k, row in enumerate(rows) for place in ends[k] + np.argsort([d for d, _ in row], kind="stable")
     ]
@@ -246,6 +257,33 @@ def test_the_engine_uses_the_arrays_of_the_program():
     for part in sim.program.projections[1:3]:
         assert np.shares_memory(net["targets"], part.targets)
         assert np.shares_memory(net["weights"], part.weight)
+
+
+@pytest.mark.usefixtures("many")
+def test_what_is_not_known_beforehand_is_packed_all_the_same():
+    sim = neuro.compile(wired(neuro.pairwise_bernoulli(p=0.3), LATE, NORMAL), "event", seed=1)
+    parts, net = sim.program.projections, sim._engine._a.net  # type: ignore[attr-defined]
+    assert np.array_equal(net["targets"], np.concatenate([part.targets for part in parts]))
+    assert all(np.shares_memory(net["weights"], part.weight) for part in parts[1:3])
+
+
+@pytest.mark.parametrize(("longest", "kept"), [(25.5, np.uint8), (25.6, np.int32)])
+@pytest.mark.usefixtures("many")
+def test_delays_of_very_many_take_a_byte_where_it_holds_them(longest: float, kept: Any):
+    net = wired(neuro.fixed_total_number(n=3000), neuro.uniform(low=longest - 0.1, high=longest + 0.04), NORMAL)
+    part = compile_network(net, 1).projections[1]
+    assert part.delay.dtype == kept
+    assert part.delay_span == (part.delay.min(), part.delay.max()) == (round(10 * longest) - 1, round(10 * longest))
+    found = [steered(neuro.compile(net, backend, seed=1)) for backend in ("reference", "event")]
+    assert differences(*found, exact=False) == []
+    assert lag(compile_network(net, 1), 1).max() == round(10 * longest) + 1
+
+
+@pytest.mark.usefixtures("many")
+def test_drawn_delays_that_are_too_long_are_told():
+    with pytest.raises(neuro.ModelError) as error:
+        compile_network(wired(neuro.fixed_total_number(n=3000), neuro.normal(mean=6600.0, std=0.0), NORMAL), 1)
+    assert "the longest drawn delay = 6600 ms: expected at most 6553.6 ms, 2^16 steps" in str(error.value)
 
 
 def test_the_weights_of_a_program_stay_as_they_were():

@@ -132,7 +132,10 @@ _NO_TARGETS = np.zeros(0, dtype=np.int32)
 
 def own_delays(p: Projection) -> bool:
     """Whether the synapses of a projection differ in delay, or may do so later."""
-    return p.synapse.delays or (p.delay.size > 1 and bool(np.any(p.delay != p.delay[0])))
+    if p.synapse.delays:
+        return True
+    shortest, longest = p.delay_span
+    return shortest < longest
 
 
 def in_runs(program: Program, p: Projection) -> bool:
@@ -250,6 +253,6 @@ def power_of_two(n: int) -> int:
 
 def sign(weights: Floats) -> int:
     """Whether all weights go to one receptor."""
-    if weights.size == 0 or weights.min() >= 0.0:
-        return t.POSITIVE
-    return t.NEGATIVE if weights.max() < 0.0 else t.MIXED
+    if weights.size and weights[0] < 0.0:
+        return t.NEGATIVE if weights.max() < 0.0 else t.MIXED
+    return t.POSITIVE if weights.size == 0 or weights.min() >= 0.0 else t.MIXED

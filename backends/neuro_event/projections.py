@@ -18,7 +18,7 @@ def add_projections(a: Arrays) -> None:
     """Lay out all projections, and the buffer of the input and the rings."""
     program = a.program
     table = np.full((len(program.projections), t.PROJECTION_COLUMNS), t.NONE, dtype=np.int64)
-    rows, runs, targets, weights, delays = [], [], [], [], []
+    rows, targets, weights, delays = [], [], [], []
     n_rows = n_runs = n_targets = n_weights = n_delays = 0
     ring = layout.receptors(program) * a.net["calm"].shape[1]
     at_emission = []
@@ -32,8 +32,7 @@ def add_projections(a: Arrays) -> None:
             targets.append(s.targets)
             row[t.SYNAPSE] = n_targets
             if timed:
-                runs.append(_runs(program, p, s, local, row))
-                row[t.RUN], n_runs = n_runs, n_runs + runs[-1].size
+                row[t.RUN], n_runs = n_runs, n_runs + _time(program, p, local, row)
             else:
                 rows.append(layout.split_rows(s.row_ends, s.targets, local) + n_targets)
                 row[t.ROW], n_rows = n_rows, n_rows + rows[-1].size
@@ -70,7 +69,9 @@ def add_projections(a: Arrays) -> None:
             _grid_columns(row, p.grid, a.places[p.source].inside is not None)
     a.net["projections"] = table
     a.net["rows"] = _joined(rows, np.int64)
-    a.net["runs"] = _joined(runs, np.uint32)
+    a.net["runs"] = np.zeros(n_runs, dtype=np.uint32)
+    for q in np.flatnonzero(table[:, t.RUN] >= 0).tolist():
+        _fill_runs(a, q)
     a.net["queue"] = np.zeros((a.net["edges"].size - 1, QUEUE, 3), dtype=np.int64)
     a.net["targets"] = _joined(targets, np.int32)
     a.net["weights"] = _joined(weights, np.float64)
@@ -82,15 +83,20 @@ def add_projections(a: Arrays) -> None:
     list_incoming(a)
 
 
-def _runs(program: Program, p: Projection, s: layout.Synapses, edges: Ints, row: Ints) -> NDArray[np.uint32]:
-    """Where the runs of a projection begin; its row learns which delays they have."""
+def _time(program: Program, p: Projection, edges: Ints, row: Ints) -> int:
+    """Tell the row of a projection which delays its runs have; return how many numbers say where they begin."""
     shortest, longest = p.delay_range(program.resolution)
     row[t.SHORTEST], row[t.DELAYS] = shortest, longest - shortest + 1
-    n = program.populations[p.source].size * int(row[t.DELAYS]) * (edges.size - 1)
-    runs = np.zeros(n + 1, dtype=np.uint32)
+    return program.populations[p.source].size * int(row[t.DELAYS]) * (edges.size - 1) + 1
+
+
+def _fill_runs(a: Arrays, q: int) -> None:
+    """Tell where the runs of a projection begin."""
+    p, s, row = a.program.projections[q], a.synapses[q], a.net["projections"][q]
+    local = a.net["edges"] * t.BLOCK - a.places[p.target].begin
+    runs = a.net["runs"][row[t.RUN] : row[t.RUN] + _time(a.program, p, local, row)]
     delay = p.delay if s.order is None else p.delay[s.order]
-    fill_runs(s.row_ends, s.targets, delay, shortest, int(row[t.DELAYS]), edges, runs)
-    return runs
+    fill_runs(s.row_ends, s.targets, delay, int(row[t.SHORTEST]), int(row[t.DELAYS]), local, runs)
 
 
 def _blocks_reached(p: Projection, s: layout.Synapses) -> float:

@@ -32,7 +32,7 @@ def lag(program: Program, index: int) -> NDArray[np.int32]:
     part = program.projections[index]
     late = acts_late(program.populations[part.target].model)
     delay = np.broadcast_to(part.delay, part.size) if part.synapse.delays else part.delay
-    return (delay + late).astype(np.int32)
+    return np.add(delay, late, dtype=np.int32)
 
 
 def longest_lag(program: Program, index: int) -> NDArray[np.int32]:

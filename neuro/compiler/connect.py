@@ -88,6 +88,7 @@ def connect(
     sizes: Grid | None,
     key: tuple[int, str, str],
     apart: Apart,
+    room: NDArray[np.int32] | None = None,
 ) -> Connections:
     """The synapses that a rule makes.
 
@@ -100,6 +101,7 @@ def connect(
         sizes: of a grid.
         key: of the draws, see `keyed_random`.
         apart: tells what lies between neurons, for rules that ask.
+        room: memory for the targets of all synapses, which may be used.
 
     Raises:
         ModelError: the rule does not fit the sizes.
@@ -127,7 +129,7 @@ def connect(
             drawn.sort(axis=1)
             return _rows(np.arange(n_pre + 1, dtype=np.int64) * rule.n, drawn.reshape(-1))
         case fixed_total_number():
-            return _rows(*total_number(rule.n, n_pre, n_post, but, rule.multapses, draws))
+            return _rows(*total_number(rule.n, n_pre, n_post, but, rule.multapses, draws, room))
         case symmetric_pairwise_bernoulli():
             if not _is_same(own, n_post):
                 raise ModelError(

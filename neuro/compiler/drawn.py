@@ -19,7 +19,13 @@ MANY = 1 << 20
 
 
 def total_number(
-    n: int, n_pre: int, n_post: int, but: Ints | None, repeats: bool, key: int
+    n: int,
+    n_pre: int,
+    n_post: int,
+    but: Ints | None,
+    repeats: bool,
+    key: int,
+    room: NDArray[np.int32] | None = None,
 ) -> tuple[Ints, NDArray[np.int32]]:
     """Where the synapses of each source end, and the targets of n synapses; draw k is that of synapse k.
 
@@ -30,6 +36,7 @@ def total_number(
         but: of each source the target that it does not reach, -1: none; None: none of any.
         repeats: whether a pair may be drawn twice.
         key: of the draws.
+        room: memory for the targets, which may be used.
 
     Raises:
         ModelError: there are not so many pairs.
@@ -41,12 +48,10 @@ def total_number(
         hint = "multapses: true allows a pair to be drawn twice" if pairs > 0 else ""
         raise ModelError(f"n = {n} synapses: expected at most {pairs}, as many as there are pairs", hint=hint)
     if repeats and n >= MANY:
-        from neuro.compiler.rows import sorted_draws, split
+        from neuro.compiler.rows import draw_rows
 
-        row_ends, targets = np.zeros(n_pre + 1, dtype=np.int64), np.empty(n, dtype=np.int32)
-        nobody = np.zeros(0, dtype=np.int64)
-        split(sorted_draws(key, n, pairs), ends, nobody if but is None else but, row_ends, targets)
-        return row_ends, targets
+        targets = np.empty(n, dtype=np.int32) if room is None else room
+        return draw_rows(key, ends, but, targets), targets
     places = _below(pairs, 0, n, key) if repeats else _distinct(n, pairs, key)
     places.sort()
     row_ends = np.searchsorted(places, ends)

@@ -9,7 +9,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from neuro.coding.codes import CODES, RATE_CODES
 from neuro.compiler.cameras import cameras_of
@@ -20,12 +19,12 @@ from neuro.compiler.drawn import MANY
 from neuro.compiler.encoded import with_generators
 from neuro.compiler.generators import check_trains, schedule_of
 from neuro.compiler.memory import check_memory, many_synapses
-from neuro.compiler.pack import packed
+from neuro.compiler.pack import Room, packed, rooms
 from neuro.compiler.probes import check_probes, resolve_probes, resolve_synapse_probes
 from neuro.compiler.receptors import check_conductance, receptor_of, receptor_of_current
 from neuro.compiler.shapes import Shape, grid_of, resolve_shapes, size
 from neuro.compiler.space import Between, between
-from neuro.compiler.values import LONGEST_DELAY, delay_steps, one_delay, per_neuron, per_synapse, too_late
+from neuro.compiler.values import LONGEST_DELAY, Steps, delay_steps, one_delay, per_neuron, per_synapse, too_late
 from neuro.compiler.views import end_of, own_places, placed
 from neuro.core.checks import check
 from neuro.core.clock import NEVER, Clock
@@ -79,7 +78,9 @@ def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Progr
         _population(net, part, shapes[part.name], clock, seed, cameras.get(part.name), declared[part.name])
         for part in net.populations.values()
     )
-    projections = packed(_projections(net, shapes, clock, seed, threads))
+    many = many_synapses(net, shapes, MANY)
+    made = rooms(net, shapes) if many else None
+    projections = packed(_projections(net, shapes, clock, seed, threads, many, made), made)
     names = list(net.populations)
     program = resolved.Program(
         name=net.name,
@@ -99,13 +100,18 @@ def compile_network(net: Network, seed: int, threads: int = 1) -> resolved.Progr
 
 
 def _projections(
-    net: Network, shapes: Mapping[str, Shape], clock: Clock, seed: int, threads: int
+    net: Network,
+    shapes: Mapping[str, Shape],
+    clock: Clock,
+    seed: int,
+    threads: int,
+    many: bool,
+    made: Mapping[str, Room] | None,
 ) -> Iterator[resolved.Projection]:
     """All projections, in order."""
-    many = many_synapses(net, shapes, MANY)
 
     def resolve(part: Projection) -> resolved.Projection:
-        return _projection(net, part, shapes, clock, seed, many)
+        return _projection(net, part, shapes, clock, seed, many, None if made is None else made[part.name])
 
     if threads == 1 or len(net.projections) < 2:
         yield from map(resolve, net.projections.values())
@@ -219,7 +225,13 @@ def _recorded(model: spike_train, neurons: int, clock: Clock) -> tuple[Ints, Int
 
 
 def _projection(
-    net: Network, part: Projection, shapes: Mapping[str, Shape], clock: Clock, seed: int, many: bool
+    net: Network,
+    part: Projection,
+    shapes: Mapping[str, Shape],
+    clock: Clock,
+    seed: int,
+    many: bool,
+    room: Room | None,
 ) -> resolved.Projection:
     sizes = grid_of(part, shapes) if isinstance(part.rule, grid) else None
     if sizes is not None and not isinstance(part.delay, float):
@@ -235,11 +247,16 @@ def _projection(
     with telling(part):
         key = (seed, "connect", part.name)
         seen = cache(lambda: apart().among(source.ids, target.ids))
-        found = placed(connect(part.rule, source.shape, target.shape, own, sizes, key, seen), source, target)
-        delay = delay_steps(part.delay, found, clock, "delay", generator(seed, "delay", part.name), apart)
-        if many and not part.synapse.learns:
-            found, delay = _by_delay(part, found, delay)
-        weight = per_synapse(part.weight, found, "weight", generator(seed, "weight", part.name), apart)
+        to = None if room is None else room.targets
+        found = placed(connect(part.rule, source.shape, target.shape, own, sizes, key, seen, to), source, target)
+        ordered = many and not part.synapse.learns
+        drawn = generator(seed, "delay", part.name)
+        delay = delay_steps(part.delay, found, clock, "delay", drawn, apart, ordered)
+        span = (int(delay.min()), int(delay.max())) if delay.size else (1, 1)
+        if ordered:
+            found, delay = _by_delay(part, found, delay, span)
+        drawn = generator(seed, "weight", part.name)
+        weight = per_synapse(part.weight, found, "weight", drawn, apart, None if room is None else room.weight)
         rule = _rule(part, found, seed, apart)
     if sizes is not None and weight.size == 1:
         weight = np.repeat(weight, found.size)
@@ -279,10 +296,11 @@ def _projection(
         dopamine_one_to_one=one_to_one,
         dopamine_delay=later,
         origin=part.origin,
+        span=span,
     )
 
 
-def _by_delay(part: Projection, found: Connections, delay: NDArray[np.int32]) -> tuple[Connections, NDArray[np.int32]]:
+def _by_delay(part: Projection, found: Connections, delay: Steps, span: tuple[int, int]) -> tuple[Connections, Steps]:
     """The synapses of each source by delay, where all is drawn or they are listed so.
 
     A backend that delivers them in this order would else need a second copy.
@@ -291,7 +309,7 @@ def _by_delay(part: Projection, found: Connections, delay: NDArray[np.int32]) ->
         if isinstance(part.delay, Distribution) and not found.listed:
             from neuro.compiler.rows import by_delay
 
-            by_delay(found.row_ends, delay, found.targets, found.shared)
+            by_delay(found.row_ends, delay, *span, found.targets, found.shared)
         elif found.order is not None and found.listed == ((found.size,),):
             as_listed = np.argsort(found.order)
             pre = np.repeat(np.arange(found.row_ends.size - 1), np.diff(found.row_ends))[as_listed]
@@ -335,7 +353,7 @@ def check_stdp_weights(part: Projection, rule: Synapse, weight: Floats) -> None:
         )
 
 
-def _check_delays(part: Projection, delay: NDArray[np.int32], clock: Clock) -> None:
+def _check_delays(part: Projection, delay: Steps, clock: Clock) -> None:
     """Delays that learn lie within their rule's bounds, and these are not too far."""
     rule = part.synapse
     if not isinstance(rule, DelayRule):

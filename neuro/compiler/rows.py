@@ -3,124 +3,204 @@
 # mypy: disable-error-code="no-untyped-def,no-untyped-call"
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from neuro.kernels.draws import step_word, uniform
-from neuro.kernels.jit import kernel
+from neuro.core.keyed_random import NEURON_STRIDE
+from neuro.kernels.draws import mix, step_word
+from neuro.kernels.jit import inner, kernel
 from neuro.program.program import Ints
 
 _HEAP = 15
 """Power of two: numbers that are sorted at a time, so that they stay in the cache."""
 
-_DIGIT = 10
-"""Bits that a pass sorts by."""
+_MOST_BITS = 31
+"""Of a number within its heap: it lies where the target will."""
+
+_DIGIT = 11
+"""Bits that a pass may sort by."""
+
+_CHUNK = 1024
+"""Draws that are made at a time, by lanes."""
 
 _NONE: Ints = np.zeros(0, dtype=np.int64)
+_NEURON, _S11, _UNIT = np.uint64(NEURON_STRIDE), np.uint64(11), 2.0**-53
 
 
-def sorted_draws(key: int, n: int, bound: int) -> Ints:
-    """The first n of a key's whole numbers below a bound, `keyed_random.uniform` x bound, in order."""
-    bits = max(1, (bound - 1).bit_length() - max(0, n.bit_length() - _HEAP))
-    ends = np.zeros(((bound - 1) >> bits) + 2, dtype=np.int64)
-    word = np.uint64(key)
-    _count(word, n, bound, bits, ends)
-    scratch = np.empty(int(ends.max()), dtype=np.int64)
-    found = np.empty(n, dtype=np.int64)
-    np.cumsum(ends, out=ends)
-    _fill(word, n, bound, bits, ends, scratch, np.empty(1 << _DIGIT, dtype=np.int64), found)
-    return found
+def draw_rows(key: int, ends: Ints, but: Ints | None, targets: NDArray[np.int32]) -> Ints:
+    """Fill in the targets of synapses, and tell where those of each source end.
+
+    Pairs are whole numbers, counted by source. Drawn are the first of a key's numbers `keyed_random.uniform` x pairs,
+    which are dealt into heaps and sorted where the targets lie, without other memory.
+
+    Args:
+        key: of the draws.
+        ends: at which pair those of each source begin, and the end.
+        but: of each source the target that it does not reach, -1: none; None: none of any.
+        targets: of all synapses, to be filled.
+    """
+    n, pairs = targets.size, int(ends[-1])
+    bits = max(1, (pairs - 1).bit_length() - max(0, n.bit_length() - _HEAP))
+    bits = min(bits, _MOST_BITS)
+    passes = 2 if bits <= 2 * _DIGIT else 4
+    heaps = np.zeros(((pairs - 1) >> bits) + 2, dtype=np.int64)
+    word, chunk = np.uint64(key), np.empty(_CHUNK, dtype=np.int64)
+    _count(word, n, pairs, bits, heaps, chunk)
+    scratch = np.empty(int(heaps.max()), dtype=np.int32)
+    np.cumsum(heaps, out=heaps)
+    _deal(word, n, pairs, bits, heaps, chunk, targets)
+    counts = np.empty((passes, 1 << -(-bits // passes)), dtype=np.int64)
+    row_ends = np.zeros(ends.size, dtype=np.int64)
+    _sort_heaps(bits, heaps, scratch, counts, ends, _NONE if but is None else but, row_ends, targets)
+    return row_ends
 
 
-def by_delay(row_ends: Ints, delays: NDArray[np.int32], targets: NDArray[np.int32], others: Ints | None) -> None:
+def by_delay(
+    row_ends: Ints,
+    delays: NDArray[np.integer[Any]],
+    shortest: int,
+    longest: int,
+    targets: NDArray[np.int32],
+    others: Ints | None,
+) -> None:
     """Put the synapses of every source in the order of their delays, in place; those with one delay stay in order.
 
     Args:
         row_ends: where the synapses of each source end.
         delays: of each synapse.
+        shortest: the least of them.
+        longest: the largest.
         targets: of each synapse.
         others: what else each has; None: nothing.
     """
-    shortest, longest = int(delays.min()), int(delays.max())
     room = int(np.diff(row_ends).max())
     counts = np.empty(longest - shortest + 2, dtype=np.int64)
-    late = _NONE if others is None else others
-    _sort_rows(row_ends, delays, targets, late, shortest, counts, *np.empty((2, room), dtype=np.int64))
+    scratch = np.empty(room, dtype=np.int32)
+    if others is None:
+        _sort_rows(row_ends, delays, targets, shortest, counts, scratch)
+    else:
+        _sort_others(row_ends, delays, others, shortest, counts, np.empty(room, dtype=np.int64))
+        _sort_rows(row_ends, delays, targets, shortest, counts, scratch)
+
+
+@inner
+def _draw(base, first, bound, chunk):
+    """The whole numbers below a bound that begin with that of draw `first`."""
+    z = base + np.uint64(first) * _NEURON
+    for k in range(chunk.size):
+        chunk[k] = np.int64(np.float64(mix(z + np.uint64(k) * _NEURON) >> _S11) * _UNIT * bound)
 
 
 @kernel
-def split(places, ends, but, row_ends, targets):
-    """Pairs in order as rows: `ends` are the places at which sources begin, `but` whom they do not reach."""
-    source = 0
-    for k in range(places.size):
-        while places[k] >= ends[source + 1]:
-            source += 1
-            row_ends[source] = k
-        target = places[k] - ends[source]
-        if but.size > 0 and but[source] >= 0 and target >= but[source]:
-            target += 1
-        targets[k] = target
-    for rest in range(source + 1, row_ends.size):
-        row_ends[rest] = places.size
-
-
-@kernel
-def _count(key, n, bound, bits, ends):
+def _count(key, n, bound, bits, heaps, chunk):
     base = step_word(key, 0)
-    for k in range(n):
-        ends[(np.int64(uniform(base, k) * bound) >> bits) + 1] += 1
+    for first in range(0, n, chunk.size):
+        some = chunk[: min(chunk.size, n - first)]
+        _draw(base, first, bound, some)
+        for k in range(some.size):
+            heaps[(some[k] >> bits) + 1] += 1
 
 
 @kernel
-def _fill(key, n, bound, bits, ends, scratch, counts, found):
-    """Put the draws into their heaps, then sort each by its lower bits, a digit at a time."""
-    base = step_word(key, 0)
-    for k in range(n):
-        place = np.int64(uniform(base, k) * bound)
-        heap = place >> bits
-        found[ends[heap]] = place
-        ends[heap] += 1
-    first = 0
-    for heap in range(ends.size - 1):
-        last = ends[heap]
-        for low in range(0, bits, _DIGIT):
-            counts[:] = 0
-            for k in range(first, last):
-                counts[(found[k] >> low) & (counts.size - 1)] += 1
-            before = 0
-            for digit in range(counts.size):
-                number = counts[digit]
-                counts[digit] = before
-                before += number
-            for k in range(first, last):
-                digit = (found[k] >> low) & (counts.size - 1)
-                scratch[counts[digit]] = found[k]
-                counts[digit] += 1
-            for k in range(first, last):
-                found[k] = scratch[k - first]
+def _deal(key, n, bound, bits, heaps, chunk, found):
+    """Put the lower bits of each draw into its heap, whose beginning becomes its end."""
+    base, low = step_word(key, 0), (1 << bits) - 1
+    for first in range(0, n, chunk.size):
+        some = chunk[: min(chunk.size, n - first)]
+        _draw(base, first, bound, some)
+        for k in range(some.size):
+            heap = some[k] >> bits
+            found[heaps[heap]] = np.int32(some[k] & low)
+            heaps[heap] += 1
+
+
+@inner
+def _sort(found, scratch, counts, bits):
+    """Sort numbers of so many bits, a digit at a time, lowest first; an even number of passes ends where it began."""
+    passes, mask = counts.shape[0], counts.shape[1] - 1
+    digit = (bits + passes - 1) // passes
+    counts[:] = 0
+    for k in range(found.size):
+        number = np.int64(found[k])
+        for p in range(passes):
+            counts[p, (number >> (p * digit)) & mask] += 1
+    for p in range(passes):
+        before = 0
+        for d in range(mask + 1):
+            number = counts[p, d]
+            counts[p, d] = before
+            before += number
+    for p in range(0, passes, 2):
+        _deal_by(found, scratch, counts[p], p * digit)
+        _deal_by(scratch[: found.size], found, counts[p + 1], (p + 1) * digit)
+
+
+@inner
+def _deal_by(numbers, to, places, shift):
+    mask = places.size - 1
+    for k in range(numbers.size):
+        d = (np.int64(numbers[k]) >> shift) & mask
+        to[places[d]] = numbers[k]
+        places[d] += 1
+
+
+@kernel
+def _sort_heaps(bits, heaps, scratch, counts, ends, but, row_ends, targets):
+    """Sort each heap, and make targets of its pairs."""
+    source = first = 0
+    for heap in range(heaps.size - 1):
+        last = heaps[heap]
+        _sort(targets[first:last], scratch, counts, bits)
+        for k in range(first, last):
+            place = (heap << bits) + np.int64(targets[k])
+            while place >= ends[source + 1]:
+                source += 1
+                row_ends[source] = k
+            target = place - ends[source]
+            if but.size > 0:
+                target += (but[source] >= 0) & (target >= but[source])
+            targets[k] = target
         first = last
+    row_ends[source + 1 :] = targets.size
+
+
+@inner
+def _places(delays, shortest, counts):
+    """Where those of each delay begin."""
+    counts[:] = 0
+    for e in range(delays.size):
+        counts[np.int64(delays[e]) - shortest + 1] += 1
+    for d in range(1, counts.size):
+        counts[d] += counts[d - 1]
 
 
 @kernel
-def _sort_rows(row_ends, delays, targets, others, shortest, counts, scratch, late):
+def _sort_others(row_ends, delays, others, shortest, counts, scratch):
     for source in range(row_ends.size - 1):
         first, last = row_ends[source], row_ends[source + 1]
-        counts[:] = 0
+        _places(delays[first:last], shortest, counts)
         for e in range(first, last):
-            counts[delays[e] - shortest + 1] += 1
-        for d in range(1, counts.size):
-            counts[d] += counts[d - 1]
-        for e in range(first, last):
-            d = delays[e] - shortest
-            scratch[counts[d]] = targets[e]
-            if others.size > 0:
-                late[counts[d]] = others[e]
+            d = np.int64(delays[e]) - shortest
+            scratch[counts[d]] = others[e]
             counts[d] += 1
-        d = 0
-        for k in range(last - first):
-            while k >= counts[d]:
-                d += 1
-            delays[first + k] = shortest + d
-            targets[first + k] = scratch[k]
-            if others.size > 0:
-                others[first + k] = late[k]
+        for e in range(first, last):
+            others[e] = scratch[e - first]
+
+
+@kernel
+def _sort_rows(row_ends, delays, targets, shortest, counts, scratch):
+    for source in range(row_ends.size - 1):
+        first, last = row_ends[source], row_ends[source + 1]
+        _places(delays[first:last], shortest, counts)
+        for e in range(first, last):
+            d = np.int64(delays[e]) - shortest
+            scratch[counts[d]] = targets[e]
+            counts[d] += 1
+        for e in range(first, last):
+            targets[e] = scratch[e - first]
+        begin = first
+        for d in range(counts.size - 1):
+            delays[begin : first + counts[d]] = shortest + d
+            begin = first + counts[d]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ from neuro.program.program import Floats
 
 LONGEST_DELAY = 2**16
 """Steps that a delay may have."""
+
+Steps: TypeAlias = NDArray[np.integer[Any]]
 
 
 def per_neuron(value: Any, shape: tuple[int, ...], what: str, key: tuple[int, str, str]) -> Floats:
@@ -46,7 +49,9 @@ def per_neuron(value: Any, shape: tuple[int, ...], what: str, key: tuple[int, st
     return array.reshape(-1) + 0.0
 
 
-def per_synapse(value: Any, found: Connections, what: str, rng: np.random.Generator, apart: Apart) -> Floats:
+def per_synapse(
+    value: Any, found: Connections, what: str, rng: np.random.Generator, apart: Apart, room: Floats | None = None
+) -> Floats:
     """One value for each synapse in the program's order, or one for all (shape (1,)).
 
     Args:
@@ -55,10 +60,11 @@ def per_synapse(value: Any, found: Connections, what: str, rng: np.random.Genera
         what: its name in messages.
         rng: draws from a distribution.
         apart: tells what lies between neurons, for a function of distance.
+        room: memory for the values of all synapses, which may be used.
     """
     value = plain(value)
     if isinstance(value, Distribution):
-        return _drawn(value, found, rng)
+        return _drawn(value, found, rng, room)
     if isinstance(value, of_distance):
         return _by_distance(value.profile, found, what, apart) + 0.0
     array = np.asarray(value, dtype=np.float64)
@@ -76,11 +82,30 @@ def per_synapse(value: Any, found: Connections, what: str, rng: np.random.Genera
     return (flat if found.order is None else flat[found.order]) + 0.0
 
 
-def _drawn(value: Distribution, found: Connections, rng: np.random.Generator) -> Floats:
+def _drawn(value: Distribution, found: Connections, rng: np.random.Generator, room: Floats | None) -> Floats:
     """The draw that each synapse takes."""
-    if found.shared is None:
-        return value.drawn(rng, found.size)
-    return value.drawn(rng, int(found.shared.max(initial=-1)) + 1)[found.shared]
+    if found.shared is not None:
+        return value.drawn(rng, int(found.shared.max(initial=-1)) + 1)[found.shared]
+    last = 0
+    for piece in value.pieces(rng, found.size):
+        if piece.size == found.size:
+            return piece
+        if room is None or room.size != found.size:
+            room = np.empty(found.size)
+        first, last = last, last + piece.size
+        room[first:last] = piece
+    assert room is not None
+    return room
+
+
+def _pieces(
+    value: Distribution | of_distance, found: Connections, what: str, rng: np.random.Generator, apart: Apart
+) -> Iterator[Floats]:
+    """The values of all synapses, some at a time."""
+    if isinstance(value, Distribution) and found.shared is None:
+        yield from value.pieces(rng, found.size)
+    else:
+        yield per_synapse(value, found, what, rng, apart)
 
 
 def _by_distance(profile: Profile, found: Connections, what: str, apart: Apart) -> Floats:
@@ -96,20 +121,36 @@ def _by_distance(profile: Profile, found: Connections, what: str, apart: Apart) 
 
 
 def delay_steps(
-    value: Any, found: Connections, clock: Clock, what: str, rng: np.random.Generator, apart: Apart
-) -> NDArray[np.int32]:
-    """Delays in steps. Drawn ones and those of distance are rounded, to at least one step; given ones lie on it."""
+    value: Any,
+    found: Connections,
+    clock: Clock,
+    what: str,
+    rng: np.random.Generator,
+    apart: Apart,
+    small: bool = False,
+) -> Steps:
+    """Delays in steps. Drawn ones and those of distance are rounded, to at least one step; given ones lie on it.
+
+    With `small` drawn ones take a byte each where none is longer than 255 steps.
+    """
     value = plain(value)
     if isinstance(value, (Distribution, of_distance)):
         check_distribution(value, clock, what)
-        drawn = per_synapse(value, found, what, rng, apart)
-        check_values(value, drawn, found, clock, what)
-        late = np.empty(drawn.size, dtype=np.int32)
-        longest = np.rint(drawn.max(initial=0.0) / clock.resolution)
+        late: Steps = np.empty(found.size, dtype=np.uint8 if small else np.int32)
+        longest, done = 0.0, 0
+        for piece in _pieces(value, found, what, rng, apart):
+            check_values(value, piece, found, clock, what)
+            for begin, end in blocks(0, piece.size, BLOCK):
+                whole = piece[begin:end] / clock.resolution
+                np.rint(whole, out=whole)
+                longest = max(longest, float(whole.max()))
+                if longest > np.iinfo(late.dtype).max:
+                    late = late.astype(np.int32)
+                if longest <= LONGEST_DELAY:
+                    late[done + begin : done + end] = np.maximum(whole, 1.0, out=whole)
+            done += piece.size
         if longest > LONGEST_DELAY:
             raise too_late(f"the longest {'drawn ' * isinstance(value, Distribution)}{what}", int(longest), clock)
-        for first, last in blocks(0, drawn.size, BLOCK):
-            late[first:last] = np.maximum(np.rint(drawn[first:last] / clock.resolution), 1.0)
         return late
     if np.ndim(value):
         steps = clock.steps(per_synapse(value, found, what, rng, apart), what)

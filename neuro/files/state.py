@@ -131,7 +131,7 @@ def _digest(arrays: Arrays) -> str:
     return _hashed({name: np.asarray(values) for name, values in arrays.items()})
 
 
-_SAID_ELSEWHERE = {"origin", "kind", "carries", "receptor", "stream", "declared"}
+_SAID_ELSEWHERE = {"origin", "kind", "carries", "receptor", "stream", "declared", "span"}
 """Fields of a program that decide nothing, follow from others, or count only where they are; states of version 0.1.0 do
 not count them."""
 

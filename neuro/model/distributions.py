@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,6 +18,12 @@ from neuro.core.registry import Registry
 
 _BLOCK = 1 << 16
 """Values that are drawn at a time: they stay in the cache while they are compared with the bounds."""
+
+_MANY = 1 << 20
+"""Values from which on those of `normal` are drawn by a compiled pass."""
+
+_FAR = 40.0
+"""Standard deviations beyond which no normal number lies."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,6 +48,14 @@ class Distribution(Choice):
             raise ModelError(f"{self!r} drew {values[~np.isfinite(values)][0]}: expected finite numbers")
         copied: NDArray[np.float64] = np.add(values, 0.0, dtype=np.float64)  # in which no 0 is negative
         return copied
+
+    def pieces(self, rng: np.random.Generator, n: int) -> Iterator[NDArray[np.float64]]:
+        """The n values of `drawn`, some at a time; each piece is gone when the next is asked for.
+
+        Raises:
+            ModelError: they are not so many finite numbers.
+        """
+        yield self.drawn(rng, n)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,7 +108,10 @@ class _Clipped(Distribution):
             if outside.size == 0:
                 return
             values[outside] = self._draw(rng, outside.size)
-        raise ModelError(f"{self!r}: hardly any value lies between low and high")
+        raise self._hardly_any()
+
+    def _hardly_any(self) -> ModelError:
+        return ModelError(f"{self!r}: hardly any value lies between low and high")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,6 +123,25 @@ class normal(_Clipped):
 
     def _draw(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
         return rng.normal(self.mean, self.std, n)
+
+    def pieces(self, rng: np.random.Generator, n: int) -> Iterator[NDArray[np.float64]]:
+        """The n values of `drawn`, some at a time; each piece is gone when the next is asked for.
+
+        Raises:
+            ModelError: fewer than one value in a thousand falls between the bounds.
+        """
+        large = not math.isfinite(abs(self.mean) + _FAR * self.std)
+        if n < _MANY or large or type(self) is not normal:
+            yield from super().pieces(rng, n)
+            return
+        from neuro.kernels.normals import Normals
+
+        normals, room = Normals(rng), np.empty(_BLOCK)
+        for first in range(0, n, _BLOCK):
+            piece = room[: n - first]
+            if not normals.fill(piece, self.mean, self.std, self.low, self.high):
+                raise self._hardly_any()
+            yield piece
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -6,6 +6,7 @@ This is all that a backend sees.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,7 +161,8 @@ class Projection:
             of about a million synapses or more, of static ones with drawn delays: delays ascending, then targets.
         targets: csr: the target of each synapse, int32.
         weight: shape (1,) where shared, else one per synapse; grid: (maps, channels, height, width) flat.
-        delay: in steps, shape (1,) or one per synapse, int32, >= 1.
+        delay: in steps, shape (1,) or one per synapse, int32, >= 1; of so many static synapses uint8 where delays are
+            drawn and none is longer than 255.
         size: number of synapses (of a grid: of its kernels' weights).
         grid: the sizes of a grid, else None.
         synapse: the model; a parameter is a number, or one for each synapse in the order of the weights.
@@ -169,6 +171,7 @@ class Projection:
         signal: index of the signal that sets n, or -1.
         dopamine: index of the population that releases dopamine, or -1; `dopamine_one_to_one` and
             `dopamine_delay` (steps) say how.
+        span: the fewest and the most steps in `delay`, see `delay_span`; None: not yet looked for.
     """
 
     name: str
@@ -179,7 +182,7 @@ class Projection:
     row_ends: Ints
     targets: NDArray[np.int32]
     weight: Floats
-    delay: NDArray[np.int32]
+    delay: NDArray[np.integer[Any]]
     size: int
     grid: Grid | None
     synapse: Synapse
@@ -189,12 +192,20 @@ class Projection:
     dopamine_one_to_one: bool
     dopamine_delay: int
     origin: Where | None
+    span: tuple[int, int] | None = None
+
+    @property
+    def delay_span(self) -> tuple[int, int]:
+        """The fewest and the most steps in `delay`; of no synapses 1."""
+        if self.span is not None:
+            return self.span
+        return (int(self.delay.min()), int(self.delay.max())) if self.delay.size else (1, 1)
 
     def delay_range(self, resolution: float) -> tuple[int, int]:
         """The fewest and the most steps that a spike may take along it, now or when it has learnt."""
         if isinstance(self.synapse, DelayRule):
             return self.synapse.delay_range(resolution)
-        return (int(self.delay.min()), int(self.delay.max())) if self.delay.size else (1, 1)
+        return self.delay_span
 
     def arriving(self, weights: Floats) -> Floats:
         """What arrives at the receptors of some weights; of what arrives, the weights."""

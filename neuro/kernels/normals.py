@@ -1,0 +1,171 @@
+"""NumPy's normal numbers, bit for bit those of `Generator(PCG64).normal`, several times as fast.
+
+Words: O'Neill, PCG, HMC-CS-2014-0905, 2014 (PCG XSL RR 128/64). They are made for four neighbours at a time, none of
+which waits for another. Normal numbers: Marsaglia & Tsang, J. Stat. Softw. 5(8), 2000, with NumPy's tables.
+"""
+
+# mypy: disable-error-code="no-untyped-def,no-untyped-call,call-arg,misc,unreachable"
+from __future__ import annotations
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+from numba.np.random._constants import fi_double, ki_double, wi_double, ziggurat_nor_inv_r, ziggurat_nor_r
+from numpy.typing import NDArray
+
+from neuro.kernels.jit import inner, kernel
+
+PIECE = 1 << 16
+"""Numbers at a time: those of a piece that lie outside the bounds are drawn again when all of it is drawn."""
+
+TRIES = 1000
+"""How often they are."""
+
+_LANES = 4
+_WORDS = 1024
+_MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
+_LOW = (1 << 64) - 1
+_AT, _HIGH, _JUMP, _STEP = 0, 1, 1 + 2 * _LANES, 3 + 2 * _LANES
+"""Places of a stream's row: words taken, the lanes' states, and the two numbers of a jump of as many steps."""
+
+_HEAD = 5 + 2 * _LANES
+_FI, _KI, _WI = fi_double, ki_double, wi_double
+_R, _INVERSE = ziggurat_nor_r, ziggurat_nor_inv_r
+_ONE, _S8, _S9, _S11, _S58, _S63 = (np.uint64(n) for n in (1, 8, 9, 11, 58, 63))
+_SIGN = np.uint64(1 << 8)
+_LEVEL, _FRACTION = np.uint64(0xFF), np.uint64(0x000FFFFFFFFFFFFF)
+_UNIT = 2.0**-53
+
+
+class Normals:
+    """Goes on with the stream of a generator, which is not to be used beside it."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        told = rng.bit_generator.state["state"]
+        whole = 1 << 128
+        lanes, jump, step = [told["state"]], 1, 0
+        for _ in range(_LANES):
+            lanes.append((lanes[-1] * _MULTIPLIER + told["inc"]) % whole)
+            jump, step = jump * _MULTIPLIER % whole, (step * _MULTIPLIER + told["inc"]) % whole
+        self._stream = np.zeros(_HEAD + _WORDS, dtype=np.uint64)
+        self._stream[_AT] = _WORDS
+        numbers = (*lanes[1:], jump, step)
+        self._stream[_HIGH:_HEAD] = [half for n in numbers for half in (n >> 64, n & _LOW)]
+        self._outside, self._again = np.empty(PIECE, dtype=np.int32), np.empty(PIECE)
+
+    def fill(self, values: NDArray[np.float64], mean: float, std: float, low: float, high: float) -> bool:
+        """Fill at most `PIECE` values; those outside [low, high] are drawn again. False: hardly any lies inside."""
+        return bool(_fill(self._stream, values, mean, std, low, high, self._outside, self._again))
+
+
+@intrinsic
+def _high(typingctx, a, b):
+    """The upper half of a product of two words."""
+
+    def codegen(context, builder, signature, arguments):
+        wide = ir.IntType(128)
+        product = builder.mul(*(builder.zext(word, wide) for word in arguments))
+        return builder.trunc(builder.lshr(product, ir.Constant(wide, 64)), ir.IntType(64))
+
+    return types.uint64(types.uint64, types.uint64), codegen
+
+
+@inner
+def _refill(stream):
+    """The next words: each lane makes every fourth."""
+    a, b = stream[_JUMP], stream[_JUMP + 1]
+    c, d = stream[_STEP], stream[_STEP + 1]
+    for k in range(_HEAD, _HEAD + _WORDS, _LANES):
+        for lane in range(_LANES):
+            high, low = stream[_HIGH + 2 * lane], stream[_HIGH + 2 * lane + 1]
+            turn = high >> _S58
+            word = high ^ low
+            stream[k + lane] = (word >> turn) | (word << ((-turn) & _S63))
+            next_low = low * b + d
+            carry = np.uint64(next_low < d)
+            stream[_HIGH + 2 * lane] = high * b + low * a + _high(low, b) + c + carry
+            stream[_HIGH + 2 * lane + 1] = next_low
+    stream[_AT] = 0
+
+
+@inner
+def _word(stream):
+    if stream[_AT] == _WORDS:
+        _refill(stream)
+    word = stream[np.uint64(_HEAD) + stream[_AT]]
+    stream[_AT] += _ONE
+    return word
+
+
+@inner
+def _uniform(stream):
+    return np.float64(_word(stream) >> _S11) * _UNIT
+
+
+@inner
+def _beyond(stream, level, fraction, x):
+    """What becomes of a number outside its level's rectangle, and whether it is taken."""
+    if level > 0:
+        here = (_FI[level - 1] - _FI[level]) * _uniform(stream) + _FI[level]
+        return x, here < np.exp(-0.5 * x * x)
+    while True:
+        out = -_INVERSE * np.log1p(-_uniform(stream))
+        bound = -np.log1p(-_uniform(stream))
+        if bound + bound > out * out:
+            return (-(_R + out) if (fraction >> _S8) & _ONE else _R + out), True
+
+
+@inner
+def _fill_all(stream, values, mean, std):
+    """Fill with numbers, of whatever size."""
+    done = np.uint64(0)
+    size = np.uint64(values.size)
+    while done < size:
+        if stream[_AT] == _WORDS:
+            _refill(stream)
+        first = np.uint64(_HEAD) + stream[_AT] - done
+        end = min(size, done + np.uint64(_WORDS) - stream[_AT])
+        k = done
+        while k < end:
+            word = stream[first + k]
+            level = word & _LEVEL
+            fraction = (word >> _S9) & _FRACTION
+            x = np.float64(np.int64(fraction)) * _WI[level]
+            values[k] = mean + std * (-x if word & _SIGN else x) + 0.0
+            if fraction >= _KI[level]:
+                break
+            k += _ONE
+        stream[_AT] += k - done
+        done = k
+        if k < end:
+            stream[_AT] += _ONE
+            x, taken = _beyond(stream, np.int64(level), fraction, -x if word & _SIGN else x)
+            if taken:
+                values[k] = mean + std * x + 0.0
+                done += _ONE
+
+
+@kernel
+def _fill(stream, values, mean, std, low, high, outside, again):
+    _fill_all(stream, values, mean, std)
+    n = 0
+    for k in range(values.size):
+        n += (values[k] < low) | (values[k] > high)
+    if n == 0:
+        return True
+    n = 0
+    for k in range(values.size):
+        outside[n] = k
+        n += (values[k] < low) | (values[k] > high)
+    for _ in range(TRIES):
+        if n == 0:
+            return True
+        _fill_all(stream, again[:n], mean, std)
+        left = 0
+        for j in range(n):
+            values[outside[j]] = again[j]
+            outside[left] = outside[j]
+            left += (again[j] < low) | (again[j] > high)
+        n = left
+    return False
