@@ -14,7 +14,7 @@ from neuro.core.lazy import lazily
 if TYPE_CHECKING:
     from neuro.chips.pricing.energy import number, quantity, sourced
     from neuro.cli.energy import TARGETS, Sources, Target
-    from neuro.cli.options import Backend, Seed, Set, assignments, whole
+    from neuro.cli.options import Backend, NetworkFile, Seed, Set, assignments, whole
     from neuro.core import hdf5, html
     from neuro.core.checks import check, check_fields
     from neuro.core.errors import Where, unknown
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from neuro.files.checkpoint import Checkpoint
     from neuro.kernels.jit import allocating, inner, kernel
     from neuro.model.language import Node, about, mistake, plain, read, words
+    from neuro.model.language.writer import NETWORK
     from neuro.program.backend import find_backend
 
 _HOMES = {
@@ -51,6 +52,7 @@ _HOMES = {
     ),
     "neuro.cli.options": (
         "Backend",
+        "NetworkFile",
         "Seed",
         "Set",
         "assignments",
@@ -105,15 +107,18 @@ _HOMES = {
         "read",
         "words",
     ),
+    "neuro.model.language.writer": ("NETWORK",),
     "neuro.program.backend": ("find_backend",),
 }
 
 __all__ = [
+    "NETWORK",
     "TARGETS",
     "Backend",
     "Bar",
     "Checkpoint",
     "Kind",
+    "NetworkFile",
     "Node",
     "Quantity",
     "Registry",

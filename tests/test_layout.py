@@ -35,7 +35,9 @@ PUBLIC = {
     *(f"neuro.{name}" for name in ("chips", "coding", "compare", "events", "plots", "extend", "apps", "results")),
 }
 """Modules whose names are promised; `neuro.events` has public modules of its own, without a `_`."""
-APPS = ("neuro_drone", "neuro_recognise", "neuro_remus")
+PUBLIC_OF_BACKENDS = {"neuro_torch", "neuro_torch.losses", "neuro_torch.surrogates"}
+"""What apps may take of backends: networks as modules. The others they name only, to `neuro.compile`."""
+APPS = ("neuro_drone", "neuro_recognise", "neuro_remus", "neuro_train")
 FOLDERS = {"neuro": ROOT, **{name: ROOT / name for name in ("apps", "backends", "models")}}
 TEMPLATES = ROOT / "neuro" / "cli" / "templates"
 """Scripts that `neuro new` copies: files of users, no modules of ours."""
@@ -111,6 +113,8 @@ def test_apps_use_public_names(module):
             hidden = any(word.startswith("_") for word in [*other.split("."), name])
             assert not hidden, f"{module} imports {name} of {other}"
             assert other in PUBLIC or other.startswith("neuro.events"), f"{module} imports {name} of {other}"
+        elif "backends" in MODULES[other].parts:
+            assert other in PUBLIC_OF_BACKENDS, f"{module} imports {name} of {other}"
 
 
 @pytest.mark.parametrize(

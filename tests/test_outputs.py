@@ -529,6 +529,7 @@ def test_no_file_is_opened_for_writing_elsewhere():
         "apps/neuro_recognise/detection/report.py",
         "apps/neuro_recognise/telling/watch.py",
         "apps/neuro_recognise/detection/watching.py",
+        "apps/neuro_train/telling.py",
     }
     cache = {"neuro/kernels/kept.py"}  # machine code, in a folder of its own
     memory = {"neuro/plots/_canvas.py", "neuro/sweeps/network.py"}  # a picture for a notebook, a table for one run

@@ -14,9 +14,12 @@ from neuro_torch.backend import TorchBackend
 
 if TYPE_CHECKING:
     from neuro_torch import losses, surrogates
+    from neuro_torch.bill import Bill
     from neuro_torch.events import Events, collate
     from neuro_torch.module import Module
     from neuro_torch.outcome import Outcome
+    from neuro_torch.pruning import largest, prune
+    from neuro_torch.quantise import quantised
     from neuro_torch.stepping import Stepper
 
 backend = TorchBackend()
@@ -24,13 +27,29 @@ backend = TorchBackend()
 _HOMES: dict[str, tuple[str, ...]] = {
     "neuro_torch.losses": (),
     "neuro_torch.surrogates": (),
+    "neuro_torch.bill": ("Bill",),
     "neuro_torch.events": ("Events", "collate"),
     "neuro_torch.module": ("Module",),
     "neuro_torch.outcome": ("Outcome",),
+    "neuro_torch.pruning": ("largest", "prune"),
+    "neuro_torch.quantise": ("quantised",),
     "neuro_torch.stepping": ("Stepper",),
 }
 
-__all__ = ["Events", "Module", "Outcome", "Stepper", "backend", "collate", "losses", "surrogates"]
+__all__ = [
+    "Bill",
+    "Events",
+    "Module",
+    "Outcome",
+    "Stepper",
+    "backend",
+    "collate",
+    "largest",
+    "losses",
+    "prune",
+    "quantised",
+    "surrogates",
+]
 
 if not TYPE_CHECKING:
     _found, __dir__ = lazily(__name__, _HOMES)

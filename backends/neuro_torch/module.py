@@ -17,6 +17,7 @@ from neuro.core.errors import ModelError, unknown
 from neuro.program.program import Floats
 from neuro_torch import feeding, late, learnt
 from neuro_torch import trainable as words
+from neuro_torch.active import active_updates
 from neuro_torch.events import Events
 from neuro_torch.outcome import Outcome, Told
 from neuro_torch.plan import Plan, plan_of
@@ -202,6 +203,24 @@ class Module(torch.nn.Module):
         delays = {name: self._whole(delay.detach().double()).cpu().numpy() for name, delay in self.delays.items()}
         return learnt.network_of(self._net, self._seed, taken, parameters, delays)
 
+    def on(self, net: neuro.Network) -> Module:
+        """A module of another network that learns the same projections in the same way, with the same outputs."""
+        like, learns = self._like(), {name: ["weight"] for name in self.weights}
+        for name in self.delays:
+            learns[name] = [*learns.get(name, []), "delay"]
+        made = Module(
+            net,
+            learns | {name: list(each) for name, each in self.neurons.items()},
+            surrogate=self.surrogate,
+            duration=None if self._steps is None else self._steps * net.resolution,
+            outputs=self.outputs,
+            seed=self._seed,
+            dtype=like.dtype,
+            damping=self.damping,
+            by=self._by,
+        )
+        return made.to(like.device)
+
     def extra_repr(self) -> str:
         """What torch shows of it."""
         return f"{self.program.name!r}, outputs={list(self.outputs)}, surrogate={self.surrogate}"
@@ -276,10 +295,16 @@ class Module(torch.nn.Module):
     def _outcome(self, batch: Any, emitted: dict[int, Any], potentials: dict[int, Tensor], task: Task) -> Outcome:
         outs = {name: self._index[name] for name in self.outputs}
         counts = {n: partial(self._count, batch, k, emitted[k], task) for n, k in self._index.items() if k in emitted}
+        active = {
+            part.name: partial(self._active, k, emitted, task)
+            for k, part in enumerate(self.program.populations)
+            if part.kind == "neuron"
+        }
         return Outcome(
             {name: emitted[k] for name, k in outs.items()},
             {name: potentials[k] for name, k in outs.items() if k in potentials},
             Told("population", counts),
+            Told("population of neurons", active),
             task.steps,
             self.program.resolution,
         )
@@ -287,9 +312,20 @@ class Module(torch.nn.Module):
     def _count(self, batch: Any, index: int, emitted: Any, task: Task) -> Tensor:
         """The spikes of each neuron of a population."""
         if isinstance(emitted, Tensor):
-            return torch.sum(emitted, 1)
+            summed: Tensor = torch.sum(emitted, 1)
+            return summed
         part = self.program.populations[index]
         return torch.from_numpy(batch.counts(part.name, part.size)).to(task.device, task.dtype)
+
+    def _active(self, population: int, emitted: Mapping[int, Any], task: Task) -> Tensor:
+        """The updates of a population that something arrives at, or a spike ends; delays are the network's."""
+        wired = [
+            layers.synapses(self.program, q)
+            for q, part in enumerate(self.program.projections)
+            if part.target == population and part.carries == "spikes"
+        ]
+        scans = compiled if task.device.type == "cpu" and self._scans()[1] != "torch" else operations
+        return active_updates(population, emitted, wired, task, scans)
 
 
 def _share(value: Any) -> float:

@@ -26,6 +26,7 @@ class Outcome:
         V_m: likewise the potential at the end of each step in mV, after a reset, as NEST records it.
         counts: by population, of all neurons and inputs, the spikes of each neuron, (batch, neurons). Those of neurons
             have gradients.
+        active: by population of neurons, how many updates had an arrival or a spike, (batch,).
         steps: of each recording.
         step: length of one in ms.
     """
@@ -33,6 +34,7 @@ class Outcome:
     spikes: Mapping[str, Tensor]
     V_m: Mapping[str, Tensor]
     counts: Mapping[str, Tensor]
+    active: Mapping[str, Tensor]
     steps: int
     step: float
 

@@ -57,7 +57,7 @@ class Surrogate:
 class FastSigmoid(Surrogate):
     """1 / (1 + slope abs(x))^2, with long tails: neurons far from the threshold learn, too. The default."""
 
-    slope: float = 25.0
+    slope: float = 1.0
     code: ClassVar[int] = 0
     name: ClassVar[str] = "fast_sigmoid"
 

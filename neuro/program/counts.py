@@ -129,19 +129,32 @@ class Tally:
         return self._fans[index]
 
     def _count_synapses(self, index: int) -> tuple[Ints, Ints]:
+        return fan_out(self.program, index), self._fan_in(index)
+
+    def _fan_in(self, index: int) -> Ints:
         part = self.program.projections[index]
         n_pre = self.program.populations[part.source].size
         n_post = self.program.populations[part.target].size
         if part.layout == "one_to_one":
-            return np.ones(n_pre, dtype=np.int64), np.ones(n_post, dtype=np.int64)
+            return np.ones(n_post, dtype=np.int64)
         if part.layout == "dense":
-            return np.full(n_pre, n_post, dtype=np.int64), np.full(n_post, n_pre, dtype=np.int64)
-        if part.grid is not None:
-            return _grid_fan_out(part.grid), np.zeros(0, dtype=np.int64)
-        fan_in = (
-            np.bincount(part.targets, minlength=n_post) if part.synapse.learns in ("pairs", "chip") else np.zeros(0)
-        )
-        return np.diff(part.row_ends), fan_in.astype(np.int64)
+            return np.full(n_post, n_pre, dtype=np.int64)
+        if part.grid is not None or part.synapse.learns not in ("pairs", "chip"):
+            return np.zeros(0, dtype=np.int64)
+        return np.bincount(part.targets, minlength=n_post).astype(np.int64)
+
+
+def fan_out(program: Program, projection: int) -> Ints:
+    """Synapses of each source neuron of a projection (by index), whatever their weights; shape (sources,)."""
+    part = program.projections[projection]
+    n_pre = program.populations[part.source].size
+    if part.layout == "one_to_one":
+        return np.ones(n_pre, dtype=np.int64)
+    if part.layout == "dense":
+        return np.full(n_pre, program.populations[part.target].size, dtype=np.int64)
+    if part.grid is not None:
+        return _grid_fan_out(part.grid)
+    return np.diff(part.row_ends)
 
 
 def difference(after: EngineCounts, before: EngineCounts) -> EngineCounts:

@@ -63,14 +63,21 @@ def chip_time(
     picks: tuple[Pick, ...] = (lambda f: f.value, lambda f: range_of(f, run)[0], lambda f: range_of(f, run)[1])
     return Duration(
         *(
-            counts.steps * _barrier(placement, chip, run, p) + _busiest(program, counts, placement, chip, p)
+            counts.steps * barrier(placement, chip, run, p) + _busiest(program, counts, placement, chip, p)
             for p in picks
         )
     )
 
 
-def _barrier(placement: Placement, chip: Chip, run: Run, pick: Pick) -> float:
-    """Seconds of the end of a step."""
+def barrier(placement: Placement, chip: Chip, run: Run, pick: Pick = lambda figure: figure.value) -> float:
+    """Seconds of the end of a step.
+
+    Args:
+        placement: where the neurons lie.
+        chip: has the figures.
+        run: its conditions, of which the chips that are on.
+        pick: which number of a figure.
+    """
     one, many = (pick(chip.costs[name]) for name in BARRIERS)
     chips = run["chips"]
     if chips > 1 and LARGE_BARRIER in chip.costs:

@@ -1,0 +1,1 @@
+"""Training by gradients: from recordings to a network that chips run, with its accuracy and its joules."""

@@ -1,0 +1,219 @@
+"""Train a network by gradients on event-camera recordings, and test it on simulators and emulated chips."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from neuro.apps import NETWORK, Bar, NetworkFile, Seed, Set, assignments, check_output, install, whole
+from neuro_train.plan import LOSSES, Plan, augmentation, costs
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import neuro
+    from neuro.events import Recordings
+    from neuro_train.data import Shown
+
+app = typer.Typer(
+    name="train", help=__doc__, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False
+)
+
+
+def folds(text: str) -> int:
+    """A whole number >= 2."""
+    return whole(text, 2)
+
+
+Option = typer.Option
+
+
+@app.command()
+def train(
+    file: NetworkFile,
+    data: Annotated[Path, Option("--data", metavar="FOLDER", help="Recordings: a folder, zip or HDF5 data set.")],
+    input: Annotated[str, Option("--input", metavar="NAME", help="The population of the pixels.")] = "pixels",
+    output: Annotated[str, Option("--output", metavar="NAME", help="The population with a neuron a class.")] = "out",
+    out: Annotated[Path, Option("--out", metavar="FILE", help="The network to write.")] = Path("trained.yaml"),
+    part: Annotated[str, Option("--part", metavar="NAME", help="Of recordings in parts, such as Train.")] = "Train",
+    test: Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on.")] = None,
+    backends: Annotated[str, Option(metavar="A,B,...", help="What to test on.")] = "event,loihi,spinnaker",
+    folds: Annotated[
+        int | None,
+        Option("--folds", metavar="N", parser=folds, help="Test each Nth on what the others taught instead."),
+    ] = None,
+    epochs: Annotated[int, Option(metavar="N", help="How often each recording is shown; 0 tests only.")] = 60,
+    duration: Annotated[float, Option(metavar="MS", help="Of each recording, in ms.")] = 100.0,
+    start: Annotated[float, Option(metavar="MS", help="What is left out before that, in ms.")] = 0.0,
+    scale: Annotated[int, Option(metavar="N", help="Pixels in a row and column that are one neuron.")] = 1,
+    batch: Annotated[int, Option(metavar="N", help="Recordings between two steps of learning.")] = 20,
+    rate: Annotated[float, Option(metavar="R", help="The largest learning rate.")] = 0.01,
+    decay: Annotated[float, Option(metavar="R", help="Of weights, in each step, times the rate.")] = 0.01,
+    loss: Annotated[str, Option(metavar="NAME", help=", ".join(LOSSES))] = "count",
+    temperature: Annotated[
+        float, Option(metavar="N", help="Spikes, mV or steps that make a class e times likelier.")
+    ] = 3.0,
+    surrogate: Annotated[
+        str, Option(metavar="NAME", help="fast_sigmoid, arctan, slayer or triangle.")
+    ] = "fast_sigmoid",
+    slope: Annotated[float, Option(metavar="X", help="Of the surrogate, per V_th - V_reset.")] = 1.0,
+    learn: Annotated[
+        list[str], Option("--learn", metavar="NAME", help="A projection that learns; all if not given; repeatable.")
+    ] = [],  # noqa: B006
+    augment: Annotated[
+        list[str],
+        Option(
+            "--augment", metavar="NAME=N", help="shift=2: move by up to 2 px; warp=0.1: turn, scale, shear; repeatable."
+        ),
+    ] = [],  # noqa: B006
+    cost: Annotated[
+        list[str], Option("--cost", metavar="CHIP=X", help="Add X to the loss for each microjoule; repeatable.")
+    ] = [],  # noqa: B006
+    bits: Annotated[int | None, Option(metavar="N", help="Of weights while they learn, as a chip rounds.")] = None,
+    prune: Annotated[float, Option(metavar="SHARE", help="Drop so many synapses, the smallest, half way.")] = 0.0,
+    neurons_per_core: Annotated[
+        int | None, Option("--neurons-per-core", metavar="N", help="Of a chip, fewer than it allows.")
+    ] = None,
+    device: Annotated[str, Option(metavar="NAME", help="A device of torch, such as cuda.")] = "cpu",
+    page: Annotated[Path | None, Option(metavar="FILE", help="The page to write; that of --out if not given.")] = None,
+    seed: Seed = 0,
+    threads: Annotated[int, Option(metavar="N", min=1, help="Threads to compute with.")] = 1,
+    set: Set = [],  # noqa: B006
+) -> None:
+    """Train a network on recordings, write it, and test it; after a kill the same command goes on where it was."""
+    _need_torch()
+    import neuro
+
+    plan = Plan(
+        input=input,
+        output=output,
+        trainable=tuple(learn),
+        epochs=epochs,
+        duration=duration,
+        start=start,
+        scale=scale,
+        batch=batch,
+        rate=rate,
+        decay=decay,
+        loss=loss,
+        temperature=temperature,
+        surrogate=surrogate,
+        slope=slope,
+        **augmentation(augment),
+        cost=costs(cost),
+        bits=bits,
+        prune=prune,
+        neurons_per_core=neurons_per_core,
+        seed=seed,
+        device=device,
+    )
+    net = neuro.load(file, params=assignments(set))
+    names = [name.strip() for name in backends.split(",") if name.strip()]
+    _check_before(net, plan, out, page)
+    learnt_from = _recordings(data, part)
+    _threads(threads)
+    try:
+        if folds:
+            _validate(net, learnt_from, folds, plan, names, out)
+        else:
+            unseen = None if test is None else _recordings(test, "Test", learnt_from.classes)
+            _train(net, learnt_from, unseen, plan, names, out, page or out.with_suffix(".html"))
+    except KeyboardInterrupt:
+        typer.echo("interrupted: the same command goes on where it was", err=True)
+        raise typer.Exit(130) from None
+
+
+def _train(
+    net: neuro.Network,
+    data: Recordings,
+    unseen: Recordings | None,
+    plan: Plan,
+    backends: list[str],
+    out: Path,
+    page: Path,
+) -> None:
+    """One training, its network, its page and its tests."""
+    from neuro_train import telling
+    from neuro_train.tested import by_module, on_backend
+    from neuro_train.trainer import begun, learn
+
+    with Bar() as bar:
+        shown = _shown(net, data, plan, bar)
+        other = None if unseen is None else _shown(net, unseen, plan, bar)
+        checkpoint = begun(out, shown, plan)
+        trained = learn(net, shown, plan, checkpoint, lambda epoch, noted: _tell(bar, plan, epoch, noted))
+        trained.net.save(out)
+        tried = []
+        if other is not None:
+            bar.say("testing")
+            tried = [by_module(trained.module, other, plan)]
+            words = (other, plan, lambda what, done, n: bar.show(done, n, what))
+            tried += [on_backend(trained.net, backend, *words) for backend in backends]
+        telling.write(page, plan, trained, tried, len(shown))
+        checkpoint.remove()
+    telling.show(tried)
+    noted = trained.curves
+    if plan.epochs:
+        told = f"loss {noted['loss'][-1]:.4g}, {noted['right'][-1]:.1%} of {len(shown)} right"
+        typer.echo(f"{plan.epochs} epochs: {told}")
+    for written in (out, page):
+        typer.echo(f"{written}: written")
+
+
+def _validate(net: neuro.Network, data: Recordings, folds: int, plan: Plan, backends: list[str], out: Path) -> None:
+    from neuro_train import telling
+    from neuro_train.folds import cross_validate
+
+    parts = data.folds(folds, seed=plan.seed)
+    with Bar() as bar:
+        shown = _shown(net, data, plan, bar)
+        told = cross_validate(net, shown, parts, plan, backends, out, lambda what, k, n: bar.show(k, n, what))
+    telling.show_folds(told)
+
+
+def _shown(net: neuro.Network, data: Recordings, plan: Plan, bar: Bar) -> Shown:
+    from neuro_train.data import show
+
+    return show(net, data, plan, lambda what, done, n: bar.show(done, n, what))
+
+
+def _tell(bar: Bar, plan: Plan, epoch: int, noted: Mapping[str, float]) -> None:
+    spent = f", {1e6 * noted['joules']:.3g} uJ" if noted.get("joules") else ""
+    told = f"epoch {epoch}: loss {noted['loss']:.4g}, {noted['right']:.1%} right{spent}"
+    bar.show(epoch, plan.epochs, told)
+
+
+def _check_before(net: neuro.Network, plan: Plan, out: Path, page: Path | None) -> None:
+    """Refuse what would fail after long work."""
+    from neuro_train.data import check_network
+    from neuro_train.telling import PAGE
+    from neuro_train.trainer import module_of
+
+    check_network(net, plan)
+    check_output(out, NETWORK)
+    check_output(page or out.with_suffix(".html"), PAGE)
+    module_of(net, plan)
+
+
+def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -> Recordings:
+    from neuro.events import recordings
+
+    return recordings(path, part=part, classes=classes)
+
+
+def _threads(number: int) -> None:
+    import torch
+
+    torch.set_num_threads(number)
+
+
+def _need_torch() -> None:
+    """Tell how to get torch where it is missing."""
+    from importlib.util import find_spec
+
+    from neuro import ModelError
+
+    if find_spec("torch") is None:
+        raise ModelError("neuro train learns by PyTorch, which is not installed", hint=install("torch"))

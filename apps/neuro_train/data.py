@@ -1,0 +1,168 @@
+"""Recordings as batches of spikes, with the neuron that stands for the class of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+import neuro
+from neuro import ModelError
+from neuro.apps import unknown
+from neuro.events.dataset import UNKNOWN
+from neuro_train.plan import Plan
+
+if TYPE_CHECKING:
+    from neuro.events import Recordings
+    from neuro_torch import Events
+
+__all__ = ["Shown", "check_network", "moved", "show"]
+
+Ints = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
+Report = Callable[[str, int, int], None]
+"""Is told what is done, how much of it, and of how much."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """Labelled recordings as a network sees them.
+
+    Attributes:
+        events: one batch of all.
+        labels: (recordings,), the neuron of the output for each.
+        classes: names.
+        shape: of the population of the pixels.
+        digest: tells these recordings from others.
+    """
+
+    events: Events
+    labels: Ints
+    classes: tuple[str, ...]
+    shape: tuple[int, ...]
+    digest: str
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def take(self, chosen: Ints) -> Shown:
+        """Some of them."""
+        return Shown(self.events[chosen.tolist()], self.labels[chosen], self.classes, self.shape, self.digest)
+
+
+def check_network(net: neuro.Network, plan: Plan) -> None:
+    """Refuse a network that has no such input and output.
+
+    Raises:
+        ModelError: a population is missing, or is of the wrong kind.
+    """
+    for option, name in (("input", plan.input), ("output", plan.output)):
+        if name not in net.populations:
+            raise unknown(f"population for --{option}", name, net.populations)
+    pixels = net.populations[plan.input]
+    if not isinstance(pixels.model, neuro.spike_generator):
+        told = (
+            f"--input {plan.input}: found {pixels.model.name}: expected a spike_generator, whose spikes recordings are"
+        )
+        raise ModelError(told)
+    shape = pixels.shape
+    if len(shape) not in (2, 3) or (len(shape) == 3 and shape[0] != 2):
+        told = f"--input {plan.input}: shape {list(shape)}"
+        raise ModelError(f"{told}: expected [2, rows, columns], OFF then ON, or [rows, columns]")
+
+
+def show(net: neuro.Network, data: Recordings, plan: Plan, report: Report) -> Shown:
+    """Read recordings.
+
+    Args:
+        net: has the pixels and the output.
+        data: the recordings.
+        plan: how they are seen.
+        report: is told how many are read.
+
+    Raises:
+        EventFileError: one is damaged.
+        ModelError: one has no class, there are more classes than neurons of the output, or the pixels are of another
+            sensor.
+    """
+    from neuro_torch import Events
+
+    shape = tuple(int(side) for side in net.populations[plan.input].shape)
+    _check_labels(net, data, plan)
+    _check_sensor(data, shape, plan)
+    words: Any = {"shape": shape, "step": net.resolution, "duration": plan.duration}
+    words |= {"scale": plan.scale, "start": plan.start}
+    parts = []
+    for k in range(len(data)):
+        parts.append(Events.of_recordings([data[k].load()], plan.input, **words))
+        report("reading recordings", k + 1, len(data))
+    return Shown(Events.join(parts), data.labels, data.classes, shape, data.fingerprint()[:32])
+
+
+def _check_labels(net: neuro.Network, data: Recordings, plan: Plan) -> None:
+    if not len(data):
+        raise ModelError(f"{data.path}: has no recordings: expected some of each class")
+    for item in data:
+        if item.label == UNKNOWN:
+            told = f"{item.path}: its class is not known: expected recordings in folders of classes"
+            raise ModelError(told, hint="Train.zip with 0/a.bin, 1/b.bin, ...; or a MANIFEST.csv beside them")
+    neurons = math.prod(int(side) for side in net.populations[plan.output].shape)
+    if neurons != len(data.classes):
+        told = f"--output {plan.output}: {neurons} neurons for the {len(data.classes)} classes of {data.path}"
+        raise ModelError(f"{told}: expected one for each", hint="give the population as many neurons, such as by --set")
+
+
+def _check_sensor(data: Recordings, shape: tuple[int, ...], plan: Plan) -> None:
+    width, height = data.sensor_size(setting="another shape of the population")
+    rows, columns = (-(-side // plan.scale) for side in (height, width))
+    if shape[-2:] != (rows, columns):
+        seen = f"{width}x{height} px" + (f" by {plan.scale}" if plan.scale > 1 else "")
+        told = f"--input {plan.input}: shape {list(shape)}: recordings of {seen} have {rows} rows and {columns} columns"
+        expected = [*shape[:-2], rows, columns]
+        raise ModelError(f"{told}: expected the shape {expected}", hint="set it in the file, or by --set")
+
+
+def moved(
+    events: Events, population: str, shape: tuple[int, ...], shift: int, warp: float, rng: np.random.Generator
+) -> Events:
+    """Move each recording at random; events that leave the field are lost.
+
+    Args:
+        events: a batch.
+        population: of the pixels.
+        shape: theirs.
+        shift: px on each axis, at most.
+        warp: by how much each is turned (rad), made larger and sheared (shares) about the middle, at most.
+        rng: draws.
+    """
+    from neuro_torch import Events
+
+    train, (rows, columns) = events.trains[population], shape[-2:]
+    down, right = rng.integers(-shift, shift + 1, (2, events.batch))
+    recording = np.repeat(np.arange(events.batch), np.diff(train.ends))
+    place, x = np.divmod(train.neuron.astype(np.int64), columns)
+    sheet, y = np.divmod(place, rows)
+    if warp:
+        x, y = _warped(
+            x - (columns - 1) / 2, y - (rows - 1) / 2, rng.uniform(-warp, warp, (3, events.batch))[:, recording]
+        )
+        x, y = (np.rint(x + (columns - 1) / 2).astype(np.int64), np.rint(y + (rows - 1) / 2).astype(np.int64))
+    x, y = x + right[recording], y + down[recording]
+    inside = (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
+    neuron = ((sheet * rows + y) * columns + x)[inside].astype(np.int32)
+    step, recording = train.step[inside], recording[inside]
+    if warp:  # pixels may have come to one, and lie in another order
+        return Events(events.batch, events.steps, {population: (recording, step, neuron)})
+    ends = np.concatenate(([0], np.cumsum(np.bincount(recording, minlength=events.batch))))
+    return Events.of_trains(events.steps, {population: type(train)(ends, step, neuron)})
+
+
+def _warped(x: Floats, y: Floats, by: Floats) -> tuple[Floats, Floats]:
+    """Places about the middle, turned by an angle, made larger by a share, and sheared by a share."""
+    turn, growth, shear = by
+    x, y = np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y
+    return (1.0 + growth) * (x + shear * y), (1.0 + growth) * y

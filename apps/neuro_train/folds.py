@@ -1,0 +1,98 @@
+"""Every recording tested once, by what was learnt from the others: what is done already is not done again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import neuro
+from neuro.apps import sealed, write_text
+from neuro_train.data import Shown
+from neuro_train.plan import Plan
+from neuro_train.tested import by_module, on_backend
+from neuro_train.trainer import begun, learn
+
+__all__ = ["cross_validate"]
+
+FORMAT = "neuro train fold 1"
+RESULT = sealed("a result of 'neuro train --folds'", f'"format": "{FORMAT}"', ', "digest": "{}"')
+
+Fold = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]
+
+
+def cross_validate(
+    net: neuro.Network,
+    shown: Shown,
+    folds: Sequence[Fold],
+    plan: Plan,
+    backends: Sequence[str],
+    out: Path,
+    report: Callable[[str, int, int], None],
+) -> list[dict[str, Any]]:
+    """Train and test each fold.
+
+    Args:
+        net: the network.
+        shown: all recordings.
+        folds: of each the indices to learn from, and those to test on.
+        plan: what each training is told.
+        backends: to test on, beside what learnt.
+        out: of the networks: fold 1 of trained.yaml is trained-1.yaml, with its figures in trained-1.json.
+        report: is told how far it is.
+
+    Returns:
+        Of each fold `n`, `right` by backend, `equal` decisions by backend, joules by chip, and seconds of one core.
+    """
+    return [_fold(net, shown, k, parts, len(folds), plan, backends, out, report) for k, parts in enumerate(folds)]
+
+
+def _fold(
+    net: neuro.Network,
+    shown: Shown,
+    k: int,
+    parts: Fold,
+    n: int,
+    plan: Plan,
+    backends: Sequence[str],
+    out: Path,
+    report: Callable[[str, int, int], None],
+) -> dict[str, Any]:
+    name = f"fold {k + 1} of {n}"
+    own = out.with_name(f"{out.stem}-{k + 1}{out.suffix}")
+    file = own.with_suffix(".json")
+    of = plan.as_words() | {"data": shown.digest, "fold": name, "backends": list(backends)}
+    kept = _read(file)
+    if kept.get("of") == json.loads(json.dumps(of)):
+        return kept
+    checkpoint = begun(own, shown, plan, name)
+
+    def tell(epoch: int, noted: Mapping[str, float]) -> None:
+        report(f"{name}: learning, {noted.get('right', 0.0):.1%} right", epoch, plan.epochs)
+
+    trained = learn(net, shown.take(parts[0]), plan, checkpoint, tell)
+    trained.net.save(own)
+    unseen = shown.take(parts[1])
+    tried = [by_module(trained.module, unseen, plan)]
+    tried += [on_backend(trained.net, backend, unseen, plan) for backend in backends]
+    told = {"format": FORMAT, "of": of, "n": len(unseen), "cpu_s": trained.cpu_s}
+    told |= {"right": {one.backend: one.own.correct for one in tried}}
+    told |= {"equal": {one.backend: one.agrees(tried[0]) for one in tried}}
+    told |= {"same_spikes": {one.backend: one.same_spikes(tried[0]) for one in tried}}
+    told |= {"joules": {one.backend: one.bill.total_j for one in tried if one.bill}}
+    write_text(file, json.dumps(told, indent=1), RESULT)
+    checkpoint.remove()
+    return told
+
+
+def _read(file: Path) -> dict[str, Any]:
+    """A result; empty if there is none or it is damaged."""
+    try:
+        told = json.loads(file.read_text("utf-8"))
+    except (FileNotFoundError, ValueError):
+        return {}
+    return told if isinstance(told, dict) else {}

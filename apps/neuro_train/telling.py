@@ -1,0 +1,125 @@
+"""What people see of a training: tables, curves, a page."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from neuro.apps import console, html, quantity, sealed, table, write_text
+from neuro.chips import footnotes
+from neuro_recognise.evaluate import wilson
+from neuro_train.tested import Tried
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from neuro_train.plan import Plan
+    from neuro_train.trainer import Trained
+
+__all__ = ["PAGE", "rows", "show", "show_folds", "write"]
+
+PAGE = sealed("a page of 'neuro train'", '<meta name="generator" content="neuro train">', "<!-- digest {} -->")
+HEAD = (
+    "runs on", ">accuracy", ">95 % interval", ">equal decisions", ">equal spikes", ">dynamic", ">static", ">total",
+    ">chip time", ">first spike",
+)  # fmt: skip
+ABOUT = (
+    "Accuracy is that of the recordings to test on, with Wilson's interval; silence is wrong. Equal are decisions, and "
+    "recordings whose output spikes are all equal, to those of the first row. Joules and chip time are those of a "
+    "recording, the mean: counts times published figures. The host that sends the events is not in the bill. The first "
+    "spike of the output is told in the network's time."
+)
+
+
+def rows(tried: Sequence[Tried]) -> list[tuple[str, ...]]:
+    """A row for each backend."""
+    found: list[tuple[str, ...]] = []
+    for one in tried:
+        low, high = one.own.interval
+        bill = one.bill.sums() if one.bill else ("-",) * 3
+        time = quantity(one.bill.chip_time_s, "s") if one.bill and one.bill.chip_time_s is not None else "-"
+        equal = f"{one.agrees(tried[0]):.1%}", f"{one.same_spikes(tried[0])} of {len(one.labels)}"
+        first = "-" if np.isnan(one.first_ms) else f"{one.first_ms:.1f} ms"
+        accuracy = f"{one.own.accuracy:.1%}", f"{low:.1%} - {high:.1%}"
+        found.append((one.backend, *accuracy, *equal, *bill, time, first))
+    return found
+
+
+def show(tried: Sequence[Tried]) -> None:
+    """Print a row for each backend, and what is assumed in the bills."""
+    if not tried:
+        return
+    for line in footnotes([one.bill for one in tried if one.bill], False):
+        print(f"- {line}")
+    console().print(table(HEAD, rows(tried), title=f"{len(tried[0].labels)} recordings"))
+
+
+def show_folds(told: Sequence[Mapping[str, Any]]) -> None:
+    """Print a row for each fold, and the mean of all."""
+    names = list(told[0]["right"])
+    cells = [
+        (str(k + 1), *(f"{one['right'][name] / one['n']:.1%}" for name in names), f"{one['cpu_s']:.1f} s")
+        for k, one in enumerate(told)
+    ]
+    console().print(table(("fold", *(f">{name}" for name in names), ">CPU time"), cells))
+    n = sum(one["n"] for one in told)
+    for name in names:
+        right = sum(one["right"][name] for one in told)
+        low, high = wilson(right, n)
+        print(f"{name}: {right / n:.2%} of {n} right (95 % interval {low:.1%} - {high:.1%})")
+
+
+def write(path: Path, plan: Plan, trained: Trained, tried: Sequence[Tried], recordings: int) -> None:
+    """Write the page; errors as of `neuro.apps.write_text`."""
+    title = f"{trained.net.name}: trained by gradients"
+    write_text(path, html.page("neuro train", title, _parts(plan, trained, tried, recordings)), PAGE)
+
+
+def _parts(plan: Plan, trained: Trained, tried: Sequence[Tried], recordings: int) -> Iterator[Any]:
+    tag = html.tag
+    yield tag("h1", f"{trained.net.name}: trained by gradients")
+    lead = f"{recordings} recordings, {plan.epochs} epochs, {trained.cpu_s:.1f} s of one core."
+    yield tag("p", lead, class_="lead")
+    if tried:
+        yield tag("h2", f"On {len(tried[0].labels)} recordings that it has not seen")
+        yield html.table(HEAD, rows(tried))
+        yield tag("p", ABOUT)
+        yield tag("ul", *(tag("li", line) for line in footnotes([t.bill for t in tried if t.bill], True)))
+    if len(trained.curves["loss"]):
+        yield tag("h2", "While it learnt")
+        yield _picture(curves(trained.curves), "loss, accuracy and joules by epoch")
+    yield tag("h2", "How it was trained")
+    words = ((name, str(value)) for name, value in plan.as_words().items() if value not in (None, [], {}, 0.0, ""))
+    yield html.table(("what", "value"), list(words))
+    yield tag("pre", str(trained.module.plan))
+
+
+def curves(noted: Mapping[str, npt.NDArray[np.float64]]) -> Figure:
+    """Loss and accuracy on what is learnt from, epoch by epoch; joules where they were asked for."""
+    from matplotlib.figure import Figure
+
+    shown = [("loss", "loss", 1.0), ("right", "right, %", 100.0)]
+    if noted["joules"].any():
+        shown.append(("joules", "joules of a recording, uJ", 1e6))
+    figure = Figure(figsize=(3.4 * len(shown), 2.6), dpi=140, layout="constrained")
+    for axis, (name, label, unit) in zip(np.atleast_1d(figure.subplots(1, len(shown))), shown, strict=True):
+        axis.plot(np.arange(1, len(noted[name]) + 1), unit * noted[name], color="#0072B2", lw=1.4)
+        axis.set_xlabel("epoch")
+        axis.set_ylabel(label)
+        axis.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def _picture(figure: Figure, label: str) -> Any:
+    """A picture inside the page."""
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format="png", metadata={"Software": "neuro"})
+    data = base64.b64encode(drawn.getvalue()).decode()
+    style = f"width:{figure.get_size_inches()[0] * 96:.0f}px;max-width:100%"
+    return html.tag("figure", html.tag("img", src=f"data:image/png;base64,{data}", alt=label, style=style))

@@ -1,0 +1,130 @@
+"""A network on backends and chips: what it decides on recordings, and what one of them takes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+import neuro
+import neuro_torch
+from neuro.chips import chip, chips, place, price
+from neuro_recognise.evaluate import Evaluation, evaluate
+from neuro_train.data import Shown
+from neuro_train.plan import Plan
+
+if TYPE_CHECKING:
+    from neuro.chips import Energy
+
+__all__ = ["Tried", "by_module", "on_backend"]
+
+Ints = npt.NDArray[np.int64]
+AT_ONCE = 50
+"""Recordings that the module is shown at once."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tried:
+    """What came of some recordings.
+
+    Attributes:
+        backend: that ran them; "torch" is the module that learnt.
+        spikes: of the output, (recordings, steps, neurons).
+        decided: the class of each, -1 for silence.
+        labels: the right ones.
+        classes: names.
+        first_ms: the first spike of the output, the mean of the recordings that have one.
+        bill: of a recording, where the backend is a chip that has costs.
+    """
+
+    backend: str
+    spikes: npt.NDArray[np.float32]
+    decided: Ints
+    labels: Ints
+    classes: tuple[str, ...]
+    first_ms: float
+    bill: Energy | None = None
+
+    @property
+    def own(self) -> Evaluation:
+        """How good the decisions are."""
+        return evaluate(self.decided, self.labels, self.classes)
+
+    def agrees(self, other: Tried) -> float:
+        """The share of decisions that are equal."""
+        return float(np.mean(self.decided == other.decided))
+
+    def same_spikes(self, other: Tried) -> int:
+        """Recordings whose spikes are all equal."""
+        return int((self.spikes == other.spikes).all(axis=(1, 2)).sum())
+
+
+def by_module(module: neuro_torch.Module, shown: Shown, plan: Plan) -> Tried:
+    """By what learnt, on its device."""
+    parts = []
+    with torch.no_grad():
+        for first in range(0, len(shown), AT_ONCE):
+            chosen = list(range(first, min(first + AT_ONCE, len(shown))))
+            parts.append(module.eval()(shown.events[chosen]).spikes[plan.output].cpu())
+    return _tried("torch", torch.cat(parts), shown, module.program.resolution)
+
+
+def on_backend(
+    net: neuro.Network,
+    backend: str,
+    shown: Shown,
+    plan: Plan,
+    report: Callable[[str, int, int], None] = lambda what, done, total: None,
+) -> Tried:
+    """By a backend, one recording after the other, each from the beginning.
+
+    Args:
+        net: what was learnt.
+        backend: its name; one of a chip gives a bill.
+        shown: the recordings.
+        plan: how they are seen.
+        report: is told how many are done.
+
+    Raises:
+        ModelError: the backend refuses the network.
+    """
+    sim = neuro.compile(net, backend=backend, seed=plan.seed)
+    events, h = shown.events, net.resolution
+    spikes = torch.zeros(len(shown), events.steps, math.prod(int(side) for side in net.populations[plan.output].shape))
+    taken: Any = None
+    for k in range(len(shown)):
+        sim.reset()
+        train = events.trains[plan.input].of([k])
+        sim.inject(plan.input, (train.step + 1.0) * h, train.neuron)
+        sim.run(events.steps * h)
+        times, ids = sim.spikes(plan.output)
+        np.add.at(spikes[k].numpy(), (np.rint(times / h).astype(np.int64) - 1, ids), 1.0)
+        taken = sim.taken() if taken is None else taken + sim.taken()
+        report(f"{backend}: testing", k + 1, len(shown))
+    return _tried(backend, spikes, shown, h, _bill(sim, taken, backend, len(shown), plan.neurons_per_core))
+
+
+def _bill(
+    sim: neuro.Simulation, taken: Any, target: str, recordings: int, neurons_per_core: int | None
+) -> Energy | None:
+    """What a recording takes on the chip that a backend emulates."""
+    if target not in chips() and not target.endswith((".yaml", ".yml")):
+        return None
+    priced = chip(target)
+    if not priced.costs:
+        return None
+    placed = place(sim.program, priced, neurons_per_core=neurons_per_core) if priced.mesh is not None else None
+    return price(sim.program, taken.raw_counts, placed, priced).per(recordings, "recording")
+
+
+def _tried(backend: str, spikes: torch.Tensor, shown: Shown, step: float, bill: Energy | None = None) -> Tried:
+    decided = neuro_torch.losses.decisions(spikes).numpy()
+    first = neuro_torch.losses.first_spike_steps(spikes).amin(dim=1)
+    some = first < spikes.shape[1]
+    mean = float((first[some] + 1.0).mean()) * step if bool(some.any()) else float("nan")
+    return Tried(backend, spikes.numpy(), decided, shown.labels, shown.classes, mean, bill)

@@ -1,0 +1,306 @@
+"""The training: epochs of batches, kept beside the network that it is going to be, so that a kill costs little.
+
+What is random in an epoch follows from the seed and the epoch alone, and the learning rate from the step, so a training
+that goes on after a kill gives the same bits on one thread.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+import neuro
+import neuro_torch
+from neuro import ModelError
+from neuro.apps import Checkpoint
+from neuro_train.data import Shown, moved
+from neuro_train.plan import Plan
+
+__all__ = ["CURVES", "Trained", "begun", "learn", "module_of"]
+
+Array = npt.NDArray[Any]
+
+FORMAT = "neuro training by gradients 1"
+KEEP_S = 2.0
+"""Seconds from one checkpoint to the next, at least."""
+
+CURVES = ("loss", "right", "joules", "rate")
+"""What is noted of each epoch: mean loss, share of right decisions, joules of a recording, learning rate."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trained:
+    """What came of a training.
+
+    Attributes:
+        net: the network with what was learnt.
+        module: the same, as it learnt.
+        curves: by name of `CURVES` a value for each epoch.
+        cpu_s: seconds that a core worked for it, those before a kill included.
+    """
+
+    net: neuro.Network
+    module: neuro_torch.Module
+    curves: Mapping[str, npt.NDArray[np.float64]]
+    cpu_s: float
+
+
+def module_of(net: neuro.Network, plan: Plan) -> neuro_torch.Module:
+    """The network as a module, on the device that is asked for.
+
+    Raises:
+        ModelError: the network cannot learn by gradients, or there is no such device.
+    """
+    device = _device(plan.device)
+    names = plan.trainable or tuple(name for name, part in net.projections.items() if _carries_spikes(net, part))
+    module = neuro_torch.Module(
+        net,
+        list(names),
+        surrogate=plan.surrogate,
+        slope=plan.slope,
+        duration=plan.duration,
+        outputs=[plan.output],
+        seed=plan.seed,
+    )
+    return module.to(device)
+
+
+def begun(out: Path, shown: Shown, plan: Plan, which: str = "") -> Checkpoint:
+    """Where a training keeps itself.
+
+    Args:
+        out: the network that it is going to be.
+        shown: what is learnt from.
+        plan: what it is told.
+        which: part of the recordings, where not all.
+    """
+    told = plan.as_words() | {"data": shown.digest, "recordings": len(shown), "part": which}
+    return Checkpoint(out, FORMAT, told)
+
+
+def learn(
+    net: neuro.Network,
+    shown: Shown,
+    plan: Plan,
+    checkpoint: Checkpoint | None = None,
+    report: Callable[[int, Mapping[str, float]], None] = lambda epoch, noted: None,
+) -> Trained:
+    """Train, or go on with what was begun.
+
+    Args:
+        net: the network; it is not changed.
+        shown: what to learn from.
+        plan: what the training is told.
+        checkpoint: where it is kept; nowhere if not given.
+        report: is told the epochs that are done, and what was noted of the last.
+
+    Raises:
+        ModelError: the network cannot be trained so, the loss is no number any more, or the checkpoint is of another
+            training.
+    """
+    training = _Training(net, shown, plan)
+    kept = {} if checkpoint is None else checkpoint.resume()
+    if kept:
+        training.restore(kept)
+        report(training.done, training.last())
+    written = time.monotonic()
+    while training.done < plan.epochs:
+        before = training.state()
+        try:
+            training.epoch()
+        except ModelError:
+            if checkpoint is not None and training.done:
+                checkpoint.keep(**before)
+            raise
+        report(training.done, training.last())
+        if checkpoint is not None and time.monotonic() - written > KEEP_S:
+            checkpoint.keep(**training.state())
+            written = time.monotonic()
+    return training.trained()
+
+
+class _Training:
+    """A training under way, from one epoch to the next."""
+
+    def __init__(self, net: neuro.Network, shown: Shown, plan: Plan) -> None:
+        self._shown, self._plan, self._net = shown, plan, net
+        self.done, self._spent = 0, 0.0
+        self._stay: dict[str, Array] = {}
+        self._noted: dict[str, list[float]] = {name: [] for name in CURVES}
+        self._labels = torch.from_numpy(shown.labels)
+        self._take(module_of(net, plan))
+
+    def _take(self, module: neuro_torch.Module) -> None:
+        """Train this module from now on."""
+        plan = self._plan
+        self._module = module if plan.bits is None else neuro_torch.quantised(module, plan.bits, plan.chip)
+        self._bills = {
+            chip: neuro_torch.Bill(self._module, chip, neurons_per_core=plan.neurons_per_core) for chip in plan.cost
+        }
+        self._optimiser = torch.optim.AdamW(self._module.parameters(), lr=plan.rate, weight_decay=plan.decay)
+
+    @property
+    def _batches(self) -> int:
+        return math.ceil(len(self._shown) / self._plan.batch)
+
+    def epoch(self) -> None:
+        """Show every recording once.
+
+        Raises:
+            ModelError: the loss is no number.
+        """
+        plan, began = self._plan, time.process_time()
+        if plan.prune and self.done == (plan.epochs + 1) // 2:
+            self._prune()
+        rng = np.random.default_rng((plan.seed, self.done))
+        order = rng.permutation(len(self._shown))
+        self._module.train()
+        sums = dict.fromkeys(CURVES, 0.0)
+        for k in range(self._batches):
+            chosen = order[k * plan.batch : (k + 1) * plan.batch]
+            for name, value in self._batch(chosen, k, rng).items():
+                sums[name] += value * len(chosen)
+        self._check_weights()
+        for name, value in sums.items():
+            self._noted[name].append(value / len(self._shown))
+        self.done += 1
+        self._spent += time.process_time() - began
+
+    def _batch(self, chosen: npt.NDArray[np.int64], k: int, rng: np.random.Generator) -> dict[str, float]:
+        """One step of learning; gives what is noted of it."""
+        plan, labels = self._plan, self._labels[torch.from_numpy(chosen)].to(self._plan.device)
+        events = self._shown.events[chosen.tolist()]
+        if plan.shift or plan.warp:
+            events = moved(events, plan.input, self._shown.shape, plan.shift, plan.warp, rng)
+        rate = self._rate(self.done * self._batches + k)
+        for group in self._optimiser.param_groups:
+            group["lr"] = rate
+        found = self._module(events)
+        loss = _loss(plan, found, labels)
+        joules = {chip: bill(found) for chip, bill in self._bills.items()}
+        for chip, taken in joules.items():
+            loss = loss + plan.cost[chip] * 1e6 * taken.to(loss.dtype)
+        self._check(loss, k)
+        self._optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        self._optimiser.step()
+        right = neuro_torch.losses.decisions(found.spikes[plan.output].detach()) == labels
+        spent = next(iter(joules.values()), torch.zeros(()))
+        noted = (float(loss.detach()), float(right.double().mean()), float(spent.detach()), rate)
+        return dict(zip(CURVES, noted, strict=True))
+
+    def _rate(self, step: int) -> float:
+        """One cycle: up in the first three tenths, then down to nothing, along cosines (Smith, arXiv:1803.09820)."""
+        share, top = step / max(1, self._plan.epochs * self._batches), 0.3
+        part = share / top if share < top else (share - top) / (1.0 - top)
+        low, high = (0.04, 1.0) if share < top else (1.0, 1e-5)
+        return self._plan.rate * (high + (low - high) * 0.5 * (1.0 + math.cos(math.pi * part)))
+
+    def _check(self, loss: Tensor, batch: int) -> None:
+        """Refuse to go on with a loss that is no number."""
+        if not math.isfinite(float(loss.detach())):
+            self._stop(
+                f"epoch {self.done + 1}, batch {batch + 1} of {self._batches}: the loss is {float(loss.detach())}"
+            )
+
+    def _check_weights(self) -> None:
+        """Refuse to keep weights that are no numbers."""
+        for name, weight in self._module.weights.items():
+            if not bool(torch.isfinite(weight).all()):
+                self._stop(f"epoch {self.done + 1}: weights of '{name}' are no numbers at its end")
+
+    def _stop(self, told: str) -> NoReturn:
+        kept = f"; what was learnt until the end of epoch {self.done} is kept" if self.done else ""
+        raise ModelError(f"{told}: expected a number{kept}", hint="a smaller --rate, or a smaller --cost")
+
+    def _prune(self, stay: Mapping[str, Array] | None = None) -> None:
+        """Drop the smallest weights, or all but some; the optimiser begins anew with those that are left."""
+        self._stay = dict(stay) if stay else neuro_torch.largest(self._module, 1.0 - self._plan.prune)
+        self._take(neuro_torch.prune(self._module, stay=self._stay))
+
+    def last(self) -> dict[str, float]:
+        """What was noted of the last epoch."""
+        return {name: values[-1] for name, values in self._noted.items() if values}
+
+    def state(self) -> dict[str, Array | dict[str, Array]]:
+        """All that it needs to go on, as arrays."""
+        steps = self._optimiser.state_dict()["state"]
+        moments = {f"{k}.{word}": _array(value) for k, each in steps.items() for word, value in each.items()}
+        parts: dict[str, Array | dict[str, Array]] = {
+            "progress": np.array([self.done, self._spent]),
+            "curves": {name: np.array(values) for name, values in self._noted.items()},
+            "weights": {name: _array(value) for name, value in self._module.state_dict().items()},
+        }
+        if moments:
+            parts["moments"] = moments
+        if self._stay:
+            parts["stay"] = self._stay
+        return parts
+
+    def restore(self, kept: Mapping[str, Any]) -> None:
+        """Go on from `state`."""
+        self.done, self._spent = int(kept["progress"][0]), float(kept["progress"][1])
+        self._noted = {name: kept["curves"][name].tolist() for name in CURVES}
+        if "stay" in kept:
+            self._prune(kept["stay"])
+        weights = {name: torch.from_numpy(np.asarray(value)) for name, value in kept["weights"].items()}
+        self._module.load_state_dict(weights)
+        state: dict[int, dict[str, Tensor]] = {}
+        for name, value in kept.get("moments", {}).items():
+            k, _, word = name.partition(".")
+            state.setdefault(int(k), {})[word] = torch.from_numpy(np.asarray(value))
+        groups = self._optimiser.state_dict()["param_groups"]
+        self._optimiser.load_state_dict({"state": state, "param_groups": groups})
+
+    def trained(self) -> Trained:
+        """What came of it."""
+        module = self._module.eval()
+        with torch.no_grad():  # the grid of a chip is chosen for the last weights
+            module(self._shown.events[[0]])
+        curves = {name: np.array(values) for name, values in self._noted.items()}
+        return Trained(module.network(), module, curves, self._spent)
+
+
+def _loss(plan: Plan, found: neuro_torch.Outcome, labels: Tensor) -> Tensor:
+    """How far a batch is from what was wanted."""
+    losses, spikes = neuro_torch.losses, found.spikes[plan.output]
+    if plan.loss == "count":
+        return losses.count_cross_entropy(spikes, labels, scale=1.0 / plan.temperature)
+    if plan.loss == "potential":
+        return losses.potential_cross_entropy(found.V_m[plan.output], labels, scale=1.0 / plan.temperature)
+    return losses.first_spike(spikes, labels, tau=plan.temperature * found.step, resolution=found.step)
+
+
+def _array(value: Any) -> Array:
+    return value.detach().cpu().numpy().copy() if isinstance(value, Tensor) else np.asarray(value)
+
+
+def _device(name: str) -> torch.device:
+    """The device of that name.
+
+    Raises:
+        ModelError: torch has none here.
+    """
+    try:
+        device = torch.device(name)
+        torch.zeros(1, device=device)
+    except (RuntimeError, AssertionError, NotImplementedError):
+        found = ["cpu", *(f"cuda:{k}" for k in range(torch.cuda.device_count()))]
+        raise ModelError(
+            f"--device {name}: torch has no such device here: expected one of {', '.join(found)}"
+        ) from None
+    return device
+
+
+def _carries_spikes(net: neuro.Network, part: Any) -> bool:
+    """Whether a projection starts at neurons or at spikes."""
+    return part.source not in net.populations or net.populations[part.source].model.role != "current"

@@ -1,0 +1,181 @@
+"""What a recording takes on a chip, in joules, as a tensor with a gradient: a regulariser, and a bill.
+
+It is the bill of `neuro.chips.price`: spikes x (fan-out x a synaptic operation + their ways between cores), updates of
+neurons, and static power x the time of the chip, which its busiest core decides. All but the busiest core is linear in
+the spikes, so a batch takes what its mean recording takes. Spikes have the gradient that the surrogate gives them;
+updates that are active only since something arrives have none.
+"""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from neuro.chips.description import Chip
+from neuro.chips.known import chip as chip_of
+from neuro.chips.placing.place import place
+from neuro.chips.placing.placement import Placement
+from neuro.chips.pricing.duration import BARRIERS, barrier
+from neuro.chips.pricing.energy import STATIC
+from neuro.chips.pricing.price import check_costs, check_fits
+from neuro.core.errors import ModelError
+from neuro.program.counts import fan_out
+from neuro.program.program import Floats, Program
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["Bill"]
+
+_WAYS = {"spike_in_tile": "local", "hop_east_west": "east_west", "hop_north_south": "north_south", "packet": "chip"}
+
+
+class Counted(Protocol):
+    """What a bill reads of `neuro_torch.Outcome`: spikes (batch, neurons) by population, active updates (batch,)."""
+
+    @property
+    def counts(self) -> Mapping[str, Tensor]: ...
+    @property
+    def active(self) -> Mapping[str, Tensor]: ...
+    @property
+    def steps(self) -> int: ...
+
+
+class Compiled(Protocol):
+    """What a bill reads of `neuro_torch.Module`."""
+
+    @property
+    def program(self) -> Program: ...
+
+
+class Bill:
+    """The bill of a recording on a chip; called with an outcome it gives joules.
+
+    Args:
+        module: the network, a `neuro_torch.Module`.
+        chip: name of a chip or processor with published costs, or a table file.
+        neurons_per_core: put fewer neurons on a core than the chip allows: the busiest core then has less to do.
+
+    Attributes:
+        chip: the target.
+        placement: where the neurons lie; None where the target has no cores.
+
+    Raises:
+        ModelError: there is no such target, it has no costs or prices dense layers, or the network does not fit on it.
+    """
+
+    def __init__(
+        self, module: Compiled, chip: str | PathLike[str] = "loihi", *, neurons_per_core: int | None = None
+    ) -> None:
+        self.chip, self.program = chip_of(chip), module.program
+        check_costs(self.chip)
+        if "mac" in self.chip.costs:
+            what = f"target '{self.chip.name}' prices every synapse in every step, whatever spikes there are"
+            raise ModelError(f"{what}: expected one that is priced by spikes", hint="loihi, spinnaker, truenorth")
+        self.placement: Placement | None = None
+        if self.chip.mesh is not None:
+            self.placement = place(self.program, self.chip, neurons_per_core=neurons_per_core)
+            check_fits(self.program, self.placement, self.chip)
+        parts = enumerate(self.program.populations)
+        self._spike = {part.name: torch.from_numpy(self._of_spikes(index)) for index, part in parts}
+        self._time = _Time(self.program, self.chip, self.placement)
+
+    def __call__(self, outcome: Counted) -> Tensor:
+        """Joules of a recording, the mean of the batch."""
+        return self.dynamic(outcome) + self.static(outcome)
+
+    def dynamic(self, outcome: Counted) -> Tensor:
+        """Joules of what is done."""
+        total = self._updates(outcome)
+        for name, joules in self._spike.items():
+            total = total + (_mean(outcome.counts[name]) * joules.to(outcome.counts[name].device)).sum()
+        return total
+
+    def static(self, outcome: Counted) -> Tensor:
+        """Joules of chips being on; 0 where no figure is published."""
+        figure = self.chip.costs.get(STATIC)
+        if figure is None:
+            return self._updates(outcome) * 0.0
+        chips = 1 if self.placement is None else self.placement.chips_used
+        return self._time(outcome) * (chips * figure.value)
+
+    def seconds(self, outcome: Counted) -> Tensor:
+        """How long the chip takes for a recording, s; 0 where no figure is published."""
+        return self._time(outcome)
+
+    def _cost(self, what: str) -> float:
+        figure = self.chip.costs.get(what)
+        return 0.0 if figure is None else figure.value
+
+    def _of_spikes(self, population: int) -> Floats:
+        """Joules of a spike of each neuron of a population."""
+        program = self.program
+        joules = np.zeros(program.populations[population].size)
+        sent = [index for index, part in enumerate(program.projections) if part.source == population]
+        if sent:
+            joules += self._cost("packet")
+        for index in sent:
+            joules += fan_out(program, index) * self._cost("synaptic_op")
+            if self.placement is not None:
+                hops = self.placement.hops(index)
+                joules += sum(self._cost(what) * getattr(hops, way) for what, way in _WAYS.items())
+        return joules
+
+    def _updates(self, outcome: Counted) -> Tensor:
+        """Joules of the updates of neurons."""
+        active, inactive = (self._cost(f"neuron_update_{how}") for how in ("active", "inactive"))
+        neurons = [part for part in self.program.populations if part.kind == "neuron"]
+        total = torch.tensor(inactive * outcome.steps * sum(part.size for part in neurons), dtype=torch.float64)
+        for part in neurons:
+            done = _mean(outcome.active[part.name])
+            total = total.to(done.device) + done * (active - inactive)
+        return total
+
+
+class _Time:
+    """How long the chip takes: steps x the end of a step, and the work of the busiest core."""
+
+    def __init__(self, program: Program, chip: Chip, placement: Placement | None) -> None:
+        self._program, self._each, self._works = program, 0.0, False
+        if chip.step_s is not None:
+            self._each = chip.step_s.value
+        elif placement is not None and all(name in chip.costs for name in BARRIERS):
+            self._each = barrier(placement, chip, {"chips": float(placement.chips_used)})
+            self._works = True
+            sizes = [part.size for part in program.populations]
+            share = np.zeros((len(placement.cores), len(sizes)))
+            for row, core in zip(share, placement.cores, strict=True):
+                for population, first, last in core.parts:
+                    row[population] += (last - first) / sizes[population]
+            self._share = torch.from_numpy(share)
+            figures = (chip.costs.get(f"{what}_time") for what in ("synaptic_op", *_UPDATES))
+            self._op, self._active, self._inactive = (0.0 if figure is None else figure.value for figure in figures)
+            self._fans = [torch.from_numpy(fan_out(program, i)).double() for i in range(len(program.projections))]
+
+    def __call__(self, outcome: Counted) -> Tensor:
+        """Seconds of a mean recording."""
+        some = _mean(next(iter(outcome.counts.values())))
+        if not self._works:
+            return some.new_tensor(outcome.steps * self._each)
+        work = [some.new_zeros(()) for _ in self._program.populations]
+        for index, part in enumerate(self._program.populations):
+            if part.kind == "neuron":
+                active = _mean(outcome.active[part.name])
+                rest = part.size * outcome.steps - active
+                work[index] = active * self._active + rest * self._inactive
+        for projection, fans in zip(self._program.projections, self._fans, strict=True):
+            counts = _mean(outcome.counts[self._program.populations[projection.source].name])
+            work[projection.target] = work[projection.target] + (counts * fans.to(counts.device)).sum() * self._op
+        return outcome.steps * self._each + (self._share.to(some.device) @ torch.stack(work)).amax()
+
+
+_UPDATES = ("neuron_update_active", "neuron_update_inactive")
+
+
+def _mean(counts: Tensor) -> Tensor:
+    """Of a batch, in double precision: joules are sums of small numbers."""
+    return counts.double().mean(dim=0)

@@ -1,0 +1,157 @@
+"""Training with the weights that a chip would have: rounded as it rounds them, with the gradient straight through.
+
+What rounding loses is thereby seen while a network learns, and a network that was trained so loses nothing when it is
+brought to the chip. Source: Bengio, Leonard & Courville, arXiv:1308.3432, 2013 (the straight-through estimator).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from os import PathLike
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn.utils import parametrize
+
+from neuro.chips.description import Chip
+from neuro.chips.known import chip as chip_of
+from neuro.chips.quantising.quantise import quantise
+from neuro.core.errors import ModelError
+from neuro.program.program import Program
+from neuro_torch.module import Module
+
+__all__ = ["quantised"]
+
+EVERY = 50
+"""Batches of a training from one choice of the chip's scales to the next."""
+
+
+def quantised(module: Module, bits: int = 8, chip: str | PathLike[str] = "loihi") -> Module:
+    """Round the weights that learn as a chip does, in place; what is below the rounding stays in the parameters.
+
+    Scales are those that `neuro.chips.quantise` chooses for the weights as they are; while the module trains they are
+    chosen anew every 50 batches, and for each batch that it is only asked.
+
+    Args:
+        module: the network.
+        bits: of a weight, from 1 to those of the chip: 8 of Loihi, its sign included.
+        chip: a name or a table file; it needs an arithmetic.
+
+    Returns:
+        the module.
+
+    Raises:
+        ModelError: there is no such chip, it has no arithmetic, it refuses the network, or has not so many bits.
+    """
+    target = chip_of(chip)
+    if isinstance(bits, bool) or not isinstance(bits, int) or bits < 1:
+        raise ModelError(f"bits = {bits!r}: expected a whole number >= 1")
+    scales = _Scales(module, target, bits)
+    for name, weight in list(module.weights.items()):
+        parametrize.register_parametrization(module.weights, name, _Rounded(weight), unsafe=True)
+    scales.choose(module)
+    module.register_forward_pre_hook(scales)
+    return module
+
+
+class _Scales:
+    """Chooses the scales of all projections together, before a batch runs.
+
+    Since populations share one for all that arrives at them, and a chip's may hang on more than the largest weight.
+    """
+
+    def __init__(self, module: Module, chip: Chip, bits: int) -> None:
+        self._chip, self._bits = chip, bits
+        self._index = {part.name: k for k, part in enumerate(module.program.projections)}
+        self._check(module.program)
+
+    def __call__(self, module: Any, inputs: Any) -> None:
+        age = next(iter(_rounded(module).values())).age
+        if not module.training or int(age) % EVERY == 0:
+            self.choose(module)
+        if module.training:
+            age += 1
+
+    def choose(self, module: Module) -> None:
+        """Choose them for the weights as they are."""
+        rounded = _rounded(module)
+        present = {name: getattr(module.weights.parametrizations, name).original for name in rounded}
+        weights = {
+            self._index[name]: weight.detach().double().cpu().numpy().ravel() for name, weight in present.items()
+        }
+        projections = list(module.program.projections)
+        for index, weight in weights.items():
+            projections[index] = replace(projections[index], weight=weight)
+        fixed = quantise(replace(module.program, projections=tuple(projections)), self._chip)
+        for name, grid in rounded.items():
+            wires = fixed.projections[self._index[name]]
+            assert wires is not None, "it was looked at"
+            coarse = 2 ** (wires.bits - self._bits)
+            grid.lie(wires.step * wires.grain * coarse, wires.step_below * wires.grain * coarse)
+            grid.low.fill_(-(-wires.low // (wires.grain * coarse)))
+            grid.high.fill_(wires.high // (wires.grain * coarse))
+
+    def _check(self, program: Program) -> None:
+        fixed = quantise(program, self._chip)
+        for problem in fixed.problems:
+            if problem.refused:
+                told = f"{problem.what}: {problem.why}"
+                raise ModelError(f"{self._chip.name} refuses the network: {told}", hint=problem.way_out)
+        most = min(wires.bits for wires in fixed.projections if wires is not None)
+        if self._bits > most:
+            raise ModelError(f"bits = {self._bits}: weights of {self._chip.name} have {most}: expected 1 to {most}")
+
+
+class _Rounded(torch.nn.Module):
+    """The weights of one projection on the grid of a chip."""
+
+    step: Tensor
+    below: Tensor
+    low: Tensor
+    high: Tensor
+    age: Tensor
+
+    def __init__(self, weight: Tensor) -> None:
+        super().__init__()
+        for name in ("step", "below"):
+            self.register_buffer(name, torch.ones_like(weight))
+        for name in ("low", "high", "age"):
+            self.register_buffer(name, torch.zeros((), dtype=torch.int64))
+
+    def lie(self, step: Any, below: Any) -> None:
+        """Take a grid; of each step so few bits are kept that every weight on it is one, in single precision, too."""
+        for buffer, values in ((self.step, step), (self.below, below)):
+            fraction, exponent = np.frexp(np.broadcast_to(values, buffer.numel() if np.size(values) > 1 else 1))
+            kept = 16 if buffer.dtype == torch.float32 else 44
+            short = np.ldexp(np.ceil(np.ldexp(fraction, kept)), exponent - kept)
+            buffer.copy_(torch.as_tensor(short.reshape(buffer.shape if short.size > 1 else (1,))))
+
+    def forward(self, weight: Tensor) -> Tensor:
+        """What the chip has of them."""
+        rounded: Tensor = _Straight.apply(weight, self.step, self.below, self.low, self.high)  # type: ignore[no-untyped-call]
+        return rounded
+
+    def right_inverse(self, weight: Tensor) -> Tensor:
+        """What is learnt, where weights are set."""
+        return weight
+
+
+class _Straight(torch.autograd.Function):
+    """Rounding, whose gradient is that of doing nothing."""
+
+    @staticmethod
+    def forward(ctx: Any, weight: Tensor, step: Tensor, below: Tensor, low: Tensor, high: Tensor) -> Tensor:
+        size = torch.where(weight < 0, below, step)
+        return torch.clamp(torch.round(weight / size), low, high) * size
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> Any:
+        return gradients[0], None, None, None, None
+
+
+def _rounded(module: Any) -> dict[str, Any]:
+    """The roundings of a module by projection."""
+    parametrizations = getattr(module.weights, "parametrizations", {})
+    return {name: each[-1] for name, each in parametrizations.items()}

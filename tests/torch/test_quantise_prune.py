@@ -1,0 +1,165 @@
+"""Weights on a chip's grid while they learn, and fewer of them."""
+
+import numpy as np
+import pytest
+
+import neuro
+from neuro import ModelError
+from neuro.chips import chip, quantise
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed")
+import neuro_torch  # noqa: E402
+
+
+def network(weight=None):
+    net = neuro.Network("small", resolution=1.0)
+    cell = neuro.iaf_psc_delta(tau_m=20.0, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0)
+    rng = np.random.default_rng(3)
+    net.population("pixels", 40, neuro.spike_generator(spike_times=[]))
+    net.population("hidden", 12, cell)
+    net.population("out", 3, cell)
+    first = rng.normal(0.0, 0.3, (40, 12)) if weight is None else weight
+    net.connect("pixels", "hidden", neuro.all_to_all(), weight=first, delay=1.0, name="in")
+    net.connect("hidden", "out", neuro.all_to_all(), weight=np.abs(rng.normal(0.0, 0.4, (12, 3))), delay=2.0, name="up")
+    return net
+
+
+def module_of(net=None, **words):
+    words = {"dtype": torch.float64} | words
+    return neuro_torch.Module(net or network(), trainable=["in", "up"], slope=1.0, **words)
+
+
+def batch(n=4, steps=15, seed=1):
+    found = np.nonzero(np.random.default_rng(seed).random((n, steps, 40)) < 0.15)
+    return neuro_torch.Events(n, steps, {"pixels": found})
+
+
+def spikes_on(net, events, backend):
+    """Spikes of the output of each recording, (batch, steps, neurons)."""
+    sim = neuro.compile(net, backend=backend)
+    found = np.zeros((events.batch, events.steps, 3))
+    for b in range(events.batch):
+        sim.reset()
+        train = events.trains["pixels"].of([b])
+        sim.inject("pixels", (train.step + 1.0) * net.resolution, train.neuron)
+        sim.run(events.steps * net.resolution)
+        times, ids = sim.spikes("out")
+        np.add.at(found[b], (np.rint(times / net.resolution).astype(int) - 1, ids), 1.0)
+    return found
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("bits", range(2, 9))
+def test_what_was_rounded_loses_nothing_on_loihi(bits, dtype):
+    module = neuro_torch.quantised(module_of(dtype=dtype), bits)
+    net = module.network()
+    for wires in quantise(neuro.compile(net).program, chip("loihi")).projections:
+        assert wires.rounding.rms < 1e-12
+        assert wires.rounding.saturated == 0.0
+    for part in neuro.compile(net).program.projections:
+        levels = np.unique(part.weight)
+        assert len(levels) <= 2**bits
+        assert len(levels) > min(2 ** (bits - 2), part.size // 4)
+
+
+def test_eight_bits_are_what_the_chip_rounds_to_by_itself():
+    net = network()
+    fixed = quantise(neuro.compile(net).program, chip("loihi"))
+    module = neuro_torch.quantised(module_of(net))
+    for wires, weight in zip(fixed.projections, module.weights.values(), strict=True):
+        on_chip = wires.weights(wires.mantissas)
+        np.testing.assert_allclose(weight.detach().numpy().ravel(), on_chip, rtol=1e-12)
+
+
+def test_its_spikes_are_those_of_event():
+    module = neuro_torch.quantised(module_of(), 4).eval()
+    found = module(batch()).spikes["out"].detach().numpy()
+    assert found.sum() > 10
+    np.testing.assert_array_equal(found, spikes_on(module.network(), batch(), "event"))
+
+
+def test_the_gradient_goes_straight_through():
+    plain, rounded = module_of(network(np.full((40, 12), 0.25))), module_of(network(np.full((40, 12), 0.25)))
+    neuro_torch.quantised(rounded, 8)
+    weights = rounded.weights.parametrizations["in"].original
+    target = torch.from_numpy(np.random.default_rng(5).normal(size=(40, 12)))
+    (rounded.weights["in"] * target).sum().backward()
+    torch.testing.assert_close(weights.grad, target, rtol=0, atol=0)
+    assert plain.weights["in"].shape == weights.shape
+
+
+def test_it_trains_to_what_fits_the_grid():
+    module = neuro_torch.quantised(module_of(dtype=torch.float32), 3)
+    before = module.weights["in"].detach().clone()
+    optimiser = torch.optim.Adam(module.parameters(), lr=0.02)
+    labels = torch.tensor([0, 1, 2, 0])
+    losses = []
+    for _ in range(60):
+        loss = neuro_torch.losses.count_cross_entropy(module(batch()).spikes["out"], labels)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        losses.append(float(loss.detach()))
+    assert losses[-1] < 0.5 * losses[0]
+    after = module.eval()(batch()) and module.weights["in"].detach()
+    assert len(after.unique()) <= 8
+    assert not torch.equal(before, after)
+
+
+def test_a_state_dict_brings_back_the_grid():
+    module = neuro_torch.quantised(module_of(), 5)
+    other = neuro_torch.quantised(module_of(network(np.full((40, 12), 0.1))), 5)
+    other.load_state_dict(module.state_dict())
+    torch.testing.assert_close(other.weights["in"], module.weights["in"], rtol=0, atol=0)
+
+
+@pytest.mark.parametrize(
+    ("bits", "target", "message"),
+    [
+        (0, "loihi", "bits = 0: expected a whole number >= 1"),
+        (9, "loihi", "bits = 9: weights of loihi have 8: expected 1 to 8"),
+        (4, "lohi", "unknown target 'lohi'"),
+        (4, "truenorth", "chip 'truenorth' has no arithmetic here: expected one of loihi, spinnaker"),
+    ],
+)
+def test_mistakes_of_quantising(bits, target, message):
+    with pytest.raises(ModelError) as caught:
+        neuro_torch.quantised(module_of(), bits, target)
+    assert str(caught.value).startswith(message), str(caught.value)
+
+
+def test_pruned_synapses_are_gone_and_the_rest_is_as_it_was():
+    module = module_of()
+    pruned = neuro_torch.prune(module, {"in": 0.75})
+    before = module.weights["in"].detach().numpy()
+    part = pruned.program.projections[0]
+    assert (part.layout, part.size) == ("csr", 120)
+    pre, post = pruned.program.connections(0)
+    np.testing.assert_array_equal(before[pre, post], pruned.weights["in"].detach().numpy())
+    assert np.abs(part.weight).min() >= np.sort(np.abs(before), axis=None)[-121]
+    assert pruned.program.projections[1].layout == "dense"
+    outcome = pruned(batch())
+    bills = [float(neuro_torch.Bill(each).dynamic(each(batch())).detach()) for each in (module, pruned)]
+    assert bills[1] < bills[0]
+    assert module.program.projections[0].layout == "dense"
+    np.testing.assert_array_equal(outcome.spikes["out"].detach(), spikes_on(pruned.network(), batch(), "event"))
+
+
+def test_a_pruned_module_learns_on():
+    pruned = neuro_torch.prune(module_of(), 0.5)
+    neuro_torch.losses.count_cross_entropy(pruned(batch()).spikes["out"], torch.tensor([0, 1, 2, 0])).backward()
+    assert pruned.weights["in"].shape == (240,)
+    assert float(pruned.weights["in"].grad.abs().sum()) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("share", "message"),
+    [
+        (1.0, "prune: projection 'in': share = 1.0: expected 0 to 1, and less than 1"),
+        ({"on": 0.5}, "unknown projection that learns 'on'"),
+    ],
+)
+def test_mistakes_of_pruning(share, message):
+    with pytest.raises(ModelError) as caught:
+        neuro_torch.prune(module_of(), share)
+    assert str(caught.value).startswith(message)

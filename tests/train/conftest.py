@@ -1,0 +1,60 @@
+import sys
+from importlib.metadata import EntryPoint
+
+import numpy as np
+import pytest
+
+import neuro as snn
+import neuro_models
+from neuro.cli import commands, main
+from neuro.events import Events, save
+
+pytest.importorskip("torch", reason="PyTorch is not installed")
+
+NAMES = ("upright", "lying", "oblique")
+SIDE = 12
+
+
+def bars(k, n=240):
+    """A bar that moves over a small field: upright, lying and oblique in turn."""
+    rng = np.random.default_rng(k)
+    along, across = rng.integers(1, 11, n), 3 + np.arange(n) * 5 // n + rng.integers(0, 2, n)
+    x, y = ((across, along), (along, across), (along, np.clip(along + across - 5, 0, 11)))[k % 3]
+    return Events(np.arange(n) * 250, x, y, rng.integers(0, 2, n), (SIDE, SIDE))
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory):
+    """Recordings of bars in folders Train (24) and Test (9), 60 ms each."""
+    folder = tmp_path_factory.mktemp("bars")
+    for k in range(33):
+        path = folder / ("Train" if k < 24 else "Test") / NAMES[k % 3] / f"{k}.npz"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save(bars(k), path)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def file(tmp_path_factory):
+    """The dense network that ships, small."""
+    small = {"height": SIDE, "width": SIDE, "hidden": 10, "classes": 3, "in_std": 0.2, "out_std": 0.4}
+    path = tmp_path_factory.mktemp("net") / "net.yaml"
+    snn.load(neuro_models.path("dense"), params=small).save(path)
+    return path
+
+
+@pytest.fixture
+def neuro(monkeypatch, tmp_path, capsys):
+    """Run `neuro train ...`; return exit status, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+    here = {"train": EntryPoint("train", "neuro_train.cli:app", commands.GROUP)}
+    monkeypatch.setattr(commands, "apps", lambda: here)
+
+    def run(*words):
+        monkeypatch.setattr(sys, "argv", ["neuro", "train", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        out = capsys.readouterr()
+        return end.value.code or 0, out.out, out.err
+
+    return run
