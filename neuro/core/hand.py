@@ -73,7 +73,7 @@ def main() -> None:
             while True:
                 asked.put(pipe.recv_bytes())
         except (EOFError, OSError):
-            os._exit(1)  # who asked has ended
+            os.killpg(0, signal.SIGKILL)  # who asked has ended: so does this process, and what it has forked
 
     Thread(target=hear, daemon=True).start()
     back = _Pipe(pipe)

@@ -1,7 +1,7 @@
 """Processes of this machine that do jobs, one each at a time: one that ends is started anew, its job tried once more.
 
 They hear and tell on a pipe of their own, see `neuro.core.hand`, leave Ctrl-C to the process that asked, and end when
-that does, whatever ended it.
+that does, whatever ended it. Each has a process group of its own, so that what a job forks ends with it.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ from neuro.core.extension import extensions
 __all__ = ["Done", "Event", "Lost", "Processes", "Raised", "Said", "Work", "cores"]
 
 TRIES = 2
+END_S = 5.0
+"""How long a process that has closed its pipe may take to end."""
 
 Work: TypeAlias = Callable[[Any, int, Callable[[Any], None]], Any]
 """Does a job: it, the number of this attempt, and what to tell of it meanwhile; gives what comes of it."""
@@ -98,10 +100,14 @@ class _Task:
 
 @dataclass(eq=False)
 class _Process:
-    """A process, what it works on, since when and until when."""
+    """A process, what it works on, since when and until when.
+
+    Its end is waited for by `end`, a descriptor of it: the pipe may be held open by what it has forked.
+    """
 
     process: subprocess.Popen[bytes]
     pipe: connection.Connection
+    end: int
     ready: bool = False
     task: _Task | None = None
     began: float = field(default_factory=time.monotonic)
@@ -139,7 +145,7 @@ class Processes:
     def close(self) -> None:
         """End all processes, and what they work on."""
         for each in self._processes:
-            each.process.kill()
+            _kill(each)
         while self._processes:
             self._bury(self._processes[-1])
         self._waiting.clear()
@@ -175,9 +181,13 @@ class Processes:
         """
         self._hand_out()
         events: list[Event] = []
-        pipes = {each.pipe: each for each in self._processes}
-        for pipe in connection.wait(list(pipes), self._patience(seconds)):
-            events += self._heard(pipes[pipe])  # type: ignore[index]  # only pipes are waited for
+        ends: list[Any] = [end for each in self._processes for end in (each.pipe, each.end)]
+        told = set(connection.wait(ends, self._patience(seconds)))
+        for each in list(self._processes):
+            if each.pipe in told:
+                events += self._heard(each)
+            elif each.end in told:
+                events += self._heard(each) if each.pipe.poll() else self._ended(each)
         events += self._late()
         self._hand_out()
         return events
@@ -198,9 +208,10 @@ class Processes:
             stdin=subprocess.DEVNULL,
             pass_fds=[its.fileno()],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+            process_group=0,
         )
         its.close()
-        each = _Process(process, mine)
+        each = _Process(process, mine, os.pidfd_open(process.pid))
         self._processes.append(each)
         script = {word: told for word, told in spawn.get_preparation_data("").items() if word.startswith("init_main")}
         words: dict[str, Any] = {"argv": sys.argv, "paths": paths, "extensions": extensions(), "script": script}
@@ -244,6 +255,7 @@ class Processes:
 
     def _ended(self, each: _Process) -> list[Event]:
         """A process is gone: its job waits again, unless it was tried often enough."""
+        connection.wait([each.end], END_S)  # a pipe is closed a little before
         how, task = self._bury(each), each.task
         if task is None:
             self._unborn += not each.ready
@@ -259,7 +271,6 @@ class Processes:
         """End processes whose job takes longer than it may."""
         now, events = time.monotonic(), list[Event]()
         for each in [one for one in self._processes if one.deadline < now]:
-            each.process.kill()
             how, task = self._bury(each), each.task
             assert task is not None
             events.append(Lost(task.job, how, task.attempt, now - each.began, True))
@@ -275,11 +286,19 @@ class Processes:
         return None if patience == float("inf") else patience
 
     def _bury(self, each: _Process) -> str:
-        """Forget a process that is ending; how it ended, in words."""
+        """Forget a process, which ends if it has not; how it ended, in words."""
         self._processes.remove(each)
+        _kill(each)
         each.pipe.close()
+        os.close(each.end)
         code = each.process.wait()
         return f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with {code}"
+
+
+def _kill(each: _Process) -> None:
+    """End a process and all of its group, which may outlive it."""
+    with suppress(ProcessLookupError):
+        os.killpg(each.process.pid, signal.SIGKILL)
 
 
 def _send(each: _Process, what: Any) -> None:

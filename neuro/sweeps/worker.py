@@ -6,6 +6,7 @@ import contextlib
 import io
 import os
 import resource
+import signal
 import time
 import traceback
 import warnings
@@ -66,7 +67,7 @@ class Worker:
             self._claims.give_up(item.key)
 
     def _keep(self, item: Item, attempt: int) -> Outcome:
-        printed = io.StringIO()
+        printed, process = Printed(), os.getpid()
         began = time.perf_counter()
         found, fill, about = dict[str, Any](), None, dict[str, Any]()
         error = trace = ""
@@ -81,8 +82,12 @@ class Worker:
                 error = _lack(self._limits.bytes, lack)
             except ModelError as mistake:
                 error = str(mistake)
-            except (Exception, SystemExit) as bug:
+            except BaseException as bug:
+                if isinstance(bug, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+                    raise  # it is this process that is interrupted, not a run that raises this
                 error, trace = f"{type(bug).__name__}: {bug}".removesuffix(": "), traceback.format_exc()
+        if os.getpid() != process:
+            os._exit(1)  # a child that the run has forked, which has come back as if it were the run
         outcome = Outcome(
             item.key,
             item.point,
@@ -96,7 +101,7 @@ class Worker:
             provenance(self._inputs, **about),
             heard.steps,
         )
-        self._folder.keep(outcome, _filling(fill, printed.getvalue()))
+        self._folder.keep(outcome, _filling(fill, str(printed)))
         return outcome
 
     def _worse(self, item: Item) -> Worse | None:
@@ -110,8 +115,35 @@ class Worker:
         return self._pruner.of(item.trial)
 
 
+class Printed(io.TextIOBase):
+    """What a run prints, as much of it as is kept."""
+
+    def __init__(self) -> None:
+        self._parts: list[str] = []
+        self._left = MOST_PRINTED
+        self._more = False
+
+    def writable(self) -> bool:
+        """It can be written to."""
+        return True
+
+    def write(self, text: str) -> int:
+        """Keep a text, or its beginning."""
+        if kept := text[: self._left]:
+            self._parts.append(kept)
+            self._left -= len(kept)
+        self._more |= len(kept) < len(text)
+        return len(text)
+
+    def close(self) -> None:
+        """Stays open: a run that closes what it prints to closes nothing of ours."""
+
+    def __str__(self) -> str:
+        return "".join(self._parts) + "\nand more, which is not kept\n" * self._more
+
+
 @contextlib.contextmanager
-def _written_to(printed: io.StringIO) -> Iterator[None]:
+def _written_to(printed: Printed) -> Iterator[None]:
     """Gather what is printed, and warnings, which are told here as often as they are given."""
 
     def tell(message: Warning | str, *place: Any, **words: Any) -> None:
@@ -126,7 +158,7 @@ def _written_to(printed: io.StringIO) -> Iterator[None]:
 def _filling(fill: Callable[[Path], None] | None, printed: str) -> Callable[[Path], None]:
     def both(folder: Path) -> None:
         if printed:
-            (folder / "output.txt").write_text(printed[:MOST_PRINTED], "utf-8")
+            (folder / "output.txt").write_text(printed, "utf-8", "replace")
         if fill is not None:
             fill(folder)
 

@@ -34,3 +34,33 @@ def uneven(a):
 
 def wrong(a):
     return [a]
+
+
+def forking(a, notes):
+    """Children that go on, that come back as if they were the run, and one whose parent ends."""
+    if a in (1, 3):
+        if not os.fork():
+            (Path(notes) / f"child-{a}").write_text(str(os.getpid()))
+            time.sleep(1000)
+        while not (Path(notes) / f"child-{a}").exists():
+            time.sleep(0.01)
+        if a == 3:
+            os.abort()
+    if a == 2 and not os.fork():
+        raise RuntimeError("a child comes back")
+    return a
+
+
+def stopping(a):
+    """One stops as Ctrl-C does, one by an error that is none of `Exception`."""
+    if a == 1:
+        raise KeyboardInterrupt
+    if a == 2:
+        raise BaseException("enough")
+    return a
+
+
+def printing(a):
+    for _ in range(1000):
+        print("x" * 1_000_000)
+    return a

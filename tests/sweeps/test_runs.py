@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import neuro
-from neuro.sweeps.claims import Claims
+from neuro.sweeps.claims import Claims, began
 from neuro.sweeps.folder import Folder
 from neuro.sweeps.table import table_of
 
@@ -94,6 +94,32 @@ def test_what_fails_is_kept_and_the_rest_goes_on(runs, tmp_path):
     assert (tmp_path / "out" / "runs" / table.keys[5] / "output.txt").read_text() == "of five\n"
     again = sweep(runs.uneven, {"a": list(range(12))}, tmp_path / "out", time_limit="3 s", memory_limit="500 MB")
     assert again.csv() == table.csv()
+
+
+def test_a_run_that_stops_as_ctrl_c_does_fails_alone(runs, tmp_path):
+    table = sweep(runs.stopping, {"a": [1, 2, 3]}, tmp_path / "out", workers=1)
+    assert table.column("error") == ["KeyboardInterrupt", "BaseException: enough", ""]
+
+
+def test_ctrl_c_in_this_process_is_no_failure_of_a_run(runs, tmp_path):
+    with pytest.raises(KeyboardInterrupt):
+        sweep(runs.stopping, {"a": [3, 1]}, tmp_path / "out", on="here")
+    assert table_of(tmp_path / "out").counts() == {"done": 1, "failed": 0, "under way": 0, "left": 1}
+
+
+def test_what_a_run_forks_ends_with_its_process_and_is_not_waited_for(runs, tmp_path):
+    table = sweep(runs.forking, {"a": [1, 2, 3, 4]}, tmp_path / "out", set={"notes": str(tmp_path)}, workers=1)
+    assert table.column("error") == ["", "", "its process was ended by SIGABRT, 2 times", ""]
+    for a in (1, 3):
+        assert began(int((tmp_path / f"child-{a}").read_text())) == ""
+
+
+def test_a_run_that_prints_much_needs_no_memory_for_it(runs, tmp_path):
+    table = sweep(runs.printing, {"a": [1]}, tmp_path / "out", memory_limit="100 MB", workers=1)
+    assert table.column("error") == [""]
+    printed = tmp_path / "out" / "runs" / table.keys[0] / "output.txt"
+    assert printed.stat().st_size < 1_100_000
+    assert printed.read_text().endswith("\nand more, which is not kept\n")
 
 
 def test_failures_are_done_again_where_that_is_asked_for(runs, tmp_path):
