@@ -243,7 +243,7 @@ def test_a_file_runs_no_code_that_its_reader_did_not_name(folder, capsys):
 
 
 MISTAKES = [
-    ("nothing.h5", "nothing.h5: no such file: expected results, a model, a page, or the folder of a run of a sweep"),
+    ("nothing.h5", "nothing.h5: no such file: expected results, a model, a page, or the folder of a run"),
     ("net.yaml", "net.yaml: does not say where it comes from"),
 ]
 

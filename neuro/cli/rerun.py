@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-File = Annotated[Path, typer.Argument(metavar="FILE", help="Results, a model, a page, or the folder of a sweep's run.")]
+File = Annotated[Path, typer.Argument(metavar="FILE", help="Results, a model, a page, or the folder of a run.")]
 Backend = Annotated[str, typer.Option("--backend", metavar="NAME", help="Another one than it was made on.")]
 Inputs = Annotated[
     list[Path], typer.Option(metavar="FOLDER", help="Look there for inputs that were moved, by content; repeatable.")

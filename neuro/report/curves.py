@@ -163,9 +163,10 @@ def _round(ms: float) -> float:
 def ticks(low: float, high: float, most: int) -> list[float]:
     """At most so many round numbers from `low` to `high`, evenly apart, at least two if they can be round."""
     ten = 10.0 ** math.floor(math.log10((high - low) / most))
-    steps = [n * ten for n in (1, 2, 5, 10, 20)]
     found = [
-        [step * k for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)] for step in steps
+        [step * k for k in range(math.ceil(low / step - slack), math.floor(high / step + slack) + 1)]
+        for step in (n * ten for n in (1, 2, 5, 10, 20))
+        for slack in (1e-9, 0.0)  # also those that lie just outside, where there is room for them
     ]
     return next((marks for marks in found if len(marks) <= most), found[-1])
 

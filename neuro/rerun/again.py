@@ -58,8 +58,8 @@ def rerun(
     """Make a file again from what it holds, beside it, and compare.
 
     Args:
-        path: results, a model, a page, or the folder of a run of a sweep.
-        backend: of results and runs of a sweep, another one.
+        path: results, a model, a page, or the folder of a run of a sweep or a tuning.
+        backend: of results and of runs of networks, another one.
         inputs: folders in which inputs are looked for, by content, that are not where they were.
         against: a file that was made again by other means.
         bar: shows how far it is.
@@ -69,16 +69,16 @@ def rerun(
     """
     path = file_path(path, "path")
     if path.name == "run.json" or (path / "run.json").is_file():
-        return _of_sweep(path.parent if path.name == "run.json" else path, backend, inputs)
+        return _of_run(path.parent if path.name == "run.json" else path, backend, inputs)
     if not path.is_file():
-        raise ModelError(f"{path}: no such file: expected results, a model, a page, or the folder of a run of a sweep")
+        raise ModelError(f"{path}: no such file: expected results, a model, a page, or the folder of a run")
     if against is not None:
         return Verdict(first_difference(path, against), tuple(differences(record_of(path), record_of(against))))
     if KIND.ours(path):
         return _of_results(path, backend, inputs, bar)
     record = record_of(path)
     if backend:
-        raise ModelError(f"backend = '{backend}': only results and runs of a sweep can be made again on another")
+        raise ModelError(f"backend = '{backend}': only results and runs of networks can be made again on another")
     return _of_command(path, record, inputs)
 
 
@@ -149,22 +149,23 @@ def _network(results: Results, record: Mapping[str, Any], elsewhere: Mapping[str
     return load(folder / YAML)
 
 
-def _of_sweep(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
-    """A run of a sweep: its metrics, and its results where it has kept these."""
+def _of_run(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
+    """A run of a sweep or a tuning: its metrics, and its results where it has kept these."""
     from neuro.core.extension import run_extensions
     from neuro.sweeps.definition import run_of
     from neuro.sweeps.folder import PRUNED, Folder
     from neuro.sweeps.network import NetworkRun
 
-    sweep = Folder(folder.absolute().parent.parent)
-    outcome = sweep.outcome(folder.absolute().name)
+    runs = Folder(folder.absolute().parent.parent)
+    outcome = runs.outcome(folder.absolute().name)
     if outcome is None:
-        raise ModelError(f"{folder}: not a run of a sweep, as 'neuro sweep run' keeps it")
+        of = runs.holding
+        raise ModelError(f"{folder}: not a run of a {of.what}, as 'neuro {of.command} run' keeps it")
     if outcome.failed:
         raise ModelError(f"{folder}: has failed: {outcome.error}: expected a run that is done")
     if outcome.outcome == PRUNED:
         raise ModelError(f"{folder}: was pruned: expected a run that is done")
-    record, told = outcome.provenance, sweep.read()
+    record, told = outcome.provenance, runs.read()
     elsewhere = moved(record["inputs"], inputs)
     for file in told["with"]:
         _ask_for(file)
@@ -174,7 +175,8 @@ def _of_sweep(folder: Path, backend: str, inputs: Sequence[Path]) -> Verdict:
         place = Path(elsewhere.get(str(run.file), run.file))
         run = replace(run, file=place, backend=backend or run.backend)
     elif backend:
-        raise ModelError(f"backend = '{backend}': this sweep is over a function, which says for itself how it runs")
+        what = runs.holding.what
+        raise ModelError(f"backend = '{backend}': this {what} is over a function, which says for itself how it runs")
     metrics, fill, about = run(outcome.point, outcome.seed)
     difference = next(
         (

@@ -37,7 +37,7 @@ def record_of(path: Path) -> dict[str, Any]:
     except ValueError:
         told = None
     if not isinstance(told, dict):
-        hint = "files that neuro wrote since it tells where they come from have it; a run of a sweep is a folder"
+        hint = "files that neuro wrote since it tells where they come from have it; runs of sweeps are folders"
         raise ModelError(f"{path}: does not say where it comes from", hint=hint)
     return told
 

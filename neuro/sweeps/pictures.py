@@ -18,7 +18,13 @@ def pictures(
     table: SweepTable, metrics: Sequence[str] = (), of: Sequence[str] = (), kind: str = "auto"
 ) -> dict[str, Figure]:
     """A figure for each metric, by the name of a file; arguments and errors as of `neuro.sweeps.shaped.shaped`."""
-    return {f"{each.metric}-{each.kind}": _DRAW[each.kind](table, each) for each in shaped(table, metrics, of, kind)}
+    drawn = shaped(table, metrics, of, kind)
+    return {f"{_in_a_name(each.metric)}-{each.kind}": _DRAW[each.kind](table, each) for each in drawn}
+
+
+def _in_a_name(metric: str) -> str:
+    """A metric in the name of a file of one folder, such as val-loss of val/loss."""
+    return metric.replace("/", "-").lstrip(".")
 
 
 def _figure(table: SweepTable, wide: float = 7.0) -> tuple[Figure, Any]:

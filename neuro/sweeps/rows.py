@@ -126,8 +126,9 @@ class Rows(ABC):
             raise ModelError(told, hint=install("parquet")) from None
         try:
             frame = pyarrow.Table.from_pylist(self.rows(times), metadata={"neuro sweep": self.name})
-        except (pyarrow.ArrowInvalid, pyarrow.ArrowTypeError) as error:
-            told = f"{file}: a column has values of several kinds: {error}"
+        except (pyarrow.ArrowInvalid, pyarrow.ArrowTypeError, OverflowError) as error:
+            kinds = "whole numbers of more than 64 bits" if isinstance(error, OverflowError) else "several kinds"
+            told = f"{file}: a column has values of {kinds}: {error}"
             raise ModelError(told, hint="a CSV file takes them") from None
         with output(file, PARQUET) as part:
             parquet.write_table(frame, part)

@@ -13,6 +13,7 @@ import pytest
 import neuro
 from neuro.sweeps.claims import Claims, began
 from neuro.sweeps.folder import Folder
+from neuro.sweeps.pictures import pictures
 from neuro.sweeps.table import table_of
 
 FOLDER = Path(__file__).parent
@@ -319,6 +320,19 @@ def test_a_column_of_several_kinds_is_none_of_parquet(tmp_path):
     table = sweep(kinds, {"a": [0, 1]}, tmp_path / "out", on="here")
     with pytest.raises(neuro.ModelError, match=r"a column has values of several kinds: (?s:.)*a CSV file takes them"):
         table.save(tmp_path / "table.parquet")
+
+
+def test_a_column_of_very_large_numbers_is_none_of_parquet(tmp_path):
+    pytest.importorskip("pyarrow", reason="the extra parquet is not installed")
+    table = sweep(lambda a: 10**a, {"a": [1, 400]}, tmp_path / "out", on="here")
+    with pytest.raises(neuro.ModelError, match="a column has values of whole numbers of more than 64 bits: "):
+        table.save(tmp_path / "table.parquet")
+    table.save(tmp_path / "table.csv")
+
+
+def test_pictures_of_metrics_named_like_paths_have_names_of_one_folder(tmp_path):
+    table = sweep(lambda a: {"val/loss": a, "../up": -a}, {"a": [1, 2]}, tmp_path / "out", on="here")
+    assert list(pictures(table)) == ["val-loss-lines", "-up-lines"]
 
 
 def test_parquet_without_its_package_is_told(runs, tmp_path, monkeypatch):

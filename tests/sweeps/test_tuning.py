@@ -12,7 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import neuro
+from neuro import ModelError
 from neuro.rerun.again import rerun
+from neuro.sweeps.claims import Claims
 from neuro.sweeps.folder import Folder
 from neuro.sweeps.tuning.objectives import front
 from neuro.sweeps.tuning.plan import Plan, plan_of
@@ -137,7 +139,44 @@ def test_a_trial_of_which_a_run_fails_fails(runs, tmp_path):
 
 def test_a_run_of_a_tuning_is_made_again(runs, tmp_path):
     table = tune(runs.bowl, RANGE, tmp_path / "out", trials=2)
-    assert rerun(tmp_path / "out" / "runs" / table.runs().keys[1]).same
+    key = table.runs().keys[1]
+    assert rerun(tmp_path / "out" / "runs" / key).same
+    with pytest.raises(ModelError, match=r"^backend = 'event': this tuning is over a function, which says"):
+        rerun(tmp_path / "out" / "runs" / key, backend="event")
+    (tmp_path / "out" / "runs" / key / "run.json").write_text("{")
+    with pytest.raises(ModelError, match=r": not a run of a tuning, as 'neuro tune run' keeps it$"):
+        rerun(tmp_path / "out" / "runs" / key)
+
+
+def test_trials_of_which_a_run_failed_are_done_again_where_that_is_asked_for(runs, tmp_path):
+    out, words = tmp_path / "out", {"trials": 6, "sampler": "grid", "workers": 1}
+    space, aim = {"x": [0, 1, 2, 3, 4]}, {"objectives": {"value": "minimise"}}
+    given = {"set": {"notes": str(tmp_path / "notes")}}
+    before = neuro.tune(runs.noting, space, out=out, progress=False, **words, **aim, **given)
+    assert before.counts() == {"done": 0, "failed": 5, "pruned": 0, "left": 0}
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "notes" / "3").mkdir()  # this one fails again
+    points = [trial.point for trial in before.trials()]
+    for failed in (1, 0):
+        after = neuro.tune(runs.noting, space, out=out, progress=False, retry_failed=True, **words, **aim, **given)
+        assert after.counts() == {"done": 5 - failed, "failed": failed, "pruned": 0, "left": 0}
+        assert [trial.point for trial in after.trials()] == points
+        if failed:
+            (tmp_path / "notes" / "3").rmdir()
+    assert after.best()[0].point == {"x": 0}
+    assert [len((tmp_path / "notes" / str(x)).read_text().split()) for x in range(5)] == [1] * 5
+
+
+def test_what_failed_is_not_done_again_while_others_work(runs, tmp_path):
+    out = tmp_path / "out"
+    tune(runs.uneven, {"x": [1]}, out, trials=1)
+    claims = Claims(out / "claims")
+    claims.take("trial-7")
+    with pytest.raises(ModelError, match="out: others work in it, on 1 runs or trials"):
+        tune(runs.uneven, {"x": [1]}, out, trials=1, retry_failed=True)
+    claims.give_up("trial-7")
+    with pytest.raises(ModelError, match="what failed is done again by one process for all: expected no part"):
+        tune(runs.uneven, {"x": [1]}, out, trials=1, retry_failed=True, part="1/2")
 
 
 points = st.lists(st.tuples(*[st.integers(0, 6)] * 3), min_size=0, max_size=30)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.sweep.run import On, Workers
+from neuro.cli.sweep.run import On, Retry, Workers
 
 if TYPE_CHECKING:
     from neuro.sweeps.tuning.table import TuneTable
@@ -21,7 +21,14 @@ Part = Annotated[
 ]
 
 
-def run(file: File, out: Out = Path("tuned"), on: On = "cores", workers: Workers = None, part: Part = None) -> None:
+def run(
+    file: File,
+    out: Out = Path("tuned"),
+    on: On = "cores",
+    workers: Workers = None,
+    part: Part = None,
+    retry_failed: Retry = False,
+) -> None:
     """Ask for trials and run them until there are as many as the file says; the same command goes on where it was."""
     from neuro.core.progress import Bar
     from neuro.sweeps.execute import Place, part_of
@@ -34,7 +41,7 @@ def run(file: File, out: Out = Path("tuned"), on: On = "cores", workers: Workers
     made, folder = load_search(file), Folder(out, TUNING)
     with Bar() as bar:
         try:
-            counts = execute(made, folder, place, bar=bar)
+            counts = execute(made, folder, place, retry=retry_failed, bar=bar)
         except KeyboardInterrupt:
             bar.stop()
             typer.echo(f"interrupted: {out} keeps what is done; the same command goes on", err=True)

@@ -42,6 +42,7 @@ def tune(
     part: str | None = None,
     time_limit: float | str | None = None,
     memory_limit: str | None = None,
+    retry_failed: bool = False,
     progress: bool = True,
     each: Callable[[TuneTable], None] | None = None,
 ) -> TuneTable:
@@ -77,6 +78,7 @@ def tune(
         part: "I/N" for one of N processes that ask one journal, for array jobs: it asks for its share of the trials.
         time_limit: of a run, in s or with its unit.
         memory_limit: of a run, as "500 MB" or "2 GB".
+        retry_failed: whether to do those trials again of which a run failed.
         progress: whether to tell on stderr how many are done, failed and left, and how long it will take.
         each: is called with the table after each run.
 
@@ -97,16 +99,17 @@ def tune(
     place = Place(str(on), check(_WORKERS, workers, "workers"), None if part is None else part_of(part))
     made = python_search(function, plan, limits, set, place.on == HERE)
     folder = Folder(file_path(out, "out"), TUNING)
+    again = check(_FLAG, retry_failed, "retry_failed")
 
     def hear(key: str) -> None:
         if each is not None:
             each(tune_table_of(folder.path))
 
     if not check(_FLAG, progress, "progress"):
-        execute(made, folder, place, hear=hear)
+        execute(made, folder, place, retry=again, hear=hear)
     else:
         with Bar() as bar:
-            execute(made, folder, place, bar=bar, hear=hear)
+            execute(made, folder, place, retry=again, bar=bar, hear=hear)
     return tune_table_of(folder.path)
 
 

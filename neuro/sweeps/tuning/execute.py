@@ -18,6 +18,7 @@ from neuro.sweeps.network import NetworkRun
 from neuro.sweeps.space import Point
 from neuro.sweeps.tuning.asking import Asker
 from neuro.sweeps.tuning.journal import optuna
+from neuro.sweeps.tuning.retrying import retry_failed
 from neuro.sweeps.tuning.search import Search
 from neuro.sweeps.worker import LOST, TAKEN, Worker
 
@@ -27,6 +28,7 @@ def execute(
     folder: Folder,
     place: Place,
     *,
+    retry: bool = False,
     bar: Bar | None = None,
     hear: Callable[[str], None] | None = None,
 ) -> dict[str, int]:
@@ -36,6 +38,7 @@ def execute(
         search: the search.
         folder: where runs and the journal are kept; made if it is not there.
         place: where runs are done; a part asks for its share of the trials and does not wait for others.
+        retry: whether to do those trials again of which a run failed; not of a part.
         bar: shows how far it is.
         hear: is told the key of each run when it is there.
 
@@ -47,7 +50,12 @@ def execute(
             has a metric of the objectives, or there are no such workers.
     """
     optuna()  # whether it is there shows before a folder is made
+    if retry and place.part is not None:
+        told = "what failed is done again by one process for all"
+        raise ModelError(f"{told}: expected no part", hint="run it once without, then the parts")
     begin(search, folder)
+    if retry:
+        retry_failed(search.plan, search.before, folder)
     asker = Asker(search.plan, search.before, folder, _share(search.plan.most, place.part))
 
     def show() -> None:

@@ -10,7 +10,7 @@ import json
 import os
 import warnings
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -82,6 +82,32 @@ class Journal:
         except OSError as error:
             raise Unwritable(self._path, f"cannot be written: {error.strerror or error}") from None
 
+    def forget_ends(self, trials: Collection[int], state: int) -> None:
+        """Take out the lines by which trials have come to a state; nobody else may use the journal meanwhile.
+
+        Args:
+            trials: their identifiers.
+            state: of Optuna.
+
+        Raises:
+            ModelError: a line is damaged.
+            Unwritable: the disk is full, or the file cannot be written.
+        """
+        if not trials:
+            return
+        kept = [log for log in self.read_logs(0) if log.get("trial_id") not in trials or log.get("state") != state]
+        aside = self._path.with_name(f".{self._path.name}.{os.getpid()}")
+        try:
+            with locked(self._lock):
+                with aside.open("wb") as file:
+                    file.write(b"".join(map(_line, kept)))
+                    file.flush()
+                    os.fsync(file.fileno())
+                aside.replace(self._path)
+        except OSError as error:
+            aside.unlink(missing_ok=True)
+            raise Unwritable(self._path, f"cannot be written: {error.strerror or error}") from None
+
     def _checked(self, line: bytes, number: int) -> dict[str, Any]:
         try:
             log = json.loads(line)
@@ -147,6 +173,11 @@ def journal_path(folder: Folder) -> Path:
     return folder.path / "journal.log"
 
 
+def journal_of(folder: Folder) -> Journal:
+    """The journal of a folder."""
+    return Journal(journal_path(folder), folder.claims / ".journal")
+
+
 def storage_of(folder: Folder) -> JournalStorage:
     """What Optuna keeps of the search in a folder.
 
@@ -157,7 +188,7 @@ def storage_of(folder: Folder) -> JournalStorage:
     from optuna.storages import JournalStorage
 
     with quietly():
-        return JournalStorage(Journal(journal_path(folder), folder.claims / ".journal"))  # type: ignore[arg-type]
+        return JournalStorage(journal_of(folder))  # type: ignore[arg-type]
 
 
 def study_of(folder: Folder, directions: Sequence[str], **parts: Any) -> Study:

@@ -47,7 +47,7 @@ def page(found: TuneTable) -> str:
         tag("div", *_cards(found, trials), class_="cards"),
         *_best(found),
         *_pictures(found, trials),
-        *_failures(trials, outcomes),
+        *_failures(found, trials, outcomes),
         *rows_of(found),
         *origin(said, outcomes),
         *_next(found),
@@ -147,7 +147,7 @@ def _tick(value: float, name: str) -> str:
     return f"{value:.0f}" if name == "trial" else f"{value:.3g}"
 
 
-def _failures(trials: Sequence[Found], outcomes: Mapping[str, Any]) -> Iterator[Html]:
+def _failures(found: TuneTable, trials: Sequence[Found], outcomes: Mapping[str, Any]) -> Iterator[Html]:
     failed = reasons(outcomes)
     judged = [trial for trial in trials if trial.error and not any(trial.error == each[0].error for each in failed)]
     if not failed and not judged:
@@ -156,6 +156,9 @@ def _failures(trials: Sequence[Found], outcomes: Mapping[str, Any]) -> Iterator[
     rows = [(f"{len(those):,}", those[0].error, _point(those[0].point), those[0].key[:10]) for those in failed]
     rows += [("1", trial.error, _point(trial.point), f"trial {trial.number}") for trial in judged]
     yield table((">runs", "why, of the first", "its point", "run"), rows[:MOST_REASONS])
+    if failed:
+        yield tag("p", "Trials of which a run failed are not tried again, unless they are asked for:")
+        yield tag("pre", f"neuro tune run SEARCH.yaml --out {shlex.quote(str(found.path))} --retry-failed")
 
 
 def _point(point: Mapping[str, Any]) -> str:

@@ -7,6 +7,7 @@ next depends on the search alone, not on how often it was interrupted. A grid is
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -61,6 +62,11 @@ def _suggested(trial: Trial, axis: Axis, is_grid: bool) -> Any:
 def read(axis: Axis, value: Any) -> Any:
     """A value of a parameter from what Optuna has of it: lists lie there as texts."""
     return next((one for one in axis.listed if _choice(one) == value), value) if axis.values else value
+
+
+def point_of(plan: Plan, params: Mapping[str, Any]) -> Point:
+    """The values of those parameters that a trial of the journal has."""
+    return {axis.name: read(axis, params[axis.name]) for axis in plan.axes if axis.name in params}
 
 
 def _choices(axis: Axis) -> list[Any]:

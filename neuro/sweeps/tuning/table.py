@@ -23,7 +23,7 @@ from neuro.sweeps.tuning.asking import counted
 from neuro.sweeps.tuning.journal import trials_of
 from neuro.sweeps.tuning.objectives import Floats, front, mean_metrics, worth
 from neuro.sweeps.tuning.plan import Plan
-from neuro.sweeps.tuning.sampling import read
+from neuro.sweeps.tuning.sampling import point_of
 
 UNDER_WAY = "under way"
 _OUTCOMES = {"COMPLETE": "done", "FAIL": "failed", "PRUNED": PRUNED}
@@ -82,15 +82,12 @@ class TuneTable(Rows):
         """
         folder, found = Folder(self.path, TUNING), []
         trials = trials_of(folder)
-        items = [self.plan.items(self.before, self._point(trial.params)) for trial in trials]
+        items = [self.plan.items(self.before, point_of(self.plan, trial.params)) for trial in trials]
         there = folder.outcomes({item.key: None for each in items for item in each})
         for trial, each in zip(trials, items, strict=True):
             outcomes = [there[item.key] for item in each if item.key in there]
             found.append(self._found(trial, each, outcomes))
         return found
-
-    def _point(self, params: Mapping[str, Any]) -> Point:
-        return {axis.name: read(axis, params[axis.name]) for axis in self.plan.axes if axis.name in params}
 
     def _found(self, trial: Any, items: tuple[Item, ...], outcomes: list[Outcome]) -> Found:
         state = _OUTCOMES.get(trial.state.name, UNDER_WAY)
@@ -102,7 +99,7 @@ class TuneTable(Rows):
             except ModelError as told:
                 error = str(told)
         values = tuple(trial.values) if state == "done" else None
-        return Found(trial.number, state, self._point(trial.params), items, metrics, values, error)
+        return Found(trial.number, state, point_of(self.plan, trial.params), items, metrics, values, error)
 
     def best(self) -> list[Found]:
         """The trials that no other beats, by the first objective: the best one, or the front of several objectives.
