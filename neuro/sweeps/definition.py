@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -152,9 +153,23 @@ def load_sweep(path: Path) -> Sweep:
     run = run_said(root, said, given, path)
     space = _space(root, said, given)
     sweep = Sweep(name_said(said, given, path), run, space, limits_said(said))
-    with about(said.get("parameters") or said.get("list") or root):
+    with blaming(said, said.get("parameters") or said.get("list") or root):
         check_sweep(sweep)
     return sweep
+
+
+@contextmanager
+def blaming(said: Mapping[str, Node], other: Node) -> Iterator[None]:
+    """Give an error the place of the word that it is about, as far as its message tells; else that of another one."""
+    try:
+        yield
+    except ModelError as error:
+        message = error.message
+        words = ("metrics", "objectives") if " metric '" in message else ()
+        words += ("backend",) if message.startswith("unknown backend") else ()
+        words += ("for",) if message.startswith("for = ") else ()
+        with about(next((said[word] for word in words if word in said), other)):
+            raise
 
 
 def python_sweep(function: Any, space: Space, limits: Limits, set: Mapping[str, Any] | None, here: bool) -> Sweep:

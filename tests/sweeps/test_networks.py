@@ -191,11 +191,11 @@ MISTAKES = [
     ("network: net.yaml\nparameters: {exx.V_th: [1]}", "sweep.yaml:2:13: unknown population or projection 'exx'"),
     (
         "network: net.yaml\nseeds: 1\nmetrics: [rat.exc]",
-        "unknown metric 'rat.exc'\n  hint: did you mean 'rate.",
+        "sweep.yaml:3:10: unknown metric 'rat.exc'\n  hint: did you mean 'rate.",
     ),
     (
         "network: net.yaml\nseeds: 1\nmetrics: [rate.exx]",
-        "unknown population of the metric 'rate.exx': 'exx'\n  hint: did you mean 'exc'?",
+        "sweep.yaml:3:10: unknown population of the metric 'rate.exx': 'exx'\n  hint: did you mean 'exc'?",
     ),
     ("network: net.yaml", "sweep.yaml:1:1: the space is empty: expected parameters with values, or seeds"),
     ("network: net.yaml\nparameters: {}", "sweep.yaml:2:13: the space is empty: expected parameters with values, or"),
@@ -210,8 +210,8 @@ MISTAKES = [
     ),
     ("seeds: 1", "a sweep needs 'network', a file, or 'study', a function of a point"),
     ("network: net.yaml\nseeds: 1\nsampling: latin", "sweep.yaml"),
-    ("network: net.yaml\nseeds: 1\nfor: 3 mV", "for = 3 mV: "),
-    ("network: net.yaml\nseeds: 1\nbackend: evnt", "unknown backend 'evnt'"),
+    ("network: net.yaml\nseeds: 1\nfor: 3 mV", "sweep.yaml:3:6: for = 3 mV: "),
+    ("network: net.yaml\nseeds: 1\nbackend: evnt", "sweep.yaml:3:10: unknown backend 'evnt'"),
     ("network: net.yaml\nseeds: 1\nkeep: all", "keep = 'all': expected one of metrics, results"),
     (
         "network: net.yaml\nseeds: 1\nmemory_limit: 3",

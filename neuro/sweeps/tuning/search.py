@@ -13,13 +13,14 @@ from neuro.core.errors import ModelError
 from neuro.core.extension import extensions
 from neuro.core.inputs import digest_of, note
 from neuro.core.measures import in_ms
-from neuro.model.language.nodes import about, mistake, plain, words
+from neuro.model.language.nodes import mistake, plain, words
 from neuro.model.language.reader import Node, read
 from neuro.sweeps.definition import (
     OF_ALL,
     Limits,
     Run,
     before_of,
+    blaming,
     inputs_of,
     limits_said,
     name_said,
@@ -92,7 +93,7 @@ def load_search(path: Path) -> Search:
     search = Search(name_said(said, given, path), run_said(root, said, given, path, "tuning"), plan, limits_said(said))
     if isinstance(search.run, NetworkRun):
         search = replace(search, run=_reporting(search.run, plan, said))
-    with about(said["parameters"]):
+    with blaming(said, said["parameters"]):
         check_search(search)
     return search
 
