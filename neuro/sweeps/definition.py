@@ -165,9 +165,13 @@ def blaming(said: Mapping[str, Node], other: Node) -> Iterator[None]:
         yield
     except ModelError as error:
         message = error.message
-        words = ("metrics", "objectives") if " metric '" in message else ()
-        words += ("backend",) if message.startswith("unknown backend") else ()
-        words += ("for",) if message.startswith("for = ") else ()
+        words: tuple[str, ...] = ()
+        if " metric '" in message:
+            words = ("metrics", "objectives")
+        elif message.startswith("unknown backend"):
+            words = ("backend",)
+        elif message.startswith("for = "):
+            words = ("for",)
         with about(next((said[word] for word in words if word in said), other)):
             raise
 

@@ -8,7 +8,8 @@ runs/HASH/        one run
     output.txt    what it printed, if anything
 claims/HASH       who works on it
 ```
-A run is written aside and renamed when it is whole; of two that come to the same the first stays.
+A run is written aside and renamed when it is whole; of two that come to the same the first stays. A run that does not
+fit its sum was damaged, counts as not there, and is done again.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import os
 import re
 import shlex
 import shutil
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
@@ -34,6 +36,9 @@ from neuro.sweeps.claims import began, machine
 
 DONE, FAILED, PRUNED = "done", "failed", "pruned"
 _RUN = "neuro run of a sweep 1"
+SUM = "sum"
+"""Of runs, and of lines of a journal."""
+
 _ASIDE = re.compile(r"\.[0-9a-f]+\.([0-9a-f]+)\.(\d+)-(\d+)\.\d+")
 _number = count()
 
@@ -176,6 +181,10 @@ class Folder:
             raise ModelError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'damaged'}") from None
         if not isinstance(told, dict) or told.get("format") != self.holding.format:
             raise ModelError(f"{path}: not a {what}, as 'neuro {self.holding.command} run' writes it")
+        if "digest" in told and not self.holding.kind.ours(path):
+            hint = "a copy of it brings the folder back"
+            wrote = f"expected what 'neuro {self.holding.command} run' wrote"
+            raise ModelError(f"{path}: damaged, or edited by hand: {wrote}", hint=hint)
         return told
 
     def _other(self) -> str:
@@ -204,8 +213,10 @@ class Folder:
         """What has come of a run; None if it is not there, or not whole."""
         try:
             told = json.loads((self.runs / key / "run.json").read_bytes())
+            if told.pop(SUM, None) not in (None, sum_of(told)):
+                return None
             return Outcome(**{name: told[name] for name in Outcome.__dataclass_fields__ if name in told})
-        except (OSError, ValueError, TypeError, KeyError):
+        except (OSError, ValueError, TypeError, KeyError, AttributeError):
             return None
 
     def outcomes(self, keys: Iterable[str]) -> dict[str, Outcome]:
@@ -235,6 +246,7 @@ class Folder:
                 if fill is not None:
                     fill(aside)
                 told = {"format": _RUN, **asdict(outcome)}
+                told[SUM] = sum_of(told)
                 (aside / "run.json").write_text(json.dumps(told, ensure_ascii=False) + "\n", "utf-8")
                 self._rename(aside, outcome.key)
             finally:
@@ -276,6 +288,11 @@ class Folder:
             yield
         except OSError as error:
             raise Unwritable(path, f"cannot be written: {error.strerror or error}") from None
+
+
+def sum_of(told: Mapping[str, Any]) -> str:
+    """By which damage of plain data shows, whichever bit it is."""
+    return f"{zlib.crc32(json.dumps(told, separators=(',', ':'), sort_keys=True).encode()):08x}"
 
 
 @cache

@@ -231,6 +231,35 @@ def test_what_a_loss_of_power_left_is_done_again(runs, tmp_path):
     assert sweep(runs.add, {"a": [1, 2]}, tmp_path / "out").csv() == before
 
 
+def test_a_flipped_bit_of_a_run_is_no_other_number(runs, tmp_path):
+    """Whichever bit: the run counts as not there, and is done again."""
+    table = sweep(runs.add, {"a": [1, 2]}, tmp_path / "out", on="here")
+    before, file = table.csv(), tmp_path / "out" / "runs" / table.keys[0] / "run.json"
+    whole = file.read_bytes()
+    for place in range(0, len(whole), 7):
+        file.write_bytes(flipped(whole, place))
+        assert table.csv() == before or table.counts()["left"] == 1
+    at = whole.index(b'"sum": 1') + 7
+    file.write_bytes(flipped(whole, at))
+    assert table.counts()["left"] == 1
+    assert sweep(runs.add, {"a": [1, 2]}, tmp_path / "out", on="here").csv() == before
+
+
+def test_a_flipped_bit_of_what_a_sweep_is_is_told(runs, tmp_path):
+    out = tmp_path / "out"
+    before = sweep(runs.add, {"a": [1, 2]}, out, on="here").csv()
+    whole = (out / "sweep.json").read_bytes()
+    for place in range(0, len(whole), 7):
+        (out / "sweep.json").write_bytes(flipped(whole, place))
+        with pytest.raises(neuro.ModelError) as told:
+            raise neuro.ModelError("the same") if table_of(out).csv() == before else AssertionError
+        assert str(told.value).startswith(("the same", f"{out}/sweep.json: "))
+
+
+def flipped(content, place):
+    return content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :]
+
+
 def test_the_folder_of_another_sweep_stays(runs, tmp_path):
     out = tmp_path / "out"
     sweep(runs.add, {"a": [1, 2]}, out)

@@ -9,7 +9,6 @@ import fcntl
 import json
 import os
 import warnings
-import zlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from neuro.core.errors import ModelError
 from neuro.core.extras import needed
 from neuro.core.outputs import Unwritable
-from neuro.sweeps.folder import Folder
+from neuro.sweeps.folder import SUM, Folder, sum_of
 
 if TYPE_CHECKING:
     from optuna.storages import JournalStorage
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
 
 NAME = "search"
 """Of the one study of a journal."""
-
-SUM = "sum"
 
 
 class Journal:
@@ -111,7 +108,7 @@ class Journal:
     def _checked(self, line: bytes, number: int) -> dict[str, Any]:
         try:
             log = json.loads(line)
-            if log.pop(SUM) == _sum(log):
+            if log.pop(SUM) == sum_of(log):
                 return dict(log)
         except (ValueError, KeyError, AttributeError, TypeError):
             pass
@@ -123,11 +120,7 @@ class Journal:
 
 
 def _line(log: Mapping[str, Any]) -> bytes:
-    return json.dumps({**log, SUM: _sum(log)}, separators=(",", ":")).encode() + b"\n"
-
-
-def _sum(log: Mapping[str, Any]) -> str:
-    return f"{zlib.crc32(json.dumps(log, separators=(',', ':'), sort_keys=True).encode()):08x}"
+    return json.dumps({**log, SUM: sum_of(log)}, separators=(",", ":")).encode() + b"\n"
 
 
 def _cut(file: Any) -> None:
