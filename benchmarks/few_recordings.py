@@ -25,7 +25,6 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from matplotlib.figure import Figure
-from scipy.stats import t as student
 
 import neuro
 from neuro.apps import console, make_folder, table, write_picture
@@ -179,21 +178,19 @@ def _cut(file: Path) -> bool:
     return file.stat().st_size > 0 and not file.read_bytes().endswith(b"\n")
 
 
-def interval(shares: npt.NDArray[np.float64]) -> tuple[float, float]:
-    """Mean of the draws, and half of its 95 % interval by Student's t; NaN of a single one."""
-    n = len(shares)
-    half = student.ppf(0.975, n - 1) * shares.std(ddof=1) / math.sqrt(n) if n > 1 else math.nan
-    return float(shares.mean()), float(half)
+def spread(shares: npt.NDArray[np.float64]) -> tuple[float, float, float]:
+    """Mean, lowest and highest of the draws: of three, an interval by Student's t would tell little more."""
+    return float(shares.mean()), float(shares.min()), float(shares.max())
 
 
-def points(found: list[dict[str, Any]], way: str) -> Iterator[tuple[int, float, float, float, int]]:
-    """Of each size: recordings a class on the mean, mean accuracy, half of its interval, CPU s, draws."""
+def points(found: list[dict[str, Any]], way: str) -> Iterator[tuple[int, float, float, float, float]]:
+    """Of each size: recordings a class on the mean, mean accuracy, its lowest and its highest, CPU s."""
     for size in SIZES:
         some = [one for one in found if one["way"] == way and one["per_class"] == size]
         if some:
             shares = np.array([one["right"] / one["tested"] for one in some])
             spent = float(np.mean([one["cpu_s"] for one in some]))
-            yield round(some[0]["recordings"] / 10), *interval(shares), spent, len(some)
+            yield round(some[0]["recordings"] / 10), *spread(shares), spent
 
 
 def drawn(found: list[dict[str, Any]]) -> Figure:
@@ -205,9 +202,8 @@ def drawn(found: list[dict[str, Any]]) -> Figure:
         at = np.array(list(points(found, way)))
         if len(at):
             shift = 1.0 + 0.02 * (place - 1.5)  # bars beside each other
-            axis.errorbar(
-                at[:, 0] * shift, 100 * at[:, 1], 100 * at[:, 2], color=colour, marker="o", capsize=3, label=name
-            )
+            ends = 100 * np.abs(at[:, 2:4] - at[:, 1:2]).T
+            axis.errorbar(at[:, 0] * shift, 100 * at[:, 1], ends, color=colour, marker="o", capsize=3, label=name)
     axis.set_xscale("log")
     axis.set_xticks([1, 5, 10, 30, 80], ["1", "5", "10", "30", "80"])
     axis.minorticks_off()
@@ -220,16 +216,16 @@ def drawn(found: list[dict[str, Any]]) -> Figure:
     axis.legend(frameon=False, loc="lower right", labelcolor=INK)
     axis.set_title("N-MNIST from few recordings", loc="left", color=INK, fontsize=12.5)
     draws = max(one["draw"] for one in found) + 1
-    axis.text(1, 1.01, f"mean of {draws} draws, 95 % interval", transform=axis.transAxes, ha="right", color=GREY)
+    axis.text(1, 1.01, f"mean, lowest and highest of {draws} draws", transform=axis.transAxes, ha="right", color=GREY)
     return figure
 
 
-def table_of(found: list[dict[str, Any]], word: Callable[[float, float, float], str], title: str) -> Any:
+def table_of(found: list[dict[str, Any]], word: Callable[..., str], title: str) -> Any:
     """A table of all ways and sizes."""
     columns = ("way", *(f">{size or 'all'} a class" for size in SIZES))
     rows = []
     for way in WAYS:
-        cells = [word(mean, half, spent) for _, mean, half, spent, _ in points(found, way)]
+        cells = [word(*values) for _, *values in points(found, way)]
         rows.append((WAYS[way][0], *cells, *[""] * (len(SIZES) - len(cells))))
     return table(columns, rows, title=title)
 
@@ -246,9 +242,9 @@ def main() -> None:
     make_folder(asked.out)
     bench = Bench(recordings(asked.data, part="Train"))
     found = measured(bench, asked.out / "accuracy.jsonl", asked.draws, tuple(asked.way or WAYS))
-    shown: Mapping[str, Callable[[float, float, float], str]] = {
-        "right, %": lambda mean, half, spent: f"{100 * mean:.1f} +- {100 * half:.1f}",
-        "learning, s of a core": lambda mean, half, spent: f"{spent:.1f}",
+    shown: Mapping[str, Callable[..., str]] = {
+        "right, %": lambda mean, low, high, spent: f"{100 * mean:.1f} ({100 * low:.1f} - {100 * high:.1f})",
+        "learning, s of a core": lambda mean, low, high, spent: f"{spent:.1f}",
     }
     for title, word in shown.items():
         console().print(table_of(found, word, title))

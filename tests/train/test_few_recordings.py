@@ -90,11 +90,11 @@ def test_what_is_measured_is_not_measured_again(few, data, tmp_path, monkeypatch
     assert bench.asked == 9
 
 
-def test_intervals_are_students(few):
-    mean, half = few.interval(np.array([0.5, 0.6, 0.7]))
-    assert mean == pytest.approx(0.6)
-    assert half == pytest.approx(4.302653 * 0.1 / np.sqrt(3), rel=1e-6)  # t of 2 degrees of freedom
-    assert np.isnan(few.interval(np.array([0.5]))[1])
+def test_points_have_the_mean_and_the_ends_of_the_draws(few):
+    line = {"way": "hats", "per_class": 5, "recordings": 50, "tested": 200}
+    found = [line | {"draw": k, "right": right, "cpu_s": 1.0 + k} for k, right in enumerate((100, 130, 160))]
+    assert list(few.points(found, "hats")) == [(5, pytest.approx(0.65), 0.5, 0.8, 2.0)]
+    assert list(few.points(found, "remus")) == []
 
 
 def test_what_was_measured_is_whole(few):
