@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("torch")
 
-from neuro.events import Events, recordings, save  # noqa: E402
+from neuro.events import Events, recordings, save
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
@@ -65,7 +65,8 @@ def test_all_recordings_come_last_and_each_training_once(few):
     asked = list(few.jobs(2, tuple(few.WAYS)))
     assert len(set(asked)) == len(asked) == 2 * (3 * len(few.SIZES) + len(few.LONG))
     sizes = [size for size, _, _ in asked]
-    assert few.ALL not in sizes[: -2 * 3] and set(sizes[-2 * 3 :]) == {few.ALL}
+    assert few.ALL not in sizes[: -2 * 3]
+    assert set(sizes[-2 * 3 :]) == {few.ALL}
 
 
 def test_what_is_measured_is_not_measured_again(few, data, tmp_path, monkeypatch):
