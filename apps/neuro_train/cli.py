@@ -142,7 +142,7 @@ def _train(
     with Bar() as bar:
         shown = _shown(net, data, plan, bar)
         other = None if unseen is None else _shown(net, unseen, plan, bar)
-        checkpoint = begun(out, shown, plan)
+        checkpoint = begun(net, out, shown, plan)
         trained = learn(net, shown, plan, checkpoint, lambda epoch, noted: _tell(bar, plan, epoch, noted))
         trained.net.save(out)
         tried = []
