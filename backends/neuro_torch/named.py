@@ -18,14 +18,14 @@ class Named(torch.nn.Module):
 
     Args:
         kind: what they are of, for messages.
-        parts: by name.
+        parts: by name; they are kept in the order of their names, as torch does.
     """
 
     def __init__(self, kind: str, parts: Mapping[str, torch.nn.Parameter | torch.nn.Module]) -> None:
         super().__init__()
         self._kind = kind
         self._at: dict[str, str] = {}
-        for name, part in parts.items():
+        for name, part in sorted(parts.items()):
             plain = name.replace(".", ":")
             taken = hasattr(self, plain) or hasattr(torch.nn.ModuleDict, plain) or plain == "parametrizations"
             self._at[name] = f"{plain}:" if taken else plain
