@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from neuro.core.registry import Registry
     from neuro.core.tables import console, table
     from neuro.files.checkpoint import Checkpoint
+    from neuro.files.state import fingerprint
     from neuro.kernels.jit import allocating, inner, kernel
     from neuro.model.language import Node, about, mistake, plain, read, words
     from neuro.model.language.writer import NETWORK
@@ -94,6 +95,7 @@ _HOMES = {
         "sourced",
     ),
     "neuro.files.checkpoint": ("Checkpoint",),
+    "neuro.files.state": ("fingerprint",),
     "neuro.kernels.jit": (
         "allocating",
         "inner",
@@ -138,6 +140,7 @@ __all__ = [
     "cores",
     "extensions",
     "find_backend",
+    "fingerprint",
     "hdf5",
     "html",
     "inner",

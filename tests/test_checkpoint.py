@@ -51,3 +51,15 @@ def test_another_file_is_neither_read_nor_replaced(kept):
         kept.resume()
     with pytest.raises(neuro.ModelError, match="expected a new name"):
         kept.keep(history=np.zeros(1))
+
+
+def test_a_byte_that_flipped_is_found(tmp_path):
+    made = Checkpoint(tmp_path / "model.h5", "my training 1", TOLD)
+    weights = np.arange(64.0) + 0.5
+    made.keep(weights=weights, groups={"a.b": np.ones(3), "c": np.zeros(2, np.uint8)})
+    assert set(made.resume()) == {"weights", "groups"}
+    whole = made.path.read_bytes()
+    at = whole.index(weights.tobytes()) + 100
+    made.path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+    with pytest.raises(neuro.ModelError, match=r"model.h5.training: damaged my training 1\n  hint: delete the file"):
+        made.resume()

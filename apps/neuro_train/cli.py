@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -111,7 +112,9 @@ def train(
     )
     net = neuro.load(file, params=assignments(set))
     names = [name.strip() for name in backends.split(",") if name.strip()]
-    _check_before(net, plan, out, page)
+    if folds and test is not None:
+        raise neuro.ModelError("--folds and --test: expected one of them", hint="folds test on what they leave out")
+    _check_before(net, plan, names if folds or test else [], out, page)
     learnt_from = _recordings(data, part)
     _threads(threads)
     try:
@@ -142,7 +145,7 @@ def _train(
     with Bar() as bar:
         shown = _shown(net, data, plan, bar)
         other = None if unseen is None else _shown(net, unseen, plan, bar)
-        checkpoint = begun(out, shown, plan)
+        checkpoint = begun(net, out, shown, plan)
         trained = learn(net, shown, plan, checkpoint, lambda epoch, noted: _tell(bar, plan, epoch, noted))
         trained.net.save(out)
         tried = []
@@ -185,8 +188,10 @@ def _tell(bar: Bar, plan: Plan, epoch: int, noted: Mapping[str, float]) -> None:
     bar.show(epoch, plan.epochs, told)
 
 
-def _check_before(net: neuro.Network, plan: Plan, out: Path, page: Path | None) -> None:
+def _check_before(net: neuro.Network, plan: Plan, backends: list[str], out: Path, page: Path | None) -> None:
     """Refuse what would fail after long work."""
+    import neuro
+    import neuro_torch
     from neuro_train.data import check_network
     from neuro_train.telling import PAGE
     from neuro_train.trainer import module_of
@@ -194,7 +199,12 @@ def _check_before(net: neuro.Network, plan: Plan, out: Path, page: Path | None) 
     check_network(net, plan)
     check_output(out, NETWORK)
     check_output(page or out.with_suffix(".html"), PAGE)
-    module_of(net, plan)
+    module = module_of(net, plan)
+    if plan.prune:
+        neuro_torch.prune(module, plan.prune)
+    for name in backends:
+        with warnings.catch_warnings(action="ignore"):  # what a backend warns of is told when it runs
+            neuro.compile(net, backend=name)
 
 
 def _recordings(path: Path, part: str, classes: tuple[str, ...] | None = None) -> Recordings:

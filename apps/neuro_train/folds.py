@@ -15,7 +15,7 @@ from neuro.apps import sealed, write_text
 from neuro_train.data import Shown
 from neuro_train.plan import Plan
 from neuro_train.tested import by_module, on_backend
-from neuro_train.trainer import begun, learn
+from neuro_train.trainer import begun, identity, learn
 
 __all__ = ["cross_validate"]
 
@@ -65,11 +65,11 @@ def _fold(
     name = f"fold {k + 1} of {n}"
     own = out.with_name(f"{out.stem}-{k + 1}{out.suffix}")
     file = own.with_suffix(".json")
-    of = plan.as_words() | {"data": shown.digest, "fold": name, "backends": list(backends)}
+    of = identity(net, shown, plan) | {"fold": name, "backends": list(backends)}
     kept = _read(file)
     if kept.get("of") == json.loads(json.dumps(of)):
         return kept
-    checkpoint = begun(own, shown, plan, name)
+    checkpoint = begun(net, own, shown, plan, name)
 
     def tell(epoch: int, noted: Mapping[str, float]) -> None:
         report(f"{name}: learning, {noted.get('right', 0.0):.1%} right", epoch, plan.epochs)

@@ -21,11 +21,11 @@ from torch import Tensor
 import neuro
 import neuro_torch
 from neuro import ModelError
-from neuro.apps import Checkpoint
+from neuro.apps import Checkpoint, fingerprint
 from neuro_train.data import Shown, moved
 from neuro_train.plan import Plan
 
-__all__ = ["CURVES", "Trained", "begun", "learn", "module_of"]
+__all__ = ["CURVES", "Trained", "begun", "identity", "learn", "module_of"]
 
 Array = npt.NDArray[Any]
 
@@ -74,17 +74,22 @@ def module_of(net: neuro.Network, plan: Plan) -> neuro_torch.Module:
     return module.to(device)
 
 
-def begun(out: Path, shown: Shown, plan: Plan, which: str = "") -> Checkpoint:
+def begun(net: neuro.Network, out: Path, shown: Shown, plan: Plan, which: str = "") -> Checkpoint:
     """Where a training keeps itself.
 
     Args:
+        net: the network as it begins.
         out: the network that it is going to be.
         shown: what is learnt from.
         plan: what it is told.
         which: part of the recordings, where not all.
     """
-    told = plan.as_words() | {"data": shown.digest, "recordings": len(shown), "part": which}
-    return Checkpoint(out, FORMAT, told)
+    return Checkpoint(out, FORMAT, identity(net, shown, plan) | {"recordings": len(shown), "part": which})
+
+
+def identity(net: neuro.Network, shown: Shown, plan: Plan) -> dict[str, Any]:
+    """All that decides what comes of a training, as plain data."""
+    return plan.as_words() | {"network": fingerprint(module_of(net, plan).program), "data": shown.digest}
 
 
 def learn(

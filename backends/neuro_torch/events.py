@@ -85,7 +85,10 @@ class Events:
         Raises:
             ModelError: they hold something else, or their shapes do not agree.
         """
-        arrays = {name: np.asarray(tensor) for name, tensor in tensors.items()}
+        held = {
+            name: tensor.detach().cpu() if hasattr(tensor, "detach") else tensor for name, tensor in tensors.items()
+        }
+        arrays = {name: np.asarray(tensor) for name, tensor in held.items()}
         sizes = {name: array.shape[:2] for name, array in arrays.items()}
         for name, array in arrays.items():
             if array.ndim != 3:
@@ -166,7 +169,10 @@ class Events:
         return self.batch
 
     def __getitem__(self, index: Any) -> Events:
-        chosen = np.atleast_1d(np.arange(self.batch)[np.asarray(index) if isinstance(index, list) else index]).tolist()
+        at = index if isinstance(index, slice) else np.asarray(index)
+        if isinstance(at, np.ndarray) and not at.size:
+            at = at.astype(np.int64)
+        chosen = np.atleast_1d(np.arange(self.batch)[at]).tolist()
         return Events.of_trains(self.steps, {name: train.of(chosen) for name, train in self.trains.items()})
 
     def __iter__(self) -> Iterator[Events]:

@@ -38,6 +38,9 @@ def sizes(program: Program, batch: Any, steps: int | None) -> tuple[int, int]:
     if isinstance(batch, Events):
         found = {(batch.batch, batch.steps)}
     else:
+        for name, each in batch.items():
+            if not isinstance(each, (torch.Tensor, np.ndarray)):
+                raise ModelError(f"batch: '{name}': found {type(each).__name__}: expected a tensor")
         found = {tuple(each.shape[:2]) for each in batch.values()}
     if len(found) != 1:
         raise ModelError(f"batch: found (batch, steps) of {sorted(found)}: expected one of all inputs")

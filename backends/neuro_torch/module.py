@@ -19,6 +19,7 @@ from neuro_torch import feeding, late, learnt
 from neuro_torch import trainable as words
 from neuro_torch.active import active_updates
 from neuro_torch.events import Events
+from neuro_torch.named import Named
 from neuro_torch.outcome import Outcome, Told
 from neuro_torch.plan import Plan, plan_of
 from neuro_torch.problems import problems, without_gradient
@@ -85,21 +86,24 @@ class Module(torch.nn.Module):
         self._net, self._seed, self._by = net, seed, _one_of("by", by, (None, "kernels", "torch", "steps"))
         self._refuse()
         self._index = {part.name: k for k, part in enumerate(self.program.populations)}
-        self._steps = None if duration is None else Clock(net.resolution).step(float(duration), "duration")
+        self._steps = None if duration is None else _steps(duration, net.resolution)
         self.outputs = self._outputs(outputs)
-        kind = dtype or torch.get_default_dtype()
+        kind = _floating(dtype or torch.get_default_dtype())
         projections, neurons = words.trainable(self.program, trainable)
-        self.weights = torch.nn.ParameterDict(
-            {name: self._first_weight(name, kind) for name, each in projections.items() if "weight" in each}
+        self.weights = Named(
+            "projection whose weights learn",
+            {name: self._first_weight(name, kind) for name, each in projections.items() if "weight" in each},
         )
-        self.delays = torch.nn.ParameterDict(
-            {name: self._first_delay(name, kind) for name, each in projections.items() if "delay" in each}
+        self.delays = Named(
+            "projection whose delays learn",
+            {name: self._first_delay(name, kind) for name, each in projections.items() if "delay" in each},
         )
-        self.neurons: Any = torch.nn.ModuleDict(
+        self.neurons = Named(
+            "population whose parameters learn",
             {
-                name: torch.nn.ParameterDict({w: self._first(name, w, kind) for w in each})
+                name: Named(f"parameter of '{name}' that learns", {w: self._first(name, w, kind) for w in each})
                 for name, each in neurons.items()
-            }
+            },
         )
         self._plan = plan_of(self.program, by, neurons)
         self._kept: dict[Any, Any] = {}
@@ -166,11 +170,22 @@ class Module(torch.nn.Module):
             if name not in self.delays:
                 found.append((part, weights[part.projection]))
                 continue
-            if part.projection not in self._listed:
-                self._listed[part.projection] = layers.synapses(self.program, part.projection, listed=True)
-            listed, weight = self._listed[part.projection], weights[part.projection]
+            listed, weight = self._one_by_one(part.projection), weights[part.projection]
             found += late.ways(listed, weight, self.delays[name], self.program.resolution, self.training)
         return found
+
+    def _one_by_one(self, projection: int) -> layers.Synapses:
+        """The synapses of a projection, listed."""
+        if projection not in self._listed:
+            self._listed[projection] = layers.synapses(self.program, projection, listed=True)
+        return self._listed[projection]
+
+    def _whole_steps(self, projection: int) -> layers.Synapses:
+        """The synapses of a projection as its network has them."""
+        name = self.program.projections[projection].name
+        if name not in self.delays:
+            return layers.synapses(self.program, projection)
+        return layers.delayed(self._one_by_one(projection), late.rounded(self.delays[name] / self.program.resolution))
 
     def _stepped(self, given: Mapping[int, Any], task: Task) -> tuple[dict[int, Any], dict[int, Tensor]]:
         """The same, step by step."""
@@ -202,6 +217,10 @@ class Module(torch.nn.Module):
         }
         delays = {name: self._whole(delay.detach().double()).cpu().numpy() for name, delay in self.delays.items()}
         return learnt.network_of(self._net, self._seed, taken, parameters, delays)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy or a pickle has of it: all but what is made again when a batch asks for it."""
+        return self.__dict__ | {"_kept": {}, "_listed": {}, "_steppers": {}}
 
     def on(self, net: neuro.Network) -> Module:
         """A module of another network that learns the same projections in the same way, with the same outputs."""
@@ -239,6 +258,7 @@ class Module(torch.nn.Module):
 
     def _outputs(self, named: Sequence[str] | None) -> tuple[str, ...]:
         neurons = [part.name for part in self.program.populations if part.kind == "neuron"]
+        named = [named] if isinstance(named, str) else named
         if named is None:
             sending = {self.program.populations[p.source].name for p in self.program.projections}
             return tuple(name for name in neurons if name not in sending) or tuple(neurons)
@@ -249,10 +269,15 @@ class Module(torch.nn.Module):
 
     def _scans(self) -> tuple[Any, str]:
         """What does the scans where the parameters are, and its name."""
+        like = self._like()
+        fits = like.device.type == "cpu" and like.dtype in (torch.float32, torch.float64)
+        by = self._by or ("kernels" if fits else "torch")
         if not self._plan.parts:
-            return None, "steps"
-        by = self._by or ("kernels" if self._like().device.type == "cpu" else "torch")
-        return {"kernels": compiled, "torch": operations}[by], by
+            by = "steps"
+        if by == "kernels" and not fits:
+            told = f"by = 'kernels': parameters are {like.dtype} on '{like.device}': expected 32 or 64 bits on a CPU"
+            raise ModelError(told, hint="by='torch' runs them")
+        return compiled if by == "kernels" else operations, by
 
     def _like(self) -> Tensor:
         """A parameter, whose type and device are those of all."""
@@ -318,14 +343,23 @@ class Module(torch.nn.Module):
         return torch.from_numpy(batch.counts(part.name, part.size)).to(task.device, task.dtype)
 
     def _active(self, population: int, emitted: Mapping[int, Any], task: Task) -> Tensor:
-        """The updates of a population that something arrives at, or a spike ends; delays are the network's."""
-        wired = [
-            layers.synapses(self.program, q)
-            for q, part in enumerate(self.program.projections)
-            if part.target == population and part.carries == "spikes"
-        ]
-        scans = compiled if task.device.type == "cpu" and self._scans()[1] != "torch" else operations
-        return active_updates(population, emitted, wired, task, scans)
+        """The updates of a population that something arrives at, or a spike ends; delays that learn are whole."""
+        parts = enumerate(self.program.projections)
+        wired = [self._whole_steps(q) for q, part in parts if part.target == population and part.carries == "spikes"]
+        return active_updates(population, emitted, wired, task, self._scans()[0])
+
+
+def _steps(duration: Any, resolution: float) -> int:
+    number = isinstance(duration, (int, float)) and not isinstance(duration, bool)
+    if not number or duration <= 0.0:
+        raise ModelError(f"duration = {duration!r}: expected a time > 0 in ms")
+    return Clock(resolution).step(float(duration), "duration")
+
+
+def _floating(dtype: Any) -> torch.dtype:
+    if not isinstance(dtype, torch.dtype) or not dtype.is_floating_point:
+        raise ModelError(f"dtype = {dtype!r}: expected a floating type of torch, such as torch.float64")
+    return dtype
 
 
 def _share(value: Any) -> float:

@@ -43,6 +43,9 @@ def prune(
         _check(module, shares)
         stay = {name: _largest(module, name, 1.0 - float(part)) for name, part in shares.items() if part is not None}
     _check(module, stay)
+    for name, kept in stay.items():
+        if not np.any(kept):
+            raise ModelError(f"prune: projection '{name}': none of its {len(kept)} synapses stays: expected some")
     return module.on(_with(module, stay))
 
 

@@ -36,7 +36,8 @@ def quantised(module: Module, bits: int = 8, chip: str | PathLike[str] = "loihi"
 
     Args:
         module: the network.
-        bits: of a weight, from 1 to those of the chip: 8 of Loihi, its sign included.
+        bits: of a weight, from 1 to those of the chip: 8 of Loihi, its sign included. One bit is the sign, and all
+            weights are half of the largest; where the chip lets none be below 0, it says whether there is a weight.
         chip: a name or a table file; it needs an arithmetic.
 
     Returns:
@@ -50,7 +51,8 @@ def quantised(module: Module, bits: int = 8, chip: str | PathLike[str] = "loihi"
         raise ModelError(f"bits = {bits!r}: expected a whole number >= 1")
     scales = _Scales(module, target, bits)
     for name, weight in list(module.weights.items()):
-        parametrize.register_parametrization(module.weights, name, _Rounded(weight), unsafe=True)
+        at = module.weights.attribute(name)
+        parametrize.register_parametrization(module.weights, at, _Rounded(weight), unsafe=True)
     scales.choose(module)
     module.register_forward_pre_hook(scales)
     return module
@@ -68,30 +70,34 @@ class _Scales:
         self._check(module.program)
 
     def __call__(self, module: Any, inputs: Any) -> None:
-        age = next(iter(_rounded(module).values())).age
+        age = next(iter(_rounded(module).values()))[-1].age
         if not module.training or int(age) % EVERY == 0:
             self.choose(module)
         if module.training:
             age += 1
 
     def choose(self, module: Module) -> None:
-        """Choose them for the weights as they are."""
+        """Choose them for the weights as they are.
+
+        Raises:
+            ModelError: a weight is no number.
+        """
         rounded = _rounded(module)
-        present = {name: getattr(module.weights.parametrizations, name).original for name in rounded}
-        weights = {
-            self._index[name]: weight.detach().double().cpu().numpy().ravel() for name, weight in present.items()
-        }
         projections = list(module.program.projections)
-        for index, weight in weights.items():
-            projections[index] = replace(projections[index], weight=weight)
+        for name, each in rounded.items():
+            weight = each.original.detach().double().cpu().numpy().ravel()
+            if not np.isfinite(weight).all():
+                raise ModelError(f"weights of '{name}' are no numbers: expected numbers that can be rounded")
+            projections[self._index[name]] = replace(projections[self._index[name]], weight=weight)
         fixed = quantise(replace(module.program, projections=tuple(projections)), self._chip)
-        for name, grid in rounded.items():
-            wires = fixed.projections[self._index[name]]
+        for name, each in rounded.items():
+            wires, grid = fixed.projections[self._index[name]], each[-1]
             assert wires is not None, "it was looked at"
-            coarse = 2 ** (wires.bits - self._bits)
-            grid.lie(wires.step * wires.grain * coarse, wires.step_below * wires.grain * coarse)
-            grid.low.fill_(-(-wires.low // (wires.grain * coarse)))
-            grid.high.fill_(wires.high // (wires.grain * coarse))
+            signs = self._bits == 1 and wires.low < 0 < wires.high
+            size = wires.grain * 2 ** (wires.bits - (2 if signs else self._bits))
+            grid.lie(wires.step * size, wires.step_below * size)
+            grid.low.fill_(-1 if signs else -(-wires.low // size))
+            grid.high.fill_(1 if signs else wires.high // size)
 
     def _check(self, program: Program) -> None:
         fixed = quantise(program, self._chip)
@@ -144,7 +150,9 @@ class _Straight(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, weight: Tensor, step: Tensor, below: Tensor, low: Tensor, high: Tensor) -> Tensor:
         size = torch.where(weight < 0, below, step)
-        return torch.clamp(torch.round(weight / size), low, high) * size
+        level = torch.clamp(torch.round(weight / size), low, high)
+        sign = torch.where(weight < 0, -1.0, 1.0).to(weight.dtype)
+        return torch.where(high - low == 2, sign, level) * size  # of one bit, -1 and 1
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> Any:
@@ -152,6 +160,7 @@ class _Straight(torch.autograd.Function):
 
 
 def _rounded(module: Any) -> dict[str, Any]:
-    """The roundings of a module by projection."""
+    """The roundings of a module, and the weights that they round, by projection."""
     parametrizations = getattr(module.weights, "parametrizations", {})
-    return {name: each[-1] for name, each in parametrizations.items()}
+    places = {name: module.weights.attribute(name) for name in module.weights}
+    return {name: parametrizations[at] for name, at in places.items() if at in parametrizations}

@@ -50,8 +50,23 @@ def stepped(
             spikes.setdefault(names.index(name), []).append(emitted)
         for k in with_v:
             potentials[k].append(stepper.state(names[k], "V_m"))
-    return _stacked(spikes, task), _stacked(potentials, task)
+    neurons = [each for words in learning.parameters.values() for each in words.values()]
+    learns = [*learning.weights.values(), *learning.delays.values(), *neurons]
+    return _stacked(spikes, task, learns), _stacked(potentials, task, learns)
 
 
-def _stacked(found: Mapping[int, list[Any]], task: Task) -> dict[int, Tensor]:
-    return {k: torch.stack(each, 1).to(task.dtype) for k, each in found.items()}
+def _stacked(found: Mapping[int, list[Any]], task: Task, learns: list[Tensor]) -> dict[int, Tensor]:
+    joined: Any = _Joined.apply
+    return {k: joined(torch.stack(each, 1).to(task.dtype), *learns) for k, each in found.items()}
+
+
+class _Joined(torch.autograd.Function):
+    """A tensor in the graph of what learns, also where nothing has arrived: silence has a gradient, 0."""
+
+    @staticmethod
+    def forward(ctx: Any, tensor: Tensor, *learns: Tensor) -> Tensor:
+        return tensor.view_as(tensor)
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> Any:
+        return (grads[0], *(None for _ in ctx.needs_input_grad[1:]))

@@ -27,6 +27,8 @@ def trainable(program: Program, given: Iterable[str] | Mapping[str, Iterable[str
         ModelError: nothing is named, or something that cannot learn.
     """
     asked = {given: "weight"} if isinstance(given, str) else given
+    if not isinstance(asked, Iterable) or not all(isinstance(name, str) for name in asked):
+        raise ModelError(f"trainable = {given!r}: expected names of projections")
     words = dict(asked) if isinstance(asked, Mapping) else dict.fromkeys(asked, "weight")
     projections = [part.name for part in program.projections if part.carries == "spikes"]
     neurons = {part.name: part for part in program.populations if isinstance(part.model, Neuron)}
@@ -35,9 +37,9 @@ def trainable(program: Program, given: Iterable[str] | Mapping[str, Iterable[str
         raise ModelError("trainable: found no projection: expected at least one", hint=hint)
     found: tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]] = ({}, {})
     for name, word in words.items():
-        each = (word,) if isinstance(word, str) else tuple(word)
-        if "." in name:
-            raise ModelError(f"trainable: '{name}': torch takes no '.' in a name: expected one without")
+        each = (word,) if isinstance(word, str) else tuple(word) if isinstance(word, Iterable) else ()
+        if not each:
+            raise ModelError(f"trainable: '{name}': found {word!r}: expected what of it learns, such as 'weight'")
         if name in projections:
             for one in each:
                 if one not in ("weight", "delay"):

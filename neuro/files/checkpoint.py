@@ -1,18 +1,20 @@
 """A training under way, in a file beside the model that it is going to be.
 
 ```
-/            attributes: format, told (JSON: what the training was told)
+/            attributes: format, told (JSON: what the training was told), digest (of all arrays)
 /NAME        an array, or a group of arrays
 ```
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
+import numpy as np
 import numpy.typing as npt
 
 from neuro.core.errors import ModelError
@@ -47,6 +49,7 @@ class Checkpoint:
         """
         with writing(self.path, self._format) as file:
             file.attrs["told"] = self._told
+            file.attrs["digest"] = _digest(parts)
             for name, part in parts.items():
                 put(file, name, part)
 
@@ -61,6 +64,8 @@ class Checkpoint:
         with reading(self.path, self._format) as file:
             before, now = (_flat(json.loads(told)) for told in (file.attrs["told"], self._told))
             parts = {name: take(file, name) for name in file}
+            if file.attrs.get("digest", _digest(parts)) != _digest(parts):
+                raise ModelError(f"{self.path}: damaged {self._format}", hint="delete the file to begin anew")
         for name in sorted(before.keys() | now.keys()):
             if before.get(name) != now.get(name):
                 raise ModelError(
@@ -75,9 +80,18 @@ class Checkpoint:
         self.path.unlink(missing_ok=True)
 
 
+def _digest(parts: Mapping[str, Array | Mapping[str, Array]]) -> str:
+    """A hash of all arrays, by name."""
+    flat = {name: np.asarray(array) for name, array in _flat(parts).items()}
+    digest = hashlib.blake2b(digest_size=16)
+    for name, array in sorted(flat.items()):
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode() + np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
 def _flat(told: Mapping[str, Any]) -> dict[str, Any]:
     """Values inside of others with the names of both."""
     flat: dict[str, Any] = {}
     for name, value in told.items():
-        flat |= {f"{name}.{k}": v for k, v in _flat(value).items()} if isinstance(value, dict) else {name: value}
+        flat |= {f"{name}.{k}": v for k, v in _flat(value).items()} if isinstance(value, Mapping) else {name: value}
     return flat

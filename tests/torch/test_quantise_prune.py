@@ -49,7 +49,7 @@ def spikes_on(net, events, backend):
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-@pytest.mark.parametrize("bits", range(2, 9))
+@pytest.mark.parametrize("bits", range(1, 9))
 def test_what_was_rounded_loses_nothing_on_loihi(bits, dtype):
     module = neuro_torch.quantised(module_of(dtype=dtype), bits)
     net = module.network()

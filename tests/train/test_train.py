@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -70,6 +71,14 @@ def test_the_command_writes_a_network_and_a_page_and_tells_of_chips(neuro, folde
     assert sorted(os.listdir()) == ["trained.h5", "trained.html", "trained.yaml"]
 
 
+def slower(file):
+    """The same network with an output of another time constant."""
+    net = snn.load(file)
+    net.populations["out"] = replace(net.populations["out"], model=replace(net.populations["out"].model, tau_m=30.0))
+    net.save("slower.yaml")
+    return "slower.yaml"
+
+
 KILLED = """
 import os, signal, sys
 from importlib.metadata import EntryPoint
@@ -116,6 +125,9 @@ def test_another_training_does_not_go_on_with_it(neuro, folder, file, monkeypatc
     status, _, err = neuro(file, "--data", folder, *QUICK, "--rate", 0.02)
     assert status == 2
     assert "trained.yaml.training: an unfinished training with rate = 0.01: found 0.02 now" in err
+    status, _, err = neuro(slower(file), "--data", folder, *QUICK)
+    assert status == 2
+    assert "trained.yaml.training: an unfinished training with network = " in err
     assert neuro(file, "--data", folder, *QUICK)[0] == 0
 
 
@@ -181,6 +193,8 @@ def test_folds_are_trained_once(neuro, folder, file, tmp_path, monkeypatch):
     assert "of 24 right (95 % interval" in out
     monkeypatch.setattr(trainer._Training, "epoch", lambda self: pytest.fail("it is there already"))
     assert neuro(*words)[1] == out
+    with pytest.raises(pytest.fail.Exception):
+        neuro(slower(file), *words[1:])
 
 
 def test_no_epochs_test_only(neuro, folder, file):
@@ -248,6 +262,9 @@ def test_a_warp_keeps_the_middle_and_stays_small():
         (["--learn", "in_hiden"], "unknown projection 'in_hiden'"),
         (["--device", "cuda:7"], "--device cuda:7: torch has no such device here: expected one of cpu"),
         (["--duration", 61], "duration = 61 ms"),
+        (["--folds", 2, "--test", "Test"], "--folds and --test: expected one of them"),
+        (["--folds", 2, "--backends", "event,lohi"], "unknown backend 'lohi'"),
+        (["--prune", 0.999], "prune: projection 'hidden_out': none of its 30 synapses stays: expected some"),
     ],
     ids=lambda part: " ".join(map(str, part)) if isinstance(part, list) else "",
 )

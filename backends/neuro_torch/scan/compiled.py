@@ -97,15 +97,24 @@ def _pull(
     part: Synapses, first: int, width: int, weight: Tensor, grad: Tensor, damping: float, to_spikes: Tensor
 ) -> None:
     """Add the gradient of the input to that of the spikes of a stretch that made it."""
-    if not part.dense:
-        lists = (part.row_ends, part.targets, part.slot, part.delay)
-        flat = (rows_of(part, weight), grad.numpy(), grad.numpy().dtype.type(damping), to_spikes.numpy())
-        travel.pull_listed(first, width, *lists, *flat)
+    longest = part.least if part.dense else int(part.delay.max(initial=0))
+    begin, end = first + part.least, min(first + width + longest, grad.shape[1])
+    if end <= begin:
         return
-    begin, end = first + part.least, min(first + width + part.least, grad.shape[1])
-    if end > begin:
+    if part.dense:
         back = torch.matmul(grad[:, begin:end], weight.detach().expand(part.sizes).T)
-        to_spikes[:, first : first + end - begin] += back if damping == 1.0 else damping * back
+    else:
+        back = _pull_listed(part, width, weight, grad[:, begin:end])
+    to_spikes[:, first : first + back.shape[1]] += back if damping == 1.0 else damping * back
+
+
+def _pull_listed(part: Synapses, width: int, weight: Tensor, grad: Tensor) -> Tensor:
+    batch = len(grad)
+    rows = grad.permute(2, 1, 0).reshape(part.sizes[1], -1).contiguous()
+    back = torch.zeros(part.sizes[0], width * batch, dtype=grad.dtype)
+    lists = (part.row_ends, part.targets, part.slot, part.delay)
+    travel.pull_listed(batch, part.least, *lists, rows_of(part, weight), rows.numpy(), back.numpy())
+    return back.view(-1, width, batch).permute(2, 1, 0)
 
 
 def teach(part: Synapses, spikes: Packed, weight: Tensor, grad: Tensor) -> Tensor:

@@ -78,14 +78,14 @@ def teach_listed(ends, ids, values, first, width, row_ends, target, slot, delay,
 
 
 @kernel
-def pull_listed(first, width, row_ends, target, slot, delay, weight, grad, damping, grad_spikes):
-    """The adjoint of `push_listed` for the spikes, all of them: those that did not happen could have."""
-    for b in range(grad.shape[0]):
-        for t in range(first, first + width):
-            for j in range(grad_spikes.shape[2]):
-                total = weight.dtype.type(0)
-                for e in range(row_ends[j], row_ends[j + 1]):
-                    to = t + delay[e]
-                    if to < grad.shape[1]:
-                        total += weight[slot[e]] * grad[b, to, target[e]]
-                grad_spikes[b, t, j] += damping * total
+def pull_listed(recordings, least, row_ends, target, slot, delay, weight, grad, grad_spikes):
+    """The adjoint of `push_listed` for the spikes, all of them: those that did not happen could have.
+
+    Here neurons have rows, of steps x recordings: a delay is a shift, and a loop along a row does several at once.
+    `grad` begins where the first spike arrives after the delay `least`.
+    """
+    for j in range(grad_spikes.shape[0]):
+        for e in range(row_ends[j], row_ends[j + 1]):
+            w, i, late = weight[slot[e]], target[e], (delay[e] - least) * recordings
+            for place in range(min(grad_spikes.shape[1], grad.shape[1] - late)):
+                grad_spikes[j, place] += w * grad[i, late + place]

@@ -1,0 +1,201 @@
+"""What users of torch do with modules: copies, states, types, loaders, layers around; and names that torch lacks."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+import neuro
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed")
+import neuro_torch  # noqa: E402
+
+BY = ["kernels", "torch", "steps"]
+
+
+def network(first="up", second="down"):
+    net = neuro.Network("small", resolution=1.0)
+    cell = neuro.iaf_psc_delta(tau_m=20.0, t_ref=0.0, E_L=0.0, V_reset=0.0, V_th=1.0)
+    rng = np.random.default_rng(1)
+    net.population("pixels", 12, neuro.spike_generator(spike_times=[]))
+    net.population("hidden", 8, cell)
+    net.population("out", 2, cell)
+    net.connect("pixels", "hidden", neuro.all_to_all(), weight=rng.normal(0.1, 0.3, 96), delay=1.0, name=first)
+    net.connect("hidden", "out", neuro.all_to_all(), weight=rng.normal(0.1, 0.4, 16), delay=1.0, name=second)
+    return net
+
+
+def module_of(**words):
+    return neuro_torch.Module(network(), **({"trainable": ["up", "down"], "slope": 1.0} | words))
+
+
+DENSE = torch.from_numpy((np.random.default_rng(3).random((6, 20, 12)) < 0.3).astype(np.float32))
+EVENTS = neuro_torch.Events.of_dense({"pixels": DENSE})
+
+
+@pytest.mark.parametrize("by", BY)
+def test_copies_are_equal_and_apart(by):
+    module = module_of(by=by)
+    outcome = module(EVENTS)
+    assert outcome.counts["hidden"].sum() > 0
+    for twin in (copy.deepcopy(module), pickle.loads(pickle.dumps(module))):
+        assert torch.equal(twin(EVENTS).spikes["out"], outcome.spikes["out"])
+        with torch.no_grad():
+            twin.weights["up"].zero_()
+        assert twin(EVENTS).counts["hidden"].sum() == 0
+    assert torch.equal(module(EVENTS).spikes["out"], outcome.spikes["out"])
+
+
+@pytest.mark.parametrize("by", BY)
+def test_silence_can_be_learnt_from(by):
+    module = module_of(by=by)
+    outcome = module(neuro_torch.Events(2, 20, {"pixels": ([], [], [])}))
+    neuro_torch.losses.count_cross_entropy(outcome.spikes["out"], torch.tensor([0, 1])).backward()
+    assert outcome.spikes["out"].sum() == 0
+    assert all(p.grad is None or p.grad.abs().sum() == 0 for p in module.parameters())
+
+
+def test_types_of_numbers():
+    module = module_of()
+    assert module(EVENTS).spikes["out"].dtype is torch.float32
+    assert module.double()(EVENTS).spikes["out"].dtype is torch.float64
+    spikes = module.to(torch.bfloat16)(EVENTS).spikes["out"]
+    spikes.sum().backward()
+    assert spikes.dtype is module.weights["up"].grad.dtype is torch.bfloat16
+    assert "by torch's operations" in str(module.plan)
+    with pytest.raises(neuro.ModelError, match=r"by = 'kernels': parameters are torch.float16 on 'cpu': expected 32"):
+        module_of(by="kernels").half()(EVENTS)
+
+
+def test_states_groups_schedules_and_accumulation():
+    module, whole = module_of(dtype=torch.float64), module_of(dtype=torch.float64, seed=3)
+    whole.load_state_dict(module.state_dict())
+    assert list(module.state_dict()) == ["weights.down", "weights.up"]
+    groups = [{"params": module.weights["up"], "lr": 0.1}, {"params": [module.weights["down"]]}]
+    optimiser = torch.optim.Adam(groups, lr=0.01)
+    schedule = torch.optim.lr_scheduler.StepLR(optimiser, 1)
+    whole(EVENTS).spikes["out"].sum().backward()
+    loader = torch.utils.data.DataLoader(EVENTS, batch_size=2, collate_fn=neuro_torch.collate, num_workers=1)
+    for part in loader:
+        module(part).spikes["out"].sum().backward()
+    for ours, theirs in zip(module.parameters(), whole.parameters(), strict=True):
+        torch.testing.assert_close(ours.grad, theirs.grad, rtol=1e-12, atol=1e-14)
+        assert ours.grad.abs().sum() > 0
+    optimiser.step()
+    schedule.step()
+    assert not torch.equal(module.weights["down"], whole.weights["down"])
+
+
+def test_layers_before_and_after():
+    class Counts(torch.nn.Module):
+        def forward(self, outcome):
+            return outcome.counts["out"]
+
+    class Named(torch.nn.Module):
+        def forward(self, given):
+            return {"pixels": given}
+
+    before = torch.nn.Linear(5, 12)
+    whole = torch.nn.Sequential(before, torch.nn.Sigmoid(), Named(), module_of(), Counts(), torch.nn.Linear(2, 3))
+    whole(torch.rand(4, 20, 5, generator=torch.Generator().manual_seed(0))).sum().backward()
+    assert all(p.grad.abs().sum() > 0 for p in whole.parameters())
+
+
+def test_weights_set_by_hand():
+    for module in (module_of(), neuro_torch.quantised(module_of(), 4).eval()):
+        assert module(EVENTS).counts["hidden"].sum() > 0
+        module.weights["up"] = torch.zeros(12, 8)
+        assert module(EVENTS).counts["hidden"].sum() == 0
+        assert np.all(module.network().projections["up"].weight == 0)
+    with pytest.raises(
+        neuro.ModelError, match="unknown projection whose weights learn 'upp'\n  hint: did you mean 'up'"
+    ):
+        module.weights["upp"]
+
+
+@pytest.mark.parametrize("name", ["in.hidden", "keys", "pop", "training", "type", "parametrizations", "weight"])
+def test_any_name_of_a_network(name):
+    module = neuro_torch.Module(network(name, "a.b"), {name: ["weight", "delay"], "a.b": "weight"}, slope=1.0)
+    assert torch.equal(module.eval()(EVENTS).spikes["out"], module_of()(EVENTS).spikes["out"])
+    assert name in module.weights
+    assert list(module.weights.keys()) == ["a.b", name]
+    other = neuro_torch.Module(module.network(), [name, "a.b"])
+    other.load_state_dict(module.state_dict(), strict=False)
+    neuro_torch.quantised(module, 4).train()(EVENTS).spikes["out"].sum().backward()
+    assert len(module.weights[name].unique()) <= 16
+    assert module.weights.parametrizations[module.weights.attribute(name)].original.grad.abs().sum() > 0
+    assert set(module.network().projections) == {name, "a.b"}
+    pruned = neuro_torch.prune(module, 0.5)
+    assert pruned.weights[name].shape == (48,)
+
+
+def test_some_of_a_batch():
+    for index in (
+        slice(1, 3),
+        [1, 2],
+        np.array([1, 2]),
+        torch.tensor([1, 2]),
+        [False, True, True, False, False, False],
+    ):
+        assert len(EVENTS[index]) == 2
+    assert len(EVENTS[-1]) == len(EVENTS[np.int64(0)]) == 1
+    assert len(EVENTS[[]]) == 0
+    with pytest.raises(IndexError):
+        EVENTS[6]
+
+
+def test_dense_spikes_may_have_a_gradient():
+    events = neuro_torch.Events.of_dense({"pixels": DENSE.clone().requires_grad_()})
+    assert len(events.trains["pixels"].step) == int(DENSE.sum())
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ({"trainable": None}, "trainable = None: expected names of projections"),
+        ({"trainable": [1]}, "trainable = [1]: expected names of projections"),
+        ({"trainable": {"up": []}}, "trainable: 'up': found []: expected what of it learns"),
+        ({"duration": 0.0}, "duration = 0.0: expected a time > 0 in ms"),
+        ({"duration": "long"}, "duration = 'long': expected a time > 0 in ms"),
+        ({"dtype": torch.int64}, "dtype = torch.int64: expected a floating type of torch"),
+        ({"outputs": "pixels"}, "unknown population of neurons 'pixels'"),
+    ],
+)
+def test_mistakes(words, told):
+    with pytest.raises(neuro.ModelError) as error:
+        module_of(**words)
+    assert told in str(error.value)
+
+
+@pytest.mark.parametrize(("given", "told"), [(DENSE.tolist(), "list"), (None, "NoneType")])
+def test_what_is_no_tensor(given, told):
+    with pytest.raises(neuro.ModelError, match=f"batch: 'pixels': found {told}: expected a tensor"):
+        module_of()({"pixels": given})
+
+
+@pytest.mark.parametrize("by", BY)
+def test_a_delay_beyond_the_recording_brings_nothing(by):
+    net = network()
+    net.connect("pixels", "out", neuro.all_to_all(), weight=1.0, delay=100.0, name="late")
+    late = neuro_torch.Module(net, ["up", "late"], slope=1.0, by=by)
+    outcome = late(EVENTS)
+    assert torch.equal(outcome.spikes["out"], module_of()(EVENTS).spikes["out"])
+    outcome.spikes["out"].sum().backward()
+    assert late.weights["late"].grad is None or late.weights["late"].grad == 0
+
+
+def test_a_learnt_delay_is_in_the_bill():
+    module = neuro_torch.Module(network(), {"up": ["weight", "delay"]}, dtype=torch.float64)
+    with torch.no_grad():
+        module.delays["up"].fill_(3.4)
+    outcome = module.eval()(EVENTS)
+    sim = neuro.compile(module.network())
+    active = []
+    for k in range(len(EVENTS)):
+        sim.reset()
+        train = EVENTS.trains["pixels"].of([k])
+        sim.inject("pixels", train.step + 1.0, train.neuron)
+        sim.run(20.0)
+        active.append(sim.taken().raw_counts.active[1])
+    assert outcome.active["hidden"].tolist() == active
