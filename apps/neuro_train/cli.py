@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.apps import NETWORK, Bar, NetworkFile, Seed, Set, assignments, check_output, install, whole
+from neuro.apps import NETWORK, Bar, NetworkFile, Seed, Set, assignments, check_output, install, plain, read, whole
 from neuro_train.plan import LOSSES, Plan, augmentation, costs
 
 if TYPE_CHECKING:
@@ -76,6 +76,11 @@ def train(
     neurons_per_core: Annotated[
         int | None, Option("--neurons-per-core", metavar="N", help="Of a chip, fewer than it allows.")
     ] = None,
+    search: Annotated[
+        str | None,
+        Option("--search", metavar="A,B=1:2,...", help="Vary step, duration, hidden, prune, ...: accuracy by joules."),
+    ] = None,
+    budget: Annotated[int, Option(metavar="N", min=1, help="Networks that a search trains.")] = 20,
     device: Annotated[str, Option(metavar="NAME", help="A device of torch, such as cuda.")] = "cpu",
     page: Annotated[Path | None, Option(metavar="FILE", help="The page to write; that of --out if not given.")] = None,
     seed: Seed = 0,
@@ -110,12 +115,14 @@ def train(
         device=device,
     )
     net = neuro.load(file, params=assignments(set))
+    _threads(threads)
     names = [name.strip() for name in backends.split(",") if name.strip()]
     _check_before(net, plan, out, page)
     learnt_from = _recordings(data, part)
-    _threads(threads)
     try:
-        if folds:
+        if search is not None:
+            _search(file, data, part, net, plan, assignments(set), search, budget, folds, test, out.with_suffix(""))
+        elif folds:
             _validate(net, learnt_from, folds, plan, names, out)
         else:
             unseen = None if test is None else _recordings(test, "Test", learnt_from.classes)
@@ -171,6 +178,41 @@ def _validate(net: neuro.Network, data: Recordings, folds: int, plan: Plan, back
         shown = _shown(net, data, plan, bar)
         told = cross_validate(net, shown, parts, plan, backends, out, lambda what, k, n: bar.show(k, n, what))
     telling.show_folds(told)
+
+
+def _search(
+    file: Path,
+    data: Path,
+    part: str,
+    net: neuro.Network,
+    plan: Plan,
+    params: Mapping[str, Any],
+    text: str,
+    budget: int,
+    folds: int | None,
+    test: Path | None,
+    folder: Path,
+) -> None:
+    """Networks that differ, and the front of accuracy against joules."""
+    from neuro import ModelError
+    from neuro_train import front
+    from neuro_train.search import check_optuna
+    from neuro_train.search import search as ask
+    from neuro_train.space import space
+
+    if test is not None:
+        told = "--search with --test: a search tests on recordings of --data that it holds out: expected one of both"
+        raise ModelError(told, hint="test a network of its front: neuro train NETWORK --epochs 0 --test ...")
+    check_optuna()
+    given = {**plain(read(file, "a network", "neuro: 1")).get("parameters", {}), **params}
+    varied = space(text, net, plan, given)
+    with Bar() as bar:
+        words = (file, data, part, plan, params, varied, budget, folds, folder)
+        places = ask(*words, lambda what, k, n: bar.show(k, n, what))
+    files = front.write(folder, places, plan.chip)
+    front.show(places, plan.chip)
+    for written in files:
+        typer.echo(f"{written}: written")
 
 
 def _shown(net: neuro.Network, data: Recordings, plan: Plan, bar: Bar) -> Shown:

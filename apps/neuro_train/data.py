@@ -147,10 +147,10 @@ def moved(
     place, x = np.divmod(train.neuron.astype(np.int64), columns)
     sheet, y = np.divmod(place, rows)
     if warp:
-        x, y = _warped(
-            x - (columns - 1) / 2, y - (rows - 1) / 2, rng.uniform(-warp, warp, (3, events.batch))[:, recording]
-        )
-        x, y = (np.rint(x + (columns - 1) / 2).astype(np.int64), np.rint(y + (rows - 1) / 2).astype(np.int64))
+        middle = (columns - 1) / 2, (rows - 1) / 2
+        by = rng.uniform(-warp, warp, (3, events.batch))
+        x, y = _warped(x - middle[0], y - middle[1], by, train.ends)
+        x, y = (np.rint(each + m).astype(np.int64) for each, m in zip((x, y), middle, strict=True))
     x, y = x + right[recording], y + down[recording]
     inside = (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
     neuron = ((sheet * rows + y) * columns + x)[inside].astype(np.int32)
@@ -161,8 +161,16 @@ def moved(
     return Events.of_trains(events.steps, {population: type(train)(ends, step, neuron)})
 
 
-def _warped(x: Floats, y: Floats, by: Floats) -> tuple[Floats, Floats]:
-    """Places about the middle, turned by an angle, made larger by a share, and sheared by a share."""
+def _warped(x: Floats, y: Floats, by: Floats, ends: Ints) -> tuple[Floats, Floats]:
+    """Places about the middle, turned by an angle, made larger by a share, and sheared by a share.
+
+    Args:
+        x, y: of all events.
+        by: angle, growth and shear of each recording, (3, recordings).
+        ends: events of recording b are `ends[b] : ends[b + 1]`.
+    """
     turn, growth, shear = by
-    x, y = np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y
-    return (1.0 + growth) * (x + shear * y), (1.0 + growth) * y
+    cos, sin, larger = np.cos(turn), np.sin(turn), 1.0 + growth
+    rows = larger * (cos + shear * sin), larger * (shear * cos - sin), larger * sin, larger * cos
+    a, b, c, d = (np.repeat(row, np.diff(ends)) for row in rows)
+    return a * x + b * y, c * x + d * y
