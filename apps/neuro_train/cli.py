@@ -38,6 +38,9 @@ def train(
     output: Annotated[str, Option("--output", metavar="NAME", help="The population with a neuron a class.")] = "out",
     out: Annotated[Path, Option("--out", metavar="FILE", help="The network to write.")] = Path("trained.yaml"),
     part: Annotated[str, Option("--part", metavar="NAME", help="Of recordings in parts, such as Train.")] = "Train",
+    without: Annotated[
+        list[str], Option("--without", metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")
+    ] = [],  # noqa: B006
     test: Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on.")] = None,
     backends: Annotated[str, Option(metavar="A,B,...", help="What to test on.")] = "event,loihi,spinnaker",
     folds: Annotated[
@@ -90,6 +93,7 @@ def train(
     """Train a network on recordings, write it, and test it; after a kill the same command goes on where it was."""
     _need_torch()
     import neuro
+    from neuro_train.data import but
 
     plan = Plan(
         input=input,
@@ -118,10 +122,11 @@ def train(
     _threads(threads)
     names = [name.strip() for name in backends.split(",") if name.strip()]
     _check_before(net, plan, out, page)
-    learnt_from = _recordings(data, part)
+    learnt_from = but(_recordings(data, part), without)
     try:
         if search is not None:
-            _search(file, data, part, net, plan, assignments(set), search, budget, folds, test, out.with_suffix(""))
+            told = (file, data, part, without)
+            _search(told, net, plan, assignments(set), search, budget, folds, test, out.with_suffix(""))
         elif folds:
             _validate(net, learnt_from, folds, plan, names, out)
         else:
@@ -181,9 +186,7 @@ def _validate(net: neuro.Network, data: Recordings, folds: int, plan: Plan, back
 
 
 def _search(
-    file: Path,
-    data: Path,
-    part: str,
+    told: tuple[Path, Path, str, list[str]],
     net: neuro.Network,
     plan: Plan,
     params: Mapping[str, Any],
@@ -201,14 +204,13 @@ def _search(
     from neuro_train.space import space
 
     if test is not None:
-        told = "--search with --test: a search tests on recordings of --data that it holds out: expected one of both"
-        raise ModelError(told, hint="test a network of its front: neuro train NETWORK --epochs 0 --test ...")
+        why = "--search with --test: a search tests on recordings of --data that it holds out: expected one of both"
+        raise ModelError(why, hint="test a network of its front: neuro train NETWORK --epochs 0 --test ...")
     check_optuna()
-    given = {**plain(read(file, "a network", "neuro: 1")).get("parameters", {}), **params}
+    given = {**plain(read(told[0], "a network", "neuro: 1")).get("parameters", {}), **params}
     varied = space(text, net, plan, given)
     with Bar() as bar:
-        words = (file, data, part, plan, params, varied, budget, folds, folder)
-        places = ask(*words, lambda what, k, n: bar.show(k, n, what))
+        places = ask(*told, plan, params, varied, budget, folds, folder, lambda what, k, n: bar.show(k, n, what))
     files = front.write(folder, places, plan.chip)
     front.show(places, plan.chip)
     for written in files:

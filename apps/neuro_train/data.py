@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from neuro.events import Recordings
     from neuro_torch import Events
 
-__all__ = ["Shown", "check_network", "moved", "show"]
+__all__ = ["Shown", "but", "check_network", "moved", "show"]
 
 Ints = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
@@ -52,6 +53,12 @@ class Shown:
     def take(self, chosen: Ints) -> Shown:
         """Some of them."""
         return Shown(self.events[chosen.tolist()], self.labels[chosen], self.classes, self.shape, self.digest)
+
+
+def but(found: Recordings, patterns: Sequence[str]) -> Recordings:
+    """The recordings whose names fit no pattern, such as "*i.aedat"."""
+    kept = [k for k, item in enumerate(found) if not any(fnmatchcase(item.name, pattern) for pattern in patterns)]
+    return found.take(kept)
 
 
 def check_network(net: neuro.Network, plan: Plan) -> None:
@@ -165,7 +172,8 @@ def _warped(x: Floats, y: Floats, by: Floats, ends: Ints) -> tuple[Floats, Float
     """Places about the middle, turned by an angle, made larger by a share, and sheared by a share.
 
     Args:
-        x, y: of all events.
+        x: of all events, to the right.
+        y: of all events, downwards.
         by: angle, growth and shear of each recording, (3, recordings).
         ends: events of recording b are `ends[b] : ends[b + 1]`.
     """

@@ -90,9 +90,10 @@ def draw(places: Sequence[Place], chip: str) -> Figure:
     below = [at - 100.0 * low for at, (low, _) in zip(share, limits, strict=True)]
     above = [100.0 * high - at for at, (_, high) in zip(share, limits, strict=True)]
     spent = [joules for _, _, joules in tests]
-    words = {"markersize": 5, "linewidth": 1.2, "capsize": 2}
     label = "the same, learnt anew, on recordings held out (95 %)"
-    axis.errorbar(spent, share, yerr=(below, above), fmt="D", color=BLUE, label=label, **words)
+    axis.errorbar(
+        spent, share, yerr=(below, above), fmt="D", color=BLUE, label=label, markersize=5, linewidth=1.2, capsize=2
+    )
     axis.set_xscale("log")
     axis.set_xlabel(f"microjoules of a recording on {chip}")
     axis.set_ylabel("right decisions, %")

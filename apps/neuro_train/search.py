@@ -15,24 +15,30 @@ import json
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 import neuro
 from neuro import ModelError
 from neuro.apps import install, make_folder, sealed, write_text
-from neuro_train.data import show
+from neuro_train.data import but, show
 from neuro_train.front import Place
 from neuro_train.plan import Plan
 from neuro_train.space import Space, parted
 from neuro_train.tested import on_backend
 from neuro_train.trainer import begun, learn
 
-__all__ = ["PARTS", "check_optuna", "point", "search"]
+if TYPE_CHECKING:
+    from neuro.events import Recordings
+
+__all__ = ["PARTS", "check_optuna", "divided", "point", "search"]
 
 PARTS = 5
 """In how many parts recordings are divided, where no folds are asked for: one is held out, one judges."""
+
+Ints = npt.NDArray[np.int64]
 
 FORMAT = "neuro train point 1"
 RESULT = sealed("a result of 'neuro train --search'", f'"format": "{FORMAT}"', ', "digest": "{}"')
@@ -55,6 +61,7 @@ def search(
     file: Path,
     data: Path,
     part: str,
+    without: list[str],
     plan: Plan,
     params: Mapping[str, Any],
     space: Space,
@@ -67,7 +74,9 @@ def search(
 
     Args:
         file: of the network.
-        data, part: the recordings.
+        data: the recordings.
+        part: of recordings in parts.
+        without: patterns of names that are left out.
         plan: what every training is told that does not vary.
         params: of the file, that do not vary.
         space: what varies.
@@ -82,8 +91,8 @@ def search(
     Raises:
         ModelError: the folder is of another search, or nothing could be trained.
     """
-    words: dict[str, Any] = {"file": str(file), "data": str(data), "part": part, "folder": str(folder)}
-    words |= {"plan": json.dumps(plan.as_words()), "params": json.dumps(dict(params))}
+    words: dict[str, Any] = {"file": str(file), "data": str(data), "part": part, "without": json.dumps(without)}
+    words |= {"folder": str(folder), "plan": json.dumps(plan.as_words()), "params": json.dumps(dict(params))}
     asked = neuro.tune(
         point, space, objectives=OBJECTIVES, trials=budget, out=folder, sampler="tpe", draw=plan.seed,
         folds=folds, set=words, on="here",
@@ -92,7 +101,7 @@ def search(
     if not best:
         failed = next((trial.error for trial in asked.trials() if trial.error), "no trial is done")
         raise ModelError(f"{folder}: no network could be trained: {failed}")
-    found, seen = [], set[str]()
+    found, seen = list[Place](), set[str]()
     done = [trial for trial in asked.trials() if trial.values is not None]
     for trial in done:
         name = _name(trial.point)
@@ -114,6 +123,7 @@ def point(
     file: str,
     data: str,
     part: str,
+    without: str,
     folder: str,
     plan: str,
     params: str,
@@ -124,7 +134,13 @@ def point(
     """Train and test a network of a search; what is there already is not done again.
 
     Args:
-        file, data, part, folder, plan, params: as of `search`, the last two as JSON.
+        file: as of `search`.
+        data: likewise.
+        part: likewise.
+        without: likewise, as JSON.
+        folder: likewise.
+        plan: likewise, as JSON.
+        params: likewise, as JSON.
         fold: of the parts on which it is judged; None: on what is held out, learnt from all others.
         folds: in how many parts that is divided which is not held out.
         varied: values by name.
@@ -140,8 +156,9 @@ def point(
     if fold:
         out = out.with_name(f"{out.stem}_fold{fold}.yaml")
     make_folder(out.parent)
-    shown = show(net, _recordings(data, part), told, lambda what, done, n: None)
-    learnt_from, judged = _divided(data, part, told.seed, fold, folds)
+    recordings = _recordings(data, part, without)
+    shown = show(net, recordings, told, lambda what, done, n: None)
+    learnt_from, judged = divided(recordings, told.seed, fold, folds)
     which = f"part {'held out' if held else fold} of {folds + 1}"
     of = told.as_words() | {"data": shown.digest, "part": which, "varied": dict(varied)}
     kept = _read(out.with_suffix(".json"))
@@ -161,9 +178,9 @@ def point(
     return found
 
 
-def _divided(data: str, part: str, seed: int, fold: int | None, folds: int) -> tuple[Any, Any]:
+def divided(recordings: Recordings, seed: int, fold: int | None, folds: int) -> tuple[Ints, Ints]:
     """What is learnt from, and what is tested on."""
-    parts = [tested for _, tested in _recordings(data, part).folds(folds + 1, seed=seed)]
+    parts = [tested for _, tested in recordings.folds(folds + 1, seed=seed)]
     held_out = parts.pop()
     if fold is None:
         return np.sort(np.concatenate(parts)), held_out
@@ -172,10 +189,10 @@ def _divided(data: str, part: str, seed: int, fold: int | None, folds: int) -> t
 
 
 @cache
-def _recordings(data: str, part: str) -> Any:
+def _recordings(data: str, part: str, without: str) -> Recordings:
     from neuro.events import recordings
 
-    return recordings(Path(data), part=part)
+    return but(recordings(Path(data), part=part), json.loads(without))
 
 
 def _name(varied: Mapping[str, Any]) -> str:
