@@ -210,7 +210,7 @@ def _search(
     given = {**plain(read(told[0], "a network", "neuro: 1")).get("parameters", {}), **params}
     varied = space(text, net, plan, given)
     with Bar() as bar:
-        places = ask(*told, plan, params, varied, budget, folds, folder, lambda what, k, n: bar.show(k, n, what))
+        places = ask(*told, plan, params, varied, budget, folds, folder, bar.say)
     files = front.write(folder, places, plan.chip)
     front.show(places, plan.chip)
     for written in files:

@@ -68,7 +68,7 @@ def search(
     budget: int,
     folds: int | None,
     folder: Path,
-    report: Callable[[str, int, int], None],
+    say: Callable[[str], None],
 ) -> list[Place]:
     """Train `budget` networks, and the best of them anew.
 
@@ -83,7 +83,7 @@ def search(
         budget: how many networks.
         folds: of how many trainings a trial is made; of one if not given.
         folder: where all is kept.
-        report: is told the front's trainings that are done.
+        say: is told which network of the front learns anew.
 
     Returns:
         All points, those of the front tested on what is held out; by joules.
@@ -110,8 +110,8 @@ def search(
         seen.add(name)
         tested = {}
         if trial.number in best:
+            say(f"learning the front anew: {sum(each.tested is not None for each in found) + 1} of {len(best)}")
             tested = point(**words, **trial.point, fold=None, folds=folds or PARTS - 1)
-            report("learning the front anew", sum(each.tested is not None for each in found) + 1, len(best))
         where = folder / ("front" if tested else "points") / f"{name}.yaml"
         values = trial.values or (float("nan"),) * 2
         held = (int(tested["right"]), int(tested["n"]), float(tested["microjoules"])) if tested else None

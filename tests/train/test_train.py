@@ -259,7 +259,7 @@ def test_mistakes(neuro, folder, file, words, message, tmp_path):
 
 
 def test_recordings_can_be_left_out_by_name(neuro, folder, file):
-    left_out = ("--without", "1*.npz", "--without", "2*.npz")  # 1, 2, 10 ... 23
+    left_out = ("--without", "*/1*.npz", "--without", "*/2*.npz")  # 1, 2, 10 ... 23
     status, out, err = neuro(file, "--data", folder, *QUICK, "--epochs", 1, *left_out)
     assert (status, err) == (0, "")
     assert "% of 8 right" in out
