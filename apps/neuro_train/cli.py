@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.apps import NETWORK, Bar, NetworkFile, Seed, Set, assignments, check_output, install, whole
+from neuro.apps import NETWORK, Bar, NetworkFile, Seed, Set, assignments, check_output, install, plain, read, whole
 from neuro_train.plan import LOSSES, Plan, augmentation, costs
 
 if TYPE_CHECKING:
@@ -39,6 +39,9 @@ def train(
     output: Annotated[str, Option("--output", metavar="NAME", help="The population with a neuron a class.")] = "out",
     out: Annotated[Path, Option("--out", metavar="FILE", help="The network to write.")] = Path("trained.yaml"),
     part: Annotated[str, Option("--part", metavar="NAME", help="Of recordings in parts, such as Train.")] = "Train",
+    without: Annotated[
+        list[str], Option("--without", metavar="PATTERN", help="Leave out names like '*i.aedat'; repeatable.")
+    ] = [],  # noqa: B006
     test: Annotated[Path | None, Option("--test", metavar="FOLDER", help="Recordings to test on.")] = None,
     backends: Annotated[str, Option(metavar="A,B,...", help="What to test on.")] = "event,loihi,spinnaker",
     folds: Annotated[
@@ -77,6 +80,11 @@ def train(
     neurons_per_core: Annotated[
         int | None, Option("--neurons-per-core", metavar="N", help="Of a chip, fewer than it allows.")
     ] = None,
+    search: Annotated[
+        str | None,
+        Option("--search", metavar="A,B=1:2,...", help="Vary step, duration, hidden, prune, ...: accuracy by joules."),
+    ] = None,
+    budget: Annotated[int, Option(metavar="N", min=1, help="Networks that a search trains.")] = 20,
     device: Annotated[str, Option(metavar="NAME", help="A device of torch, such as cuda.")] = "cpu",
     page: Annotated[Path | None, Option(metavar="FILE", help="The page to write; that of --out if not given.")] = None,
     seed: Seed = 0,
@@ -86,6 +94,7 @@ def train(
     """Train a network on recordings, write it, and test it; after a kill the same command goes on where it was."""
     _need_torch()
     import neuro
+    from neuro_train.data import but
 
     plan = Plan(
         input=input,
@@ -111,14 +120,17 @@ def train(
         device=device,
     )
     net = neuro.load(file, params=assignments(set))
+    _threads(threads)
     names = [name.strip() for name in backends.split(",") if name.strip()]
     if folds and test is not None:
         raise neuro.ModelError("--folds and --test: expected one of them", hint="folds test on what they leave out")
     _check_before(net, plan, names if folds or test else [], out, page)
-    learnt_from = _recordings(data, part)
-    _threads(threads)
+    learnt_from = but(_recordings(data, part), without)
     try:
-        if folds:
+        if search is not None:
+            told = (file, data, part, without)
+            _search(told, net, plan, assignments(set), search, budget, folds, test, out.with_suffix(""))
+        elif folds:
             _validate(net, learnt_from, folds, plan, names, out)
         else:
             unseen = None if test is None else _recordings(test, "Test", learnt_from.classes)
@@ -174,6 +186,38 @@ def _validate(net: neuro.Network, data: Recordings, folds: int, plan: Plan, back
         shown = _shown(net, data, plan, bar)
         told = cross_validate(net, shown, parts, plan, backends, out, lambda what, k, n: bar.show(k, n, what))
     telling.show_folds(told)
+
+
+def _search(
+    told: tuple[Path, Path, str, list[str]],
+    net: neuro.Network,
+    plan: Plan,
+    params: Mapping[str, Any],
+    text: str,
+    budget: int,
+    folds: int | None,
+    test: Path | None,
+    folder: Path,
+) -> None:
+    """Networks that differ, and the front of accuracy against joules."""
+    from neuro import ModelError
+    from neuro_train import front
+    from neuro_train.search import check_optuna
+    from neuro_train.search import search as ask
+    from neuro_train.space import space
+
+    if test is not None:
+        why = "--search with --test: a search tests on recordings of --data that it holds out: expected one of both"
+        raise ModelError(why, hint="test a network of its front: neuro train NETWORK --epochs 0 --test ...")
+    check_optuna()
+    given = {**plain(read(told[0], "a network", "neuro: 1")).get("parameters", {}), **params}
+    varied = space(text, net, plan, given)
+    with Bar() as bar:
+        places = ask(*told, plan, params, varied, budget, folds, folder, bar.say)
+    files = front.write(folder, places, plan.chip)
+    front.show(places, plan.chip)
+    for written in files:
+        typer.echo(f"{written}: written")
 
 
 def _shown(net: neuro.Network, data: Recordings, plan: Plan, bar: Bar) -> Shown:

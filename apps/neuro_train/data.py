@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from neuro.events import Recordings
     from neuro_torch import Events
 
-__all__ = ["Shown", "check_network", "moved", "show"]
+__all__ = ["Shown", "but", "check_network", "moved", "show"]
 
 Ints = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
@@ -52,6 +53,12 @@ class Shown:
     def take(self, chosen: Ints) -> Shown:
         """Some of them."""
         return Shown(self.events[chosen.tolist()], self.labels[chosen], self.classes, self.shape, self.digest)
+
+
+def but(found: Recordings, patterns: Sequence[str]) -> Recordings:
+    """The recordings whose names fit no pattern, such as "*i.aedat"."""
+    kept = [k for k, item in enumerate(found) if not any(fnmatchcase(item.name, pattern) for pattern in patterns)]
+    return found.take(kept)
 
 
 def check_network(net: neuro.Network, plan: Plan) -> None:
@@ -147,10 +154,10 @@ def moved(
     place, x = np.divmod(train.neuron.astype(np.int64), columns)
     sheet, y = np.divmod(place, rows)
     if warp:
-        x, y = _warped(
-            x - (columns - 1) / 2, y - (rows - 1) / 2, rng.uniform(-warp, warp, (3, events.batch))[:, recording]
-        )
-        x, y = (np.rint(x + (columns - 1) / 2).astype(np.int64), np.rint(y + (rows - 1) / 2).astype(np.int64))
+        middle = (columns - 1) / 2, (rows - 1) / 2
+        by = rng.uniform(-warp, warp, (3, events.batch))
+        x, y = _warped(x - middle[0], y - middle[1], by, train.ends)
+        x, y = (np.rint(each + m).astype(np.int64) for each, m in zip((x, y), middle, strict=True))
     x, y = x + right[recording], y + down[recording]
     inside = (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
     neuron = ((sheet * rows + y) * columns + x)[inside].astype(np.int32)
@@ -161,8 +168,17 @@ def moved(
     return Events.of_trains(events.steps, {population: type(train)(ends, step, neuron)})
 
 
-def _warped(x: Floats, y: Floats, by: Floats) -> tuple[Floats, Floats]:
-    """Places about the middle, turned by an angle, made larger by a share, and sheared by a share."""
+def _warped(x: Floats, y: Floats, by: Floats, ends: Ints) -> tuple[Floats, Floats]:
+    """Places about the middle, turned by an angle, made larger by a share, and sheared by a share.
+
+    Args:
+        x: of all events, to the right.
+        y: of all events, downwards.
+        by: angle, growth and shear of each recording, (3, recordings).
+        ends: events of recording b are `ends[b] : ends[b + 1]`.
+    """
     turn, growth, shear = by
-    x, y = np.cos(turn) * x - np.sin(turn) * y, np.sin(turn) * x + np.cos(turn) * y
-    return (1.0 + growth) * (x + shear * y), (1.0 + growth) * y
+    cos, sin, larger = np.cos(turn), np.sin(turn), 1.0 + growth
+    rows = larger * (cos + shear * sin), larger * (shear * cos - sin), larger * sin, larger * cos
+    a, b, c, d = (np.repeat(row, np.diff(ends)) for row in rows)
+    return a * x + b * y, c * x + d * y

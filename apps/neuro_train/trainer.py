@@ -151,7 +151,9 @@ class _Training:
         self._bills = {
             chip: neuro_torch.Bill(self._module, chip, neurons_per_core=plan.neurons_per_core) for chip in plan.cost
         }
-        self._optimiser = torch.optim.AdamW(self._module.parameters(), lr=plan.rate, weight_decay=plan.decay)
+        self._optimiser = torch.optim.AdamW(
+            self._module.parameters(), lr=plan.rate, weight_decay=plan.decay, fused=True
+        )
 
     @property
     def _batches(self) -> int:

@@ -118,6 +118,7 @@ class _Rounded(torch.nn.Module):
     low: Tensor
     high: Tensor
     age: Tensor
+    even: Tensor
 
     def __init__(self, weight: Tensor) -> None:
         super().__init__()
@@ -125,6 +126,7 @@ class _Rounded(torch.nn.Module):
             self.register_buffer(name, torch.ones_like(weight))
         for name in ("low", "high", "age"):
             self.register_buffer(name, torch.zeros((), dtype=torch.int64))
+        self.register_buffer("even", torch.zeros((), dtype=torch.bool))
 
     def lie(self, step: Any, below: Any) -> None:
         """Take a grid; of each step so few bits are kept that every weight on it is one, in single precision, too."""
@@ -133,10 +135,12 @@ class _Rounded(torch.nn.Module):
             kept = 16 if buffer.dtype == torch.float32 else 44
             short = np.ldexp(np.ceil(np.ldexp(fraction, kept)), exponent - kept)
             buffer.copy_(torch.as_tensor(short.reshape(buffer.shape if short.size > 1 else (1,))))
+        self.even.fill_(torch.equal(self.step, self.below))
 
     def forward(self, weight: Tensor) -> Tensor:
         """What the chip has of them."""
-        rounded: Tensor = _Straight.apply(weight, self.step, self.below, self.low, self.high)  # type: ignore[no-untyped-call]
+        below = self.step if self.even else self.below
+        rounded: Tensor = _Straight.apply(weight, self.step, below, self.low, self.high)  # type: ignore[no-untyped-call]
         return rounded
 
     def right_inverse(self, weight: Tensor) -> Tensor:
@@ -149,10 +153,12 @@ class _Straight(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, weight: Tensor, step: Tensor, below: Tensor, low: Tensor, high: Tensor) -> Tensor:
-        size = torch.where(weight < 0, below, step)
-        level = torch.clamp(torch.round(weight / size), low, high)
-        sign = torch.where(weight < 0, -1.0, 1.0).to(weight.dtype)
-        return torch.where(high - low == 2, sign, level) * size  # of one bit, -1 and 1
+        size = step if step is below else torch.where(weight < 0, below, step)
+        level = (weight / size).round_().clamp_(low, high)
+        one_bit = high - low == 2
+        if one_bit.any():
+            level = torch.where(one_bit, torch.where(weight < 0, -1.0, 1.0).to(weight.dtype), level)
+        return level.mul_(size)
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> Any:

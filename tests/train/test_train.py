@@ -275,6 +275,13 @@ def test_mistakes(neuro, folder, file, words, message, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_recordings_can_be_left_out_by_name(neuro, folder, file):
+    left_out = ("--without", "*/1*.npz", "--without", "*/2*.npz")  # 1, 2, 10 ... 23
+    status, out, err = neuro(file, "--data", folder, *QUICK, "--epochs", 1, *left_out)
+    assert (status, err) == (0, "")
+    assert "% of 8 right" in out
+
+
 def test_recordings_without_classes_are_told(neuro, folder, file):
     one = next((folder / "Train" / "lying").iterdir())
     status, _, err = neuro(file, "--data", one, *QUICK)

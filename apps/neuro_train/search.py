@@ -1,0 +1,208 @@
+"""Accuracy against joules on a chip: trainings asked for by `neuro.tune`, and the front learnt anew and tested.
+
+Recordings are divided in parts. The last is held out: only what the front has found is tested on it, once, after it has
+learnt from all the others. A trial learns from all but this one and one more, on which it is judged.
+
+FOLDER/tune.json, journal.log, runs    of `neuro.tune`
+FOLDER/points/NAME.yaml                each trial's network
+FOLDER/front/NAME.yaml                 the front's networks, learnt from all that is not held out
+FOLDER/front.csv, front.png            what is told of them
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+import neuro
+from neuro import ModelError
+from neuro.apps import install, make_folder, sealed, write_text
+from neuro_train.data import but, show
+from neuro_train.front import Place
+from neuro_train.plan import Plan
+from neuro_train.space import Space, parted
+from neuro_train.tested import on_backend
+from neuro_train.trainer import begun, learn
+
+if TYPE_CHECKING:
+    from neuro.events import Recordings
+
+__all__ = ["PARTS", "check_optuna", "divided", "point", "search"]
+
+PARTS = 5
+"""In how many parts recordings are divided, where no folds are asked for: one is held out, one judges."""
+
+Ints = npt.NDArray[np.int64]
+
+FORMAT = "neuro train point 1"
+RESULT = sealed("a result of 'neuro train --search'", f'"format": "{FORMAT}"', ', "digest": "{}"')
+OBJECTIVES = {"accuracy": "maximise", "microjoules": "minimise"}
+
+
+def check_optuna() -> None:
+    """Refuse to begin without Optuna.
+
+    Raises:
+        ModelError: it is not installed.
+    """
+    from importlib.util import find_spec
+
+    if find_spec("optuna") is None:
+        raise ModelError("neuro train --search asks Optuna, which is not installed", hint=install("tune"))
+
+
+def search(
+    file: Path,
+    data: Path,
+    part: str,
+    without: list[str],
+    plan: Plan,
+    params: Mapping[str, Any],
+    space: Space,
+    budget: int,
+    folds: int | None,
+    folder: Path,
+    say: Callable[[str], None],
+) -> list[Place]:
+    """Train `budget` networks, and the best of them anew.
+
+    Args:
+        file: of the network.
+        data: the recordings.
+        part: of recordings in parts.
+        without: patterns of names that are left out.
+        plan: what every training is told that does not vary.
+        params: of the file, that do not vary.
+        space: what varies.
+        budget: how many networks.
+        folds: of how many trainings a trial is made; of one if not given.
+        folder: where all is kept.
+        say: is told which network of the front learns anew.
+
+    Returns:
+        All points, those of the front tested on what is held out; by joules.
+
+    Raises:
+        ModelError: the folder is of another search, or nothing could be trained.
+    """
+    words: dict[str, Any] = {"file": str(file), "data": str(data), "part": part, "without": json.dumps(without)}
+    words |= {"folder": str(folder), "plan": json.dumps(plan.as_words()), "params": json.dumps(dict(params))}
+    asked = neuro.tune(
+        point, space, objectives=OBJECTIVES, trials=budget, out=folder, sampler="tpe", draw=plan.seed,
+        folds=folds, set=words, on="here",
+    )  # fmt: skip
+    best = {trial.number for trial in asked.best()}
+    if not best:
+        failed = next((trial.error for trial in asked.trials() if trial.error), "no trial is done")
+        raise ModelError(f"{folder}: no network could be trained: {failed}")
+    found, seen = list[Place](), set[str]()
+    done = [trial for trial in asked.trials() if trial.values is not None]
+    for trial in done:
+        name = _name(trial.point)
+        if name in seen:
+            continue
+        seen.add(name)
+        tested = {}
+        if trial.number in best:
+            say(f"learning the front anew: {sum(each.tested is not None for each in found) + 1} of {len(best)}")
+            tested = point(**words, **trial.point, fold=None, folds=folds or PARTS - 1)
+        where = folder / ("front" if tested else "points") / f"{name}.yaml"
+        values = trial.values or (float("nan"),) * 2
+        held = (int(tested["right"]), int(tested["n"]), float(tested["microjoules"])) if tested else None
+        found.append(Place(trial.point, values[0], values[1], where, held))
+    return sorted(found, key=lambda place: place.microjoules)
+
+
+def point(
+    file: str,
+    data: str,
+    part: str,
+    without: str,
+    folder: str,
+    plan: str,
+    params: str,
+    fold: int | None = 0,
+    folds: int = PARTS - 1,
+    **varied: Any,
+) -> dict[str, float]:
+    """Train and test a network of a search; what is there already is not done again.
+
+    Args:
+        file: as of `search`.
+        data: likewise.
+        part: likewise.
+        without: likewise, as JSON.
+        folder: likewise.
+        plan: likewise, as JSON.
+        params: likewise, as JSON.
+        fold: of the parts on which it is judged; None: on what is held out, learnt from all others.
+        folds: in how many parts that is divided which is not held out.
+        varied: values by name.
+
+    Returns:
+        `accuracy` on the chip, `microjoules` of a recording on it, how many are `right` of `n`, and `cpu_s`.
+    """
+    of_file, of_plan = parted(varied)
+    told = Plan(**{**json.loads(plan), **of_plan})
+    net = neuro.load(file, params={**json.loads(params), **of_file})
+    held = fold is None
+    out = Path(folder) / ("front" if held else "points") / f"{_name(varied)}.yaml"
+    if fold:
+        out = out.with_name(f"{out.stem}_fold{fold}.yaml")
+    make_folder(out.parent)
+    recordings = _recordings(data, part, without)
+    shown = show(net, recordings, told, lambda what, done, n: None)
+    learnt_from, judged = divided(recordings, told.seed, fold, folds)
+    which = f"part {'held out' if held else fold} of {folds + 1}"
+    of = told.as_words() | {"data": shown.digest, "part": which, "varied": dict(varied)}
+    kept = _read(out.with_suffix(".json"))
+    if kept.get("of") == json.loads(json.dumps(of)) and out.exists():
+        return {str(name): float(value) for name, value in kept["found"].items()}
+    mine = shown.take(learnt_from)
+    checkpoint = begun(out, mine, told, which)
+    trained = learn(net, mine, told, checkpoint)
+    trained.net.save(out)
+    tried = on_backend(trained.net, told.chip, shown.take(judged), told)
+    if tried.bill is None:
+        raise ModelError(f"{told.chip}: has no costs: expected a chip that has")
+    found = {"accuracy": tried.own.accuracy, "microjoules": 1e6 * tried.bill.total_j}
+    found |= {"right": float(tried.own.correct), "n": float(len(judged)), "cpu_s": trained.cpu_s}
+    write_text(out.with_suffix(".json"), json.dumps({"format": FORMAT, "of": of, "found": found}, indent=1), RESULT)
+    checkpoint.remove()
+    return found
+
+
+def divided(recordings: Recordings, seed: int, fold: int | None, folds: int) -> tuple[Ints, Ints]:
+    """What is learnt from, and what is tested on."""
+    parts = [tested for _, tested in recordings.folds(folds + 1, seed=seed)]
+    held_out = parts.pop()
+    if fold is None:
+        return np.sort(np.concatenate(parts)), held_out
+    judged = parts.pop(fold)
+    return np.sort(np.concatenate(parts)), judged
+
+
+@cache
+def _recordings(data: str, part: str, without: str) -> Recordings:
+    from neuro.events import recordings
+
+    return but(recordings(Path(data), part=part), json.loads(without))
+
+
+def _name(varied: Mapping[str, Any]) -> str:
+    return "_".join(f"{name}{value:g}" for name, value in varied.items())
+
+
+def _read(file: Path) -> dict[str, Any]:
+    """A result; empty if there is none or it is damaged."""
+    try:
+        told = json.loads(file.read_text("utf-8"))
+    except (FileNotFoundError, ValueError):
+        return {}
+    return told if isinstance(told, dict) else {}

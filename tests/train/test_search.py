@@ -1,0 +1,180 @@
+"""neuro train --search: networks that differ, accuracy against joules on a chip, the front on what is held out."""
+
+import csv
+import importlib.util
+import signal
+import subprocess
+import sys
+
+import pytest
+
+import neuro as snn
+import neuro_models
+from neuro import ModelError
+from neuro.events import recordings
+from neuro_train import trainer
+from neuro_train.plan import Plan
+from neuro_train.search import divided
+from neuro_train.space import parted, space
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore:backend 'spinnaker'"),
+    pytest.mark.filterwarnings("ignore:backend 'loihi'"),
+]
+SMALL = {"height": 12, "width": 12, "hidden": 8, "classes": 3, "in_std": 0.2, "out_std": 0.4}
+PLAN = Plan(input="pixels", output="out", duration=60.0)
+
+
+@pytest.fixture
+def words(folder):
+    """Arguments of a small search."""
+    pytest.importorskip("optuna", reason="Optuna is not installed")
+    set_ = [word for name, value in SMALL.items() for word in ("--set", f"{name}={value}")]
+    file = neuro_models.path("dense")
+    return [file, "--data", folder, "--duration", 60, "--epochs", 4, "--batch", 6, *set_, "--budget", 4]
+
+
+def table(path):
+    with open(path, encoding="utf-8", newline="") as opened:
+        return list(csv.DictReader(opened))
+
+
+def test_every_point_is_a_network_that_runs_and_the_front_is_tested_on_what_is_held_out(neuro, words, folder, tmp_path):
+    words += ["--search", "step=5:10,duration=30:60,hidden,prune=0:0.5"]
+    status, out, err = neuro(*words)
+    assert status == 0, err
+    assert out.splitlines()[-2:] == ["trained/front.csv: written", "trained/front.png: written"]
+    rows = table("trained/front.csv")
+    assert 2 <= len(rows) <= 4
+    spent = [float(row["microjoules"]) for row in rows]
+    assert spent == sorted(spent)
+    front = [row for row in rows if row["held_out"]]
+    accuracy = [float(row["accuracy"]) for row in front]
+    assert accuracy == sorted(accuracy)
+    assert all(any(float(best["accuracy"]) >= float(row["accuracy"]) for best in front) for row in rows)
+    for row in rows:
+        net = snn.load(f"trained/{row['network']}")
+        assert net.resolution == float(row["step"])
+        assert net.populations["hidden"].shape == (int(row["hidden"]),)
+        sim = snn.compile(net, backend="loihi")
+        sim.run(float(row["duration"]))
+        kept = len(snn.compile(net).weights("in_hidden")[2]) / (288 * int(row["hidden"]))
+        assert kept == 1.0 if row["prune"] == "0" else kept < 0.6
+        assert row["network"].startswith("front/" if row["held_out"] else "points/")
+
+
+def test_what_is_trained_is_not_trained_again(neuro, words, monkeypatch):
+    words += ["--search", "hidden=4:8,prune"]
+    first = neuro(*words)
+    assert first[0] == 0, first[2]
+    before = table("trained/front.csv")
+    with monkeypatch.context() as patch:
+        patch.setattr(trainer._Training, "epoch", lambda self: pytest.fail("it is there already"))
+        assert neuro(*words)[:2] == first[:2]
+    assert table("trained/front.csv") == before
+    status, _, err = neuro(*words[:-2], "--search", "hidden=4:9")
+    assert status == 2
+    assert "trained" in err
+
+
+KILLED = """
+import os, signal, sys
+from importlib.metadata import EntryPoint
+from neuro.cli import commands, main
+from neuro_train import trainer
+commands.apps = lambda: {"train": EntryPoint("train", "neuro_train.cli:app", commands.GROUP)}
+trainer.KEEP_S = 0.0
+whole, epochs = trainer._Training.epoch, []
+def epoch(self):
+    epochs.append(None)
+    if len(epochs) == 7:
+        os.kill(os.getpid(), signal.SIGKILL)
+    whole(self)
+trainer._Training.epoch = epoch
+main()
+"""
+
+
+def test_after_a_kill_a_search_goes_on_to_the_same_front(neuro, words, tmp_path):
+    words += ["--search", "hidden=2:4:8,prune"]
+    assert neuro(*words, "--out", "whole.yaml")[0] == 0
+    done = subprocess.run(
+        [sys.executable, "-c", KILLED, "train", *map(str, words), "--out", "killed.yaml"], check=False, cwd=tmp_path
+    )
+    assert done.returncode == -signal.SIGKILL
+    assert not (tmp_path / "killed" / "front.csv").exists()
+    assert neuro(*words, "--out", "killed.yaml")[0] == 0
+    assert table("killed/front.csv") == table("whole/front.csv")
+
+
+def test_folds_are_means_and_what_is_held_out_is_in_none(neuro, words, folder):
+    status, _, err = neuro(*words, "--search", "hidden=4:8", "--folds", 2, "--budget", 2)
+    assert status == 0, err
+    assert {row["held_out"] for row in table("trained/front.csv")} <= {"8", ""}
+    data = recordings(folder, part="Train")
+    _, held_out = divided(data, 0, None, 2)
+    judged = []
+    for fold in range(2):
+        learnt, tested = divided(data, 0, fold, 2)
+        assert not {*learnt, *tested} & {*held_out}
+        assert not {*learnt} & {*tested}
+        judged += [*tested]
+    assert sorted([*judged, *held_out]) == list(range(len(data)))
+
+
+def test_what_varies_if_no_values_are_given():
+    net = snn.load(neuro_models.path("dense"))
+    plan = Plan(input="pixels", output="out", duration=310.0)
+    found = space("step,duration,hidden,prune", net, plan, {"hidden": 128, "resolution": 5.0})
+    assert found == {
+        "step": [5.0, 10.0, 20.0],
+        "duration": [60.0, 140.0, 220.0, 300.0],
+        "hidden": [16, 32, 64, 128],
+        "prune": [0.0, 0.25, 0.5, 0.75],
+    }
+    assert parted({"step": 5.0, "duration": 50, "tau": 3.0}) == ({"resolution": 5.0, "tau": 3.0}, {"duration": 50})
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("hiden", "unknown parameter of --search 'hiden'"),
+        ("hidden=", "--search hidden=: expected NAME or NAME=VALUE:VALUE"),
+        ("hidden=4:many", "--search hidden=many: expected numbers with ':' between them"),
+        ("tau", "--search tau: expected its values"),
+        ("step=7", "a duration of 60 ms is no whole number of steps of 7 ms"),
+    ],
+)
+def test_mistakes_in_what_varies(text, message):
+    net = snn.load(neuro_models.path("dense"))
+    with pytest.raises(ModelError) as caught:
+        space(text, net, PLAN, {"hidden": 8, "resolution": 5.0, "tau": 20.0})
+    assert message in str(caught.value)
+
+
+def test_a_network_without_a_step_to_vary_is_told():
+    net = snn.load(neuro_models.path("dense"))
+    with pytest.raises(ModelError, match="--search step: the network's file has no parameter 'resolution'"):
+        space("step", net, PLAN, {"hidden": 8})
+
+
+def test_without_optuna_one_error_tells_how_to_get_it(neuro, folder, monkeypatch, tmp_path):
+    found = importlib.util.find_spec
+    monkeypatch.setattr("importlib.util.find_spec", lambda name, *a: None if name == "optuna" else found(name, *a))
+    small = [word for name, value in SMALL.items() for word in ("--set", f"{name}={value}")]
+    words = [neuro_models.path("dense"), "--data", folder, "--duration", 60, *small, "--search", "hidden"]
+    status, out, err = neuro(*words)
+    assert (status, out) == (2, "")
+    assert "neuro train --search asks Optuna, which is not installed" in err
+    assert "[tune]" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_recordings_to_test_on_have_no_place_in_a_search(neuro, folder, tmp_path):
+    small = [word for name, value in SMALL.items() for word in ("--set", f"{name}={value}")]
+    words = [neuro_models.path("dense"), "--data", folder, "--duration", 60, *small, "--search", "hidden"]
+    status, _, err = neuro(*words, "--test", folder)
+    assert status == 2
+    assert "--search with --test: a search tests on recordings of --data that it holds out" in err
+    assert list(tmp_path.iterdir()) == []
