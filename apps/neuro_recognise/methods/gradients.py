@@ -1,4 +1,4 @@
-"""Networks of `neuro_models` that learn by gradients: pixels send their events, and who of the output fires most decides.
+"""Networks of `neuro_models` that learn by gradients: pixels send events, and who of the output fires most decides.
 
 Learning needs torch, by `neuro_train`; what was learnt runs on every backend without it.
 """
@@ -27,10 +27,11 @@ from neuro_torch import Events as Spikes
 from neuro_train.data import Shown as Taught
 from neuro_train.plan import Plan
 
-__all__ = ["Conv", "Delays", "Dense", "Gradients", "Recurrent"]
+__all__ = ["Conv", "Dense", "Gradients", "LearntDelays", "Recurrent"]
 
 INPUT, OUTPUT = "pixels", "out"
 ON_FOLDS = "folds of N-MNIST's training recordings, docs/how-to/train.md, which its accuracy is of, too"
+GUESS = "prototype, one fold of N-MNIST's training recordings"
 TRAINER = "neuro train, docs/how-to/train.md"
 SEEN = ("size", "step", "duration", "scale")
 """Settings that what a recording shows depends on."""
@@ -129,8 +130,9 @@ class Gradients(Method):
         plain = replace_projections(net, {})
         for name, part in net.projections.items():
             for word, value in (("weight", part.weight), ("delay", part.delay)):
-                if isinstance(value, np.ndarray):
-                    learnt[f"{word}.{name}"] = value
+                listed = getattr(value, "values", value)  # of a file
+                if isinstance(listed, np.ndarray):
+                    learnt[f"{word}.{name}"] = listed
                     plain.projections[name] = replace(plain.projections[name], **{word: net.resolution})
         return {"network": to_text(plain), **learnt}
 
@@ -194,6 +196,50 @@ class Dense(Gradients):
     file = "dense"
 
     hidden: int = setting(128, "", "neurons of the hidden layer", ON_FOLDS, at_least=1)
+
+
+@dataclass(frozen=True)
+class Conv(Gradients):
+    """Kernels see the pixels at each place, and a neuron a class sees what they found."""
+
+    title = "a convolution of spikes, by surrogate gradients"
+    source = "Shrestha and Orchard, NeurIPS 2018; Lee et al., Front. Neurosci. 10:508, 2016 (the form)"
+    file = "conv"
+    of_network = ("maps", "kernel", "stride")
+
+    maps: int = setting(8, "", "kernels", GUESS, at_least=1)
+    kernel: int = setting(5, "px", "side of a kernel", GUESS, at_least=1)
+    stride: int = setting(2, "px", "from place to place", GUESS, at_least=1)
+    step: float = setting(2.0, "ms", "of the network; events of a pixel in one are one spike", GUESS, above=0)
+    duration: float = setting(104.0, "ms", "of a recording", "N-MNIST's first saccade", above=0)
+
+
+@dataclass(frozen=True)
+class Recurrent(Gradients):
+    """A hidden layer that sees all pixels and itself."""
+
+    title = "a recurrent network of spikes, by surrogate gradients"
+    source = "Bellec et al., NeurIPS 2018; Cramer et al., IEEE TNNLS 33:2744, 2022 (the form)"
+    file = "recurrent"
+
+    hidden: int = setting(128, "", "neurons of the hidden layer", ON_FOLDS, at_least=1)
+
+
+@dataclass(frozen=True)
+class LearntDelays(Gradients):
+    """A hidden layer that sees all pixels, whose spikes take times to the output that learn as weights do."""
+
+    title = "weights and delays of spikes, by surrogate gradients"
+    source = "Shrestha and Orchard, NeurIPS 2018; Hammouamri et al., ICLR 2024 (the form)"
+    file = "learnt_delays"
+    learns = {"in_hidden": ("weight",), "hidden_out": ("weight", "delay")}
+
+    hidden: int = setting(128, "", "neurons of the hidden layer", ON_FOLDS, at_least=1)
+
+    @classmethod
+    def called(cls) -> str:
+        """``learnt_delays``."""
+        return "learnt_delays"
 
 
 def replace_projections(net: neuro.Network, values: Mapping[str, Mapping[str, Any]]) -> neuro.Network:
