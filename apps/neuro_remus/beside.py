@@ -30,7 +30,7 @@ def trained(data: Recordings, seed: int) -> Recogniser:
         seed: by which they were made.
     """
     net = neuro.load(path("demo_digits"))
-    method = Dense(size=(34, 34), hidden=net.populations["hidden"].shape[0])
+    method = Dense(size=(34, 34), hidden=int(net.populations["hidden"].shape[0]))
     return Recogniser(method, data.classes, method.learnt_of(net), {"recordings": len(data), "seed": seed})
 
 

@@ -64,9 +64,7 @@ def run(data: Path | None, out: Path, seed: int) -> None:
 def _show_beside(learning: Recordings, unseen: Recordings, out: Path, found: dict[str, tuple[Tried, Priced]]) -> None:
     """Test the network that learnt these recordings by gradients, and compare."""
     name = "by gradients"
-    print(
-        f"\nthe same {len(unseen)} recordings for a network that ships, which learnt {name} from the {len(learning)}\n"
-    )
+    print(f"\nthe same {len(unseen)} recordings for a network that ships and learnt {name} from the {len(learning)}\n")
     made = beside.trained(learning, SEED)
     tried = try_out(made, unseen)
     found[name] = tried, energy.bills(tried, TARGETS)

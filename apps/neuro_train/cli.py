@@ -61,7 +61,7 @@ def train(
     slope: Annotated[float, Option(metavar="X", help="Of the surrogate, per V_th - V_reset.")] = 1.0,
     learn: Annotated[
         list[str],
-        Option("--learn", metavar="NAME", help="A projection, or NAME=weight,delay; all weights if none; repeatable."),
+        Option("--learn", metavar="NAME", help="A projection whose weights learn, or NAME=weight,delay; repeatable."),
     ] = [],  # noqa: B006
     augment: Annotated[
         list[str],

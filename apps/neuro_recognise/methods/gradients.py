@@ -6,6 +6,7 @@ Learning needs torch, by `neuro_train`; what was learnt runs on every backend wi
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import reduce
 from importlib.util import find_spec
@@ -127,22 +128,25 @@ class Gradients(Method):
     def learnt_of(self, net: neuro.Network) -> dict[str, Array | str]:
         """What `fit` gives of a network that has learnt."""
         learnt: dict[str, Array | str] = {}
-        plain = replace_projections(net, {})
+        plain = copy(net)
+        plain.projections = dict(net.projections)
         for name, part in net.projections.items():
-            for word, value in (("weight", part.weight), ("delay", part.delay)):
-                listed = getattr(value, "values", value)  # of a file
-                if isinstance(listed, np.ndarray):
-                    learnt[f"{word}.{name}"] = listed
-                    plain.projections[name] = replace(plain.projections[name], **{word: net.resolution})
+            known = {"weight": part.weight, "delay": part.delay}
+            listed = {word: getattr(value, "values", value) for word, value in known.items()}  # of a file
+            listed = {word: values for word, values in listed.items() if isinstance(values, np.ndarray)}
+            learnt |= {f"{word}.{name}": values for word, values in listed.items()}
+            numbers: Any = dict.fromkeys(listed, net.resolution)
+            plain.projections[name] = replace(part, **numbers)
         return {"network": to_text(plain), **learnt}
 
     def network(self, learnt: Learnt) -> neuro.Network:
         """The network with what it has learnt."""
         net = from_text(str(learnt["network"]))
-        for key, value in learnt.items():
+        for key, values in learnt.items():
             word, dot, name = key.partition(".")
             if dot:
-                net.projections[name] = replace(net.projections[name], **{word: np.asarray(value)})
+                listed: Any = {word: np.asarray(values)}
+                net.projections[name] = replace(net.projections[name], **listed)
         return net
 
     def answer(self, learnt: Learnt, shown: Shown, backend: str = "event") -> Answer:
@@ -240,15 +244,6 @@ class LearntDelays(Gradients):
     def called(cls) -> str:
         """``learnt_delays``."""
         return "learnt_delays"
-
-
-def replace_projections(net: neuro.Network, values: Mapping[str, Mapping[str, Any]]) -> neuro.Network:
-    """A copy of a network with other values of some projections."""
-    from copy import copy
-
-    made = copy(net)
-    made.projections = {name: replace(part, **values.get(name, {})) for name, part in net.projections.items()}
-    return made
 
 
 def _scores(times: Floats, ids: Iterable[int], classes: int, end: float) -> Floats:
