@@ -132,8 +132,8 @@ class Gradients(Method):
         plain.projections = dict(net.projections)
         for name, part in net.projections.items():
             known = {"weight": part.weight, "delay": part.delay}
-            listed = {word: getattr(value, "values", value) for word, value in known.items()}  # of a file
-            listed = {word: values for word, values in listed.items() if isinstance(values, np.ndarray)}
+            held: dict[str, Any] = {word: getattr(value, "values", value) for word, value in known.items()}  # of a file
+            listed = {word: values for word, values in held.items() if isinstance(values, np.ndarray)}
             learnt |= {f"{word}.{name}": values for word, values in listed.items()}
             numbers: Any = dict.fromkeys(listed, net.resolution)
             plain.projections[name] = replace(part, **numbers)
