@@ -35,6 +35,7 @@ def test_it_is_small():
     assert file.with_suffix(".h5").stat().st_size < 1_000_000
 
 
+@pytest.mark.filterwarnings("ignore:backend 'loihi'")  # what rounding loses, and an input that wraps
 def test_it_knows_unseen_digits_without_torch_and_is_priced(folder, monkeypatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     unseen = recordings(folder, part="Test")
