@@ -49,7 +49,7 @@ def operations(constants, step, fire, quiet, without_current):
             if row[CARRIED] == 1:
                 step(row[MODEL], net.state, c, net.x, net.current, begin, end, net.fired, net.draws)
             else:
-                step(row[MODEL], net.state, c, net.x, without_current(net, lo), begin, end, net.fired, net.draws)
+                step(row[MODEL], net.state, c, net.x, without_current(net.none, lo), begin, end, net.fired, net.draws)
             return
         for i in range(lo, hi):
             c = net.constants[row[CONSTANT] + i - row[BEGIN]]
@@ -93,15 +93,9 @@ def operations(constants, step, fire, quiet, without_current):
 
 
 @inner
-def not_read(net, lo):
+def not_read(none, lo):
     """No current."""
     return no_current()
-
-
-@inner
-def read(net, lo):
-    """No current, as an array whose items from `lo` on may be read: a stranger's model may do so in any way."""
-    return moved(net.none, lo)
 
 
 def compiled_operations(models, without_current=not_read):
@@ -130,7 +124,9 @@ def entry(model):
 
     Its arguments are those of `neuro_event.views.call`.
     """
-    catch_up, step_run, _, is_quiet, fire_one = compiled_operations([model], read)
+    catch_up, step_run, _, is_quiet, fire_one = compiled_operations(
+        [model], moved
+    )  # its step may read currents that are not there
     draws, linear = model.draws, model.linear
 
     @kernel
