@@ -15,9 +15,15 @@ from neuro_recognise.settings import Settings
 
 __all__ = ["code_of"]
 
-OURS = ("neuro", "neuro_event", "neuro_models", "neuro_recognise")
+OURS = ("neuro", "neuro_event", "neuro_models", "neuro_recognise", "neuro_torch", "neuro_train")
 """Packages that compute what is observed and learnt; another backend is a setting."""
-ONLY_TELL = {("neuro", "cli"), ("neuro_recognise", "telling"), ("neuro_recognise", "cli.py")}
+ONLY_TELL = {
+    ("neuro", "cli"),
+    ("neuro_recognise", "telling"),
+    ("neuro_recognise", "cli.py"),
+    ("neuro_train", "telling.py"),
+    ("neuro_train", "cli.py"),
+}
 """Rooms in which nothing is computed that is kept."""
 PLAIN = (bool, int, float, str)
 

@@ -305,7 +305,7 @@ def _bills(answer: Answer, recordings: int, targets: Iterable[str]) -> dict[str,
     run = answer.run()
     for target in targets:
         try:
-            priced = price(run, recordings, [target])
+            priced = price(run, recordings, [target], answer.neurons_per_core)
             bills |= {name: bill.as_dict() for name, bill in priced.bills.items()}
             bills |= {name: {"refused": why} for name, why in priced.refused.items()}
         except ModelError as error:

@@ -99,11 +99,13 @@ class Answer:
         votes: the same by other ways of reading the same evidence, by name; `scores` are among them.
         run: gives the run of the network on the same recordings, for bills; None without a network. A method that
             answers by less than its whole network runs that only when asked.
+        neurons_per_core: of a chip, for bills, fewer than it allows; None for as many.
     """
 
     scores: Floats
     votes: Mapping[str, Floats] = field(default_factory=dict)
     run: Callable[[], Run] | None = None
+    neurons_per_core: int | None = None
 
 
 @dataclass(frozen=True)

@@ -32,21 +32,37 @@ class Priced:
     refused: Mapping[str, str]
 
 
-def price(run: Run, recordings: int, targets: Iterable[str]) -> Priced:
+def price(run: Run, recordings: int, targets: Iterable[str], neurons_per_core: int | None = None) -> Priced:
     """The bill of a recording on each target.
 
     Args:
         run: of a network on some recordings, on any backend.
         recordings: how many were shown.
         targets: chips, processors or table files, see `neuro.Simulation.energy`.
+        neurons_per_core: of a chip, see `Answer`.
 
     Raises:
         ModelError: there is no such target, or it has no published costs.
     """
-    sim, taken = run
+    sim = run[0]
     reasons = {name: refusal(sim, name) for name in targets}
-    bills = {name: sim.energy(name, of=taken).per(recordings, "recording") for name, why in reasons.items() if not why}
+    bills = {
+        name: _bill(run, name, neurons_per_core).per(recordings, "recording")
+        for name, why in reasons.items()
+        if not why
+    }
     return Priced(run, recordings, bills, {name: why for name, why in reasons.items() if why})
+
+
+def _bill(run: Run, target: str, neurons_per_core: int | None) -> Energy:
+    """What a run takes; on a chip with so many neurons on a core."""
+    from neuro.chips import chip, place
+    from neuro.chips import price as of_counts
+
+    (sim, taken), asked = run, chip(target)
+    if neurons_per_core is None or asked.mesh is None or not asked.costs:
+        return sim.energy(target, of=taken)
+    return of_counts(sim.program, taken.raw_counts, place(sim.program, asked, neurons_per_core=neurons_per_core), asked)
 
 
 def refusal(sim: neuro.Simulation, target: str) -> str:

@@ -1,4 +1,4 @@
-"""The main job from nothing: recordings, training, test, pictures, and what a recording takes on chips."""
+"""The main job from nothing: recordings, training, test, pictures, what a recording takes on chips."""
 
 from __future__ import annotations
 
@@ -9,13 +9,17 @@ import numpy as np
 
 from neuro.apps import TARGETS, make_folder, sealed, write_text
 from neuro.events import Recordings, recordings
+from neuro_recognise.priced import Priced
 from neuro_recognise.recogniser import fit
 from neuro_recognise.telling import energy, report
 from neuro_recognise.telling.bars import Bar
-from neuro_recognise.telling.tried import try_out
+from neuro_recognise.telling.tried import Tried, try_out
+from neuro_remus import beside
 from neuro_remus.saccades import make_dataset
 
 N_TRAIN, N_TEST = 1500, 500
+SEED = 0
+"""Of the recordings that the network beside ReMuS learnt from."""
 FIGURES = sealed("the figures of 'neuro remus demo'", f'"format": "{report.FORMAT}"', ', "digest": "{}"')
 BILLS = sealed("the bills of 'neuro remus demo'", f'"format": "{energy.FORMAT}"', ', "digest": "{}"')
 
@@ -33,6 +37,7 @@ def run(data: Path | None, out: Path, seed: int) -> None:
     """
     began = time.perf_counter()
     make_folder(out)
+    known = data is None and seed == SEED
     if data is None:
         print(f"making {N_TRAIN} + {N_TEST} recordings of moving digits in {out / 'recordings'}")
         data = make_dataset(out / "recordings", N_TRAIN, N_TEST, seed)
@@ -51,7 +56,21 @@ def run(data: Path | None, out: Path, seed: int) -> None:
     write_text(out / "energy.json", energy.words(made, tried, priced) + "\n", BILLS)
     print(f"{out / 'energy.json'}\n", flush=True)
     energy.show(made, tried, priced)
+    if known:
+        _show_beside(learning, unseen, out, {"remus": (tried, priced)})
     print(f"\ndone in {time.perf_counter() - began:.0f} s")
+
+
+def _show_beside(learning: Recordings, unseen: Recordings, out: Path, found: dict[str, tuple[Tried, Priced]]) -> None:
+    """Test the network that learnt these recordings by gradients, and compare."""
+    name = "by gradients"
+    print(f"\nthe same {len(unseen)} recordings for a network that ships and learnt {name} from the {len(learning)}\n")
+    made = beside.trained(learning, SEED)
+    tried = try_out(made, unseen)
+    found[name] = tried, energy.bills(tried, TARGETS)
+    write_text(out / "gradients.json", energy.words(made, *found[name]) + "\n", BILLS)
+    print(f"{out / 'gradients.json'}\n", flush=True)
+    beside.show(found)
 
 
 def halves(data: Path, seed: int) -> tuple[Recordings, Recordings]:

@@ -64,7 +64,8 @@ def train(
     ] = "fast_sigmoid",
     slope: Annotated[float, Option(metavar="X", help="Of the surrogate, per V_th - V_reset.")] = 1.0,
     learn: Annotated[
-        list[str], Option("--learn", metavar="NAME", help="A projection that learns; all if not given; repeatable.")
+        list[str],
+        Option("--learn", metavar="NAME", help="A projection whose weights learn, or NAME=weight,delay; repeatable."),
     ] = [],  # noqa: B006
     augment: Annotated[
         list[str],

@@ -23,7 +23,7 @@ class Plan:
     Attributes:
         input: the population of the pixels.
         output: the population of which each neuron stands for a class.
-        trainable: projections that learn; all that carry spikes if there are none.
+        trainable: projections whose weights learn, or NAME=weight,delay; all that carry spikes if there are none.
         epochs: how often each recording is shown; 0 trains nothing.
         duration: of a recording, ms.
         start: ms from a recording's first event to its first step.
@@ -89,6 +89,12 @@ class Plan:
 
     def _whole(self, name: str, least: int) -> None:
         _expect(name, getattr(self, name), lambda v: type(v) is int and v >= least, f"a whole number >= {least}")
+
+    @property
+    def learns(self) -> dict[str, tuple[str, ...]]:
+        """What of which projection learns, where that is told."""
+        parts = (text.partition("=") for text in self.trainable)
+        return {name: tuple(words.split(",")) if equals else ("weight",) for name, equals, words in parts}
 
     @property
     def chip(self) -> str:

@@ -61,10 +61,10 @@ def module_of(net: neuro.Network, plan: Plan) -> neuro_torch.Module:
         ModelError: the network cannot learn by gradients, or there is no such device.
     """
     device = _device(plan.device)
-    names = plan.trainable or tuple(name for name, part in net.projections.items() if _carries_spikes(net, part))
+    every = (name for name, part in net.projections.items() if _carries_spikes(net, part))
     module = neuro_torch.Module(
         net,
-        list(names),
+        plan.learns or dict.fromkeys(every, ("weight",)),
         surrogate=plan.surrogate,
         slope=plan.slope,
         duration=plan.duration,

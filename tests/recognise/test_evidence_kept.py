@@ -110,7 +110,7 @@ def test_edited_code_of_ours_looks_anew(learning, tmp_path, other_code):
 
 def test_our_digest_is_of_all_that_computes():
     names = {folder.name for folder in code._folders()}
-    assert names == {"neuro", "neuro_event", "neuro_models", "neuro_recognise"}
+    assert names == {"neuro", "neuro_event", "neuro_models", "neuro_recognise", "neuro_torch", "neuro_train"}
     for one in code._folders():
         assert (one / "__init__.py").is_file()
 

@@ -21,13 +21,17 @@ def full_ones(data):
 
 FEW_FRAMES = {"masquelier_thorpe": {"A_plus": 0.05, "epochs": 5}, "must": {"neurons": 60, "epochs": 10}}
 """What learns without labels needs thousands of frames, or larger steps; the bars make about a hundred."""
+GRADIENTS = {name: {"scale": 2, "epochs": 12, "batch": 6} for name in ("dense", "conv", "recurrent", "learnt_delays")}
+"""Few recordings are few batches, of which these take more."""
 
 
 @pytest.fixture(scope="session", params=list(METHODS))
 def trained(request, learning, tmp_path_factory):
     """Each method, trained on the bars, and its file."""
+    if METHODS[request.param].needs == "torch":
+        pytest.importorskip("torch", reason="PyTorch is not installed")
     out = tmp_path_factory.mktemp(request.param) / "model.h5"
-    method = method_of(request.param, values=FEW_FRAMES.get(request.param))
+    method = method_of(request.param, values=(FEW_FRAMES | GRADIENTS).get(request.param))
     return fit(learning, method, seed=3, out=out, cache=out.parent / "cache"), out
 
 

@@ -9,6 +9,7 @@ from neuro.apps import unknown
 from neuro_recognise.method import METHODS, Method
 from neuro_recognise.methods.boe import Boe
 from neuro_recognise.methods.edhmax_tempotron import EdhmaxTempotron
+from neuro_recognise.methods.gradients import Conv, Dense, LearntDelays, Recurrent
 from neuro_recognise.methods.hats import Hats
 from neuro_recognise.methods.hfirst import HFirst
 from neuro_recognise.methods.hots import Hots
@@ -20,7 +21,8 @@ from neuro_recognise.methods.tar_hats import TarHats
 
 __all__ = ["METHODS", "method_of"]
 
-for _method in (Remus, Boe, EdhmaxTempotron, Hats, HFirst, Hots, MasquelierThorpe, Mozafari, Must, TarHats):
+_LOCAL = (Remus, Boe, EdhmaxTempotron, Hats, HFirst, Hots, MasquelierThorpe, Mozafari, Must, TarHats)
+for _method in (*_LOCAL, Dense, Conv, Recurrent, LearntDelays):
     METHODS.add(_method)
 
 

@@ -54,7 +54,7 @@ def bills(tried: Tried, targets: Iterable[str]) -> Priced:
         ModelError: as of `check_targets`.
     """
     assert tried.answer.run is not None, "of a network only"
-    return price(tried.answer.run(), tried.own.n, targets)
+    return price(tried.answer.run(), tried.own.n, targets, tried.answer.neurons_per_core)
 
 
 def counted(priced: Priced) -> dict[str, float]:

@@ -33,8 +33,9 @@ def show_methods() -> None:
         rows.append((name, f"{method.title}\n{method.source}", runs, method.needs or "-", measured or "-"))
     out = console()
     out.print(table(("method", "what, and where from", "runs", "extra", "measured"), rows))
-    if any(method.needs for method in METHODS.values()):
-        print(f"the extra recognise, by which support vector machines are trained: {install('recognise')}")
+    for extra, trains in (("recognise", "support vector machines"), ("torch", "networks that learn by gradients")):
+        if any(method.needs == extra for method in METHODS.values()):
+            print(f"the extra {extra}, by which {trains} are trained: {install(extra)}")
 
 
 def show_settings(name: str) -> None:
