@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from neuro.chips.loihi.learning_rules import FRACTIONS
 from neuro.chips.quantising.fixed import FixedProjection
 from neuro.core import keyed_random
-from neuro.core.clock import NEVER
 from neuro.program.backend import Outcome, Trial, Wins
 from neuro.program.program import Floats, Ints, Projection
 from neuro_chip import host
@@ -116,11 +115,10 @@ class Trials:
     def _clear(self, trial: Trial) -> None:
         """Drop what is under way and start the output's states anew."""
         machine, a = self._machine, self._machine.arrays
-        a["ring"][:], a["arrived"][:], a["arrived_all"][:] = 0, 0, 0
+        host.clear(a["ring"], a["arrived"], a["arrived_all"], a["first"])
         a["clock"][t.EMITTED] = 0
         a["muted"][self._output] = np.repeat(trial.silenced, self._per_map)
         machine.open_groups()
-        a["first"][:] = NEVER
         cells = machine.cells.fixed[self._section.output]
         for name in self._registers:
             a[STATES[name]][self._output] = 0
@@ -146,10 +144,10 @@ class Trials:
         machine = self._machine
         part, weights = machine.program.projections[projection], machine.weights
         sources, slots = self._inputs_of(projection, neuron)
-        first = machine.arrays["first"][machine.slice(part.source)][sources]
-        delay = self._delays_of(projection, slots)
-        since = (tick + self._began + 1 - first - delay) * machine.program.resolution
-        since[first == NEVER] = -np.inf
+        first, begin = machine.arrays["first"], machine.slice(part.source).start
+        delay, now = self._delays_of(projection, slots), tick + self._began + 1
+        since = np.empty(len(sources))
+        host.ages(first, begin, sources, delay, now, machine.program.resolution, since)
         wires, rule, key, arithmetic = self._prepared(projection)
         weights.updates[projection] += len(slots)
         if projection in machine.delays:
