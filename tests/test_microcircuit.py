@@ -114,7 +114,7 @@ def test_a_circuit_for_which_there_is_no_room_is_refused(monkeypatch: pytest.Mon
     with pytest.raises(neuro.ModelError) as error:
         neuro.compile(circuit(), seed=1)
     assert str(error.value) == (
-        "network 'microcircuit': 298,880,968 synapses need 5.7 GB: expected at most what is free, 2.0 GB\n"
+        "network 'microcircuit': 298,880,968 synapses need 4.7 GB: expected at most what is free, 2.0 GB\n"
         "  hint: most are of 'L23E_L23E', 45,499,805; fewer neurons or inputs need less"
     )
     monkeypatch.setattr(memory, "MANY", 1000)

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 
+from neuro.core.clock import NEVER
 from neuro.kernels.draws import step_word, uniform
 from neuro.kernels.jit import compiled, inner, kernel
 
@@ -15,6 +16,27 @@ def rounded(exact, low, high, grain, draw):
     floor = np.floor(exact / grain)
     mantissa = np.int64(floor + (draw < exact / grain - floor)) * grain
     return min(max(mantissa, low), high)
+
+
+@kernel
+def ages(first, begin, sources, delay, now, resolution, since):
+    """For each source the ms from the arrival of its first spike to step `now`; -inf where it has not fired.
+
+    `first` is of all neurons, `begin` where the sources' population begins there; `delay` is one, or one per source.
+    """
+    for k in range(sources.size):
+        fired = first[begin + sources[k]]
+        late = delay[k if delay.size > 1 else 0]
+        since[k] = -np.inf if fired == NEVER else (now - fired - late) * resolution
+
+
+@kernel
+def clear(ring, arrived, arrived_all, first):
+    """Drop all that is under way."""
+    ring[:] = 0
+    arrived[:] = 0
+    arrived_all[:] = 0
+    first[:] = NEVER
 
 
 @cache

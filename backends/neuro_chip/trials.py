@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from neuro.chips.loihi.learning_rules import FRACTIONS
 from neuro.chips.quantising.fixed import FixedProjection
 from neuro.core import keyed_random
-from neuro.core.clock import NEVER
 from neuro.program.backend import Outcome, Trial, Wins
 from neuro.program.program import Floats, Ints, Projection
 from neuro_chip import host
@@ -34,6 +33,11 @@ class Trials:
         self._machine, self._section = machine, section
         self._output = machine.slice(section.output)
         self._per_map = (self._output.stop - self._output.start) // section.maps
+        self._first_of_maps = np.arange(section.maps) * self._per_map
+        names = machine.cells.names
+        self._states = {each for name in section.reset for each in names(section.output, name)}
+        found = [name for state in self._states for name in _REGISTERS[state] if name in STATES]
+        self._registers = tuple(dict.fromkeys(found))
         self._began = 0
         self.changes = 0
         self._inputs: dict[tuple[int, int], tuple[Ints, Ints]] = {}
@@ -59,14 +63,14 @@ class Trials:
         winner, decided = int(a["groups"][group, t.WINNER]), int(a["groups"][group, t.DECIDED]) - began - 1
         volt = machine.cells.state(section.output, "V_m", {"v": self._decisive()})
         by_map = volt.reshape(section.maps, self._per_map)
-        best = by_map.argmax(axis=1) + np.arange(section.maps) * self._per_map
+        best = by_map.argmax(axis=1) + self._first_of_maps
         machine.check_overflows()
         if peak is not None and winner >= 0:
             peak[0][winner], peak[1][winner] = np.inf, decided
         ticks = machine.step - began
         values, when = peak or (None, None)
         decided = decided if winner >= 0 else -1
-        return Outcome(winner, decided, by_map.max(axis=1), best, ticks, values, when, self._wins())
+        return Outcome(winner, decided, volt[best], best, ticks, values, when, self._wins())
 
     def _decisive(self) -> NDArray[np.int32]:
         """The voltages of the output at the decision; with several winners of each map at its own; or at the end."""
@@ -111,18 +115,15 @@ class Trials:
     def _clear(self, trial: Trial) -> None:
         """Drop what is under way and start the output's states anew."""
         machine, a = self._machine, self._machine.arrays
-        a["ring"][:], a["arrived"][:], a["arrived_all"][:] = 0, 0, 0
+        host.clear(a["ring"], a["arrived"], a["arrived_all"], a["first"])
         a["clock"][t.EMITTED] = 0
         a["muted"][self._output] = np.repeat(trial.silenced, self._per_map)
         machine.open_groups()
-        a["first"][:] = NEVER
         cells = machine.cells.fixed[self._section.output]
-        states = {each for name in self._section.reset for each in machine.cells.names(self._section.output, name)}
-        registers = {name: 0 for state in states for name in _REGISTERS[state] if name in STATES}
-        for name in registers:
+        for name in self._registers:
             a[STATES[name]][self._output] = 0
-        write_states(a, self._section.output, cells, tuple(registers))
-        if "V_m" in states:
+        write_states(a, self._section.output, cells, self._registers)
+        if "V_m" in self._states:
             a["hold"][self._output] = 0
 
     def _inputs_of(self, projection: int, neuron: int) -> tuple[Ints, Ints]:
@@ -143,10 +144,10 @@ class Trials:
         machine = self._machine
         part, weights = machine.program.projections[projection], machine.weights
         sources, slots = self._inputs_of(projection, neuron)
-        first = machine.arrays["first"][machine.slice(part.source)][sources]
-        delay = self._delays_of(projection, slots)
-        since = (tick + self._began + 1 - first - delay) * machine.program.resolution
-        since[first == NEVER] = -np.inf
+        first, begin = machine.arrays["first"], machine.slice(part.source).start
+        delay, now = self._delays_of(projection, slots), tick + self._began + 1
+        since = np.empty(len(sources))
+        host.ages(first, begin, sources, delay, now, machine.program.resolution, since)
         wires, rule, key, arithmetic = self._prepared(projection)
         weights.updates[projection] += len(slots)
         if projection in machine.delays:

@@ -23,8 +23,11 @@ CATCH_UP, STEP, QUIET, FIRE = range(4)
 """Operations of an entry."""
 
 
-def operations(constants, step, fire, quiet, without_current):
-    """The operations, compiled for functions that take a model's number first: see `neuro.model.neurons.base`."""
+def operations(constants, step, fire, quiet, foreign):
+    """The operations, compiled for functions that take a model's number first: see `neuro.model.neurons.base`.
+
+    A foreign model may read the current in any way, so of no current it gets an array.
+    """
 
     @inner
     def catch_up(view, thread, row, lo, hi, interval):
@@ -48,8 +51,10 @@ def operations(constants, step, fire, quiet, without_current):
             c, begin, end = net.constants[row[CONSTANT]], np.uint64(lo), np.uint64(hi)
             if row[CARRIED] == 1:
                 step(row[MODEL], net.state, c, net.x, net.current, begin, end, net.fired, net.draws)
+            elif foreign:
+                step(row[MODEL], net.state, c, net.x, moved(net.none, lo), begin, end, net.fired, net.draws)
             else:
-                step(row[MODEL], net.state, c, net.x, without_current(net.none, lo), begin, end, net.fired, net.draws)
+                step(row[MODEL], net.state, c, net.x, no_current(), begin, end, net.fired, net.draws)
             return
         for i in range(lo, hi):
             c = net.constants[row[CONSTANT] + i - row[BEGIN]]
@@ -92,20 +97,14 @@ def operations(constants, step, fire, quiet, without_current):
     return catch_up, step_run, step_bare, is_quiet, fire_one
 
 
-@inner
-def not_read(none, lo):
-    """No current."""
-    return no_current()
-
-
-def compiled_operations(models, without_current=not_read):
+def compiled_operations(models, foreign=False):
     """The operations of some models, chosen by their places in the list."""
     return operations(
         chosen("constants", "p, h, c", models),
         chosen("step", "s, c, x, i_0, lo, hi, fired, u", models),
         chosen("fire", "s, c, i", models),
         chosen("quiet", "s, c, i_0, lo, hi", models),
-        without_current,
+        foreign,
     )
 
 
@@ -124,9 +123,7 @@ def entry(model):
 
     Its arguments are those of `neuro_event.views.call`.
     """
-    catch_up, step_run, _, is_quiet, fire_one = compiled_operations(
-        [model], moved
-    )  # its step may read currents that are not there
+    catch_up, step_run, _, is_quiet, fire_one = compiled_operations([model], foreign=True)
     draws, linear = model.draws, model.linear
 
     @kernel

@@ -38,10 +38,13 @@ def lag(program: Program, index: int) -> NDArray[np.int32]:
 def longest_lag(program: Program, index: int) -> NDArray[np.int32]:
     """The longest lag of a projection, now or when its delays have learnt, shape (1,), or none without synapses."""
     part = program.projections[index]
+    late = acts_late(program.populations[part.target].model)
     if part.synapse.delays:
         _, most = part.delay_range(program.resolution)
-        return np.array([most + acts_late(program.populations[part.target].model)], dtype=np.int32)
-    return lag(program, index)
+        return np.array([most + late], dtype=np.int32)
+    return (
+        np.add(part.delay.max(keepdims=True), late, dtype=np.int32) if part.delay.size else part.delay.astype(np.int32)
+    )
 
 
 def register(lag: NDArray[np.int32], of_one: int) -> NDArray[np.int32]:

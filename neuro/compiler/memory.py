@@ -7,9 +7,12 @@ from collections.abc import Mapping
 from neuro.compiler.shapes import Shape, size
 from neuro.core.errors import ModelError
 from neuro.core.memory import free_memory
+from neuro.core.values import plain
+from neuro.model.distributions import Distribution
 from neuro.model.network import Network
 from neuro.model.parts import Projection
 from neuro.model.rules import all_to_all, fixed_indegree, fixed_outdegree, fixed_total_number, pairs, pairwise_bernoulli
+from neuro.model.space import of_distance
 
 MANY = 1 << 26
 """Synapses from which on it is counted."""
@@ -71,8 +74,14 @@ def _synapses(part: Projection, n_pre: int, n_post: int) -> int:
 def _bytes(part: Projection) -> int:
     """Of a synapse: its target, and a weight and a delay of its own; what learns has states, and an index by target."""
     dense = isinstance(part.rule, all_to_all)
-    static = 4 * (not dense) + 8 * _each(part.weight) + 4 * _each(part.delay)
+    static = 4 * (not dense) + 8 * _each(part.weight) + _delay_bytes(part) * _each(part.delay)
     return static + (40 if part.synapse.learns else 0)
+
+
+def _delay_bytes(part: Projection) -> int:
+    """A byte for a drawn delay of what does not learn, unless it is longer than 255 steps, which is not looked at."""
+    drawn = isinstance(plain(part.delay), (Distribution, of_distance))
+    return 1 if drawn and not part.synapse.learns else 4
 
 
 def _each(value: object) -> bool:

@@ -134,8 +134,11 @@ class normal(_Clipped):
         if n < _MANY or large or type(self) is not normal:
             yield from super().pieces(rng, n)
             return
-        from neuro.kernels.normals import Normals
-
+        try:
+            from neuro.kernels.normals import Normals
+        except ImportError:  # a numba that keeps NumPy's tables elsewhere
+            yield from super().pieces(rng, n)
+            return
         normals, room = Normals(rng), np.empty(_BLOCK)
         for first in range(0, n, _BLOCK):
             piece = room[: n - first]

@@ -1,5 +1,6 @@
 """Normal numbers of the compiled pass: those of NumPy, bit for bit."""
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,16 @@ def test_what_is_drawn_is_the_same_either_way(seed: int, n: int, mean: float, st
         patch.setattr(distributions, "_MANY", 1)
         found = by_piece(value, seed, n)
     expected = value.drawn(generator(seed, "weight", "x"), n)
+    assert np.array_equal(found.view(np.int64), expected.view(np.int64))
+
+
+def test_without_the_tables_numpy_draws_the_same(monkeypatch: pytest.MonkeyPatch):
+    value = neuro.normal(mean=1.0, std=0.5, low=0.2)
+    expected = by_piece(value, 3, distributions._MANY + 5)
+    monkeypatch.setitem(sys.modules, "numba.np.random._constants", None)
+    monkeypatch.delitem(sys.modules, "neuro.kernels.normals")
+    found = np.concatenate(list(value.pieces(generator(3, "weight", "x"), distributions._MANY + 5)))
+    assert "neuro.kernels.normals" not in sys.modules
     assert np.array_equal(found.view(np.int64), expected.view(np.int64))
 
 

@@ -137,14 +137,14 @@ def projection(
     problems = one_kernel(inputs, index, d.gain.size)
     exponent = options.of("exponents", part.name)
     if exponent is None:
-        exponent = exponent_of(gained(inputs, index, d), volt, low, high, inputs.learns(index))
+        exponent = exponent_of(gained(inputs, index, d, few=True), volt, low, high, inputs.learns(index))
     step = 64.0 * 2.0**exponent / (volt * (d.gain if part.grid is None else d.gain[:1]))
     per_synapse = step if step.size == 1 else step[inputs.targets(index)]
-    mantissas = rounding.rounded(part.weight, per_synapse, low, high, grain)
-    sent: Floats = mantissas.astype(np.float64)
+    keep = exponent < 0 or inputs.keeps(index)
+    mantissas, found = rounding.fitted(part.weight, per_synapse, per_synapse, low, high, grain, keep)
     if exponent < 0:  # the lowest bits of a mantissa are kept for learning, but not sent
-        sent = word(mantissas, exponent, 8, False).astype(np.float64) * 2.0**-exponent
-    found = rounding.judged(np.broadcast_to(part.weight, mantissas.shape), sent, per_synapse, low, high)
+        sent: Floats = word(mantissas, exponent, 8, False).astype(np.float64) * 2.0**-exponent
+        found = rounding.judged(np.broadcast_to(part.weight, mantissas.shape), sent, per_synapse, low, high)
     if found.saturated > 0.0:
         beyond = rounding.beyond(part.weight, per_synapse, low, high)
         limit = low if beyond.weight < 0.0 else high

@@ -117,11 +117,9 @@ def calm(inputs: Inputs, d: Described) -> tuple[float, float]:
     for sign in (1.0, -1.0):
         arriving = np.zeros(inputs.part.size)
         for index in inputs.spikes:
-            part = inputs.program.projections[index]
-            weight = np.maximum(sign * part.weight, 0.0)
-            if inputs.learns(index):
-                weight = np.full(1, max(0.0, float((sign * inputs.range_of(index)).max(initial=0.0))))
-            arriving += converging(inputs, index, weight)
+            low, high = inputs.bounds(index)
+            extreme = np.full(1, high if sign > 0.0 else low)
+            arriving += converging(inputs, index, sign, extreme if inputs.learns(index) else None)
         total = max(total, _largest(arriving) * float(d.gain.max()))
     summed = total / (1.0 - float(min(d.fade.max(), 1.0 - 2.0**-12)))
     room = min((INPUT_LIMIT - 1) / total, (U_LIMIT - 1) / summed) * SPARE
@@ -143,7 +141,7 @@ def choose_scale(inputs: Inputs, d: Described) -> float:
     largest mantissa, at which the chip stops, too. Of two that lose the same, the one that keeps sums from wrapping.
     """
     cap, hard = ceilings(d)
-    values = [(index, rounding.sample(gained(inputs, index, d))) for index in inputs.spikes]
+    values = [(index, rounding.sample(gained(inputs, index, d, few=True))) for index in inputs.spikes]
     values = [(index, v) for index, v in values if np.any(v)]
     if not values:
         return float(2.0 ** np.floor(np.log2(cap)))
@@ -205,15 +203,23 @@ def _misfit(volts: Floats, d: Described) -> Floats:
     return lost
 
 
-def gained(inputs: Inputs, index: int, d: Described) -> Floats:
-    """What a spike along each synapse does to V_m in mV; of plastic synapses also what it may come to do."""
+def gained(inputs: Inputs, index: int, d: Described, few: bool = False) -> Floats:
+    """What a spike along each synapse does to V_m in mV; of plastic synapses also what it may come to do.
+
+    Args:
+        inputs: the population.
+        index: of the projection.
+        d: what the population is.
+        few: of many synapses the largest, the smallest and others evenly between are enough.
+    """
     weight, part = inputs.range_of(index), inputs.program.projections[index]
+    thin = rounding.thinned if few else np.asarray
     if d.gain.size == 1:
-        return weight * float(d.gain[0])
+        return thin(weight) * float(d.gain[0])
     if part.weight.size == 1 or part.grid is not None:
-        return np.concatenate((weight * d.gain.min(), weight * d.gain.max()))
+        return thin(np.concatenate((weight * d.gain.min(), weight * d.gain.max())))
     own = part.weight * d.gain[inputs.targets(index)]
-    return np.concatenate((own, weight[part.weight.size :] * d.gain.max()))
+    return thin(np.concatenate((own, weight[part.weight.size :] * d.gain.max())))
 
 
 def exponent_of(values: Floats, scale: float, low: int, high: int, plastic: bool) -> int:

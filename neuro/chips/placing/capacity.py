@@ -33,9 +33,9 @@ def exceeded(program: Program, chip: Chip, into: Incoming, split: Split, chips: 
         chips: how many are needed.
     """
     return (
-        *_too_much(program, chip, split, "memory", split.memory, memory_limit(chip), np.diff(into.ends), into),
-        *_too_much(program, chip, split, "in", split.axons_in, chip.limit("axons_in_per_core"), split.sends, into),
-        *_too_much(program, chip, split, "out", split.axons_out, chip.limit("axons_out_per_core"), split.sends, into),
+        *_too_much(program, chip, split, "memory", split.memory, memory_limit(chip), into),
+        *_too_much(program, chip, split, "in", split.axons_in, chip.limit("axons_in_per_core"), into),
+        *_too_much(program, chip, split, "out", split.axons_out, chip.limit("axons_out_per_core"), into),
         *_too_large(program, chip, split, chips),
         *(() if chip.arithmetic else too_late(program, chip)),
     )
@@ -62,7 +62,7 @@ def too_late(program: Program, chip: Chip) -> Iterator[Problem]:
 
 
 def _too_much(
-    program: Program, chip: Chip, split: Split, kind: str, need: Ints, limit: int | None, each: Ints, into: Incoming
+    program: Program, chip: Chip, split: Split, kind: str, need: Ints, limit: int | None, into: Incoming
 ) -> Iterator[Problem]:
     """Neurons that are beyond a limit although they are alone on their core, told once for a population."""
     if limit is None:
@@ -75,7 +75,7 @@ def _too_much(
         neuron, count = min(found)
         part = program.populations[population]
         more = f" and {len(found) - 1:,} more" if len(found) > 1 else ""
-        synapses = int(each[into.start[population] + neuron])
+        synapses = int(np.diff(into.ends)[into.start[population] + neuron])
         why, way_out = _reason(kind, chip, count, limit, synapses)
         yield Problem(True, f"population '{part.name}': neuron {neuron}{more}", why, way_out, part.origin)
 

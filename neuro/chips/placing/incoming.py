@@ -1,109 +1,121 @@
-"""All synapses of a program by the neuron on which they end: what placing looks at."""
+"""All synapses of a program as placing looks at them: by the neuron that sends, and by the one on which they end."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from neuro.chips.placing.fan_out import spiking
-from neuro.chips.placing.fill import scatter, scatter_all, scatter_rows
+from neuro.chips.placing.fill import onto, scatter
 from neuro.chips.placing.packing import synapse_bits
 from neuro.program.program import Grid, Ints, Program
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """The synapses of a projection by source: those of source i end on targets[begin[i] : end[i]]."""
+
+    begin: Ints
+    end: Ints
+    targets: NDArray[np.int32]
+
+    @property
+    def size(self) -> int:
+        """How many synapses there are."""
+        return int((self.end - self.begin).sum())
+
+
+@dataclass(frozen=True, eq=False)
 class Incoming:
-    """Synapses by target. A line is one source neuron of one projection; all populations' neurons are numbered through.
+    """All synapses. A line is one source neuron of one projection; all populations' neurons are numbered through.
 
     Attributes:
         start: the number of each population's first neuron, and the number of all neurons.
-        ends: synapses onto neuron t are ends[t] : ends[t + 1], by projection.
-        line: the line of each synapse.
+        rows: the synapses of each projection, none without spikes.
+        ends_at: the population on which each projection ends, `begins_at` the one from which it comes.
         first: the first line of each projection, and the number of all lines; a projection without spikes has none.
-        source: the neuron of each line.
-        projection: the projection of each line.
         bits: of one synapse of each projection in Loihi's blocks, without its index.
         sources: source neurons of each projection.
         synapses: of each projection, a grid's spelled out.
     """
 
     start: Ints
-    ends: Ints
-    line: NDArray[np.int32]
+    rows: tuple[Rows | None, ...]
+    begins_at: tuple[int, ...]
+    ends_at: tuple[int, ...]
     first: Ints
-    source: NDArray[np.int32]
-    projection: NDArray[np.int32]
     bits: Ints
     sources: Ints
     synapses: Ints
 
+    @cached_property
+    def ends(self) -> Ints:
+        """Synapses onto neuron t are ends[t] : ends[t + 1] of `line`, by projection."""
+        ends = np.zeros(self.start[-1] + 1, dtype=np.int64)
+        for index, rows in enumerate(self.rows):
+            if rows is not None:
+                onto(rows.begin, rows.end, rows.targets, ends[1 + self.start[self.ends_at[index]] :])
+        return np.cumsum(ends)
+
+    @cached_property
+    def line(self) -> NDArray[np.int32]:
+        """The line of each synapse, by target: 4 bytes a synapse, so that only who needs it makes it."""
+        line = np.empty(self.synapses.sum(), dtype=np.int32)
+        position = self.ends[:-1].copy()
+        for index, rows in enumerate(self.rows):
+            if rows is not None:
+                at = position[self.start[self.ends_at[index]] :]
+                scatter(rows.begin, rows.end, rows.targets, self.first[index], at, line)
+        return line
+
+    @cached_property
+    def source(self) -> NDArray[np.int32]:
+        """The neuron of each line."""
+        starts = [self.start[k] + np.arange(n) for k, n in zip(self.begins_at, self.sources, strict=True)]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *starts]).astype(np.int32)
+
+    @cached_property
+    def projection(self) -> NDArray[np.int32]:
+        """The projection of each line."""
+        return np.repeat(np.arange(len(self.sources), dtype=np.int32), self.sources)
+
 
 def incoming(program: Program) -> Incoming:
-    """Spell out all synapses of a program that carry spikes."""
+    """Look at all synapses of a program that carry spikes."""
     sizes = [part.size for part in program.populations]
-    start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    carries = set(spiking(program))
-    parts = program.projections
+    parts, carries = program.projections, set(spiking(program))
+    rows = tuple(rows_of(program, index) if index in carries else None for index in range(len(parts)))
     lines = np.array([sizes[p.source] if i in carries else 0 for i, p in enumerate(parts)], dtype=np.int64)
-    first = np.concatenate([[0], np.cumsum(lines)]).astype(np.int64)
-    pairs = {index: ends_of(program, index) for index in sorted(carries) if parts[index].layout in _LISTED}
-    synapses = np.zeros(len(parts), dtype=np.int64)
-    ends = np.zeros(start[-1] + 1, dtype=np.int64)
-    for index in sorted(carries):
-        into, each = parts[index].target, _onto(program, index, pairs)
-        synapses[index] = each.sum()
-        ends[start[into] + 1 : start[into + 1] + 1] += each
-    np.cumsum(ends, out=ends)
-    line = np.zeros(synapses.sum(), dtype=np.int32)
-    position = ends[:-1].copy()
-    for index in sorted(carries):
-        _enter(program, index, pairs, first[index], position[start[parts[index].target] :], line)
-    starts = [start[p.source] + np.arange(n) for p, n in zip(parts, lines, strict=True)]
     return Incoming(
-        start=start,
-        ends=ends,
-        line=line,
-        first=first,
-        source=np.concatenate([np.zeros(0, dtype=np.int64), *starts]).astype(np.int32),
-        projection=np.repeat(np.arange(len(parts), dtype=np.int32), lines),
+        start=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
+        rows=rows,
+        begins_at=tuple(part.source for part in parts),
+        ends_at=tuple(part.target for part in parts),
+        first=np.concatenate([[0], np.cumsum(lines)]).astype(np.int64),
         bits=np.array([synapse_bits(program, index) for index in range(len(parts))], dtype=np.int64),
         sources=lines,
-        synapses=synapses,
+        synapses=np.array([0 if each is None else each.size for each in rows], dtype=np.int64),
     )
 
 
-_LISTED = ("grid", "one_to_one")
-"""Layouts whose synapses are listed; the others are counted and entered as they lie."""
-
-_Pairs = dict[int, tuple[Ints, Ints]]
-
-
-def _onto(program: Program, index: int, pairs: _Pairs) -> Ints:
-    """Synapses of a projection onto each of its targets."""
+def rows_of(program: Program, index: int) -> Rows:
+    """The synapses of a projection by source; rows that are alike share their targets, a grid's are spelled out."""
     part = program.projections[index]
     n_source, n_target = (program.populations[k].size for k in (part.source, part.target))
+    if part.grid is not None:
+        source, target = _grid_ends(part.grid)
+        ends = np.concatenate([[0], np.cumsum(np.bincount(source, minlength=n_source))])
+        return Rows(ends[:-1], ends[1:], target[np.argsort(source, kind="stable")].astype(np.int32))
     if part.layout == "dense":
-        return np.full(n_target, n_source, dtype=np.int64)
-    return np.bincount(pairs[index][1] if index in pairs else part.targets, minlength=n_target)
-
-
-def _enter(program: Program, index: int, pairs: _Pairs, first: int, position: Ints, line: NDArray[np.int32]) -> None:
-    """Enter the synapses of a projection behind those that their targets already have."""
-    part = program.projections[index]
-    if index in pairs:
-        scatter(*pairs[index], first, position, line)
-    elif part.layout == "dense":
-        scatter_all(program.populations[part.source].size, program.populations[part.target].size, first, position, line)
-    else:
-        scatter_rows(part.row_ends, part.targets, first, position, line)
-
-
-def ends_of(program: Program, index: int) -> tuple[Ints, Ints]:
-    """Source and target of every synapse of a projection, those of a grid spelled out."""
-    g = program.projections[index].grid
-    return program.connections(index) if g is None else _grid_ends(g)
+        begin, end = np.zeros(n_source, dtype=np.int64), np.full(n_source, n_target, dtype=np.int64)
+        return Rows(begin, end, np.arange(n_target, dtype=np.int32))
+    if part.layout == "one_to_one":
+        each = np.arange(n_source, dtype=np.int64)
+        return Rows(each, each + 1, np.arange(n_source, dtype=np.int32))
+    return Rows(part.row_ends[:-1], part.row_ends[1:], part.targets)
 
 
 def _grid_ends(g: Grid) -> tuple[Ints, Ints]:

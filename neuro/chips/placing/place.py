@@ -32,6 +32,8 @@ from neuro.chips.placing.capacity import exceeded
 from neuro.chips.placing.incoming import Incoming, incoming
 from neuro.chips.placing.mesh import LARGEST, Places, chain, draw_close, lay_out
 from neuro.chips.placing.placement import Core, Placement
+from neuro.chips.placing.reach import between_cores
+from neuro.chips.placing.reached import reached
 from neuro.chips.placing.routes import Hops, routes
 from neuro.chips.placing.split import Split, fewest_cores, neurons_of, split
 from neuro.core.errors import ModelError, unknown
@@ -139,10 +141,10 @@ def _close(chip: Chip, into: Incoming, cut: Split) -> tuple[Split, Places]:
 def _traffic(into: Incoming, cut: Split) -> tuple[Floats, Floats]:
     """Spikes between each two cores and from the host to each, if all sources spike once."""
     n = len(cut.cores)
-    begin = cut.core_of[into.source[cut.line[cut.sent]]]
-    end = cut.core[cut.sent].astype(np.int64)
-    pull = np.bincount(end[begin < 0], minlength=n).astype(np.float64)
-    between = np.bincount((begin * n + end)[begin >= 0], minlength=n * n).reshape(n, n).astype(np.float64)
+    between, pull = np.zeros((n, n)), np.zeros(n)
+    for index, ways in reached(into, cut.core_of, n):
+        source = into.begins_at[index]
+        between_cores(*ways, cut.core_of[into.start[source] : into.start[source + 1]], between, pull)
     np.fill_diagonal(between, 0.0)
     return between + between.T, pull
 

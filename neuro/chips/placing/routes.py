@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from neuro.chips.placing.fill import spread, travel
 from neuro.chips.placing.incoming import Incoming
 from neuro.chips.placing.mesh import Places
+from neuro.chips.placing.reach import spread, travel
+from neuro.chips.placing.reached import reached
 from neuro.chips.placing.split import Split
 from neuro.program.program import Ints, Program
 
@@ -49,46 +50,24 @@ def routes(program: Program, into: Incoming, split: Split, places: Places, multi
             otherwise it is sent once for each destination core. What several projections of a population share
             counts with the first.
     """
-    if not split.listed:
-        return _counted(program, into, split, places)
-    found: list[Hops] = []
+    found = [
+        Hops(*np.zeros((5, program.populations[part.source].size), dtype=np.int64)) for part in program.projections
+    ]
     trees: dict[int, _Tree] = {}
-    chosen = np.flatnonzero(split.sent)
-    chosen = chosen[np.argsort(into.projection[split.line[chosen]], kind="stable")]
-    cut = np.searchsorted(into.projection[split.line[chosen]], np.arange(len(program.projections) + 1))
-    for index, part in enumerate(program.projections):
-        entry = chosen[cut[index] : cut[index + 1]]
-        size = program.populations[part.source].size
-        source = split.line[entry] - into.first[index]
-        own = _core_of(program, into, split, part.source)
-        if not multicast:
-            found.append(_Ways(places, own, source.astype(np.int64), split.core[entry].astype(np.int64)).unicast(size))
-        else:
-            if part.source not in trees:
-                trees[part.source] = _Tree(own, places)
-            found.append(trees[part.source].grow(source, split.core[entry]))
-    return tuple(found)
-
-
-def _counted(program: Program, into: Incoming, split: Split, places: Places) -> tuple[Hops, ...]:
-    """The hops of every projection, a spike sent for each destination core, where these are not listed."""
-    lines, total = len(into.source), int(into.start[-1])
-    found = tuple(np.zeros(lines, dtype=np.int64) for _ in range(5))
     coordinates = (places.column, places.row, places.chip_column, places.chip_row)
-    placed = split.core_of >= 0
-    begins = tuple(np.where(placed, of_core[split.core_of], 0) for of_core in coordinates)
-    room = np.empty(total, dtype=np.int32), np.full(total, -1, dtype=np.int32)
-    travel(split.queue, *split.pieces, into.ends, into.line, into.source, begins, coordinates, *room, found)
-    ways = []
-    for index, part in enumerate(program.projections):
-        a, b = into.first[index], into.first[index + 1]
-        none = np.zeros(program.populations[part.source].size, dtype=np.int64)
-        ways.append(Hops(*(each[a:b] if b > a else none for each in found)))
-    return tuple(ways)
-
-
-def _core_of(program: Program, into: Incoming, split: Split, population: int) -> Ints:
-    return split.core_of[into.start[population] : into.start[population + 1]]
+    for index, ways in reached(into, split.core_of, len(split.cores)):
+        source = program.projections[index].source
+        own = split.core_of[into.start[source] : into.start[source + 1]]
+        if multicast:
+            if source not in trees:
+                trees[source] = _Tree(own, places)
+            found[index] = trees[source].grow(ways)
+        else:
+            hops = found[index]
+            start = tuple(begins(own, coordinate) for coordinate in coordinates)
+            moves = (hops.cores, hops.local, hops.east_west, hops.north_south, hops.chip)
+            travel(*ways, start, coordinates, moves)
+    return tuple(found)
 
 
 def begins(own: Ints, coordinate: Ints) -> Ints:
@@ -96,30 +75,6 @@ def begins(own: Ints, coordinate: Ints) -> Ints:
     if not len(coordinate):
         return np.zeros(len(own), dtype=np.int64)
     return np.where(own >= 0, coordinate[own], 0)
-
-
-class _Ways:
-    """From source neurons to destination cores."""
-
-    def __init__(self, places: Places, core_of: Ints, source: Ints, core: Ints) -> None:
-        self.places, self.source, self.core = places, source, core
-        self.own = core_of
-        self.east, self.south = self.step(places.column), self.step(places.row)
-        self.local = (self.east == 0) & (self.south == 0)
-
-    def step(self, coordinate: Ints) -> Ints:
-        """How far each destination is from its source, with its sign."""
-        return np.asarray(coordinate[self.core] - begins(self.own, coordinate)[self.source])
-
-    def count(self, what: Ints | None, size: int) -> Ints:
-        """Sums per source neuron."""
-        return np.bincount(self.source, weights=what, minlength=size).astype(np.int64)
-
-    def unicast(self, size: int) -> Hops:
-        """Every destination core by itself."""
-        over = np.abs(self.step(self.places.chip_column)) + np.abs(self.step(self.places.chip_row))
-        east, south = (self.count(np.abs(step), size) for step in (self.east, self.south))
-        return Hops(self.count(None, size), self.count(self.local, size), east, south, self.count(over, size))
 
 
 class _Tree:
@@ -133,11 +88,11 @@ class _Tree:
         self.along = np.zeros((2, own.size), dtype=np.int64)
         self.across = np.zeros((2, own.size, columns), dtype=np.int64)
 
-    def grow(self, source: NDArray[np.int32], core: NDArray[np.int32]) -> Hops:
+    def grow(self, ways: tuple[Any, ...]) -> Hops:
         """Add destinations; of the links only what is new."""
         before = self.links()
         cores, local = np.zeros((2, self.column.size), dtype=np.int64)
-        spread(source, core, (self.column, self.row), self.places, cores, local, self.along, self.across)
+        spread(*ways, (self.column, self.row), self.places, cores, local, self.along, self.across)
         after = self.links()
         return Hops(cores, local, *(new - old for new, old in zip(after, before, strict=True)))
 

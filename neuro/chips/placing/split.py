@@ -4,29 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from neuro.chips.arithmetics import placed_as
 from neuro.chips.description import Chip
 from neuro.chips.placing import fill
 from neuro.chips.placing.incoming import Incoming
-from neuro.chips.placing.memory import core_bytes
-from neuro.chips.placing.mesh import LARGEST
-from neuro.chips.placing.packing import index_bits, memory_limit
+from neuro.chips.placing.packing import ROW_WORDS, WORD_BITS, index_bits, memory_limit
+from neuro.chips.placing.reach import weigh
+from neuro.chips.placing.reached import reached
 from neuro.program.program import Ints, Program
 
 Part = tuple[int, int, int]
 """A population and its neurons first <= i < last."""
 
 _NO_LIMIT = 1 << 62
-
-LISTED = LARGEST
-"""Most cores of which all pairs of a source and a core are listed, where routers do not copy spikes: those of more
-cores, which are laid out as they come, are only counted.
-"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,46 +29,29 @@ class Split:
     Attributes:
         cores: what each core holds, as runs of neighbouring ids.
         core_of: the core of every neuron, numbered through as in `Incoming`; -1 for generators.
-        line, core, synapses: how many synapses a line has onto a core, one entry for each such pair.
-        sent: whether an entry is the first of its source neuron on that core: then a spike is sent for it.
-        listed: whether the entries are there; of more than `LISTED` cores they are only counted.
-        pieces: core, and first and last place in `queue`, of what each core takes of a population.
-        queue: all neurons in the order in which they were taken.
         sends: destination cores of every neuron.
         neurons, memory, axons_in, axons_out: of every core; memory in bytes.
     """
 
     cores: tuple[tuple[Part, ...], ...]
     core_of: Ints
-    line: NDArray[np.int32]
-    core: NDArray[np.int32]
-    synapses: NDArray[np.int32]
-    sent: NDArray[np.bool_]
     sends: Ints
     neurons: Ints
     memory: Ints
     axons_in: Ints
     axons_out: Ints
-    listed: bool
-    pieces: tuple[Ints, Ints, Ints]
-    queue: Ints
 
     def taken(self, order: Ints) -> Split:
         """The same cores numbered anew: core i is what core order[i] was."""
         rank = np.argsort(order)
-        core, first, last = self.pieces
-        moved = rank[core] if len(rank) else core
-        by_core = np.argsort(moved, kind="stable")
         return replace(
             self,
             cores=tuple(self.cores[i] for i in order),
             core_of=np.where(self.core_of >= 0, rank[self.core_of], -1) if len(rank) else self.core_of,
-            core=rank[self.core].astype(np.int32),
             neurons=self.neurons[order],
             memory=self.memory[order],
             axons_in=self.axons_in[order],
             axons_out=self.axons_out[order],
-            pieces=(moved[by_core], first[by_core], last[by_core]),
         )
 
 
@@ -93,6 +69,9 @@ def split(
     how the targets are split: where too many do, all is filled again with those counts. A neuron that fits on no
     core has one of its own.
 
+    What a core's neurons receive only grows with them. So cores are filled by the other limits first, and where these
+    keep all within the limits of memory and axons in, synapses need not be looked at neuron by neuron.
+
     Args:
         program: tells the populations.
         chip: has the limits.
@@ -105,13 +84,23 @@ def split(
     queue = _queue(program, into, by_place)
     sends = np.zeros(into.start[-1], dtype=np.int64)
     limit = chip.limit("axons_out_per_core")
+    each = False
     while True:
-        room = _Room(chip, into, neurons_per_core, sends, queue)
-        found = _reached(_fill(program, chip, room, order), chip, into, queue)
+        room = _Room(chip, into, neurons_per_core, sends, queue, each)
+        found = _weighed(_fill(program, chip, room, order), chip, into, queue)
+        if not each and not _within(found, room.limits):
+            each = True
+            continue
         over = (found.neurons > 1) & (found.axons_out > (_NO_LIMIT if limit is None else limit))
         if not over.any():
             return found
         sends = np.maximum(sends, found.sends)
+
+
+def _within(found: Split, limits: Ints) -> bool:
+    """Whether all cores keep the limits of what their neurons receive."""
+    memory, axons = limits[fill.MEMORY] // 8, limits[fill.AXONS]
+    return bool(np.all(found.memory <= memory) and np.all(found.axons_in <= axons))
 
 
 def _queue(program: Program, into: Incoming, by_place: bool) -> Ints:
@@ -127,7 +116,9 @@ def _queue(program: Program, into: Incoming, by_place: bool) -> Ints:
 class _Room:
     """A core that is being filled."""
 
-    def __init__(self, chip: Chip, into: Incoming, neurons_per_core: int | None, sends: Ints, queue: Ints) -> None:
+    def __init__(
+        self, chip: Chip, into: Incoming, neurons_per_core: int | None, sends: Ints, queue: Ints, each: bool
+    ) -> None:
         memory = memory_limit(chip)
         least = [n for n in (chip.limit("neurons_per_core"), neurons_per_core) if n is not None]
         limits = (
@@ -138,10 +129,13 @@ class _Room:
         )
         self.rows, self.sends, self.start, self.queue = placed_as(chip).in_rows, sends, into.start, queue
         self.limits = np.array([_NO_LIMIT if n is None else n for n in limits], dtype=np.int64)
-        self.graph = (into.ends, into.line, into.source, into.projection, into.bits, into.sources)
+        none = np.zeros(0, dtype=np.int32)
+        ends, line = (into.ends, into.line) if each else (np.zeros(int(into.start[-1]) + 1, dtype=np.int64), none)
+        self.graph = (ends, line, into.first, into.source, into.projection, into.bits, into.sources)
         lines, sources, projections = len(into.source), int(into.start[-1]), len(into.bits)
-        shapes = (lines, lines, sources, projections, projections, lines)
-        self.marks = tuple(np.full(shape, -1, dtype=np.int32) for shape in shapes)
+        mark = np.full(lines if each else 0, -1, dtype=np.int64)
+        shapes = (sources, projections, projections, len(mark))
+        self.marks = (mark, *(np.full(shape, -1, dtype=np.int32) for shape in shapes))
         self.core = -1
         self.open()
 
@@ -189,67 +183,34 @@ def _runs(core: list[Part], into: Incoming, queue: Ints, in_order: bool) -> tupl
     return tuple(runs)
 
 
-def _reached(cores: list[list[Part]], chip: Chip, into: Incoming, queue: Ints) -> Split:
+def _weighed(cores: list[list[Part]], chip: Chip, into: Incoming, queue: Ints) -> Split:
     """Count what reaches each core."""
-    parts = [(core, *part) for core, held in enumerate(cores) for part in held]
-    core, population, first, last = np.array(parts, dtype=np.int64).reshape(-1, 4).T.copy()
-    begin, end = into.start[population] + first, into.start[population] + last
-    count = len(cores)
-    core_of = np.full(int(into.start[-1]), -1, dtype=np.int64)
-    for number, a, b in zip(core, begin, end, strict=True):
-        core_of[queue[a:b]] = number
+    count, total = len(cores), int(into.start[-1])
+    core_of = np.full(total, -1, dtype=np.int64)
+    for number, held in enumerate(cores):
+        for population, first, last in held:
+            base = into.start[population]
+            core_of[queue[base + first : base + last]] = number
     on_core = core_of >= 0
     neurons = np.bincount(core_of[on_core], minlength=count)
-    pieces = core, begin, end
+    rows = placed_as(chip).in_rows
+    index = np.array([] if rows else [index_bits(int(n)) for n in neurons], dtype=np.int64)
+    sends, axons_in, blocks, in_rows, longest = (np.zeros(size, dtype=np.int64) for size in (total, *[count] * 4))
+    for projection, ways in reached(into, core_of, count):
+        own = sends[into.start[into.begins_at[projection]] :]
+        longest[:] = 0
+        weigh(*ways, into.bits[projection], index, own, axons_in, blocks, longest)
+        in_rows += np.where(longest > 0, ROW_WORDS + longest, 0) * (WORD_BITS * into.sources[projection])
     in_order = bool(np.all(np.diff(queue) == 1))
-    listed = count <= LISTED or placed_as(chip).in_rows
-    found = (_listed if listed else _weighed)(chip, into, queue, pieces, neurons)
     return Split(
         cores=tuple(_runs(held, into, queue, in_order) for held in cores),
         core_of=core_of,
+        sends=sends,
         neurons=neurons,
-        axons_out=np.bincount(core_of[on_core], weights=found["sends"][on_core], minlength=count).astype(np.int64),
-        listed=listed,
-        pieces=pieces,
-        queue=queue,
-        **found,
+        memory=(in_rows if rows else blocks) // 8,
+        axons_in=axons_in,
+        axons_out=np.bincount(core_of[on_core], weights=sends[on_core], minlength=count).astype(np.int64),
     )
-
-
-def _listed(chip: Chip, into: Incoming, queue: Ints, pieces: tuple[Ints, Ints, Ints], neurons: Ints) -> dict[str, Any]:
-    """What reaches each core, as a list of lines and cores, and its sums."""
-    total, lines, count = int(into.start[-1]), len(into.source), len(neurons)
-    found = tuple(np.empty(len(into.line), dtype=np.int32) for _ in range(4))
-    marks = [np.full(size, -1, dtype=np.int32) for size in (lines, total, lines, total)]
-    n = fill.reach(queue, *pieces, into.ends, into.line, into.source, *marks, found)
-    line, reached, synapses, new = (array[:n] for array in found)
-    sent = new.astype(bool)
-    return {
-        "line": line,
-        "core": reached,
-        "synapses": synapses,
-        "sent": sent,
-        "sends": np.bincount(into.source[line[sent]], minlength=total),
-        "memory": core_bytes(chip, neurons, reached, line, synapses, into),
-        "axons_in": np.bincount(reached[sent], minlength=count),
-    }
-
-
-def _weighed(chip: Chip, into: Incoming, queue: Ints, pieces: tuple[Ints, Ints, Ints], neurons: Ints) -> dict[str, Any]:
-    """The same sums without the list."""
-    total, lines, count = int(into.start[-1]), len(into.source), len(neurons)
-    none = np.zeros(0, dtype=np.int32)
-    sends, axons_in, memory = (np.zeros(size, dtype=np.int64) for size in (total, count, count))
-    index = np.array([index_bits(int(n)) for n in neurons], dtype=np.int64)
-    marks = (
-        np.zeros(lines, dtype=np.int32),
-        np.full(total, -1, dtype=np.int32),
-        *(np.empty(size, dtype=np.int32) for size in (lines, total)),
-    )
-    graph = (into.ends, into.line, into.source, into.projection, into.bits)
-    fill.weigh(queue, *pieces, graph, index, marks, sends, axons_in, memory)
-    entries = {"line": none, "core": none, "synapses": none, "sent": none.astype(bool)}
-    return {**entries, "sends": sends, "memory": memory // 8, "axons_in": axons_in}
 
 
 def fewest_cores(program: Program, chip: Chip, into: Incoming) -> int:

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from neuro.chips.lag import lag
+from neuro.chips.lag import lag, longest_lag
 from neuro.chips.quantising.fixed import Words
+from neuro.chips.quantising.passes import arriving
 from neuro.core.errors import Where
 from neuro.model.neurons import Neuron
 from neuro.program.backend import Problem
@@ -40,21 +41,28 @@ class Inputs:
         program: the whole network.
         index: which population.
         modes: sign modes that are kept whatever the weights are now, by projection.
+        bare: only what is refused is asked: words of synapses that do not learn are left out.
 
     Attributes:
         spikes, currents: indices of the projections that carry spikes, and currents.
     """
 
-    def __init__(self, program: Program, index: int, modes: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, program: Program, index: int, modes: Mapping[str, str] | None = None, bare: bool = False
+    ) -> None:
         self.program, self.index, self.part = program, index, program.populations[index]
-        self._modes = modes or {}
+        self._modes, self._bare = modes or {}, bare
         incoming = [i for i, p in enumerate(program.projections) if p.target == index]
         self.currents = [i for i in incoming if program.projections[i].carries == "current"]
         self.spikes = [i for i in incoming if i not in self.currents]
 
     def lag(self, index: int) -> Words:
         """Steps from the emission of a spike of a projection to the update that sees it, shape as its delays."""
-        return lag(self.program, index)
+        return lag(self.program, index) if self.keeps(index) else longest_lag(self.program, index)
+
+    def keeps(self, index: int) -> bool:
+        """Whether the words of a projection are wanted."""
+        return not self._bare or bool(self.program.projections[index].synapse.learns)
 
     def learns(self, index: int) -> bool:
         """Whether the weights of a projection change."""
@@ -77,6 +85,10 @@ class Inputs:
         if low >= 0.0:
             return "excitatory"
         return "inhibitory" if high <= 0.0 else "mixed"
+
+    def bounds(self, index: int) -> tuple[float, float]:
+        """The smallest and the largest weight of a projection that carries spikes, or 0 if there is none such."""
+        return self._bounds[index]
 
     @cached_property
     def _bounds(self) -> dict[int, tuple[float, float]]:
@@ -175,19 +187,35 @@ def one_kernel(inputs: Inputs, index: int, gains: int) -> list[Problem]:
     return [refused(part.origin, told, "a kernel has one scale", "give the neurons the same time constants and C_m")]
 
 
-def converging(inputs: Inputs, index: int, weight: Floats) -> Floats:
-    """Sum of the weights of a projection that each neuron could receive in one step."""
+def converging(inputs: Inputs, index: int, sign: float, weight: Floats | None = None) -> Floats:
+    """Sum of the weights of one sign that each neuron could receive of a projection in one step, as magnitudes.
+
+    Args:
+        inputs: the population.
+        index: of the projection.
+        sign: 1 or -1.
+        weight: in place of the projection's.
+    """
     part, n = inputs.program.projections[index], inputs.part.size
     source = inputs.program.populations[part.source].size
+    low, high = inputs.bounds(index)
+    if weight is None and (high if sign > 0.0 else -low) <= 0.0:
+        return np.zeros(n)
+    given = part.weight if weight is None else weight
+    if part.layout == "csr" and given.size > 1:
+        total = np.zeros(n)
+        arriving(part.targets, given, sign, total)
+        return total
+    own = np.maximum(sign * given, 0.0)
     if part.grid is not None:
-        per_map: Floats = np.broadcast_to(weight, part.size).reshape(part.grid.maps, -1).sum(axis=1)
+        per_map: Floats = np.broadcast_to(own, part.size).reshape(part.grid.maps, -1).sum(axis=1)
         return np.repeat(per_map, n // part.grid.maps)
     if part.layout == "one_to_one":
-        return np.broadcast_to(weight, n)
+        return np.broadcast_to(own, n)
     if part.layout == "dense":
-        column: Floats = np.broadcast_to(weight, source * n).reshape(source, n).sum(axis=0)
+        column: Floats = np.broadcast_to(own, source * n).reshape(source, n).sum(axis=0)
         return column
-    counted = np.bincount(part.targets, weights=np.broadcast_to(weight, part.size), minlength=n)
+    counted = np.bincount(part.targets, weights=np.broadcast_to(own, part.size), minlength=n)
     return counted.astype(np.float64)
 
 

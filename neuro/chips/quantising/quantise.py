@@ -79,9 +79,9 @@ def _quantise(
             kind = "current" if part.kind == "current" else "source"
             populations.append(FixedPopulation(part.name, kind))
             continue
-        fixed, found, more = _population(Inputs(program, index), chip, arithmetic, options)
+        fixed, found, more = _population(Inputs(program, index, bare=not keep), chip, arithmetic, options)
         populations.append(fixed)
-        projections |= found if keep else {k: _bare(program, k, wires) for k, wires in found.items()}
+        projections |= found
         problems += more
     problems += [*own_generators(program), *_unbounded(program)]
     problems += arithmetic.give_rules(program, chip, projections, options)
@@ -93,15 +93,6 @@ def _quantise(
     problems += losses(program, arithmetic, populations, wires)
     notes = tuple(_notes(program, chip, arithmetic, wires))
     return FixedProgram(chip, described, tuple(populations), wires, tuple(problems), notes)
-
-
-def _bare(program: Program, index: int, wires: FixedProjection) -> FixedProjection:
-    """A projection without the words of its synapses, unless they learn: what the rule then needs of them."""
-    if program.projections[index].synapse.learns or not wires.delay.size:
-        return wires
-    none = wires.words[:0]
-    longest = (part.max(keepdims=True) for part in (wires.lag, wires.delay))
-    return replace(wires, mantissas=none, words=none, **dict(zip(("lag", "delay"), longest, strict=True)))
 
 
 def _population(

@@ -2,33 +2,59 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from neuro.chips.quantising.fixed import Rounding, WeightRounding, Words
+from neuro.chips.quantising.passes import judge
 from neuro.program.program import Floats
 
 SAMPLE = 512
 """Different weights of a projection that a scale is judged by."""
 
 
-def sample(weights: Floats) -> Floats:
-    """Some of the different weights: the largest, the smallest and others evenly between."""
+def thinned(weights: Floats) -> Floats:
+    """Some of many weights: the largest, the smallest and others evenly between; all of few."""
     if weights.size > 64 * SAMPLE:
-        weights = np.concatenate(([weights.min(), weights.max()], weights[:: weights.size // (32 * SAMPLE)]))
+        return np.concatenate(([weights.min(), weights.max()], weights[:: weights.size // (32 * SAMPLE)]))
+    return weights
+
+
+def sample(weights: Floats) -> Floats:
+    """Some of the different ones among weights that are thinned."""
     values = np.unique(weights)
     if values.size <= SAMPLE:
         return values
     return values[np.linspace(0, values.size - 1, SAMPLE).round().astype(np.int64)]
 
 
-def rounded(weights: Floats, step: Floats | float, low: int, high: int, grain: int) -> Words:
-    """The nearest mantissas from low to high in steps of grain; a tie goes to the even step."""
-    nearest = np.rint(weights / (np.asarray(step) * grain)) * grain
-    mantissas: Words = np.clip(nearest, low, high).astype(np.int32)
-    return mantissas
+def fitted(
+    weights: Floats, above: Floats, below: Floats, low: int, high: int, grain: int, keep: bool = True
+) -> tuple[Words, WeightRounding]:
+    """The nearest mantissas, and what rounding did.
+
+    Args:
+        weights: as described, one or one per synapse.
+        above: weight per mantissa, one or one per synapse.
+        below: that of negative weights.
+        low: the smallest mantissa.
+        high: the largest.
+        grain: the step between two; a tie goes to the even step.
+        keep: whether mantissas are wanted; none else.
+    """
+    size = 0 if not weights.size else max(weights.size, above.size)
+    mantissas = np.zeros(size if keep else 0, dtype=np.int32)
+    peak = max(float(weights.max(initial=0.0)), -float(weights.min(initial=0.0)))
+    if peak == 0.0:
+        return mantissas, WeightRounding(0.0, 0.0, 0.0, 0.0)
+    found = np.zeros(6)
+    judge(weights, above, below, low, high, grain, peak, mantissas, found)
+    outside, nonzero, kept, worst, error, square = found.tolist()
+    rms = math.sqrt(error / square)
+    return mantissas, WeightRounding(outside / size, (nonzero - kept) / nonzero, _clean(worst), _clean(rms))
 
 
 def judged(weights: Floats, mantissas: Words | Floats, step: Floats | float, low: int, high: int) -> WeightRounding:

@@ -203,10 +203,9 @@ def _shifts(inputs: Inputs, gain: tuple[Floats, Floats]) -> tuple[int, int]:
     for sign, own in zip((1.0, -1.0), gain, strict=True):
         largest, total = 0.0, np.zeros(inputs.part.size)
         for index in inputs.spikes:
-            part = inputs.program.projections[index]
-            weight = np.maximum(sign * inputs.range_of(index), 0.0)
-            largest = max(largest, float(weight.max(initial=0.0)))
-            total += converging(inputs, index, np.maximum(sign * part.weight, 0.0))
+            low, high = inputs.bounds(index)
+            largest = max(largest, high if sign > 0.0 else -low)
+            total += converging(inputs, index, sign)
         scale = ONE * float(own.max())
         safe = _fitting(float(total.max(initial=0.0)) * scale)
         fine = int(np.floor(np.log2(max(largest * scale / FINE, 1.0))))
@@ -230,10 +229,9 @@ def _weights(
         steps = [step[inputs.targets(index)] for step in steps]
     else:
         steps = [step[:1] for step in steps]
-    step = np.where(part.weight < 0.0, steps[1], steps[0])
-    words = rounding.rounded(part.weight, step, -SLOT, SLOT, 1)
-    found = rounding.judged(np.broadcast_to(part.weight, words.shape), words, step, -SLOT, SLOT)
+    words, found = rounding.fitted(part.weight, steps[0], steps[1], -SLOT, SLOT, 1, inputs.keeps(index))
     if found.saturated > 0.0:
+        step = np.where(part.weight < 0.0, steps[1], steps[0])
         beyond = rounding.beyond(part.weight, step, -SLOT, SLOT)
         word, shift = ("inh_shift", shifts[1]) if beyond.weight < 0.0 else ("exc_shift", shifts[0])
         problems.append(
