@@ -28,7 +28,7 @@ from neuro_train.front import Place
 from neuro_train.plan import Plan
 from neuro_train.space import Space, parted
 from neuro_train.tested import on_backend
-from neuro_train.trainer import begun, learn
+from neuro_train.trainer import begun, identity, learn
 
 if TYPE_CHECKING:
     from neuro.events import Recordings
@@ -160,12 +160,12 @@ def point(
     shown = show(net, recordings, told, lambda what, done, n: None)
     learnt_from, judged = divided(recordings, told.seed, fold, folds)
     which = f"part {'held out' if held else fold} of {folds + 1}"
-    of = told.as_words() | {"data": shown.digest, "part": which, "varied": dict(varied)}
+    of = identity(net, shown, told) | {"part": which, "varied": dict(varied)}
     kept = _read(out.with_suffix(".json"))
     if kept.get("of") == json.loads(json.dumps(of)) and out.exists():
         return {str(name): float(value) for name, value in kept["found"].items()}
     mine = shown.take(learnt_from)
-    checkpoint = begun(out, mine, told, which)
+    checkpoint = begun(net, out, mine, told, which)
     trained = learn(net, mine, told, checkpoint)
     trained.net.save(out)
     tried = on_backend(trained.net, told.chip, shown.take(judged), told)
