@@ -1,7 +1,9 @@
 """What quantising tells: warnings above stated limits and not below, and the report."""
 
+import gc
 import json
 import math
+import weakref
 
 import numpy as np
 import pytest
@@ -278,3 +280,16 @@ def test_delays_that_need_extensions(delay, needed):
     net.connect("in", "out", neuro.one_to_one(), weight=1.0, delay=delay)
     notes = quantise(compile_network(net, 0), chip("spinnaker")).notes
     assert ("delays above 16 ticks need delay extensions, whose cores are not placed" in notes) == needed
+
+
+@pytest.mark.parametrize("name", ["loihi", "spinnaker"])
+def test_what_is_kept_of_a_program_does_not_keep_it(name):
+    net = neuro.Network("short_lived")
+    net.population("cells", 4, neuro.iaf_psc_delta())
+    net.connect("cells", "cells", neuro.all_to_all(), weight=1.0)
+    program = compile_network(net, 0)
+    assert quantise(program, chip(name)).projections[0] is quantise(program, chip(name)).projections[0]
+    seen = weakref.ref(program)
+    del program
+    gc.collect()
+    assert seen() is None

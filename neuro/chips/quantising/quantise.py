@@ -30,8 +30,12 @@ from neuro.program.program import Floats, Population, Program
 
 __all__ = ["LIMITS", "quantise", "requantise"]
 
-_KEPT: WeakKeyDictionary[Program, dict[str, FixedProgram]] = WeakKeyDictionary()
-"""By all that the table of the chip says, not by its name: a table may be edited while a program lives."""
+_Parts = tuple[tuple[FixedPopulation, ...], tuple[FixedProjection | None, ...], tuple[Problem, ...], tuple[str, ...]]
+_KEPT: WeakKeyDictionary[Program, dict[str, _Parts]] = WeakKeyDictionary()
+"""By all that the table of the chip says, not by its name: a table may be edited while a program lives.
+
+Without the program, which would else live as long as what is kept of it.
+"""
 
 
 def quantise(program: Program, chip: Chip, **options: Any) -> FixedProgram:
@@ -53,8 +57,9 @@ def quantise(program: Program, chip: Chip, **options: Any) -> FixedProgram:
     key = repr((chip, sorted(options.items())))
     kept = _KEPT.setdefault(program, {})
     if key not in kept:
-        kept[key] = _quantise(program, chip, arithmetic, chosen)
-    return kept[key]
+        made = _quantise(program, chip, arithmetic, chosen)
+        kept[key] = made.populations, made.projections, made.problems, made.notes
+    return FixedProgram(chip, program, *kept[key])
 
 
 def refusals(program: Program, chip: Chip) -> tuple[Problem, ...]:
@@ -63,8 +68,10 @@ def refusals(program: Program, chip: Chip) -> tuple[Problem, ...]:
     if kept is None:
         arithmetic = arithmetic_of(chip)
         chosen = options_of(as_built_in(program), chip, arithmetic, {})
-        kept = _quantise(program, chip, arithmetic, chosen, keep=False)
-    return tuple(problem for problem in kept.problems if problem.refused)
+        problems = _quantise(program, chip, arithmetic, chosen, keep=False).problems
+    else:
+        problems = kept[2]
+    return tuple(problem for problem in problems if problem.refused)
 
 
 def _quantise(
