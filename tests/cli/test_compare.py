@@ -85,6 +85,7 @@ def test_json_goes_out_and_to_a_file(run, tmp_path):
     told = json.loads(out)
     kept = json.loads((tmp_path / "found.json").read_text("utf-8"))
     assert len(kept.pop("digest")) == 32
+    assert kept.pop("provenance")["backend"] == "event, reference"
     assert told == kept
     expected = framework.compile(framework.load("net.yaml", params={"w": 500.0}), seed=2)
     expected.run(50.0)

@@ -24,7 +24,7 @@ def test_a_backend_for_nothing_is_refused(neuro, folder, name):
     assert err == (
         f"error: backend = 'loihi': method '{name}' has no network that could run on it\n"
         "  hint: leave it out; methods with a network: remus, edhmax_tempotron, hfirst, masquelier_thorpe, mozafari, "
-        "must\n"
+        "must, dense, conv, recurrent, learnt_delays\n"
     )
 
 
