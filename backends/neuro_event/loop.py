@@ -162,31 +162,33 @@ def run(view, first, last, longest, reach, h):
 def share(view, told, thread, last, longest, reach, h):
     """Run one thread's part of the steps up to `last`, slice by slice, beside the other threads that do so.
 
-    Rows of `told` say up to which step each thread is done; the last one says up to which step there is room, as
-    thread 0 finds when all have come there, or `HALT`. Between two slices each thread looks whether the others have
-    come as far as itself. Return 1 where all is done or there is no room for more steps; 0 where something has been
+    Rows of `told` say up to which step each thread is done; the last one says up to which step all may run, as thread 0
+    decides, or `HALT`. Return 1 where all is done or there is no room for more steps; 0 where the others have been
     waited for in vain: who calls again after some time goes on from there.
     """
     threads = told.shape[0] - 1
     while True:
         step = look(told, thread)
         patience = PATIENCE
-        for other in range(threads):
-            while look(told, other) < step:
+        if thread == 0:
+            for other in range(1, threads):
+                while look(told, other) < step:
+                    patience -= 1
+                    if patience == 0:
+                        return 0
+            steps = room(view, step, min(longest, last - step), reach)
+            if steps < 1:
+                tell(told, threads, HALT)
+                return 1
+            tell(told, threads, step + steps)
+        else:
+            while look(told, threads) == step:
                 patience -= 1
                 if patience == 0:
-                    return np.int64(look(told, threads) == HALT)
-        if thread == 0 and look(told, threads) == step:
-            steps = room(view, step, last - step, reach)
-            tell(told, threads, step + steps if steps > 0 else HALT)
-        while look(told, threads) == step:
-            patience -= 1
-            if patience == 0:
-                return 0
-        until = look(told, threads)
-        if until == HALT:
+                    return 0
+        end = look(told, threads)
+        if end == HALT:
             return 1
-        end = min(step + longest, until)
         advance(view, thread, step, end, h)
         tell(told, thread, end)
 
