@@ -4,7 +4,6 @@
 """
 
 # mypy: ignore-errors
-import numpy as np
 
 from neuro.kernels.atomic import look, tell
 from neuro.kernels.jit import inner, kernel
