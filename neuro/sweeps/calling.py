@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from os import PathLike
 from typing import Any
 
 from neuro.core.checks import check
-from neuro.core.errors import ModelError
 from neuro.core.paths import file_path
 from neuro.core.progress import Bar
 from neuro.core.quantities import Quantity
-from neuro.core.values import shown
-from neuro.sweeps.definition import Limits, python_sweep, seconds, size
-from neuro.sweeps.execute import HERE, Place, execute, part_of
+from neuro.sweeps.definition import limits_of, python_sweep
+from neuro.sweeps.execute import HERE, execute, place_of
 from neuro.sweeps.folder import SWEEP, Folder
 from neuro.sweeps.space import space_of
 from neuro.sweeps.table import SweepTable, table_of
 
-_WORKERS = Quantity(kind="integer", at_least=1, optional=True)
 _FLAG = Quantity(kind="boolean")
 
 
@@ -75,23 +73,11 @@ def sweep(
             sweep, or cannot be written.
     """
     points = space_of(space, sampling, runs, seeds, draw)
-    limits = Limits(
-        None if time_limit is None else seconds(time_limit), None if memory_limit is None else size(memory_limit)
-    )
-    if set is not None and not isinstance(set, Mapping):
-        raise ModelError(f"set = {shown(set)}: expected values by name")
-    place = Place(str(on), check(_WORKERS, workers, "workers"), None if part is None else part_of(part))
+    limits, place = limits_of(time_limit, memory_limit), place_of(on, workers, part)
     made = python_sweep(function, points, limits, set, place.on == HERE)
     folder = Folder(file_path(out, "out"), SWEEP)
     again = check(_FLAG, retry_failed, "retry_failed")
-
-    def hear(key: str) -> None:
-        if each is not None:
-            each(table_of(folder.path))
-
-    if not check(_FLAG, progress, "progress"):
-        execute(made, folder, place, retry=again, hear=hear)
-    else:
-        with Bar() as bar:
-            execute(made, folder, place, retry=again, bar=bar, hear=hear)
+    hear = None if each is None else lambda key: each(table_of(folder.path))
+    with Bar() if check(_FLAG, progress, "progress") else nullcontext() as bar:
+        execute(made, folder, place, retry=again, bar=bar, hear=hear)
     return table_of(folder.path)

@@ -19,7 +19,7 @@ from neuro.core.measures import in_ms
 from neuro.core.values import shown
 from neuro.model.language.nodes import about, mistake, plain, words
 from neuro.model.language.reader import Node, read
-from neuro.sweeps.function import FunctionRun, check_found_elsewhere, files_of, function_run
+from neuro.sweeps.function import FunctionRun, files_of, function_run
 from neuro.sweeps.network import NetworkRun, network_run
 from neuro.sweeps.space import Point, Space, space_of
 
@@ -182,9 +182,7 @@ def python_sweep(function: Any, space: Space, limits: Limits, set: Mapping[str, 
     Raises:
         ModelError: it does not take what the space has, or other processes cannot find it.
     """
-    run = function_run(function, set)
-    if not here:
-        check_found_elsewhere(run)
+    run = function_run(function, set, here)
     sweep = Sweep(run.name, run, space, limits)
     check_sweep(sweep)
     return sweep
@@ -274,6 +272,17 @@ def limits_said(said: Mapping[str, Node]) -> Limits:
         with about(said["memory_limit"]):
             found["bytes"] = size(plain(said["memory_limit"]))
     return Limits(**found)
+
+
+def limits_of(time_limit: Any, memory_limit: Any) -> Limits:
+    """The limits that a call says; None: as much as it takes.
+
+    Raises:
+        ModelError: as `seconds` and `size`.
+    """
+    return Limits(
+        None if time_limit is None else seconds(time_limit), None if memory_limit is None else size(memory_limit)
+    )
 
 
 def seconds(value: Any) -> float:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from typing import Any
 
+from neuro.core.checks import check
 from neuro.core.errors import ModelError
 from neuro.core.processes import cores
 from neuro.core.progress import Bar
 from neuro.core.provenance import provenance
+from neuro.core.quantities import Quantity
 from neuro.core.values import shown
 from neuro.sweeps.cores import Cores
 from neuro.sweeps.definition import Item, Sweep
@@ -20,6 +23,7 @@ from neuro.sweeps.worker import LOST, TAKEN, Worker
 
 CORES, HERE = "cores", "here"
 _PART = re.compile(r"(\d{1,9})/(\d{1,9})")
+_WORKERS = Quantity(kind="integer", at_least=1, optional=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,12 +144,21 @@ def _here(sweep: Sweep, folder: Folder, items: Sequence[Item], tell: Callable[[s
             tell(item.key, outcome is None or outcome.failed)
 
 
-def part_of(text: Any) -> tuple[int, int]:
-    """The part that a text says: `3/100` is the third of each hundred runs, `0/100` and `100/100` the last.
+def place_of(on: str | PathLike[str], workers: int | None, part: str | None) -> Place:
+    """Where runs are done, from what a call or a command says.
+
+    Args:
+        on: "cores", "here", the address of a Dask scheduler, or the file that names one.
+        workers: how many processes, at least 1, or None.
+        part: `3/100` is the third of each hundred runs, `0/100` and `100/100` the last.
 
     Raises:
-        ModelError: it says none.
+        ModelError: there can be no such workers, or it says no part.
     """
+    return Place(str(on), check(_WORKERS, workers, "workers"), None if part is None else _part_of(part))
+
+
+def _part_of(text: Any) -> tuple[int, int]:
     found = _PART.fullmatch(text) if isinstance(text, str) else None
     if found is None or not int(found[2]) or int(found[1]) > int(found[2]):
         raise ModelError(f"part = {shown(text)}: expected I/N, with I from 0 to N, such as 3/100")
@@ -156,4 +169,4 @@ def _of_part(items: Sequence[Item], part: tuple[int, int] | None) -> Sequence[It
     return items if part is None else [item for k, item in enumerate(items, 1) if k % part[1] == part[0]]
 
 
-__all__ = ["CORES", "HERE", "Count", "Place", "execute", "part_of"]
+__all__ = ["CORES", "HERE", "Count", "Place", "execute", "place_of"]

@@ -125,16 +125,19 @@ class FunctionRun:
         return numbers(self.function(**{**(self.set or {}), **point, **told}), "value"), None, told
 
 
-def function_run(function: Any, set: Mapping[str, Any] | None = None) -> FunctionRun:
+def function_run(function: Any, set: Mapping[str, Any] | None = None, here: bool = False) -> FunctionRun:
     """What calls a function in this process and in others.
 
     Args:
-        function: of a module or of a script.
+        function: of a module or of a script, or the name of a study.
         set: values that are the same in all runs.
+        here: whether it is called in this process alone.
 
     Raises:
-        ModelError: it is none, or other processes cannot find it.
+        ModelError: it is none, other processes cannot find it, or the values have no names.
     """
+    if set is not None and not isinstance(set, Mapping):
+        raise ModelError(f"set = {shown(set)}: expected values by name")
     if isinstance(function, str):
         found = FunctionRun(function, set=set)
         return FunctionRun(function, source=_source(found.function), set=set)
@@ -144,17 +147,14 @@ def function_run(function: Any, set: Mapping[str, Any] | None = None) -> Functio
     script = getattr(sys.modules.get("__main__"), "__file__", None) if module == "__main__" else None
     where = os.path.abspath(script) if script else ""
     paths = tuple(os.path.abspath(path) for path in sys.path)
-    return FunctionRun(name, module, where, _source(function), set, paths, function)
+    run = FunctionRun(name, module, where, _source(function), set, paths, function)
+    if not here:
+        _check_found_elsewhere(run)
+    return run
 
 
-def check_found_elsewhere(run: FunctionRun) -> None:
-    """Refuse a function that other processes cannot find.
-
-    Raises:
-        ModelError: it is defined inside another function, or typed in.
-    """
-    lost = "<" in run.name or (run.module == "__main__" and not run.file)
-    if run.module and lost:
+def _check_found_elsewhere(run: FunctionRun) -> None:
+    if "<" in run.name or (run.module == "__main__" and not run.file):
         where = "inside another function" if "<locals>" in run.name else "where it is typed in"
         if "<lambda>" in run.name:
             where = "without a name"

@@ -9,7 +9,7 @@ from neuro.cli.sweep.options import Runs
 
 def status(folder: Runs) -> None:
     """Tell how many runs are done, failed, under way and left, and why what failed did."""
-    from neuro.cli.sweep.run import failures
+    from neuro.cli.sweep.going import failures
     from neuro.sweeps.folder import Folder
     from neuro.sweeps.table import table_of
 

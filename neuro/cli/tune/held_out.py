@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from neuro.cli.sweep.run import On, Workers
+from neuro.cli.sweep.options import On, Workers
 from neuro.cli.tune.options import Tuned
 
 
@@ -12,7 +12,7 @@ def held_out(folder: Tuned, on: On = "cores", workers: Workers = None) -> None:
     """Run the best trials on what is held out from all folds, and tell what they are worth there."""
     from neuro.core.errors import ModelError
     from neuro.core.progress import Bar
-    from neuro.sweeps.execute import Place
+    from neuro.sweeps.execute import place_of
     from neuro.sweeps.folder import TUNING, Folder
     from neuro.sweeps.rows import text
     from neuro.sweeps.tuning.execute import hold_out
@@ -28,7 +28,7 @@ def held_out(folder: Tuned, on: On = "cores", workers: Workers = None) -> None:
         raise ModelError(f"{folder}: no trial is done yet: nothing to test")
     points = [each.point for each in best]
     with Bar() as bar:
-        hold_out(search_of(Folder(folder, TUNING)), Folder(folder, TUNING), points, Place(on, workers), bar)
+        hold_out(search_of(Folder(folder, TUNING)), Folder(folder, TUNING), points, place_of(on, workers, None), bar)
     rows = {row["trial"]: row for row in table.rows()}
     for each in best:
         row = rows[each.number]

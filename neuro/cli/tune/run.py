@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from neuro.cli.sweep.run import On, Retry, Workers
+from neuro.cli.sweep.options import On, Out, Retry, Workers
 
 if TYPE_CHECKING:
     from neuro.sweeps.tuning.table import TuneTable
 
 File = Annotated[Path, typer.Argument(metavar="SEARCH", help="What is tuned, as YAML.")]
-Out = Annotated[Path, typer.Option(metavar="FOLDER", help="Where runs are kept; what is there is not done again.")]
 Part = Annotated[
     str | None, typer.Option(metavar="I/N", help="One of N processes that ask one journal: its share of the trials.")
 ]
@@ -30,22 +29,17 @@ def run(
     retry_failed: Retry = False,
 ) -> None:
     """Ask for trials and run them until there are as many as the file says; the same command goes on where it was."""
-    from neuro.core.progress import Bar
-    from neuro.sweeps.execute import Place, part_of
+    from neuro.cli.sweep.going import going
+    from neuro.sweeps.execute import place_of
     from neuro.sweeps.folder import TUNING, Folder
     from neuro.sweeps.tuning.execute import as_text, execute
     from neuro.sweeps.tuning.search import load_search
     from neuro.sweeps.tuning.table import tune_table_of
 
-    place = Place(on, workers, None if part is None else part_of(part))
+    place = place_of(on, workers, part)
     made, folder = load_search(file), Folder(out, TUNING)
-    with Bar() as bar:
-        try:
-            counts = execute(made, folder, place, retry=retry_failed, bar=bar)
-        except KeyboardInterrupt:
-            bar.stop()
-            typer.echo(f"interrupted: {out} keeps what is done; the same command goes on", err=True)
-            raise typer.Exit(130) from None
+    with going(out) as bar:
+        counts = execute(made, folder, place, retry=retry_failed, bar=bar)
     table = tune_table_of(out)
     typer.echo(f"{out}: {f'part {part}: ' if part else ''}{as_text(counts)}")
     for line in told(table):
@@ -61,7 +55,7 @@ def run(
 
 def told(table: TuneTable) -> list[str]:
     """The best trials, why others failed, and what the journal does not know."""
-    from neuro.cli.sweep.run import failures
+    from neuro.cli.sweep.going import failures
     from neuro.sweeps.folder import Folder
 
     best = table.best()

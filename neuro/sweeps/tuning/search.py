@@ -29,7 +29,7 @@ from neuro.sweeps.definition import (
     same_of,
 )
 from neuro.sweeps.folder import Folder
-from neuro.sweeps.function import check_found_elsewhere, function_run
+from neuro.sweeps.function import function_run
 from neuro.sweeps.metrics import METRICS
 from neuro.sweeps.network import NetworkRun
 from neuro.sweeps.tuning.plan import Plan, plan_of
@@ -104,9 +104,7 @@ def python_search(function: Any, plan: Plan, limits: Limits, set: Mapping[str, A
     Raises:
         ModelError: it does not take what the space has, or other processes cannot find it.
     """
-    run = function_run(function, set)
-    if not here:
-        check_found_elsewhere(run)
+    run = function_run(function, set, here)
     if plan.prune and "at" in plan.prune:
         raise ModelError("prune.at: is of networks: a function calls neuro.report_step itself")
     search = Search(run.name, run, plan, limits)
